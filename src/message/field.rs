@@ -1,0 +1,83 @@
+//! One field of a payload: size, name on the wire, little-endian bytes (S-19).
+
+/// A type that can stand in a message declaration.
+///
+/// Implemented for the integers and floats of MAVLink, for arrays of them, for [`Text`](crate::Text), and by
+/// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
+pub trait Field: Copy {
+    /// Bytes on the wire.
+    const SIZE: usize;
+    /// Bytes of one element: what the wire order is sorted by (S-4). For an array it is less than [`SIZE`](Self::SIZE).
+    const ELEMENT: usize;
+    /// Name of the element's type as it goes into `CRC_EXTRA` (S-3).
+    const WIRE_TYPE: &'static str;
+    /// Whether the length goes into `CRC_EXTRA` too: true for arrays and text, also of one element.
+    const IS_ARRAY: bool = false;
+    /// The value whose bytes are all zero.
+    const ZERO: Self;
+
+    /// Reads the field that begins at `payload[at]`; bytes that are not there read as zero.
+    fn read(payload: &[u8], at: usize) -> Self;
+
+    /// Writes the field so that it begins at `payload[at]`; where there is no room nothing is written.
+    fn write(&self, payload: &mut [u8], at: usize);
+}
+
+macro_rules! number {
+    ($($ty:ty = $wire:literal, $zero:literal;)+) => { $(
+        impl Field for $ty {
+            const SIZE: usize = size_of::<$ty>();
+            const ELEMENT: usize = size_of::<$ty>();
+            const WIRE_TYPE: &'static str = $wire;
+            const ZERO: Self = $zero;
+
+            #[inline(always)]
+            fn read(payload: &[u8], at: usize) -> Self {
+                match payload.get(at..).and_then(<[u8]>::first_chunk) {
+                    Some(bytes) => <$ty>::from_le_bytes(*bytes),
+                    None => $zero,
+                }
+            }
+
+            #[inline(always)]
+            fn write(&self, payload: &mut [u8], at: usize) {
+                if let Some(bytes) = payload.get_mut(at..).and_then(<[u8]>::first_chunk_mut) {
+                    *bytes = self.to_le_bytes();
+                }
+            }
+        }
+    )+ };
+}
+
+number! {
+    u8 = "uint8_t", 0;
+    i8 = "int8_t", 0;
+    u16 = "uint16_t", 0;
+    i16 = "int16_t", 0;
+    u32 = "uint32_t", 0;
+    i32 = "int32_t", 0;
+    u64 = "uint64_t", 0;
+    i64 = "int64_t", 0;
+    f32 = "float", 0.0;
+    f64 = "double", 0.0;
+}
+
+impl<T: Field, const N: usize> Field for [T; N] {
+    const SIZE: usize = T::SIZE * N;
+    const ELEMENT: usize = T::ELEMENT;
+    const WIRE_TYPE: &'static str = T::WIRE_TYPE;
+    const IS_ARRAY: bool = true;
+    const ZERO: Self = [T::ZERO; N];
+
+    #[inline(always)]
+    fn read(payload: &[u8], at: usize) -> Self {
+        core::array::from_fn(|i| T::read(payload, at.wrapping_add(i.wrapping_mul(T::SIZE))))
+    }
+
+    #[inline(always)]
+    fn write(&self, payload: &mut [u8], at: usize) {
+        for (i, element) in self.iter().enumerate() {
+            element.write(payload, at.wrapping_add(i.wrapping_mul(T::SIZE)));
+        }
+    }
+}

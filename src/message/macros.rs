@@ -1,0 +1,340 @@
+//! `message!`, `wire_enum!` and `wire_bitmask!`: from a declaration, one line a field, to a type that encodes and
+//! decodes itself. The checked-in dialect is written with them, and so is a firmware's own private message.
+
+/// Declares a MAVLink message: a plain struct, its encoder and decoder, its lengths and its `CRC_EXTRA`.
+///
+/// Base fields stand in *wire order*: sorted by element size (8, 4, 2, 1), and otherwise in the order of the
+/// definition; a wrong order does not compile (S-4). Extension fields follow in an `extensions` block, unsorted. The
+/// name after the colon is MAVLink's own and goes into `CRC_EXTRA`, like the fields' names and types (S-3); a field whose
+/// name is a Rust keyword is written raw (`r#type`). The field types are those that implement [`Field`](crate::Field):
+/// integers, floats, arrays of them, [`Text<N>`](crate::Text) for `char[N]`, and types made by
+/// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
+///
+/// ```
+/// mavstack::message! {
+///     /// What our winch reports.
+///     pub struct WinchReport: WINCH_REPORT = 42_001 {
+///         /// Length of line that is out (mm).
+///         line_out: u32,
+///         /// Tension (N).
+///         tension: i16,
+///         r#type: u8,
+///     } extensions {
+///         /// Temperature of the motor (°C).
+///         temperature: i8,
+///     }
+/// }
+/// use mavstack::Message;
+///
+/// assert_eq!((WinchReport::ID, WinchReport::BASE_LEN, WinchReport::MAX_LEN), (42_001, 7, 8));
+/// let report = WinchReport { line_out: 1_500, tension: -3, ..Default::default() };
+/// let mut payload = [0; 8];
+/// assert_eq!(report.encode(&mut payload), Some(8));
+/// assert_eq!(WinchReport::decode(&payload), report);
+/// ```
+///
+/// The wrong order of fields is a compile error:
+///
+/// ```compile_fail
+/// mavstack::message! {
+///     pub struct Wrong: WRONG = 42_002 {
+///         small: u8,
+///         large: u32,
+///     }
+/// }
+/// ```
+#[macro_export]
+macro_rules! message {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident: $wire:ident = $id:literal {
+            $( $(#[$field_meta:meta])* $field:ident: $ty:ty ),+ $(,)?
+        }
+        $( extensions {
+            $( $(#[$ext_meta:meta])* $ext:ident: $ext_ty:ty ),+ $(,)?
+        } )?
+    ) => {
+        $(#[$meta])*
+        #[allow(missing_docs, reason = "a field's name is its definition's; MAVLink documents it")]
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        $vis struct $name {
+            $( $(#[$field_meta])* pub $field: $ty, )+
+            $($( $(#[$ext_meta])* pub $ext: $ext_ty, )+)?
+        }
+
+        const _: () = {
+            /// The payload as it lies on the wire: bytes only, so that offsets have no padding.
+            #[repr(C)]
+            struct Layout {
+                $( $field: [u8; <$ty as $crate::Field>::SIZE], )+
+                $($( $ext: [u8; <$ext_ty as $crate::Field>::SIZE], )+)?
+            }
+
+            const BASE: &[$crate::FieldInfo] = &[
+                $( $crate::FieldInfo::of::<$ty>(stringify!($field), core::mem::offset_of!(Layout, $field)), )+
+            ];
+            const MAX_LEN: usize = core::mem::size_of::<Layout>();
+
+            impl $crate::Message for $name {
+                const ID: u32 = $id;
+                const NAME: &'static str = stringify!($wire);
+                const CRC_EXTRA: u8 = $crate::FieldInfo::crc_extra(stringify!($wire), BASE);
+                const BASE_LEN: usize = 0 $( + <$ty as $crate::Field>::SIZE )+;
+                const MAX_LEN: usize = MAX_LEN;
+                const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(
+                    BASE,
+                    &[$($( $crate::FieldInfo::of::<$ext_ty>(
+                        stringify!($ext), core::mem::offset_of!(Layout, $ext)
+                    ), )+)?],
+                );
+
+                #[inline]
+                fn decode(payload: &[u8]) -> Self {
+                    let mut bytes = [0; MAX_LEN];
+                    $crate::zero_extend(payload, &mut bytes);
+                    Self {
+                        $( $field: $crate::Field::read(&bytes, core::mem::offset_of!(Layout, $field)), )+
+                        $($( $ext: $crate::Field::read(&bytes, core::mem::offset_of!(Layout, $ext)), )+)?
+                    }
+                }
+
+                #[inline]
+                fn encode(&self, payload: &mut [u8]) -> Option<usize> {
+                    let bytes = payload.first_chunk_mut::<MAX_LEN>()?;
+                    $( $crate::Field::write(&self.$field, bytes, core::mem::offset_of!(Layout, $field)); )+
+                    $($( $crate::Field::write(&self.$ext, bytes, core::mem::offset_of!(Layout, $ext)); )+)?
+                    Some(MAX_LEN)
+                }
+            }
+
+            // Checked where the message is declared, not where it is first used.
+            const _: $crate::MessageInfo = <$name as $crate::Message>::INFO;
+
+            impl Default for $name {
+                #[inline]
+                fn default() -> Self {
+                    Self {
+                        $( $field: <$ty as $crate::Field>::ZERO, )+
+                        $($( $ext: <$ext_ty as $crate::Field>::ZERO, )+)?
+                    }
+                }
+            }
+
+            $crate::__message_format! { $name: $wire { $( $field, )+ $($( $ext, )+)? } }
+        };
+    };
+}
+
+/// `defmt::Format` of a message; the firmware that declares one needs no `defmt` of its own for it.
+#[cfg(feature = "defmt")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __message_format {
+    ($name:ident: $wire:ident { $( $field:ident, )+ }) => {
+        impl $crate::__defmt::Format for $name {
+            fn format(&self, f: $crate::__defmt::Formatter<'_>) {
+                $crate::__format_name(f, stringify!($wire));
+                $( $crate::__format_field(f, stringify!($field), &self.$field); )+
+            }
+        }
+    };
+}
+
+/// Without the feature there is nothing to implement.
+#[cfg(not(feature = "defmt"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __message_format {
+    ($($any:tt)*) => {};
+}
+
+/// Declares an *open* enumeration: a transparent integer with named constants, so that a value from next year's
+/// definitions still decodes (S-17).
+///
+/// ```
+/// mavstack::wire_enum! {
+///     /// What the winch is doing.
+///     pub struct WinchState: u8 {
+///         IDLE = 0,
+///         LOWERING = 1,
+///     }
+/// }
+/// assert_eq!(WinchState::LOWERING.0, 1);
+/// assert_ne!(WinchState(77), WinchState::IDLE);
+/// ```
+#[macro_export]
+macro_rules! wire_enum {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident: $repr:ident {
+            $( $(#[$entry_meta:meta])* $entry:ident = $value:literal ),* $(,)?
+        }
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+        #[repr(transparent)]
+        $vis struct $name(pub $repr);
+
+        #[allow(missing_docs, reason = "an entry's name is its definition's; MAVLink documents it")]
+        impl $name {
+            $( $(#[$entry_meta])* pub const $entry: Self = Self($value); )*
+        }
+
+        $crate::__wire_newtype! { $name: $repr }
+    };
+}
+
+/// Declares a bitmask: a transparent integer with named bits and set operations. Unknown bits are kept (S-17).
+///
+/// ```
+/// mavstack::wire_bitmask! {
+///     /// What the winch has seen go wrong.
+///     pub struct WinchFault: u16 {
+///         OVERLOAD = 1,
+///         JAMMED = 2,
+///     }
+/// }
+/// let faults = WinchFault::OVERLOAD | WinchFault(0x8000);
+/// assert!(faults.contains(WinchFault::OVERLOAD) && !faults.contains(WinchFault::JAMMED));
+/// assert_eq!(faults.without(WinchFault::OVERLOAD), WinchFault(0x8000));
+/// ```
+#[macro_export]
+macro_rules! wire_bitmask {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident: $repr:ident {
+            $( $(#[$entry_meta:meta])* $entry:ident = $value:literal ),* $(,)?
+        }
+    ) => {
+        $crate::wire_enum! {
+            $(#[$meta])*
+            $vis struct $name: $repr { $( $(#[$entry_meta])* $entry = $value, )* }
+        }
+
+        impl $name {
+            /// No bit set.
+            pub const EMPTY: Self = Self(0);
+
+            /// Whether every bit of `other` is set in `self`.
+            #[inline]
+            pub const fn contains(self, other: Self) -> bool {
+                self.0 & other.0 == other.0
+            }
+
+            /// Whether no bit is set.
+            #[inline]
+            pub const fn is_empty(self) -> bool {
+                self.0 == 0
+            }
+
+            /// The bits of both.
+            #[inline]
+            #[must_use]
+            pub const fn with(self, other: Self) -> Self {
+                Self(self.0 | other.0)
+            }
+
+            /// The bits of `self` that are not in `other`.
+            #[inline]
+            #[must_use]
+            pub const fn without(self, other: Self) -> Self {
+                Self(self.0 & !other.0)
+            }
+        }
+
+        impl core::ops::BitOr for $name {
+            type Output = Self;
+            #[inline]
+            fn bitor(self, other: Self) -> Self {
+                self.with(other)
+            }
+        }
+
+        impl core::ops::BitOrAssign for $name {
+            #[inline]
+            fn bitor_assign(&mut self, other: Self) {
+                *self = self.with(other);
+            }
+        }
+    };
+}
+
+/// What enumerations and bitmasks share: they are fields, and log as their number.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __wire_newtype {
+    ($name:ident: $repr:ident) => {
+        impl $crate::Field for $name {
+            const SIZE: usize = <$repr as $crate::Field>::SIZE;
+            const ELEMENT: usize = <$repr as $crate::Field>::ELEMENT;
+            const WIRE_TYPE: &'static str = <$repr as $crate::Field>::WIRE_TYPE;
+            const ZERO: Self = Self(0);
+
+            #[inline(always)]
+            fn read(payload: &[u8], at: usize) -> Self {
+                Self($crate::Field::read(payload, at))
+            }
+
+            #[inline(always)]
+            fn write(&self, payload: &mut [u8], at: usize) {
+                $crate::Field::write(&self.0, payload, at);
+            }
+        }
+
+        $crate::__newtype_format! { $name }
+    };
+}
+
+/// `defmt::Format` of an enumeration or bitmask: its number.
+#[cfg(feature = "defmt")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __newtype_format {
+    ($name:ident) => {
+        impl $crate::__defmt::Format for $name {
+            fn format(&self, f: $crate::__defmt::Formatter<'_>) {
+                $crate::__defmt::Format::format(&self.0, f);
+            }
+        }
+    };
+}
+
+/// Without the feature there is nothing to implement.
+#[cfg(not(feature = "defmt"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __newtype_format {
+    ($name:ident) => {};
+}
+
+/// Declares a selection of messages as a [`Dialect`](crate::Dialect): what a firmware with little flash puts in the
+/// place of [`Common`](crate::dialect::Common). The order is free; a message named twice does not compile.
+///
+/// Frames of messages that are not in the selection are *unknown*: their checksum cannot be checked, so the stack
+/// never acts on them (S-12).
+///
+/// ```
+/// use mavstack::dialect::{CommandLong, Heartbeat};
+/// mavstack::dialect! {
+///     /// All that a winch listens to.
+///     pub struct Winch: [CommandLong, Heartbeat];
+/// }
+/// use mavstack::Dialect;
+/// assert_eq!(Winch::MESSAGES.get(76).map(|info| info.crc_extra()), Some(152));
+/// ```
+#[macro_export]
+macro_rules! dialect {
+    ( $(#[$meta:meta])* $vis:vis struct $name:ident: [ $($message:ty),* $(,)? ]; ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug)]
+        $vis struct $name;
+
+        impl $crate::Dialect for $name {
+            const MESSAGES: $crate::MessageTable = {
+                const ROWS: &[$crate::MessageInfo] =
+                    &$crate::MessageTable::sorted([ $( <$message as $crate::Message>::INFO ),* ]);
+                $crate::MessageTable::new(ROWS)
+            };
+        }
+    };
+}

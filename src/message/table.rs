@@ -1,0 +1,242 @@
+//! What is known of a message without decoding it: one row of 8 bytes a message, for the whole dialect, so that frames
+//! that nobody decodes are still verified, routed, and never searched for smuggled frames (SEC-5).
+
+use super::{Field, Message};
+use crate::frame::crc;
+
+/// One field as `CRC_EXTRA` and the address filter see it. Made by [`message!`](crate::message).
+#[derive(Clone, Copy, Debug)]
+pub struct FieldInfo {
+    wire_type: &'static str,
+    name: &'static str,
+    /// Length of the array, 0 for a single value.
+    array: u8,
+    element: usize,
+    offset: usize,
+}
+
+impl FieldInfo {
+    /// A field of type `T`; `name` as `stringify!` gives it.
+    #[doc(hidden)]
+    pub const fn of<T: Field>(name: &'static str, offset: usize) -> Self {
+        let array = if T::IS_ARRAY { T::SIZE / T::ELEMENT } else { 0 };
+        assert!(array <= 255, "an array has at most 255 elements");
+        Self { wire_type: T::WIRE_TYPE, name, array: array as u8, element: T::ELEMENT, offset }
+    }
+
+    /// The digest of S-3.
+    #[doc(hidden)]
+    pub const fn crc_extra(message: &str, base: &[Self]) -> u8 {
+        let mut sum = word(crc::INIT, message.as_bytes(), 0);
+        let mut i = 0;
+        while i < base.len() {
+            let field = &base[i];
+            sum = word(sum, field.wire_type.as_bytes(), 0);
+            sum = word(sum, field.name.as_bytes(), raw_prefix(field.name));
+            if field.array != 0 {
+                sum = crc::step(sum, field.array);
+            }
+            i += 1;
+        }
+        (sum as u8) ^ ((sum >> 8) as u8)
+    }
+
+    const fn is_named(&self, name: &str) -> bool {
+        let (ours, theirs) = (self.name.as_bytes(), name.as_bytes());
+        if ours.len() != theirs.len() {
+            return false;
+        }
+        let mut i = 0;
+        while i < ours.len() {
+            if ours[i] != theirs[i] {
+                return false;
+            }
+            i += 1;
+        }
+        true
+    }
+}
+
+/// A word and the space behind it.
+const fn word(mut sum: u16, text: &[u8], skip: usize) -> u16 {
+    let mut i = skip;
+    while i < text.len() {
+        sum = crc::step(sum, text[i]);
+        i += 1;
+    }
+    crc::step(sum, b' ')
+}
+
+/// Length of the `r#` of a raw identifier, which is Rust's and not MAVLink's.
+const fn raw_prefix(name: &str) -> usize {
+    let name = name.as_bytes();
+    if name.len() > 2 && name[0] == b'r' && name[1] == b'#' { 2 } else { 0 }
+}
+
+/// One row of a [`MessageTable`]: 8 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct MessageInfo {
+    /// Id in the low 24 bits, `CRC_EXTRA` above.
+    id_and_crc: u32,
+    base_len: u8,
+    max_len: u8,
+    target_system: u8,
+    target_component: u8,
+}
+
+/// Marks a target field that the message does not have: no field can begin there.
+const NO_FIELD: u8 = 255;
+
+impl MessageInfo {
+    /// The row of `M`, whose fields are these. Refuses, at compile time, what MAVLink does.
+    #[doc(hidden)]
+    pub const fn new<M: Message>(base: &[FieldInfo], extensions: &[FieldInfo]) -> Self {
+        assert!(M::ID < 1 << 24, "a message id has 24 bits");
+        assert!(M::MAX_LEN <= 255, "a payload has at most 255 bytes");
+        assert!(base.len() + extensions.len() <= 64, "a message has at most 64 fields");
+        let mut i = 1;
+        while i < base.len() {
+            assert!(
+                base[i - 1].element >= base[i].element,
+                "base fields must stand in wire order: element sizes 8, 4, 2, 1"
+            );
+            i += 1;
+        }
+        Self {
+            id_and_crc: M::ID | ((M::CRC_EXTRA as u32) << 24),
+            base_len: M::BASE_LEN as u8,
+            max_len: M::MAX_LEN as u8,
+            target_system: find("target_system", base, extensions),
+            target_component: find("target_component", base, extensions),
+        }
+    }
+
+    /// The message id.
+    #[inline]
+    pub const fn id(&self) -> u32 {
+        self.id_and_crc & 0x00FF_FFFF
+    }
+
+    /// The byte that the checksum ends with.
+    #[inline]
+    pub const fn crc_extra(&self) -> u8 {
+        (self.id_and_crc >> 24) as u8
+    }
+
+    /// Length of the base fields (bytes): every v1 frame's payload.
+    #[inline]
+    pub const fn base_len(&self) -> u8 {
+        self.base_len
+    }
+
+    /// Length with all extensions (bytes).
+    #[inline]
+    pub const fn max_len(&self) -> u8 {
+        self.max_len
+    }
+
+    /// Where `target_system` stands in the payload.
+    #[inline]
+    pub const fn target_system(&self) -> Option<u8> {
+        if self.target_system == NO_FIELD { None } else { Some(self.target_system) }
+    }
+
+    /// Where `target_component` stands in the payload.
+    #[inline]
+    pub const fn target_component(&self) -> Option<u8> {
+        if self.target_component == NO_FIELD { None } else { Some(self.target_component) }
+    }
+}
+
+const fn find(name: &str, base: &[FieldInfo], extensions: &[FieldInfo]) -> u8 {
+    let mut i = 0;
+    while i < base.len() + extensions.len() {
+        let field = if i < base.len() { &base[i] } else { &extensions[i - base.len()] };
+        if field.is_named(name) {
+            return field.offset as u8;
+        }
+        i += 1;
+    }
+    NO_FIELD
+}
+
+/// The messages that are known, sorted by id; looked up by binary search.
+#[derive(Clone, Copy, Debug)]
+pub struct MessageTable(&'static [MessageInfo]);
+
+impl MessageTable {
+    /// A table of rows that are sorted by id.
+    ///
+    /// # Panics
+    ///
+    /// When they are not, or an id stands there twice. In a `const`, where tables are made, that is a compile error.
+    pub const fn new(rows: &'static [MessageInfo]) -> Self {
+        let mut i = 1;
+        while i < rows.len() {
+            assert!(rows[i - 1].id() < rows[i].id(), "ids must rise, each once");
+            i += 1;
+        }
+        Self(rows)
+    }
+
+    /// The rows sorted by id, for [`new`](Self::new).
+    #[doc(hidden)]
+    pub const fn sorted<const N: usize>(mut rows: [MessageInfo; N]) -> [MessageInfo; N] {
+        let mut i = 1;
+        while i < N {
+            let mut j = i;
+            while j > 0 && rows[j - 1].id() > rows[j].id() {
+                let row = rows[j];
+                rows[j] = rows[j - 1];
+                rows[j - 1] = row;
+                j -= 1;
+            }
+            i += 1;
+        }
+        rows
+    }
+
+    /// The row of a message. At most ⌈log₂(rows)⌉ + 1 comparisons: 9 for common.
+    #[inline]
+    pub fn get(&self, id: u32) -> Option<&'static MessageInfo> {
+        let index = self.0.partition_point(|row| row.id() < id);
+        self.0.get(index).filter(|row| row.id() == id)
+    }
+
+    /// All rows, sorted by id.
+    #[inline]
+    pub const fn rows(&self) -> &'static [MessageInfo] {
+        self.0
+    }
+}
+
+/// A set of messages: what [`dialect!`](crate::dialect!) declares and the generator writes.
+pub trait Dialect {
+    /// The messages whose frames can be checked.
+    const MESSAGES: MessageTable;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    message! {
+        struct First: FIRST = 70_000 { target_component: u8, target_system: u8, }
+    }
+    message! {
+        struct Second: SECOND = 3 { a: u8, }
+        extensions { target_system: u8, }
+    }
+    crate::dialect! { struct Two: [First, Second]; }
+
+    #[test]
+    fn rows_are_found_by_id_and_know_their_targets() {
+        let first = Two::MESSAGES.get(70_000).expect("in the table");
+        assert_eq!((first.target_system(), first.target_component()), (Some(1), Some(0)));
+        let second = Two::MESSAGES.get(3).expect("in the table");
+        assert_eq!((second.target_system(), second.target_component(), second.base_len()), (Some(1), None, 1));
+        assert_eq!(Two::MESSAGES.get(4), None);
+        assert_eq!(size_of::<MessageInfo>(), 8);
+    }
+}
