@@ -5,7 +5,7 @@ extern crate std;
 mod frame;
 #[macro_use]
 mod message;
-pub use message::*;
 #[cfg(feature = "defmt")]
 #[doc(hidden)]
 pub use defmt as __defmt;
+pub use message::*;
