@@ -9,6 +9,7 @@ pub(crate) const INIT: u16 = 0xFFFF;
 
 /// The checksum of one more byte.
 #[inline]
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; low byte of u16, and u8 to u16")]
 pub(crate) const fn step(sum: u16, byte: u8) -> u16 {
     let low = (sum as u8) ^ byte;
     let low = (low ^ (low << 4)) as u16;
@@ -34,6 +35,12 @@ mod narrow {
 #[cfg(any(test, target_pointer_width = "64"))]
 mod wide {
     /// `TABLES[k][b]`: the checksum of byte `b` with `k` zero bytes behind it.
+    #[allow(
+        clippy::indexing_slicing,
+        clippy::arithmetic_side_effects,
+        clippy::as_conversions,
+        reason = "const-evaluated: a panic here is a compile error"
+    )]
     const TABLES: [[u16; 256]; 8] = {
         let mut tables = [[0; 256]; 8];
         let mut k = 0;

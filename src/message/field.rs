@@ -63,6 +63,7 @@ number! {
 }
 
 impl<T: Field, const N: usize> Field for [T; N] {
+    #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
     const SIZE: usize = T::SIZE * N;
     const ELEMENT: usize = T::ELEMENT;
     const WIRE_TYPE: &'static str = T::WIRE_TYPE;

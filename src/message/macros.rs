@@ -79,6 +79,7 @@ macro_rules! message {
                 const ID: u32 = $id;
                 const NAME: &'static str = stringify!($wire);
                 const CRC_EXTRA: u8 = $crate::FieldInfo::crc_extra(stringify!($wire), BASE);
+                #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
                 const BASE_LEN: usize = 0 $( + <$ty as $crate::Field>::SIZE )+;
                 const MAX_LEN: usize = MAX_LEN;
                 const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(

@@ -1,0 +1,361 @@
+//! Bytes to frames.
+//!
+//! The decoder owns one buffer. Bytes land in it ([`spare`](Decoder::spare) and [`commit`](Decoder::commit), or
+//! [`push`](Decoder::push)), and [`next`](Decoder::next) looks at the *candidate* at its front:
+//!
+//! ```text
+//!                     ┌─ skip to a start byte ◀────────────────────────────┐
+//!                     ▼                                                    │ drop one byte, count the reason
+//!   bytes ──▶ start byte ──▶ header ──▶ whole frame ──▶ checksum ── wrong ─┤
+//!                 │ unknown flag │ source 0,  │ stopped    │ right         │
+//!                 │              │ v1 length  │ growing    ▼               │
+//!                 └──────────────┴────────────┴───────── ─ ─ ─ ────────────┘
+//!                                                        Frame
+//! ```
+//!
+//! A candidate that fails costs one byte: the search goes on from its second, so a false start byte or a corrupted length
+//! never swallows an intact frame behind it (S-13, SEC-4). What comes out does not depend on how the bytes were cut into
+//! pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
+
+use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, STX_V1, STX_V2, Version, crc};
+use crate::message::{MessageInfo, MessageTable};
+use crate::time::{Duration, Instant};
+
+/// One more than the longest frame: whether a frame with an unknown id is one, the byte behind it tells (R-9).
+const BUFFER_LEN: usize = MAX_FRAME_LEN + 1;
+
+/// For how long nothing may come after a frame with an unknown id before the line counts as idle (R-9).
+const IDLE: Duration = Duration::from_millis(20);
+
+/// What a decoder has seen and dropped. Numbers wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RxCounters {
+    /// Frames whose checksum was right.
+    pub frames: u32,
+    /// Frames with an unknown id, which could not be checked (S-12).
+    pub unchecked: u32,
+    /// Bytes before a start byte.
+    pub skipped: u32,
+    /// Candidates with an incompatibility flag that we do not know (S-9).
+    pub incompat_flags: u32,
+    /// Candidates with 0 as source system or component (S-11).
+    pub zero_source: u32,
+    /// v1 candidates whose length does not fit their id (S-8).
+    pub length: u32,
+    /// Candidates with a wrong checksum (S-2).
+    pub checksum: u32,
+    /// Candidates with an unknown id and nothing that speaks for them (R-9).
+    pub unknown_id: u32,
+    /// Candidates that stopped growing (SEC-4).
+    pub stale: u32,
+}
+
+/// Finds frames in a stream of bytes.
+///
+/// ```
+/// use mavstack::{Decoder, Dialect, Instant, dialect::{Common, Heartbeat}};
+/// # use mavstack::{Address, Version, encode};
+/// # let mut bytes = [0; 64];
+/// # let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+/// # let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 7, &mut bytes).unwrap();
+/// # let bytes = &bytes[..len];
+/// let now = Instant::ZERO;
+/// let mut decoder = Decoder::new();
+/// decoder.push(bytes, now);
+/// let mut budget = Decoder::MIN_BUDGET;
+/// while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
+///     if let Some(heartbeat) = frame.decode::<Heartbeat>() {
+///         assert_eq!(heartbeat.mavlink_version, 3);
+///     }
+/// }
+/// assert_eq!(decoder.counters().frames, 1);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    buffer: [u8; BUFFER_LEN],
+    /// The candidate begins here; what is before it is done with.
+    start: usize,
+    /// Received bytes end here.
+    end: usize,
+    /// How many bytes the candidate needs before there is something new to decide.
+    need: usize,
+    /// When the last byte came.
+    grown: Instant,
+    stale_after: Duration,
+    counters: RxCounters,
+}
+
+/// What the bytes of a candidate say.
+enum Verdict {
+    /// Too early to tell: ask again when there are so many bytes.
+    Need(usize),
+    /// Not a frame.
+    Reject(Reason),
+    /// A frame with this id is known, and it is whole: check it.
+    Check(Header, &'static MessageInfo),
+    /// A whole frame with an unknown id.
+    Unknown(Header),
+}
+
+/// Why a candidate is not a frame.
+#[derive(Clone, Copy)]
+enum Reason {
+    IncompatFlags,
+    ZeroSource,
+    Length,
+    Checksum,
+    UnknownId,
+    Stale,
+}
+
+impl Decoder {
+    /// The least budget that lets [`next`](Self::next) always get on: one header and the longest frame's checksum.
+    pub const MIN_BUDGET: u32 = 281;
+
+    /// A candidate that has not grown for so long is dropped, unless [`set_stale_after`](Self::set_stale_after) says
+    /// otherwise: packet radios pause in the middle of a frame (SEC-4).
+    pub const STALE_AFTER: Duration = Duration::from_millis(500);
+
+    /// An empty decoder.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; BUFFER_LEN],
+            start: 0,
+            end: 0,
+            need: 1,
+            grown: Instant::ZERO,
+            stale_after: Self::STALE_AFTER,
+            counters: RxCounters {
+                frames: 0,
+                unchecked: 0,
+                skipped: 0,
+                incompat_flags: 0,
+                zero_source: 0,
+                length: 0,
+                checksum: 0,
+                unknown_id: 0,
+                stale: 0,
+            },
+        }
+    }
+
+    /// After how long without a new byte a candidate is dropped.
+    pub const fn set_stale_after(&mut self, after: Duration) {
+        self.stale_after = after;
+    }
+
+    /// What was seen and dropped so far.
+    pub const fn counters(&self) -> &RxCounters {
+        &self.counters
+    }
+
+    /// Forgets all bytes that are not yet a frame; the counters stay. For a line that was opened anew.
+    pub const fn clear(&mut self) {
+        self.start = 0;
+        self.end = 0;
+        self.need = 1;
+    }
+
+    /// Room for new bytes: read into its front, then [`commit`](Self::commit).
+    ///
+    /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
+    pub fn spare(&mut self) -> &mut [u8] {
+        if self.start > 0 {
+            self.buffer.copy_within(self.start.min(self.end)..self.end.min(BUFFER_LEN), 0);
+            self.end = self.end.saturating_sub(self.start);
+            self.start = 0;
+        }
+        self.buffer.get_mut(self.end..).unwrap_or_default()
+    }
+
+    /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
+    pub fn commit(&mut self, len: usize, now: Instant) {
+        self.end = self.end.saturating_add(len).min(BUFFER_LEN);
+        self.grown = now;
+    }
+
+    /// Takes as many of `bytes` as there is room for and returns their number. Call [`next`](Self::next) until it has no
+    /// frame left, then push the rest.
+    pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
+        let spare = self.spare();
+        let len = spare.len().min(bytes.len());
+        if let (Some(to), Some(from)) = (spare.get_mut(..len), bytes.get(..len)) {
+            to.copy_from_slice(from);
+        }
+        self.commit(len, now);
+        len
+    }
+
+    /// The next frame.
+    ///
+    /// `budget` is what this call may still spend: 1 for each header looked at and 1 for each byte put through the
+    /// checksum. When it does not suffice, `None` is returned and the search goes on from the same place at the next
+    /// call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
+    ///
+    /// `is_known` tells whether a source was heard of before. That, or a start byte or silence behind it, speaks for a
+    /// frame whose id is not in `messages` (R-9); it is then returned whole and unchecked, else searched.
+    pub fn next(
+        &mut self,
+        now: Instant,
+        messages: MessageTable,
+        budget: &mut u32,
+        is_known: impl Fn(Address) -> bool,
+    ) -> Option<Frame<'_>> {
+        let (header, is_checked) = self.advance(now, messages, budget, is_known)?;
+        let end = self.start;
+        let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
+        let payload = raw.get(header.version.header_len()..header.payload_end())?;
+        Some(Frame { header, payload, raw, is_checked })
+    }
+
+    /// Goes on to the end of the next frame.
+    fn advance(
+        &mut self,
+        now: Instant,
+        messages: MessageTable,
+        budget: &mut u32,
+        is_known: impl Fn(Address) -> bool,
+    ) -> Option<(Header, bool)> {
+        loop {
+            let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
+            if candidate.len() < self.need {
+                // Most calls end here: a piece of a frame came.
+                let quiet = now.since(self.grown);
+                if candidate.is_empty() || quiet < IDLE {
+                    return None;
+                }
+                *budget = budget.checked_sub(1)?;
+                if let Verdict::Unknown(header) = examine(candidate, messages) {
+                    return Some(self.accept_unchecked(header));
+                }
+                if quiet < self.stale_after {
+                    return None;
+                }
+                self.reject(Reason::Stale);
+                continue;
+            }
+            if !matches!(candidate.first(), Some(&(STX_V1 | STX_V2))) {
+                let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
+                let garbage = garbage.unwrap_or(candidate.len());
+                self.counters.skipped = self.counters.skipped.wrapping_add(u32::try_from(garbage).unwrap_or(u32::MAX));
+                self.start = self.start.saturating_add(garbage);
+                self.need = 1;
+                continue;
+            }
+            if *budget == 0 {
+                return None;
+            }
+            match examine(candidate, messages) {
+                Verdict::Need(need) => {
+                    *budget = budget.saturating_sub(1);
+                    self.need = need;
+                }
+                Verdict::Reject(reason) => {
+                    *budget = budget.saturating_sub(1);
+                    self.reject(reason);
+                }
+                Verdict::Check(header, info) => {
+                    let end = header.payload_end();
+                    let cost = u32::from(header.payload_len).saturating_add(11);
+                    *budget = budget.checked_sub(cost)?;
+                    let sum = candidate.get(1..end).map_or(0, |bytes| crc::update(crc::INIT, bytes));
+                    let sum = crc::step(sum, info.crc_extra());
+                    if candidate.get(end..).and_then(<[u8]>::first_chunk) == Some(&sum.to_le_bytes()) {
+                        self.counters.frames = self.counters.frames.wrapping_add(1);
+                        self.consume(header.frame_len());
+                        return Some((header, true));
+                    }
+                    self.reject(Reason::Checksum);
+                }
+                Verdict::Unknown(header) => {
+                    *budget = budget.saturating_sub(1);
+                    let len = header.frame_len();
+                    match candidate.get(len) {
+                        _ if is_known(header.source) => return Some(self.accept_unchecked(header)),
+                        Some(&(STX_V1 | STX_V2)) => return Some(self.accept_unchecked(header)),
+                        Some(_) => self.reject(Reason::UnknownId),
+                        // Wait for the byte behind it, or for silence.
+                        None => self.need = len.saturating_add(1),
+                    }
+                }
+            }
+        }
+    }
+
+    fn accept_unchecked(&mut self, header: Header) -> (Header, bool) {
+        self.counters.unchecked = self.counters.unchecked.wrapping_add(1);
+        self.consume(header.frame_len());
+        (header, false)
+    }
+
+    fn consume(&mut self, len: usize) {
+        self.start = self.start.saturating_add(len);
+        self.need = 1;
+    }
+
+    /// Drops the candidate's first byte, so that the search goes on from its second.
+    fn reject(&mut self, reason: Reason) {
+        let counters = &mut self.counters;
+        let (counter, _name) = match reason {
+            Reason::IncompatFlags => (&mut counters.incompat_flags, "unknown incompatibility flag"),
+            Reason::ZeroSource => (&mut counters.zero_source, "source id 0"),
+            Reason::Length => (&mut counters.length, "v1 length"),
+            Reason::Checksum => (&mut counters.checksum, "checksum"),
+            Reason::UnknownId => (&mut counters.unknown_id, "unknown id"),
+            Reason::Stale => (&mut counters.stale, "stopped growing"),
+        };
+        *counter = counter.wrapping_add(1);
+        event!("rx: candidate dropped: {=str}", _name);
+        self.consume(1);
+    }
+
+    /// When [`next`](Self::next) has something to do though no byte comes.
+    pub(crate) fn deadline(&self) -> Instant {
+        let received = self.end.saturating_sub(self.start);
+        match received {
+            0 => Instant::NEVER,
+            // A whole frame with an unknown id waits for one byte more, or for silence.
+            _ if received.saturating_add(1) == self.need => self.grown.after(IDLE),
+            _ => self.grown.after(self.stale_after),
+        }
+    }
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller.
+fn examine(candidate: &[u8], messages: MessageTable) -> Verdict {
+    // The flags come before the length is believed (SEC-3): they may change the header's own length.
+    match *candidate {
+        [STX_V2, _, incompat_flags, ..] if incompat_flags & !INCOMPAT_SIGNED != 0 => {
+            return Verdict::Reject(Reason::IncompatFlags);
+        }
+        [STX_V2] | [STX_V2, _] => return Verdict::Need(3),
+        _ => {}
+    }
+    let Some(header) = Header::parse(candidate) else {
+        let version = if candidate.first() == Some(&STX_V2) { Version::V2 } else { Version::V1 };
+        return Verdict::Need(version.header_len());
+    };
+    if header.source.system.0 == 0 || header.source.component.0 == 0 {
+        return Verdict::Reject(Reason::ZeroSource);
+    }
+    let info = messages.get(header.id);
+    if let Some(info) = info
+        && header.version == Version::V1
+        && header.payload_len != info.base_len()
+    {
+        return Verdict::Reject(Reason::Length);
+    }
+    let len = header.frame_len();
+    match info {
+        _ if candidate.len() < len => Verdict::Need(len),
+        Some(info) => Verdict::Check(header, info),
+        None => Verdict::Unknown(header),
+    }
+}

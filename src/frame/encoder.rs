@@ -1,0 +1,99 @@
+//! Messages to frames: trimmed, numbered, with a checksum.
+
+use super::{Address, STX_V1, STX_V2, Version, crc};
+use crate::message::{Message, MessageInfo};
+
+/// Why a message could not be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// The buffer holds less than header, [`MAX_LEN`](Message::MAX_LEN) and two bytes of checksum.
+    BufferTooSmall,
+    /// The message's id is above 255, which a v1 frame cannot carry (S-10).
+    NeedsV2,
+}
+
+impl core::fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::BufferTooSmall => "the buffer is smaller than the message's longest frame",
+            Self::NeedsV2 => "a message id above 255 needs MAVLink 2",
+        })
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+/// Writes `message` as one unsigned frame to the front of `out` and returns the frame's length in bytes.
+///
+/// A v2 payload loses its trailing zeros, but never its first byte (S-5); a v1 payload is the base fields whole (S-8).
+/// `out` must hold the untrimmed frame: the header, [`MAX_LEN`](Message::MAX_LEN) and 2 bytes.
+/// [`MAX_FRAME_LEN`](super::MAX_FRAME_LEN) bytes suffice for every message.
+///
+/// # Errors
+///
+/// [`EncodeError`]; `out` is then in an unknown state.
+///
+/// ```
+/// use mavstack::{Address, Version, dialect::Heartbeat, encode};
+/// let mut frame = [0; 32];
+/// let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+/// let len = encode(&heartbeat, Version::V2, Address::new(1, 1), 0, &mut frame)?;
+/// assert_eq!(len, 21);
+/// # Ok::<(), mavstack::EncodeError>(())
+/// ```
+#[inline]
+pub fn encode<M: Message>(
+    message: &M,
+    version: Version,
+    source: Address,
+    seq: u8,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let payload = out.get_mut(version.header_len()..).ok_or(EncodeError::BufferTooSmall)?;
+    message.encode(payload).ok_or(EncodeError::BufferTooSmall)?;
+    finish(const { &M::INFO }, version, source, seq, out)
+}
+
+/// Everything but the payload, compiled once for all messages.
+fn finish(
+    info: &MessageInfo,
+    version: Version,
+    source: Address,
+    seq: u8,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let too_small = EncodeError::BufferTooSmall;
+    let [id0, id1, id2, _] = info.id().to_le_bytes();
+    let (system, component) = (source.system.0, source.component.0);
+    let payload_len;
+    match version {
+        Version::V2 => {
+            let (header, payload) = out.split_first_chunk_mut::<10>().ok_or(too_small)?;
+            payload_len = trimmed_len(payload, info.max_len());
+            *header = [STX_V2, payload_len, 0, 0, seq, system, component, id0, id1, id2];
+        }
+        Version::V1 => {
+            if info.id() > 255 {
+                return Err(EncodeError::NeedsV2);
+            }
+            let (header, _) = out.split_first_chunk_mut::<6>().ok_or(too_small)?;
+            payload_len = info.base_len();
+            *header = [STX_V1, payload_len, seq, system, component, id0];
+        }
+    }
+    let end = version.header_len().wrapping_add(usize::from(payload_len));
+    let sum = crc::update(crc::INIT, out.get(1..end).ok_or(too_small)?);
+    let sum = crc::step(sum, info.crc_extra());
+    *out.get_mut(end..).and_then(<[u8]>::first_chunk_mut).ok_or(too_small)? = sum.to_le_bytes();
+    Ok(end.wrapping_add(2))
+}
+
+/// Length without trailing zeros, at least 1 (S-5).
+fn trimmed_len(payload: &[u8], max_len: u8) -> u8 {
+    let mut len = max_len;
+    while len > 1 && payload.get(usize::from(len.wrapping_sub(1))) == Some(&0) {
+        len = len.wrapping_sub(1);
+    }
+    len
+}
