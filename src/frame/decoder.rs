@@ -61,7 +61,7 @@ pub struct RxCounters {
 /// # let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 7, &mut bytes).unwrap();
 /// # let bytes = &bytes[..len];
 /// let now = Instant::ZERO;
-/// let mut decoder = Decoder::new();
+/// let mut decoder = Decoder::default();
 /// decoder.push(bytes, now);
 /// let mut budget = Decoder::MIN_BUDGET;
 /// while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
@@ -113,19 +113,19 @@ impl Decoder {
     /// The least budget that lets [`next`](Self::next) always get on: one header and the longest frame's checksum.
     pub const MIN_BUDGET: u32 = 281;
 
-    /// A candidate that has not grown for so long is dropped, unless [`set_stale_after`](Self::set_stale_after) says
-    /// otherwise: packet radios pause in the middle of a frame (SEC-4).
+    /// After how long a candidate that does not grow is dropped, by default: packet radios pause in the middle of a
+    /// frame (SEC-4).
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
-    /// An empty decoder.
-    pub const fn new() -> Self {
+    /// An empty decoder that drops a candidate `stale_after` its last byte.
+    pub const fn new(stale_after: Duration) -> Self {
         Self {
             buffer: [0; BUFFER_LEN],
             start: 0,
             end: 0,
             need: 1,
             grown: Instant::ZERO,
-            stale_after: Self::STALE_AFTER,
+            stale_after,
             counters: RxCounters {
                 frames: 0,
                 unchecked: 0,
@@ -138,11 +138,6 @@ impl Decoder {
                 stale: 0,
             },
         }
-    }
-
-    /// After how long without a new byte a candidate is dropped.
-    pub const fn set_stale_after(&mut self, after: Duration) {
-        self.stale_after = after;
     }
 
     /// What was seen and dropped so far.
@@ -202,11 +197,11 @@ impl Decoder {
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
     ) -> Option<Frame<'_>> {
-        let (header, is_checked) = self.advance(now, messages, budget, is_known)?;
+        let (header, info) = self.advance(now, messages, budget, is_known)?;
         let end = self.start;
         let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
         let payload = raw.get(header.version.header_len()..header.payload_end())?;
-        Some(Frame { header, payload, raw, is_checked })
+        Some(Frame { header, payload, raw, info })
     }
 
     /// Goes on to the end of the next frame.
@@ -216,7 +211,7 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
-    ) -> Option<(Header, bool)> {
+    ) -> Option<(Header, Option<&'static MessageInfo>)> {
         loop {
             let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
             if candidate.len() < self.need {
@@ -264,7 +259,7 @@ impl Decoder {
                     if candidate.get(end..).and_then(<[u8]>::first_chunk) == Some(&sum.to_le_bytes()) {
                         self.counters.frames = self.counters.frames.wrapping_add(1);
                         self.consume(header.frame_len());
-                        return Some((header, true));
+                        return Some((header, Some(info)));
                     }
                     self.reject(Reason::Checksum);
                 }
@@ -283,10 +278,10 @@ impl Decoder {
         }
     }
 
-    fn accept_unchecked(&mut self, header: Header) -> (Header, bool) {
+    fn accept_unchecked(&mut self, header: Header) -> (Header, Option<&'static MessageInfo>) {
         self.counters.unchecked = self.counters.unchecked.wrapping_add(1);
         self.consume(header.frame_len());
-        (header, false)
+        (header, None)
     }
 
     fn consume(&mut self, len: usize) {
@@ -315,6 +310,8 @@ impl Decoder {
         let received = self.end.saturating_sub(self.start);
         match received {
             0 => Instant::NEVER,
+            // Frames, or a search, wait for the next poll's budget.
+            _ if received >= self.need => Instant::ZERO,
             // A whole frame with an unknown id waits for one byte more, or for silence.
             _ if received.saturating_add(1) == self.need => self.grown.after(IDLE),
             _ => self.grown.after(self.stale_after),
@@ -324,7 +321,7 @@ impl Decoder {
 
 impl Default for Decoder {
     fn default() -> Self {
-        Self::new()
+        Self::new(Self::STALE_AFTER)
     }
 }
 

@@ -11,7 +11,7 @@ mod encoder;
 pub use decoder::{Decoder, RxCounters};
 pub use encoder::{EncodeError, encode};
 
-use crate::message::Message;
+use crate::message::{Message, MessageInfo};
 
 /// The longest frame: v2 with 255 bytes of payload and a signature (S-1).
 pub const MAX_FRAME_LEN: usize = 280;
@@ -160,7 +160,7 @@ pub struct Frame<'a> {
     header: Header,
     payload: &'a [u8],
     raw: &'a [u8],
-    is_checked: bool,
+    info: Option<&'static MessageInfo>,
 }
 
 impl<'a> Frame<'a> {
@@ -198,7 +198,13 @@ impl<'a> Frame<'a> {
     /// forwarded, and is never acted on (S-12).
     #[inline]
     pub const fn is_checked(&self) -> bool {
-        self.is_checked
+        self.info.is_some()
+    }
+
+    /// What is known of the message; `None` when the checksum could not be checked.
+    #[inline]
+    pub const fn info(&self) -> Option<&'static MessageInfo> {
+        self.info
     }
 
     /// What stands behind the checksum, when the frame is signed. Nothing is said here about its truth.
@@ -218,7 +224,7 @@ impl<'a> Frame<'a> {
     /// The message `M`; `None` when this is another one, or when its checksum could not be checked.
     #[inline]
     pub fn decode<M: Message>(&self) -> Option<M> {
-        (self.header.id == M::ID && self.is_checked).then(|| M::decode(self.payload))
+        (self.header.id == M::ID && self.is_checked()).then(|| M::decode(self.payload))
     }
 
     /// The byte of the payload at `offset`; 0 where the sender cut it off (S-6, R-15).

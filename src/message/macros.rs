@@ -55,13 +55,14 @@ macro_rules! message {
         } )?
     ) => {
         $(#[$meta])*
-        #[allow(missing_docs, reason = "a field's name is its definition's; MAVLink documents it")]
+        #[allow(missing_docs, non_snake_case, reason = "a field's name is its definition's; MAVLink documents it")]
         #[derive(Clone, Copy, Debug, PartialEq)]
         $vis struct $name {
             $( $(#[$field_meta])* pub $field: $ty, )+
             $($( $(#[$ext_meta])* pub $ext: $ext_ty, )+)?
         }
 
+        #[allow(non_snake_case, reason = "a field's name is its definition's")]
         const _: () = {
             /// The payload as it lies on the wire: bytes only, so that offsets have no padding.
             #[repr(C)]

@@ -1,0 +1,131 @@
+//! What a firmware tells the stack once.
+
+use crate::dialect::{MavAutopilot, MavType};
+use crate::frame::{Address, Decoder};
+use crate::pulse::Pulse;
+use crate::service::identity::Identity;
+use crate::time::Duration;
+
+/// How much one [`poll_link`](crate::Stack::poll_link) may do (D-2, SEC-2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PollBudget {
+    /// Bytes read from the transport.
+    pub rx_bytes: u16,
+    /// Work in the decoder: a header looked at or a byte put through the checksum costs 1. Less than
+    /// [`Decoder::MIN_BUDGET`] counts as that.
+    pub rx_work: u16,
+    /// Frames handled; what is left waits in the decoder. 0 counts as 1.
+    pub frames: u8,
+    /// Bytes handed to the transport.
+    pub tx_bytes: u16,
+}
+
+impl PollBudget {
+    /// 128 bytes in, 4 frames, 280 bytes out: enough for 1 Mbit/s at a poll a millisecond.
+    pub const DEFAULT: Self = Self { rx_bytes: 128, rx_work: 562, frames: 4, tx_bytes: 280 };
+
+    /// What one poll may still receive.
+    pub(crate) fn rx(&self) -> RxAllowance {
+        RxAllowance { work: u32::from(self.rx_work).max(Decoder::MIN_BUDGET), frames: self.frames.max(1) }
+    }
+}
+
+/// What is left of a [`PollBudget`] for receiving.
+pub(crate) struct RxAllowance {
+    pub(crate) work: u32,
+    pub(crate) frames: u8,
+}
+
+/// What a firmware tells its [`Stack`](crate::Stack). Make it a `const`: what it refuses is then refused by the compiler.
+///
+/// ```
+/// use mavstack::{Address, Config, Pulse, dialect::MavType};
+/// static PULSE: Pulse = Pulse::new();
+/// const CONFIG: Config = Config {
+///     r#type: MavType::GROUND_ROVER,
+///     ..Config::new(Address::new(1, 1), &PULSE)
+/// };
+/// ```
+///
+/// An address that a vehicle cannot have does not compile:
+///
+/// ```compile_fail
+/// # use mavstack::{Address, Config, Pulse};
+/// # static PULSE: Pulse = Pulse::new();
+/// const CONFIG: Config = Config::new(Address::new(0, 1), &PULSE);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Our system and component.
+    pub address: VehicleAddress,
+    /// What the flight loop ticks.
+    pub pulse: &'static Pulse,
+    /// HEARTBEAT.type: a vehicle's, or ground stations look past it (H-3). [`MavType::QUADROTOR`] at first.
+    pub r#type: MavType,
+    /// HEARTBEAT.autopilot: [`MavAutopilot::GENERIC`], unless the firmware has another one's mode numbers and
+    /// parameters (H-3).
+    pub autopilot: MavAutopilot,
+    /// What AUTOPILOT_VERSION says of the vehicle.
+    pub identity: Identity,
+    /// Time between heartbeats on a link: 1 s (H-1).
+    pub heartbeat_period: Duration,
+    /// How long the flight loop may take for one pass before the heartbeats stop: 500 ms (H-5).
+    pub max_loop_gap: Duration,
+    /// After how long without a heartbeat a peer is lost: 5 s (H-11).
+    pub peer_timeout: Duration,
+    /// After how long without a new byte the front of a frame is dropped: 500 ms (SEC-4).
+    pub stale_after: Duration,
+    /// The bound of one [`poll_link`](crate::Stack::poll_link).
+    pub budget: PollBudget,
+}
+
+/// An address that a vehicle may have, so that none other can be configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct VehicleAddress(Address);
+
+impl VehicleAddress {
+    /// `None` when the system is not 1 to 254 (0 means everyone, 255 is the ground stations' own; H-2), or the component is
+    /// 0. Ground stations take only component 1 for the vehicle.
+    pub const fn new(address: Address) -> Option<Self> {
+        if address.system.0 == 0 || address.system.0 == 255 || address.component.0 == 0 {
+            return None;
+        }
+        Some(Self(address))
+    }
+
+    /// The address.
+    pub const fn get(self) -> Address {
+        self.0
+    }
+}
+
+impl Config {
+    /// The usual settings for a vehicle with this address and pulse; change the others by struct update.
+    ///
+    /// # Panics
+    ///
+    /// When [`VehicleAddress::new`] refuses `address`: in a `const` a compile error. For an address that is only known at
+    /// run time, put a checked one in [`address`](Self::address).
+    pub const fn new(address: Address, pulse: &'static Pulse) -> Self {
+        let address = VehicleAddress::new(address);
+        assert!(address.is_some(), "a vehicle's system id is 1 to 254, its component id 1 to 255");
+        let address = match address {
+            Some(address) => address,
+            None => VehicleAddress(Address::new(1, 1)),
+        };
+        Self {
+            address,
+            pulse,
+            r#type: MavType::QUADROTOR,
+            autopilot: MavAutopilot::GENERIC,
+            identity: Identity::NONE,
+            heartbeat_period: Duration::from_secs(1),
+            max_loop_gap: Duration::from_millis(500),
+            peer_timeout: Duration::from_secs(5),
+            stale_after: Decoder::STALE_AFTER,
+            budget: PollBudget::DEFAULT,
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! A token bucket: how many bytes a link may still send.
+
+use crate::time::Instant;
+
+/// Bytes that a link may send at once after a rest, at least: two longest frames.
+const BURST: u32 = 560;
+
+/// Counts in byte·µs, so that filling needs no division.
+#[derive(Clone, Debug)]
+pub(crate) struct Bucket {
+    /// Bytes/s: what flows in each µs, in units of 1/`SCALE` byte.
+    rate: u32,
+    level: i64,
+    filled: Instant,
+}
+
+impl Bucket {
+    const SCALE: i64 = 1_000_000;
+
+    /// A bucket that begins to fill at boot.
+    pub(crate) const fn new(bytes_per_second: u32) -> Self {
+        Self { rate: bytes_per_second, level: 0, filled: Instant::ZERO }
+    }
+
+    /// A tenth of a second's worth, or two longest frames.
+    fn capacity(&self) -> i64 {
+        i64::from((self.rate / 10).max(BURST)).saturating_mul(Self::SCALE)
+    }
+
+    /// Lets the time since the last call flow in.
+    pub(crate) fn fill(&mut self, now: Instant) {
+        let elapsed = i64::try_from(now.since(self.filled).as_micros()).unwrap_or(i64::MAX);
+        self.filled = now;
+        let flown = elapsed.saturating_mul(i64::from(self.rate));
+        self.level = self.level.saturating_add(flown).min(self.capacity());
+    }
+
+    /// Whether what can wait may be sent now.
+    pub(crate) fn has_room(&self) -> bool {
+        self.level >= 0
+    }
+
+    /// `bytes` went out; the level may fall below zero, for what could not wait.
+    pub(crate) fn spend(&mut self, bytes: usize) {
+        let cost = i64::try_from(bytes).unwrap_or(i64::MAX).saturating_mul(Self::SCALE);
+        self.level = self.level.saturating_sub(cost).max(self.capacity().saturating_neg());
+    }
+
+    /// Microseconds until [`has_room`](Self::has_room), rounded up to a millisecond's worth.
+    pub(crate) fn ready_at(&self) -> Instant {
+        if self.has_room() || self.rate == 0 {
+            return if self.rate == 0 { Instant::NEVER } else { self.filled };
+        }
+        // A division only for those who sleep.
+        let missing = self.level.saturating_neg();
+        let micros = missing.checked_div(i64::from(self.rate)).unwrap_or(0).saturating_add(1);
+        self.filled.after(crate::time::Duration::from_micros(u64::try_from(micros).unwrap_or(0)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn average_stays_at_the_rate_after_the_first_burst() {
+        let mut bucket = Bucket::new(5_760);
+        let mut sent = 0;
+        for ms in 0..10_000 {
+            bucket.fill(Instant::from_millis(ms));
+            if bucket.has_room() {
+                bucket.spend(50);
+                sent += 50;
+            }
+        }
+        assert!((57_500..=57_700).contains(&sent), "{sent} bytes in 10 s");
+    }
+
+    #[test]
+    fn rest_does_not_save_more_than_a_burst() {
+        let mut bucket = Bucket::new(1_000);
+        bucket.fill(Instant::from_millis(3_600_000));
+        let mut burst = 0;
+        while bucket.has_room() {
+            bucket.spend(10);
+            burst += 10;
+        }
+        assert_eq!(burst, 570);
+        assert_eq!(bucket.ready_at().since(Instant::from_millis(3_600_000)).as_micros(), 10_001);
+    }
+}

@@ -1,0 +1,243 @@
+//! Links: what the stack keeps for each line to the outside.
+//!
+//! A link is a decoder, one outbound frame, and what its own peers are owed; nothing in it is shared, so a link that
+//! stalls holds up no other. What a link *is* stands in its [`LinkConfig`].
+
+mod bucket;
+mod outbox;
+
+pub(crate) use bucket::Bucket;
+pub(crate) use outbox::Outbox;
+
+use crate::frame::{Address, Decoder, Version};
+use crate::service::command::Acks;
+use crate::service::heartbeat::Schedule;
+use crate::service::identity::Owed;
+use crate::service::statustext::TextCursor;
+use crate::time::Duration;
+
+/// A link of a stack: an index into its configuration, 0 first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkId(pub u8);
+
+/// Who sent something, and over which link: where an answer goes (M-11).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Peer {
+    /// The sender.
+    pub address: Address,
+    /// The link it was heard on.
+    pub link: LinkId,
+}
+
+/// What a link is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LinkClass {
+    /// A telemetry radio, a companion computer, USB.
+    Normal,
+    /// A satellite modem, where every byte costs: no heartbeats, and only commands and their answers (L-3, L-4).
+    HighLatency,
+}
+
+/// Which version a link sends; it receives both always (V-2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TxVersion {
+    /// MAVLink 2. For all new designs.
+    V2,
+    /// MAVLink 1 until the first v2 frame is received, then MAVLink 2 for good (V-1).
+    Auto,
+    /// MAVLink 1 only: no message above id 255, no extension.
+    V1,
+}
+
+/// What a link is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkConfig {
+    /// What it is for.
+    pub class: LinkClass,
+    /// Which version it sends.
+    pub version: TxVersion,
+    /// How fast it is (bytes/s). Transfers, texts and streams keep below it on average; heartbeats and answers go out at
+    /// once, and are charged.
+    pub bytes_per_second: u32,
+}
+
+impl LinkConfig {
+    /// A normal MAVLink 2 link over a UART of `baud` bit/s: ten bits a byte.
+    pub const fn uart(baud: u32) -> Self {
+        Self { class: LinkClass::Normal, version: TxVersion::V2, bytes_per_second: baud / 10 }
+    }
+
+    /// The same link, of another class.
+    #[must_use]
+    pub const fn with_class(mut self, class: LinkClass) -> Self {
+        self.class = class;
+        self
+    }
+
+    /// The same link, sending another version.
+    #[must_use]
+    pub const fn with_version(mut self, version: TxVersion) -> Self {
+        self.version = version;
+        self
+    }
+}
+
+/// What a link sent, and what it did not take. Numbers wrap. What the decoder dropped is in
+/// [`RxCounters`](crate::RxCounters).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkCounters {
+    /// Frames sent.
+    pub tx_frames: u32,
+    /// Bytes handed to the transport.
+    pub tx_bytes: u32,
+    /// Frames for other systems or components.
+    pub not_ours: u32,
+    /// Frames with our own address.
+    pub own_address: u32,
+    /// Frames whose id is unknown: not acted on (S-12).
+    pub unknown: u32,
+    /// Frames of peers for whom the peer table had no room (H-12).
+    pub no_peer_slot: u32,
+    /// Commands that were not carried out because their answer had no room; the sender repeats them.
+    pub no_answer_slot: u32,
+    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10).
+    pub out_of_place: u32,
+    /// Errors of the transport while reading, overruns among them (S-20).
+    pub read_errors: u32,
+    /// Errors of the transport while writing.
+    pub write_errors: u32,
+}
+
+impl LinkCounters {
+    const ZERO: Self = Self {
+        tx_frames: 0,
+        tx_bytes: 0,
+        not_ours: 0,
+        own_address: 0,
+        unknown: 0,
+        no_peer_slot: 0,
+        no_answer_slot: 0,
+        out_of_place: 0,
+        read_errors: 0,
+        write_errors: 0,
+    };
+}
+
+/// All that the stack keeps for one link.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    pub(crate) decoder: Decoder,
+    pub(crate) port: Port,
+}
+
+/// A link without its decoder, so that a received frame can stay in the decoder's buffer while it is handled.
+#[derive(Clone, Debug)]
+pub(crate) struct Port {
+    pub(crate) id: LinkId,
+    pub(crate) config: LinkConfig,
+    pub(crate) outbox: Outbox,
+    pub(crate) bucket: Bucket,
+    pub(crate) heartbeat: Schedule,
+    pub(crate) acks: Acks,
+    pub(crate) owed: Owed,
+    pub(crate) text: TextCursor,
+    pub(crate) counters: LinkCounters,
+    /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
+    pub(crate) strangers: u8,
+}
+
+impl Link {
+    /// A link before it is [configured](Self::configure), so that an array of them can be made in a `const fn`.
+    pub(crate) const VACANT: Self = Self {
+        decoder: Decoder::new(Decoder::STALE_AFTER),
+        port: Port {
+            id: LinkId(0),
+            config: LinkConfig::uart(0),
+            outbox: Outbox::new(LinkId(0), Address::new(0, 0), Version::V2),
+            bucket: Bucket::new(0),
+            heartbeat: Schedule::new(),
+            acks: Acks::new(),
+            owed: Owed::NONE,
+            text: TextCursor::new(),
+            counters: LinkCounters::ZERO,
+            strangers: 0,
+        },
+    };
+
+    pub(crate) const fn configure(&mut self, id: LinkId, source: Address, config: LinkConfig, stale_after: Duration) {
+        let version = match config.version {
+            TxVersion::V2 => Version::V2,
+            TxVersion::Auto | TxVersion::V1 => Version::V1,
+        };
+        self.decoder = Decoder::new(stale_after);
+        self.port.id = id;
+        self.port.config = config;
+        self.port.outbox = Outbox::new(id, source, version);
+        self.port.bucket = Bucket::new(config.bytes_per_second);
+    }
+}
+
+impl Port {
+    /// So many frames with our address, none of which can be an echo, are somebody else's.
+    const CONFLICT: u8 = 3;
+
+    /// A frame of version `version` came in (V-1).
+    pub(crate) fn heard(&mut self, version: Version) {
+        if version == Version::V2 && self.config.version == TxVersion::Auto {
+            self.outbox.set_version(Version::V2);
+        }
+    }
+
+    /// A frame with our own address came in, with this sequence number. True when by now somebody else must have it:
+    /// an echo would bear one of the numbers that we sent last (H-14). True once.
+    pub(crate) fn is_conflict(&mut self, seq: u8) -> bool {
+        const ECHO: u8 = 32;
+        if self.outbox.seq().wrapping_sub(seq).wrapping_sub(1) < ECHO || self.strangers >= Self::CONFLICT {
+            return false;
+        }
+        self.strangers = self.strangers.saturating_add(1);
+        self.strangers == Self::CONFLICT
+    }
+}
+
+/// The most links that a stack can have.
+pub const MAX_LINKS: usize = 16;
+
+/// A set of links.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct LinkMask(u16);
+
+impl LinkMask {
+    pub(crate) const NONE: Self = Self(0);
+
+    /// Only `link`; none when its number is beyond [`MAX_LINKS`].
+    #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
+    pub(crate) const fn of(link: LinkId) -> Self {
+        match 1u16.checked_shl(link.0 as u32) {
+            Some(bit) => Self(bit),
+            None => Self::NONE,
+        }
+    }
+
+    pub(crate) const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    pub(crate) const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    pub(crate) const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    pub(crate) const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}

@@ -1,0 +1,79 @@
+//! The outbound half of a link: one frame at a time (SEC-2), written in place by the service whose turn it is.
+
+use super::LinkId;
+use crate::frame::{Address, MAX_FRAME_LEN, Version, encode};
+use crate::message::Message;
+
+/// Room for one outbound frame. Services write into it only while it is empty.
+#[derive(Clone, Debug)]
+pub(crate) struct Outbox {
+    link: LinkId,
+    source: Address,
+    /// What the link sends now (V-1).
+    version: Version,
+    seq: u8,
+    bytes: [u8; MAX_FRAME_LEN],
+    len: usize,
+    sent: usize,
+}
+
+impl Outbox {
+    pub(crate) const fn new(link: LinkId, source: Address, version: Version) -> Self {
+        Self { link, source, version, seq: 0, bytes: [0; MAX_FRAME_LEN], len: 0, sent: 0 }
+    }
+
+    /// Which link this is.
+    pub(crate) const fn link(&self) -> LinkId {
+        self.link
+    }
+
+    /// What the link sends (V-8).
+    pub(crate) const fn version(&self) -> Version {
+        self.version
+    }
+
+    pub(crate) const fn set_version(&mut self, version: Version) {
+        self.version = version;
+    }
+
+    /// The sequence number of the next frame.
+    pub(crate) const fn seq(&self) -> u8 {
+        self.seq
+    }
+
+    /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10): false.
+    pub(crate) fn send<M: Message>(&mut self, message: &M) -> bool {
+        self.send_as(self.version, message)
+    }
+
+    /// Sends `message` in `version`, whatever the link's own (V-6).
+    pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
+        let Ok(len) = encode(message, version, self.source, self.seq, &mut self.bytes) else { return false };
+        self.seq = self.seq.wrapping_add(1);
+        self.len = len;
+        self.sent = 0;
+        true
+    }
+
+    /// Whether there is room for a frame.
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.sent >= self.len
+    }
+
+    /// What is still to be handed to the transport.
+    pub(crate) fn pending(&self) -> &[u8] {
+        self.bytes.get(self.sent..self.len).unwrap_or_default()
+    }
+
+    /// The transport took `len` bytes.
+    pub(crate) fn advance(&mut self, len: usize) {
+        self.sent = self.sent.saturating_add(len).min(self.len);
+    }
+
+    /// Sends an unfinished frame from its first byte again: who heard the front of it is gone.
+    pub(crate) fn rewind(&mut self) {
+        if !self.is_empty() {
+            self.sent = 0;
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! Peers: who is out there, on which link, and how well we hear them.
+//!
+//! Implements the receiving half of <https://mavlink.io/en/services/heartbeat.html>, rules H-10 to H-13, and the loss
+//! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). An entry is made by any checked frame; *alive* is
+//! only who sends heartbeats:
+//!
+//! ```text
+//!   any frame ──▶ heard ── HEARTBEAT (Found) ──▶ alive ── silence for peer_timeout (Lost) ──▶ lost
+//!                                                  ▲                                            │
+//!                                                  └──────────── HEARTBEAT (Regained) ──────────┘
+//! ```
+
+use crate::dialect::{Heartbeat, MavAutopilot, MavType};
+use crate::frame::{Address, Frame, Version};
+use crate::link::{LinkId, Peer};
+use crate::time::{Duration, Instant};
+use crate::vehicle::{PeerEvent, Vehicle};
+
+/// What is known of a peer.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PeerInfo {
+    /// Who, and on which link. One component that is heard on two links stands here twice.
+    pub peer: Peer,
+    /// HEARTBEAT.type; [`MavType::GENERIC`] before the first heartbeat.
+    pub r#type: MavType,
+    /// HEARTBEAT.autopilot; [`MavAutopilot::INVALID`] before the first heartbeat.
+    pub autopilot: MavAutopilot,
+    /// The version of its last frame.
+    pub version: Version,
+    /// Whether its heartbeats come.
+    pub is_alive: bool,
+    /// Frames received. Wraps.
+    pub received: u32,
+    /// Frames that its sequence numbers say were lost on the way (S-16). Wraps.
+    pub lost: u32,
+    has_heartbeat: bool,
+    seq: u8,
+    heartbeat: Instant,
+    heard: Instant,
+}
+
+impl PeerInfo {
+    /// When its last heartbeat came, if any did.
+    pub fn last_heartbeat(&self) -> Option<Instant> {
+        self.has_heartbeat.then_some(self.heartbeat)
+    }
+
+    /// When its last frame came.
+    pub const fn last_heard(&self) -> Instant {
+        self.heard
+    }
+}
+
+/// The peer table. The logic works on a view, so its size is compiled once.
+pub(crate) type Peers = heapless::vec::VecView<PeerInfo>;
+
+/// Whether frames of `address` were heard before, on any link.
+pub(crate) fn is_known(peers: &Peers, address: Address) -> bool {
+    peers.iter().any(|info| info.peer.address == address)
+}
+
+/// Books a checked frame; returns false when the table is full of peers that matter more (H-12).
+pub(crate) fn on_frame(
+    peers: &mut Peers,
+    now: Instant,
+    link: LinkId,
+    frame: &Frame<'_>,
+    vehicle: &mut impl Vehicle,
+) -> bool {
+    let heartbeat = frame.decode::<Heartbeat>();
+    let peer = Peer { address: frame.source(), link };
+    let header = frame.header();
+    let Some(info) = find_or_insert(peers, now, peer, header.seq, heartbeat.as_ref()) else { return false };
+    let gap = header.seq.wrapping_sub(info.seq);
+    info.seq = header.seq.wrapping_add(1);
+    info.lost = info.lost.wrapping_add(u32::from(gap));
+    info.received = info.received.wrapping_add(1);
+    info.version = header.version;
+    info.heard = now;
+    let Some(heartbeat) = heartbeat else { return true };
+    info.r#type = heartbeat.r#type;
+    info.autopilot = heartbeat.autopilot;
+    info.heartbeat = now;
+    let was_alive = core::mem::replace(&mut info.is_alive, true);
+    let is_new = !core::mem::replace(&mut info.has_heartbeat, true);
+    if is_new {
+        event!("peer {} found", peer);
+        vehicle.peer(PeerEvent::Found(peer));
+    } else if !was_alive {
+        event!("peer {} regained", peer);
+        vehicle.peer(PeerEvent::Regained(peer));
+    }
+    true
+}
+
+/// Reports those whose heartbeats stopped (H-11).
+pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, vehicle: &mut impl Vehicle) {
+    for info in peers.iter_mut() {
+        if info.is_alive && now.since(info.heartbeat) >= timeout {
+            info.is_alive = false;
+            event!("peer {} lost", info.peer);
+            vehicle.peer(PeerEvent::Lost(info.peer));
+        }
+    }
+}
+
+/// When [`poll`] has something to report.
+pub(crate) fn deadline(peers: &Peers, timeout: Duration) -> Instant {
+    let alive = peers.iter().filter(|info| info.is_alive);
+    alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
+}
+
+fn find_or_insert<'a>(
+    peers: &'a mut Peers,
+    now: Instant,
+    peer: Peer,
+    seq: u8,
+    heartbeat: Option<&Heartbeat>,
+) -> Option<&'a mut PeerInfo> {
+    if let Some(index) = peers.iter().position(|info| info.peer == peer) {
+        return peers.get_mut(index);
+    }
+    let info = PeerInfo {
+        peer,
+        r#type: MavType::GENERIC,
+        autopilot: MavAutopilot::INVALID,
+        version: Version::V2,
+        is_alive: false,
+        received: 0,
+        lost: 0,
+        has_heartbeat: false,
+        seq,
+        heartbeat: now,
+        heard: now,
+    };
+    if peers.push(info).is_ok() {
+        return peers.last_mut();
+    }
+    let is_gcs = heartbeat.is_some_and(|heartbeat| heartbeat.r#type == MavType::GCS);
+    // The longest silent of those that are not alive goes first (H-12). A ground station may also take the place of a
+    // living peer that is none; nobody takes a living ground station's.
+    let victim = peers
+        .iter_mut()
+        .filter(|old| !old.is_alive || (is_gcs && old.r#type != MavType::GCS))
+        .max_by_key(|old| (!old.is_alive, now.since(old.heard)))?;
+    *victim = info;
+    Some(victim)
+}

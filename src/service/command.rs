@@ -1,0 +1,134 @@
+//! The command protocol: COMMAND_LONG and COMMAND_INT in, exactly one COMMAND_ACK out.
+//!
+//! Implements <https://mavlink.io/en/services/command.html>, rules C-1 to C-4 and the commands that a stack answers by
+//! itself (§6.4 in part). A command is taken only while there is a free slot to owe its answer in; else it is dropped
+//! unexecuted and counted, which to the sender is a lost frame that it repeats.
+
+use crate::dialect::{CommandAck, CommandInt, CommandLong, MavCmd, MavResult, MavFrame};
+use crate::frame::Address;
+use crate::link::{LinkClass, Outbox, Peer};
+use crate::service::identity::Owed;
+use crate::vehicle::{Command, CommandPosition, Commands, Outcome};
+
+/// Answers that one link can owe.
+const SLOTS: usize = 4;
+
+/// COMMAND_ACK.progress when there is none to tell.
+const NO_PROGRESS: u8 = 255;
+
+/// The answers that a link owes, in the order of the questions.
+#[derive(Clone, Debug)]
+pub(crate) struct Acks(heapless::Deque<Ack, SLOTS>);
+
+#[derive(Clone, Copy, Debug)]
+struct Ack {
+    to: Address,
+    command: MavCmd,
+    outcome: Outcome,
+}
+
+impl Acks {
+    pub(crate) const fn new() -> Self {
+        Self(heapless::Deque::new())
+    }
+
+    /// Whether a command would be dropped.
+    pub(crate) fn is_full(&self) -> bool {
+        self.0.is_full()
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Owes the answer to `to`. The caller asked [`is_full`](Self::is_full) before the command was carried out.
+    pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
+        event!("command {=u16} from {}: {=u8}", command.0, to, outcome.result.0);
+        let _ = self.0.push_back(Ack { to, command, outcome });
+    }
+
+    /// Sends the oldest answer. False when none is owed.
+    pub(crate) fn next(&mut self, tx: &mut Outbox) -> bool {
+        let Some(ack) = self.0.pop_front() else { return false };
+        tx.send(&CommandAck {
+            command: ack.command,
+            result: ack.outcome.result,
+            progress: NO_PROGRESS,
+            result_param2: ack.outcome.result_param2,
+            target_system: ack.to.system.0,
+            target_component: ack.to.component.0,
+        })
+    }
+}
+
+/// The command of a COMMAND_LONG.
+pub(crate) fn from_long(message: &CommandLong, from: Peer) -> Command {
+    Command {
+        id: message.command,
+        params: [message.param1, message.param2, message.param3, message.param4],
+        position: CommandPosition::Long { param5: message.param5, param6: message.param6 },
+        z: message.param7,
+        from,
+        is_broadcast: message.target_system == 0,
+        confirmation: message.confirmation,
+    }
+}
+
+/// The command of a COMMAND_INT.
+pub(crate) fn from_int(message: &CommandInt, from: Peer) -> Command {
+    Command {
+        id: message.command,
+        params: [message.param1, message.param2, message.param3, message.param4],
+        position: CommandPosition::Int { frame: MavFrame(message.frame.0), x: message.x, y: message.y },
+        z: message.z,
+        from,
+        is_broadcast: message.target_system == 0,
+        confirmation: 0,
+    }
+}
+
+/// Carries out a command: the stack's own, or the vehicle's.
+pub(crate) fn execute(
+    command: &Command,
+    class: LinkClass,
+    owed: &mut Owed,
+    vehicle: &mut impl Commands,
+) -> Outcome {
+    match command.id {
+        MavCmd::REQUEST_MESSAGE => request_message(command, class, owed).into(),
+        MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => request_legacy(command, class, owed, Owed::AUTOPILOT_VERSION).into(),
+        MavCmd::REQUEST_PROTOCOL_VERSION => request_legacy(command, class, owed, Owed::PROTOCOL_VERSION).into(),
+        _ => vehicle.command(command),
+    }
+}
+
+/// an id that we cannot send is DENIED, since the command itself is supported. Q-3: so is a bad response target.
+fn request_message(command: &Command, class: LinkClass, owed: &mut Owed) -> MavResult {
+    use crate::dialect::{AutopilotVersion, ProtocolVersion};
+    use crate::message::Message;
+
+    let [id, ..] = command.params;
+    let message = match crate::num::integer(id) {
+        Some(id) if id == AutopilotVersion::ID => Owed::AUTOPILOT_VERSION,
+        Some(id) if id == ProtocolVersion::ID => Owed::PROTOCOL_VERSION,
+        _ => return MavResult::DENIED,
+    };
+    // Response target: 0 default, 1 the requester, 2 broadcast; NaN is "not used" (C-8).
+    let target_is_known = command.z.is_nan() || matches!(crate::num::integer(command.z), Some(0..=2));
+    owe(target_is_known, class, owed, message)
+}
+
+/// The commands from before REQUEST_MESSAGE: parameter 1 must be 1.
+fn request_legacy(command: &Command, class: LinkClass, owed: &mut Owed, message: Owed) -> MavResult {
+    let [request, ..] = command.params;
+    owe(crate::num::integer(request) == Some(1), class, owed, message)
+}
+
+/// On a high-latency link only commands and their answers travel (L-4).
+fn owe(valid: bool, class: LinkClass, owed: &mut Owed, message: Owed) -> MavResult {
+    if !valid || class == LinkClass::HighLatency {
+        return MavResult::DENIED;
+    }
+    owed.add(message);
+    MavResult::ACCEPTED
+}

@@ -1,0 +1,111 @@
+//! HEARTBEAT: sent while the flight loop ticks, and only then.
+//!
+//! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7. The pulse is sampled at every poll; as
+//! long as it moved within [`max_loop_gap`](crate::Config::max_loop_gap) there is *credit*:
+//!
+//! ```text
+//!            first tick            no tick for max_loop_gap,
+//!            ┌────────▶ credit ───── or a latched fault ─────▶ silent
+//!   silent ──┘             ▲                                     │
+//!                          └────────────── tick ─────────────────┘   (not after a fault)
+//! ```
+
+use crate::pulse::Pulse;
+use crate::time::{Duration, Instant};
+
+/// What of the pulse was seen.
+#[derive(Clone, Debug)]
+pub(crate) struct Credit {
+    count: u32,
+    renewed: Option<Instant>,
+    is_faulted: bool,
+}
+
+impl Credit {
+    pub(crate) const fn new() -> Self {
+        Self { count: 0, renewed: None, is_faulted: false }
+    }
+
+    /// Looks at the pulse and tells whether heartbeats may go out.
+    pub(crate) fn sample(&mut self, now: Instant, pulse: &Pulse, max_loop_gap: Duration) -> bool {
+        let count = pulse.count();
+        if count != self.count {
+            self.count = count;
+            self.renewed = Some(now);
+        }
+        self.is_faulted |= pulse.is_faulted();
+        self.is_good(now, max_loop_gap)
+    }
+
+    /// Whether heartbeats may go out, as of the last look.
+    pub(crate) fn is_good(&self, now: Instant, max_loop_gap: Duration) -> bool {
+        !self.is_faulted && self.renewed.is_some_and(|renewed| now.since(renewed) <= max_loop_gap)
+    }
+}
+
+/// When a link's next heartbeat is due: a phase without drift, and no burst after a stall (H-6).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Schedule {
+    due: Instant,
+}
+
+impl Schedule {
+    pub(crate) const fn new() -> Self {
+        Self { due: Instant::ZERO }
+    }
+
+    pub(crate) fn is_due(&self, now: Instant) -> bool {
+        now >= self.due
+    }
+
+    /// One was sent: the next follows a period after this one was *due*, or, when that is past too, after now.
+    pub(crate) fn sent(&mut self, now: Instant, period: Duration) {
+        let next = self.due.after(period);
+        self.due = if next > now { next } else { now.after(period) };
+    }
+
+    /// It could not be sent now: looked at again at `due`.
+    pub(crate) fn postpone(&mut self, due: Instant) {
+        self.due = due;
+    }
+
+    pub(crate) fn due(&self) -> Instant {
+        self.due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAP: Duration = Duration::from_millis(500);
+
+    #[test]
+    fn credit_follows_the_pulse() {
+        // H-5
+        let pulse = Pulse::new();
+        let mut credit = Credit::new();
+        let at = Instant::from_millis;
+        assert!(!credit.sample(at(0), &pulse, GAP), "nothing ticked yet");
+        pulse.tick();
+        assert!(credit.sample(at(10), &pulse, GAP));
+        assert!(credit.sample(at(510), &pulse, GAP));
+        assert!(!credit.sample(at(511), &pulse, GAP), "the loop is late");
+        pulse.tick();
+        assert!(credit.sample(at(900), &pulse, GAP), "it goes on");
+        pulse.fault();
+        pulse.tick();
+        assert!(!credit.sample(at(901), &pulse, GAP), "a fault is for good");
+    }
+
+    #[test]
+    fn schedule_keeps_its_phase_and_does_not_burst() {
+        // H-6
+        let period = Duration::from_secs(1);
+        let mut schedule = Schedule::new();
+        schedule.sent(Instant::from_millis(3), period);
+        assert_eq!(schedule.due(), Instant::from_millis(1_000), "a late poll does not move the phase");
+        schedule.sent(Instant::from_millis(5_300), period);
+        assert_eq!(schedule.due(), Instant::from_millis(6_300), "after a stall it starts from now");
+    }
+}

@@ -1,0 +1,11 @@
+//! Services: what a vehicle does for those who talk to it.
+//!
+//! Each is a plain struct with two verbs: `on_…` takes a message and changes state, `next` writes at most one message when
+//! a link has room. What is owed is remembered as a flag, a cursor or a slot, never as bytes, so a full link delays an
+//! answer and never loses it (D-3).
+
+pub(crate) mod command;
+pub(crate) mod heartbeat;
+pub(crate) mod identity;
+pub mod mission;
+pub(crate) mod statustext;

@@ -1,0 +1,142 @@
+//! STATUSTEXT: short texts for the operator.
+//!
+//! Implements T-5 of the field's practice and the message's own chunking: a text longer than 50 bytes goes out in chunks
+//! that share an id, and ends with the first chunk that has a NUL. Texts wait in a fixed queue; each link sends them at its
+//! own pace, in the order they came. When the queue is full the least severe of the oldest goes, and is counted.
+
+use crate::dialect::{MavSeverity, Statustext};
+use crate::frame::Version;
+use crate::link::{LinkMask, Outbox};
+use crate::message::Text;
+use crate::time::{Duration, Instant};
+
+/// Longest text in bytes; what is beyond is cut off between code points.
+pub const MAX_TEXT_LEN: usize = 120;
+
+/// Texts that wait or were sent a moment ago.
+const TEXTS: usize = 4;
+
+/// The same text again within this time is dropped.
+const REPEAT_AFTER: Duration = Duration::from_secs(5);
+
+/// Bytes of text in one message.
+const CHUNK: usize = 50;
+
+#[derive(Clone, Debug)]
+struct Entry {
+    text: Text<MAX_TEXT_LEN>,
+    severity: MavSeverity,
+    /// Order of arrival; also the id that the chunks share.
+    number: u16,
+    at: Instant,
+    /// Links that have not sent it to its end.
+    pending: LinkMask,
+}
+
+/// How far a link is in the text it is sending.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TextCursor {
+    number: u16,
+    chunk: u8,
+}
+
+impl TextCursor {
+    pub(crate) const fn new() -> Self {
+        Self { number: 0, chunk: 0 }
+    }
+}
+
+/// The queue of texts, for all links.
+#[derive(Clone, Debug)]
+pub(crate) struct StatusTexts {
+    entries: heapless::Vec<Entry, TEXTS, u8>,
+    /// Number of the newest text; 0 is never one, because a chunk's id is not 0.
+    newest: u16,
+    dropped: u32,
+}
+
+impl StatusTexts {
+    pub(crate) const fn new() -> Self {
+        Self { entries: heapless::Vec::new(), newest: 0, dropped: 0 }
+    }
+
+    /// Texts that were dropped: repeated within five seconds, or pushed out of a full queue unsent. Wraps.
+    pub(crate) const fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// Queues `text` for `links`.
+    pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &str) {
+        let text = Text::new(text);
+        let repeated = |entry: &Entry| {
+            entry.text == text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER
+        };
+        if text.is_empty() || self.entries.iter().any(repeated) {
+            self.dropped = self.dropped.wrapping_add(1);
+            return;
+        }
+        event!("statustext {=u8}: {}", severity.0, text);
+        self.newest = if self.newest == u16::MAX { 1 } else { self.newest.wrapping_add(1) };
+        let entry = Entry { text, severity, number: self.newest, at: now, pending: links };
+        let Err(entry) = self.entries.push(entry) else { return };
+        // Sent ones go first, then the least severe (a larger number is less severe), the oldest of them.
+        let age = |entry: &Entry| now.since(entry.at);
+        let loser = self
+            .entries
+            .iter_mut()
+            .max_by_key(|entry| (entry.pending.is_empty(), entry.severity.0, age(entry)));
+        if let Some(loser) = loser {
+            if !loser.pending.is_empty() {
+                self.dropped = self.dropped.wrapping_add(1);
+                if loser.severity < entry.severity {
+                    // All that wait are more severe than the new one.
+                    return;
+                }
+            }
+            *loser = entry;
+        }
+    }
+
+    /// Whether there is a text for the link of `mask`.
+    pub(crate) fn is_pending(&self, link: LinkMask) -> bool {
+        self.entries.iter().any(|entry| entry.pending.contains(link))
+    }
+
+    /// Sends the next chunk on a link. False when there is none.
+    pub(crate) fn next(&mut self, cursor: &mut TextCursor, tx: &mut Outbox) -> bool {
+        let link = LinkMask::of(tx.link());
+        let newest = self.newest;
+        // Numbers wrap, so the oldest is the one furthest behind the newest. A text once begun is finished first.
+        let entry = self
+            .entries
+            .iter_mut()
+            .filter(|entry| entry.pending.contains(link))
+            .max_by_key(|entry| (cursor.chunk > 0 && entry.number == cursor.number, newest.wrapping_sub(entry.number)));
+        let Some(entry) = entry else { return false };
+        if cursor.number != entry.number {
+            *cursor = TextCursor { number: entry.number, chunk: 0 };
+        }
+        let bytes = entry.text.as_bytes();
+        let mut message = Statustext { severity: entry.severity, ..Default::default() };
+        if tx.version() == Version::V1 || bytes.len() <= CHUNK {
+            // v1 has no chunks: what fits, cut between code points.
+            message.text = Text::new(entry.text.as_str().unwrap_or_default());
+            entry.pending = entry.pending.without(link);
+        } else {
+            let mut chunk = [0; CHUNK];
+            let from = usize::from(cursor.chunk).saturating_mul(CHUNK);
+            let rest = bytes.get(from..).unwrap_or_default();
+            crate::message::zero_extend(rest, &mut chunk);
+            message.text = Text::from_wire(chunk);
+            message.id = entry.number;
+            message.chunk_seq = cursor.chunk;
+            cursor.chunk = cursor.chunk.saturating_add(1);
+            // A chunk without a NUL promises another one, even an empty one.
+            if rest.len() < CHUNK {
+                entry.pending = entry.pending.without(link);
+                cursor.chunk = 0;
+            }
+        }
+        tx.send(&message)
+    }
+}

@@ -1,0 +1,560 @@
+//! The stack: all services of a vehicle behind a few calls, in fixed memory.
+//!
+//! The only module that knows every service. Received frames go through the address filter to the service they are for;
+//! when a link has room, the services are asked in a fixed order for one frame (D-4):
+//!
+//! ```text
+//!   receive ──▶ decoder ──▶ own address? ──▶ peers ──▶ for us? ──▶ commands, plans, the vehicle's own messages
+//!
+//!   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
+//!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
+//! ```
+
+use core::marker::PhantomData;
+
+use embedded_io::{Read, ReadReady, Write, WriteReady};
+
+use crate::config::{Config, RxAllowance};
+use crate::dialect::{
+    CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavProtocolCapability, MavSeverity,
+};
+use crate::frame::{Frame, RxCounters};
+use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port};
+use crate::message::{Dialect, Message, MessageTable, Text};
+use crate::network::{self, PeerInfo, Peers};
+use crate::service::command;
+use crate::service::heartbeat::Credit;
+use crate::service::mission::{Missions, NoPlans, PlanStorage, PlanType, PlanView, PlansMut};
+use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
+use crate::time::{Duration, Instant};
+use crate::vehicle::{Autopilot, Command, PeerEvent};
+
+/// Why a transport failed in [`Stack::poll_link`]. The stack goes on: what was lost on the way is found out by the
+/// checksum, and what could not be sent is sent later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LinkError<E> {
+    /// Reading failed; an overrun of a UART for example (S-20).
+    Read(E),
+    /// Writing failed.
+    Write(E),
+    /// The other side closed the line. When it is open again call [`Stack::restart_link`].
+    Closed,
+    /// The stack has no link of that number.
+    NoSuchLink,
+}
+
+impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Read(error) => write!(f, "reading failed: {error:?}"),
+            Self::Write(error) => write!(f, "writing failed: {error:?}"),
+            Self::Closed => f.write_str("the line was closed"),
+            Self::NoSuchLink => f.write_str("the stack has no link of that number"),
+        }
+    }
+}
+
+impl<E: core::fmt::Debug> core::error::Error for LinkError<E> {}
+
+/// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, `PEERS` entries in the peer table, the
+/// messages of dialect `D` known. All memory is inside. [The crate's page](crate) shows the loop around it.
+#[derive(Debug)]
+pub struct Stack<const LINKS: usize, P = NoPlans, const PEERS: usize = 8, D = Common> {
+    core: Core,
+    links: [Link; LINKS],
+    peers: heapless::Vec<PeerInfo, PEERS>,
+    plans: P,
+    dialect: PhantomData<D>,
+}
+
+/// What does not depend on any capacity, and so is compiled once.
+#[derive(Debug)]
+struct Core {
+    config: Config,
+    credit: Credit,
+    texts: StatusTexts,
+    missions: Missions,
+    /// The links that everything may be sent on.
+    normal: LinkMask,
+    capabilities: MavProtocolCapability,
+}
+
+/// What a call works with beside the core and its link.
+struct Context<'a, V> {
+    now: Instant,
+    peers: &'a mut Peers,
+    plans: PlansMut<'a>,
+    vehicle: &'a mut V,
+}
+
+impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
+    /// A stack at rest, with the default peer table and dialect; `const`, so that it may be a `static`'s initial value.
+    pub const fn new(config: Config, links: [LinkConfig; LINKS]) -> Self {
+        Self::with_dialect(config, links)
+    }
+}
+
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<LINKS, P, PEERS, D> {
+    /// A stack at rest, with a peer table of a size of your own, or a dialect of your own.
+    #[allow(
+        clippy::indexing_slicing,
+        clippy::arithmetic_side_effects,
+        clippy::as_conversions,
+        reason = "const-evaluated; the index is below LINKS, which is at most 16"
+    )]
+    pub const fn with_dialect(config: Config, configs: [LinkConfig; LINKS]) -> Self {
+        const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links") };
+        const { assert!(PEERS > 0, "a stack needs room for a peer") };
+        let mut links = [const { Link::VACANT }; LINKS];
+        let mut normal = LinkMask::NONE;
+        let mut i = 0;
+        while i < LINKS {
+            links[i].configure(LinkId(i as u8), config.address.get(), configs[i], config.stale_after);
+            if matches!(configs[i].class, LinkClass::Normal) {
+                normal = normal.with(LinkMask::of(LinkId(i as u8)));
+            }
+            i += 1;
+        }
+        Self {
+            core: Core {
+                config,
+                credit: Credit::new(),
+                texts: StatusTexts::new(),
+                missions: Missions::new(),
+                normal,
+                capabilities: capabilities::<P>(),
+            },
+            links,
+            peers: heapless::Vec::new(),
+            plans: P::EMPTY,
+            dialect: PhantomData,
+        }
+    }
+
+    /// Runs the timers: peers that fell silent, transfers that stopped. Bounded; call it in every pass of the loop.
+    pub fn poll<V: Autopilot>(&mut self, now: Instant, vehicle: &mut V) {
+        let core = &mut self.core;
+        core.has_credit(now);
+        network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
+        core.missions.poll(now, &mut self.plans.view(), vehicle, &mut core.texts, core.normal);
+    }
+
+    /// Moves bytes between a link and its transport: a bounded read, what the frames in it ask for, a bounded write.
+    ///
+    /// Never blocks: it reads and writes only what the transport says is ready. The bound is
+    /// [`Config::budget`](crate::Config::budget).
+    ///
+    /// # Errors
+    ///
+    /// What the transport reported, after everything else was done; see [`LinkError`]. The link goes on.
+    pub fn poll_link<V: Autopilot, U: Read + Write + ReadReady + WriteReady>(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        uart: &mut U,
+        vehicle: &mut V,
+    ) -> Result<(), LinkError<U::Error>> {
+        let budget = self.core.config.budget;
+        let read = self.poll_read(now, link, uart, vehicle, budget.rx_bytes);
+        let write = self.poll_write(now, link, uart, vehicle, budget.tx_bytes);
+        read.and(write)
+    }
+
+    fn poll_read<V: Autopilot, U: Read + ReadReady>(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        uart: &mut U,
+        vehicle: &mut V,
+        rx_bytes: u16,
+    ) -> Result<(), LinkError<U::Error>> {
+        let mut allowance = self.core.config.budget.rx();
+        let mut left = usize::from(rx_bytes);
+        let result = loop {
+            let spare = self.link_mut(link).ok_or(LinkError::NoSuchLink)?.decoder.spare();
+            let room = spare.len().min(left);
+            let Some(room) = spare.get_mut(..room).filter(|room| !room.is_empty()) else { break Ok(()) };
+            let read = match uart.read_ready() {
+                Ok(false) => break Ok(()),
+                Ok(true) => uart.read(room),
+                Err(error) => Err(error),
+            };
+            match read {
+                Ok(0) => break Err(LinkError::Closed),
+                Ok(len) => {
+                    left = left.saturating_sub(len);
+                    self.commit(now, link, len, vehicle, &mut allowance);
+                }
+                Err(error) => {
+                    if let Some(link) = self.link_mut(link) {
+                        let errors = &mut link.port.counters.read_errors;
+                        *errors = errors.wrapping_add(1);
+                    }
+                    event!("rx: error on link {=u8}", link.0);
+                    break Err(LinkError::Read(error));
+                }
+            }
+        };
+        // What waits in the decoder from before: for silence, or for more budget.
+        self.commit(now, link, 0, vehicle, &mut allowance);
+        result
+    }
+
+    fn poll_write<V: Autopilot, U: Write + WriteReady>(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        uart: &mut U,
+        vehicle: &mut V,
+        tx_bytes: u16,
+    ) -> Result<(), LinkError<U::Error>> {
+        let mut left = usize::from(tx_bytes);
+        let result = loop {
+            let pending = self.transmit(now, link, vehicle);
+            let len = pending.len().min(left);
+            let Some(pending) = pending.get(..len).filter(|pending| !pending.is_empty()) else { return Ok(()) };
+            let written = match uart.write_ready() {
+                Ok(false) => return Ok(()),
+                Ok(true) => uart.write(pending),
+                Err(error) => Err(error),
+            };
+            match written {
+                Ok(0) => break Err(LinkError::Closed),
+                Ok(len) => {
+                    left = left.saturating_sub(len);
+                    self.transmitted(link, len);
+                }
+                Err(error) => break Err(LinkError::Write(error)),
+            }
+        };
+        if let Some(link) = self.link_mut(link) {
+            link.port.counters.write_errors = link.port.counters.write_errors.wrapping_add(1);
+        }
+        event!("tx: error on link {=u8}", link.0);
+        result
+    }
+
+    /// Takes received bytes, for interrupts and DMA: as many as there is room for, which is returned. Handles the frames in
+    /// them, up to the budget of one poll; call it again with the rest, or with none when [`next_deadline`] says so.
+    ///
+    /// [`next_deadline`]: Self::next_deadline
+    pub fn receive<V: Autopilot>(&mut self, now: Instant, link: LinkId, bytes: &[u8], vehicle: &mut V) -> usize {
+        let mut allowance = self.core.config.budget.rx();
+        let mut taken = 0usize;
+        // A buffer's worth at a time; more than two turns are only needed when the bytes are more than a buffer's worth.
+        while let Some(rest) = bytes.get(taken..).filter(|rest| !rest.is_empty()) {
+            let Some(state) = self.link_mut(link) else { return 0 };
+            let len = state.decoder.push(rest, now);
+            if len == 0 {
+                break;
+            }
+            taken = taken.saturating_add(len);
+            self.commit(now, link, 0, vehicle, &mut allowance);
+        }
+        if bytes.is_empty() {
+            self.commit(now, link, 0, vehicle, &mut allowance);
+        }
+        taken
+    }
+
+    /// Room in the link's own buffer for bytes to be received into without a copy; then call
+    /// [`received`](Self::received). Empty while frames wait for more budget.
+    pub fn receive_buffer(&mut self, link: LinkId) -> &mut [u8] {
+        self.link_mut(link).map(|link| link.decoder.spare()).unwrap_or_default()
+    }
+
+    /// The first `len` bytes of [`receive_buffer`](Self::receive_buffer) were filled. Handles the frames in them, up to the
+    /// budget of one poll.
+    pub fn received<V: Autopilot>(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut V) {
+        let mut allowance = self.core.config.budget.rx();
+        self.commit(now, link, len, vehicle, &mut allowance);
+    }
+
+    /// The bytes to be sent next on a link, at most the rest of one frame; then call
+    /// [`transmitted`](Self::transmitted). Empty when there is nothing to say.
+    pub fn transmit<V: Autopilot>(&mut self, now: Instant, link: LinkId, vehicle: &mut V) -> &[u8] {
+        let Some(link) = self.links.get_mut(usize::from(link.0)) else { return &[] };
+        let port = &mut link.port;
+        if port.outbox.is_empty() {
+            self.core.fill(now, port, &mut self.plans.view(), vehicle);
+        }
+        port.outbox.pending()
+    }
+
+    /// The transport took the first `len` bytes of [`transmit`](Self::transmit).
+    pub fn transmitted(&mut self, link: LinkId, len: usize) {
+        if let Some(link) = self.link_mut(link) {
+            let len = len.min(link.port.outbox.pending().len());
+            link.port.outbox.advance(len);
+            link.port.bucket.spend(len);
+            let bytes = &mut link.port.counters.tx_bytes;
+            *bytes = bytes.wrapping_add(u32::try_from(len).unwrap_or(0));
+        }
+    }
+
+    /// The line of a link was opened anew: forgets what was received of an unfinished frame, and sends the frame that was
+    /// cut off from its start.
+    pub fn restart_link(&mut self, link: LinkId) {
+        if let Some(link) = self.link_mut(link) {
+            link.decoder.clear();
+            link.port.outbox.rewind();
+        }
+    }
+
+    /// Tells the operators something: a STATUSTEXT on every normal link (T-5). At most 120 bytes, the rest is cut off; the
+    /// same text again within five seconds is dropped. When four wait, the least severe goes.
+    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &str) {
+        self.core.texts.push(now, self.core.normal, severity, text);
+    }
+
+    /// The live mission.
+    pub fn mission(&self) -> PlanView<'_> {
+        self.plans.live(PlanType::Mission)
+    }
+
+    /// The live geofence.
+    pub fn fence(&self) -> PlanView<'_> {
+        self.plans.live(PlanType::Fence)
+    }
+
+    /// The live rally points.
+    pub fn rally(&self) -> PlanView<'_> {
+        self.plans.live(PlanType::Rally)
+    }
+
+    /// Who was heard, and how well. At most `PEERS`; see H-12 for who has to go when the table is full.
+    pub fn peers(&self) -> &[PeerInfo] {
+        &self.peers
+    }
+
+    /// What a link sent, and what it did not take.
+    pub fn link_counters(&self, link: LinkId) -> Option<LinkCounters> {
+        self.links.get(usize::from(link.0)).map(|link| link.port.counters)
+    }
+
+    /// What a link's decoder saw and dropped.
+    pub fn rx_counters(&self, link: LinkId) -> Option<RxCounters> {
+        self.links.get(usize::from(link.0)).map(|link| *link.decoder.counters())
+    }
+
+    /// Texts that were dropped, as repeated or for want of room. Wraps.
+    pub fn dropped_texts(&self) -> u32 {
+        self.core.texts.dropped()
+    }
+
+    /// When the stack must run again though no byte comes: for those who sleep in between. It also must run when a byte
+    /// comes, when the transport can take more of [`transmit`](Self::transmit), and after the vehicle's state changed.
+    pub fn next_deadline(&self, now: Instant) -> Instant {
+        let core = &self.core;
+        let mut deadline =
+            network::deadline(&self.peers, core.config.peer_timeout).min(core.missions.deadline());
+        for link in &self.links {
+            deadline = deadline.min(link.decoder.deadline()).min(core.tx_deadline(now, &link.port));
+        }
+        deadline.max(now)
+    }
+
+    fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {
+        self.links.get_mut(usize::from(link.0))
+    }
+
+    /// `len` bytes stand in the decoder's spare room: handles what frames there are, as far as the allowance goes.
+    fn commit<V: Autopilot>(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        len: usize,
+        vehicle: &mut V,
+        allowance: &mut RxAllowance,
+    ) {
+        let Some(link) = self.links.get_mut(usize::from(link.0)) else { return };
+        if len > 0 {
+            link.decoder.commit(len, now);
+        }
+        let mut context = Context { now, peers: &mut self.peers, plans: self.plans.view(), vehicle };
+        self.core.drain(&mut context, link, D::MESSAGES, allowance);
+    }
+}
+
+/// What a stack with this plan memory can do, exactly (Q-9).
+const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
+    let mut capabilities = MavProtocolCapability::MAVLINK2.with(MavProtocolCapability::COMMAND_INT);
+    if PlanType::Mission.is_served(&P::CAPACITIES) {
+        capabilities =
+            capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
+    }
+    if PlanType::Fence.is_served(&P::CAPACITIES) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_FENCE);
+    }
+    if PlanType::Rally.is_served(&P::CAPACITIES) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_RALLY);
+    }
+    capabilities
+}
+
+impl Core {
+    fn has_credit(&mut self, now: Instant) -> bool {
+        self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
+    }
+
+    /// Handles the frames that the decoder finds.
+    fn drain<V: Autopilot>(
+        &mut self,
+        context: &mut Context<'_, V>,
+        link: &mut Link,
+        messages: MessageTable,
+        allowance: &mut RxAllowance,
+    ) {
+        let Link { decoder, port } = link;
+        while allowance.frames > 0 {
+            let is_known = |address| network::is_known(context.peers, address);
+            let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
+            allowance.frames = allowance.frames.saturating_sub(1);
+            self.on_frame(context, port, &frame);
+        }
+    }
+
+    /// A frame came in on a link.
+    fn on_frame<V: Autopilot>(&mut self, context: &mut Context<'_, V>, port: &mut Port, frame: &Frame<'_>) {
+        let own = self.config.address.get();
+        if frame.source() == own {
+            count(&mut port.counters.own_address);
+            if port.is_conflict(frame.header().seq) {
+                context.vehicle.peer(PeerEvent::AddressConflict(port.id));
+                let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
+                text.push_number(u32::from(own.system.0));
+                self.texts.push(context.now, self.normal, MavSeverity::WARNING, text.as_str().unwrap_or_default());
+            }
+            return;
+        }
+        let Some(info) = frame.info() else {
+            count(&mut port.counters.unknown);
+            return;
+        };
+        port.heard(frame.header().version);
+        if !network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
+            count(&mut port.counters.no_peer_slot);
+        }
+        // A field that was cut off, or is not there, reads as 0: for everyone (R-15).
+        let target_system = info.target_system().map_or(0, |offset| frame.byte(offset));
+        let target_component = info.target_component().map_or(0, |offset| frame.byte(offset));
+        let is_plan = Missions::handles(frame.id());
+        // Old ground stations address plans to component 190 (M-10).
+        let is_our_component = target_component == 0
+            || target_component == own.component.0
+            || (is_plan && target_component == MavComponent::MISSIONPLANNER.0);
+        if (target_system != 0 && target_system != own.system.0) || !is_our_component {
+            count(&mut port.counters.not_ours);
+            return;
+        }
+        let from = Peer { address: frame.source(), link: port.id };
+        if let Some(command) = frame.decode::<CommandLong>() {
+            self.on_command(context, port, &command::from_long(&command, from));
+        } else if let Some(command) = frame.decode::<CommandInt>() {
+            self.on_command(context, port, &command::from_int(&command, from));
+        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
+            count(&mut port.counters.out_of_place);
+        } else if is_plan {
+            if target_system == 0 {
+                // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
+                count(&mut port.counters.out_of_place);
+                return;
+            }
+            let Context { now, plans, vehicle, .. } = context;
+            self.missions.on_frame(*now, from, frame, plans, *vehicle, &mut self.texts, self.normal);
+        } else if frame.id() != Heartbeat::ID {
+            context.vehicle.message(frame, port.id);
+        }
+    }
+
+    fn on_command<V: Autopilot>(&mut self, context: &mut Context<'_, V>, port: &mut Port, command: &Command) {
+        if port.acks.is_full() {
+            event!("command {=u16} dropped: no room for its answer", command.id.0);
+            count(&mut port.counters.no_answer_slot);
+            return;
+        }
+        let outcome = command::execute(command, port.config.class, &mut port.owed, context.vehicle);
+        port.acks.push(command.from.address, command.id, outcome);
+    }
+
+    /// Puts the next frame into the link's outbound buffer, which is empty.
+    fn fill<V: Autopilot>(&mut self, now: Instant, port: &mut Port, plans: &mut PlansMut<'_>, vehicle: &mut V) {
+        port.bucket.fill(now);
+        let is_normal = port.config.class == LinkClass::Normal;
+        let sent = (is_normal && self.heartbeat(now, port, vehicle))
+            || port.acks.next(&mut port.outbox)
+            || (is_normal
+                && (self.missions.next_ack(&mut port.outbox)
+                    || port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox)
+                    || (port.bucket.has_room() && self.transfer(now, port, plans, vehicle))));
+        if sent {
+            count(&mut port.counters.tx_frames);
+        }
+    }
+
+    /// The heartbeat, when it is due and the flight loop is well (H-1, H-5).
+    fn heartbeat<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
+        if !port.heartbeat.is_due(now) || !self.has_credit(now) {
+            return false;
+        }
+        let Some(state) = vehicle.state() else {
+            port.heartbeat.postpone(now.after(RETRY));
+            return false;
+        };
+        port.heartbeat.sent(now, self.config.heartbeat_period);
+        port.outbox.send(&Heartbeat {
+            custom_mode: state.custom_mode,
+            r#type: self.config.r#type,
+            autopilot: self.config.autopilot,
+            base_mode: state.base_mode,
+            system_status: state.system_status,
+            mavlink_version: MAVLINK_VERSION,
+        })
+    }
+
+    /// What can wait for the link's byte rate.
+    fn transfer<V: Autopilot>(
+        &mut self,
+        now: Instant,
+        port: &mut Port,
+        plans: &mut PlansMut<'_>,
+        vehicle: &mut V,
+    ) -> bool {
+        self.missions.next(now, plans, &vehicle.progress(), &mut port.outbox)
+            || self.texts.next(&mut port.text, &mut port.outbox)
+    }
+
+    /// When something is to be sent on a link.
+    fn tx_deadline(&self, now: Instant, port: &Port) -> Instant {
+        let is_normal = port.config.class == LinkClass::Normal;
+        if !port.outbox.is_empty() {
+            // The transport has to become ready first, of which the stack hears nothing.
+            return Instant::NEVER;
+        }
+        if !port.acks.is_empty() || (is_normal && !port.owed.is_empty()) {
+            return now;
+        }
+        if !is_normal {
+            return Instant::NEVER;
+        }
+        let waits = self.texts.is_pending(LinkMask::of(port.id)) || self.missions.is_pending(port.id);
+        let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
+        let heartbeat = match port.heartbeat.due() {
+            due if due > now || self.credit.is_good(now, self.config.max_loop_gap) => due,
+            // It waits for the flight loop, of which the stack hears only when it looks.
+            _ => now.after(RETRY),
+        };
+        transfer.min(heartbeat)
+    }
+}
+
+/// How soon to look again whether heartbeats may go on.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
+const MAVLINK_VERSION: u8 = 3;
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}

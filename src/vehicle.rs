@@ -1,0 +1,198 @@
+//! What a firmware implements: a few small traits.
+//!
+//! The stack calls them from inside [`poll`](crate::Stack::poll) and [`poll_link`](crate::Stack::poll_link), with the vehicle
+//! borrowed; none of them may block, and none can call back into the stack.
+
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use crate::frame::Frame;
+use crate::link::{LinkId, Peer};
+use crate::service::mission::{Item, PlanType};
+
+/// What the heartbeat says of the vehicle (H-4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct VehicleState {
+    /// [`MavModeFlag::SAFETY_ARMED`] must be true to the facts.
+    pub base_mode: MavModeFlag,
+    /// The firmware's own number of the mode; set [`MavModeFlag::CUSTOM_MODE_ENABLED`] when it means something.
+    pub custom_mode: u32,
+    /// From [`MavState::BOOT`] over [`MavState::STANDBY`] to [`MavState::ACTIVE`], or worse.
+    pub system_status: MavState,
+}
+
+/// What happened to a peer (H-11, H-14).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PeerEvent {
+    /// Its first heartbeat.
+    Found(Peer),
+    /// No heartbeat for [`peer_timeout`](crate::Config::peer_timeout).
+    Lost(Peer),
+    /// A heartbeat again.
+    Regained(Peer),
+    /// Somebody else on this link sends with our own address. Reported once a link.
+    AddressConflict(LinkId),
+}
+
+/// What the stack asks of every vehicle.
+pub trait Vehicle {
+    /// What the next heartbeat says; `None` while the vehicle is in a fault, which stops the heartbeats (H-5).
+    fn state(&self) -> Option<VehicleState>;
+
+    /// A peer was found, lost, regained. For the failsafe that watches the ground station.
+    fn peer(&mut self, event: PeerEvent) {
+        let _ = event;
+    }
+
+    /// A checked frame, addressed to us or to all, whose message the stack does not handle itself.
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
+        let _ = (frame, link);
+    }
+}
+
+/// A command as it came, from COMMAND_LONG or COMMAND_INT.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Command {
+    /// Which command.
+    pub id: MavCmd,
+    /// Parameters 1 to 4. NaN and 0 both mean "default" where a command does not use one (C-8).
+    pub params: [f32; 4],
+    /// Parameters 5 and 6, as the message's form has them.
+    pub position: CommandPosition,
+    /// Parameter 7: the altitude (m) of a command with a location.
+    pub z: f32,
+    /// Who asks, over which link.
+    pub from: Peer,
+    /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one.
+    pub is_broadcast: bool,
+    /// 0 at first, rising with each repetition; COMMAND_INT has none. Many clients never raise it (C-10).
+    pub confirmation: u8,
+}
+
+/// Parameters 5 and 6 of a command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CommandPosition {
+    /// Of a COMMAND_LONG: as floats; degrees, for a command with a location (C-6).
+    Long {
+        /// Parameter 5.
+        param5: f32,
+        /// Parameter 6.
+        param6: f32,
+    },
+    /// Of a COMMAND_INT: deg·1e7 for a command with a location, in `frame` (C-7).
+    Int {
+        /// The frame of the position; without meaning for a command that has none.
+        frame: MavFrame,
+        /// Parameter 5; `i32::MAX` means "not given".
+        x: i32,
+        /// Parameter 6; `i32::MAX` means "not given".
+        y: i32,
+    },
+}
+
+impl CommandPosition {
+    /// Latitude and longitude in deg·1e7, for a command with a location: each `None` when it is not given (NaN, or
+    /// `i32::MAX`) or out of the integer's range. Exact: a float's degrees are scaled without another float's rounding.
+    pub fn lat_lon(&self) -> (Option<i32>, Option<i32>) {
+        match *self {
+            Self::Long { param5, param6 } => (crate::num::scale_1e7(param5), crate::num::scale_1e7(param6)),
+            Self::Int { x, y, .. } => (Some(x).filter(|&x| x != i32::MAX), Some(y).filter(|&y| y != i32::MAX)),
+        }
+    }
+}
+
+/// What became of a command: goes out as its COMMAND_ACK.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Outcome {
+    /// The result, chosen as [`MavResult`] describes (C-4).
+    pub result: MavResult,
+    /// COMMAND_ACK.result_param2: more about the result, its meaning the command's own.
+    pub result_param2: i32,
+}
+
+impl From<MavResult> for Outcome {
+    fn from(result: MavResult) -> Self {
+        Self { result, result_param2: 0 }
+    }
+}
+
+/// Commands that reach the vehicle.
+pub trait Commands {
+    /// Carries out `command`, or starts to, or refuses. A command that the vehicle does not know is
+    /// [`MavResult::UNSUPPORTED`]. Called once for each copy of a command that arrives, so repeating must do no harm
+    /// (C-11). Every call is answered by exactly one COMMAND_ACK (C-3).
+    fn command(&mut self, command: &Command) -> Outcome;
+}
+
+/// A plan that is live from now on.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanChange<'a> {
+    /// Which plan.
+    pub plan: PlanType,
+    /// The whole new plan; empty when it was cleared.
+    pub items: &'a [Item],
+    /// The item to begin with: the one that was uploaded with `current` set, else 0 (M-39).
+    pub first: u16,
+}
+
+/// Where the vehicle is in its mission: what MISSION_CURRENT says (M-90).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Progress {
+    /// The item that is being flown, or is next.
+    pub current: u16,
+    /// NOT_STARTED, ACTIVE, PAUSED or COMPLETE; without a mission the stack says NO_MISSION by itself.
+    pub state: MissionState,
+    /// Whether the vehicle is in a mode that flies the mission.
+    pub in_mission_mode: bool,
+}
+
+/// Plans: what may be uploaded, and what becomes of it.
+///
+/// A refusal is a `MAV_MISSION_RESULT`; it reaches the ground station as MISSION_ACK and, with the item's number, as
+/// STATUSTEXT (M-38).
+pub trait Plans {
+    /// Whether `from` may begin an upload of this plan now, or clear it: asked before anything else happens
+    /// (M-27, M-53). The usual refusal is [`MavMissionResult::DENIED`].
+    ///
+    /// # Errors
+    ///
+    /// The MISSION_ACK's type.
+    fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
+        let _ = (plan, from);
+        Ok(())
+    }
+
+    /// Whether the vehicle can fly this item. An unknown command must be refused, not skipped (M-73), with
+    /// [`MavMissionResult::UNSUPPORTED`]; a parameter with `INVALID_PARAM1` to `INVALID_PARAM7`.
+    ///
+    /// # Errors
+    ///
+    /// The MISSION_ACK's type.
+    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult>;
+
+    /// Whether the vehicle can fly the plan as a whole, asked after the last item and before it goes live.
+    ///
+    /// # Errors
+    ///
+    /// The MISSION_ACK's type.
+    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), MavMissionResult> {
+        let _ = (plan, items);
+        Ok(())
+    }
+
+    /// A new plan is live: progress begins anew (M-39). Not called for an upload equal to the live plan.
+    fn plan_changed(&mut self, change: PlanChange<'_>);
+
+    /// Where the vehicle is in its mission.
+    fn progress(&self) -> Progress;
+}
+
+/// A vehicle with all that the stack needs: the bound of [`Stack::poll`](crate::Stack::poll). Implemented by itself.
+pub trait Autopilot: Vehicle + Commands + Plans {}
+
+impl<T: Vehicle + Commands + Plans> Autopilot for T {}
+
