@@ -18,6 +18,7 @@ extern crate std;
 mod log;
 #[macro_use]
 mod message;
+pub mod dialect;
 mod frame;
 mod time;
 

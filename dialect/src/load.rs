@@ -1,0 +1,162 @@
+//! A file with its includes, merged and checked as a whole.
+
+use crate::{
+    Dialect, Error,
+    model::{Enum, Message},
+    parse::{self, Include},
+};
+use std::{
+    collections::{HashMap, hash_map::Entry as Slot},
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Reads `input` with all that it includes. An include is searched beside the file that names it, then in
+/// `include_dirs` in their order; a file that is included on several ways is read once.
+///
+/// # Errors
+///
+/// The first thing that is wrong: a file that cannot be read, XML that is malformed, a definition that MAVLink refuses.
+pub fn load(input: &Path, include_dirs: &[PathBuf]) -> Result<Dialect, Error> {
+    let mut loader = Loader {
+        include_dirs,
+        path: Vec::new(),
+        done: Vec::new(),
+        dialect: Dialect { files: Vec::new(), enums: Vec::new(), messages: Vec::new() },
+        ids: HashMap::new(),
+        names: HashMap::new(),
+        enums: HashMap::new(),
+    };
+    loader.file(input)?;
+    let mut dialect = loader.dialect;
+    dialect.messages.sort_by_key(|message| message.id);
+    dialect.enums.sort_by(|a, b| a.name.cmp(&b.name));
+    for enumeration in &mut dialect.enums {
+        enumeration.entries.sort_by_key(|entry| entry.value);
+    }
+    check_references(&dialect)?;
+    Ok(dialect)
+}
+
+struct Loader<'a> {
+    include_dirs: &'a [PathBuf],
+    /// The chain of includes that leads to the file at hand, canonical.
+    path: Vec<PathBuf>,
+    /// Files that were read, canonical.
+    done: Vec<PathBuf>,
+    dialect: Dialect,
+    /// Index of the message that has an id, or a name.
+    ids: HashMap<u32, usize>,
+    names: HashMap<String, usize>,
+    enums: HashMap<String, usize>,
+}
+
+impl Loader<'_> {
+    /// Recursive, as deep as the longest chain of includes: no file is twice in a chain.
+    fn file(&mut self, file: &Path) -> Result<(), Error> {
+        let unreadable = |error: std::io::Error| Error::whole(file, "the file", format!("cannot be read: {error}"));
+        let canonical = fs::canonicalize(file).map_err(unreadable)?;
+        let text = String::from_utf8(fs::read(&canonical).map_err(unreadable)?)
+            .map_err(|error| Error::whole(file, "the file", format!("{error}; save it as UTF-8")))?;
+        let shared: Arc<Path> = file.into();
+        let parsed = parse::parse(&shared, &text)?;
+
+        self.path.push(canonical);
+        for include in &parsed.includes {
+            self.include(file, include)?;
+        }
+        if let Some(canonical) = self.path.pop() {
+            self.done.push(canonical);
+        }
+        self.dialect.files.push(shared);
+        parsed.enums.into_iter().try_for_each(|enumeration| self.enumeration(enumeration))?;
+        parsed.messages.into_iter().try_for_each(|message| self.message(message))
+    }
+
+    fn include(&mut self, from: &Path, include: &Include) -> Result<(), Error> {
+        let element = format!("include {}", include.name);
+        let beside = from.parent().unwrap_or(Path::new(""));
+        let found = std::iter::once(beside)
+            .chain(self.include_dirs.iter().map(PathBuf::as_path))
+            .map(|dir| dir.join(&include.name))
+            .find_map(|file| fs::canonicalize(&file).ok().filter(|file| file.is_file()).map(|real| (file, real)));
+        let Some((file, canonical)) = found else {
+            let problem = "there is no such file beside this one, nor in the directories given with --include-dir";
+            return Err(include.origin.error(element, problem));
+        };
+        if let Some(first) = self.path.iter().position(|open| *open == canonical) {
+            let names = self.path.iter().skip(first).chain([&canonical]);
+            let names: Vec<_> = names.filter_map(|path| path.file_name()).map(|name| name.to_string_lossy()).collect();
+            let problem = format!("the includes run in a circle: {}; take one out", names.join(" → "));
+            return Err(include.origin.error(element, problem));
+        }
+        if self.done.contains(&canonical) {
+            return Ok(());
+        }
+        self.file(&file)
+    }
+
+    /// Adds an enumeration, or its entries to the one of the same name.
+    fn enumeration(&mut self, new: Enum) -> Result<(), Error> {
+        let index = match self.enums.entry(new.name.clone()) {
+            Slot::Occupied(slot) => *slot.get(),
+            Slot::Vacant(slot) => {
+                slot.insert(self.dialect.enums.len());
+                self.dialect.enums.push(Enum { entries: Vec::new(), ..new.clone() });
+                self.dialect.enums.len() - 1
+            }
+        };
+        let merged = &mut self.dialect.enums[index];
+        merged.bitmask |= new.bitmask;
+        if merged.description.is_empty() {
+            merged.description = new.description;
+        }
+        merged.lifecycle = merged.lifecycle.take().or(new.lifecycle);
+        for entry in new.entries {
+            let clash = merged.entries.iter().find(|other| other.name == entry.name || other.value == entry.value);
+            if let Some(other) = clash {
+                let what = if other.name == entry.name { "name".into() } else { format!("value {}", entry.value) };
+                let problem = format!("this {what} is taken by {} at {}", other.name, place(&other.origin));
+                return Err(entry.origin.error(format!("entry {}.{}", merged.name, entry.name), problem));
+            }
+            merged.entries.push(entry);
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, message: Message) -> Result<(), Error> {
+        let index = self.dialect.messages.len();
+        let taken = |what: String, other: usize| {
+            let other = &self.dialect.messages[other];
+            let problem = format!("this {what} is taken by {} at {}", other.name, place(&other.origin));
+            Err(message.origin.error(format!("message {}", message.name), problem))
+        };
+        if let Some(other) = self.ids.insert(message.id, index) {
+            return taken(format!("id {}", message.id), other);
+        }
+        if let Some(other) = self.names.insert(message.name.clone(), index) {
+            return taken("name".into(), other);
+        }
+        self.dialect.messages.push(message);
+        Ok(())
+    }
+}
+
+fn place(origin: &crate::Origin) -> String {
+    format!("{}:{}", origin.file.display(), origin.line)
+}
+
+/// Every enumeration that a field names is there. (A command's parameter may name one that is not: tools only show it.)
+fn check_references(dialect: &Dialect) -> Result<(), Error> {
+    for message in &dialect.messages {
+        for field in message.fields.iter().filter(|field| !field.enumeration.is_empty()) {
+            if dialect.enumeration(&field.enumeration).is_none() {
+                let problem =
+                    format!("there is no enum {}; define it, or include the file that does", field.enumeration);
+                return Err(field.origin.error(format!("field {}.{}", message.name, field.name), problem));
+            }
+        }
+    }
+    Ok(())
+}

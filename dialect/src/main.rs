@@ -1,0 +1,74 @@
+//! `mavstack-dialect`: a MAVLink definition to a Rust module.
+
+use clap::Parser;
+use mavstack_dialect::{Error, Options, generate, is_current, load, write};
+use std::{fs, path::PathBuf, process::ExitCode};
+
+/// Makes Rust declarations for mavstack from a MAVLink definition and its includes.
+///
+/// On any error the output stays as it was, and the exit code is 1.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// The definition, in MAVLink's XML schema
+    input: PathBuf,
+    /// The Rust file to write
+    output: PathBuf,
+    /// Only these messages (and the enums that their fields name) or enums, by MAVLink's names
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Like --only, names from a file: one a line, `#` begins a comment
+    #[arg(long, value_name = "FILE")]
+    only_from: Option<PathBuf>,
+    /// Name of the struct that lists the messages; the input's by default
+    #[arg(long)]
+    name: Option<String>,
+    /// Another directory to search for includes
+    #[arg(short = 'I', long, value_name = "DIR")]
+    include_dir: Vec<PathBuf>,
+    /// Path of the crate that has the macros
+    #[arg(long, value_name = "PATH", default_value = "mavstack")]
+    crate_path: String,
+    /// Write nothing; exit code 1 when the output is not what the input gives
+    #[arg(long)]
+    check: bool,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Error> {
+    let mut options = Options::for_file(&arguments.input);
+    options.crate_path.clone_from(&arguments.crate_path);
+    if let Some(name) = &arguments.name {
+        options.name.clone_from(name);
+    }
+    let mut only = arguments.only.clone();
+    if let Some(file) = &arguments.only_from {
+        let text = fs::read_to_string(file).map_err(|error| about(file, format!("cannot be read: {error}")))?;
+        let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default().trim());
+        only.extend(lines.filter(|name| !name.is_empty()).map(str::to_owned));
+    }
+    if arguments.only_from.is_some() || !only.is_empty() {
+        options.only = Some(only);
+    }
+    let text = generate(&load(&arguments.input, &arguments.include_dir)?, &options)?;
+    if !arguments.check {
+        return write(&arguments.output, &text);
+    }
+    if is_current(&arguments.output, &text) {
+        return Ok(());
+    }
+    Err(about(&arguments.output, "is not what the definition gives; generate it again".into()))
+}
+
+fn about(file: &std::path::Path, problem: String) -> Error {
+    Error { file: file.into(), line: None, element: "the file".into(), problem }
+}

@@ -1,0 +1,98 @@
+//! Rust's names for MAVLink's.
+
+use crate::model::Enum;
+use std::collections::HashSet;
+
+/// Keywords of Rust that cannot be written raw: a field cannot have their names.
+pub(crate) const REFUSED_FIELDS: [&str; 4] = ["Self", "crate", "self", "super"];
+
+/// Those that can.
+const KEYWORDS: [&str; 48] = [
+    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn", "else", "enum",
+    "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod", "move",
+    "mut", "override", "priv", "pub", "ref", "return", "static", "struct", "trait", "true", "try", "type", "typeof",
+    "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
+];
+
+/// Names in scope where declarations are expanded.
+pub(crate) const RESERVED_TYPES: [&str; 14] = [
+    "Char",
+    "Clone",
+    "Copy",
+    "Debug",
+    "Default",
+    "Eq",
+    "None",
+    "Option",
+    "Ord",
+    "PartialEq",
+    "PartialOrd",
+    "Self",
+    "Some",
+    "Text",
+];
+
+/// `HIGH_LATENCY2` → `HighLatency2`. An underscore stays between two digits.
+pub(crate) fn camel(name: &str) -> String {
+    let mut camel = String::new();
+    for word in name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty()) {
+        if camel.ends_with(|c: char| c.is_ascii_digit()) && word.starts_with(|c: char| c.is_ascii_digit()) {
+            camel.push('_');
+        }
+        let (first, rest) = word.split_at(1);
+        camel.push_str(&first.to_ascii_uppercase());
+        camel.push_str(&rest.to_ascii_lowercase());
+    }
+    camel
+}
+
+/// A field's name: MAVLink's, raw when it is a keyword.
+pub(crate) fn field(name: &str) -> String {
+    if KEYWORDS.contains(&name) { format!("r#{name}") } else { name.to_owned() }
+}
+
+/// `name` if it is free, else with `suffix`, else with a number behind it; taken from now on.
+pub(crate) fn unique(taken: &mut HashSet<String>, name: &str, suffix: &str) -> String {
+    let mut free = name.to_owned();
+    let mut number = 1;
+    while !taken.insert(free.clone()) {
+        free = if number == 1 { format!("{name}{suffix}") } else { format!("{name}{suffix}{number}") };
+        number += 1;
+    }
+    free
+}
+
+/// The constants of an enumeration, in the order of its entries: what all names begin with is left out.
+pub(crate) fn constants(enumeration: &Enum) -> Vec<String> {
+    let prefix = prefix(enumeration);
+    let mut taken = HashSet::new();
+    if enumeration.bitmask {
+        // `wire_bitmask!` declares it.
+        taken.insert("EMPTY".to_owned());
+    }
+    let constant = |name: &str| {
+        let name = name[prefix..].to_ascii_uppercase();
+        if name.starts_with(|c: char| c.is_ascii_digit()) { format!("_{name}") } else { name }
+    };
+    enumeration.entries.iter().map(|entry| unique(&mut taken, &constant(&entry.name), "_")).collect()
+}
+
+/// Length of what is left out: `ENUM_NAME_` if all have it, else the longest that all share and that ends in `_`.
+fn prefix(enumeration: &Enum) -> usize {
+    let own = format!("{}_", enumeration.name);
+    let names = || enumeration.entries.iter().map(|entry| entry.name.as_str());
+    // What is left must be a name: something besides underscores.
+    let fits = |prefix: &str| {
+        names().all(|name| name.strip_prefix(prefix).is_some_and(|rest| rest.contains(|c: char| c != '_')))
+    };
+    if fits(&own) {
+        return own.len();
+    }
+    match enumeration.entries.as_slice() {
+        [first, _, ..] => {
+            let ends = first.name.char_indices().filter(|&(_, c)| c == '_').map(|(at, _)| at + 1);
+            ends.filter(|&end| fits(&first.name[..end])).max().unwrap_or(0)
+        }
+        _ => 0,
+    }
+}

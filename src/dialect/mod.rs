@@ -1,0 +1,13 @@
+//! The messages of MAVLink: all of common, standard and minimal, as the generator writes them.
+//!
+//! Implements <https://mavlink.io/en/messages/common.html>. The declarations are made from the definitions in `dialect/`
+//! and checked in; `cargo dialect` makes them anew. Types have MAVLink's names in Rust's style ([`HighLatency2`],
+//! [`MavType`]); fields and constants have MAVLink's own ([`MavCmd::NAV_WAYPOINT`]). A field that names an enumeration has
+//! its type where the two have the same size on the wire, else it is an integer whose documentation says which
+//! enumeration to see. Units stand in brackets before all else that is known of a field.
+//!
+//! What is not decoded costs nothing: no code here runs unless a caller names the message.
+
+mod common;
+
+pub use common::*;
