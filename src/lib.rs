@@ -1,4 +1,105 @@
-//! mavstack
+//! The autopilot's side of MAVLink for microcontrollers: no `std`, no allocation, beside the flight loop.
+//!
+//! A [`Stack`] owns all its memory and is driven by a few calls that never block and do a bounded amount of work. Time is
+//! an argument, bytes come in and go out; there is no clock, no global and no lock inside, so the same input at the same
+//! time gives the same output.
+//!
+//! ```
+//! use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+//! use mavstack::*;
+//! # use std::convert::Infallible;
+//! # struct Uart;
+//! # impl embedded_io::ErrorType for Uart { type Error = Infallible; }
+//! # impl embedded_io::Read for Uart { fn read(&mut self, _: &mut [u8]) -> Result<usize, Infallible> { Ok(0) } }
+//! # impl embedded_io::ReadReady for Uart { fn read_ready(&mut self) -> Result<bool, Infallible> { Ok(false) } }
+//! # impl embedded_io::Write for Uart {
+//! #     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> { Ok(bytes.len()) }
+//! #     fn flush(&mut self) -> Result<(), Infallible> { Ok(()) }
+//! # }
+//! # impl embedded_io::WriteReady for Uart { fn write_ready(&mut self) -> Result<bool, Infallible> { Ok(true) } }
+//! # let mut uart = Uart;
+//! # let clock = || Instant::ZERO;
+//! static PULSE: Pulse = Pulse::new();
+//! const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+//! const TELEM: LinkId = LinkId(0);
+//!
+//! struct Rover { armed: bool }
+//!
+//! impl Vehicle for Rover {
+//!     fn state(&self) -> Option<VehicleState> {
+//!         let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
+//!         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+//!     }
+//! }
+//!
+//! impl Commands for Rover {
+//!     fn command(&mut self, command: &Command) -> Outcome {
+//!         match (command.id, command.params) {
+//!             (MavCmd::COMPONENT_ARM_DISARM, [1.0, ..]) => self.armed = true,
+//!             (MavCmd::COMPONENT_ARM_DISARM, [0.0, ..]) => self.armed = false,
+//!             (MavCmd::COMPONENT_ARM_DISARM, _) => return MavResult::DENIED.into(),
+//!             _ => return MavResult::UNSUPPORTED.into(),
+//!         }
+//!         MavResult::ACCEPTED.into()
+//!     }
+//! }
+//!
+//! impl Plans for Rover {
+//!     fn check_item(&mut self, _: PlanType, _: u16, item: &Item) -> Result<(), MavMissionResult> {
+//!         if item.command() == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
+//!     }
+//!     fn plan_changed(&mut self, _: PlanChange<'_>) {}
+//!     fn progress(&self) -> Progress {
+//!         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+//!     }
+//! }
+//!
+//! let mut vehicle = Rover { armed: false };
+//! let mut stack: Stack<1, plan_memory!(mission: 100)> = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
+//! loop {
+//!     let now = clock();
+//!     // … the flight loop's own work, then its sign of life: no tick, no heartbeat
+//!     PULSE.tick();
+//!     stack.poll(now, &mut vehicle);
+//!     if let Err(error) = stack.poll_link(now, TELEM, &mut uart, &mut vehicle) {
+//!         // The link goes on; count it, or show it.
+//!         let _ = error;
+//!     }
+//! #   break;
+//! }
+//! ```
+//!
+//! # Layers
+//!
+//! Data flows in one direction, and each layer is public, to be used without the ones above it:
+//!
+//! | layer | what it is |
+//! |---|---|
+//! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
+//! | [`Message`], [`message!`], [`dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
+//! | [`LinkConfig`], [`PeerInfo`] | what is kept of each line, and of each sender |
+//! | the services | heartbeat, commands, plans, texts, identity |
+//! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
+//!
+//! A firmware implements [`Vehicle`], [`Commands`] and [`Plans`]. For UARTs it hands over anything that is
+//! `embedded_io::{Read, Write, ReadReady, WriteReady}`; interrupts and DMA use the byte-level calls
+//! ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin).
+//!
+//! # Guarantees
+//!
+//! - No `unsafe`, no allocation, no recursion. Received bytes cannot cause a panic.
+//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within
+//!   [`PollBudget`].
+//! - What was accepted is answered: a full transmit buffer delays an answer and never loses it. A request whose answer
+//!   could not be remembered is not carried out, and is counted.
+//! - Heartbeats stop when the flight loop stops ticking its [`Pulse`], whatever else still runs.
+//! - A plan is replaced as a whole or not at all.
+//!
+//! Letters with numbers, as in S-13, name the behaviour rules that the tests cite.
+//!
+//! # Features
+//!
+//! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
 #![no_std]
 #![cfg_attr(
     not(test),
@@ -11,23 +112,43 @@
         clippy::as_conversions
     )
 )]
+
 #[cfg(test)]
 extern crate std;
 
 #[macro_use]
 mod log;
-#[macro_use]
-mod message;
+mod config;
 pub mod dialect;
 mod frame;
+mod link;
+mod message;
+mod network;
+mod num;
+mod pulse;
+mod service;
+mod stack;
 mod time;
+mod vehicle;
 
+pub use config::{Config, PollBudget, VehicleAddress};
 pub use frame::{
     Address, ComponentId, Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, SystemId, Version,
     encode,
 };
+pub use link::{LinkClass, LinkConfig, LinkCounters, LinkId, MAX_LINKS, Peer, TxVersion};
 pub use message::*;
+pub use network::PeerInfo;
+pub use pulse::Pulse;
+pub use service::identity::Identity;
+pub use service::mission::{Item, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
+pub use service::statustext::MAX_TEXT_LEN;
+pub use stack::{LinkError, Stack};
 pub use time::{Duration, Instant};
+pub use vehicle::{
+    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, Plans, Progress, Vehicle,
+    VehicleState,
+};
 
 #[cfg(feature = "defmt")]
 #[doc(hidden)]

@@ -140,10 +140,13 @@ fn find_or_insert<'a>(
     let is_gcs = heartbeat.is_some_and(|heartbeat| heartbeat.r#type == MavType::GCS);
     // The longest silent of those that are not alive goes first (H-12). A ground station may also take the place of a
     // living peer that is none; nobody takes a living ground station's.
-    let victim = peers
-        .iter_mut()
-        .filter(|old| !old.is_alive || (is_gcs && old.r#type != MavType::GCS))
-        .max_by_key(|old| (!old.is_alive, now.since(old.heard)))?;
+    const LOST: u64 = 1 << 63;
+    let rank = |old: &PeerInfo| match now.since(old.heard).as_micros() {
+        silence if !old.is_alive => silence | LOST,
+        silence if is_gcs && old.r#type != MavType::GCS => silence.max(1),
+        _ => 0,
+    };
+    let victim = peers.iter_mut().max_by_key(|old| rank(old)).filter(|old| rank(old) > 0)?;
     *victim = info;
     Some(victim)
 }

@@ -15,9 +15,7 @@ use core::marker::PhantomData;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance};
-use crate::dialect::{
-    CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavProtocolCapability, MavSeverity,
-};
+use crate::dialect::{CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavProtocolCapability, MavSeverity};
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port};
 use crate::message::{Dialect, Message, MessageTable, Text};
@@ -305,7 +303,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
     /// Tells the operators something: a STATUSTEXT on every normal link (T-5). At most 120 bytes, the rest is cut off; the
     /// same text again within five seconds is dropped. When four wait, the least severe goes.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &str) {
-        self.core.texts.push(now, self.core.normal, severity, text);
+        self.core.texts.push(now, self.core.normal, severity, &Text::new(text));
     }
 
     /// The live mission.
@@ -347,8 +345,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
     /// comes, when the transport can take more of [`transmit`](Self::transmit), and after the vehicle's state changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
         let core = &self.core;
-        let mut deadline =
-            network::deadline(&self.peers, core.config.peer_timeout).min(core.missions.deadline());
+        let mut deadline = network::deadline(&self.peers, core.config.peer_timeout).min(core.missions.deadline());
         for link in &self.links {
             deadline = deadline.min(link.decoder.deadline()).min(core.tx_deadline(now, &link.port));
         }
@@ -381,8 +378,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
 const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
     let mut capabilities = MavProtocolCapability::MAVLINK2.with(MavProtocolCapability::COMMAND_INT);
     if PlanType::Mission.is_served(&P::CAPACITIES) {
-        capabilities =
-            capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
     }
     if PlanType::Fence.is_served(&P::CAPACITIES) {
         capabilities = capabilities.with(MavProtocolCapability::MISSION_FENCE);
@@ -424,7 +420,7 @@ impl Core {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
                 let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
                 text.push_number(u32::from(own.system.0));
-                self.texts.push(context.now, self.normal, MavSeverity::WARNING, text.as_str().unwrap_or_default());
+                self.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
             }
             return;
         }

@@ -195,4 +195,3 @@ pub trait Plans {
 pub trait Autopilot: Vehicle + Commands + Plans {}
 
 impl<T: Vehicle + Commands + Plans> Autopilot for T {}
-

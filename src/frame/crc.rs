@@ -61,26 +61,38 @@ mod wide {
     };
     static LOOKUP: [[u16; 256]; 8] = TABLES;
 
-    /// Eight bytes at a time.
+    /// Eight bytes at a time, then four, two, one.
+    // Every index is a `u8` into 256 entries: no bounds check is left, and none can fail.
+    #[allow(clippy::indexing_slicing, reason = "u8 into [u16; 256]")]
     pub(super) fn update(mut sum: u16, bytes: &[u8]) -> u16 {
         let (blocks, rest) = bytes.as_chunks::<8>();
         let [t0, t1, t2, t3, t4, t5, t6, t7] = &LOOKUP;
         for &[a, b, c, d, e, f, g, h] in blocks {
             let [low, high] = sum.to_le_bytes();
-            // A `u8` index into 256 entries: no bounds check is left, and none can fail.
-            #[allow(clippy::indexing_slicing, reason = "u8 into [u16; 256]")]
-            {
-                sum = t7[usize::from(a ^ low)]
-                    ^ t6[usize::from(b ^ high)]
-                    ^ t5[usize::from(c)]
-                    ^ t4[usize::from(d)]
-                    ^ t3[usize::from(e)]
-                    ^ t2[usize::from(f)]
-                    ^ t1[usize::from(g)]
-                    ^ t0[usize::from(h)];
-            }
+            sum = t7[usize::from(a ^ low)]
+                ^ t6[usize::from(b ^ high)]
+                ^ t5[usize::from(c)]
+                ^ t4[usize::from(d)]
+                ^ t3[usize::from(e)]
+                ^ t2[usize::from(f)]
+                ^ t1[usize::from(g)]
+                ^ t0[usize::from(h)];
         }
-        rest.iter().fold(sum, |sum, &byte| super::step(sum, byte))
+        let mut rest = rest;
+        if let Some((&[a, b, c, d], behind)) = rest.split_first_chunk() {
+            let [low, high] = sum.to_le_bytes();
+            sum = t3[usize::from(a ^ low)] ^ t2[usize::from(b ^ high)] ^ t1[usize::from(c)] ^ t0[usize::from(d)];
+            rest = behind;
+        }
+        if let Some((&[a, b], behind)) = rest.split_first_chunk() {
+            let [low, high] = sum.to_le_bytes();
+            sum = t1[usize::from(a ^ low)] ^ t0[usize::from(b ^ high)];
+            rest = behind;
+        }
+        if let [last] = rest {
+            sum = super::step(sum, *last);
+        }
+        sum
     }
 }
 

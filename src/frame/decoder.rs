@@ -18,7 +18,7 @@
 //! pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
 
 use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, STX_V1, STX_V2, Version, crc};
-use crate::message::{MessageInfo, MessageTable};
+use crate::message::{MessageInfo, MessageTable, zero_extend};
 use crate::time::{Duration, Instant};
 
 /// One more than the longest frame: whether a frame with an unknown id is one, the byte behind it tells.
@@ -49,6 +49,20 @@ pub struct RxCounters {
     pub unknown_id: u32,
     /// Candidates that stopped growing (SEC-4).
     pub stale: u32,
+}
+
+impl RxCounters {
+    const ZERO: Self = Self {
+        frames: 0,
+        unchecked: 0,
+        skipped: 0,
+        incompat_flags: 0,
+        zero_source: 0,
+        length: 0,
+        checksum: 0,
+        unknown_id: 0,
+        stale: 0,
+    };
 }
 
 /// Finds frames in a stream of bytes.
@@ -117,27 +131,27 @@ impl Decoder {
     /// frame (SEC-4).
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
+    /// Before it is [configured](Self::configure); all zero bits.
+    pub(crate) const VACANT: Self = Self {
+        buffer: [0; BUFFER_LEN],
+        start: 0,
+        end: 0,
+        need: 0,
+        grown: Instant::ZERO,
+        stale_after: Duration::ZERO,
+        counters: RxCounters::ZERO,
+    };
+
     /// An empty decoder that drops a candidate `stale_after` its last byte.
     pub const fn new(stale_after: Duration) -> Self {
-        Self {
-            buffer: [0; BUFFER_LEN],
-            start: 0,
-            end: 0,
-            need: 1,
-            grown: Instant::ZERO,
-            stale_after,
-            counters: RxCounters {
-                frames: 0,
-                unchecked: 0,
-                skipped: 0,
-                incompat_flags: 0,
-                zero_source: 0,
-                length: 0,
-                checksum: 0,
-                unknown_id: 0,
-                stale: 0,
-            },
-        }
+        let mut new = Self::VACANT;
+        new.configure(stale_after);
+        new
+    }
+
+    pub(crate) const fn configure(&mut self, stale_after: Duration) {
+        self.need = 1;
+        self.stale_after = stale_after;
     }
 
     /// What was seen and dropped so far.
@@ -157,7 +171,11 @@ impl Decoder {
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
         if self.start > 0 {
-            self.buffer.copy_within(self.start.min(self.end)..self.end.min(BUFFER_LEN), 0);
+            // A plain loop: `copy_within` can panic, and brings 1.5 kB of memmove. What is moved is the front of one frame.
+            let cells = core::cell::Cell::from_mut(&mut self.buffer[..]).as_slice_of_cells();
+            for (to, from) in cells.iter().zip(cells.get(self.start..self.end).unwrap_or_default()) {
+                to.set(from.get());
+            }
             self.end = self.end.saturating_sub(self.start);
             self.start = 0;
         }
@@ -165,6 +183,7 @@ impl Decoder {
     }
 
     /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
+    #[inline]
     pub fn commit(&mut self, len: usize, now: Instant) {
         self.end = self.end.saturating_add(len).min(BUFFER_LEN);
         self.grown = now;
@@ -172,12 +191,15 @@ impl Decoder {
 
     /// Takes as many of `bytes` as there is room for and returns their number. Call [`next`](Self::next) until it has no
     /// frame left, then push the rest.
+    #[inline]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
-        let spare = self.spare();
-        let len = spare.len().min(bytes.len());
-        if let (Some(to), Some(from)) = (spare.get_mut(..len), bytes.get(..len)) {
-            to.copy_from_slice(from);
+        // What an interrupt for each byte does.
+        if let (&[byte], 0, Some(free)) = (bytes, self.start, self.buffer.get_mut(self.end)) {
+            *free = byte;
+            self.commit(1, now);
+            return 1;
         }
+        let len = zero_extend(bytes, self.spare());
         self.commit(len, now);
         len
     }
@@ -190,6 +212,7 @@ impl Decoder {
     ///
     /// `is_known` tells whether a source was heard of before. That, or a start byte or silence behind it, speaks for a
     /// frame whose id is not in `messages`; it is then returned whole and unchecked, else searched.
+    #[inline]
     pub fn next(
         &mut self,
         now: Instant,
@@ -197,6 +220,10 @@ impl Decoder {
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
     ) -> Option<Frame<'_>> {
+        if self.end.wrapping_sub(self.start) < self.need && now.since(self.grown) < IDLE {
+            // Most calls end here: a piece of a frame came.
+            return None;
+        }
         let (header, info) = self.advance(now, messages, budget, is_known)?;
         let end = self.start;
         let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
@@ -215,7 +242,6 @@ impl Decoder {
         loop {
             let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
             if candidate.len() < self.need {
-                // Most calls end here: a piece of a frame came.
                 let quiet = now.since(self.grown);
                 if candidate.is_empty() || quiet < IDLE {
                     return None;

@@ -1,5 +1,7 @@
 //! Messages to frames: trimmed, numbered, with a checksum.
 
+use core::ops::Range;
+
 use super::{Address, STX_V1, STX_V2, Version, crc};
 use crate::message::{Message, MessageInfo};
 
@@ -50,43 +52,49 @@ pub fn encode<M: Message>(
     seq: u8,
     out: &mut [u8],
 ) -> Result<usize, EncodeError> {
-    let payload = out.get_mut(version.header_len()..).ok_or(EncodeError::BufferTooSmall)?;
+    let payload_at = version.header_len();
+    let payload = out.get_mut(payload_at..).ok_or(EncodeError::BufferTooSmall)?;
     message.encode(payload).ok_or(EncodeError::BufferTooSmall)?;
-    finish(const { &M::INFO }, version, source, seq, out)
+    let frame = wrap(const { &M::INFO }, version, source, seq, out, payload_at)?;
+    Ok(frame.end)
 }
 
-/// Everything but the payload, compiled once for all messages.
-fn finish(
+/// Puts header and checksum around the untrimmed payload that stands at `payload_at`; where the frame is, is returned.
+/// Compiled once for all messages.
+pub(crate) fn wrap(
     info: &MessageInfo,
     version: Version,
     source: Address,
     seq: u8,
     out: &mut [u8],
-) -> Result<usize, EncodeError> {
+    payload_at: usize,
+) -> Result<Range<usize>, EncodeError> {
     let too_small = EncodeError::BufferTooSmall;
     let [id0, id1, id2, _] = info.id().to_le_bytes();
     let (system, component) = (source.system.0, source.component.0);
-    let payload_len;
-    match version {
+    let (header, payload) = out.split_at_mut_checked(payload_at).ok_or(too_small)?;
+    let payload_len = match version {
         Version::V2 => {
-            let (header, payload) = out.split_first_chunk_mut::<10>().ok_or(too_small)?;
-            payload_len = trimmed_len(payload, info.max_len());
-            *header = [STX_V2, payload_len, 0, 0, seq, system, component, id0, id1, id2];
+            let payload_len = trimmed_len(payload, info.max_len());
+            *header.last_chunk_mut::<10>().ok_or(too_small)? =
+                [STX_V2, payload_len, 0, 0, seq, system, component, id0, id1, id2];
+            payload_len
         }
         Version::V1 => {
             if info.id() > 255 {
                 return Err(EncodeError::NeedsV2);
             }
-            let (header, _) = out.split_first_chunk_mut::<6>().ok_or(too_small)?;
-            payload_len = info.base_len();
-            *header = [STX_V1, payload_len, seq, system, component, id0];
+            let payload_len = info.base_len();
+            *header.last_chunk_mut::<6>().ok_or(too_small)? = [STX_V1, payload_len, seq, system, component, id0];
+            payload_len
         }
-    }
-    let end = version.header_len().wrapping_add(usize::from(payload_len));
-    let sum = crc::update(crc::INIT, out.get(1..end).ok_or(too_small)?);
-    let sum = crc::step(sum, info.crc_extra());
+    };
+    let start = payload_at.wrapping_sub(version.header_len());
+    let end = payload_at.wrapping_add(usize::from(payload_len));
+    let summed = out.get(start.wrapping_add(1)..end).ok_or(too_small)?;
+    let sum = crc::step(crc::update(crc::INIT, summed), info.crc_extra());
     *out.get_mut(end..).and_then(<[u8]>::first_chunk_mut).ok_or(too_small)? = sum.to_le_bytes();
-    Ok(end.wrapping_add(2))
+    Ok(start..end.wrapping_add(2))
 }
 
 /// Length without trailing zeros, at least 1 (S-5).

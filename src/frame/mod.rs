@@ -9,6 +9,7 @@ mod decoder;
 mod encoder;
 
 pub use decoder::{Decoder, RxCounters};
+pub(crate) use encoder::wrap;
 pub use encoder::{EncodeError, encode};
 
 use crate::message::{Message, MessageInfo};

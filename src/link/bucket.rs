@@ -17,21 +17,29 @@ pub(crate) struct Bucket {
 impl Bucket {
     const SCALE: i64 = 1_000_000;
 
-    /// A bucket that begins to fill at boot.
-    pub(crate) const fn new(bytes_per_second: u32) -> Self {
-        Self { rate: bytes_per_second, level: 0, filled: Instant::ZERO }
+    /// An empty bucket into which nothing flows.
+    pub(crate) const VACANT: Self = Self { rate: 0, level: 0, filled: Instant::ZERO };
+
+    pub(crate) const fn configure(&mut self, bytes_per_second: u32) {
+        self.rate = bytes_per_second;
     }
 
     /// A tenth of a second's worth, or two longest frames.
     fn capacity(&self) -> i64 {
-        i64::from((self.rate / 10).max(BURST)).saturating_mul(Self::SCALE)
+        Self::scaled((self.rate / 10).max(BURST))
+    }
+
+    /// Bytes as the level counts them; cannot overflow.
+    fn scaled(bytes: u32) -> i64 {
+        i64::from(bytes).wrapping_mul(Self::SCALE)
     }
 
     /// Lets the time since the last call flow in.
     pub(crate) fn fill(&mut self, now: Instant) {
-        let elapsed = i64::try_from(now.since(self.filled).as_micros()).unwrap_or(i64::MAX);
+        // Ten seconds fill any bucket; so bounded, a product of two u32 needs no check.
+        let elapsed = now.since(self.filled).as_micros().min(10_000_000);
         self.filled = now;
-        let flown = elapsed.saturating_mul(i64::from(self.rate));
+        let flown = elapsed.wrapping_mul(u64::from(self.rate)).cast_signed();
         self.level = self.level.saturating_add(flown).min(self.capacity());
     }
 
@@ -42,7 +50,7 @@ impl Bucket {
 
     /// `bytes` went out; the level may fall below zero, for what could not wait.
     pub(crate) fn spend(&mut self, bytes: usize) {
-        let cost = i64::try_from(bytes).unwrap_or(i64::MAX).saturating_mul(Self::SCALE);
+        let cost = Self::scaled(u32::try_from(bytes).unwrap_or(u32::MAX));
         self.level = self.level.saturating_sub(cost).max(self.capacity().saturating_neg());
     }
 
@@ -64,7 +72,7 @@ mod tests {
 
     #[test]
     fn average_stays_at_the_rate_after_the_first_burst() {
-        let mut bucket = Bucket::new(5_760);
+        let mut bucket = Bucket { rate: 5_760, ..Bucket::VACANT };
         let mut sent = 0;
         for ms in 0..10_000 {
             bucket.fill(Instant::from_millis(ms));
@@ -78,7 +86,7 @@ mod tests {
 
     #[test]
     fn rest_does_not_save_more_than_a_burst() {
-        let mut bucket = Bucket::new(1_000);
+        let mut bucket = Bucket { rate: 1_000, ..Bucket::VACANT };
         bucket.fill(Instant::from_millis(3_600_000));
         let mut burst = 0;
         while bucket.has_room() {

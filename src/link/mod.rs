@@ -153,14 +153,15 @@ pub(crate) struct Port {
 }
 
 impl Link {
-    /// A link before it is [configured](Self::configure), so that an array of them can be made in a `const fn`.
+    /// A link before it is [configured](Self::configure), so that an array of them can be made in a `const fn`: all zero
+    /// bits, which costs no flash.
     pub(crate) const VACANT: Self = Self {
-        decoder: Decoder::new(Decoder::STALE_AFTER),
+        decoder: Decoder::VACANT,
         port: Port {
             id: LinkId(0),
             config: LinkConfig::uart(0),
-            outbox: Outbox::new(LinkId(0), Address::new(0, 0), Version::V2),
-            bucket: Bucket::new(0),
+            outbox: Outbox::VACANT,
+            bucket: Bucket::VACANT,
             heartbeat: Schedule::new(),
             acks: Acks::new(),
             owed: Owed::NONE,
@@ -175,11 +176,11 @@ impl Link {
             TxVersion::V2 => Version::V2,
             TxVersion::Auto | TxVersion::V1 => Version::V1,
         };
-        self.decoder = Decoder::new(stale_after);
+        self.decoder.configure(stale_after);
         self.port.id = id;
         self.port.config = config;
-        self.port.outbox = Outbox::new(id, source, version);
-        self.port.bucket = Bucket::new(config.bytes_per_second);
+        self.port.outbox.configure(id, source, version);
+        self.port.bucket.configure(config.bytes_per_second);
     }
 }
 

@@ -1,7 +1,7 @@
 //! The outbound half of a link: one frame at a time (SEC-2), written in place by the service whose turn it is.
 
 use super::LinkId;
-use crate::frame::{Address, MAX_FRAME_LEN, Version, encode};
+use crate::frame::{Address, MAX_FRAME_LEN, Version, wrap};
 use crate::message::Message;
 
 /// Room for one outbound frame. Services write into it only while it is empty.
@@ -13,13 +13,32 @@ pub(crate) struct Outbox {
     version: Version,
     seq: u8,
     bytes: [u8; MAX_FRAME_LEN],
-    len: usize,
+    /// The frame is `bytes[start..end]`, and what of it was sent ends at `sent`.
+    start: usize,
+    end: usize,
     sent: usize,
 }
 
+/// Where the payload stands: behind the longer header.
+const PAYLOAD_AT: usize = Version::V2.header_len();
+
 impl Outbox {
-    pub(crate) const fn new(link: LinkId, source: Address, version: Version) -> Self {
-        Self { link, source, version, seq: 0, bytes: [0; MAX_FRAME_LEN], len: 0, sent: 0 }
+    /// Before it is [configured](Self::configure); all zero bits.
+    pub(crate) const VACANT: Self = Self {
+        link: LinkId(0),
+        source: Address::new(0, 0),
+        version: Version::V1,
+        seq: 0,
+        bytes: [0; MAX_FRAME_LEN],
+        start: 0,
+        end: 0,
+        sent: 0,
+    };
+
+    pub(crate) const fn configure(&mut self, link: LinkId, source: Address, version: Version) {
+        self.link = link;
+        self.source = source;
+        self.version = version;
     }
 
     /// Which link this is.
@@ -48,32 +67,40 @@ impl Outbox {
 
     /// Sends `message` in `version`, whatever the link's own (V-6).
     pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
-        let Ok(len) = encode(message, version, self.source, self.seq, &mut self.bytes) else { return false };
+        // At a constant place, whatever the version, so that the encoders need no checks.
+        let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
+        if payload.and_then(|payload| message.encode(payload)).is_none() {
+            return false;
+        }
+        let Ok(frame) = wrap(const { &M::INFO }, version, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else {
+            return false;
+        };
         self.seq = self.seq.wrapping_add(1);
-        self.len = len;
-        self.sent = 0;
+        self.start = frame.start;
+        self.sent = frame.start;
+        self.end = frame.end;
         true
     }
 
     /// Whether there is room for a frame.
     pub(crate) const fn is_empty(&self) -> bool {
-        self.sent >= self.len
+        self.sent >= self.end
     }
 
     /// What is still to be handed to the transport.
     pub(crate) fn pending(&self) -> &[u8] {
-        self.bytes.get(self.sent..self.len).unwrap_or_default()
+        self.bytes.get(self.sent..self.end).unwrap_or_default()
     }
 
     /// The transport took `len` bytes.
     pub(crate) fn advance(&mut self, len: usize) {
-        self.sent = self.sent.saturating_add(len).min(self.len);
+        self.sent = self.sent.saturating_add(len).min(self.end);
     }
 
     /// Sends an unfinished frame from its first byte again: who heard the front of it is gone.
     pub(crate) fn rewind(&mut self) {
         if !self.is_empty() {
-            self.sent = 0;
+            self.sent = self.start;
         }
     }
 }

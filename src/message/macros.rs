@@ -335,7 +335,7 @@ macro_rules! dialect {
             const MESSAGES: $crate::MessageTable = {
                 const ROWS: &[$crate::MessageInfo] =
                     &$crate::MessageTable::sorted([ $( <$message as $crate::Message>::INFO ),* ]);
-                $crate::MessageTable::new(ROWS)
+                $crate::MessageTable::new(ROWS, const { &$crate::MessageTable::index(ROWS) })
             };
         }
     };

@@ -40,17 +40,18 @@ pub trait Message: Sized {
     fn encode(&self, payload: &mut [u8]) -> Option<usize>;
 }
 
-/// Copies the front of `payload` into `out`, whose rest is left as it was: zero (S-6).
+/// Copies the front of `payload` into `out`, whose rest stays as it is: zero, where a payload is extended (S-6). Returns
+/// how many bytes were copied. Not inlined: every message's decoder shares it.
 #[doc(hidden)]
-#[inline]
-pub fn zero_extend(payload: &[u8], out: &mut [u8]) {
+#[inline(never)]
+pub fn zero_extend(payload: &[u8], out: &mut [u8]) -> usize {
     let len = payload.len().min(out.len());
     if let (Some(from), Some(to)) = (payload.get(..len), out.get_mut(..len)) {
         to.copy_from_slice(from);
     }
+    len
 }
 
-/// `copy_from_slice` has a panic path for unequal lengths; both halves of [`zero_extend`] have `len` bytes.
 #[cfg(feature = "defmt")]
 mod format {
     /// Logs a message's name.

@@ -72,13 +72,29 @@ impl<const N: usize> Text<N> {
         }
     }
 
+    /// The front of the text as a shorter field, cut between code points when it is UTF-8.
+    #[must_use]
+    pub fn front<const M: usize>(&self) -> Text<M> {
+        let bytes = self.as_bytes();
+        let mut len = bytes.len().min(M);
+        // A byte 0b10xx_xxxx goes on with the code point before it.
+        while len > 0 && bytes.get(len).is_some_and(|&byte| byte & 0xC0 == 0x80) {
+            len = len.saturating_sub(1);
+        }
+        let mut front = [0; M];
+        for (to, &from) in front.iter_mut().zip(bytes.iter().take(len)) {
+            *to = from;
+        }
+        Text(front)
+    }
+
     /// Appends a number in decimal; what does not fit is cut off.
     pub fn push_number(&mut self, number: u32) {
-        let mut digits = [0u8; 10];
+        let mut digits = [0; 10];
         let mut rest = number;
         let mut used = 0usize;
         for digit in digits.iter_mut().rev() {
-            // `rest % 10` is a digit; the cast cannot lose anything.
+            // The remainder is below ten, so nothing is lost.
             *digit = b'0'.wrapping_add(u8::try_from(rest % 10).unwrap_or(0));
             rest /= 10;
             used = used.saturating_add(1);
@@ -86,9 +102,10 @@ impl<const N: usize> Text<N> {
                 break;
             }
         }
-        let skipped = digits.len().saturating_sub(used);
-        if let Some(text) = digits.get(skipped..).and_then(|digits| core::str::from_utf8(digits).ok()) {
-            self.push_str(text);
+        let at = self.len();
+        let free = self.0.get_mut(at..).unwrap_or_default();
+        for (to, &from) in free.iter_mut().zip(digits.iter().skip(digits.len().saturating_sub(used))) {
+            *to = from;
         }
     }
 }
@@ -160,6 +177,7 @@ mod tests {
             built.push_number(number);
             assert_eq!(built.as_str(), Some(text));
         }
+        assert_eq!(Text::<9>::new("abcdé").front::<5>().as_str(), Some("abcd"));
         let mut full = Text::<3>::new("a");
         full.push_number(123);
         assert_eq!(full.as_str(), Some("a12"));

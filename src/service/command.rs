@@ -4,7 +4,7 @@
 //! itself (§6.4 in part). A command is taken only while there is a free slot to owe its answer in; else it is dropped
 //! unexecuted and counted, which to the sender is a lost frame that it repeats.
 
-use crate::dialect::{CommandAck, CommandInt, CommandLong, MavCmd, MavResult, MavFrame};
+use crate::dialect::{CommandAck, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::frame::Address;
 use crate::link::{LinkClass, Outbox, Peer};
 use crate::service::identity::Owed;
@@ -88,12 +88,7 @@ pub(crate) fn from_int(message: &CommandInt, from: Peer) -> Command {
 }
 
 /// Carries out a command: the stack's own, or the vehicle's.
-pub(crate) fn execute(
-    command: &Command,
-    class: LinkClass,
-    owed: &mut Owed,
-    vehicle: &mut impl Commands,
-) -> Outcome {
+pub(crate) fn execute(command: &Command, class: LinkClass, owed: &mut Owed, vehicle: &mut impl Commands) -> Outcome {
     match command.id {
         MavCmd::REQUEST_MESSAGE => request_message(command, class, owed).into(),
         MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => request_legacy(command, class, owed, Owed::AUTOPILOT_VERSION).into(),

@@ -33,6 +33,12 @@ struct Entry {
     pending: LinkMask,
 }
 
+impl Entry {
+    /// Nothing to send; all zero bits.
+    const SENT: Self =
+        Self { text: Text::EMPTY, severity: MavSeverity(0), number: 0, at: Instant::ZERO, pending: LinkMask::NONE };
+}
+
 /// How far a link is in the text it is sending.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TextCursor {
@@ -49,7 +55,7 @@ impl TextCursor {
 /// The queue of texts, for all links.
 #[derive(Clone, Debug)]
 pub(crate) struct StatusTexts {
-    entries: heapless::Vec<Entry, TEXTS, u8>,
+    entries: [Entry; TEXTS],
     /// Number of the newest text; 0 is never one, because a chunk's id is not 0.
     newest: u16,
     dropped: u32,
@@ -57,7 +63,7 @@ pub(crate) struct StatusTexts {
 
 impl StatusTexts {
     pub(crate) const fn new() -> Self {
-        Self { entries: heapless::Vec::new(), newest: 0, dropped: 0 }
+        Self { entries: [const { Entry::SENT }; TEXTS], newest: 0, dropped: 0 }
     }
 
     /// Texts that were dropped: repeated within five seconds, or pushed out of a full queue unsent. Wraps.
@@ -66,35 +72,34 @@ impl StatusTexts {
     }
 
     /// Queues `text` for `links`.
-    pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &str) {
-        let text = Text::new(text);
-        let repeated = |entry: &Entry| {
-            entry.text == text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER
-        };
+    pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
+        let repeated =
+            |entry: &Entry| entry.text == *text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER;
         if text.is_empty() || self.entries.iter().any(repeated) {
             self.dropped = self.dropped.wrapping_add(1);
             return;
         }
         event!("statustext {=u8}: {}", severity.0, text);
-        self.newest = if self.newest == u16::MAX { 1 } else { self.newest.wrapping_add(1) };
-        let entry = Entry { text, severity, number: self.newest, at: now, pending: links };
-        let Err(entry) = self.entries.push(entry) else { return };
         // Sent ones go first, then the least severe (a larger number is less severe), the oldest of them.
-        let age = |entry: &Entry| now.since(entry.at);
-        let loser = self
-            .entries
-            .iter_mut()
-            .max_by_key(|entry| (entry.pending.is_empty(), entry.severity.0, age(entry)));
-        if let Some(loser) = loser {
-            if !loser.pending.is_empty() {
-                self.dropped = self.dropped.wrapping_add(1);
-                if loser.severity < entry.severity {
-                    // All that wait are more severe than the new one.
-                    return;
-                }
+        let newest = self.newest;
+        let rank = |entry: &Entry| {
+            let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();
+            u32::from_be_bytes([u8::from(entry.pending.is_empty()), entry.severity.0, high, low])
+        };
+        let Some(entry) = self.entries.iter_mut().max_by_key(|entry| rank(entry)) else { return };
+        if !entry.pending.is_empty() {
+            self.dropped = self.dropped.wrapping_add(1);
+            if entry.severity < severity {
+                // All that wait are more severe than the new one.
+                return;
             }
-            *loser = entry;
         }
+        self.newest = if newest == u16::MAX { 1 } else { newest.wrapping_add(1) };
+        entry.text = *text;
+        entry.severity = severity;
+        entry.number = self.newest;
+        entry.at = now;
+        entry.pending = links;
     }
 
     /// Whether there is a text for the link of `mask`.
@@ -107,11 +112,10 @@ impl StatusTexts {
         let link = LinkMask::of(tx.link());
         let newest = self.newest;
         // Numbers wrap, so the oldest is the one furthest behind the newest. A text once begun is finished first.
-        let entry = self
-            .entries
-            .iter_mut()
-            .filter(|entry| entry.pending.contains(link))
-            .max_by_key(|entry| (cursor.chunk > 0 && entry.number == cursor.number, newest.wrapping_sub(entry.number)));
+        let entry = self.entries.iter_mut().filter(|entry| entry.pending.contains(link)).max_by_key(|entry| {
+            let begun = cursor.chunk > 0 && entry.number == cursor.number;
+            u32::from(newest.wrapping_sub(entry.number)) | (u32::from(begun) << 16)
+        });
         let Some(entry) = entry else { return false };
         if cursor.number != entry.number {
             *cursor = TextCursor { number: entry.number, chunk: 0 };
@@ -120,7 +124,7 @@ impl StatusTexts {
         let mut message = Statustext { severity: entry.severity, ..Default::default() };
         if tx.version() == Version::V1 || bytes.len() <= CHUNK {
             // v1 has no chunks: what fits, cut between code points.
-            message.text = Text::new(entry.text.as_str().unwrap_or_default());
+            message.text = entry.text.front();
             entry.pending = entry.pending.without(link);
         } else {
             let mut chunk = [0; CHUNK];
