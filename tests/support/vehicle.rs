@@ -1,0 +1,136 @@
+//! A vehicle that does as it is told and remembers what it was asked.
+
+use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::{
+    Address, Command, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanType, Plans, Progress,
+    Vehicle, VehicleState,
+};
+use std::collections::BTreeMap;
+
+/// One call of the stack to the vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Call {
+    Peer(PeerEvent),
+    Message { id: u32, from: Address, link: LinkId, payload: Vec<u8> },
+    Command(Command),
+    MayChange(PlanType, Peer),
+    CheckItem(PlanType, u16, Item),
+    CheckPlan(PlanType, Vec<Item>),
+    PlanChanged { plan: PlanType, items: Vec<Item>, first: u16 },
+}
+
+/// Implements all of the stack's traits; what it answers stands in its fields.
+#[derive(Clone, Debug)]
+pub struct TestVehicle {
+    /// What the heartbeat says; `None` for a fault.
+    pub state: Option<VehicleState>,
+    /// Answers to commands by number; a command that is not here is UNSUPPORTED.
+    pub outcomes: BTreeMap<u16, Outcome>,
+    /// Whether plans may be changed.
+    pub may_change: Result<(), MavMissionResult>,
+    /// Refusals of single items.
+    pub bad_items: BTreeMap<u16, MavMissionResult>,
+    /// What is said of each plan as a whole.
+    pub plan_verdict: Result<(), MavMissionResult>,
+    /// Where it is in its mission; a new mission sets it to the mission's first item.
+    pub progress: Progress,
+    /// Every call, in order, but for [`Vehicle::state`] and [`Plans::progress`].
+    pub calls: Vec<Call>,
+}
+
+impl TestVehicle {
+    /// A healthy vehicle on the ground that knows how to arm, take off, land and start a mission, and takes any plan.
+    pub fn new() -> Self {
+        let known = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_TAKEOFF, MavCmd::NAV_LAND, MavCmd::MISSION_START];
+        Self {
+            state: Some(VehicleState {
+                base_mode: MavModeFlag::CUSTOM_MODE_ENABLED,
+                custom_mode: 4,
+                system_status: MavState::STANDBY,
+            }),
+            outcomes: known.into_iter().map(|id| (id.0, MavResult::ACCEPTED.into())).collect(),
+            may_change: Ok(()),
+            bad_items: BTreeMap::new(),
+            plan_verdict: Ok(()),
+            progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
+            calls: Vec::new(),
+        }
+    }
+
+    /// The commands that reached the vehicle.
+    pub fn commands(&self) -> Vec<Command> {
+        let command = |call: &Call| if let Call::Command(command) = call { Some(*command) } else { None };
+        self.calls.iter().filter_map(command).collect()
+    }
+
+    /// What it was told of its peers.
+    pub fn peer_events(&self) -> Vec<PeerEvent> {
+        let event = |call: &Call| if let Call::Peer(event) = call { Some(*event) } else { None };
+        self.calls.iter().filter_map(event).collect()
+    }
+
+    /// The plans that went live, each with the item to begin with.
+    pub fn plan_changes(&self) -> Vec<(PlanType, Vec<Item>, u16)> {
+        let change = |call: &Call| match call {
+            Call::PlanChanged { plan, items, first } => Some((*plan, items.clone(), *first)),
+            _ => None,
+        };
+        self.calls.iter().filter_map(change).collect()
+    }
+}
+
+impl Default for TestVehicle {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Vehicle for TestVehicle {
+    fn state(&self) -> Option<VehicleState> {
+        self.state
+    }
+
+    fn peer(&mut self, event: PeerEvent) {
+        self.calls.push(Call::Peer(event));
+    }
+
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
+        let payload = frame.payload().to_vec();
+        self.calls.push(Call::Message { id: frame.id(), from: frame.source(), link, payload });
+    }
+}
+
+impl Commands for TestVehicle {
+    fn command(&mut self, command: &Command) -> Outcome {
+        self.calls.push(Call::Command(*command));
+        self.outcomes.get(&command.id.0).copied().unwrap_or(MavResult::UNSUPPORTED.into())
+    }
+}
+
+impl Plans for TestVehicle {
+    fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
+        self.calls.push(Call::MayChange(plan, from));
+        self.may_change
+    }
+
+    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult> {
+        self.calls.push(Call::CheckItem(plan, seq, *item));
+        self.bad_items.get(&seq).copied().map_or(Ok(()), Err)
+    }
+
+    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), MavMissionResult> {
+        self.calls.push(Call::CheckPlan(plan, items.to_vec()));
+        self.plan_verdict
+    }
+
+    fn plan_changed(&mut self, change: PlanChange<'_>) {
+        if change.plan == PlanType::Mission {
+            self.progress.current = change.first;
+        }
+        self.calls.push(Call::PlanChanged { plan: change.plan, items: change.items.to_vec(), first: change.first });
+    }
+
+    fn progress(&self) -> Progress {
+        self.progress
+    }
+}
