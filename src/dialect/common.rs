@@ -533,7 +533,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `FENCE_BREACH`.
+    /// What was breached last. (`FENCE_BREACH`)
     pub struct FenceBreach: u8 {
         NONE = 0,
         MINALT = 1,
@@ -543,7 +543,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `FENCE_MITIGATE`.
+    /// What is done against a breach. (`FENCE_MITIGATE`)
     pub struct FenceMitigate: u8 {
         UNKNOWN = 0,
         NONE = 1,
@@ -562,7 +562,7 @@ wire_bitmask! {
 }
 
 wire_enum! {
-    /// `FIRMWARE_VERSION_TYPE`.
+    /// How far a version is from a release. (`FIRMWARE_VERSION_TYPE`)
     pub struct FirmwareVersionType: u8 {
         DEV = 0,
         ALPHA = 64,
@@ -687,7 +687,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `GPS_FIX_TYPE`.
+    /// Quality of a position fix. (`GPS_FIX_TYPE`)
     pub struct GpsFixType: u8 {
         NO_GPS = 0,
         NO_FIX = 1,
@@ -780,7 +780,7 @@ wire_bitmask! {
 }
 
 wire_bitmask! {
-    /// `HL_FAILURE_FLAG`.
+    /// What has failed, for HIGH_LATENCY2. (`HL_FAILURE_FLAG`)
     pub struct HlFailureFlag: u16 {
         GPS = 1,
         DIFFERENTIAL_PRESSURE = 2,
@@ -869,20 +869,24 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_AUTOPILOT`.
+    /// Who makes the autopilot; ground stations choose mode tables and quirks by it. (`MAV_AUTOPILOT`)
     pub struct MavAutopilot: u8 {
+        /// An autopilot without quirks of its own.
         GENERIC = 0,
         RESERVED = 1,
         SLUGS = 2,
+        /// ArduPilot.
         ARDUPILOTMEGA = 3,
         OPENPILOT = 4,
         GENERIC_WAYPOINTS_ONLY = 5,
         GENERIC_WAYPOINTS_AND_SIMPLE_NAVIGATION_ONLY = 6,
         GENERIC_MISSION_FULL = 7,
+        /// Not an autopilot: a ground station, a camera and the like.
         INVALID = 8,
         PPZ = 9,
         UDB = 10,
         FP = 11,
+        /// PX4.
         PX4 = 12,
         SMACCMPILOT = 13,
         AUTOQUAD = 14,
@@ -956,7 +960,7 @@ wire_enum! {
 }
 
 wire_bitmask! {
-    /// `MAV_BOOL`.
+    /// No or yes. (`MAV_BOOL`)
     pub struct MavBool: u8 {
         FALSE = 0,
         TRUE = 1,
@@ -964,24 +968,27 @@ wire_bitmask! {
 }
 
 wire_enum! {
-    /// `MAV_CMD`.
+    /// The commands: for the command protocol, for plans, or both. (`MAV_CMD`)
     pub struct MavCmd: u16 {
-        /// 1: Hold (s, ≥ 0); 2: Accept Radius (m, ≥ 0); 3: Pass Radius (m); 4: Yaw (deg); 5: Latitude; 6: Longitude;
-        /// 7: Altitude (m).
+        /// Fly to a position. 1: Hold (s, ≥ 0); 2: Accept Radius (m, ≥ 0); 3: Pass Radius (m); 4: Yaw (deg);
+        /// 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_WAYPOINT = 16,
-        /// 3: Radius (m); 4: Yaw (deg); 5: Latitude; 6: Longitude; 7: Altitude (m).
-        NAV_LOITER_UNLIM = 17,
-        /// 1: Turns (≥ 0); 2: Heading Required (`MAV_BOOL`); 3: Radius (m); 4: Xtrack Location; 5: Latitude;
-        /// 6: Longitude; 7: Altitude (m).
-        NAV_LOITER_TURNS = 18,
-        /// 1: Time (s, ≥ 0); 2: Heading Required (`MAV_BOOL`); 3: Radius (m); 4: Xtrack Location; 5: Latitude;
-        /// 6: Longitude; 7: Altitude (m).
-        NAV_LOITER_TIME = 19,
-        NAV_RETURN_TO_LAUNCH = 20,
-        /// 1: Abort Alt (m); 2: Land Mode (`PRECISION_LAND_MODE`); 4: Yaw Angle (deg); 5: Latitude; 6: Longitude;
+        /// Circle or hover at a position without end. 3: Radius (m); 4: Yaw (deg); 5: Latitude; 6: Longitude;
         /// 7: Altitude (m).
+        NAV_LOITER_UNLIM = 17,
+        /// Circle at a position for a number of turns. 1: Turns (≥ 0); 2: Heading Required (`MAV_BOOL`); 3: Radius (m);
+        /// 4: Xtrack Location; 5: Latitude; 6: Longitude; 7: Altitude (m).
+        NAV_LOITER_TURNS = 18,
+        /// Circle or hover at a position for a time. 1: Time (s, ≥ 0); 2: Heading Required (`MAV_BOOL`); 3: Radius (m);
+        /// 4: Xtrack Location; 5: Latitude; 6: Longitude; 7: Altitude (m).
+        NAV_LOITER_TIME = 19,
+        /// Fly home.
+        NAV_RETURN_TO_LAUNCH = 20,
+        /// Land at a position. 1: Abort Alt (m); 2: Land Mode (`PRECISION_LAND_MODE`); 4: Yaw Angle (deg); 5: Latitude;
+        /// 6: Longitude; 7: Altitude (m).
         NAV_LAND = 21,
-        /// 1: Pitch (deg); 3: Flags (`NAV_TAKEOFF_FLAGS`); 4: Yaw (deg); 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// Take off. 1: Pitch (deg); 3: Flags (`NAV_TAKEOFF_FLAGS`); 4: Yaw (deg); 5: Latitude; 6: Longitude;
+        /// 7: Altitude (m).
         NAV_TAKEOFF = 22,
         /// 1: Target (≥ 0); 2: Offset (m, ≥ 0); 3: Descend Rate (m/s); 4: Yaw (rad); 5: Y Position (m);
         /// 6: X Position (m); 7: Z Position (m).
@@ -991,10 +998,10 @@ wire_enum! {
         /// 1: Following; 2: Ground Speed (m/s); 3: Radius (m); 4: Yaw (deg); 5: Latitude; 6: Longitude;
         /// 7: Altitude (m).
         NAV_FOLLOW = 25,
-        /// 1: Action (0 to 2); 7: Altitude (m).
+        /// Keep the course and change altitude. 1: Action (0 to 2); 7: Altitude (m).
         NAV_CONTINUE_AND_CHANGE_ALT = 30,
-        /// 1: Heading Required (`MAV_BOOL`); 2: Radius (m); 4: Xtrack Location (0 to 1); 5: Latitude; 6: Longitude;
-        /// 7: Altitude (m).
+        /// Circle at a position until an altitude is reached. 1: Heading Required (`MAV_BOOL`); 2: Radius (m);
+        /// 4: Xtrack Location (0 to 1); 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_LOITER_TO_ALT = 31,
         /// 1: System ID (0 to 255); 4: Altitude Mode (0 to 2); 5: Altitude (m); 7: Time to Land (s, ≥ 0).
         DO_FOLLOW = 32,
@@ -1014,38 +1021,43 @@ wire_enum! {
         NAV_ROI = 80,
         /// 1: Local Ctrl (0 to 2); 2: Global Ctrl (0 to 3); 4: Yaw (deg); 5: Latitude/X; 6: Longitude/Y; 7: Altitude/Z.
         NAV_PATHPLANNING = 81,
-        /// 1: Hold (s, ≥ 0); 5: Latitude/X; 6: Longitude/Y; 7: Altitude/Z.
+        /// Fly to a position on a smooth curve. 1: Hold (s, ≥ 0); 5: Latitude/X; 6: Longitude/Y; 7: Altitude/Z.
         NAV_SPLINE_WAYPOINT = 82,
-        /// 2: Transition Heading (`VTOL_TRANSITION_HEADING`); 4: Yaw Angle (deg); 5: Latitude; 6: Longitude;
-        /// 7: Altitude (m).
+        /// Take off hovering, then go over to wings. 2: Transition Heading (`VTOL_TRANSITION_HEADING`);
+        /// 4: Yaw Angle (deg); 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_VTOL_TAKEOFF = 84,
-        /// 1: Land Options (`NAV_VTOL_LAND_OPTIONS`); 3: Approach Altitude (m); 4: Yaw (deg); 5: Latitude;
-        /// 6: Longitude; 7: Ground Altitude (m).
+        /// Go over to hovering, then land. 1: Land Options (`NAV_VTOL_LAND_OPTIONS`); 3: Approach Altitude (m);
+        /// 4: Yaw (deg); 5: Latitude; 6: Longitude; 7: Ground Altitude (m).
         NAV_VTOL_LAND = 85,
-        /// 1: Enable (`MAV_BOOL`).
+        /// Hand the control to a companion computer, or take it back. 1: Enable (`MAV_BOOL`).
         NAV_GUIDED_ENABLE = 92,
-        /// 1: Delay (s, ≥ -1); 2: Hour (-1 to 23); 3: Minute (-1 to 59); 4: Second (-1 to 59).
+        /// Wait for a time, or until a time of day. 1: Delay (s, ≥ -1); 2: Hour (-1 to 23); 3: Minute (-1 to 59);
+        /// 4: Second (-1 to 59).
         NAV_DELAY = 93,
-        /// 1: Max Descent (m, ≥ 0); 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// Come down and set the payload on the ground. 1: Max Descent (m, ≥ 0); 5: Latitude; 6: Longitude;
+        /// 7: Altitude (m).
         NAV_PAYLOAD_PLACE = 94,
+        /// No command: NAV commands have numbers up to this one.
         NAV_LAST = 95,
-        /// 1: Delay (s, ≥ 0).
+        /// Hold back the next DO commands for a time. 1: Delay (s, ≥ 0).
         CONDITION_DELAY = 112,
         /// 1: Rate (m/s); 7: Altitude (m).
         CONDITION_CHANGE_ALT = 113,
-        /// 1: Distance (m, ≥ 0).
+        /// Hold back the next DO commands until the next position is near. 1: Distance (m, ≥ 0).
         CONDITION_DISTANCE = 114,
-        /// 1: Angle (deg, 0 to 360); 2: Angular Speed (deg/s, ≥ 0); 3: Direction (-1 to 1); 4: Relative (`MAV_BOOL`).
+        /// Turn to a heading. 1: Angle (deg, 0 to 360); 2: Angular Speed (deg/s, ≥ 0); 3: Direction (-1 to 1);
+        /// 4: Relative (`MAV_BOOL`).
         CONDITION_YAW = 115,
+        /// No command: CONDITION commands have numbers up to this one.
         CONDITION_LAST = 159,
-        /// 1: Mode (`MAV_MODE_FLAG`); 2: Custom Mode; 3: Custom Submode.
+        /// Change the mode. 1: Mode (`MAV_MODE_FLAG`); 2: Custom Mode; 3: Custom Submode.
         DO_SET_MODE = 176,
-        /// 1: Number (≥ 0); 2: Repeat (≥ 0).
+        /// Go on with another item of the plan, a number of times. 1: Number (≥ 0); 2: Repeat (≥ 0).
         DO_JUMP = 177,
-        /// 1: Speed Type (`SPEED_TYPE`); 2: Speed (m/s, ≥ -2); 3: Throttle (%, ≥ -2).
+        /// Change speed or throttle. 1: Speed Type (`SPEED_TYPE`); 2: Speed (m/s, ≥ -2); 3: Throttle (%, ≥ -2).
         DO_CHANGE_SPEED = 178,
-        /// 1: Use Current (`MAV_BOOL`); 2: Roll (deg, -180 to 180); 3: Pitch (deg, -90 to 90);
-        /// 4: Yaw (deg, -180 to 180); 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// Set home, here or at a position. 1: Use Current (`MAV_BOOL`); 2: Roll (deg, -180 to 180);
+        /// 3: Pitch (deg, -90 to 90); 4: Yaw (deg, -180 to 180); 5: Latitude; 6: Longitude; 7: Altitude (m).
         DO_SET_HOME = 179,
         /// Deprecated since 2024-04: PARAM_SET. 1: Number (≥ 0); 2: Value.
         DO_SET_PARAMETER = 180,
@@ -1057,7 +1069,7 @@ wire_enum! {
         DO_SET_SERVO = 183,
         /// 1: Instance (≥ 0); 2: PWM (us, ≥ 0); 3: Count (≥ 1); 4: Time (s, ≥ 0).
         DO_REPEAT_SERVO = 184,
-        /// 1: Terminate (0 to 1).
+        /// End the flight at once. 1: Terminate (0 to 1).
         DO_FLIGHTTERMINATION = 185,
         /// 1: Altitude (m); 2: Frame (`MAV_FRAME`).
         DO_CHANGE_ALTITUDE = 186,
@@ -1066,16 +1078,16 @@ wire_enum! {
         DO_SET_ACTUATOR = 187,
         /// 5: Latitude; 6: Longitude; 7: Altitude (m).
         DO_RETURN_PATH_START = 188,
-        /// 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// Marks where in a plan the landing begins. 5: Latitude; 6: Longitude; 7: Altitude (m).
         DO_LAND_START = 189,
         /// 1: Altitude (m); 2: Speed (m/s).
         DO_RALLY_LAND = 190,
         /// 1: Altitude (m).
         DO_GO_AROUND = 191,
-        /// 1: Speed (m/s, ≥ -1); 2: Bitmask (`MAV_DO_REPOSITION_FLAGS`); 3: Radius (m); 4: Yaw (rad); 5: Latitude;
-        /// 6: Longitude; 7: Altitude (m).
+        /// Fly to a position now. 1: Speed (m/s, ≥ -1); 2: Bitmask (`MAV_DO_REPOSITION_FLAGS`); 3: Radius (m);
+        /// 4: Yaw (rad); 5: Latitude; 6: Longitude; 7: Altitude (m).
         DO_REPOSITION = 192,
-        /// 1: Continue (`MAV_BOOL`).
+        /// Pause the mission, or go on with it. 1: Continue (`MAV_BOOL`).
         DO_PAUSE_CONTINUE = 193,
         /// 1: Reverse (`MAV_BOOL`).
         DO_SET_REVERSE = 194,
@@ -1107,7 +1119,7 @@ wire_enum! {
         DO_MOUNT_CONTROL = 205,
         /// 1: Distance (m, ≥ 0); 2: Shutter (ms, ≥ -1); 3: Trigger (`MAV_BOOL`); 4: Target Camera ID (0 to 255).
         DO_SET_CAM_TRIGG_DIST = 206,
-        /// 1: Enable (0 to 2); 2: Types (`FENCE_TYPE`).
+        /// Switch the fence on or off. 1: Enable (0 to 2); 2: Types (`FENCE_TYPE`).
         DO_FENCE_ENABLE = 207,
         /// 1: Action (`PARACHUTE_ACTION`).
         DO_PARACHUTE = 208,
@@ -1133,8 +1145,9 @@ wire_enum! {
         /// 1: Start Engine (`MAV_BOOL`); 2: Cold Start (`MAV_BOOL`); 3: Height Delay (m, ≥ 0);
         /// 4: Options (`ENGINE_CONTROL_OPTIONS`).
         DO_ENGINE_CONTROL = 223,
-        /// 1: Number (≥ -1); 2: Reset Mission (`MAV_BOOL`).
+        /// Go on with another item of the mission, or restart it. 1: Number (≥ -1); 2: Reset Mission (`MAV_BOOL`).
         DO_SET_MISSION_CURRENT = 224,
+        /// No command: DO commands have numbers up to this one.
         DO_LAST = 240,
         /// 1: Gyro Temperature (0 to 3); 2: Magnetometer (`PREFLIGHT_CALIBRATION_MAGNETOMETER`);
         /// 3: Ground Pressure (`MAV_BOOL`); 4: Remote Control (0 to 1);
@@ -1146,9 +1159,11 @@ wire_enum! {
         PREFLIGHT_SET_SENSOR_OFFSETS = 242,
         /// 1: Actuator ID.
         PREFLIGHT_UAVCAN = 243,
+        /// Load, save or reset stored parameters; not in flight.
         /// 1: Parameter Storage (`PREFLIGHT_STORAGE_PARAMETER_ACTION`);
         /// 2: Mission Storage (`PREFLIGHT_STORAGE_MISSION_ACTION`); 3: Logging Rate (Hz, ≥ -1).
         PREFLIGHT_STORAGE = 245,
+        /// Restart or switch off the autopilot or its components; not in flight.
         /// 1: Autopilot (`REBOOT_SHUTDOWN_ACTION`); 2: Companion (`REBOOT_SHUTDOWN_ACTION`);
         /// 3: Component Action (`REBOOT_SHUTDOWN_ACTION`); 4: Component ID (0 to 255);
         /// 6: Conditions (`REBOOT_SHUTDOWN_CONDITIONS`).
@@ -1159,40 +1174,45 @@ wire_enum! {
         /// 1: Distance (m, ≥ 0); 2: Shutter (ms, ≥ 0); 3: Min Interval (ms, 0 to 10000); 4: Positions (≥ 2);
         /// 5: Roll Angle (deg, ≥ 0); 6: Pitch Angle (deg, -180 to 180).
         OBLIQUE_SURVEY = 260,
-        /// 1: Standard Mode (`MAV_STANDARD_MODE`).
+        /// Change to a mode that means the same on all vehicles. 1: Standard Mode (`MAV_STANDARD_MODE`).
         DO_SET_STANDARD_MODE = 262,
-        /// 1: First Item (≥ 0); 2: Last Item (≥ 0).
+        /// Start the mission. 1: First Item (≥ 0); 2: Last Item (≥ 0).
         MISSION_START = 300,
         /// 1: Value (-1 to 1); 2: Timeout (s, 0 to 3); 5: Output Function (`ACTUATOR_OUTPUT_FUNCTION`).
         ACTUATOR_TEST = 310,
         /// 1: Configuration (`ACTUATOR_CONFIGURATION`); 5: Output Function (`ACTUATOR_OUTPUT_FUNCTION`).
         CONFIGURE_ACTUATOR = 311,
-        /// 1: Arm (`MAV_BOOL`); 2: Force (0 to 21196).
+        /// Arm or disarm the motors. 1: Arm (`MAV_BOOL`); 2: Force (0 to 21196).
         COMPONENT_ARM_DISARM = 400,
+        /// Check whether the vehicle can be armed.
         RUN_PREARM_CHECKS = 401,
         /// 1: Enable (`MAV_BOOL`).
         ILLUMINATOR_ON_OFF = 405,
         /// 1: Mode (`ILLUMINATOR_MODE`); 2: Brightness (%, 0 to 100); 3: Strobe Period (s, ≥ 0);
         /// 4: Strobe Duty (%, 0 to 100).
         DO_ILLUMINATOR_CONFIGURE = 406,
-        /// Superseded since 2022-04: MAV_CMD_REQUEST_MESSAGE.
+        /// Ask for HOME_POSITION; the old form of MAV_CMD_REQUEST_MESSAGE. Superseded since 2022-04:
+        /// MAV_CMD_REQUEST_MESSAGE.
         GET_HOME_POSITION = 410,
         /// 1: Failure unit (`FAILURE_UNIT`); 2: Failure type (`FAILURE_TYPE`); 3: Instance (≥ 0);
         /// 4: Instance bitmask (≥ 0).
         INJECT_FAILURE = 420,
         /// 1: RC Type (`RC_TYPE`); 2: RC Sub Type (`RC_SUB_TYPE`).
         START_RX_PAIR = 500,
-        /// Superseded since 2022-04: MAV_CMD_REQUEST_MESSAGE. 1: Message ID (0 to 16777215).
+        /// Ask for MESSAGE_INTERVAL; the old form of MAV_CMD_REQUEST_MESSAGE. Superseded since 2022-04:
+        /// MAV_CMD_REQUEST_MESSAGE. 1: Message ID (0 to 16777215).
         GET_MESSAGE_INTERVAL = 510,
-        /// 1: Message ID (0 to 16777215); 2: Interval (us, ≥ -1); 3: Req Param 3; 4: Req Param 4; 5: Req Param 5;
-        /// 6: Req Param 6; 7: Response Target (0 to 2).
+        /// Set how often a message is sent on this link. 1: Message ID (0 to 16777215); 2: Interval (us, ≥ -1);
+        /// 3: Req Param 3; 4: Req Param 4; 5: Req Param 5; 6: Req Param 6; 7: Response Target (0 to 2).
         SET_MESSAGE_INTERVAL = 511,
-        /// 1: Message ID (0 to 16777215); 2: Req Param 1; 3: Req Param 2; 4: Req Param 3; 5: Req Param 4;
-        /// 6: Req Param 5; 7: Response Target (0 to 2).
+        /// Ask for one message, once. 1: Message ID (0 to 16777215); 2: Req Param 1; 3: Req Param 2; 4: Req Param 3;
+        /// 5: Req Param 4; 6: Req Param 5; 7: Response Target (0 to 2).
         REQUEST_MESSAGE = 512,
-        /// Deprecated since 2025-11: MAV_CMD_REQUEST_MESSAGE. 1: Protocol (`MAV_BOOL`).
+        /// Ask for PROTOCOL_VERSION; the old form of MAV_CMD_REQUEST_MESSAGE. Deprecated since 2025-11:
+        /// MAV_CMD_REQUEST_MESSAGE. 1: Protocol (`MAV_BOOL`).
         REQUEST_PROTOCOL_VERSION = 519,
-        /// Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE. 1: Version (`MAV_BOOL`).
+        /// Ask for AUTOPILOT_VERSION; the old form of MAV_CMD_REQUEST_MESSAGE. Superseded since 2019-08:
+        /// MAV_CMD_REQUEST_MESSAGE. 1: Version (`MAV_BOOL`).
         REQUEST_AUTOPILOT_CAPABILITIES = 520,
         /// Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE. 1: Capabilities (`MAV_BOOL`).
         REQUEST_CAMERA_INFORMATION = 521,
@@ -1218,9 +1238,9 @@ wire_enum! {
         SET_STORAGE_USAGE = 533,
         /// 1: device id; 2: primary source (`CAMERA_SOURCE`); 3: secondary source (`CAMERA_SOURCE`).
         SET_CAMERA_SOURCE = 534,
-        /// 1: Tag (≥ 0).
+        /// A mark in a plan to jump to. 1: Tag (≥ 0).
         JUMP_TAG = 600,
-        /// 1: Tag (≥ 0); 2: Repeat (≥ 0).
+        /// Go on with the item behind a mark, a number of times. 1: Tag (≥ 0); 2: Repeat (≥ 0).
         DO_JUMP_TAG = 601,
         /// 5: Latitude; 6: Longitude; 7: Altitude (m).
         DO_SET_GLOBAL_ORIGIN = 611,
@@ -1262,7 +1282,7 @@ wire_enum! {
         LOGGING_STOP = 2511,
         /// 1: Landing Gear ID (≥ -1); 2: Landing Gear Position.
         AIRFRAME_CONFIGURATION = 2520,
-        /// 1: Enable (`MAV_BOOL`).
+        /// Start or stop HIGH_LATENCY2 on the links that are made for it. 1: Enable (`MAV_BOOL`).
         CONTROL_HIGH_LATENCY = 2600,
         /// 1: Horizontal Angle (deg); 2: Vertical Angle (deg); 3: Horizontal Speed (deg/s); 4: Vertical Speed (deg/s).
         PANORAMA_CREATE = 2800,
@@ -1276,17 +1296,18 @@ wire_enum! {
         /// Work in progress. 1: Geometry (≥ 0); 2: UseAltitude (`MAV_BOOL`); 5: Latitude; 6: Longitude;
         /// 7: Altitude (m).
         CONDITION_GATE = 4501,
-        /// 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// Where to fly when the fence is breached. 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_FENCE_RETURN_POINT = 5000,
-        /// 1: Vertex Count (≥ 3); 2: Inclusion Group (≥ 0); 5: Latitude; 6: Longitude.
+        /// A corner of a polygon to stay inside. 1: Vertex Count (≥ 3); 2: Inclusion Group (≥ 0); 5: Latitude;
+        /// 6: Longitude.
         NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001,
-        /// 1: Vertex Count (≥ 3); 5: Latitude; 6: Longitude.
+        /// A corner of a polygon to stay outside. 1: Vertex Count (≥ 3); 5: Latitude; 6: Longitude.
         NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002,
-        /// 1: Radius (m); 2: Inclusion Group (≥ 0); 5: Latitude; 6: Longitude.
+        /// A circle to stay inside. 1: Radius (m); 2: Inclusion Group (≥ 0); 5: Latitude; 6: Longitude.
         NAV_FENCE_CIRCLE_INCLUSION = 5003,
-        /// 1: Radius (m); 5: Latitude; 6: Longitude.
+        /// A circle to stay outside. 1: Radius (m); 5: Latitude; 6: Longitude.
         NAV_FENCE_CIRCLE_EXCLUSION = 5004,
-        /// 5: Latitude; 6: Longitude; 7: Altitude (m).
+        /// A place to fly to in the place of home. 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_RALLY_POINT = 5100,
         /// Superseded since 2026-05: MAV_CMD_REQUEST_MESSAGE.
         UAVCAN_GET_NODE_INFO = 5200,
@@ -1372,9 +1393,11 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_COMPONENT`.
+    /// Component ids and what they are meant for. (`MAV_COMPONENT`)
     pub struct MavComponent: u8 {
+        /// Every component of a system, as a target.
         ALL = 0,
+        /// The autopilot.
         AUTOPILOT1 = 1,
         USER1 = 25,
         USER2 = 26,
@@ -1492,7 +1515,9 @@ wire_enum! {
         BATTERY = 180,
         BATTERY2 = 181,
         MAVCAN = 189,
+        /// Ground stations; old clients address plans to it.
         MISSIONPLANNER = 190,
+        /// The first companion computer.
         ONBOARD_COMPUTER = 191,
         ONBOARD_COMPUTER2 = 192,
         ONBOARD_COMPUTER3 = 193,
@@ -1513,13 +1538,13 @@ wire_enum! {
         UART_BRIDGE = 241,
         TUNNEL_NODE = 242,
         ILLUMINATOR = 243,
-        /// Deprecated since 2018-11: MAV_COMP_ID_ALL.
+        /// Old, does not stand for a component. Deprecated since 2018-11: MAV_COMP_ID_ALL.
         SYSTEM_CONTROL = 250,
     }
 }
 
 wire_enum! {
-    /// `MAV_DATA_STREAM`. Superseded since 2015-06: MESSAGE_INTERVAL.
+    /// Groups of messages, for REQUEST_DATA_STREAM. (`MAV_DATA_STREAM`) Superseded since 2015-06: MESSAGE_INTERVAL.
     pub struct MavDataStream: u8 {
         ALL = 0,
         RAW_SENSORS = 1,
@@ -1582,25 +1607,34 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_FRAME`.
+    /// What the coordinates of an item or a command refer to. (`MAV_FRAME`)
     pub struct MavFrame: u8 {
+        /// Latitude and longitude; altitude over sea level.
         GLOBAL = 0,
+        /// North, east, down of the local origin.
         LOCAL_NED = 1,
+        /// No coordinates: the parameters are numbers.
         MISSION = 2,
+        /// Latitude and longitude; altitude over home.
         GLOBAL_RELATIVE_ALT = 3,
+        /// East, north, up of the local origin.
         LOCAL_ENU = 4,
-        /// Superseded since 2024-03: MAV_FRAME_GLOBAL.
+        /// As MAV_FRAME_GLOBAL, latitude and longitude in degE7. Superseded since 2024-03: MAV_FRAME_GLOBAL.
         GLOBAL_INT = 5,
-        /// Superseded since 2024-03: MAV_FRAME_GLOBAL_RELATIVE_ALT.
+        /// As MAV_FRAME_GLOBAL_RELATIVE_ALT, latitude and longitude in degE7. Superseded since 2024-03:
+        /// MAV_FRAME_GLOBAL_RELATIVE_ALT.
         GLOBAL_RELATIVE_ALT_INT = 6,
         LOCAL_OFFSET_NED = 7,
         /// Superseded since 2019-08: MAV_FRAME_BODY_FRD.
         BODY_NED = 8,
         /// Superseded since 2019-08: MAV_FRAME_BODY_FRD.
         BODY_OFFSET_NED = 9,
+        /// Latitude and longitude; altitude over ground.
         GLOBAL_TERRAIN_ALT = 10,
-        /// Superseded since 2024-03: MAV_FRAME_GLOBAL_TERRAIN_ALT.
+        /// As MAV_FRAME_GLOBAL_TERRAIN_ALT, latitude and longitude in degE7. Superseded since 2024-03:
+        /// MAV_FRAME_GLOBAL_TERRAIN_ALT.
         GLOBAL_TERRAIN_ALT_INT = 11,
+        /// Forward, right, down of the body, which is taken as level.
         BODY_FRD = 12,
         /// Deprecated since 2019-04.
         RESERVED_13 = 13,
@@ -1616,13 +1650,15 @@ wire_enum! {
         RESERVED_18 = 18,
         /// Deprecated since 2019-04: MAV_FRAME_LOCAL_FLU.
         RESERVED_19 = 19,
+        /// Forward, right, down of a local origin, heading as at its start.
         LOCAL_FRD = 20,
+        /// Forward, left, up of a local origin, heading as at its start.
         LOCAL_FLU = 21,
     }
 }
 
 wire_enum! {
-    /// `MAV_FTP_ERR`.
+    /// Why a request of the file transfer protocol failed. (`MAV_FTP_ERR`)
     pub struct MavFtpErr: u8 {
         NONE = 0,
         FAIL = 1,
@@ -1639,7 +1675,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_FTP_OPCODE`.
+    /// What a packet of the file transfer protocol asks or answers. (`MAV_FTP_OPCODE`)
     pub struct MavFtpOpcode: u8 {
         NONE = 0,
         TERMINATESESSION = 1,
@@ -1712,8 +1748,9 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_LANDED_STATE`.
+    /// Whether the vehicle is on the ground. (`MAV_LANDED_STATE`)
     pub struct MavLandedState: u8 {
+        /// Not known.
         UNDEFINED = 0,
         ON_GROUND = 1,
         IN_AIR = 2,
@@ -1723,33 +1760,53 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_MISSION_RESULT`.
+    /// What became of a transfer of a plan. (`MAV_MISSION_RESULT`)
     pub struct MavMissionResult: u8 {
+        /// The plan is live.
         ACCEPTED = 0,
+        /// Something else is wrong.
         ERROR = 1,
+        /// The frame is not supported.
         UNSUPPORTED_FRAME = 2,
+        /// The command is not supported.
         UNSUPPORTED = 3,
+        /// More items than there is memory for.
         NO_SPACE = 4,
+        /// A parameter has a bad value.
         INVALID = 5,
+        /// Parameter 1 has a bad value.
         INVALID_PARAM1 = 6,
+        /// Parameter 2 has a bad value.
         INVALID_PARAM2 = 7,
+        /// Parameter 3 has a bad value.
         INVALID_PARAM3 = 8,
+        /// Parameter 4 has a bad value.
         INVALID_PARAM4 = 9,
+        /// Parameter 5 has a bad value.
         INVALID_PARAM5_X = 10,
+        /// Parameter 6 has a bad value.
         INVALID_PARAM6_Y = 11,
+        /// Parameter 7 has a bad value.
         INVALID_PARAM7 = 12,
+        /// This item is not the one that is due.
         INVALID_SEQUENCE = 13,
+        /// Not from this partner, or not now.
         DENIED = 14,
+        /// The transfer was given up.
         OPERATION_CANCELLED = 15,
     }
 }
 
 wire_enum! {
-    /// `MAV_MISSION_TYPE`.
+    /// Which plan of the vehicle is meant. (`MAV_MISSION_TYPE`)
     pub struct MavMissionType: u8 {
+        /// The flight plan.
         MISSION = 0,
+        /// The fence.
         FENCE = 1,
+        /// The rally points.
         RALLY = 2,
+        /// All three, for MISSION_CLEAR_ALL only.
         ALL = 255,
     }
 }
@@ -1772,21 +1829,29 @@ wire_enum! {
 }
 
 wire_bitmask! {
-    /// `MAV_MODE_FLAG`.
+    /// The mode in flags; MAV_MODE_FLAG_SAFETY_ARMED is the one that all read. (`MAV_MODE_FLAG`)
     pub struct MavModeFlag: u8 {
+        /// The field custom_mode says which mode it is.
         CUSTOM_MODE_ENABLED = 1,
+        /// A test of the maker.
         TEST_ENABLED = 2,
+        /// The vehicle finds its way itself.
         AUTO_ENABLED = 4,
+        /// Positions from outside are flown to.
         GUIDED_ENABLED = 8,
+        /// The attitude is held.
         STABILIZE_ENABLED = 0x10,
+        /// Sensors and actuators are simulated.
         HIL_ENABLED = 0x20,
+        /// Sticks are read.
         MANUAL_INPUT_ENABLED = 0x40,
+        /// Motors may run.
         SAFETY_ARMED = 0x80,
     }
 }
 
 wire_bitmask! {
-    /// `MAV_MODE_FLAG_DECODE_POSITION`.
+    /// The bits of MAV_MODE_FLAG under other names. (`MAV_MODE_FLAG_DECODE_POSITION`)
     pub struct MavModeFlagDecodePosition: u8 {
         CUSTOM_MODE = 1,
         TEST = 2,
@@ -1800,7 +1865,7 @@ wire_bitmask! {
 }
 
 wire_bitmask! {
-    /// `MAV_MODE_PROPERTY`.
+    /// What a ground station should know of a mode. (`MAV_MODE_PROPERTY`)
     pub struct MavModeProperty: u32 {
         ADVANCED = 1,
         NOT_USER_SELECTABLE = 2,
@@ -2017,7 +2082,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_PARAM_ERROR`. Work in progress.
+    /// Why a parameter could not be read or set. (`MAV_PARAM_ERROR`) Work in progress.
     pub struct MavParamError: u8 {
         NO_ERROR = 0,
         DOES_NOT_EXIST = 1,
@@ -2032,7 +2097,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_PARAM_EXT_TYPE`.
+    /// Type of an extended parameter. (`MAV_PARAM_EXT_TYPE`)
     pub struct MavParamExtType: u8 {
         UINT8 = 1,
         INT8 = 2,
@@ -2049,7 +2114,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_PARAM_TYPE`.
+    /// Type of a parameter. (`MAV_PARAM_TYPE`)
     pub struct MavParamType: u8 {
         UINT8 = 1,
         INT8 = 2,
@@ -2077,26 +2142,41 @@ wire_bitmask! {
 }
 
 wire_bitmask! {
-    /// `MAV_PROTOCOL_CAPABILITY`.
+    /// What an autopilot can do; clients use nothing whose bit is not set. (`MAV_PROTOCOL_CAPABILITY`)
     pub struct MavProtocolCapability: u64 {
+        /// Takes MISSION_ITEM.
         MISSION_FLOAT = 1,
         /// Deprecated since 2022-03: MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST.
         PARAM_FLOAT = 2,
+        /// Takes MISSION_ITEM_INT.
         MISSION_INT = 4,
+        /// Takes COMMAND_INT.
         COMMAND_INT = 8,
+        /// The bytes of a parameter stand in the float as they are.
         PARAM_ENCODE_BYTEWISE = 0x10,
+        /// Has the file transfer protocol.
         FTP = 0x20,
+        /// Takes SET_ATTITUDE_TARGET.
         SET_ATTITUDE_TARGET = 0x40,
+        /// Takes SET_POSITION_TARGET_LOCAL_NED.
         SET_POSITION_TARGET_LOCAL_NED = 0x80,
+        /// Takes SET_POSITION_TARGET_GLOBAL_INT.
         SET_POSITION_TARGET_GLOBAL_INT = 0x100,
+        /// Asks for terrain data and uses it.
         TERRAIN = 0x200,
         RESERVED3 = 0x400,
+        /// Takes MAV_CMD_DO_FLIGHTTERMINATION.
         FLIGHT_TERMINATION = 0x800,
+        /// Calibrates its compass on board.
         COMPASS_CALIBRATION = 0x1000,
+        /// Understands MAVLink 2.
         MAVLINK2 = 0x2000,
+        /// Takes fences by the mission protocol.
         MISSION_FENCE = 0x4000,
+        /// Takes rally points by the mission protocol.
         MISSION_RALLY = 0x8000,
         RESERVED2 = 0x10000,
+        /// A parameter is converted to a float.
         PARAM_ENCODE_C_CAST = 0x20000,
         COMPONENT_IMPLEMENTS_GIMBAL_MANAGER = 0x40000,
         /// Work in progress.
@@ -2107,19 +2187,29 @@ wire_bitmask! {
 }
 
 wire_enum! {
-    /// `MAV_RESULT`.
+    /// What became of a command. (`MAV_RESULT`)
     pub struct MavResult: u8 {
+        /// Will be done, or is done.
         ACCEPTED = 0,
+        /// Not now; the same command may succeed later.
         TEMPORARILY_REJECTED = 1,
+        /// Known, but not with these parameters.
         DENIED = 2,
+        /// Not known here.
         UNSUPPORTED = 3,
+        /// Was tried in vain.
         FAILED = 4,
+        /// Is being done; a final result follows.
         IN_PROGRESS = 5,
+        /// Was given up on request.
         CANCELLED = 6,
+        /// Send it as COMMAND_LONG.
         COMMAND_LONG_ONLY = 7,
+        /// Send it as COMMAND_INT.
         COMMAND_INT_ONLY = 8,
+        /// The frame is not supported for this command.
         COMMAND_UNSUPPORTED_MAV_FRAME = 9,
-        /// Work in progress.
+        /// The sender is not the one in control. Work in progress.
         NOT_IN_CONTROL = 10,
     }
 }
@@ -2184,21 +2274,29 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_SEVERITY`.
+    /// How urgent a text or an event is, as in syslog (RFC 5424). (`MAV_SEVERITY`)
     pub struct MavSeverity: u8 {
+        /// The system cannot be used.
         EMERGENCY = 0,
+        /// Act at once: a failure in what is not flight-critical.
         ALERT = 1,
+        /// Act at once: a failure in a primary system.
         CRITICAL = 2,
+        /// A failure in a secondary or redundant system.
         ERROR = 3,
+        /// May become an error.
         WARNING = 4,
+        /// Unusual, but no error.
         NOTICE = 5,
+        /// Normal operation.
         INFO = 6,
+        /// For developers.
         DEBUG = 7,
     }
 }
 
 wire_enum! {
-    /// `MAV_STANDARD_MODE`.
+    /// Modes that mean the same on all vehicles. (`MAV_STANDARD_MODE`)
     pub struct MavStandardMode: u8 {
         NON_STANDARD = 0,
         POSITION_HOLD = 1,
@@ -2213,22 +2311,31 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_STATE`.
+    /// The state of the system, from boot to power-off. (`MAV_STATE`)
     pub struct MavState: u8 {
+        /// Not known.
         UNINIT = 0,
+        /// Starting up.
         BOOT = 1,
+        /// Calibrating; cannot fly yet.
         CALIBRATING = 2,
+        /// On the ground and ready.
         STANDBY = 3,
+        /// Motors run, or the vehicle flies.
         ACTIVE = 4,
+        /// Flies, but something failed or a failsafe acts.
         CRITICAL = 5,
+        /// Has lost control, or is coming down.
         EMERGENCY = 6,
+        /// Switching off.
         POWEROFF = 7,
+        /// Ends its flight by all means.
         FLIGHT_TERMINATION = 8,
     }
 }
 
 wire_bitmask! {
-    /// `MAV_SYS_STATUS_SENSOR`.
+    /// Sensors and subsystems, for SYS_STATUS. (`MAV_SYS_STATUS_SENSOR`)
     pub struct MavSysStatusSensor: u32 {
         SENSOR_3D_GYRO = 1,
         SENSOR_3D_ACCEL = 2,
@@ -2266,7 +2373,7 @@ wire_bitmask! {
 }
 
 wire_bitmask! {
-    /// `MAV_SYS_STATUS_SENSOR_EXTENDED`.
+    /// More sensors and subsystems, for SYS_STATUS. (`MAV_SYS_STATUS_SENSOR_EXTENDED`)
     pub struct MavSysStatusSensorExtended: u32 {
         RECOVERY_SYSTEM = 1,
         SENSOR_LEAK = 2,
@@ -2298,7 +2405,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_TYPE`.
+    /// What kind of vehicle or component it is. (`MAV_TYPE`)
     pub struct MavType: u8 {
         GENERIC = 0,
         FIXED_WING = 1,
@@ -2306,6 +2413,7 @@ wire_enum! {
         COAXIAL = 3,
         HELICOPTER = 4,
         ANTENNA_TRACKER = 5,
+        /// A ground station.
         GCS = 6,
         AIRSHIP = 7,
         FREE_BALLOON = 8,
@@ -2318,6 +2426,7 @@ wire_enum! {
         TRICOPTER = 15,
         FLAPPING_WING = 16,
         KITE = 17,
+        /// A companion computer.
         ONBOARD_CONTROLLER = 18,
         VTOL_TAILSITTER_DUOROTOR = 19,
         VTOL_TAILSITTER_QUADROTOR = 20,
@@ -2354,7 +2463,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `MAV_VTOL_STATE`.
+    /// Flight regime of a vehicle that hovers and flies on wings. (`MAV_VTOL_STATE`)
     pub struct MavVtolState: u8 {
         UNDEFINED = 0,
         TRANSITION_TO_FW = 1,
@@ -2385,13 +2494,19 @@ wire_bitmask! {
 }
 
 wire_enum! {
-    /// `MISSION_STATE`.
+    /// What the mission is doing. (`MISSION_STATE`)
     pub struct MissionState: u8 {
+        /// The sender does not say.
         UNKNOWN = 0,
+        /// There is none.
         NO_MISSION = 1,
+        /// There is one, not begun.
         NOT_STARTED = 2,
+        /// Being flown.
         ACTIVE = 3,
+        /// Begun, and not being flown now.
         PAUSED = 4,
+        /// Flown to its end.
         COMPLETE = 5,
     }
 }
@@ -2453,7 +2568,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `PARAM_ACK`.
+    /// What became of a PARAM_EXT_SET. (`PARAM_ACK`)
     pub struct ParamAck: u8 {
         ACCEPTED = 0,
         VALUE_UNSUPPORTED = 1,
@@ -2511,7 +2626,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `PREFLIGHT_STORAGE_MISSION_ACTION`.
+    /// What to do with a stored mission. (`PREFLIGHT_STORAGE_MISSION_ACTION`)
     pub struct PreflightStorageMissionAction: u8 {
         READ_PERSISTENT = 0,
         WRITE_PERSISTENT = 1,
@@ -2520,7 +2635,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `PREFLIGHT_STORAGE_PARAMETER_ACTION`.
+    /// What to do with stored parameters. (`PREFLIGHT_STORAGE_PARAMETER_ACTION`)
     pub struct PreflightStorageParameterAction: u8 {
         READ_PERSISTENT = 0,
         WRITE_PERSISTENT = 1,
@@ -2548,7 +2663,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `REBOOT_SHUTDOWN_ACTION`.
+    /// What to do to a component: restart it or switch it off. (`REBOOT_SHUTDOWN_ACTION`)
     pub struct RebootShutdownAction: u8 {
         NONE = 0,
         REBOOT = 1,
@@ -2559,7 +2674,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// `REBOOT_SHUTDOWN_CONDITIONS`.
+    /// When a restart is allowed. (`REBOOT_SHUTDOWN_CONDITIONS`)
     pub struct RebootShutdownConditions: u32 {
         SAFETY_INTERLOCKED = 0,
         FORCE = 20190226,
@@ -2815,7 +2930,7 @@ wire_enum! {
 }
 
 message! {
-    /// `HEARTBEAT`.
+    /// A component is alive: what it is, and in which state and mode.
     pub struct Heartbeat: HEARTBEAT = 0 {
         custom_mode: u32,
         r#type: MavType,
@@ -2828,7 +2943,7 @@ message! {
 }
 
 message! {
-    /// `SYS_STATUS`.
+    /// Health of sensors and subsystems, load, battery, losses on the link.
     pub struct SysStatus: SYS_STATUS = 1 {
         onboard_control_sensors_present: MavSysStatusSensor,
         onboard_control_sensors_enabled: MavSysStatusSensor,
@@ -2856,7 +2971,7 @@ message! {
 }
 
 message! {
-    /// `SYSTEM_TIME`.
+    /// The Unix time that the sender knows, beside its time since boot.
     pub struct SystemTime: SYSTEM_TIME = 2 {
         /// (us)
         time_unix_usec: u64,
@@ -2866,7 +2981,8 @@ message! {
 }
 
 message! {
-    /// `PING`. Superseded since 2011-08: TIMESYNC.
+    /// Asks for an answer with the same number, or is that answer; measures the delay between two components.
+    /// Superseded since 2011-08: TIMESYNC.
     pub struct Ping: PING = 4 {
         /// (us)
         time_usec: u64,
@@ -2928,7 +3044,8 @@ message! {
 }
 
 message! {
-    /// `SET_MODE`. Superseded since 2015-12: MAV_CMD_DO_SET_MODE.
+    /// Asks for a mode by its flags and number; the old form of MAV_CMD_DO_SET_MODE. Superseded since 2015-12:
+    /// MAV_CMD_DO_SET_MODE.
     pub struct SetMode: SET_MODE = 11 {
         custom_mode: u32,
         target_system: u8,
@@ -2937,7 +3054,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_REQUEST_READ`.
+    /// Asks for one parameter, by name or by index.
     pub struct ParamRequestRead: PARAM_REQUEST_READ = 20 {
         /// Unknown: `-1`.
         param_index: i16,
@@ -2948,7 +3065,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_REQUEST_LIST`.
+    /// Asks for all parameters.
     pub struct ParamRequestList: PARAM_REQUEST_LIST = 21 {
         target_system: u8,
         target_component: u8,
@@ -2956,7 +3073,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_VALUE`.
+    /// One parameter: its name, type, value and place among all.
     pub struct ParamValue: PARAM_VALUE = 22 {
         param_value: f32,
         param_count: u16,
@@ -2967,7 +3084,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_SET`.
+    /// Asks for a parameter to have a value; the answer is its PARAM_VALUE.
     pub struct ParamSet: PARAM_SET = 23 {
         param_value: f32,
         target_system: u8,
@@ -2978,7 +3095,7 @@ message! {
 }
 
 message! {
-    /// `GPS_RAW_INT`.
+    /// Position as the satellite receiver gives it, with the quality of its fix.
     pub struct GpsRawInt: GPS_RAW_INT = 24 {
         /// (us)
         time_usec: u64,
@@ -3113,7 +3230,7 @@ message! {
 }
 
 message! {
-    /// `ATTITUDE`.
+    /// Attitude in Euler angles, and turn rates of the body.
     pub struct Attitude: ATTITUDE = 30 {
         /// (ms)
         time_boot_ms: u32,
@@ -3133,7 +3250,7 @@ message! {
 }
 
 message! {
-    /// `ATTITUDE_QUATERNION`.
+    /// Attitude as a quaternion, and turn rates of the body.
     pub struct AttitudeQuaternion: ATTITUDE_QUATERNION = 31 {
         /// (ms)
         time_boot_ms: u32,
@@ -3154,7 +3271,7 @@ message! {
 }
 
 message! {
-    /// `LOCAL_POSITION_NED`.
+    /// Estimated position and velocity relative to the local origin: north, east, down.
     pub struct LocalPositionNed: LOCAL_POSITION_NED = 32 {
         /// (ms)
         time_boot_ms: u32,
@@ -3174,7 +3291,7 @@ message! {
 }
 
 message! {
-    /// `GLOBAL_POSITION_INT`.
+    /// Estimated position over ground and sea level, and velocity.
     pub struct GlobalPositionInt: GLOBAL_POSITION_INT = 33 {
         /// (ms)
         time_boot_ms: u32,
@@ -3295,7 +3412,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_REQUEST_PARTIAL_LIST`.
+    /// Asks for a range of items of a plan.
     pub struct MissionRequestPartialList: MISSION_REQUEST_PARTIAL_LIST = 37 {
         start_index: i16,
         end_index: i16,
@@ -3307,7 +3424,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_WRITE_PARTIAL_LIST`.
+    /// Announces the upload of a range of items of a plan.
     pub struct MissionWritePartialList: MISSION_WRITE_PARTIAL_LIST = 38 {
         start_index: i16,
         end_index: i16,
@@ -3319,7 +3436,8 @@ message! {
 }
 
 message! {
-    /// `MISSION_ITEM`. Deprecated since 2020-06: MISSION_ITEM_INT.
+    /// One item of a plan, position as floats; the old form of MISSION_ITEM_INT. Deprecated since 2020-06:
+    /// MISSION_ITEM_INT.
     pub struct MissionItem: MISSION_ITEM = 39 {
         param1: f32,
         param2: f32,
@@ -3341,7 +3459,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_REQUEST`. Deprecated since 2020-06: MISSION_REQUEST_INT.
+    /// Asks for one item of a plan; the old form of MISSION_REQUEST_INT. Deprecated since 2020-06: MISSION_REQUEST_INT.
     pub struct MissionRequest: MISSION_REQUEST = 40 {
         seq: u16,
         target_system: u8,
@@ -3352,7 +3470,8 @@ message! {
 }
 
 message! {
-    /// `MISSION_SET_CURRENT`. Superseded since 2022-08: MAV_CMD_DO_SET_MISSION_CURRENT.
+    /// Asks the mission to go on with an item; the old form of MAV_CMD_DO_SET_MISSION_CURRENT. Superseded since
+    /// 2022-08: MAV_CMD_DO_SET_MISSION_CURRENT.
     pub struct MissionSetCurrent: MISSION_SET_CURRENT = 41 {
         seq: u16,
         target_system: u8,
@@ -3361,7 +3480,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_CURRENT`.
+    /// The item at which the mission is, its state, and the ids of the plans that are live.
     pub struct MissionCurrent: MISSION_CURRENT = 42 {
         seq: u16,
     } extensions {
@@ -3381,7 +3500,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_REQUEST_LIST`.
+    /// Asks how many items a plan has: begins a download.
     pub struct MissionRequestList: MISSION_REQUEST_LIST = 43 {
         target_system: u8,
         target_component: u8,
@@ -3391,7 +3510,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_COUNT`.
+    /// The number of items of a plan: begins an upload, or answers MISSION_REQUEST_LIST.
     pub struct MissionCount: MISSION_COUNT = 44 {
         count: u16,
         target_system: u8,
@@ -3404,7 +3523,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_CLEAR_ALL`.
+    /// Asks for a plan to be deleted.
     pub struct MissionClearAll: MISSION_CLEAR_ALL = 45 {
         target_system: u8,
         target_component: u8,
@@ -3414,14 +3533,14 @@ message! {
 }
 
 message! {
-    /// `MISSION_ITEM_REACHED`.
+    /// An item of the mission was reached or done.
     pub struct MissionItemReached: MISSION_ITEM_REACHED = 46 {
         seq: u16,
     }
 }
 
 message! {
-    /// `MISSION_ACK`.
+    /// Ends a transfer of a plan: how it went.
     pub struct MissionAck: MISSION_ACK = 47 {
         target_system: u8,
         target_component: u8,
@@ -3434,7 +3553,7 @@ message! {
 }
 
 message! {
-    /// `SET_GPS_GLOBAL_ORIGIN`. Superseded since 2025-04: MAV_CMD_DO_SET_GLOBAL_ORIGIN.
+    /// Asks for another origin of local coordinates. Superseded since 2025-04: MAV_CMD_DO_SET_GLOBAL_ORIGIN.
     pub struct SetGpsGlobalOrigin: SET_GPS_GLOBAL_ORIGIN = 48 {
         /// (degE7)
         latitude: i32,
@@ -3450,7 +3569,7 @@ message! {
 }
 
 message! {
-    /// `GPS_GLOBAL_ORIGIN`.
+    /// The origin of local coordinates.
     pub struct GpsGlobalOrigin: GPS_GLOBAL_ORIGIN = 49 {
         /// (degE7)
         latitude: i32,
@@ -3480,7 +3599,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_REQUEST_INT`.
+    /// Asks for one item of a plan, by its number.
     pub struct MissionRequestInt: MISSION_REQUEST_INT = 51 {
         seq: u16,
         target_system: u8,
@@ -3624,7 +3743,7 @@ message! {
 }
 
 message! {
-    /// `RC_CHANNELS`.
+    /// The radio control channels as received.
     pub struct RcChannels: RC_CHANNELS = 65 {
         /// (ms)
         time_boot_ms: u32,
@@ -3671,7 +3790,8 @@ message! {
 }
 
 message! {
-    /// `REQUEST_DATA_STREAM`. Superseded since 2015-08: MAV_CMD_SET_MESSAGE_INTERVAL .
+    /// Asks for a group of messages at a rate; the old form of MAV_CMD_SET_MESSAGE_INTERVAL. Superseded since 2015-08:
+    /// MAV_CMD_SET_MESSAGE_INTERVAL .
     pub struct RequestDataStream: REQUEST_DATA_STREAM = 66 {
         /// (Hz)
         req_message_rate: u16,
@@ -3683,7 +3803,7 @@ message! {
 }
 
 message! {
-    /// `DATA_STREAM`. Superseded since 2015-08: MESSAGE_INTERVAL.
+    /// The rate of a group of messages. Superseded since 2015-08: MESSAGE_INTERVAL.
     pub struct DataStream: DATA_STREAM = 67 {
         /// (Hz)
         message_rate: u16,
@@ -3693,7 +3813,7 @@ message! {
 }
 
 message! {
-    /// `MANUAL_CONTROL`.
+    /// Stick positions and buttons of whoever steers by hand.
     pub struct ManualControl: MANUAL_CONTROL = 69 {
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
         x: i16,
@@ -3728,7 +3848,7 @@ message! {
 }
 
 message! {
-    /// `RC_CHANNELS_OVERRIDE`.
+    /// Radio control channels to be taken in the place of the received ones.
     pub struct RcChannelsOverride: RC_CHANNELS_OVERRIDE = 70 {
         /// (us) Unknown: `UINT16_MAX`.
         chan1_raw: u16,
@@ -3773,7 +3893,7 @@ message! {
 }
 
 message! {
-    /// `MISSION_ITEM_INT`.
+    /// One item of a plan, position as scaled integers.
     pub struct MissionItemInt: MISSION_ITEM_INT = 73 {
         param1: f32,
         param2: f32,
@@ -3795,7 +3915,7 @@ message! {
 }
 
 message! {
-    /// `VFR_HUD`.
+    /// What a pilot looks at: speeds, heading, throttle, altitude, climb.
     pub struct VfrHud: VFR_HUD = 74 {
         /// (m/s)
         airspeed: f32,
@@ -3813,7 +3933,7 @@ message! {
 }
 
 message! {
-    /// `COMMAND_INT`.
+    /// A command with a position in scaled integers and a frame.
     pub struct CommandInt: COMMAND_INT = 75 {
         /// Unknown: `NaN`.
         param1: f32,
@@ -3839,7 +3959,7 @@ message! {
 }
 
 message! {
-    /// `COMMAND_LONG`.
+    /// A command with seven float parameters.
     pub struct CommandLong: COMMAND_LONG = 76 {
         /// Unknown: `NaN`.
         param1: f32,
@@ -3863,7 +3983,7 @@ message! {
 }
 
 message! {
-    /// `COMMAND_ACK`.
+    /// The answer to a command: its result, and its progress while it lasts.
     pub struct CommandAck: COMMAND_ACK = 77 {
         command: MavCmd,
         result: MavResult,
@@ -3877,7 +3997,7 @@ message! {
 }
 
 message! {
-    /// `COMMAND_CANCEL`. Work in progress.
+    /// Asks for a command that still runs to be given up. Work in progress.
     pub struct CommandCancel: COMMAND_CANCEL = 80 {
         command: MavCmd,
         target_system: u8,
@@ -4457,7 +4577,7 @@ message! {
 }
 
 message! {
-    /// `RADIO_STATUS`.
+    /// What a telemetry radio knows of its link and of its buffer.
     pub struct RadioStatus: RADIO_STATUS = 109 {
         rxerrors: u16,
         fixed: u16,
@@ -4475,7 +4595,7 @@ message! {
 }
 
 message! {
-    /// `FILE_TRANSFER_PROTOCOL`.
+    /// A packet of the file transfer protocol.
     pub struct FileTransferProtocol: FILE_TRANSFER_PROTOCOL = 110 {
         target_network: u8,
         target_system: u8,
@@ -4485,7 +4605,7 @@ message! {
 }
 
 message! {
-    /// `TIMESYNC`.
+    /// Asks for a clock, or answers with it: the way to the offset of two clocks.
     pub struct Timesync: TIMESYNC = 111 {
         /// (ns)
         tc1: i64,
@@ -5133,7 +5253,7 @@ message! {
 }
 
 message! {
-    /// `BATTERY_STATUS`.
+    /// State of one battery.
     pub struct BatteryStatus: BATTERY_STATUS = 147 {
         /// (mAh) Unknown: `-1`.
         current_consumed: i32,
@@ -5163,7 +5283,7 @@ message! {
 }
 
 message! {
-    /// `AUTOPILOT_VERSION`.
+    /// What the autopilot can do, its versions and its identity.
     pub struct AutopilotVersion: AUTOPILOT_VERSION = 148 {
         capabilities: MavProtocolCapability,
         uid: u64,
@@ -5213,7 +5333,7 @@ message! {
 }
 
 message! {
-    /// `FENCE_STATUS`.
+    /// Whether and how the fence is breached.
     pub struct FenceStatus: FENCE_STATUS = 162 {
         /// (ms)
         breach_time: u32,
@@ -5388,7 +5508,7 @@ message! {
 }
 
 message! {
-    /// `HIGH_LATENCY`. Superseded since 2020-10: HIGH_LATENCY2.
+    /// The old form of HIGH_LATENCY2. Superseded since 2020-10: HIGH_LATENCY2.
     pub struct HighLatency: HIGH_LATENCY = 234 {
         custom_mode: u32,
         /// (degE7)
@@ -5436,7 +5556,7 @@ message! {
 }
 
 message! {
-    /// `HIGH_LATENCY2`.
+    /// All that matters of the vehicle in one short message, for links where bytes are dear.
     pub struct HighLatency2: HIGH_LATENCY2 = 235 {
         /// (ms)
         timestamp: u32,
@@ -5502,7 +5622,7 @@ message! {
 }
 
 message! {
-    /// `HOME_POSITION`.
+    /// Where home is, and how to approach it.
     pub struct HomePosition: HOME_POSITION = 242 {
         /// (degE7)
         latitude: i32,
@@ -5531,7 +5651,7 @@ message! {
 }
 
 message! {
-    /// `SET_HOME_POSITION`. Superseded since 2022-02: MAV_CMD_DO_SET_HOME.
+    /// Asks for another home; the old form of MAV_CMD_DO_SET_HOME. Superseded since 2022-02: MAV_CMD_DO_SET_HOME.
     pub struct SetHomePosition: SET_HOME_POSITION = 243 {
         /// (degE7)
         latitude: i32,
@@ -5560,7 +5680,7 @@ message! {
 }
 
 message! {
-    /// `MESSAGE_INTERVAL`.
+    /// How often a message is sent on this link.
     pub struct MessageInterval: MESSAGE_INTERVAL = 244 {
         /// (us)
         interval_us: i32,
@@ -5569,7 +5689,7 @@ message! {
 }
 
 message! {
-    /// `EXTENDED_SYS_STATE`.
+    /// Whether the vehicle is on the ground, and in which flight regime.
     pub struct ExtendedSysState: EXTENDED_SYS_STATE = 245 {
         vtol_state: MavVtolState,
         landed_state: MavLandedState,
@@ -5676,7 +5796,7 @@ message! {
 }
 
 message! {
-    /// `STATUSTEXT`.
+    /// A text for the operator; a long one comes in chunks.
     pub struct Statustext: STATUSTEXT = 253 {
         severity: MavSeverity,
         text: Text<50>,
@@ -5697,7 +5817,7 @@ message! {
 }
 
 message! {
-    /// `SETUP_SIGNING`.
+    /// Sets the secret key and the timestamp of message signing.
     pub struct SetupSigning: SETUP_SIGNING = 256 {
         initial_timestamp: u64,
         target_system: u8,
@@ -6375,7 +6495,7 @@ message! {
 }
 
 message! {
-    /// `PROTOCOL_VERSION`. Deprecated since 2025-11: Nothing.
+    /// The versions of MAVLink that the sender understands. Deprecated since 2025-11: Nothing.
     pub struct ProtocolVersion: PROTOCOL_VERSION = 300 {
         version: u16,
         min_version: u16,
@@ -6452,7 +6572,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_EXT_REQUEST_READ`.
+    /// Asks for one extended parameter, by name or by index.
     pub struct ParamExtRequestRead: PARAM_EXT_REQUEST_READ = 320 {
         /// Unknown: `-1`.
         param_index: i16,
@@ -6463,7 +6583,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_EXT_REQUEST_LIST`.
+    /// Asks for all extended parameters.
     pub struct ParamExtRequestList: PARAM_EXT_REQUEST_LIST = 321 {
         target_system: u8,
         target_component: u8,
@@ -6471,7 +6591,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_EXT_VALUE`.
+    /// One extended parameter.
     pub struct ParamExtValue: PARAM_EXT_VALUE = 322 {
         param_count: u16,
         param_index: u16,
@@ -6482,7 +6602,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_EXT_SET`.
+    /// Asks for an extended parameter to have a value.
     pub struct ParamExtSet: PARAM_EXT_SET = 323 {
         target_system: u8,
         target_component: u8,
@@ -6493,7 +6613,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_EXT_ACK`.
+    /// What became of a PARAM_EXT_SET.
     pub struct ParamExtAck: PARAM_EXT_ACK = 324 {
         param_id: Text<16>,
         param_value: Text<128>,
@@ -6734,7 +6854,7 @@ message! {
 }
 
 message! {
-    /// `PARAM_ERROR`. Work in progress.
+    /// Why a parameter could not be read or set. Work in progress.
     pub struct ParamError: PARAM_ERROR = 345 {
         param_index: i16,
         target_system: u8,
@@ -7063,7 +7183,7 @@ message! {
 }
 
 message! {
-    /// `COMPONENT_INFORMATION_BASIC`.
+    /// Maker, model, versions and serial number of a component.
     pub struct ComponentInformationBasic: COMPONENT_INFORMATION_BASIC = 396 {
         capabilities: MavProtocolCapability,
         /// (ms)
@@ -7079,7 +7199,7 @@ message! {
 }
 
 message! {
-    /// `COMPONENT_METADATA`.
+    /// Where the file lies that describes a component.
     pub struct ComponentMetadata: COMPONENT_METADATA = 397 {
         /// (ms)
         time_boot_ms: u32,
@@ -7108,7 +7228,7 @@ message! {
 }
 
 message! {
-    /// `EVENT`. Work in progress.
+    /// Something that happened, by number, with arguments. Work in progress.
     pub struct Event: EVENT = 410 {
         id: u32,
         /// (ms)
@@ -7122,7 +7242,7 @@ message! {
 }
 
 message! {
-    /// `CURRENT_EVENT_SEQUENCE`. Work in progress.
+    /// The number of the latest event. Work in progress.
     pub struct CurrentEventSequence: CURRENT_EVENT_SEQUENCE = 411 {
         sequence: u16,
         flags: MavEventCurrentSequenceFlags,
@@ -7130,7 +7250,7 @@ message! {
 }
 
 message! {
-    /// `REQUEST_EVENT`. Work in progress.
+    /// Asks for events again, by their numbers. Work in progress.
     pub struct RequestEvent: REQUEST_EVENT = 412 {
         first_sequence: u16,
         last_sequence: u16,
@@ -7140,7 +7260,7 @@ message! {
 }
 
 message! {
-    /// `RESPONSE_EVENT_ERROR`. Work in progress.
+    /// An event that was asked for is not there any more. Work in progress.
     pub struct ResponseEventError: RESPONSE_EVENT_ERROR = 413 {
         sequence: u16,
         sequence_oldest_available: u16,
@@ -7151,7 +7271,7 @@ message! {
 }
 
 message! {
-    /// `AVAILABLE_MODES`.
+    /// One of the modes that the vehicle has.
     pub struct AvailableModes: AVAILABLE_MODES = 435 {
         custom_mode: u32,
         properties: MavModeProperty,
@@ -7163,7 +7283,7 @@ message! {
 }
 
 message! {
-    /// `CURRENT_MODE`.
+    /// The mode that the vehicle is in, and the one that was asked for.
     pub struct CurrentMode: CURRENT_MODE = 436 {
         custom_mode: u32,
         /// Unknown: `0`.
@@ -7173,7 +7293,7 @@ message! {
 }
 
 message! {
-    /// `AVAILABLE_MODES_MONITOR`.
+    /// A number that changes with the list of modes.
     pub struct AvailableModesMonitor: AVAILABLE_MODES_MONITOR = 437 {
         seq: u8,
     }

@@ -82,3 +82,25 @@ impl<T: Field, const N: usize> Field for [T; N] {
         }
     }
 }
+
+/// A lone `char` field: one byte of text. (`char[N]` is [`Text<N>`](crate::Text).)
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Char(pub u8);
+
+impl Field for Char {
+    const SIZE: usize = 1;
+    const ELEMENT: usize = 1;
+    const WIRE_TYPE: &'static str = "char";
+    const ZERO: Self = Self(0);
+
+    #[inline(always)]
+    fn read(payload: &[u8], at: usize) -> Self {
+        Self(u8::read(payload, at))
+    }
+
+    #[inline(always)]
+    fn write(&self, payload: &mut [u8], at: usize) {
+        self.0.write(payload, at);
+    }
+}
