@@ -1,0 +1,91 @@
+//! What the measured firmwares share: a UART, a clock, a panic handler. Their sizes are told apart by subtracting the
+//! firmware that has only these (`empty`).
+#![no_std]
+
+use core::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+#[cfg(feature = "panic-never")]
+use panic_never as _;
+
+/// The first CMSDK UART of the emulated board, polled.
+#[derive(Debug)]
+pub struct Uart;
+
+const BASE: usize = 0x4000_4000;
+const DATA: usize = BASE;
+const STATE: usize = BASE + 4;
+const TX_FULL: u32 = 1;
+const RX_FULL: u32 = 2;
+
+#[allow(unsafe_code, reason = "a register of the board")]
+fn load(register: usize) -> u32 {
+    // SAFETY: one of the UART's registers, which exist on this board and have no side effect on memory.
+    unsafe { core::ptr::with_exposed_provenance::<u32>(register).read_volatile() }
+}
+
+#[allow(unsafe_code, reason = "a register of the board")]
+fn store(register: usize, value: u32) {
+    // SAFETY: as for `load`.
+    unsafe { core::ptr::with_exposed_provenance_mut::<u32>(register).write_volatile(value) }
+}
+
+/// Microseconds since boot: a stand-in that reads one register, as a real clock would.
+pub fn now_micros() -> u64 {
+    u64::from(load(0x4000_0004))
+}
+
+impl ErrorType for Uart {
+    type Error = Infallible;
+}
+
+impl ReadReady for Uart {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(load(STATE) & RX_FULL != 0)
+    }
+}
+
+impl WriteReady for Uart {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(load(STATE) & TX_FULL == 0)
+    }
+}
+
+impl Read for Uart {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        let mut len = 0;
+        for byte in bytes {
+            if load(STATE) & RX_FULL == 0 {
+                break;
+            }
+            let [low, ..] = load(DATA).to_le_bytes();
+            *byte = low;
+            len += 1;
+        }
+        Ok(len)
+    }
+}
+
+impl Write for Uart {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let mut len = 0;
+        for byte in bytes {
+            if load(STATE) & TX_FULL != 0 {
+                break;
+            }
+            store(DATA, u32::from(*byte));
+            len += 1;
+        }
+        Ok(len)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+#[cfg(not(feature = "panic-never"))]
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    loop {}
+}
