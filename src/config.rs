@@ -78,6 +78,9 @@ pub struct Config {
     pub stale_after: Duration,
     /// The bound of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,
+    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are rounded to floats; else, as
+    /// at first, by MISSION_ITEM_INT, as the definitions have it today (M-61).
+    pub float_mission_items: bool,
 }
 
 /// An address that a vehicle may have, so that none other can be configured.
@@ -126,6 +129,7 @@ impl Config {
             peer_timeout: Duration::from_secs(5),
             stale_after: Decoder::STALE_AFTER,
             budget: PollBudget::DEFAULT,
+            float_mission_items: false,
         }
     }
 }

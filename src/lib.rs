@@ -46,7 +46,7 @@
 //!
 //! impl Plans for Rover {
 //!     fn check_item(&mut self, _: PlanType, _: u16, item: &Item) -> Result<(), MavMissionResult> {
-//!         if item.command() == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
+//!         if item.command == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
 //!     }
 //!     fn plan_changed(&mut self, _: PlanChange<'_>) {}
 //!     fn progress(&self) -> Progress {
@@ -141,7 +141,9 @@ pub use message::*;
 pub use network::PeerInfo;
 pub use pulse::Pulse;
 pub use service::identity::Identity;
-pub use service::mission::{Item, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
+#[doc(hidden)]
+pub use service::mission::__largest;
+pub use service::mission::{Item, MAX_ITEMS, NoPlans, PlanCounters, PlanMemory, PlanStorage, PlanType, PlanView};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::{LinkError, Stack};
 pub use time::{Duration, Instant};

@@ -1,8 +1,177 @@
-//! STUB, to be replaced.
-#![allow(clippy::as_conversions)]
-pub(crate) fn scale_1e7(x: f32) -> Option<i32> {
-    Some(x as i32)
+//! Conversions between floats and integers: the one place for `as` between them.
+//!
+//! Total over NaN and infinities, and without `f64`, which microcontrollers compute in software. Degrees are scaled by
+//! integer arithmetic on the float's parts, so the result is the exact product, rounded once (M-37).
+
+/// Bits of an `f32` below the exponent.
+const FRACTION_BITS: u32 = 23;
+const FRACTION: u32 = (1 << FRACTION_BITS) - 1;
+
+/// `degrees`·1e7, rounded half away from zero; `None` for NaN, infinities, what an `i32` cannot hold, and `i32::MAX`
+/// itself, which on the wire means "not given" (M-70).
+pub(crate) fn scale_1e7(degrees: f32) -> Option<i32> {
+    let bits = degrees.to_bits();
+    let exponent = (bits >> FRACTION_BITS) & 0xFF;
+    // degrees = significand · 2^-shift. A shift below 16 means 256 degrees or more, or not a number.
+    let shift = 150u32.checked_sub(exponent.max(1)).filter(|shift| *shift >= 16)?;
+    let hidden = if exponent == 0 { 0 } else { 1 << FRACTION_BITS };
+    let product = u64::from((bits & FRACTION) | hidden).wrapping_mul(10_000_000);
+    // 24 bits times 24 bits: from a shift of 49 on nothing is left, not even for rounding.
+    let shift = shift.min(49);
+    let half = 1u64.wrapping_shl(shift.wrapping_sub(1));
+    let magnitude = i64::try_from(product.wrapping_add(half).wrapping_shr(shift)).ok()?;
+    let value = if degrees.is_sign_negative() { magnitude.wrapping_neg() } else { magnitude };
+    i32::try_from(value).ok().filter(|value| *value != i32::MAX)
 }
-pub(crate) fn integer(x: f32) -> Option<u32> {
-    if x >= 0.0 && x <= 16777216.0 && (x as u32) as f32 == x { Some(x as u32) } else { None }
+
+/// `scaled`/1e7, correctly rounded; NaN for `i32::MAX`, which means "not given" (M-70).
+pub(crate) fn from_1e7(scaled: i32) -> f32 {
+    /// 1e7 is 5^7·2^7; the twos only move the exponent.
+    const FIVES: u32 = 78_125;
+
+    match scaled {
+        0 => return 0.0,
+        i32::MAX => return f32::NAN,
+        _ => {}
+    }
+    let magnitude = scaled.unsigned_abs();
+    // Long division with 15 more bits than a 32-bit quotient has, and a lowest bit for what remains: at least 30 bits,
+    // of which `as` keeps 24 and rounds once.
+    let zeros = magnitude.leading_zeros();
+    let dividend = magnitude.wrapping_shl(zeros);
+    let rest = (dividend % FIVES).wrapping_shl(15);
+    let quotient = (dividend / FIVES).wrapping_shl(15) | (rest / FIVES) | u32::from(!rest.is_multiple_of(FIVES));
+    // quotient = magnitude / 5^7 · 2^(zeros + 15)
+    let exponent = zeros.wrapping_add(15 + 7).wrapping_shl(FRACTION_BITS);
+    let sign = if scaled < 0 { 1 << 31 } else { 0 };
+    f32::from_bits(rounded(quotient).to_bits().wrapping_sub(exponent) | sign)
+}
+
+/// The nearest float.
+#[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
+fn rounded(value: u32) -> f32 {
+    value as f32
+}
+
+/// The nearest float; NaN for `i32::MAX`, which means "not given".
+#[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
+pub(crate) fn from_i32(value: i32) -> f32 {
+    if value == i32::MAX { f32::NAN } else { value as f32 }
+}
+
+/// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
+#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
+pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
+    let integer = value as i32;
+    // 2^31 - 1 is no `f32`: where saturation ends, rounding back gives 2^31, which must not pass for equal.
+    (integer as f32 == value && integer != i32::MAX).then(|| T::try_from(integer).ok()).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn reference_scale(degrees: f32) -> Option<i32> {
+        // 24 bits times 24 bits: the product is exact in an `f64`, which rounds half away from zero.
+        let product = (f64::from(degrees) * 1e7).round();
+        (product >= f64::from(i32::MIN) && product < f64::from(i32::MAX)).then_some(product as i32)
+    }
+
+    #[test]
+    fn degrees_scale_exactly_at_the_edges() {
+        for (degrees, scaled) in [
+            (0.0, Some(0)),
+            (-0.0, Some(0)),
+            (90.0, Some(900_000_000)),
+            (-180.0, Some(-1_800_000_000)),
+            (f32::from_bits(1), Some(0)),
+            (0.5e-7, Some(1)),
+            (-0.5e-7, Some(-1)),
+            (0.499e-7, Some(0)),
+            (256.0, None),
+            (-214.8, None),
+            (f32::MAX, None),
+            (f32::NAN, None),
+            (f32::INFINITY, None),
+            (f32::NEG_INFINITY, None),
+        ] {
+            assert_eq!(scale_1e7(degrees), scaled, "{degrees:e}");
+        }
+        let mut degrees = 214.748;
+        while degrees < 214.749 {
+            assert_eq!(scale_1e7(degrees), reference_scale(degrees), "{degrees}");
+            assert_eq!(scale_1e7(-degrees), reference_scale(-degrees), "-{degrees}");
+            degrees = degrees.next_up();
+        }
+    }
+
+    #[test]
+    fn not_given_is_nan() {
+        assert!(from_1e7(i32::MAX).is_nan());
+        assert!(from_i32(i32::MAX).is_nan());
+        assert_eq!((from_1e7(0), from_i32(0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn only_integers_are_integers() {
+        assert_eq!(integer::<i32>(-1.0), Some(-1));
+        assert_eq!(integer::<u16>(-1.0), None);
+        assert_eq!(integer::<u16>(65_535.0), Some(65_535));
+        assert_eq!(integer::<u16>(65_536.0), None);
+        assert_eq!(integer::<i32>(-0.0), Some(0));
+        assert_eq!(integer::<i32>(-2_147_483_648.0), Some(i32::MIN));
+        for value in [0.5, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 2_147_483_648.0, -3e9, f32::MIN_POSITIVE] {
+            assert_eq!(integer::<i32>(value), None, "{value:e}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        #[test]
+        fn scaling_equals_f64(bits: u32) {
+            let degrees = f32::from_bits(bits);
+            prop_assert_eq!(scale_1e7(degrees), reference_scale(degrees));
+        }
+
+        #[test]
+        fn scaling_equals_f64_on_the_globe(degrees in -215.0f32..215.0) {
+            prop_assert_eq!(scale_1e7(degrees), reference_scale(degrees));
+        }
+
+        #[test]
+        fn degrees_are_the_nearest_float(scaled: i32) {
+            prop_assume!(scaled != i32::MAX);
+            let degrees = from_1e7(scaled);
+            // In units of 2^-60 everything here is an integer: a float below 256 has no bit under 2^-47.
+            let exact = |value: f32| (f64::from(value) * 1e7 * (1u64 << 60) as f64) as i128;
+            let wanted = i128::from(scaled) << 60;
+            let error = (exact(degrees) - wanted).abs();
+            for neighbour in [degrees.next_up(), degrees.next_down()] {
+                prop_assert!(error <= (exact(neighbour) - wanted).abs(), "{} is nearer than {}", neighbour, degrees);
+            }
+        }
+
+        #[test]
+        fn what_came_as_a_float_goes_back_as_the_same(degrees in -180.0f32..180.0) {
+            // Above 1 degree a float's step is 1.2e-7, more than that of the integer: nothing is lost.
+            prop_assume!(degrees.abs() >= 1.0);
+            prop_assert_eq!(from_1e7(scale_1e7(degrees).unwrap()), degrees);
+        }
+
+        #[test]
+        fn integers_survive_the_way_to_a_float(value in -(1i32 << 24)..(1 << 24)) {
+            prop_assert_eq!(integer(from_i32(value)), Some(value));
+        }
+
+        #[test]
+        fn integer_agrees_with_f64(bits: u32) {
+            let value = f32::from_bits(bits);
+            let wide = f64::from(value);
+            let expected = (wide.trunc() == wide && wide >= f64::from(i32::MIN) && wide <= f64::from(i32::MAX))
+                .then_some(wide as i32);
+            prop_assert_eq!(integer::<i32>(value), expected);
+        }
+    }
 }

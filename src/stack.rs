@@ -22,7 +22,9 @@ use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
-use crate::service::mission::{Missions, NoPlans, PlanStorage, PlanType, PlanView, PlansMut};
+use crate::service::mission::{
+    self, Caller, Missions, NoPlans, PlanCounters, PlanStorage, PlanType, PlanView, PlansMut,
+};
 use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
@@ -119,7 +121,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
                 config,
                 credit: Credit::new(),
                 texts: StatusTexts::new(),
-                missions: Missions::new(),
+                missions: Missions::new(config.float_mission_items),
                 normal,
                 capabilities: capabilities::<P>(),
             },
@@ -135,7 +137,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         let core = &mut self.core;
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
-        core.missions.poll(now, &mut self.plans.view(), vehicle, &mut core.texts, core.normal);
+        let mut plans = self.plans.view();
+        let mut context = mission::Context { now, plans: &mut plans, texts: &mut core.texts, normal: core.normal };
+        core.missions.poll(&mut context, vehicle);
     }
 
     /// Moves bytes between a link and its transport: a bounded read, what the frames in it ask for, a bounded write.
@@ -336,6 +340,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         self.links.get(usize::from(link.0)).map(|link| *link.decoder.counters())
     }
 
+    /// What became of plans that were uploaded.
+    pub fn plan_counters(&self) -> PlanCounters {
+        *self.core.missions.counters()
+    }
+
     /// Texts that were dropped, as repeated or for want of room. Wraps.
     pub fn dropped_texts(&self) -> u32 {
         self.core.texts.dropped()
@@ -458,7 +467,9 @@ impl Core {
                 return;
             }
             let Context { now, plans, vehicle, .. } = context;
-            self.missions.on_frame(*now, from, frame, plans, *vehicle, &mut self.texts, self.normal);
+            let mut context = mission::Context { now: *now, plans, texts: &mut self.texts, normal: self.normal };
+            let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
+            self.missions.on_frame(&mut context, *vehicle, &mut caller, frame);
         } else if frame.id() != Heartbeat::ID {
             context.vehicle.message(frame, port.id);
         }
@@ -481,7 +492,7 @@ impl Core {
         let sent = (is_normal && self.heartbeat(now, port, vehicle))
             || port.acks.next(&mut port.outbox)
             || (is_normal
-                && (self.missions.next_ack(&mut port.outbox)
+                && (self.missions.next_ack(&mut port.plans, &mut port.outbox)
                     || port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox)
                     || (port.bucket.has_room() && self.transfer(now, port, plans, vehicle))));
         if sent {
@@ -517,8 +528,10 @@ impl Core {
         plans: &mut PlansMut<'_>,
         vehicle: &mut V,
     ) -> bool {
-        self.missions.next(now, plans, &vehicle.progress(), &mut port.outbox)
+        let progress = vehicle.progress();
+        self.missions.next(now, &mut port.plans, plans, &progress, &mut port.outbox)
             || self.texts.next(&mut port.text, &mut port.outbox)
+            || self.missions.next_current(plans, &progress, &mut port.outbox)
     }
 
     /// When something is to be sent on a link.
@@ -528,13 +541,15 @@ impl Core {
             // The transport has to become ready first, of which the stack hears nothing.
             return Instant::NEVER;
         }
-        if !port.acks.is_empty() || (is_normal && !port.owed.is_empty()) {
+        if !port.acks.is_empty()
+            || (is_normal && (!port.owed.is_empty() || self.missions.owes_ack(&port.plans, &port.outbox)))
+        {
             return now;
         }
         if !is_normal {
             return Instant::NEVER;
         }
-        let waits = self.texts.is_pending(LinkMask::of(port.id)) || self.missions.is_pending(port.id);
+        let waits = self.texts.is_pending(LinkMask::of(port.id)) || self.missions.is_pending(&port.plans, &port.outbox);
         let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
         let heartbeat = match port.heartbeat.due() {
             due if due > now || self.credit.is_good(now, self.config.max_loop_gap) => due,

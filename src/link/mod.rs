@@ -13,6 +13,7 @@ use crate::frame::{Address, Decoder, Version};
 use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
+use crate::service::mission::Replies;
 use crate::service::statustext::TextCursor;
 use crate::time::Duration;
 
@@ -146,6 +147,7 @@ pub(crate) struct Port {
     pub(crate) heartbeat: Schedule,
     pub(crate) acks: Acks,
     pub(crate) owed: Owed,
+    pub(crate) plans: Replies,
     pub(crate) text: TextCursor,
     pub(crate) counters: LinkCounters,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
@@ -165,6 +167,7 @@ impl Link {
             heartbeat: Schedule::new(),
             acks: Acks::new(),
             owed: Owed::NONE,
+            plans: Replies::new(),
             text: TextCursor::new(),
             counters: LinkCounters::ZERO,
             strangers: 0,

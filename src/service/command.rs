@@ -103,7 +103,7 @@ fn request_message(command: &Command, class: LinkClass, owed: &mut Owed) -> MavR
     use crate::message::Message;
 
     let [id, ..] = command.params;
-    let message = match crate::num::integer(id) {
+    let message = match crate::num::integer::<u32>(id) {
         Some(id) if id == AutopilotVersion::ID => Owed::AUTOPILOT_VERSION,
         Some(id) if id == ProtocolVersion::ID => Owed::PROTOCOL_VERSION,
         _ => return MavResult::DENIED,

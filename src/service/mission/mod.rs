@@ -1,99 +1,283 @@
-//! STUB, to be replaced by the plan engine.
-#![allow(missing_docs, unused, dead_code, private_interfaces, clippy::all)]
-use crate::{
-    frame::*,
-    link::*,
-    service::statustext::StatusTexts,
-    time::*,
-    vehicle::{Plans, Progress},
+//! Plans: missions, geofences and rally points, uploaded, downloaded and cleared.
+//!
+//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-68 and M-90. An upload goes into a staging
+//! area and becomes the live plan in one step; until then everything that anybody can see is the old plan.
+//!
+//! ```text
+//!            COUNT (others get DENIED)
+//!   idle ───────────────────────────────▶ receiving ──┐ ITEM of the next number: stored, the next one asked for
+//!    ▲  ▲                                  │  │  │  ▲  │ no ITEM in time: asked for again
+//!    │  │   last ITEM, plan accepted       │  │  │  └──┘
+//!    │  └── live in one step, ACK ACCEPTED ┘  │  │
+//!    ├───── bad ITEM or bad plan: ACK with the fault ┘  COUNT, CLEAR_ALL or MISSION_ACK of the partner end it as well
+//!    └───── nothing for 5 s and 5 requests in vain: ACK OPERATION_CANCELLED
+//! ```
+//!
+//! The engine does no I/O. Handlers change state; [`next_ack`](Missions::next_ack), [`next`](Missions::next) and
+//! [`next_current`](Missions::next_current) write one message each when a link has room. A request is taken only while its
+//! link can owe the answer, and is otherwise dropped unexecuted and counted; to its sender it is a lost frame.
+
+mod current;
+mod download;
+mod item;
+mod memory;
+mod pace;
+mod replies;
+mod upload;
+mod validate;
+
+pub use item::Item;
+pub(crate) use memory::PlansMut;
+#[doc(hidden)]
+pub use memory::largest as __largest;
+pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
+pub(crate) use replies::Replies;
+
+use self::current::Current;
+use self::download::Sessions;
+use self::replies::{Ack, Answer, Part};
+use self::upload::{Arrival, Done, Upload};
+use self::validate::Words;
+use crate::dialect::{
+    MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionClearAll, MissionCount, MissionItem,
+    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
+    MissionWritePartialList,
 };
-#[derive(Debug, Clone, Copy, PartialEq)]
+use crate::frame::{Frame, Version};
+use crate::link::{LinkId, LinkMask, Outbox, Peer};
+use crate::message::Message;
+use crate::service::statustext::StatusTexts;
+use crate::time::Instant;
+use crate::vehicle::{Plans, Progress};
+
+/// What became of plans. Numbers wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Item;
-impl Item {
-    pub fn command(&self) -> crate::dialect::MavCmd {
-        crate::dialect::MavCmd(0)
-    }
+pub struct PlanCounters {
+    /// Uploads that were accepted.
+    pub accepted: u32,
+    /// Uploads that ended at an item, or as a whole, that was not good.
+    pub refused: u32,
+    /// Uploads that the partner cancelled or began anew, or that timed out.
+    pub abandoned: u32,
+    /// Items that were not expected: repeated, out of order, or of no upload.
+    pub out_of_place: u32,
+    /// Requests that were dropped because their link owes too many answers.
+    pub no_answer_slot: u32,
 }
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum PlanType {
-    Mission,
-    Fence,
-    Rally,
+
+/// What a handler works with beside the engine and the vehicle.
+pub(crate) struct Context<'a, 'p> {
+    pub(crate) now: Instant,
+    pub(crate) plans: &'a mut PlansMut<'p>,
+    pub(crate) texts: &'a mut StatusTexts,
+    /// The links for texts and MISSION_CURRENT.
+    pub(crate) normal: LinkMask,
 }
-#[derive(Debug)]
-pub struct PlanMemory<const M: usize>;
-pub type NoPlans = PlanMemory<0>;
-pub struct PlansMut<'a>(&'a ());
-pub struct PlanView<'a>(&'a ());
-pub trait PlanStorage {
-    const EMPTY: Self;
-    const CAPACITIES: [u16; 3];
-    fn view(&mut self) -> PlansMut<'_>;
-    fn live(&self, p: PlanType) -> PlanView<'_>;
-}
-impl<const M: usize> PlanStorage for PlanMemory<M> {
-    const EMPTY: Self = Self;
-    const CAPACITIES: [u16; 3] = [1, 0, 0];
-    fn view(&mut self) -> PlansMut<'_> {
-        PlansMut(&())
-    }
-    fn live(&self, _: PlanType) -> PlanView<'_> {
-        PlanView(&())
-    }
-}
-#[derive(Debug)]
-pub(crate) struct Missions;
-impl Missions {
-    pub const fn new() -> Self {
-        Self
-    }
-    pub fn handles(_id: u32) -> bool {
-        false
-    }
-    pub fn on_frame(
-        &mut self,
-        _now: Instant,
-        _from: Peer,
-        _f: &Frame<'_>,
-        _p: &mut PlansMut<'_>,
-        _v: &mut impl Plans,
-        _t: &mut StatusTexts,
-        _l: LinkMask,
-    ) {
-    }
-    pub fn poll(
-        &mut self,
-        _now: Instant,
-        _p: &mut PlansMut<'_>,
-        _v: &mut impl Plans,
-        _t: &mut StatusTexts,
-        _l: LinkMask,
-    ) {
-    }
-    pub fn next_ack(&mut self, _o: &mut Outbox) -> bool {
-        false
-    }
-    pub fn next(&mut self, _n: Instant, _p: &mut PlansMut<'_>, _pr: &Progress, _o: &mut Outbox) -> bool {
-        false
-    }
-    pub fn deadline(&self) -> Instant {
-        Instant::NEVER
-    }
-    pub fn is_pending(&self, _l: LinkId) -> bool {
-        false
+
+impl Context<'_, '_> {
+    fn tell(&mut self, words: &Words) {
+        self.texts.push(self.now, self.normal, MavSeverity::WARNING, words);
     }
 }
 
-impl PlanType {
-    pub const fn is_served(self, c: &[u16; 3]) -> bool {
-        c[self as usize] > 0
+/// Who sent a message, and what its link is owed.
+pub(crate) struct Caller<'a> {
+    pub(crate) from: Peer,
+    /// What the link sends (V-8).
+    pub(crate) version: Version,
+    pub(crate) replies: &'a mut Replies,
+}
+
+impl Caller<'_> {
+    /// The plan that a message is about, when we have it (M-25). A link that sends v1 cannot name any but the mission
+    /// (V-7).
+    fn plan(&self, cx: &Context<'_, '_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
+        let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
+        let can_be_named = self.version == Version::V2 || plan == PlanType::Mission;
+        if can_be_named && cx.plans.capacity(plan) > 0 { Ok(plan) } else { Err(MavMissionResult::UNSUPPORTED) }
+    }
+
+    fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
+        self.replies.push_ack(Ack { to: self.from.address, mission_type, result, id });
+    }
+
+    /// A part of a live plan is asked for (M-60).
+    fn ask(&mut self, cx: &Context<'_, '_>, mission_type: MavMissionType, part: Part) {
+        match self.plan(cx, mission_type) {
+            Ok(plan) => self.replies.push_answer(Answer { to: self.from.address, plan, part }),
+            Err(result) => self.ack(mission_type, result, 0),
+        }
     }
 }
-#[macro_export]
-macro_rules! plan_memory {
-    ($($t:tt)*) => {
-        $crate::NoPlans
-    };
+
+/// The engine: the state of plan transfer, whatever the plans' capacities.
+#[derive(Clone, Debug)]
+pub(crate) struct Missions {
+    upload: Option<Upload>,
+    done: Option<Done>,
+    /// The ACK of an upload that timed out: nobody's question stands behind it. A later one takes its place.
+    farewell: Option<(LinkId, Ack)>,
+    sessions: Sessions,
+    current: Current,
+    counters: PlanCounters,
+}
+
+impl Missions {
+    /// `float_form` is [`Config::float_mission_items`](crate::Config::float_mission_items).
+    pub(crate) const fn new(float_form: bool) -> Self {
+        Self {
+            upload: None,
+            done: None,
+            farewell: None,
+            sessions: Sessions::new(float_form),
+            current: Current::new(),
+            counters: PlanCounters { accepted: 0, refused: 0, abandoned: 0, out_of_place: 0, no_answer_slot: 0 },
+        }
+    }
+
+    /// What became of plans.
+    pub(crate) const fn counters(&self) -> &PlanCounters {
+        &self.counters
+    }
+
+    /// Whether a message is one of ours.
+    pub(crate) const fn handles(id: u32) -> bool {
+        matches!(
+            id,
+            MissionCount::ID
+                | MissionItemInt::ID
+                | MissionItem::ID
+                | MissionRequestList::ID
+                | MissionRequestInt::ID
+                | MissionRequest::ID
+                | MissionAck::ID
+                | MissionClearAll::ID
+                | MissionRequestPartialList::ID
+                | MissionWritePartialList::ID
+        )
+    }
+
+    /// A frame whose message [`handles`](Self::handles) names, addressed to exactly our system (M-10).
+    pub(crate) fn on_frame<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        frame: &Frame<'_>,
+    ) {
+        // v1 has no mission_type: every plan there is a mission (V-7).
+        let is_v1 = frame.header().version == Version::V1;
+        let plan = |mission_type| if is_v1 { MavMissionType::MISSION } else { mission_type };
+        if let Some(message) = frame.decode::<MissionAck>() {
+            return self.on_ack(cx, caller.from, plan(message.mission_type), message.r#type);
+        }
+        let asks_for_a_part = matches!(frame.id(), MissionRequestList::ID | MissionRequestInt::ID | MissionRequest::ID);
+        if !caller.replies.can_ack() || (asks_for_a_part && !caller.replies.can_answer()) {
+            event!("plans: message {=u32} of {} dropped: no room for its answer", frame.id(), caller.from);
+            self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+            return;
+        }
+        match frame.id() {
+            MissionCount::ID => {
+                let message = MissionCount::decode(frame.payload());
+                self.on_count(cx, vehicle, caller, plan(message.mission_type), message.count);
+            }
+            MissionItemInt::ID => {
+                let message = MissionItemInt::decode(frame.payload());
+                let arrival = Arrival {
+                    mission_type: plan(message.mission_type),
+                    seq: message.seq,
+                    current: message.current,
+                    item: Ok(Item::from_int(&message)),
+                };
+                self.on_item(cx, vehicle, caller, arrival);
+            }
+            MissionItem::ID => {
+                let message = MissionItem::decode(frame.payload());
+                let arrival = Arrival {
+                    mission_type: plan(message.mission_type),
+                    seq: message.seq,
+                    current: message.current,
+                    item: Item::from_float(&message),
+                };
+                self.on_item(cx, vehicle, caller, arrival);
+            }
+            MissionClearAll::ID => {
+                let message = MissionClearAll::decode(frame.payload());
+                self.on_clear(cx, vehicle, caller, plan(message.mission_type));
+            }
+            MissionRequestList::ID => {
+                let message = MissionRequestList::decode(frame.payload());
+                caller.ask(cx, plan(message.mission_type), Part::Count);
+            }
+            MissionRequestInt::ID => {
+                let message = MissionRequestInt::decode(frame.payload());
+                caller.ask(cx, plan(message.mission_type), Part::Item(message.seq));
+            }
+            MissionRequest::ID => {
+                let message = MissionRequest::decode(frame.payload());
+                caller.ask(cx, plan(message.mission_type), Part::LegacyItem(message.seq));
+            }
+            // Not a part of the standard protocol (M-68). Both messages have the same form.
+            MissionRequestPartialList::ID | MissionWritePartialList::ID => {
+                let message = MissionRequestPartialList::decode(frame.payload());
+                caller.ack(plan(message.mission_type), MavMissionResult::UNSUPPORTED, 0);
+            }
+            _ => {}
+        }
+    }
+
+    /// Runs the timers: requests that are to be repeated, uploads that stopped, MISSION_CURRENT.
+    pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) {
+        self.poll_upload(cx);
+        let has_plans = PlanType::ALL.iter().any(|plan| cx.plans.capacity(*plan) > 0);
+        let links = if has_plans { cx.normal } else { LinkMask::NONE };
+        self.current.poll(cx.now, vehicle.progress(), links);
+    }
+
+    /// When [`poll`](Self::poll) has something to do.
+    pub(crate) fn deadline(&self) -> Instant {
+        self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline).min(self.current.deadline())
+    }
+
+    /// Whether [`next_ack`](Self::next_ack) has something for this link.
+    pub(crate) fn owes_ack(&self, replies: &Replies, tx: &Outbox) -> bool {
+        replies.has_ack() || self.farewell.as_ref().is_some_and(|(link, _)| *link == tx.link())
+    }
+
+    /// Whether [`next`](Self::next) or [`next_current`](Self::next_current) has something for this link.
+    pub(crate) fn is_pending(&self, replies: &Replies, tx: &Outbox) -> bool {
+        replies.has_answer()
+            || self.upload.as_ref().is_some_and(|upload| upload.owes_request_on(tx))
+            || self.current.is_owed(tx.link())
+    }
+
+    /// Sends a MISSION_ACK. False when none is owed on this link.
+    pub(crate) fn next_ack(&mut self, replies: &mut Replies, tx: &mut Outbox) -> bool {
+        if let Some((_, ack)) = self.farewell.take_if(|(link, _)| *link == tx.link()) {
+            return ack.send(tx);
+        }
+        replies.pop_ack().is_some_and(|ack| ack.send(tx))
+    }
+
+    /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link.
+    pub(crate) fn next(
+        &mut self,
+        now: Instant,
+        replies: &mut Replies,
+        plans: &PlansMut<'_>,
+        progress: &Progress,
+        tx: &mut Outbox,
+    ) -> bool {
+        if let Some(upload) = self.upload.as_mut().filter(|upload| upload.owes_request_on(tx)) {
+            return upload.request(now, plans.staged(), tx);
+        }
+        replies.pop_answer().is_some_and(|answer| self.sessions.answer(now, &answer, plans, progress, tx))
+    }
+
+    /// Sends MISSION_CURRENT. False when it is not owed on this link.
+    pub(crate) fn next_current(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
+        self.current.next(plans, progress, tx)
+    }
 }

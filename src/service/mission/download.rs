@@ -1,0 +1,129 @@
+//! Downloads: stateless, from the live plan, for any number of clients (M-60 to M-67).
+//!
+//! Any item can be asked for at any time, so a repeated or lost request needs no care. The one thing that is remembered is
+//! who asked for a plan's count before the plan was replaced: such a client would mix the items of two plans, and gets
+//! OPERATION_CANCELLED until it asks for the count again (M-63).
+//!
+//! ```text
+//!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── COUNT sent ──▶ current
+//!      ▲                        │                           │
+//!      └── MISSION_ACK, or 10 s without a request ──────────┘
+//! ```
+
+use super::memory::{PlanType, PlansMut};
+use super::replies::{Ack, Answer, Part};
+use crate::dialect::{MavMissionResult, MissionCount};
+use crate::frame::Address;
+use crate::link::Outbox;
+use crate::time::{Duration, Instant};
+use crate::vehicle::Progress;
+
+/// Clients that are remembered; when there are more, the one that was silent for longest is forgotten.
+const SESSIONS: usize = 4;
+
+/// So long after its last request a client is forgotten.
+const EXPIRY: Duration = Duration::from_secs(10);
+
+#[derive(Clone, Copy, Debug)]
+struct Session {
+    client: Address,
+    plan: PlanType,
+    is_stale: bool,
+    /// Its last request; none in a free place.
+    at: Option<Instant>,
+}
+
+/// Who is downloading what.
+#[derive(Clone, Debug)]
+pub(super) struct Sessions {
+    sessions: [Session; SESSIONS],
+    /// Whether MISSION_REQUEST is answered by the float form; else by MISSION_ITEM_INT, as the definitions have it today
+    /// (M-61).
+    float_form: bool,
+}
+
+impl Sessions {
+    pub(super) const fn new(float_form: bool) -> Self {
+        let free = Session { client: Address::new(0, 0), plan: PlanType::Mission, is_stale: false, at: None };
+        Self { sessions: [free; SESSIONS], float_form }
+    }
+
+    fn find(&mut self, now: Instant, client: Address, plan: PlanType) -> Option<&mut Session> {
+        self.sessions.iter_mut().find(|session| {
+            (session.client, session.plan) == (client, plan) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
+        })
+    }
+
+    /// `client` learns how many items the plan has now.
+    fn open(&mut self, now: Instant, client: Address, plan: PlanType) {
+        let fresh = Session { client, plan, is_stale: false, at: Some(now) };
+        if let Some(session) = self.find(now, client, plan) {
+            *session = fresh;
+        } else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {
+            *oldest = fresh;
+        }
+    }
+
+    /// `client` asks for an item: whether it counts on a plan that is no longer there.
+    fn is_stale(&mut self, now: Instant, client: Address, plan: PlanType) -> bool {
+        self.find(now, client, plan).is_some_and(|session| {
+            session.at = Some(now);
+            session.is_stale
+        })
+    }
+
+    /// `client` is done, or gave up (M-65).
+    pub(super) fn close(&mut self, client: Address, plan: PlanType) {
+        for session in self.sessions.iter_mut().filter(|session| (session.client, session.plan) == (client, plan)) {
+            session.at = None;
+        }
+    }
+
+    /// The plan was replaced.
+    pub(super) fn invalidate(&mut self, plan: PlanType) {
+        for session in self.sessions.iter_mut().filter(|session| session.plan == plan) {
+            session.is_stale = true;
+        }
+    }
+
+    /// Sends what `answer` owes.
+    pub(super) fn answer(
+        &mut self,
+        now: Instant,
+        answer: &Answer,
+        plans: &PlansMut<'_>,
+        progress: &Progress,
+        tx: &mut Outbox,
+    ) -> bool {
+        let Answer { to, plan, part } = *answer;
+        let mission_type = plan.mission_type();
+        let (seq, is_legacy) = match part {
+            Part::Count => {
+                self.open(now, to, plan);
+                return tx.send(&MissionCount {
+                    count: plans.count(plan),
+                    target_system: to.system.0,
+                    target_component: to.component.0,
+                    mission_type,
+                    opaque_id: plans.live(plan).id(),
+                });
+            }
+            Part::Item(seq) => (seq, false),
+            Part::LegacyItem(seq) => (seq, true),
+        };
+        let refuse = |result, tx| Ack { to, mission_type, result, id: 0 }.send(tx);
+        if self.is_stale(now, to, plan) {
+            event!("{} download by {}: the plan has changed", plan, to);
+            return refuse(MavMissionResult::OPERATION_CANCELLED, tx);
+        }
+        let Some(item) = plans.live(plan).items().get(usize::from(seq)) else {
+            return refuse(MavMissionResult::INVALID_SEQUENCE, tx);
+        };
+        let is_current = plan == PlanType::Mission && seq == progress.current;
+        if is_legacy && self.float_form {
+            tx.send(&item.to_float(to, mission_type, seq, is_current))
+        } else {
+            tx.send(&item.to_int(to, mission_type, seq, is_current))
+        }
+    }
+}

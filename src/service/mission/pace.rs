@@ -1,0 +1,106 @@
+//! When to ask again for an item that does not come, and when to give up (M-40, M-41).
+//!
+//! Asking again is timed by the measured round trip; giving up is timed by the clock alone, so that neither a partner
+//! that vanished nor a line that is stuck can hold the staging area.
+
+use crate::time::{Duration, Instant};
+
+/// Bounds of the time between requests.
+const MIN_INTERVAL: Duration = Duration::from_millis(250);
+const MAX_INTERVAL: Duration = Duration::from_secs(1);
+
+/// The upload is over after so long without an item *and* so many requests in vain.
+const PATIENCE: Duration = Duration::from_secs(5);
+const RETRIES: u8 = 5;
+
+/// The clock of one upload.
+#[derive(Clone, Debug)]
+pub(super) struct Pace {
+    /// From a request to its item (µs), averaged.
+    round_trip: u32,
+    /// The same of the last item that took more than one request (µs): an upper bound, as it may have been any of them.
+    doubtful: u32,
+    /// When the item that is missing was first asked for.
+    asked_at: Option<Instant>,
+    /// How often it was asked for again.
+    retries: u8,
+    retry_at: Instant,
+    /// The last item, or the beginning.
+    progress_at: Instant,
+}
+
+impl Pace {
+    pub(super) fn new(now: Instant) -> Self {
+        Self {
+            round_trip: 125_000,
+            doubtful: 0,
+            asked_at: None,
+            retries: 0,
+            retry_at: now.after(MIN_INTERVAL),
+            progress_at: now,
+        }
+    }
+
+    /// Twice the round trip, within the bounds.
+    fn interval(&self) -> Duration {
+        Duration::from_micros(u64::from(self.round_trip.saturating_mul(2))).clamp(MIN_INTERVAL, MAX_INTERVAL)
+    }
+
+    /// The request went out.
+    pub(super) fn asked(&mut self, now: Instant) {
+        self.asked_at.get_or_insert(now);
+        self.retry_at = now.after(self.interval());
+    }
+
+    /// The item came.
+    pub(super) fn answered(&mut self, now: Instant) {
+        let taken = self.asked_at.take().map_or(0, |at| micros(now.since(at)));
+        if self.retries == 0 {
+            self.adapt(taken);
+            self.doubtful = 0;
+        } else {
+            self.doubtful = taken;
+        }
+        self.retries = 0;
+        self.progress_at = now;
+        self.retry_at = now.after(self.interval());
+    }
+
+    /// The item came once more: so asking twice was too early, and the whole time was the round trip.
+    pub(super) fn repeated(&mut self) {
+        if self.doubtful > self.round_trip {
+            self.adapt(self.doubtful);
+        }
+        self.doubtful = 0;
+    }
+
+    fn adapt(&mut self, taken: u32) {
+        let quarter = self.round_trip / 4;
+        self.round_trip = self.round_trip.wrapping_sub(quarter).saturating_add(taken / 4);
+    }
+
+    /// When the item is overdue.
+    pub(super) fn deadline(&self) -> Instant {
+        self.retry_at
+    }
+
+    /// How long ago the last item came.
+    pub(super) fn since_progress(&self, now: Instant) -> Duration {
+        now.since(self.progress_at)
+    }
+
+    /// Whether an overdue item will not come any more.
+    pub(super) fn is_over(&self, now: Instant) -> bool {
+        self.retries >= RETRIES && self.since_progress(now) >= PATIENCE
+    }
+
+    /// The item is to be asked for again. Counted whether or not the link takes the request.
+    pub(super) fn retry(&mut self, now: Instant) {
+        self.retries = self.retries.saturating_add(1);
+        self.retry_at = now.after(self.interval());
+    }
+}
+
+fn micros(duration: Duration) -> u32 {
+    u32::try_from(duration.as_micros()).unwrap_or(u32::MAX)
+}

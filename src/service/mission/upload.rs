@@ -1,0 +1,388 @@
+//! Uploads: one at a time, into the staging area, live in one step at the end (M-10 to M-43, M-50 to M-53).
+//!
+//! The messages' handlers of the state diagram in [the module](super). Whoever may start, restart, or break an upload is
+//! decided here; when to ask again is [`Pace`]'s.
+
+use super::item::{Digest, Item};
+use super::memory::PlanType;
+use super::pace::Pace;
+use super::replies::Ack;
+use super::validate::{self, Words};
+use super::{Caller, Context, Missions};
+use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
+use crate::frame::Address;
+use crate::link::{Outbox, Peer};
+use crate::time::{Duration, Instant};
+use crate::vehicle::{PlanChange, Plans};
+
+/// A COUNT like the running upload's, so soon after an item, is an echo of its beginning (M-22).
+const ECHO: Duration = Duration::from_secs(1);
+
+/// So long the last item of a finished upload is answered again (M-31).
+const MEMORY: Duration = Duration::from_secs(10);
+
+/// An upload that is running. What has come so far is in the staging area.
+#[derive(Clone, Debug)]
+pub(super) struct Upload {
+    /// Who uploads, and where it was heard last: the answers go there (M-11).
+    partner: Peer,
+    plan: PlanType,
+    count: u16,
+    /// The first item that was marked as current.
+    first: Option<u16>,
+    digest: Digest,
+    pace: Pace,
+    /// Whether the request for the next item is to be sent.
+    owes_request: bool,
+    /// Whether the partner wants to be asked by MISSION_REQUEST (M-37).
+    asks_legacy: bool,
+}
+
+/// How the last upload ended, so that a lost final ACK can be sent again (M-31).
+#[derive(Clone, Debug)]
+pub(super) struct Done {
+    partner: Address,
+    plan: PlanType,
+    /// The item that was the last.
+    seq: u16,
+    result: MavMissionResult,
+    id: u32,
+    at: Instant,
+}
+
+impl Upload {
+    fn is_by(&self, address: Address) -> bool {
+        self.partner.address == address
+    }
+
+    /// The link that the next request goes out on.
+    pub(super) fn owes_request_on(&self, tx: &Outbox) -> bool {
+        self.owes_request && self.partner.link == tx.link()
+    }
+
+    /// When [`Missions::poll_upload`] has something to do.
+    pub(super) fn deadline(&self) -> Instant {
+        self.pace.deadline()
+    }
+
+    /// Asks for the next item.
+    pub(super) fn request(&mut self, now: Instant, seq: u16, tx: &mut Outbox) -> bool {
+        self.owes_request = false;
+        self.pace.asked(now);
+        let (target_system, target_component) = (self.partner.address.system.0, self.partner.address.component.0);
+        let mission_type = self.plan.mission_type();
+        if self.asks_legacy {
+            tx.send(&MissionRequest { seq, target_system, target_component, mission_type })
+        } else {
+            tx.send(&MissionRequestInt { seq, target_system, target_component, mission_type })
+        }
+    }
+}
+
+impl Missions {
+    /// MISSION_COUNT: an upload begins, or begins anew.
+    pub(super) fn on_count<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        mission_type: MavMissionType,
+        count: u16,
+    ) {
+        let plan = match caller.plan(cx, mission_type) {
+            Ok(plan) => plan,
+            Err(result) => return caller.ack(mission_type, result, 0),
+        };
+        if let Some(upload) = &mut self.upload {
+            if !upload.is_by(caller.from.address) {
+                // M-23
+                return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+            }
+            if (upload.plan, upload.count) == (plan, count)
+                && (cx.plans.staged() == 0 || upload.pace.since_progress(cx.now) < ECHO)
+            {
+                // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
+                upload.partner = caller.from;
+                return;
+            }
+        }
+        // Whatever comes of it, an earlier upload of the same partner is over (M-22 c, M-24).
+        self.abandon(cx);
+        if count > cx.plans.capacity(plan) {
+            event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
+            return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
+        }
+        if !may_change(cx, vehicle, caller, plan, mission_type) {
+            return;
+        }
+        self.done = None;
+        if count == 0 {
+            self.clear(cx, vehicle, plan);
+            return caller.ack(mission_type, MavMissionResult::ACCEPTED, 0);
+        }
+        event!("{} upload of {=u16} items by {}: started", plan, count, caller.from);
+        self.upload = Some(Upload {
+            partner: caller.from,
+            plan,
+            count,
+            first: None,
+            digest: Digest::new(),
+            pace: Pace::new(cx.now),
+            owes_request: true,
+            asks_legacy: false,
+        });
+    }
+
+    /// MISSION_ITEM_INT or MISSION_ITEM. `item` is an error when the float form has no integer one.
+    pub(super) fn on_item<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        arrival: Arrival,
+    ) {
+        let Arrival { mission_type, seq, current, item } = arrival;
+        let from = caller.from;
+        let is_guided = matches!(current, 2 | 3);
+        let Some(upload) = &mut self.upload else {
+            return self.on_stray_item(cx, caller, mission_type, seq, is_guided);
+        };
+        if !upload.is_by(from.address) || is_guided {
+            // M-33, M-34
+            return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+        }
+        let next = cx.plans.staged();
+        if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
+            // M-30, M-32: neither is an error; what is missing is asked for by the timer, at most once in its period.
+            event!("upload: item {=u16} instead of {=u16}", seq, next);
+            self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+            if seq.checked_add(1) == Some(next) {
+                upload.pace.repeated();
+            }
+            return;
+        }
+        upload.partner = from;
+        let plan = upload.plan;
+        let checked = item.and_then(|item| {
+            validate::check(&item)?;
+            vehicle.check_item(plan, seq, &item)?;
+            Ok(item)
+        });
+        let item = match checked {
+            Ok(item) => item,
+            Err(result) => {
+                cx.tell(&validate::item_refused(plan, seq, result));
+                return self.finish(cx, caller, seq, result, 0);
+            }
+        };
+        // There is room: the count was checked before the first item (M-21).
+        let _ = cx.plans.staging.push(item);
+        upload.digest.add(&item);
+        if current == 1 {
+            upload.first.get_or_insert(seq);
+        }
+        upload.pace.answered(cx.now);
+        upload.owes_request = true;
+        if cx.plans.staged() >= upload.count {
+            self.complete(cx, vehicle, caller, seq);
+        }
+    }
+
+    /// The last item has come: the plan goes live, unless the vehicle refuses it as a whole (M-39).
+    fn complete<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
+        let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
+        let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
+        if let Err(result) = vehicle.check_plan(plan, cx.plans.staging.as_slice()) {
+            cx.tell(&validate::plan_refused(plan, result));
+            return self.finish(cx, caller, seq, result, 0);
+        }
+        if !cx.plans.is_live(plan, id) {
+            cx.plans.commit(plan, id);
+            self.sessions.invalidate(plan);
+            vehicle.plan_changed(PlanChange { plan, items: cx.plans.live(plan).items(), first });
+        }
+        self.current.announce(cx.normal);
+        self.finish(cx, caller, seq, MavMissionResult::ACCEPTED, id);
+    }
+
+    /// The upload is over with item `seq`, one way or the other.
+    fn finish(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        caller: &mut Caller<'_>,
+        seq: u16,
+        result: MavMissionResult,
+        id: u32,
+    ) {
+        let Some(Upload { plan, .. }) = self.upload.take() else { return };
+        cx.plans.staging.clear();
+        event!("{} upload by {}: {=u8} at item {=u16}", plan, caller.from, result.0, seq);
+        let counter = match result {
+            MavMissionResult::ACCEPTED => &mut self.counters.accepted,
+            _ => &mut self.counters.refused,
+        };
+        *counter = counter.wrapping_add(1);
+        self.done = Some(Done { partner: caller.from.address, plan, seq, result, id, at: cx.now });
+        caller.ack(plan.mission_type(), result, id);
+    }
+
+    /// An item while no upload is running: the last one's final ACK was lost (M-31), or it is nobody's (M-36).
+    fn on_stray_item(
+        &mut self,
+        cx: &Context<'_, '_>,
+        caller: &mut Caller<'_>,
+        mission_type: MavMissionType,
+        seq: u16,
+        is_guided: bool,
+    ) {
+        if is_guided {
+            // Not a part of any plan: "go there now", which is a command today (M-34).
+            return caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
+        }
+        let is_last = |done: &&Done| {
+            done.partner == caller.from.address
+                && done.plan.mission_type() == mission_type
+                && done.seq == seq
+                && cx.now.since(done.at) < MEMORY
+        };
+        if let Some(done) = self.done.as_ref().filter(is_last) {
+            event!("{} upload by {}: final answer repeated", done.plan, caller.from);
+            return caller.ack(mission_type, done.result, done.id);
+        }
+        self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+        if caller.replies.may_answer_stray(cx.now) {
+            caller.ack(mission_type, MavMissionResult::ERROR, 0);
+        }
+    }
+
+    /// MISSION_ACK: a download is done, or an upload is given up. Never answered.
+    pub(super) fn on_ack(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        from: Peer,
+        mission_type: MavMissionType,
+        result: MavMissionResult,
+    ) {
+        let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
+        self.sessions.close(from.address, plan);
+        let Some(upload) = self.upload.as_mut().filter(|upload| upload.is_by(from.address) && upload.plan == plan)
+        else {
+            return;
+        };
+        upload.partner = from;
+        match result {
+            MavMissionResult::ACCEPTED => {}
+            MavMissionResult::UNSUPPORTED if cx.plans.staged() == 0 && !upload.asks_legacy => {
+                // A partner that knows no MISSION_REQUEST_INT (M-37).
+                event!("upload by {}: asking by MISSION_REQUEST", from);
+                upload.asks_legacy = true;
+                upload.owes_request = true;
+            }
+            _ => {
+                event!("{} upload by {}: cancelled by the partner", plan, from);
+                self.abandon(cx);
+            }
+        }
+    }
+
+    /// MISSION_CLEAR_ALL.
+    pub(super) fn on_clear<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        mission_type: MavMissionType,
+    ) {
+        let only = match mission_type {
+            MavMissionType::ALL => None,
+            _ => match caller.plan(cx, mission_type) {
+                Ok(plan) => Some(plan),
+                Err(result) => return caller.ack(mission_type, result, 0),
+            },
+        };
+        if self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address)) {
+            // M-51
+            return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+        }
+        self.abandon(cx);
+        let served = |cx: &Context<'_, '_>, plan| cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
+        // All or none: first everything is asked, then everything is done.
+        for plan in PlanType::ALL {
+            if served(cx, plan) && !may_change(cx, vehicle, caller, plan, mission_type) {
+                return;
+            }
+        }
+        self.done = None;
+        for plan in PlanType::ALL {
+            if served(cx, plan) {
+                self.clear(cx, vehicle, plan);
+            }
+        }
+        caller.ack(mission_type, MavMissionResult::ACCEPTED, 0);
+    }
+
+    /// Empties a plan (M-50, M-53).
+    fn clear<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, plan: PlanType) {
+        if cx.plans.count(plan) > 0 {
+            event!("{} cleared", plan);
+            cx.plans.staging.clear();
+            cx.plans.commit(plan, 0);
+            self.sessions.invalidate(plan);
+            vehicle.plan_changed(PlanChange { plan, items: &[], first: 0 });
+        }
+        self.current.announce(cx.normal);
+    }
+
+    /// Forgets the running upload, and that it ever was.
+    fn abandon(&mut self, cx: &mut Context<'_, '_>) {
+        if self.upload.take().is_some() {
+            self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
+            self.done = None;
+        }
+        cx.plans.staging.clear();
+    }
+
+    /// The retry timer (M-40) and the end of patience (M-41).
+    pub(super) fn poll_upload(&mut self, cx: &mut Context<'_, '_>) {
+        let Some(upload) = &mut self.upload else { return };
+        if cx.now < upload.pace.deadline() {
+            return;
+        }
+        if !upload.pace.is_over(cx.now) {
+            upload.owes_request = true;
+            return upload.pace.retry(cx.now);
+        }
+        let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
+        event!("{} upload by {}: timed out", plan, upload.partner);
+        let mut words = validate::words(plan, " upload timed out at item ");
+        words.push_number(cx.plans.staged().into());
+        cx.tell(&words);
+        let ack = Ack { to, mission_type: plan.mission_type(), result: MavMissionResult::OPERATION_CANCELLED, id: 0 };
+        self.farewell = Some((link, ack));
+        self.abandon(cx);
+    }
+}
+
+/// An item as it arrived.
+pub(super) struct Arrival {
+    pub(super) mission_type: MavMissionType,
+    pub(super) seq: u16,
+    pub(super) current: u8,
+    pub(super) item: Result<Item, MavMissionResult>,
+}
+
+/// Asks the vehicle; its refusal is answered here (M-27).
+fn may_change<V: Plans>(
+    cx: &mut Context<'_, '_>,
+    vehicle: &mut V,
+    caller: &mut Caller<'_>,
+    plan: PlanType,
+    mission_type: MavMissionType,
+) -> bool {
+    let Err(result) = vehicle.may_change(plan, caller.from) else { return true };
+    event!("{} change by {}: refused by the vehicle", plan, caller.from);
+    let words: Words = validate::plan_refused(plan, result);
+    cx.tell(&words);
+    caller.ack(mission_type, result, 0);
+    false
+}

@@ -1,0 +1,145 @@
+//! What can be said of an item without knowing the vehicle (section 8.6 of the rules, SEC-14), and how a refusal reads.
+
+use super::item::{Item, Position, position};
+use super::memory::PlanType;
+use crate::dialect::MavMissionResult;
+use crate::message::Text;
+use crate::service::statustext::MAX_TEXT_LEN;
+
+const MAX_LATITUDE: u32 = 900_000_000;
+const MAX_LONGITUDE: u32 = 1_800_000_000;
+
+/// Refuses frames that we do not know, positions that are not on the globe, and numbers that are none. NaN in parameters
+/// and `i32::MAX` in positions pass: they mean "default" (M-70), and whether a command has one is the vehicle's to say.
+pub(super) fn check(item: &Item) -> Result<(), MavMissionResult> {
+    let position = position(item.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)?;
+    let [p1, p2, p3, p4] = item.params;
+    refuse(p1.is_infinite(), MavMissionResult::INVALID_PARAM1)?;
+    refuse(p2.is_infinite(), MavMissionResult::INVALID_PARAM2)?;
+    refuse(p3.is_infinite(), MavMissionResult::INVALID_PARAM3)?;
+    refuse(p4.is_infinite(), MavMissionResult::INVALID_PARAM4)?;
+    let is_global = position == Position::Global;
+    let beyond = |value: i32, limit| is_global && value != i32::MAX && value.unsigned_abs() > limit;
+    refuse(beyond(item.x, MAX_LATITUDE), MavMissionResult::INVALID_PARAM5_X)?;
+    refuse(beyond(item.y, MAX_LONGITUDE), MavMissionResult::INVALID_PARAM6_Y)?;
+    // Without a position z is parameter 7, and clients send NaN for one that the command does not use.
+    refuse(item.z.is_infinite() || (is_global && item.z.is_nan()), MavMissionResult::INVALID_PARAM7)
+}
+
+fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
+    if bad { Err(result) } else { Ok(()) }
+}
+
+/// A text for the operator.
+pub(super) type Words = Text<MAX_TEXT_LEN>;
+
+/// Begins a text about a plan.
+pub(super) fn words(plan: PlanType, text: &str) -> Words {
+    let mut words = Words::new(match plan {
+        PlanType::Mission => "Mission",
+        PlanType::Fence => "Fence",
+        PlanType::Rally => "Rally",
+    });
+    words.push_str(text);
+    words
+}
+
+/// "Mission item 12: bad parameter 5 (latitude)": MISSION_ACK itself has no room for the number (M-38).
+pub(super) fn item_refused(plan: PlanType, seq: u16, result: MavMissionResult) -> Words {
+    let mut words = words(plan, " item ");
+    words.push_number(seq.into());
+    push_reason(&mut words, result);
+    words
+}
+
+/// "Mission refused: not consistent".
+pub(super) fn plan_refused(plan: PlanType, result: MavMissionResult) -> Words {
+    let mut words = words(plan, " refused");
+    push_reason(&mut words, result);
+    words
+}
+
+fn push_reason(words: &mut Words, result: MavMissionResult) {
+    let reason = match result {
+        MavMissionResult::UNSUPPORTED_FRAME => "frame not supported",
+        MavMissionResult::UNSUPPORTED => "command not supported",
+        MavMissionResult::INVALID => "not consistent",
+        MavMissionResult::INVALID_PARAM1 => "bad parameter 1",
+        MavMissionResult::INVALID_PARAM2 => "bad parameter 2",
+        MavMissionResult::INVALID_PARAM3 => "bad parameter 3",
+        MavMissionResult::INVALID_PARAM4 => "bad parameter 4",
+        MavMissionResult::INVALID_PARAM5_X => "bad parameter 5 (latitude)",
+        MavMissionResult::INVALID_PARAM6_Y => "bad parameter 6 (longitude)",
+        MavMissionResult::INVALID_PARAM7 => "bad parameter 7 (altitude)",
+        MavMissionResult::DENIED => "not allowed now",
+        _ => "refused by the vehicle",
+    };
+    words.push_str(": ");
+    words.push_str(reason);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::MavFrame;
+
+    const NAN: f32 = f32::NAN;
+    const HOME: Item = Item {
+        frame: MavFrame::GLOBAL_RELATIVE_ALT,
+        command: crate::dialect::MavCmd::NAV_WAYPOINT,
+        autocontinue: 1,
+        params: [0.0, NAN, NAN, NAN],
+        x: 473_977_432,
+        y: 85_455_942,
+        z: 20.0,
+    };
+
+    #[test]
+    fn a_position_on_the_globe_passes() {
+        // M-4, M-70
+        for frame in [0, 2, 3, 5, 6, 10, 11].map(MavFrame) {
+            for (x, y) in [(900_000_000, -1_800_000_000), (-900_000_000, 1_800_000_000), (i32::MAX, i32::MAX)] {
+                assert_eq!(check(&Item { frame, x, y, ..HOME }), Ok(()));
+            }
+        }
+    }
+
+    #[test]
+    fn each_fault_has_its_own_code() {
+        // Section 8.6, SEC-14
+        let infinite = f32::NEG_INFINITY;
+        for (item, code) in [
+            (Item { frame: MavFrame::BODY_FRD, ..HOME }, MavMissionResult::UNSUPPORTED_FRAME),
+            (Item { frame: MavFrame(99), ..HOME }, MavMissionResult::UNSUPPORTED_FRAME),
+            (Item { params: [infinite, 0.0, 0.0, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM1),
+            (Item { params: [0.0, infinite, 0.0, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM2),
+            (Item { params: [0.0, 0.0, infinite, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM3),
+            (Item { params: [0.0, 0.0, 0.0, infinite], ..HOME }, MavMissionResult::INVALID_PARAM4),
+            (Item { x: 900_000_001, ..HOME }, MavMissionResult::INVALID_PARAM5_X),
+            (Item { x: i32::MIN, ..HOME }, MavMissionResult::INVALID_PARAM5_X),
+            (Item { y: -1_800_000_001, ..HOME }, MavMissionResult::INVALID_PARAM6_Y),
+            (Item { y: i32::MAX - 1, ..HOME }, MavMissionResult::INVALID_PARAM6_Y),
+            (Item { z: NAN, ..HOME }, MavMissionResult::INVALID_PARAM7),
+            (Item { z: infinite, ..HOME }, MavMissionResult::INVALID_PARAM7),
+            (Item { frame: MavFrame::MISSION, z: infinite, ..HOME }, MavMissionResult::INVALID_PARAM7),
+        ] {
+            assert_eq!(check(&item), Err(code), "{item:?}");
+        }
+    }
+
+    #[test]
+    fn without_a_position_the_numbers_are_free() {
+        // MAVSDK's speed and camera items: frame MISSION, parameter 7 NaN.
+        let free = Item { frame: MavFrame::MISSION, x: i32::MIN, y: 1_900_000_000, z: NAN, ..HOME };
+        assert_eq!(check(&free), Ok(()));
+    }
+
+    #[test]
+    fn texts_name_the_item_and_the_reason() {
+        // M-38
+        let text = item_refused(PlanType::Mission, 12, MavMissionResult::INVALID_PARAM5_X);
+        assert_eq!(text.as_str(), Some("Mission item 12: bad parameter 5 (latitude)"));
+        let text = plan_refused(PlanType::Fence, MavMissionResult::INVALID);
+        assert_eq!(text.as_str(), Some("Fence refused: not consistent"));
+    }
+}
