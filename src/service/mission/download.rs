@@ -11,7 +11,7 @@
 //! ```
 
 use super::memory::{PlanType, PlansMut};
-use super::replies::{Ack, Answer, Part};
+use super::replies::{Reply, What};
 use crate::dialect::{MavMissionResult, MissionCount};
 use crate::frame::Address;
 use crate::link::Outbox;
@@ -86,19 +86,21 @@ impl Sessions {
         }
     }
 
-    /// Sends what `answer` owes.
+    /// Sends what `reply` owes.
     pub(super) fn answer(
         &mut self,
         now: Instant,
-        answer: &Answer,
+        reply: &Reply,
         plans: &PlansMut<'_>,
         progress: &Progress,
         tx: &mut Outbox,
     ) -> bool {
-        let Answer { to, plan, part } = *answer;
-        let mission_type = plan.mission_type();
-        let (seq, is_legacy) = match part {
-            Part::Count => {
+        let Reply { to, mission_type, what } = *reply;
+        // That the plan is one of ours was seen when it was asked for.
+        let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
+        let (seq, is_legacy) = match what {
+            What::Ack(result, id) => return reply.ack(result, id, tx),
+            What::Count => {
                 self.open(now, to, plan);
                 return tx.send(&MissionCount {
                     count: plans.count(plan),
@@ -108,16 +110,15 @@ impl Sessions {
                     opaque_id: plans.live(plan).id(),
                 });
             }
-            Part::Item(seq) => (seq, false),
-            Part::LegacyItem(seq) => (seq, true),
+            What::Item(seq) => (seq, false),
+            What::LegacyItem(seq) => (seq, true),
         };
-        let refuse = |result, tx| Ack { to, mission_type, result, id: 0 }.send(tx);
         if self.is_stale(now, to, plan) {
             event!("{} download by {}: the plan has changed", plan, to);
-            return refuse(MavMissionResult::OPERATION_CANCELLED, tx);
+            return reply.ack(MavMissionResult::OPERATION_CANCELLED, 0, tx);
         }
         let Some(item) = plans.live(plan).items().get(usize::from(seq)) else {
-            return refuse(MavMissionResult::INVALID_SEQUENCE, tx);
+            return reply.ack(MavMissionResult::INVALID_SEQUENCE, 0, tx);
         };
         let is_current = plan == PlanType::Mission && seq == progress.current;
         if is_legacy && self.float_form {

@@ -81,21 +81,21 @@ impl Item {
         }
     }
 
-    /// The item of a MISSION_ITEM (M-37): degrees become deg·1e7, NaN becomes "not given".
-    pub(super) fn from_float(message: &MissionItem) -> Result<Self, MavMissionResult> {
-        let integer = match position(message.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)? {
+    /// The item of a MISSION_ITEM (M-37), which has MISSION_ITEM_INT's fields at the same places, but floats in x and y:
+    /// `raw` is what comes of reading it so. Degrees become deg·1e7, NaN becomes "not given".
+    pub(super) fn from_float(raw: Self) -> Result<Self, MavMissionResult> {
+        let integer = match position(raw.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)? {
             Position::Global => num::scale_1e7,
             Position::None => num::integer::<i32>,
         };
-        let given = |value: f32| if value.is_nan() { Some(i32::MAX) } else { integer(value) };
+        let given = |bits: i32| {
+            let value = f32::from_bits(bits.cast_unsigned());
+            if value.is_nan() { Some(i32::MAX) } else { integer(value) }
+        };
         Ok(Self {
-            frame: message.frame,
-            command: message.command,
-            autocontinue: message.autocontinue,
-            params: [message.param1, message.param2, message.param3, message.param4],
-            x: given(message.x).ok_or(MavMissionResult::INVALID_PARAM5_X)?,
-            y: given(message.y).ok_or(MavMissionResult::INVALID_PARAM6_Y)?,
-            z: message.z,
+            x: given(raw.x).ok_or(MavMissionResult::INVALID_PARAM5_X)?,
+            y: given(raw.y).ok_or(MavMissionResult::INVALID_PARAM6_Y)?,
+            ..raw
         })
     }
 
@@ -181,6 +181,7 @@ impl Digest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::message::Message;
     use proptest::prelude::*;
 
     pub(crate) fn any_item() -> impl Strategy<Value = Item> {
@@ -201,8 +202,15 @@ mod tests {
         MissionItem { frame, x, y, ..Default::default() }
     }
 
+    /// As the engine reads it: the payload of a MISSION_ITEM by the layout of MISSION_ITEM_INT.
+    fn from_float(message: &MissionItem) -> Result<Item, MavMissionResult> {
+        let mut payload = [0; MissionItem::MAX_LEN];
+        message.encode(&mut payload).unwrap();
+        Item::from_float(Item::from_int(&MissionItemInt::decode(&payload)))
+    }
+
     fn position_of(message: &MissionItem) -> Result<(i32, i32), MavMissionResult> {
-        Item::from_float(message).map(|item| (item.x, item.y))
+        from_float(message).map(|item| (item.x, item.y))
     }
 
     #[test]
@@ -249,7 +257,7 @@ mod tests {
             let frame = MavFrame::GLOBAL_RELATIVE_ALT;
             let message = Item { frame, ..item }.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
             let message = MissionItem { x, y, ..message };
-            let back = Item::from_float(&message).unwrap();
+            let back = from_float(&message).unwrap();
             prop_assert_eq!(back, Item { frame, x: back.x, y: back.y, ..item });
             let again = back.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
             prop_assert_eq!((again.x, again.y), (x, y));

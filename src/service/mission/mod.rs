@@ -35,7 +35,7 @@ pub(crate) use replies::Replies;
 
 use self::current::Current;
 use self::download::Sessions;
-use self::replies::{Ack, Answer, Part};
+use self::replies::{Reply, What};
 use self::upload::{Arrival, Done, Upload};
 use self::validate::Words;
 use crate::dialect::{
@@ -98,16 +98,36 @@ impl Caller<'_> {
         if can_be_named && cx.plans.capacity(plan) > 0 { Ok(plan) } else { Err(MavMissionResult::UNSUPPORTED) }
     }
 
+    fn owe(&mut self, mission_type: MavMissionType, what: What) {
+        self.replies.push(Reply { to: self.from.address, mission_type, what });
+    }
+
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
-        self.replies.push_ack(Ack { to: self.from.address, mission_type, result, id });
+        self.owe(mission_type, What::Ack(result, id));
+    }
+
+    /// The answer of a vehicle without plans, whatever is asked: clients would repeat an unanswered question for seconds.
+    pub(crate) fn refuse(&mut self, frame: &Frame<'_>) {
+        if frame.id() != MissionAck::ID && !self.replies.is_full() {
+            self.ack(mission_type(frame), MavMissionResult::UNSUPPORTED, 0);
+        }
     }
 
     /// A part of a live plan is asked for (M-60).
-    fn ask(&mut self, cx: &Context<'_, '_>, mission_type: MavMissionType, part: Part) {
+    fn ask(&mut self, cx: &Context<'_, '_>, mission_type: MavMissionType, what: What) {
         match self.plan(cx, mission_type) {
-            Ok(plan) => self.replies.push_answer(Answer { to: self.from.address, plan, part }),
+            Ok(_) => self.owe(mission_type, what),
             Err(result) => self.ack(mission_type, result, 0),
         }
+    }
+}
+
+/// The plan that a message names. In all of ours that is the first byte behind the base fields, which v1 does not have:
+/// there every plan is a mission (V-7).
+fn mission_type(frame: &Frame<'_>) -> MavMissionType {
+    match (frame.header().version, frame.info()) {
+        (Version::V2, Some(info)) => MavMissionType(frame.byte(info.base_len())),
+        _ => MavMissionType::MISSION,
     }
 }
 
@@ -117,7 +137,7 @@ pub(crate) struct Missions {
     upload: Option<Upload>,
     done: Option<Done>,
     /// The ACK of an upload that timed out: nobody's question stands behind it. A later one takes its place.
-    farewell: Option<(LinkId, Ack)>,
+    farewell: Option<(LinkId, Reply)>,
     sessions: Sessions,
     current: Current,
     counters: PlanCounters,
@@ -166,74 +186,44 @@ impl Missions {
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
     ) {
-        // v1 has no mission_type: every plan there is a mission (V-7).
-        let is_v1 = frame.header().version == Version::V1;
-        let plan = |mission_type| if is_v1 { MavMissionType::MISSION } else { mission_type };
+        let mission_type = mission_type(frame);
+        let payload = frame.payload();
         if let Some(message) = frame.decode::<MissionAck>() {
-            return self.on_ack(cx, caller.from, plan(message.mission_type), message.r#type);
+            return self.on_ack(cx, caller.from, mission_type, message.r#type);
         }
-        let asks_for_a_part = matches!(frame.id(), MissionRequestList::ID | MissionRequestInt::ID | MissionRequest::ID);
-        if !caller.replies.can_ack() || (asks_for_a_part && !caller.replies.can_answer()) {
+        if caller.replies.is_full() {
             event!("plans: message {=u32} of {} dropped: no room for its answer", frame.id(), caller.from);
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
             return;
         }
         match frame.id() {
             MissionCount::ID => {
-                let message = MissionCount::decode(frame.payload());
-                self.on_count(cx, vehicle, caller, plan(message.mission_type), message.count);
+                self.on_count(cx, vehicle, caller, mission_type, MissionCount::decode(payload).count);
             }
-            MissionItemInt::ID => {
-                let message = MissionItemInt::decode(frame.payload());
-                let arrival = Arrival {
-                    mission_type: plan(message.mission_type),
-                    seq: message.seq,
-                    current: message.current,
-                    item: Ok(Item::from_int(&message)),
-                };
+            id @ (MissionItemInt::ID | MissionItem::ID) => {
+                let message = MissionItemInt::decode(payload);
+                let item = Item::from_int(&message);
+                let item = if id == MissionItem::ID { Item::from_float(item) } else { Ok(item) };
+                let arrival = Arrival { mission_type, seq: message.seq, current: message.current, item };
                 self.on_item(cx, vehicle, caller, arrival);
             }
-            MissionItem::ID => {
-                let message = MissionItem::decode(frame.payload());
-                let arrival = Arrival {
-                    mission_type: plan(message.mission_type),
-                    seq: message.seq,
-                    current: message.current,
-                    item: Item::from_float(&message),
-                };
-                self.on_item(cx, vehicle, caller, arrival);
-            }
-            MissionClearAll::ID => {
-                let message = MissionClearAll::decode(frame.payload());
-                self.on_clear(cx, vehicle, caller, plan(message.mission_type));
-            }
-            MissionRequestList::ID => {
-                let message = MissionRequestList::decode(frame.payload());
-                caller.ask(cx, plan(message.mission_type), Part::Count);
-            }
+            MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),
+            MissionRequestList::ID => caller.ask(cx, mission_type, What::Count),
             MissionRequestInt::ID => {
-                let message = MissionRequestInt::decode(frame.payload());
-                caller.ask(cx, plan(message.mission_type), Part::Item(message.seq));
+                caller.ask(cx, mission_type, What::Item(MissionRequestInt::decode(payload).seq));
             }
             MissionRequest::ID => {
-                let message = MissionRequest::decode(frame.payload());
-                caller.ask(cx, plan(message.mission_type), Part::LegacyItem(message.seq));
+                caller.ask(cx, mission_type, What::LegacyItem(MissionRequest::decode(payload).seq));
             }
-            // Not a part of the standard protocol (M-68). Both messages have the same form.
-            MissionRequestPartialList::ID | MissionWritePartialList::ID => {
-                let message = MissionRequestPartialList::decode(frame.payload());
-                caller.ack(plan(message.mission_type), MavMissionResult::UNSUPPORTED, 0);
-            }
-            _ => {}
+            // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not a part of the standard protocol (M-68).
+            _ => caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0),
         }
     }
 
     /// Runs the timers: requests that are to be repeated, uploads that stopped, MISSION_CURRENT.
     pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) {
         self.poll_upload(cx);
-        let has_plans = PlanType::ALL.iter().any(|plan| cx.plans.capacity(*plan) > 0);
-        let links = if has_plans { cx.normal } else { LinkMask::NONE };
-        self.current.poll(cx.now, vehicle.progress(), links);
+        self.current.poll(cx.now, vehicle.progress(), cx.normal);
     }
 
     /// When [`poll`](Self::poll) has something to do.
@@ -248,17 +238,18 @@ impl Missions {
 
     /// Whether [`next`](Self::next) or [`next_current`](Self::next_current) has something for this link.
     pub(crate) fn is_pending(&self, replies: &Replies, tx: &Outbox) -> bool {
-        replies.has_answer()
+        replies.has_any()
             || self.upload.as_ref().is_some_and(|upload| upload.owes_request_on(tx))
             || self.current.is_owed(tx.link())
     }
 
     /// Sends a MISSION_ACK. False when none is owed on this link.
     pub(crate) fn next_ack(&mut self, replies: &mut Replies, tx: &mut Outbox) -> bool {
-        if let Some((_, ack)) = self.farewell.take_if(|(link, _)| *link == tx.link()) {
-            return ack.send(tx);
+        let farewell = self.farewell.take_if(|(link, _)| *link == tx.link()).map(|(_, reply)| reply);
+        match farewell.or_else(|| replies.pop(true)) {
+            Some(reply @ Reply { what: What::Ack(result, id), .. }) => reply.ack(result, id, tx),
+            _ => false,
         }
-        replies.pop_ack().is_some_and(|ack| ack.send(tx))
     }
 
     /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link.
@@ -273,7 +264,7 @@ impl Missions {
         if let Some(upload) = self.upload.as_mut().filter(|upload| upload.owes_request_on(tx)) {
             return upload.request(now, plans.staged(), tx);
         }
-        replies.pop_answer().is_some_and(|answer| self.sessions.answer(now, &answer, plans, progress, tx))
+        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, tx))
     }
 
     /// Sends MISSION_CURRENT. False when it is not owed on this link.

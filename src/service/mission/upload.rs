@@ -6,7 +6,7 @@
 use super::item::{Digest, Item};
 use super::memory::PlanType;
 use super::pace::Pace;
-use super::replies::Ack;
+use super::replies::{Reply, What};
 use super::validate::{self, Words};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
@@ -353,12 +353,12 @@ impl Missions {
             return upload.pace.retry(cx.now);
         }
         let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
+        let what = What::Ack(MavMissionResult::OPERATION_CANCELLED, 0);
+        self.farewell = Some((link, Reply { to, mission_type: plan.mission_type(), what }));
         event!("{} upload by {}: timed out", plan, upload.partner);
         let mut words = validate::words(plan, " upload timed out at item ");
         words.push_number(cx.plans.staged().into());
         cx.tell(&words);
-        let ack = Ack { to, mission_type: plan.mission_type(), result: MavMissionResult::OPERATION_CANCELLED, id: 0 };
-        self.farewell = Some((link, ack));
         self.abandon(cx);
     }
 }
