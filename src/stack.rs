@@ -137,9 +137,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         let core = &mut self.core;
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
-        let mut plans = self.plans.view();
-        let mut context = mission::Context { now, plans: &mut plans, texts: &mut core.texts, normal: core.normal };
-        core.missions.poll(&mut context, vehicle);
+        if has_plans::<P>() {
+            let mut plans = self.plans.view();
+            let mut context = mission::Context { now, plans: &mut plans, texts: &mut core.texts, normal: core.normal };
+            core.missions.poll(&mut context, vehicle);
+        }
     }
 
     /// Moves bytes between a link and its transport: a bounded read, what the frames in it ask for, a bounded write.
@@ -279,7 +281,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return &[] };
         let port = &mut link.port;
         if port.outbox.is_empty() {
-            self.core.fill(now, port, &mut self.plans.view(), vehicle);
+            self.core.fill::<V, P>(now, port, &mut self.plans.view(), vehicle);
         }
         port.outbox.pending()
     }
@@ -379,7 +381,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
             link.decoder.commit(len, now);
         }
         let mut context = Context { now, peers: &mut self.peers, plans: self.plans.view(), vehicle };
-        self.core.drain(&mut context, link, D::MESSAGES, allowance);
+        self.core.drain::<V, P>(&mut context, link, D::MESSAGES, allowance);
     }
 }
 
@@ -398,13 +400,19 @@ const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
     capabilities
 }
 
+/// Whether any plan is compiled in; without one the engine is not linked.
+const fn has_plans<P: PlanStorage>() -> bool {
+    let [mission, fence, rally] = P::CAPACITIES;
+    mission > 0 || fence > 0 || rally > 0
+}
+
 impl Core {
     fn has_credit(&mut self, now: Instant) -> bool {
         self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
     }
 
     /// Handles the frames that the decoder finds.
-    fn drain<V: Autopilot>(
+    fn drain<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V>,
         link: &mut Link,
@@ -416,12 +424,17 @@ impl Core {
             let is_known = |address| network::is_known(context.peers, address);
             let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
             allowance.frames = allowance.frames.saturating_sub(1);
-            self.on_frame(context, port, &frame);
+            self.on_frame::<V, P>(context, port, &frame);
         }
     }
 
     /// A frame came in on a link.
-    fn on_frame<V: Autopilot>(&mut self, context: &mut Context<'_, V>, port: &mut Port, frame: &Frame<'_>) {
+    fn on_frame<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V>,
+        port: &mut Port,
+        frame: &Frame<'_>,
+    ) {
         let own = self.config.address.get();
         if frame.source() == own {
             count(&mut port.counters.own_address);
@@ -467,8 +480,11 @@ impl Core {
                 return;
             }
             let Context { now, plans, vehicle, .. } = context;
-            let mut context = mission::Context { now: *now, plans, texts: &mut self.texts, normal: self.normal };
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
+            if !has_plans::<P>() {
+                return caller.refuse(frame);
+            }
+            let mut context = mission::Context { now: *now, plans, texts: &mut self.texts, normal: self.normal };
             self.missions.on_frame(&mut context, *vehicle, &mut caller, frame);
         } else if frame.id() != Heartbeat::ID {
             context.vehicle.message(frame, port.id);
@@ -486,7 +502,13 @@ impl Core {
     }
 
     /// Puts the next frame into the link's outbound buffer, which is empty.
-    fn fill<V: Autopilot>(&mut self, now: Instant, port: &mut Port, plans: &mut PlansMut<'_>, vehicle: &mut V) {
+    fn fill<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        now: Instant,
+        port: &mut Port,
+        plans: &mut PlansMut<'_>,
+        vehicle: &mut V,
+    ) {
         port.bucket.fill(now);
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, vehicle))
@@ -494,7 +516,7 @@ impl Core {
             || (is_normal
                 && (self.missions.next_ack(&mut port.plans, &mut port.outbox)
                     || port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox)
-                    || (port.bucket.has_room() && self.transfer(now, port, plans, vehicle))));
+                    || (port.bucket.has_room() && self.transfer::<V, P>(now, port, plans, vehicle))));
         if sent {
             count(&mut port.counters.tx_frames);
         }
@@ -521,13 +543,16 @@ impl Core {
     }
 
     /// What can wait for the link's byte rate.
-    fn transfer<V: Autopilot>(
+    fn transfer<V: Autopilot, P: PlanStorage>(
         &mut self,
         now: Instant,
         port: &mut Port,
         plans: &mut PlansMut<'_>,
         vehicle: &mut V,
     ) -> bool {
+        if !has_plans::<P>() {
+            return self.texts.next(&mut port.text, &mut port.outbox);
+        }
         let progress = vehicle.progress();
         self.missions.next(now, &mut port.plans, plans, &progress, &mut port.outbox)
             || self.texts.next(&mut port.text, &mut port.outbox)
