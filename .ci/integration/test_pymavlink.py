@@ -1,0 +1,247 @@
+"""The vehicle as pymavlink sees it: message by message."""
+
+import math
+import socket
+import time
+
+import pytest
+from conftest import Gcs
+from plans import HOME, NAV_LAND, NAV_WAYPOINT, differences, plan
+from pymavlink import mavutil
+
+mavlink = mavutil.mavlink
+
+MISSION = mavlink.MAV_MISSION_TYPE_MISSION
+FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
+
+
+def send_item(gcs, item):
+    gcs.mav.mission_item_int_send(1, 1, *(item[field] for field in FIELDS), MISSION)
+
+
+def upload(gcs, items):
+    """Uploads as a ground station does; returns the acknowledgement's type."""
+    gcs.mav.mission_count_send(1, 1, len(items), MISSION)
+    while True:
+        message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"])
+        assert message, "the vehicle stopped asking"
+        assert (message.target_system, message.target_component) == (255, 190)
+        assert message.mission_type == MISSION
+        if message.get_type() == "MISSION_ACK":
+            return message.type
+        assert message.get_type() == "MISSION_REQUEST_INT", "a GENERIC autopilot asks for MISSION_ITEM_INT"
+        send_item(gcs, items[message.seq])
+
+
+def download(gcs):
+    gcs.mav.mission_request_list_send(1, 1, MISSION)
+    count = gcs.wait("MISSION_COUNT")
+    assert count, "no answer to MISSION_REQUEST_LIST"
+    items = []
+    for seq in range(count.count):
+        gcs.mav.mission_request_int_send(1, 1, seq, MISSION)
+        item = gcs.wait("MISSION_ITEM_INT", where=lambda item: item.seq == seq)
+        assert item, f"no answer to the request for item {seq}"
+        items.append({field: getattr(item, field) for field in FIELDS})
+    gcs.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED, MISSION)
+    return items
+
+
+def clear(gcs, kind=MISSION):
+    gcs.mav.mission_clear_all_send(1, 1, kind)
+    ack = gcs.wait("MISSION_ACK")
+    assert ack and ack.mission_type == kind
+    return ack.type
+
+
+def wait_until(gcs, condition, timeout):
+    """Follows the heartbeats until one fits."""
+    heartbeat = gcs.wait("HEARTBEAT", timeout, condition)
+    assert heartbeat, f"it does not happen within {timeout} s"
+    return heartbeat
+
+
+def is_armed(heartbeat):
+    return bool(heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+
+
+def test_heartbeat_says_what_it_is_once_a_second(gcs, figure):
+    """H-1 to H-4: identity and rate."""
+    times = []
+    for _ in range(12):
+        heartbeat = gcs.wait("HEARTBEAT", timeout=3)
+        assert heartbeat, "a heartbeat is missing"
+        times.append(time.monotonic())
+        assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, 1)
+        assert heartbeat.type == mavlink.MAV_TYPE_QUADROTOR
+        assert heartbeat.autopilot == mavlink.MAV_AUTOPILOT_GENERIC
+        assert heartbeat.mavlink_version == 3
+        assert not is_armed(heartbeat)
+    mean = (times[-1] - times[0]) / (len(times) - 1)
+    gaps = [b - a for a, b in zip(times, times[1:])]
+    figure(f"heartbeat: mean {mean:.4f} s, {min(gaps):.3f} to {max(gaps):.3f} s")
+    assert 0.97 < mean < 1.03
+    assert max(gaps) < 1.5 and min(gaps) > 0.5
+
+
+def test_autopilot_version_on_request(gcs):
+    """Q-1, Q-9: the message follows its ACCEPTED, with exactly the capabilities that are there."""
+    gcs.send_command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    got = {}
+    for _ in range(2):
+        message = gcs.wait(["COMMAND_ACK", "AUTOPILOT_VERSION"])
+        assert message, f"only {list(got)} came"
+        got[message.get_type()] = message
+    assert got["COMMAND_ACK"].result == mavlink.MAV_RESULT_ACCEPTED
+    capabilities = got["AUTOPILOT_VERSION"].capabilities
+    for bit in ("MISSION_INT", "COMMAND_INT", "MAVLINK2"):
+        assert capabilities & getattr(mavlink, f"MAV_PROTOCOL_CAPABILITY_{bit}"), f"{bit} is missing"
+    for bit in ("FTP", "FLIGHT_TERMINATION", "SET_ATTITUDE_TARGET", "PARAM_ENCODE_C_CAST"):
+        assert not capabilities & getattr(mavlink, f"MAV_PROTOCOL_CAPABILITY_{bit}"), f"{bit} is claimed"
+
+
+@pytest.mark.parametrize(
+    "command, params, result",
+    [
+        (42424, (), "UNSUPPORTED"),
+        (mavlink.MAV_CMD_REQUEST_MESSAGE, (16_000_000,), "DENIED"),
+        (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.5,), "DENIED"),
+        (mavlink.MAV_CMD_NAV_TAKEOFF, (), "TEMPORARILY_REJECTED"),
+    ],
+)
+def test_a_command_gets_exactly_one_answer(gcs, command, params, result):
+    """C-3, C-4: also one that is refused, or unknown."""
+    assert gcs.command(command, *params) == getattr(mavlink, f"MAV_RESULT_{result}")
+    assert gcs.wait("COMMAND_ACK", timeout=1.5) is None, "a second answer"
+
+
+def test_a_command_for_somebody_else_gets_no_answer(gcs):
+    """C-2."""
+    gcs.mav.command_long_send(1, 77, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
+    gcs.mav.command_long_send(2, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
+    assert gcs.wait("COMMAND_ACK", timeout=1.5) is None
+    assert not is_armed(gcs.wait("HEARTBEAT"))
+
+
+def test_a_plan_goes_up_comes_down_and_is_cleared(gcs):
+    """M-20, M-39, M-50, M-60."""
+    items = plan(12)
+    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert differences(items, download(gcs)) == []
+    assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED
+    assert download(gcs) == []
+    assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED, "clearing is idempotent (M-52)"
+
+
+def test_a_full_plan(gcs, capacity, figure):
+    """Every place taken, over the wire one item at a time."""
+    items = plan(capacity)
+    began = time.monotonic()
+    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    uploaded = time.monotonic()
+    assert differences(items, download(gcs)) == []
+    figure(f"pymavlink: {capacity} items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
+    assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED
+
+
+def test_a_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity):
+    """M-21."""
+    items = plan(3)
+    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    gcs.mav.mission_count_send(1, 1, capacity + 1, MISSION)
+    message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_ACK"])
+    assert message.get_type() == "MISSION_ACK" and message.type == mavlink.MAV_MISSION_NO_SPACE
+    assert differences(items, download(gcs)) == []
+
+
+def test_an_item_that_cannot_be_flown_leaves_the_old_plan(gcs):
+    """M-1, M-38, M-73: refused with its code and a text that names it, and nothing has changed."""
+    items = plan(3)
+    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    bad = plan(5)
+    bad[2]["command"] = mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT
+    assert upload(gcs, bad) == mavlink.MAV_MISSION_UNSUPPORTED
+    assert gcs.wait("STATUSTEXT", where=lambda text: "2" in text.text), "no text names item 2"
+    assert differences(items, download(gcs)) == []
+
+
+def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(connect):
+    for _ in range(3):
+        gcs = connect()
+        request = gcs.mav.command_long_encode(
+            1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0, 0, 0, 0, 0, 0
+        )
+        frame = request.pack(gcs.mav)
+        gcs.link.write(frame[: len(frame) // 2])
+        gcs.close()
+
+        # Sent once: what the first client left must not cost the second one its first frame.
+        gcs = connect()
+        assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
+        assert gcs.wait("AUTOPILOT_VERSION")
+        gcs.close()
+
+
+def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
+    """M-1, M-22: the old plan stays until a whole new one is there."""
+    gcs = connect()
+    old, new = plan(4), plan(9)
+    assert upload(gcs, old) == mavlink.MAV_MISSION_ACCEPTED
+    gcs.mav.mission_count_send(1, 1, len(new), MISSION)
+    for seq in range(3):
+        assert gcs.wait("MISSION_REQUEST_INT", where=lambda request: request.seq == seq)
+        send_item(gcs, new[seq])
+    gcs.close()
+
+    gcs = connect()
+    assert differences(old, download(gcs)) == []
+    assert upload(gcs, new) == mavlink.MAV_MISSION_ACCEPTED
+    assert differences(new, download(gcs)) == []
+
+
+def test_a_second_client_on_a_busy_port(connect, port, target):
+    """TCP to the simulator is refused; QEMU lets the second one wait. The first is served all the same."""
+    gcs = connect()
+    with socket.create_connection(("127.0.0.1", port), timeout=3) as second:
+        if target == "sitl":
+            assert second.recv(1) == b"", "a clear refusal is an end at once"
+        assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
+
+
+def test_all_three_links_at_once(connect, port):
+    """The companion's link beats; the satellite link does not (H-7), and neither disturbs telemetry."""
+    gcs = connect()
+    companion = Gcs(port + 1)
+    satellite = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port + 2}", source_system=255, source_component=190)
+    try:
+        assert companion.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
+        assert gcs.wait("COMMAND_ACK", timeout=0.5) is None, "the answer goes over the link of the request"
+        assert satellite.recv_match(type="HEARTBEAT", blocking=True, timeout=2.5) is None
+        assert gcs.wait("HEARTBEAT") and companion.wait("HEARTBEAT")
+    finally:
+        companion.close()
+        satellite.close()
+
+
+def test_it_flies_a_mission_and_lands(gcs):
+    """Arm, take-off, plan, landing, as a ground station sees them."""
+    waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
+    near = [(HOME[0] + 900, HOME[1]), (HOME[0] + 900, HOME[1] + 900)]
+    items = [dict(waypoint, seq=seq, x=x, y=y) for seq, (x, y) in enumerate(near)]
+    items.append(dict(waypoint, seq=2, command=NAV_LAND, x=HOME[0], y=HOME[1]))
+    assert [item["command"] for item in items] == [NAV_WAYPOINT, NAV_WAYPOINT, NAV_LAND]
+    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
+    wait_until(gcs, is_armed, 3)
+    assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5) == mavlink.MAV_RESULT_ACCEPTED
+    # In the air it is not disarmed by a plain request.
+    time.sleep(2)
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_DENIED
+    assert gcs.command(mavlink.MAV_CMD_MISSION_START, 0, 0) == mavlink.MAV_RESULT_ACCEPTED
+    # Three messages say how it goes on: the item that is flown, a text at the end, the heartbeat after landing.
+    assert gcs.wait("MISSION_CURRENT", 20, lambda current: current.seq == 1 and current.mission_state == 3)
+    assert gcs.wait("STATUSTEXT", 60, lambda text: text.text == "Mission complete")
+    wait_until(gcs, lambda heartbeat: not is_armed(heartbeat), 3)
+    assert gcs.wait("MISSION_CURRENT", 3, lambda current: current.mission_state == 5), "it does not say COMPLETE"
+    assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED

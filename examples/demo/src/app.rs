@@ -1,0 +1,77 @@
+//! The loop's body: what a firmware with mavstack looks like.
+
+use embedded_io::{Read, ReadReady, Write, WriteReady};
+use mavstack::{Address, Config, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, Pulse, Stack};
+
+use crate::vehicle::Quadrotor;
+
+/// The link to the ground station.
+pub const TELEMETRY: LinkId = LinkId(0);
+/// The link to a companion computer.
+pub const COMPANION: LinkId = LinkId(1);
+/// The link to a satellite modem: slow and dear.
+pub const SATELLITE: LinkId = LinkId(2);
+/// How many links there are.
+pub const LINKS: usize = 3;
+
+/// Ticked by the flight loop.
+static PULSE: Pulse = Pulse::new();
+
+const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+
+const LINK_CONFIGS: [LinkConfig; LINKS] =
+    [LinkConfig::uart(115_200), LinkConfig::uart(921_600), LinkConfig::uart(2_400).with_class(LinkClass::HighLatency)];
+
+/// The vehicle and its stack, with plans in a memory of type `P`. There is one in a program: they would share the pulse.
+#[derive(Debug)]
+pub struct App<P> {
+    stack: Stack<LINKS, P>,
+    vehicle: Quadrotor,
+}
+
+impl<P: PlanStorage> App<P> {
+    /// Switched on at [`Instant::ZERO`].
+    pub const fn new() -> Self {
+        Self { stack: Stack::new(CONFIG, LINK_CONFIGS), vehicle: Quadrotor::new() }
+    }
+
+    /// One pass of the flight loop; to be followed by [`serve`](Self::serve) for each link.
+    pub fn control(&mut self, now: Instant) {
+        self.vehicle.control_step(now, self.stack.mission().items());
+        PULSE.tick();
+        if let Some((severity, text)) = self.vehicle.take_text() {
+            self.stack.send_text(now, severity, text);
+        }
+        self.stack.poll(now, &mut self.vehicle);
+    }
+
+    /// Moves bytes between a link and its transport; never waits.
+    ///
+    /// # Errors
+    ///
+    /// As [`Stack::poll_link`].
+    pub fn serve<U: Read + Write + ReadReady + WriteReady>(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        uart: &mut U,
+    ) -> Result<(), LinkError<U::Error>> {
+        self.stack.poll_link(now, link, uart, &mut self.vehicle)
+    }
+
+    /// The stack and the vehicle, for transports that need more than [`serve`](Self::serve).
+    pub fn parts(&mut self) -> (&mut Stack<LINKS, P>, &mut Quadrotor) {
+        (&mut self.stack, &mut self.vehicle)
+    }
+
+    /// The vehicle.
+    pub fn vehicle(&self) -> &Quadrotor {
+        &self.vehicle
+    }
+}
+
+impl<P: PlanStorage> Default for App<P> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,34 @@
+//! What to tell somebody who wants to connect a ground station.
+
+use core::fmt;
+use core::net::SocketAddr;
+
+/// Prints the ways to connect to the telemetry link.
+#[derive(Clone, Copy, Debug)]
+pub enum HowToConnect {
+    /// It listens on this TCP port of this machine.
+    Tcp(u16),
+    /// It sends datagrams there.
+    Udp(SocketAddr),
+}
+
+impl fmt::Display for HowToConnect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp(port) => write!(
+                f,
+                "    QGroundControl   Application Settings > Comm Links > Add: TCP, 127.0.0.1, port {port}\n    \
+                     MAVProxy         mavproxy.py --master=tcp:127.0.0.1:{port}\n    \
+                     MAVSDK           tcpout://127.0.0.1:{port}\n    \
+                     pymavlink        mavutil.mavlink_connection('tcp:127.0.0.1:{port}')"
+            ),
+            Self::Udp(address) => write!(
+                f,
+                "    QGroundControl   listens on 127.0.0.1:14550 by itself\n    \
+                     MAVProxy         mavproxy.py --master=udpin:{address}\n    \
+                     MAVSDK           udpin://{address}\n    \
+                     pymavlink        mavutil.mavlink_connection('udpin:{address}')"
+            ),
+        }
+    }
+}

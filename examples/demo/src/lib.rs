@@ -1,0 +1,16 @@
+//! The demo vehicle and its main loop, shared by the firmware in QEMU and the simulator on the host.
+//!
+//! [`Quadrotor`] is the vehicle: what a firmware with real sensors and motors would replace. [`App`] is the loop's body:
+//! the stack, the vehicle and how they are joined, as in any firmware.
+#![no_std]
+
+mod app;
+mod body;
+pub mod connect;
+mod geo;
+mod plan;
+mod vehicle;
+
+pub use app::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
+pub use body::Vector;
+pub use vehicle::{Battery, GlobalPosition, Mode, Quadrotor};

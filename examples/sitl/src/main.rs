@@ -1,0 +1,110 @@
+//! The demo vehicle on the host: the same application as the firmware in QEMU, with sockets for UARTs.
+
+mod tcp;
+mod udp;
+
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{self, Duration};
+
+use clap::Parser;
+use mavstack::{Instant, LinkError, LinkId, plan_memory};
+use mavstack_demo::connect::HowToConnect;
+use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
+
+use tcp::Port;
+use udp::Datagrams;
+
+/// Room for long plans: the host has the memory.
+type SitlPlans = plan_memory!(mission: 1000, fence: 256, rally: 64);
+
+/// How often the flight loop goes round.
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// Run the demo vehicle on this machine.
+///
+/// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine that takes one client at a
+/// time; a second one is turned away. Without options: 5770 for telemetry, 5771 for a companion computer, 5772 for a
+/// satellite modem. Room for plans: 1,000 mission items, 256 fence items, 64 rally points. Ctrl-C ends it.
+#[derive(Parser)]
+#[command(name = "cargo sitl")]
+struct Arguments {
+    /// First of the three TCP ports.
+    #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65533))]
+    port_base: u16,
+    /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
+    udp: Option<SocketAddr>,
+}
+
+fn resolve(address: &str) -> Result<SocketAddr, String> {
+    let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
+    found.next().ok_or_else(|| "no such host".to_owned())
+}
+
+/// What the telemetry link goes over.
+enum Telemetry {
+    Tcp(Port),
+    Udp(Datagrams),
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), String> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
+
+    let base = arguments.port_base;
+    let mut telemetry = match arguments.udp {
+        Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
+        None => Telemetry::Tcp(Port::open(base)?),
+    };
+    let mut others = [(COMPANION, Port::open(base + 1)?), (SATELLITE, Port::open(base + 2)?)];
+    const { assert!(LINKS == 3) };
+
+    println!("The vehicle is switched on. Connect a ground station:\n");
+    println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
+    println!("Companion computer: TCP port {}; satellite modem: TCP port {}. Ctrl-C ends it.\n", base + 1, base + 2);
+
+    // Large for a stack frame, and there is one.
+    let mut app = Box::new(App::<SitlPlans>::new());
+    let boot = time::Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        let began = boot.elapsed();
+        let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
+        app.control(now);
+        match &mut telemetry {
+            Telemetry::Tcp(port) => serve(&mut app, now, TELEMETRY, port),
+            Telemetry::Udp(datagrams) => datagrams.serve(&mut app, now, TELEMETRY),
+        }
+        for (link, port) in &mut others {
+            serve(&mut app, now, *link, port);
+        }
+        thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
+    }
+    println!("The vehicle is switched off.");
+    Ok(())
+}
+
+fn serve(app: &mut App<SitlPlans>, now: Instant, link: LinkId, port: &mut Port) {
+    match app.serve(now, link, port) {
+        Ok(()) => {}
+        Err(LinkError::Closed) => port.hang_up("disconnected"),
+        Err(error) => port.hang_up(&error.to_string()),
+    }
+    if port.accept() {
+        app.parts().0.restart_link(link);
+    }
+}

@@ -1,0 +1,219 @@
+//! A TCP port that behaves like a UART: one line, to whoever is connected; bytes to nobody are lost.
+
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+
+/// Bytes taken from a client at a time.
+const BUFFER: usize = 4096;
+
+/// A port and who is connected to it.
+pub struct Port {
+    number: u16,
+    listener: TcpListener,
+    client: Option<Client>,
+}
+
+struct Client {
+    stream: TcpStream,
+    address: SocketAddr,
+    received: Vec<u8>,
+    /// How many of them are taken.
+    taken: usize,
+    /// Accepted for sending, not yet taken by the system.
+    unsent: Vec<u8>,
+    has_ended: bool,
+}
+
+impl Port {
+    /// Listens on the port of this machine only.
+    pub fn open(number: u16) -> Result<Self, String> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, number))
+            .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
+            .map_err(|error| format!("TCP port {number} cannot be used ({error}); take others with --port-base"))?;
+        Ok(Self { number, listener, client: None })
+    }
+
+    /// Takes a client if there is none, and turns others away. True when there is a new one.
+    pub fn accept(&mut self) -> bool {
+        let Ok((stream, address)) = self.listener.accept() else { return false };
+        if let Some(client) = &mut self.client {
+            // It may have left in this very moment.
+            client.fill();
+            if !client.has_ended {
+                println!("Port {}: {address} refused, {} is connected.", self.number, client.address);
+                return false;
+            }
+            self.hang_up("disconnected");
+        }
+        // Small frames are to go out at once.
+        if stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)).is_err() {
+            return false;
+        }
+        println!("Port {}: {address} connected.", self.number);
+        self.client =
+            Some(Client { stream, address, received: Vec::new(), taken: 0, unsent: Vec::new(), has_ended: false });
+        true
+    }
+
+    /// Forgets the client.
+    pub fn hang_up(&mut self, why: &str) {
+        if let Some(client) = self.client.take() {
+            println!("Port {}: {} {why}.", self.number, client.address);
+        }
+    }
+}
+
+impl Client {
+    /// Takes what has arrived; an error counts as the end.
+    fn fill(&mut self) {
+        if self.has_ended {
+            return;
+        }
+        self.received.drain(..self.taken);
+        self.taken = 0;
+        let mut bytes = [0; BUFFER];
+        while self.received.len() < BUFFER {
+            match self.stream.read(&mut bytes) {
+                Ok(len @ 1..) => self.received.extend_from_slice(&bytes[..len]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                _ => {
+                    self.has_ended = true;
+                    break;
+                }
+            }
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        while !self.unsent.is_empty() {
+            match self.stream.write(&self.unsent) {
+                Ok(len) => drop(self.unsent.drain(..len)),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ErrorType for Port {
+    type Error = io::Error;
+}
+
+impl ReadReady for Port {
+    fn read_ready(&mut self) -> io::Result<bool> {
+        let Some(client) = &mut self.client else { return Ok(false) };
+        if client.taken == client.received.len() {
+            client.fill();
+        }
+        Ok(client.taken < client.received.len() || client.has_ended)
+    }
+}
+
+impl Read for Port {
+    /// Nothing at the end of the connection, as the trait has it, and also when `read_ready` would be false.
+    fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
+        let Some(client) = &mut self.client else { return Ok(0) };
+        let rest = &client.received[client.taken..];
+        let len = rest.len().min(buf.len());
+        buf[..len].copy_from_slice(&rest[..len]);
+        client.taken += len;
+        Ok(len)
+    }
+}
+
+impl WriteReady for Port {
+    fn write_ready(&mut self) -> io::Result<bool> {
+        let Some(client) = &mut self.client else { return Ok(true) };
+        client.flush()?;
+        Ok(client.unsent.is_empty())
+    }
+}
+
+impl Write for Port {
+    fn write(&mut self, buf: &[u8]) -> io::Result<usize> {
+        if let Some(client) = &mut self.client {
+            client.unsent.extend_from_slice(buf);
+            client.flush()?;
+        }
+        Ok(buf.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.client.as_mut().map_or(Ok(()), Client::flush)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::{Duration, Instant};
+
+    fn open() -> (Port, SocketAddr) {
+        let mut port = Port::open(0).unwrap();
+        let address = port.listener.local_addr().unwrap();
+        port.number = address.port();
+        (port, address)
+    }
+
+    /// Sockets are asynchronous: what is to happen happens soon.
+    fn eventually(mut condition: impl FnMut() -> bool) {
+        let began = Instant::now();
+        while !condition() {
+            assert!(began.elapsed() < Duration::from_secs(10), "it does not happen");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn a_second_client_is_turned_away_and_the_first_not_disturbed() {
+        let (mut port, address) = open();
+        let mut first = TcpStream::connect(address).unwrap();
+        eventually(|| port.accept());
+        let mut second = TcpStream::connect(address).unwrap();
+        second.set_nonblocking(true).unwrap();
+        eventually(|| {
+            assert!(!port.accept());
+            matches!(second.read(&mut [0]), Ok(0))
+        });
+        first.write_all(b"hello").unwrap();
+        eventually(|| port.read_ready().unwrap());
+        let mut bytes = [0; 8];
+        let len = port.read(&mut bytes).unwrap();
+        assert_eq!(&bytes[..len], b"hello");
+    }
+
+    #[test]
+    fn a_client_may_follow_at_once_on_one_that_left_bytes_unread() {
+        let (mut port, address) = open();
+        let mut first = TcpStream::connect(address).unwrap();
+        eventually(|| port.accept());
+        first.write_all(&[7; 1_000]).unwrap();
+        drop(first);
+        let mut second = TcpStream::connect(address).unwrap();
+        eventually(|| port.accept());
+        assert!(!port.read_ready().unwrap(), "the first one's bytes are forgotten");
+        assert_eq!(port.write(b"for the second").unwrap(), 14);
+        let mut bytes = [0; 14];
+        second.read_exact(&mut bytes).unwrap();
+        assert_eq!(&bytes, b"for the second");
+    }
+
+    #[test]
+    fn what_is_sent_to_nobody_is_lost_and_the_end_is_read_as_zero() {
+        let (mut port, address) = open();
+        assert_eq!(port.write(b"lost").unwrap(), 4);
+        let client = TcpStream::connect(address).unwrap();
+        eventually(|| port.accept());
+        assert!(!port.read_ready().unwrap());
+        drop(client);
+        eventually(|| port.read_ready().unwrap());
+        assert_eq!(port.read(&mut [0; 8]).unwrap(), 0);
+        port.hang_up("left");
+        assert!(!port.read_ready().unwrap());
+    }
+}

@@ -1,0 +1,57 @@
+//! A link over datagrams: whole frames, one or more in each, to and from one peer.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+
+use mavstack::{Instant, LinkId, PlanStorage};
+use mavstack_demo::App;
+
+/// No datagram is longer: what fits any Ethernet.
+const MAX_DATAGRAM: usize = 1_400;
+
+/// The socket, and what of the last datagram is not yet taken.
+pub struct Datagrams {
+    socket: UdpSocket,
+    received: Vec<u8>,
+    taken: usize,
+}
+
+impl Datagrams {
+    /// Datagrams to and from `peer` only.
+    pub fn open(peer: SocketAddr) -> Result<Self, String> {
+        let any: SocketAddr =
+            if peer.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
+        let socket = UdpSocket::bind(any)
+            .and_then(|socket| socket.connect(peer).and_then(|()| socket.set_nonblocking(true)).map(|()| socket))
+            .map_err(|error| format!("UDP to {peer}: {error}"))?;
+        Ok(Self { socket, received: Vec::new(), taken: 0 })
+    }
+
+    /// Moves bytes between the link and the peer, through the stack's calls for bytes; never waits.
+    pub fn serve<P: PlanStorage>(&mut self, app: &mut App<P>, now: Instant, link: LinkId) {
+        if self.taken == self.received.len() {
+            self.received.resize(usize::from(u16::MAX), 0);
+            // Errors are no end: "connection refused" is the answer to a datagram that nobody listened to.
+            let len = self.socket.recv(&mut self.received).unwrap_or(0);
+            self.received.truncate(len);
+            self.taken = 0;
+        }
+        let (stack, vehicle) = app.parts();
+        // Also with no bytes: frames may wait in the decoder.
+        self.taken += stack.receive(now, link, &self.received[self.taken..], vehicle);
+
+        let mut datagram = Vec::with_capacity(MAX_DATAGRAM);
+        loop {
+            let frame = stack.transmit(now, link, vehicle);
+            if frame.is_empty() || datagram.len() + frame.len() > MAX_DATAGRAM {
+                break;
+            }
+            datagram.extend_from_slice(frame);
+            let len = frame.len();
+            stack.transmitted(link, len);
+        }
+        if !datagram.is_empty() {
+            // Nobody listening (yet) is no error.
+            let _ = self.socket.send(&datagram);
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! The vehicle under real ground-station software: pymavlink and MAVSDK, driven by pytest.
+
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+
+use crate::qemu::{self, Emulator};
+use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
+use crate::toolchain::{self, Choice};
+use crate::{firmware, log};
+
+/// Where the vehicle runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Target {
+    /// In QEMU.
+    Qemu,
+    /// On this machine.
+    Sitl,
+    /// Both, one after the other.
+    All,
+}
+
+/// Where the tests are, and what they need.
+const TESTS: &str = ".ci/integration";
+
+/// `cargo xtask integration`.
+pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
+    let stop = system::stop_signal()?;
+    let python = environment()?;
+    let mut failed = Vec::new();
+    for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
+        if target != Target::All && target != this {
+            continue;
+        }
+        println!("\n==== The vehicle in {name}");
+        let port = free_ports()?;
+        let _vehicle = match this {
+            Target::Qemu => Vehicle::in_qemu(port, choice)?,
+            _ => Vehicle::in_sitl(port)?,
+        };
+        wait_for(port)?;
+        let mut clients = Command::new(&python);
+        clients
+            .args(["-m", "pytest", "-v", "--color=auto", "-p", "no:cacheprovider", TESTS, "--target", name])
+            .args(["--port-base", &port.to_string()])
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            // pymavlink's message definitions: MAVLink 2 of common.
+            .env("MAVLINK20", "1")
+            .env("MAVLINK_DIALECT", "common")
+            .current_dir(root());
+        let clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
+        if !wait(Process(clients), &stop)? {
+            failed.push(name);
+        }
+    }
+    if failed.is_empty() { Ok(()) } else { Err(format!("tests failed on {}", failed.join(" and "))) }
+}
+
+/// A child that does not outlive us.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // Both fail only when it has ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Whether it succeeds; an error when we are asked to stop.
+fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
+    loop {
+        if let Some(status) = process.0.try_wait().map_err(|error| error.to_string())? {
+            return Ok(status.success());
+        }
+        if stop.recv_timeout(Duration::from_millis(100)).is_ok() {
+            return Err("stopped".to_owned());
+        }
+    }
+}
+
+/// A running vehicle, ended when dropped.
+enum Vehicle {
+    Qemu { _emulator: Emulator },
+    Sitl { _process: Process },
+}
+
+impl Vehicle {
+    fn in_qemu(port: u16, choice: Option<Choice>) -> Result<Self> {
+        qemu::prepare()?;
+        let choice = toolchain::prepare(choice)?;
+        let path = firmware::build(choice, true)?;
+        let elf = firmware::read(&path)?;
+        firmware::print_size("Firmware", &elf)?;
+        let table = log::table(&elf)?;
+        let (emulator, output) = Emulator::start(&path, port, None)?;
+        let file = log_file("qemu")?;
+        thread::spawn(move || log::print(&table, output, file));
+        Ok(Self::Qemu { _emulator: emulator })
+    }
+
+    fn in_sitl(port: u16) -> Result<Self> {
+        const PACKAGE: &str = "mavstack-sitl";
+        run(Command::new(cargo()).args(["build", "--package", PACKAGE]).current_dir(root()))?;
+        let program = target_dir().join("debug").join(PACKAGE);
+        let child = Command::new(&program)
+            .args(["--port-base", &port.to_string()])
+            .stdin(Stdio::null())
+            .stdout(log_file("sitl")?)
+            .spawn()
+            .map_err(|error| format!("{}: {error}", program.display()))?;
+        Ok(Self::Sitl { _process: Process(child) })
+    }
+}
+
+/// Where the vehicle's log goes while the tests run.
+fn log_file(name: &str) -> Result<std::fs::File> {
+    let path = target_dir().join(format!("integration-{name}.log"));
+    println!("The vehicle's log: {}", path.display());
+    std::fs::File::create(&path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// Three TCP ports in a row that nobody uses.
+fn free_ports() -> Result<u16> {
+    let is_free = |port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok();
+    (15_760..16_760)
+        .step_by(10)
+        .find(|&base| (base..base + 3).all(is_free))
+        .ok_or_else(|| "no three free TCP ports in a row from 15760 to 16760".to_owned())
+}
+
+/// Until the vehicle listens.
+fn wait_for(port: u16) -> Result {
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while Instant::now() < deadline {
+        if TcpStream::connect((Ipv4Addr::LOCALHOST, port)).is_ok() {
+            return Ok(());
+        }
+        thread::sleep(Duration::from_millis(100));
+    }
+    Err(format!("the vehicle does not listen on port {port}"))
+}
+
+/// A Python environment with the clients in it; returns its interpreter.
+fn environment() -> Result<PathBuf> {
+    let folder = target_dir().join("integration-python");
+    let python = folder.join("bin/python");
+    let requirements = root().join(TESTS).join("requirements.txt");
+    let wanted = read(&requirements)?;
+    let stamp = folder.join("installed.txt");
+    if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
+        return Ok(python);
+    }
+    println!("Installing the clients into {}", folder.display());
+    let create = || output("python3", &["-m", "venv", "--clear", &folder.to_string_lossy()]).is_some();
+    if !create() {
+        apt_install("Python with venv", &["python3", "python3-venv"], "https://www.python.org")?;
+        if !create() {
+            return Err("`python3 -m venv` fails".to_owned());
+        }
+    }
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
+    run(Command::new(&python).args(pip).arg(&requirements))?;
+    std::fs::write(&stamp, wanted).map_err(|error| format!("{}: {error}", stamp.display()))?;
+    Ok(python)
+}
+
+fn read(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}

@@ -1,0 +1,94 @@
+//! The project's own tools: the vehicle in QEMU, its size, and the tests with real ground stations.
+//!
+//! `cargo qemu` is `cargo run --package xtask -- qemu`; the aliases are in `.cargo/config.toml`.
+
+mod bridge;
+mod firmware;
+mod integration;
+mod log;
+mod qemu;
+mod system;
+mod toolchain;
+
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+use integration::Target;
+use toolchain::Choice;
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "The tools of the project mavstack.")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    Qemu(Qemu),
+    Size(Size),
+    Integration(Integration),
+}
+
+/// Build the firmware and run it on an emulated Cortex-M4.
+///
+/// The vehicle (system 1, component 1) has three serial ports, each on a TCP port of this machine that takes one client
+/// at a time. Without options: 5760 for telemetry, 5761 for a companion computer, 5762 for a satellite modem.
+///
+/// What is missing (the compiler's target, the emulator) is installed first where that is possible, else the command to
+/// do so is printed. Ctrl-C ends the emulator.
+#[derive(Args)]
+struct Qemu {
+    /// First of the three TCP ports.
+    #[arg(long, value_name = "PORT", default_value_t = 5760, value_parser = clap::value_parser!(u16).range(1..=65533))]
+    port_base: u16,
+    /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
+    udp: Option<SocketAddr>,
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+/// Print how much flash and RAM the firmware takes, with and without its log.
+#[derive(Args)]
+struct Size {
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+/// Test the vehicle with real ground-station software: pymavlink and MAVSDK.
+///
+/// They come from PyPI, in pinned versions, into a Python environment under the target directory.
+#[derive(Args)]
+struct Integration {
+    /// Where the vehicle runs.
+    #[arg(long, default_value = "all")]
+    target: Target,
+    /// Which Rust toolchain to build the firmware with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+fn resolve(address: &str) -> Result<SocketAddr, String> {
+    let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
+    found.next().ok_or_else(|| "no such host".to_owned())
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().task {
+        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.toolchain),
+        Task::Size(arguments) => firmware::report(arguments.toolchain),
+        Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! The firmware on an emulated Cortex-M4.
+
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use mavstack_demo::connect::HowToConnect;
+
+use crate::system::{self, Result, apt_install, has};
+use crate::toolchain::{self, Choice};
+use crate::{bridge, firmware, log};
+
+const QEMU: &str = "qemu-system-arm";
+const BOARD: &str = "mps2-an386";
+/// Serial ports of the vehicle.
+const PORTS: u16 = 3;
+
+/// `cargo qemu`.
+pub fn run(port_base: u16, udp: Option<SocketAddr>, choice: Option<Choice>) -> Result {
+    // Before the long work: a busy port is the likeliest mistake.
+    check_ports(port_base, udp.is_some())?;
+    prepare()?;
+    let choice = toolchain::prepare(choice)?;
+    let path = firmware::build(choice, true)?;
+    let elf = firmware::read(&path)?;
+    firmware::print_size("Firmware", &elf)?;
+    let table = log::table(&elf)?;
+
+    let stop = system::stop_signal()?;
+    let (mut emulator, output) = Emulator::start(&path, port_base, udp)?;
+    println!("QEMU runs the firmware on {BOARD} (Cortex-M4F). Connect a ground station:\n");
+    let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
+    println!("{telemetry}\n");
+    println!("Companion computer: TCP port {}; satellite modem: TCP port {}.", port_base + 1, port_base + 2);
+    println!("The vehicle's log follows; Ctrl-C ends it.\n");
+
+    std::thread::scope(|scope| {
+        let printer = scope.spawn(|| log::print(&table, output, std::io::stdout()));
+        let ended = emulator.wait(&stop);
+        drop(emulator);
+        // Its last words, a panic's place among them, were printed then.
+        let _ = printer.join();
+        match ended? {
+            Ended::Stopped => {
+                println!("\nThe emulator was ended.");
+                Ok(())
+            }
+            Ended::ByItself(status) => Err(format!("the emulator ended by itself ({status})")),
+        }
+    })
+}
+
+/// QEMU must be there.
+pub fn prepare() -> Result {
+    if has(QEMU) {
+        return Ok(());
+    }
+    let elsewhere = "QEMU for Arm systems (Fedora: `dnf install qemu-system-arm`, Arch: `pacman -S qemu-system-arm`, \
+                     macOS: `brew install qemu`)";
+    apt_install("The emulator QEMU", &[QEMU], elsewhere)
+}
+
+fn check_ports(base: u16, udp: bool) -> Result {
+    for port in base + u16::from(udp)..base + PORTS {
+        if let Err(error) = TcpListener::bind((Ipv4Addr::LOCALHOST, port)) {
+            return Err(format!("TCP port {port} cannot be used ({error}); take others with --port-base"));
+        }
+    }
+    Ok(())
+}
+
+/// How an emulator ended.
+pub enum Ended {
+    /// We were asked to stop.
+    Stopped,
+    /// It ended: the firmware panicked, or QEMU failed.
+    ByItself(std::process::ExitStatus),
+}
+
+/// A running QEMU; ended when dropped.
+pub struct Emulator(Child);
+
+impl Emulator {
+    /// Starts the firmware at `elf`; what it returns besides is the firmware's log, encoded.
+    pub fn start(elf: &Path, port_base: u16, udp: Option<SocketAddr>) -> Result<(Self, ChildStdout)> {
+        let failed = |error: std::io::Error| format!("the emulator's telemetry port: {error}");
+        let bridge =
+            udp.map(|peer| Ok((peer, TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?))).transpose().map_err(failed)?;
+
+        let mut command = Command::new(QEMU);
+        command.args(["-machine", BOARD, "-display", "none", "-monitor", "none"]);
+        for (uart, port) in (port_base..).take(PORTS.into()).enumerate() {
+            // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
+            let serial = match &bridge {
+                Some((_, listener)) if uart == 0 => {
+                    format!("tcp:{},nodelay=on", listener.local_addr().map_err(failed)?)
+                }
+                _ => format!("tcp:127.0.0.1:{port},server=on,wait=off,nodelay=on"),
+            };
+            command.args(["-serial", &serial]);
+        }
+        command
+            .args(["-chardev", "stdio,id=log,signal=off"])
+            .args(["-semihosting-config", "enable=on,target=native,chardev=log"])
+            .arg("-kernel")
+            .arg(elf)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped());
+        let mut child = command.spawn().map_err(|error| format!("{QEMU} could not be started: {error}"))?;
+        let output = child.stdout.take();
+        // From here on it is ended whatever happens.
+        let emulator = Self(child);
+        if let Some((peer, listener)) = bridge {
+            bridge::start(listener, peer)?;
+        }
+        output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())
+    }
+
+    /// Waits for its end or ours.
+    pub fn wait(&mut self, stop: &mpsc::Receiver<()>) -> Result<Ended> {
+        loop {
+            if let Some(status) = self.0.try_wait().map_err(|error| format!("the emulator is lost: {error}"))? {
+                return Ok(Ended::ByItself(status));
+            }
+            if stop.recv_timeout(Duration::from_millis(100)).is_ok() {
+                return Ok(Ended::Stopped);
+            }
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        // Both fail only when it has ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

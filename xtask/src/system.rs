@@ -1,0 +1,82 @@
+//! The machine we run on: programs, packages, the project's folders.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::mpsc;
+
+/// What a task ends with. Errors are sentences for the user.
+pub type Result<T = ()> = std::result::Result<T, String>;
+
+/// The workspace's folder.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+}
+
+/// Where builds go.
+pub fn target_dir() -> PathBuf {
+    // A relative path is relative to where cargo was called, which is where we are.
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// The cargo that runs us.
+pub fn cargo() -> PathBuf {
+    std::env::var_os("CARGO").map_or_else(|| "cargo".into(), PathBuf::from)
+}
+
+/// Whether `program` can be started.
+pub fn has(program: &str) -> bool {
+    Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
+}
+
+/// Whether `program` with `arguments` succeeds; what it prints is dropped.
+pub fn succeeds(program: &str, arguments: &[&str]) -> bool {
+    output(program, arguments).is_some()
+}
+
+/// What `program` prints; `None` when it fails.
+pub fn output(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).stderr(Stdio::null()).output().ok()?;
+    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
+/// Runs `command` with our own output; what it says is for the user.
+pub fn run(command: &mut Command) -> Result {
+    let name = command.get_program().to_string_lossy().into_owned();
+    match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(format!("{name} failed ({status})")),
+        Err(error) => Err(format!("{name} could not be started: {error}")),
+    }
+}
+
+/// Installs Debian packages if we may; else says how to.
+pub fn apt_install(purpose: &str, packages: &[&str], elsewhere: &str) -> Result {
+    let list = packages.join(" ");
+    if !has("apt-get") {
+        return Err(format!("{purpose} is missing; install it: {elsewhere}"));
+    }
+    if output("id", &["-u"]).as_deref() != Some("0") {
+        return Err(format!("{purpose} is missing; install it, then try again:\n\n    sudo apt-get install {list}\n"));
+    }
+    println!("Installing {purpose}: apt-get install {list}");
+    let quiet = |arguments: &[&str]| {
+        run(Command::new("apt-get")
+            .args(["-qq", "-o", "Dpkg::Use-Pty=0"])
+            .args(arguments)
+            .env("DEBIAN_FRONTEND", "noninteractive")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null()))
+    };
+    let install: Vec<&str> =
+        ["install", "--yes", "--no-install-recommends"].into_iter().chain(packages.iter().copied()).collect();
+    // A fresh machine has no package lists yet; a stale one may be good enough.
+    let updated = quiet(&["update"]);
+    quiet(&install).and(updated.or(Ok(())))
+}
+
+/// Gets a message at Ctrl-C and SIGTERM, which from now on no longer end us by themselves. To be called once.
+pub fn stop_signal() -> Result<mpsc::Receiver<()>> {
+    let (sender, receiver) = mpsc::channel();
+    ctrlc::set_handler(move || sender.send(()).unwrap_or(())).map_err(|error| format!("signals: {error}"))?;
+    Ok(receiver)
+}

@@ -1,0 +1,114 @@
+//! A Rust toolchain that builds for the microcontroller: the user's own, or Debian's.
+
+use std::process::Command;
+
+use clap::ValueEnum;
+
+use crate::system::{Result, apt_install, cargo, has, output, succeeds, target_dir};
+
+/// The emulated processor: Cortex-M4 with FPU.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Where the compiler comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Choice {
+    /// The Rust toolchain in use; the target is added through rustup when it is missing.
+    Rustup,
+    /// Debian's packages, which bring `core` as source; for machines where rustup can download nothing.
+    Debian,
+}
+
+const PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "binutils-arm-none-eabi"];
+const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const LINKER: &str = "arm-none-eabi-ld";
+
+/// Finds a toolchain, installs what it lacks if we can, and says which it is.
+pub fn prepare(choice: Option<Choice>) -> Result<Choice> {
+    if choice != Some(Choice::Debian) {
+        match prepare_rustup() {
+            Ok(()) => {
+                println!("Toolchain: {} with target {TARGET}", version("rustc"));
+                return Ok(Choice::Rustup);
+            }
+            Err(error) if choice.is_some() => return Err(error),
+            Err(error) => println!("{error}; trying Debian's packages."),
+        }
+    }
+    prepare_debian()?;
+    println!("Toolchain: {} from Debian's packages, with core from source", version(DEBIAN_RUSTC));
+    Ok(Choice::Debian)
+}
+
+fn version(rustc: &str) -> String {
+    output(rustc, &["--version"]).unwrap_or_else(|| "rustc".to_owned())
+}
+
+fn prepare_rustup() -> Result {
+    if is_target_installed() {
+        return Ok(());
+    }
+    if !has("rustup") {
+        return Err(format!("The compiler in use has no target {TARGET}, and there is no rustup to add it"));
+    }
+    println!("Adding the target: rustup target add {TARGET}");
+    if succeeds("rustup", &["target", "add", TARGET]) && is_target_installed() {
+        return Ok(());
+    }
+    Err(format!("`rustup target add {TARGET}` failed"))
+}
+
+/// Asks the compiler and not rustup, so that distributions' toolchains count too.
+fn is_target_installed() -> bool {
+    let Some(folder) = output("rustc", &["--print", "target-libdir", "--target", TARGET]) else { return false };
+    let Ok(files) = std::fs::read_dir(folder) else { return false };
+    files.flatten().any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
+}
+
+fn prepare_debian() -> Result {
+    let is_there = || {
+        let has_sources = output(DEBIAN_RUSTC, &["--print", "sysroot"])
+            .is_some_and(|sysroot| std::path::Path::new(&sysroot).join("lib/rustlib/src/rust/library/core").is_dir());
+        has_sources && has(DEBIAN_CARGO) && has(LINKER)
+    };
+    if !is_there() {
+        let elsewhere = format!("rustup target add {TARGET}");
+        apt_install("A Rust toolchain for the microcontroller", &PACKAGES, &elsewhere)?;
+        if !is_there() {
+            return Err(format!("Debian's packages {} do not make a whole toolchain here", PACKAGES.join(", ")));
+        }
+    }
+    Ok(())
+}
+
+/// A `cargo build` for the microcontroller; package and profile are the caller's. Output is in [`build_dir`].
+pub fn cargo_build(choice: Choice) -> Command {
+    let mut command;
+    match choice {
+        Choice::Rustup => {
+            command = Command::new(cargo());
+            command.arg("build");
+        }
+        Choice::Debian => {
+            command = Command::new(DEBIAN_CARGO);
+            let path = std::env::var("PATH").unwrap_or_default();
+            command
+                .args(["build", "-Zbuild-std=core"])
+                .env("PATH", format!("/usr/bin:{path}"))
+                .env("RUSTC", DEBIAN_RUSTC)
+                // `-Zbuild-std` is for nightly, which this is not.
+                .env("RUSTC_BOOTSTRAP", "1")
+                .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", LINKER);
+        }
+    }
+    command.args(["--target", TARGET]).arg("--target-dir").arg(build_dir(choice)).current_dir(crate::system::root());
+    command
+}
+
+/// Each compiler has its own folder, or they would rebuild each other's work.
+pub fn build_dir(choice: Choice) -> std::path::PathBuf {
+    match choice {
+        Choice::Rustup => target_dir(),
+        Choice::Debian => target_dir().join("debian"),
+    }
+}
