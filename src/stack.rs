@@ -22,10 +22,8 @@ use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
-use crate::service::mission::{
-    self, Caller, Missions, NoPlans, PlanCounters, PlanStorage, PlanType, PlanView, PlansMut,
-};
-use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
+use crate::service::mission::{self, Caller, Missions, NoPlans, PlanCounters, PlanStorage, PlanType, PlanView};
+use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
 
@@ -57,13 +55,24 @@ impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
 
 impl<E: core::fmt::Debug> core::error::Error for LinkError<E> {}
 
-/// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, `PEERS` entries in the peer table, the
-/// messages of dialect `D` known. All memory is inside. [The crate's page](crate) shows the loop around it.
+/// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
+/// texts, the messages of dialect `D` known. All memory is inside. [The crate's page](crate) shows the loop around it.
+///
+/// Most firmware names the first two and calls [`new`](Self::new); [`with_capacities`](Self::with_capacities) is for one
+/// that names the others too.
 #[derive(Debug)]
-pub struct Stack<const LINKS: usize, P = NoPlans, const PEERS: usize = 8, D = Common> {
+pub struct Stack<
+    const LINKS: usize,
+    P: PlanStorage = NoPlans,
+    const PEERS: usize = 8,
+    const TEXTS: usize = 4,
+    D = Common,
+> {
     core: Core,
     links: [Link; LINKS],
     peers: heapless::Vec<PeerInfo, PEERS>,
+    texts: StatusTexts<[TextEntry; TEXTS]>,
+    missions: P::Engine,
     plans: P,
     dialect: PhantomData<D>,
 }
@@ -73,37 +82,39 @@ pub struct Stack<const LINKS: usize, P = NoPlans, const PEERS: usize = 8, D = Co
 struct Core {
     config: Config,
     credit: Credit,
-    texts: StatusTexts,
-    missions: Missions,
     /// The links that everything may be sent on.
     normal: LinkMask,
     capabilities: MavProtocolCapability,
 }
 
 /// What a call works with beside the core and its link.
-struct Context<'a, V> {
+struct Context<'a, V, P: PlanStorage> {
     now: Instant,
     peers: &'a mut Peers,
-    plans: PlansMut<'a>,
+    texts: &'a mut StatusTexts,
+    missions: &'a mut P::Engine,
+    plans: &'a mut P,
     vehicle: &'a mut V,
 }
 
 impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
-    /// A stack at rest, with the default peer table and dialect; `const`, so that it may be a `static`'s initial value.
+    /// A stack at rest, with the default capacities and dialect; `const`, so that it may be a `static`'s initial value.
     pub const fn new(config: Config, links: [LinkConfig; LINKS]) -> Self {
-        Self::with_dialect(config, links)
+        Self::with_capacities(config, links)
     }
 }
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<LINKS, P, PEERS, D> {
-    /// A stack at rest, with a peer table of a size of your own, or a dialect of your own.
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, D>
+{
+    /// A stack at rest, with capacities or a dialect of your own. `TEXTS` may be 0: then there are no texts.
     #[allow(
         clippy::indexing_slicing,
         clippy::arithmetic_side_effects,
         clippy::as_conversions,
         reason = "const-evaluated; the index is below LINKS, which is at most 16"
     )]
-    pub const fn with_dialect(config: Config, configs: [LinkConfig; LINKS]) -> Self {
+    pub const fn with_capacities(config: Config, configs: [LinkConfig; LINKS]) -> Self {
         const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links") };
         const { assert!(PEERS > 0, "a stack needs room for a peer") };
         let mut links = [const { Link::VACANT }; LINKS];
@@ -117,16 +128,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
             i += 1;
         }
         Self {
-            core: Core {
-                config,
-                credit: Credit::new(),
-                texts: StatusTexts::new(),
-                missions: Missions::new(config.float_mission_items),
-                normal,
-                capabilities: capabilities::<P>(),
-            },
+            core: Core { config, credit: Credit::new(), normal, capabilities: capabilities::<P>() },
             links,
             peers: heapless::Vec::new(),
+            texts: StatusTexts::<[TextEntry; TEXTS]>::new(),
+            missions: P::ENGINE,
             plans: P::EMPTY,
             dialect: PhantomData,
         }
@@ -137,10 +143,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         let core = &mut self.core;
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
-        if has_plans::<P>() {
-            let mut plans = self.plans.view();
-            let mut context = mission::Context { now, plans: &mut plans, texts: &mut core.texts, normal: core.normal };
-            core.missions.poll(&mut context, vehicle);
+        if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
+            let texts = &mut self.texts;
+            let mut context = mission::Context { now, plans: &mut plans, texts, normal: core.normal };
+            missions.poll(&mut context, vehicle);
         }
     }
 
@@ -281,7 +287,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return &[] };
         let port = &mut link.port;
         if port.outbox.is_empty() {
-            self.core.fill::<V, P>(now, port, &mut self.plans.view(), vehicle);
+            let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
+            self.core.fill(&mut Context { now, peers: &mut self.peers, texts, missions, plans, vehicle }, port);
         }
         port.outbox.pending()
     }
@@ -309,7 +316,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
     /// Tells the operators something: a STATUSTEXT on every normal link (T-5). At most 120 bytes, the rest is cut off; the
     /// same text again within five seconds is dropped. When four wait, the least severe goes.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &str) {
-        self.core.texts.push(now, self.core.normal, severity, &Text::new(text));
+        let texts: &mut StatusTexts = &mut self.texts;
+        texts.push(now, self.core.normal, severity, &Text::new(text));
     }
 
     /// The live mission.
@@ -344,21 +352,25 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
 
     /// What became of plans that were uploaded.
     pub fn plan_counters(&self) -> PlanCounters {
-        *self.core.missions.counters()
+        P::engine(&self.missions).map(|missions| *missions.counters()).unwrap_or_default()
     }
 
     /// Texts that were dropped, as repeated or for want of room. Wraps.
     pub fn dropped_texts(&self) -> u32 {
-        self.core.texts.dropped()
+        let texts: &StatusTexts = &self.texts;
+        texts.dropped()
     }
 
     /// When the stack must run again though no byte comes: for those who sleep in between. It also must run when a byte
     /// comes, when the transport can take more of [`transmit`](Self::transmit), and after the vehicle's state changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
         let core = &self.core;
-        let mut deadline = network::deadline(&self.peers, core.config.peer_timeout).min(core.missions.deadline());
+        let missions = P::engine(&self.missions);
+        let mut deadline = network::deadline(&self.peers, core.config.peer_timeout);
+        deadline = deadline.min(missions.map_or(Instant::NEVER, Missions::deadline));
         for link in &self.links {
-            deadline = deadline.min(link.decoder.deadline()).min(core.tx_deadline(now, &link.port));
+            deadline =
+                deadline.min(link.decoder.deadline()).min(core.tx_deadline(now, &link.port, &self.texts, missions));
         }
         deadline.max(now)
     }
@@ -380,8 +392,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, D: Dialect> Stack<L
         if len > 0 {
             link.decoder.commit(len, now);
         }
-        let mut context = Context { now, peers: &mut self.peers, plans: self.plans.view(), vehicle };
-        self.core.drain::<V, P>(&mut context, link, D::MESSAGES, allowance);
+        let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
+        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle };
+        self.core.drain(&mut context, link, D::MESSAGES, allowance);
     }
 }
 
@@ -400,12 +413,6 @@ const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
     capabilities
 }
 
-/// Whether any plan is compiled in; without one the engine is not linked.
-const fn has_plans<P: PlanStorage>() -> bool {
-    let [mission, fence, rally] = P::CAPACITIES;
-    mission > 0 || fence > 0 || rally > 0
-}
-
 impl Core {
     fn has_credit(&mut self, now: Instant) -> bool {
         self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
@@ -414,7 +421,7 @@ impl Core {
     /// Handles the frames that the decoder finds.
     fn drain<V: Autopilot, P: PlanStorage>(
         &mut self,
-        context: &mut Context<'_, V>,
+        context: &mut Context<'_, V, P>,
         link: &mut Link,
         messages: MessageTable,
         allowance: &mut RxAllowance,
@@ -424,14 +431,14 @@ impl Core {
             let is_known = |address| network::is_known(context.peers, address);
             let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
             allowance.frames = allowance.frames.saturating_sub(1);
-            self.on_frame::<V, P>(context, port, &frame);
+            self.on_frame(context, port, &frame);
         }
     }
 
     /// A frame came in on a link.
     fn on_frame<V: Autopilot, P: PlanStorage>(
         &mut self,
-        context: &mut Context<'_, V>,
+        context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
     ) {
@@ -442,7 +449,7 @@ impl Core {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
                 let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
                 text.push_number(u32::from(own.system.0));
-                self.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
+                context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
             }
             return;
         }
@@ -479,19 +486,24 @@ impl Core {
                 count(&mut port.counters.out_of_place);
                 return;
             }
-            let Context { now, plans, vehicle, .. } = context;
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
-            if !has_plans::<P>() {
+            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
                 return caller.refuse(frame);
-            }
-            let mut context = mission::Context { now: *now, plans, texts: &mut self.texts, normal: self.normal };
-            self.missions.on_frame(&mut context, *vehicle, &mut caller, frame);
+            };
+            let Context { now, texts, vehicle, .. } = context;
+            let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
+            missions.on_frame(&mut context, *vehicle, &mut caller, frame);
         } else if frame.id() != Heartbeat::ID {
             context.vehicle.message(frame, port.id);
         }
     }
 
-    fn on_command<V: Autopilot>(&mut self, context: &mut Context<'_, V>, port: &mut Port, command: &Command) {
+    fn on_command<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        command: &Command,
+    ) {
         if port.acks.is_full() {
             event!("command {=u16} dropped: no room for its answer", command.id.0);
             count(&mut port.counters.no_answer_slot);
@@ -502,21 +514,16 @@ impl Core {
     }
 
     /// Puts the next frame into the link's outbound buffer, which is empty.
-    fn fill<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        now: Instant,
-        port: &mut Port,
-        plans: &mut PlansMut<'_>,
-        vehicle: &mut V,
-    ) {
+    fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
+        let now = context.now;
         port.bucket.fill(now);
         let is_normal = port.config.class == LinkClass::Normal;
-        let sent = (is_normal && self.heartbeat(now, port, vehicle))
+        let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || port.acks.next(&mut port.outbox)
             || (is_normal
-                && (self.missions.next_ack(&mut port.plans, &mut port.outbox)
+                && (plan_ack(context, port)
                     || port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox)
-                    || (port.bucket.has_room() && self.transfer::<V, P>(now, port, plans, vehicle))));
+                    || (port.bucket.has_room() && self.transfer(context, port))));
         if sent {
             count(&mut port.counters.tx_frames);
         }
@@ -543,38 +550,36 @@ impl Core {
     }
 
     /// What can wait for the link's byte rate.
-    fn transfer<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        now: Instant,
-        port: &mut Port,
-        plans: &mut PlansMut<'_>,
-        vehicle: &mut V,
-    ) -> bool {
-        if !has_plans::<P>() {
-            return self.texts.next(&mut port.text, &mut port.outbox);
-        }
+    fn transfer<V: Autopilot, P: PlanStorage>(&self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let Context { now, texts, missions, plans, vehicle, .. } = context;
+        let Some((missions, plans)) = plans.parts(missions) else {
+            return texts.next(&mut port.text, &mut port.outbox);
+        };
         let progress = vehicle.progress();
-        self.missions.next(now, &mut port.plans, plans, &progress, &mut port.outbox)
-            || self.texts.next(&mut port.text, &mut port.outbox)
-            || self.missions.next_current(plans, &progress, &mut port.outbox)
+        missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
+            || texts.next(&mut port.text, &mut port.outbox)
+            || missions.next_current(&plans, &progress, &mut port.outbox)
     }
 
     /// When something is to be sent on a link.
-    fn tx_deadline(&self, now: Instant, port: &Port) -> Instant {
+    fn tx_deadline(&self, now: Instant, port: &Port, texts: &StatusTexts, missions: Option<&Missions>) -> Instant {
         let is_normal = port.config.class == LinkClass::Normal;
         if !port.outbox.is_empty() {
             // The transport has to become ready first, of which the stack hears nothing.
             return Instant::NEVER;
         }
         if !port.acks.is_empty()
-            || (is_normal && (!port.owed.is_empty() || self.missions.owes_ack(&port.plans, &port.outbox)))
+            || (is_normal
+                && (!port.owed.is_empty()
+                    || missions.map_or(port.plans.has_ack(), |missions| missions.owes_ack(&port.plans, &port.outbox))))
         {
             return now;
         }
         if !is_normal {
             return Instant::NEVER;
         }
-        let waits = self.texts.is_pending(LinkMask::of(port.id)) || self.missions.is_pending(&port.plans, &port.outbox);
+        let waits = texts.is_pending(LinkMask::of(port.id))
+            || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox));
         let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
         let heartbeat = match port.heartbeat.due() {
             due if due > now || self.credit.is_good(now, self.config.max_loop_gap) => due,
@@ -590,6 +595,14 @@ const RETRY: Duration = Duration::from_millis(100);
 
 /// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
 const MAVLINK_VERSION: u8 = 3;
+
+/// A MISSION_ACK that is owed; one that refuses, where there are no plans.
+fn plan_ack<V, P: PlanStorage>(context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+    match context.plans.parts(context.missions) {
+        Some((missions, _)) => missions.next_ack(&mut port.plans, &mut port.outbox),
+        None => port.plans.next_ack(&mut port.outbox),
+    }
+}
 
 fn count(counter: &mut u32) {
     *counter = counter.wrapping_add(1);

@@ -3,9 +3,9 @@
 
 #![allow(non_snake_case, reason = "the names of fields are MAVLink's")]
 
-use crate::{Text, dialect, message, wire_bitmask, wire_enum};
+use crate::Text;
 
-wire_enum! {
+crate::wire_enum! {
     /// `ACTUATOR_CONFIGURATION`.
     pub struct ActuatorConfiguration: u8 {
         NONE = 0,
@@ -17,7 +17,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ACTUATOR_OUTPUT_FUNCTION`.
     pub struct ActuatorOutputFunction: u8 {
         NONE = 0,
@@ -56,7 +56,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ADSB_ALTITUDE_TYPE`.
     pub struct AdsbAltitudeType: u8 {
         PRESSURE_QNH = 0,
@@ -64,7 +64,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ADSB_EMITTER_TYPE`.
     pub struct AdsbEmitterType: u8 {
         NO_INFO = 0,
@@ -90,7 +90,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ADSB_FLAGS`.
     pub struct AdsbFlags: u16 {
         VALID_COORDS = 1,
@@ -106,7 +106,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `AIRSPEED_SENSOR_FLAGS`.
     pub struct AirspeedSensorFlags: u8 {
         UNHEALTHY = 1,
@@ -114,7 +114,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `AIS_FLAGS`.
     pub struct AisFlags: u16 {
         POSITION_ACCURACY = 1,
@@ -133,7 +133,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `AIS_NAV_STATUS`.
     pub struct AisNavStatus: u8 {
         UNDER_WAY = 0,
@@ -155,7 +155,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `AIS_TYPE`.
     pub struct AisType: u8 {
         UNKNOWN = 0,
@@ -261,7 +261,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ATTITUDE_TARGET_TYPEMASK`.
     pub struct AttitudeTargetTypemask: u8 {
         BODY_ROLL_RATE_IGNORE = 1,
@@ -273,7 +273,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `AUTOTUNE_AXIS`.
     pub struct AutotuneAxis: u8 {
         ROLL = 1,
@@ -282,7 +282,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `CAMERA_CAP_FLAGS`.
     pub struct CameraCapFlags: u32 {
         CAPTURE_VIDEO = 1,
@@ -303,7 +303,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CAMERA_MODE`.
     pub struct CameraMode: u8 {
         IMAGE = 0,
@@ -312,7 +312,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CAMERA_SOURCE`.
     pub struct CameraSource: u8 {
         DEFAULT = 0,
@@ -322,7 +322,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CAMERA_TRACKING_MODE`.
     pub struct CameraTrackingMode: u8 {
         NONE = 0,
@@ -331,7 +331,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `CAMERA_TRACKING_STATUS_FLAGS`.
     pub struct CameraTrackingStatusFlags: u8 {
         IDLE = 0,
@@ -342,7 +342,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `CAMERA_TRACKING_TARGET_DATA`.
     pub struct CameraTrackingTargetData: u8 {
         EMBEDDED = 1,
@@ -351,7 +351,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CAMERA_ZOOM_TYPE`.
     pub struct CameraZoomType: u8 {
         STEP = 0,
@@ -362,7 +362,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CAN_FILTER_OP`.
     pub struct CanFilterOp: u8 {
         REPLACE = 0,
@@ -371,7 +371,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CELLULAR_CONFIG_RESPONSE`.
     pub struct CellularConfigResponse: u8 {
         RESPONSE_ACCEPTED = 0,
@@ -382,7 +382,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CELLULAR_NETWORK_FAILED_REASON`.
     pub struct CellularNetworkFailedReason: u8 {
         NONE = 0,
@@ -392,7 +392,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CELLULAR_NETWORK_RADIO_TYPE`.
     pub struct CellularNetworkRadioType: u8 {
         NONE = 0,
@@ -403,7 +403,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `CELLULAR_STATUS_FLAG`.
     pub struct CellularStatusFlag: u8 {
         UNKNOWN = 0,
@@ -422,7 +422,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `COMPUTER_STATUS_FLAGS`.
     pub struct ComputerStatusFlags: u16 {
         UNDER_VOLTAGE = 1,
@@ -432,7 +432,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `COMP_METADATA_TYPE`.
     pub struct CompMetadataType: u8 {
         GENERAL = 0,
@@ -444,14 +444,14 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ENGINE_CONTROL_OPTIONS`.
     pub struct EngineControlOptions: u8 {
         ALLOW_START_WHILE_DISARMED = 1,
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ESC_CONNECTION_TYPE`.
     pub struct EscConnectionType: u8 {
         PPM = 0,
@@ -463,7 +463,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ESC_FAILURE_FLAGS`.
     pub struct EscFailureFlags: u16 {
         OVER_CURRENT = 1,
@@ -476,7 +476,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ESTIMATOR_STATUS_FLAGS`.
     pub struct EstimatorStatusFlags: u16 {
         ATTITUDE = 1,
@@ -494,7 +494,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `FAILURE_TYPE`.
     pub struct FailureType: u8 {
         OK = 0,
@@ -509,7 +509,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `FAILURE_UNIT`.
     pub struct FailureUnit: u8 {
         SENSOR_GYRO = 0,
@@ -532,7 +532,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What was breached last. (`FENCE_BREACH`)
     pub struct FenceBreach: u8 {
         NONE = 0,
@@ -542,7 +542,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What is done against a breach. (`FENCE_MITIGATE`)
     pub struct FenceMitigate: u8 {
         UNKNOWN = 0,
@@ -551,7 +551,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `FENCE_TYPE`.
     pub struct FenceType: u8 {
         ALT_MAX = 1,
@@ -561,7 +561,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// How far a version is from a release. (`FIRMWARE_VERSION_TYPE`)
     pub struct FirmwareVersionType: u8 {
         DEV = 0,
@@ -572,7 +572,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GIMBAL_DEVICE_CAP_FLAGS`.
     pub struct GimbalDeviceCapFlags: u32 {
         HAS_RETRACT = 1,
@@ -594,7 +594,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GIMBAL_DEVICE_ERROR_FLAGS`.
     pub struct GimbalDeviceErrorFlags: u32 {
         AT_ROLL_LIMIT = 1,
@@ -610,7 +610,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GIMBAL_DEVICE_FLAGS`.
     pub struct GimbalDeviceFlags: u16 {
         RETRACT = 1,
@@ -626,7 +626,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GIMBAL_MANAGER_CAP_FLAGS`.
     pub struct GimbalManagerCapFlags: u32 {
         HAS_RETRACT = 1,
@@ -648,7 +648,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GIMBAL_MANAGER_FLAGS`.
     pub struct GimbalManagerFlags: u32 {
         RETRACT = 1,
@@ -664,7 +664,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GLOBAL_POSITION_FLAGS`.
     pub struct GlobalPositionFlags: u8 {
         UNHEALTHY = 1,
@@ -672,7 +672,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `GLOBAL_POSITION_SRC`.
     pub struct GlobalPositionSrc: u8 {
         UNKNOWN = 0,
@@ -686,7 +686,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Quality of a position fix. (`GPS_FIX_TYPE`)
     pub struct GpsFixType: u8 {
         NO_GPS = 0,
@@ -701,7 +701,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `GPS_INPUT_IGNORE_FLAGS`.
     pub struct GpsInputIgnoreFlags: u16 {
         ALT = 1,
@@ -715,7 +715,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `GRIPPER_ACTIONS`.
     pub struct GripperActions: u8 {
         RELEASE = 0,
@@ -724,7 +724,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `HEADING_TYPE`.
     pub struct HeadingType: u8 {
         COURSE_OVER_GROUND = 0,
@@ -733,7 +733,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `HIGHRES_IMU_UPDATED_FLAGS`.
     pub struct HighresImuUpdatedFlags: u16 {
         XACC = 1,
@@ -752,14 +752,14 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `HIL_ACTUATOR_CONTROLS_FLAGS`.
     pub struct HilActuatorControlsFlags: u64 {
         LOCKSTEP = 1,
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `HIL_SENSOR_UPDATED_FLAGS`.
     pub struct HilSensorUpdatedFlags: u32 {
         XACC = 1,
@@ -779,7 +779,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// What has failed, for HIGH_LATENCY2. (`HL_FAILURE_FLAG`)
     pub struct HlFailureFlag: u16 {
         GPS = 1,
@@ -799,7 +799,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `ILLUMINATOR_ERROR_FLAGS`.
     pub struct IlluminatorErrorFlags: u32 {
         THERMAL_THROTTLING = 1,
@@ -808,7 +808,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ILLUMINATOR_MODE`.
     pub struct IlluminatorMode: u8 {
         UNKNOWN = 0,
@@ -817,7 +817,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `LANDING_TARGET_TYPE`.
     pub struct LandingTargetType: u8 {
         LIGHT_BEACON = 0,
@@ -827,7 +827,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAG_CAL_STATUS`.
     pub struct MagCalStatus: u8 {
         NOT_STARTED = 0,
@@ -844,7 +844,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAVLINK_DATA_STREAM_TYPE`.
     pub struct MavlinkDataStreamType: u8 {
         JPEG = 0,
@@ -856,7 +856,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ARM_AUTH_DENIED_REASON`.
     pub struct MavArmAuthDeniedReason: u8 {
         GENERIC = 0,
@@ -868,7 +868,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Who makes the autopilot; ground stations choose mode tables and quirks by it. (`MAV_AUTOPILOT`)
     pub struct MavAutopilot: u8 {
         /// An autopilot without quirks of its own.
@@ -899,7 +899,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_BATTERY_CHARGE_STATE`.
     pub struct MavBatteryChargeState: u8 {
         UNDEFINED = 0,
@@ -913,7 +913,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_BATTERY_FAULT`.
     pub struct MavBatteryFault: u32 {
         MAV_BATTERY_FAULT_DEEP_DISCHARGE = 1,
@@ -928,7 +928,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_BATTERY_FUNCTION`.
     pub struct MavBatteryFunction: u8 {
         UNKNOWN = 0,
@@ -939,7 +939,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_BATTERY_MODE`.
     pub struct MavBatteryMode: u8 {
         UNKNOWN = 0,
@@ -948,7 +948,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_BATTERY_TYPE`.
     pub struct MavBatteryType: u8 {
         UNKNOWN = 0,
@@ -959,7 +959,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// No or yes. (`MAV_BOOL`)
     pub struct MavBool: u8 {
         FALSE = 0,
@@ -967,7 +967,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// The commands: for the command protocol, for plans, or both. (`MAV_CMD`)
     pub struct MavCmd: u16 {
         /// Fly to a position. 1: Hold (s, ≥ 0); 2: Accept Radius (m, ≥ 0); 3: Pass Radius (m); 4: Yaw (deg);
@@ -1362,7 +1362,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_COLLISION_ACTION`.
     pub struct MavCollisionAction: u8 {
         NONE = 0,
@@ -1375,7 +1375,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_COLLISION_SRC`.
     pub struct MavCollisionSrc: u8 {
         ADSB = 0,
@@ -1383,7 +1383,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_COLLISION_THREAT_LEVEL`.
     pub struct MavCollisionThreatLevel: u8 {
         NONE = 0,
@@ -1392,7 +1392,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Component ids and what they are meant for. (`MAV_COMPONENT`)
     pub struct MavComponent: u8 {
         /// Every component of a system, as a target.
@@ -1543,7 +1543,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Groups of messages, for REQUEST_DATA_STREAM. (`MAV_DATA_STREAM`) Superseded since 2015-06: MESSAGE_INTERVAL.
     pub struct MavDataStream: u8 {
         ALL = 0,
@@ -1558,7 +1558,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_DISTANCE_SENSOR`.
     pub struct MavDistanceSensor: u8 {
         LASER = 0,
@@ -1569,7 +1569,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_DO_REPOSITION_FLAGS`.
     pub struct MavDoRepositionFlags: u8 {
         CHANGE_MODE = 1,
@@ -1577,7 +1577,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ESTIMATOR_TYPE`.
     pub struct MavEstimatorType: u8 {
         UNKNOWN = 0,
@@ -1592,21 +1592,21 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_EVENT_CURRENT_SEQUENCE_FLAGS`.
     pub struct MavEventCurrentSequenceFlags: u8 {
         RESET = 1,
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_EVENT_ERROR_REASON`.
     pub struct MavEventErrorReason: u8 {
         UNAVAILABLE = 0,
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What the coordinates of an item or a command refer to. (`MAV_FRAME`)
     pub struct MavFrame: u8 {
         /// Latitude and longitude; altitude over sea level.
@@ -1657,7 +1657,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Why a request of the file transfer protocol failed. (`MAV_FTP_ERR`)
     pub struct MavFtpErr: u8 {
         NONE = 0,
@@ -1674,7 +1674,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What a packet of the file transfer protocol asks or answers. (`MAV_FTP_OPCODE`)
     pub struct MavFtpOpcode: u8 {
         NONE = 0,
@@ -1699,7 +1699,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_FUEL_TYPE`.
     pub struct MavFuelType: u32 {
         UNKNOWN = 0,
@@ -1708,7 +1708,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_GENERATOR_STATUS_FLAG`.
     pub struct MavGeneratorStatusFlag: u64 {
         OFF = 1,
@@ -1737,7 +1737,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_GOTO`.
     pub struct MavGoto: u8 {
         DO_HOLD = 0,
@@ -1747,7 +1747,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Whether the vehicle is on the ground. (`MAV_LANDED_STATE`)
     pub struct MavLandedState: u8 {
         /// Not known.
@@ -1759,7 +1759,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What became of a transfer of a plan. (`MAV_MISSION_RESULT`)
     pub struct MavMissionResult: u8 {
         /// The plan is live.
@@ -1797,7 +1797,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Which plan of the vehicle is meant. (`MAV_MISSION_TYPE`)
     pub struct MavMissionType: u8 {
         /// The flight plan.
@@ -1811,7 +1811,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_MODE`. Deprecated since 2025-02: MAV_MODE_FLAG.
     pub struct MavMode: u8 {
         PREFLIGHT = 0,
@@ -1828,7 +1828,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// The mode in flags; MAV_MODE_FLAG_SAFETY_ARMED is the one that all read. (`MAV_MODE_FLAG`)
     pub struct MavModeFlag: u8 {
         /// The field custom_mode says which mode it is.
@@ -1850,7 +1850,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// The bits of MAV_MODE_FLAG under other names. (`MAV_MODE_FLAG_DECODE_POSITION`)
     pub struct MavModeFlagDecodePosition: u8 {
         CUSTOM_MODE = 1,
@@ -1864,7 +1864,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// What a ground station should know of a mode. (`MAV_MODE_PROPERTY`)
     pub struct MavModeProperty: u32 {
         ADVANCED = 1,
@@ -1873,7 +1873,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_MOUNT_MODE`. Deprecated since 2020-01: GIMBAL_MANAGER_FLAGS.
     pub struct MavMountMode: u8 {
         RETRACT = 0,
@@ -1887,7 +1887,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_ARM_STATUS`.
     pub struct MavOdidArmStatus: u8 {
         GOOD_TO_ARM = 0,
@@ -1895,7 +1895,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_AUTH_TYPE`.
     pub struct MavOdidAuthType: u8 {
         NONE = 0,
@@ -1907,7 +1907,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_CATEGORY_EU`.
     pub struct MavOdidCategoryEu: u8 {
         UNDECLARED = 0,
@@ -1917,7 +1917,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_CLASSIFICATION_TYPE`.
     pub struct MavOdidClassificationType: u8 {
         UNDECLARED = 0,
@@ -1925,7 +1925,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_CLASS_EU`.
     pub struct MavOdidClassEu: u8 {
         UNDECLARED = 0,
@@ -1939,7 +1939,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_DESC_TYPE`.
     pub struct MavOdidDescType: u8 {
         TEXT = 0,
@@ -1948,7 +1948,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_HEIGHT_REF`.
     pub struct MavOdidHeightRef: u8 {
         OVER_TAKEOFF = 0,
@@ -1956,7 +1956,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_HOR_ACC`.
     pub struct MavOdidHorAcc: u8 {
         UNKNOWN = 0,
@@ -1975,7 +1975,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_ID_TYPE`.
     pub struct MavOdidIdType: u8 {
         NONE = 0,
@@ -1986,14 +1986,14 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_OPERATOR_ID_TYPE`.
     pub struct MavOdidOperatorIdType: u8 {
         CAA = 0,
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_OPERATOR_LOCATION_TYPE`.
     pub struct MavOdidOperatorLocationType: u8 {
         TAKEOFF = 0,
@@ -2002,7 +2002,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_SPEED_ACC`.
     pub struct MavOdidSpeedAcc: u8 {
         UNKNOWN = 0,
@@ -2013,7 +2013,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_STATUS`.
     pub struct MavOdidStatus: u8 {
         UNDECLARED = 0,
@@ -2024,7 +2024,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_TIME_ACC`.
     pub struct MavOdidTimeAcc: u8 {
         UNKNOWN = 0,
@@ -2046,7 +2046,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_UA_TYPE`.
     pub struct MavOdidUaType: u8 {
         NONE = 0,
@@ -2068,7 +2068,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ODID_VER_ACC`.
     pub struct MavOdidVerAcc: u8 {
         UNKNOWN = 0,
@@ -2081,7 +2081,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Why a parameter could not be read or set. (`MAV_PARAM_ERROR`) Work in progress.
     pub struct MavParamError: u8 {
         NO_ERROR = 0,
@@ -2096,7 +2096,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Type of an extended parameter. (`MAV_PARAM_EXT_TYPE`)
     pub struct MavParamExtType: u8 {
         UINT8 = 1,
@@ -2113,7 +2113,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Type of a parameter. (`MAV_PARAM_TYPE`)
     pub struct MavParamType: u8 {
         UINT8 = 1,
@@ -2129,7 +2129,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_POWER_STATUS`.
     pub struct MavPowerStatus: u16 {
         BRICK_VALID = 1,
@@ -2141,7 +2141,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// What an autopilot can do; clients use nothing whose bit is not set. (`MAV_PROTOCOL_CAPABILITY`)
     pub struct MavProtocolCapability: u64 {
         /// Takes MISSION_ITEM.
@@ -2186,7 +2186,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What became of a command. (`MAV_RESULT`)
     pub struct MavResult: u8 {
         /// Will be done, or is done.
@@ -2214,7 +2214,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_ROI`. Superseded since 2018-01: \`MAV_CMD_DO_SET_ROI_\*\`.
     pub struct MavRoi: u8 {
         NONE = 0,
@@ -2225,7 +2225,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_SENSOR_ORIENTATION`.
     pub struct MavSensorOrientation: u8 {
         NONE = 0,
@@ -2273,7 +2273,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// How urgent a text or an event is, as in syslog (RFC 5424). (`MAV_SEVERITY`)
     pub struct MavSeverity: u8 {
         /// The system cannot be used.
@@ -2295,7 +2295,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Modes that mean the same on all vehicles. (`MAV_STANDARD_MODE`)
     pub struct MavStandardMode: u8 {
         NON_STANDARD = 0,
@@ -2310,7 +2310,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// The state of the system, from boot to power-off. (`MAV_STATE`)
     pub struct MavState: u8 {
         /// Not known.
@@ -2334,7 +2334,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// Sensors and subsystems, for SYS_STATUS. (`MAV_SYS_STATUS_SENSOR`)
     pub struct MavSysStatusSensor: u32 {
         SENSOR_3D_GYRO = 1,
@@ -2372,7 +2372,7 @@ wire_bitmask! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// More sensors and subsystems, for SYS_STATUS. (`MAV_SYS_STATUS_SENSOR_EXTENDED`)
     pub struct MavSysStatusSensorExtended: u32 {
         RECOVERY_SYSTEM = 1,
@@ -2384,7 +2384,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MAV_TUNNEL_PAYLOAD_TYPE`.
     pub struct MavTunnelPayloadType: u16 {
         UNKNOWN = 0,
@@ -2404,7 +2404,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What kind of vehicle or component it is. (`MAV_TYPE`)
     pub struct MavType: u8 {
         GENERIC = 0,
@@ -2462,7 +2462,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// Flight regime of a vehicle that hovers and flies on wings. (`MAV_VTOL_STATE`)
     pub struct MavVtolState: u8 {
         UNDEFINED = 0,
@@ -2473,7 +2473,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `MAV_WINCH_STATUS_FLAG`.
     pub struct MavWinchStatusFlag: u32 {
         HEALTHY = 1,
@@ -2493,7 +2493,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What the mission is doing. (`MISSION_STATE`)
     pub struct MissionState: u8 {
         /// The sender does not say.
@@ -2511,7 +2511,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MOTOR_TEST_ORDER`.
     pub struct MotorTestOrder: u8 {
         DEFAULT = 0,
@@ -2520,7 +2520,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `MOTOR_TEST_THROTTLE_TYPE`.
     pub struct MotorTestThrottleType: u8 {
         THROTTLE_PERCENT = 0,
@@ -2530,14 +2530,14 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `NAV_TAKEOFF_FLAGS`.
     pub struct NavTakeoffFlags: u8 {
         HORIZONTAL_POSITION_NOT_REQUIRED = 1,
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `NAV_VTOL_LAND_OPTIONS`.
     pub struct NavVtolLandOptions: u8 {
         DEFAULT = 0,
@@ -2546,7 +2546,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `ORBIT_YAW_BEHAVIOUR`.
     pub struct OrbitYawBehaviour: u8 {
         HOLD_FRONT_TO_CIRCLE_CENTER = 0,
@@ -2558,7 +2558,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `PARACHUTE_ACTION`.
     pub struct ParachuteAction: u8 {
         DISABLE = 0,
@@ -2567,7 +2567,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What became of a PARAM_EXT_SET. (`PARAM_ACK`)
     pub struct ParamAck: u8 {
         ACCEPTED = 0,
@@ -2577,7 +2577,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `POSITION_TARGET_TYPEMASK`.
     pub struct PositionTargetTypemask: u16 {
         X_IGNORE = 1,
@@ -2595,7 +2595,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `PRECISION_LAND_MODE`.
     pub struct PrecisionLandMode: u8 {
         DISABLED = 0,
@@ -2604,7 +2604,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `PREFLIGHT_CALIBRATION_ACCELEROMETER`.
     pub struct PreflightCalibrationAccelerometer: u8 {
         NONE = 0,
@@ -2616,7 +2616,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `PREFLIGHT_CALIBRATION_MAGNETOMETER`.
     pub struct PreflightCalibrationMagnetometer: u8 {
         NONE = 0,
@@ -2625,7 +2625,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What to do with a stored mission. (`PREFLIGHT_STORAGE_MISSION_ACTION`)
     pub struct PreflightStorageMissionAction: u8 {
         READ_PERSISTENT = 0,
@@ -2634,7 +2634,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What to do with stored parameters. (`PREFLIGHT_STORAGE_PARAMETER_ACTION`)
     pub struct PreflightStorageParameterAction: u8 {
         READ_PERSISTENT = 0,
@@ -2645,7 +2645,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `RC_SUB_TYPE`.
     pub struct RcSubType: u8 {
         SPEKTRUM_DSM2 = 0,
@@ -2654,7 +2654,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `RC_TYPE`.
     pub struct RcType: u8 {
         SPEKTRUM = 0,
@@ -2662,7 +2662,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// What to do to a component: restart it or switch it off. (`REBOOT_SHUTDOWN_ACTION`)
     pub struct RebootShutdownAction: u8 {
         NONE = 0,
@@ -2673,7 +2673,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// When a restart is allowed. (`REBOOT_SHUTDOWN_CONDITIONS`)
     pub struct RebootShutdownConditions: u32 {
         SAFETY_INTERLOCKED = 0,
@@ -2681,7 +2681,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `RTK_BASELINE_COORDINATE_SYSTEM`.
     pub struct RtkBaselineCoordinateSystem: u8 {
         ECEF = 0,
@@ -2689,7 +2689,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `SAFETY_SWITCH_STATE`.
     pub struct SafetySwitchState: u8 {
         SAFE = 0,
@@ -2697,7 +2697,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `SERIAL_CONTROL_DEV`.
     pub struct SerialControlDev: u8 {
         DEV_TELEM1 = 0,
@@ -2728,7 +2728,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `SERIAL_CONTROL_FLAG`.
     pub struct SerialControlFlag: u8 {
         REPLY = 1,
@@ -2739,7 +2739,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `SET_FOCUS_TYPE`.
     pub struct SetFocusType: u8 {
         STEP = 0,
@@ -2752,7 +2752,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `SPEED_TYPE`.
     pub struct SpeedType: u8 {
         AIRSPEED = 0,
@@ -2762,7 +2762,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `STORAGE_STATUS`.
     pub struct StorageStatus: u8 {
         EMPTY = 0,
@@ -2772,7 +2772,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `STORAGE_TYPE`.
     pub struct StorageType: u8 {
         UNKNOWN = 0,
@@ -2787,7 +2787,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `STORAGE_USAGE_FLAG`.
     pub struct StorageUsageFlag: u8 {
         SET = 1,
@@ -2797,7 +2797,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `TUNE_FORMAT`.
     pub struct TuneFormat: u32 {
         QBASIC1_1 = 1,
@@ -2805,7 +2805,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `UAVCAN_NODE_HEALTH`.
     pub struct UavcanNodeHealth: u8 {
         OK = 0,
@@ -2815,7 +2815,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `UAVCAN_NODE_MODE`.
     pub struct UavcanNodeMode: u8 {
         OPERATIONAL = 0,
@@ -2826,7 +2826,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `UTM_DATA_AVAIL_FLAGS`.
     pub struct UtmDataAvailFlags: u8 {
         TIME_VALID = 1,
@@ -2840,7 +2840,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `UTM_FLIGHT_STATE`.
     pub struct UtmFlightState: u8 {
         UNKNOWN = 1,
@@ -2851,7 +2851,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `VIDEO_STREAM_ENCODING`.
     pub struct VideoStreamEncoding: u8 {
         UNKNOWN = 0,
@@ -2860,7 +2860,7 @@ wire_enum! {
     }
 }
 
-wire_bitmask! {
+crate::wire_bitmask! {
     /// `VIDEO_STREAM_STATUS_FLAGS`.
     pub struct VideoStreamStatusFlags: u16 {
         RUNNING = 1,
@@ -2869,7 +2869,7 @@ wire_bitmask! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `VIDEO_STREAM_TYPE`.
     pub struct VideoStreamType: u8 {
         RTSP = 0,
@@ -2880,7 +2880,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `VTOL_TRANSITION_HEADING`.
     pub struct VtolTransitionHeading: u8 {
         VEHICLE_DEFAULT = 0,
@@ -2891,7 +2891,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `WIFI_CONFIG_AP_MODE`.
     pub struct WifiConfigApMode: i8 {
         UNDEFINED = 0,
@@ -2901,7 +2901,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `WIFI_CONFIG_AP_RESPONSE`.
     pub struct WifiConfigApResponse: i8 {
         UNDEFINED = 0,
@@ -2913,7 +2913,7 @@ wire_enum! {
     }
 }
 
-wire_enum! {
+crate::wire_enum! {
     /// `WINCH_ACTIONS`.
     pub struct WinchActions: u8 {
         RELAXED = 0,
@@ -2929,7 +2929,7 @@ wire_enum! {
     }
 }
 
-message! {
+crate::message! {
     /// A component is alive: what it is, and in which state and mode.
     pub struct Heartbeat: HEARTBEAT = 0 {
         custom_mode: u32,
@@ -2942,7 +2942,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Health of sensors and subsystems, load, battery, losses on the link.
     pub struct SysStatus: SYS_STATUS = 1 {
         onboard_control_sensors_present: MavSysStatusSensor,
@@ -2970,7 +2970,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The Unix time that the sender knows, beside its time since boot.
     pub struct SystemTime: SYSTEM_TIME = 2 {
         /// (us)
@@ -2980,7 +2980,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for an answer with the same number, or is that answer; measures the delay between two components.
     /// Superseded since 2011-08: TIMESYNC.
     pub struct Ping: PING = 4 {
@@ -2992,7 +2992,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CHANGE_OPERATOR_CONTROL`.
     pub struct ChangeOperatorControl: CHANGE_OPERATOR_CONTROL = 5 {
         target_system: u8,
@@ -3002,7 +3002,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CHANGE_OPERATOR_CONTROL_ACK`.
     pub struct ChangeOperatorControlAck: CHANGE_OPERATOR_CONTROL_ACK = 6 {
         gcs_system_id: u8,
@@ -3011,14 +3011,14 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `AUTH_KEY`.
     pub struct AuthKey: AUTH_KEY = 7 {
         key: Text<32>,
     }
 }
 
-message! {
+crate::message! {
     /// `LINK_NODE_STATUS`. Work in progress.
     pub struct LinkNodeStatus: LINK_NODE_STATUS = 8 {
         /// (ms)
@@ -3043,7 +3043,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a mode by its flags and number; the old form of MAV_CMD_DO_SET_MODE. Superseded since 2015-12:
     /// MAV_CMD_DO_SET_MODE.
     pub struct SetMode: SET_MODE = 11 {
@@ -3053,7 +3053,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for one parameter, by name or by index.
     pub struct ParamRequestRead: PARAM_REQUEST_READ = 20 {
         /// Unknown: `-1`.
@@ -3064,7 +3064,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for all parameters.
     pub struct ParamRequestList: PARAM_REQUEST_LIST = 21 {
         target_system: u8,
@@ -3072,7 +3072,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// One parameter: its name, type, value and place among all.
     pub struct ParamValue: PARAM_VALUE = 22 {
         param_value: f32,
@@ -3083,7 +3083,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a parameter to have a value; the answer is its PARAM_VALUE.
     pub struct ParamSet: PARAM_SET = 23 {
         param_value: f32,
@@ -3094,7 +3094,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Position as the satellite receiver gives it, with the quality of its fix.
     pub struct GpsRawInt: GPS_RAW_INT = 24 {
         /// (us)
@@ -3132,7 +3132,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS_STATUS`.
     pub struct GpsStatus: GPS_STATUS = 25 {
         satellites_visible: u8,
@@ -3147,7 +3147,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_IMU`.
     pub struct ScaledImu: SCALED_IMU = 26 {
         /// (ms)
@@ -3176,7 +3176,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RAW_IMU`.
     pub struct RawImu: RAW_IMU = 27 {
         /// (us)
@@ -3198,7 +3198,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RAW_PRESSURE`.
     pub struct RawPressure: RAW_PRESSURE = 28 {
         /// (us)
@@ -3212,7 +3212,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_PRESSURE`.
     pub struct ScaledPressure: SCALED_PRESSURE = 29 {
         /// (ms)
@@ -3229,7 +3229,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Attitude in Euler angles, and turn rates of the body.
     pub struct Attitude: ATTITUDE = 30 {
         /// (ms)
@@ -3249,7 +3249,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Attitude as a quaternion, and turn rates of the body.
     pub struct AttitudeQuaternion: ATTITUDE_QUATERNION = 31 {
         /// (ms)
@@ -3270,7 +3270,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Estimated position and velocity relative to the local origin: north, east, down.
     pub struct LocalPositionNed: LOCAL_POSITION_NED = 32 {
         /// (ms)
@@ -3290,7 +3290,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Estimated position over ground and sea level, and velocity.
     pub struct GlobalPositionInt: GLOBAL_POSITION_INT = 33 {
         /// (ms)
@@ -3314,7 +3314,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RC_CHANNELS_SCALED`.
     pub struct RcChannelsScaled: RC_CHANNELS_SCALED = 34 {
         /// (ms)
@@ -3341,7 +3341,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RC_CHANNELS_RAW`.
     pub struct RcChannelsRaw: RC_CHANNELS_RAW = 35 {
         /// (ms)
@@ -3368,7 +3368,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SERVO_OUTPUT_RAW`.
     pub struct ServoOutputRaw: SERVO_OUTPUT_RAW = 36 {
         /// (us)
@@ -3411,7 +3411,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a range of items of a plan.
     pub struct MissionRequestPartialList: MISSION_REQUEST_PARTIAL_LIST = 37 {
         start_index: i16,
@@ -3423,7 +3423,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Announces the upload of a range of items of a plan.
     pub struct MissionWritePartialList: MISSION_WRITE_PARTIAL_LIST = 38 {
         start_index: i16,
@@ -3435,7 +3435,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// One item of a plan, position as floats; the old form of MISSION_ITEM_INT. Deprecated since 2020-06:
     /// MISSION_ITEM_INT.
     pub struct MissionItem: MISSION_ITEM = 39 {
@@ -3458,7 +3458,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for one item of a plan; the old form of MISSION_REQUEST_INT. Deprecated since 2020-06: MISSION_REQUEST_INT.
     pub struct MissionRequest: MISSION_REQUEST = 40 {
         seq: u16,
@@ -3469,7 +3469,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks the mission to go on with an item; the old form of MAV_CMD_DO_SET_MISSION_CURRENT. Superseded since
     /// 2022-08: MAV_CMD_DO_SET_MISSION_CURRENT.
     pub struct MissionSetCurrent: MISSION_SET_CURRENT = 41 {
@@ -3479,7 +3479,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The item at which the mission is, its state, and the ids of the plans that are live.
     pub struct MissionCurrent: MISSION_CURRENT = 42 {
         seq: u16,
@@ -3499,7 +3499,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks how many items a plan has: begins a download.
     pub struct MissionRequestList: MISSION_REQUEST_LIST = 43 {
         target_system: u8,
@@ -3509,7 +3509,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The number of items of a plan: begins an upload, or answers MISSION_REQUEST_LIST.
     pub struct MissionCount: MISSION_COUNT = 44 {
         count: u16,
@@ -3522,7 +3522,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a plan to be deleted.
     pub struct MissionClearAll: MISSION_CLEAR_ALL = 45 {
         target_system: u8,
@@ -3532,14 +3532,14 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// An item of the mission was reached or done.
     pub struct MissionItemReached: MISSION_ITEM_REACHED = 46 {
         seq: u16,
     }
 }
 
-message! {
+crate::message! {
     /// Ends a transfer of a plan: how it went.
     pub struct MissionAck: MISSION_ACK = 47 {
         target_system: u8,
@@ -3552,7 +3552,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for another origin of local coordinates. Superseded since 2025-04: MAV_CMD_DO_SET_GLOBAL_ORIGIN.
     pub struct SetGpsGlobalOrigin: SET_GPS_GLOBAL_ORIGIN = 48 {
         /// (degE7)
@@ -3568,7 +3568,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The origin of local coordinates.
     pub struct GpsGlobalOrigin: GPS_GLOBAL_ORIGIN = 49 {
         /// (degE7)
@@ -3583,7 +3583,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `PARAM_MAP_RC`.
     pub struct ParamMapRc: PARAM_MAP_RC = 50 {
         param_value0: f32,
@@ -3598,7 +3598,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for one item of a plan, by its number.
     pub struct MissionRequestInt: MISSION_REQUEST_INT = 51 {
         seq: u16,
@@ -3609,7 +3609,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SAFETY_SET_ALLOWED_AREA`.
     pub struct SafetySetAllowedArea: SAFETY_SET_ALLOWED_AREA = 54 {
         /// (m)
@@ -3630,7 +3630,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SAFETY_ALLOWED_AREA`.
     pub struct SafetyAllowedArea: SAFETY_ALLOWED_AREA = 55 {
         /// (m)
@@ -3649,7 +3649,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ATTITUDE_QUATERNION_COV`.
     pub struct AttitudeQuaternionCov: ATTITUDE_QUATERNION_COV = 61 {
         /// (us)
@@ -3666,7 +3666,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `NAV_CONTROLLER_OUTPUT`.
     pub struct NavControllerOutput: NAV_CONTROLLER_OUTPUT = 62 {
         /// (deg)
@@ -3688,7 +3688,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GLOBAL_POSITION_INT_COV`.
     pub struct GlobalPositionIntCov: GLOBAL_POSITION_INT_COV = 63 {
         /// (us)
@@ -3713,7 +3713,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOCAL_POSITION_NED_COV`.
     pub struct LocalPositionNedCov: LOCAL_POSITION_NED_COV = 64 {
         /// (us)
@@ -3742,7 +3742,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The radio control channels as received.
     pub struct RcChannels: RC_CHANNELS = 65 {
         /// (ms)
@@ -3789,7 +3789,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a group of messages at a rate; the old form of MAV_CMD_SET_MESSAGE_INTERVAL. Superseded since 2015-08:
     /// MAV_CMD_SET_MESSAGE_INTERVAL .
     pub struct RequestDataStream: REQUEST_DATA_STREAM = 66 {
@@ -3802,7 +3802,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The rate of a group of messages. Superseded since 2015-08: MESSAGE_INTERVAL.
     pub struct DataStream: DATA_STREAM = 67 {
         /// (Hz)
@@ -3812,7 +3812,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Stick positions and buttons of whoever steers by hand.
     pub struct ManualControl: MANUAL_CONTROL = 69 {
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
@@ -3847,7 +3847,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Radio control channels to be taken in the place of the received ones.
     pub struct RcChannelsOverride: RC_CHANNELS_OVERRIDE = 70 {
         /// (us) Unknown: `UINT16_MAX`.
@@ -3892,7 +3892,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// One item of a plan, position as scaled integers.
     pub struct MissionItemInt: MISSION_ITEM_INT = 73 {
         param1: f32,
@@ -3914,7 +3914,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// What a pilot looks at: speeds, heading, throttle, altitude, climb.
     pub struct VfrHud: VFR_HUD = 74 {
         /// (m/s)
@@ -3932,7 +3932,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// A command with a position in scaled integers and a frame.
     pub struct CommandInt: COMMAND_INT = 75 {
         /// Unknown: `NaN`.
@@ -3958,7 +3958,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// A command with seven float parameters.
     pub struct CommandLong: COMMAND_LONG = 76 {
         /// Unknown: `NaN`.
@@ -3982,7 +3982,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The answer to a command: its result, and its progress while it lasts.
     pub struct CommandAck: COMMAND_ACK = 77 {
         command: MavCmd,
@@ -3996,7 +3996,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a command that still runs to be given up. Work in progress.
     pub struct CommandCancel: COMMAND_CANCEL = 80 {
         command: MavCmd,
@@ -4005,7 +4005,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `MANUAL_SETPOINT`.
     pub struct ManualSetpoint: MANUAL_SETPOINT = 81 {
         /// (ms)
@@ -4022,7 +4022,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SET_ATTITUDE_TARGET`.
     pub struct SetAttitudeTarget: SET_ATTITUDE_TARGET = 82 {
         /// (ms)
@@ -4043,7 +4043,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ATTITUDE_TARGET`.
     pub struct AttitudeTarget: ATTITUDE_TARGET = 83 {
         /// (ms)
@@ -4060,7 +4060,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SET_POSITION_TARGET_LOCAL_NED`.
     pub struct SetPositionTargetLocalNed: SET_POSITION_TARGET_LOCAL_NED = 84 {
         /// (ms)
@@ -4094,7 +4094,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `POSITION_TARGET_LOCAL_NED`.
     pub struct PositionTargetLocalNed: POSITION_TARGET_LOCAL_NED = 85 {
         /// (ms)
@@ -4126,7 +4126,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SET_POSITION_TARGET_GLOBAL_INT`.
     pub struct SetPositionTargetGlobalInt: SET_POSITION_TARGET_GLOBAL_INT = 86 {
         /// (ms)
@@ -4160,7 +4160,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `POSITION_TARGET_GLOBAL_INT`.
     pub struct PositionTargetGlobalInt: POSITION_TARGET_GLOBAL_INT = 87 {
         /// (ms)
@@ -4192,7 +4192,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET`.
     pub struct LocalPositionNedSystemGlobalOffset: LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET = 89 {
         /// (ms)
@@ -4212,7 +4212,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_STATE`. Superseded since 2013-07: HIL_STATE_QUATERNION.
     pub struct HilState: HIL_STATE = 90 {
         /// (us)
@@ -4250,7 +4250,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_CONTROLS`.
     pub struct HilControls: HIL_CONTROLS = 91 {
         /// (us)
@@ -4268,7 +4268,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_RC_INPUTS_RAW`.
     pub struct HilRcInputsRaw: HIL_RC_INPUTS_RAW = 92 {
         /// (us)
@@ -4302,7 +4302,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_ACTUATOR_CONTROLS`.
     pub struct HilActuatorControls: HIL_ACTUATOR_CONTROLS = 93 {
         /// (us)
@@ -4313,7 +4313,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPTICAL_FLOW`.
     pub struct OpticalFlow: OPTICAL_FLOW = 100 {
         /// (us)
@@ -4338,7 +4338,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GLOBAL_VISION_POSITION_ESTIMATE`.
     pub struct GlobalVisionPositionEstimate: GLOBAL_VISION_POSITION_ESTIMATE = 101 {
         /// (us)
@@ -4362,7 +4362,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VISION_POSITION_ESTIMATE`.
     pub struct VisionPositionEstimate: VISION_POSITION_ESTIMATE = 102 {
         /// (us)
@@ -4386,7 +4386,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VISION_SPEED_ESTIMATE`.
     pub struct VisionSpeedEstimate: VISION_SPEED_ESTIMATE = 103 {
         /// (us)
@@ -4404,7 +4404,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VICON_POSITION_ESTIMATE`.
     pub struct ViconPositionEstimate: VICON_POSITION_ESTIMATE = 104 {
         /// (us)
@@ -4427,7 +4427,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIGHRES_IMU`.
     pub struct HighresImu: HIGHRES_IMU = 105 {
         /// (us)
@@ -4464,7 +4464,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPTICAL_FLOW_RAD`.
     pub struct OpticalFlowRad: OPTICAL_FLOW_RAD = 106 {
         /// (us)
@@ -4493,7 +4493,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_SENSOR`.
     pub struct HilSensor: HIL_SENSOR = 107 {
         /// (us)
@@ -4529,7 +4529,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SIM_STATE`.
     pub struct SimState: SIM_STATE = 108 {
         q1: f32,
@@ -4576,7 +4576,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// What a telemetry radio knows of its link and of its buffer.
     pub struct RadioStatus: RADIO_STATUS = 109 {
         rxerrors: u16,
@@ -4594,7 +4594,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// A packet of the file transfer protocol.
     pub struct FileTransferProtocol: FILE_TRANSFER_PROTOCOL = 110 {
         target_network: u8,
@@ -4604,7 +4604,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for a clock, or answers with it: the way to the offset of two clocks.
     pub struct Timesync: TIMESYNC = 111 {
         /// (ns)
@@ -4617,7 +4617,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_TRIGGER`.
     pub struct CameraTrigger: CAMERA_TRIGGER = 112 {
         /// (us)
@@ -4626,7 +4626,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_GPS`.
     pub struct HilGps: HIL_GPS = 113 {
         /// (us)
@@ -4661,7 +4661,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_OPTICAL_FLOW`.
     pub struct HilOpticalFlow: HIL_OPTICAL_FLOW = 114 {
         /// (us)
@@ -4689,7 +4689,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HIL_STATE_QUATERNION`.
     pub struct HilStateQuaternion: HIL_STATE_QUATERNION = 115 {
         /// (us)
@@ -4726,7 +4726,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_IMU2`.
     pub struct ScaledImu2: SCALED_IMU2 = 116 {
         /// (ms)
@@ -4755,7 +4755,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_REQUEST_LIST`.
     pub struct LogRequestList: LOG_REQUEST_LIST = 117 {
         start: u16,
@@ -4765,7 +4765,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_ENTRY`.
     pub struct LogEntry: LOG_ENTRY = 118 {
         /// (s) Unknown: `0`.
@@ -4778,7 +4778,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_REQUEST_DATA`.
     pub struct LogRequestData: LOG_REQUEST_DATA = 119 {
         ofs: u32,
@@ -4790,7 +4790,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_DATA`.
     pub struct LogData: LOG_DATA = 120 {
         ofs: u32,
@@ -4801,7 +4801,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_ERASE`.
     pub struct LogErase: LOG_ERASE = 121 {
         target_system: u8,
@@ -4809,7 +4809,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOG_REQUEST_END`.
     pub struct LogRequestEnd: LOG_REQUEST_END = 122 {
         target_system: u8,
@@ -4817,7 +4817,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS_INJECT_DATA`. Superseded since 2022-05: GPS_RTCM_DATA.
     pub struct GpsInjectData: GPS_INJECT_DATA = 123 {
         target_system: u8,
@@ -4828,7 +4828,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS2_RAW`.
     pub struct Gps2Raw: GPS2_RAW = 124 {
         /// (us)
@@ -4869,7 +4869,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `POWER_STATUS`.
     pub struct PowerStatus: POWER_STATUS = 125 {
         /// (mV)
@@ -4880,7 +4880,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SERIAL_CONTROL`.
     pub struct SerialControl: SERIAL_CONTROL = 126 {
         /// (bits/s)
@@ -4898,7 +4898,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS_RTK`.
     pub struct GpsRtk: GPS_RTK = 127 {
         /// (ms)
@@ -4923,7 +4923,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS2_RTK`.
     pub struct Gps2Rtk: GPS2_RTK = 128 {
         /// (ms)
@@ -4948,7 +4948,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_IMU3`.
     pub struct ScaledImu3: SCALED_IMU3 = 129 {
         /// (ms)
@@ -4977,7 +4977,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `DATA_TRANSMISSION_HANDSHAKE`.
     pub struct DataTransmissionHandshake: DATA_TRANSMISSION_HANDSHAKE = 130 {
         /// (bytes)
@@ -4993,7 +4993,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ENCAPSULATED_DATA`.
     pub struct EncapsulatedData: ENCAPSULATED_DATA = 131 {
         seqnr: u16,
@@ -5001,7 +5001,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `DISTANCE_SENSOR`.
     pub struct DistanceSensor: DISTANCE_SENSOR = 132 {
         /// (ms)
@@ -5030,7 +5030,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TERRAIN_REQUEST`.
     pub struct TerrainRequest: TERRAIN_REQUEST = 133 {
         mask: u64,
@@ -5043,7 +5043,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TERRAIN_DATA`.
     pub struct TerrainData: TERRAIN_DATA = 134 {
         /// (degE7)
@@ -5058,7 +5058,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TERRAIN_CHECK`.
     pub struct TerrainCheck: TERRAIN_CHECK = 135 {
         /// (degE7)
@@ -5068,7 +5068,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TERRAIN_REPORT`.
     pub struct TerrainReport: TERRAIN_REPORT = 136 {
         /// (degE7)
@@ -5085,7 +5085,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_PRESSURE2`.
     pub struct ScaledPressure2: SCALED_PRESSURE2 = 137 {
         /// (ms)
@@ -5102,7 +5102,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ATT_POS_MOCAP`.
     pub struct AttPosMocap: ATT_POS_MOCAP = 138 {
         /// (us)
@@ -5120,7 +5120,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SET_ACTUATOR_CONTROL_TARGET`.
     pub struct SetActuatorControlTarget: SET_ACTUATOR_CONTROL_TARGET = 139 {
         /// (us)
@@ -5132,7 +5132,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ACTUATOR_CONTROL_TARGET`.
     pub struct ActuatorControlTarget: ACTUATOR_CONTROL_TARGET = 140 {
         /// (us)
@@ -5142,7 +5142,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ALTITUDE`.
     pub struct Altitude: ALTITUDE = 141 {
         /// (us)
@@ -5162,7 +5162,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RESOURCE_REQUEST`.
     pub struct ResourceRequest: RESOURCE_REQUEST = 142 {
         request_id: u8,
@@ -5173,7 +5173,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SCALED_PRESSURE3`.
     pub struct ScaledPressure3: SCALED_PRESSURE3 = 143 {
         /// (ms)
@@ -5190,7 +5190,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `FOLLOW_TARGET`.
     pub struct FollowTarget: FOLLOW_TARGET = 144 {
         /// (ms)
@@ -5215,7 +5215,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CONTROL_SYSTEM_STATE`.
     pub struct ControlSystemState: CONTROL_SYSTEM_STATE = 146 {
         /// (us)
@@ -5252,7 +5252,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// State of one battery.
     pub struct BatteryStatus: BATTERY_STATUS = 147 {
         /// (mAh) Unknown: `-1`.
@@ -5282,7 +5282,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// What the autopilot can do, its versions and its identity.
     pub struct AutopilotVersion: AUTOPILOT_VERSION = 148 {
         capabilities: MavProtocolCapability,
@@ -5301,7 +5301,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LANDING_TARGET`.
     pub struct LandingTarget: LANDING_TARGET = 149 {
         /// (us)
@@ -5332,7 +5332,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Whether and how the fence is breached.
     pub struct FenceStatus: FENCE_STATUS = 162 {
         /// (ms)
@@ -5345,7 +5345,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `MAG_CAL_REPORT`.
     pub struct MagCalReport: MAG_CAL_REPORT = 192 {
         /// (mgauss)
@@ -5372,7 +5372,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `EFI_STATUS`.
     pub struct EfiStatus: EFI_STATUS = 225 {
         ecu_index: f32,
@@ -5413,7 +5413,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ESTIMATOR_STATUS`.
     pub struct EstimatorStatus: ESTIMATOR_STATUS = 230 {
         /// (us)
@@ -5432,7 +5432,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `WIND_COV`.
     pub struct WindCov: WIND_COV = 231 {
         /// (us)
@@ -5456,7 +5456,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS_INPUT`.
     pub struct GpsInput: GPS_INPUT = 232 {
         /// (us)
@@ -5497,7 +5497,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GPS_RTCM_DATA`.
     pub struct GpsRtcmData: GPS_RTCM_DATA = 233 {
         flags: u8,
@@ -5507,7 +5507,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The old form of HIGH_LATENCY2. Superseded since 2020-10: HIGH_LATENCY2.
     pub struct HighLatency: HIGH_LATENCY = 234 {
         custom_mode: u32,
@@ -5555,7 +5555,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// All that matters of the vehicle in one short message, for links where bytes are dear.
     pub struct HighLatency2: HIGH_LATENCY2 = 235 {
         /// (ms)
@@ -5607,7 +5607,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VIBRATION`.
     pub struct Vibration: VIBRATION = 241 {
         /// (us)
@@ -5621,7 +5621,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Where home is, and how to approach it.
     pub struct HomePosition: HOME_POSITION = 242 {
         /// (degE7)
@@ -5650,7 +5650,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for another home; the old form of MAV_CMD_DO_SET_HOME. Superseded since 2022-02: MAV_CMD_DO_SET_HOME.
     pub struct SetHomePosition: SET_HOME_POSITION = 243 {
         /// (degE7)
@@ -5679,7 +5679,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// How often a message is sent on this link.
     pub struct MessageInterval: MESSAGE_INTERVAL = 244 {
         /// (us)
@@ -5688,7 +5688,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Whether the vehicle is on the ground, and in which flight regime.
     pub struct ExtendedSysState: EXTENDED_SYS_STATE = 245 {
         vtol_state: MavVtolState,
@@ -5696,7 +5696,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ADSB_VEHICLE`.
     pub struct AdsbVehicle: ADSB_VEHICLE = 246 {
         ICAO_address: u32,
@@ -5722,7 +5722,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `COLLISION`.
     pub struct Collision: COLLISION = 247 {
         id: u32,
@@ -5738,7 +5738,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `V2_EXTENSION`.
     pub struct V2Extension: V2_EXTENSION = 248 {
         message_type: u16,
@@ -5749,7 +5749,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `MEMORY_VECT`.
     pub struct MemoryVect: MEMORY_VECT = 249 {
         address: u16,
@@ -5760,7 +5760,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `DEBUG_VECT`.
     pub struct DebugVect: DEBUG_VECT = 250 {
         /// (us)
@@ -5773,7 +5773,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `NAMED_VALUE_FLOAT`.
     pub struct NamedValueFloat: NAMED_VALUE_FLOAT = 251 {
         /// (ms)
@@ -5784,7 +5784,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `NAMED_VALUE_INT`.
     pub struct NamedValueInt: NAMED_VALUE_INT = 252 {
         /// (ms)
@@ -5795,7 +5795,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// A text for the operator; a long one comes in chunks.
     pub struct Statustext: STATUSTEXT = 253 {
         severity: MavSeverity,
@@ -5806,7 +5806,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `DEBUG`.
     pub struct DebugMessage: DEBUG = 254 {
         /// (ms)
@@ -5816,7 +5816,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Sets the secret key and the timestamp of message signing.
     pub struct SetupSigning: SETUP_SIGNING = 256 {
         initial_timestamp: u64,
@@ -5826,7 +5826,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `BUTTON_CHANGE`.
     pub struct ButtonChange: BUTTON_CHANGE = 257 {
         /// (ms)
@@ -5837,7 +5837,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `PLAY_TUNE`. Superseded since 2019-10: PLAY_TUNE_V2.
     pub struct PlayTune: PLAY_TUNE = 258 {
         target_system: u8,
@@ -5848,7 +5848,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_INFORMATION`.
     pub struct CameraInformation: CAMERA_INFORMATION = 259 {
         /// (ms)
@@ -5880,7 +5880,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_SETTINGS`.
     pub struct CameraSettings: CAMERA_SETTINGS = 260 {
         /// (ms)
@@ -5896,7 +5896,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `STORAGE_INFORMATION`.
     pub struct StorageInformation: STORAGE_INFORMATION = 261 {
         /// (ms)
@@ -5922,7 +5922,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_CAPTURE_STATUS`.
     pub struct CameraCaptureStatus: CAMERA_CAPTURE_STATUS = 262 {
         /// (ms)
@@ -5942,7 +5942,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_IMAGE_CAPTURED`.
     pub struct CameraImageCaptured: CAMERA_IMAGE_CAPTURED = 263 {
         /// (us) Unknown: `0`.
@@ -5967,7 +5967,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `FLIGHT_INFORMATION`.
     pub struct FlightInformation: FLIGHT_INFORMATION = 264 {
         /// (us) Unknown: `0`.
@@ -5984,7 +5984,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `MOUNT_ORIENTATION`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
     pub struct MountOrientation: MOUNT_ORIENTATION = 265 {
         /// (ms)
@@ -6001,7 +6001,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOGGING_DATA`.
     pub struct LoggingData: LOGGING_DATA = 266 {
         sequence: u16,
@@ -6015,7 +6015,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOGGING_DATA_ACKED`.
     pub struct LoggingDataAcked: LOGGING_DATA_ACKED = 267 {
         sequence: u16,
@@ -6029,7 +6029,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `LOGGING_ACK`.
     pub struct LoggingAck: LOGGING_ACK = 268 {
         sequence: u16,
@@ -6038,7 +6038,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VIDEO_STREAM_INFORMATION`.
     pub struct VideoStreamInformation: VIDEO_STREAM_INFORMATION = 269 {
         /// (Hz)
@@ -6067,7 +6067,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `VIDEO_STREAM_STATUS`.
     pub struct VideoStreamStatus: VIDEO_STREAM_STATUS = 270 {
         /// (Hz)
@@ -6091,7 +6091,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_FOV_STATUS`.
     pub struct CameraFovStatus: CAMERA_FOV_STATUS = 271 {
         /// (ms)
@@ -6119,7 +6119,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_TRACKING_IMAGE_STATUS`.
     pub struct CameraTrackingImageStatus: CAMERA_TRACKING_IMAGE_STATUS = 275 {
         /// Unknown: `NaN`.
@@ -6145,7 +6145,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_TRACKING_GEO_STATUS`.
     pub struct CameraTrackingGeoStatus: CAMERA_TRACKING_GEO_STATUS = 276 {
         /// (degE7)
@@ -6179,7 +6179,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAMERA_THERMAL_RANGE`.
     pub struct CameraThermalRange: CAMERA_THERMAL_RANGE = 277 {
         /// (ms)
@@ -6203,7 +6203,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_MANAGER_INFORMATION`.
     pub struct GimbalManagerInformation: GIMBAL_MANAGER_INFORMATION = 280 {
         /// (ms)
@@ -6226,7 +6226,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_MANAGER_STATUS`.
     pub struct GimbalManagerStatus: GIMBAL_MANAGER_STATUS = 281 {
         /// (ms)
@@ -6241,7 +6241,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_MANAGER_SET_ATTITUDE`.
     pub struct GimbalManagerSetAttitude: GIMBAL_MANAGER_SET_ATTITUDE = 282 {
         flags: GimbalManagerFlags,
@@ -6259,7 +6259,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_DEVICE_INFORMATION`.
     pub struct GimbalDeviceInformation: GIMBAL_DEVICE_INFORMATION = 283 {
         /// Unknown: `0`.
@@ -6294,7 +6294,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_DEVICE_SET_ATTITUDE`.
     pub struct GimbalDeviceSetAttitude: GIMBAL_DEVICE_SET_ATTITUDE = 284 {
         /// Unknown: `[NaN]`.
@@ -6311,7 +6311,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_DEVICE_ATTITUDE_STATUS`.
     pub struct GimbalDeviceAttitudeStatus: GIMBAL_DEVICE_ATTITUDE_STATUS = 285 {
         /// (ms)
@@ -6337,7 +6337,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `AUTOPILOT_STATE_FOR_GIMBAL_DEVICE`.
     pub struct AutopilotStateForGimbalDevice: AUTOPILOT_STATE_FOR_GIMBAL_DEVICE = 286 {
         /// (us)
@@ -6366,7 +6366,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_MANAGER_SET_PITCHYAW`.
     pub struct GimbalManagerSetPitchyaw: GIMBAL_MANAGER_SET_PITCHYAW = 287 {
         flags: GimbalManagerFlags,
@@ -6385,7 +6385,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GIMBAL_MANAGER_SET_MANUAL_CONTROL`.
     pub struct GimbalManagerSetManualControl: GIMBAL_MANAGER_SET_MANUAL_CONTROL = 288 {
         flags: GimbalManagerFlags,
@@ -6404,7 +6404,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ESC_INFO`. Work in progress.
     pub struct EscInfo: ESC_INFO = 290 {
         /// (us)
@@ -6422,7 +6422,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ESC_STATUS`. Work in progress.
     pub struct EscStatus: ESC_STATUS = 291 {
         /// (us)
@@ -6438,7 +6438,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `AIRSPEED`.
     pub struct Airspeed: AIRSPEED = 295 {
         /// (m/s)
@@ -6453,7 +6453,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GLOBAL_POSITION_SENSOR`.
     pub struct GlobalPositionSensor: GLOBAL_POSITION_SENSOR = 296 {
         /// (us)
@@ -6483,7 +6483,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `WIFI_CONFIG_AP`.
     pub struct WifiConfigAp: WIFI_CONFIG_AP = 299 {
         ssid: Text<32>,
@@ -6494,7 +6494,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The versions of MAVLink that the sender understands. Deprecated since 2025-11: Nothing.
     pub struct ProtocolVersion: PROTOCOL_VERSION = 300 {
         version: u16,
@@ -6505,7 +6505,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `AIS_VESSEL`.
     pub struct AisVessel: AIS_VESSEL = 301 {
         MMSI: u32,
@@ -6539,7 +6539,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `UAVCAN_NODE_STATUS`.
     pub struct UavcanNodeStatus: UAVCAN_NODE_STATUS = 310 {
         /// (us)
@@ -6553,7 +6553,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `UAVCAN_NODE_INFO`.
     pub struct UavcanNodeInfo: UAVCAN_NODE_INFO = 311 {
         /// (us)
@@ -6571,7 +6571,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for one extended parameter, by name or by index.
     pub struct ParamExtRequestRead: PARAM_EXT_REQUEST_READ = 320 {
         /// Unknown: `-1`.
@@ -6582,7 +6582,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for all extended parameters.
     pub struct ParamExtRequestList: PARAM_EXT_REQUEST_LIST = 321 {
         target_system: u8,
@@ -6590,7 +6590,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// One extended parameter.
     pub struct ParamExtValue: PARAM_EXT_VALUE = 322 {
         param_count: u16,
@@ -6601,7 +6601,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for an extended parameter to have a value.
     pub struct ParamExtSet: PARAM_EXT_SET = 323 {
         target_system: u8,
@@ -6612,7 +6612,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// What became of a PARAM_EXT_SET.
     pub struct ParamExtAck: PARAM_EXT_ACK = 324 {
         param_id: Text<16>,
@@ -6622,7 +6622,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OBSTACLE_DISTANCE`.
     pub struct ObstacleDistance: OBSTACLE_DISTANCE = 330 {
         /// (us)
@@ -6645,7 +6645,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ODOMETRY`.
     pub struct Odometry: ODOMETRY = 331 {
         /// (us)
@@ -6683,7 +6683,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TRAJECTORY_REPRESENTATION_WAYPOINTS`. Deprecated since 2025-03: Nothing.
     pub struct TrajectoryRepresentationWaypoints: TRAJECTORY_REPRESENTATION_WAYPOINTS = 332 {
         /// (us)
@@ -6716,7 +6716,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TRAJECTORY_REPRESENTATION_BEZIER`. Deprecated since 2025-03: Nothing.
     pub struct TrajectoryRepresentationBezier: TRAJECTORY_REPRESENTATION_BEZIER = 333 {
         /// (us)
@@ -6735,7 +6735,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CELLULAR_STATUS`.
     pub struct CellularStatus: CELLULAR_STATUS = 334 {
         /// Unknown: `UINT16_MAX`.
@@ -6775,7 +6775,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ISBD_LINK_STATUS`.
     pub struct IsbdLinkStatus: ISBD_LINK_STATUS = 335 {
         /// (us)
@@ -6791,7 +6791,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CELLULAR_CONFIG`.
     pub struct CellularConfig: CELLULAR_CONFIG = 336 {
         enable_lte: u8,
@@ -6805,7 +6805,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RAW_RPM`.
     pub struct RawRpm: RAW_RPM = 339 {
         /// (rpm)
@@ -6814,7 +6814,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `UTM_GLOBAL_POSITION`.
     pub struct UtmGlobalPosition: UTM_GLOBAL_POSITION = 340 {
         /// (us)
@@ -6853,7 +6853,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Why a parameter could not be read or set. Work in progress.
     pub struct ParamError: PARAM_ERROR = 345 {
         param_index: i16,
@@ -6864,7 +6864,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `DEBUG_FLOAT_ARRAY`.
     pub struct DebugFloatArray: DEBUG_FLOAT_ARRAY = 350 {
         /// (us)
@@ -6877,7 +6877,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ORBIT_EXECUTION_STATUS`.
     pub struct OrbitExecutionStatus: ORBIT_EXECUTION_STATUS = 360 {
         /// (us)
@@ -6892,7 +6892,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `FIGURE_EIGHT_EXECUTION_STATUS`.
     pub struct FigureEightExecutionStatus: FIGURE_EIGHT_EXECUTION_STATUS = 361 {
         /// (us)
@@ -6911,7 +6911,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SMART_BATTERY_INFO`. Superseded since 2024-02: BATTERY_INFO.
     pub struct SmartBatteryInfo: SMART_BATTERY_INFO = 370 {
         /// (mAh) Unknown: `-1`.
@@ -6950,7 +6950,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `FUEL_STATUS`.
     pub struct FuelStatus: FUEL_STATUS = 371 {
         maximum_fuel: f32,
@@ -6970,7 +6970,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `BATTERY_INFO`. Work in progress.
     pub struct BatteryInfo: BATTERY_INFO = 372 {
         /// (V) Unknown: `0`.
@@ -7014,7 +7014,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `GENERATOR_STATUS`.
     pub struct GeneratorStatus: GENERATOR_STATUS = 373 {
         status: MavGeneratorStatusFlag,
@@ -7041,7 +7041,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ACTUATOR_OUTPUT_STATUS`.
     pub struct ActuatorOutputStatus: ACTUATOR_OUTPUT_STATUS = 375 {
         /// (us)
@@ -7051,7 +7051,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `RELAY_STATUS`.
     pub struct RelayStatus: RELAY_STATUS = 376 {
         /// (ms)
@@ -7061,7 +7061,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TIME_ESTIMATE_TO_TARGET`. Work in progress.
     pub struct TimeEstimateToTarget: TIME_ESTIMATE_TO_TARGET = 380 {
         /// (s)
@@ -7077,7 +7077,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `TUNNEL`.
     pub struct Tunnel: TUNNEL = 385 {
         payload_type: MavTunnelPayloadType,
@@ -7088,7 +7088,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAN_FRAME`.
     pub struct CanFrame: CAN_FRAME = 386 {
         id: u32,
@@ -7100,7 +7100,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CANFD_FRAME`.
     pub struct CanfdFrame: CANFD_FRAME = 387 {
         id: u32,
@@ -7112,7 +7112,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `CAN_FILTER_MODIFY`.
     pub struct CanFilterModify: CAN_FILTER_MODIFY = 388 {
         ids: [u16; 16],
@@ -7124,7 +7124,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `ONBOARD_COMPUTER_STATUS`.
     pub struct OnboardComputerStatus: ONBOARD_COMPUTER_STATUS = 390 {
         /// (us)
@@ -7170,7 +7170,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `COMPONENT_INFORMATION`. Deprecated since 2022-04: COMPONENT_METADATA.
     pub struct ComponentInformation: COMPONENT_INFORMATION = 395 {
         /// (ms)
@@ -7182,7 +7182,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Maker, model, versions and serial number of a component.
     pub struct ComponentInformationBasic: COMPONENT_INFORMATION_BASIC = 396 {
         capabilities: MavProtocolCapability,
@@ -7198,7 +7198,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Where the file lies that describes a component.
     pub struct ComponentMetadata: COMPONENT_METADATA = 397 {
         /// (ms)
@@ -7208,7 +7208,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `PLAY_TUNE_V2`.
     pub struct PlayTuneV2: PLAY_TUNE_V2 = 400 {
         format: TuneFormat,
@@ -7218,7 +7218,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `SUPPORTED_TUNES`.
     pub struct SupportedTunes: SUPPORTED_TUNES = 401 {
         format: TuneFormat,
@@ -7227,7 +7227,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Something that happened, by number, with arguments. Work in progress.
     pub struct Event: EVENT = 410 {
         id: u32,
@@ -7241,7 +7241,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The number of the latest event. Work in progress.
     pub struct CurrentEventSequence: CURRENT_EVENT_SEQUENCE = 411 {
         sequence: u16,
@@ -7249,7 +7249,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// Asks for events again, by their numbers. Work in progress.
     pub struct RequestEvent: REQUEST_EVENT = 412 {
         first_sequence: u16,
@@ -7259,7 +7259,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// An event that was asked for is not there any more. Work in progress.
     pub struct ResponseEventError: RESPONSE_EVENT_ERROR = 413 {
         sequence: u16,
@@ -7270,7 +7270,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// One of the modes that the vehicle has.
     pub struct AvailableModes: AVAILABLE_MODES = 435 {
         custom_mode: u32,
@@ -7282,7 +7282,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// The mode that the vehicle is in, and the one that was asked for.
     pub struct CurrentMode: CURRENT_MODE = 436 {
         custom_mode: u32,
@@ -7292,14 +7292,14 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// A number that changes with the list of modes.
     pub struct AvailableModesMonitor: AVAILABLE_MODES_MONITOR = 437 {
         seq: u8,
     }
 }
 
-message! {
+crate::message! {
     /// `ILLUMINATOR_STATUS`.
     pub struct IlluminatorStatus: ILLUMINATOR_STATUS = 440 {
         /// (ms)
@@ -7322,7 +7322,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `WHEEL_DISTANCE`.
     pub struct WheelDistance: WHEEL_DISTANCE = 9000 {
         /// (us)
@@ -7333,7 +7333,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `WINCH_STATUS`.
     pub struct WinchStatus: WINCH_STATUS = 9005 {
         /// (us)
@@ -7354,7 +7354,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_BASIC_ID`.
     pub struct OpenDroneIdBasicId: OPEN_DRONE_ID_BASIC_ID = 12900 {
         target_system: u8,
@@ -7366,7 +7366,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_LOCATION`.
     pub struct OpenDroneIdLocation: OPEN_DRONE_ID_LOCATION = 12901 {
         /// (degE7) Unknown: `0`.
@@ -7400,7 +7400,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_AUTHENTICATION`.
     pub struct OpenDroneIdAuthentication: OPEN_DRONE_ID_AUTHENTICATION = 12902 {
         /// (s)
@@ -7417,7 +7417,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_SELF_ID`.
     pub struct OpenDroneIdSelfId: OPEN_DRONE_ID_SELF_ID = 12903 {
         target_system: u8,
@@ -7428,7 +7428,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_SYSTEM`.
     pub struct OpenDroneIdSystem: OPEN_DRONE_ID_SYSTEM = 12904 {
         /// (degE7) Unknown: `0`.
@@ -7456,7 +7456,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_OPERATOR_ID`.
     pub struct OpenDroneIdOperatorId: OPEN_DRONE_ID_OPERATOR_ID = 12905 {
         target_system: u8,
@@ -7467,7 +7467,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_MESSAGE_PACK`.
     pub struct OpenDroneIdMessagePack: OPEN_DRONE_ID_MESSAGE_PACK = 12915 {
         target_system: u8,
@@ -7480,7 +7480,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_ARM_STATUS`.
     pub struct OpenDroneIdArmStatus: OPEN_DRONE_ID_ARM_STATUS = 12918 {
         status: MavOdidArmStatus,
@@ -7488,7 +7488,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `OPEN_DRONE_ID_SYSTEM_UPDATE`.
     pub struct OpenDroneIdSystemUpdate: OPEN_DRONE_ID_SYSTEM_UPDATE = 12919 {
         /// (degE7) Unknown: `0`.
@@ -7504,7 +7504,7 @@ message! {
     }
 }
 
-message! {
+crate::message! {
     /// `HYGROMETER_SENSOR`.
     pub struct HygrometerSensor: HYGROMETER_SENSOR = 12920 {
         /// (cdegC)
@@ -7516,7 +7516,7 @@ message! {
     }
 }
 
-dialect! {
+crate::dialect! {
     /// All messages of common.xml with its includes.
     pub struct Common: [
         Heartbeat,

@@ -210,8 +210,9 @@ impl Decoder {
     /// checksum. When it does not suffice, `None` is returned and the search goes on from the same place at the next
     /// call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
     ///
-    /// `is_known` tells whether a source was heard of before. That, or a start byte or silence behind it, speaks for a
-    /// frame whose id is not in `messages`; it is then returned whole and unchecked, else searched.
+    /// `is_known` tells whether a source was heard of before. That, together with a start byte or silence behind it, speaks
+    /// for a frame whose id is not in `messages`; it is then returned whole and unchecked, else searched. Either by
+    /// itself does not: behind a lost byte it would swallow intact frames.
     #[inline]
     pub fn next(
         &mut self,
@@ -293,7 +294,7 @@ impl Decoder {
                     *budget = budget.saturating_sub(1);
                     let len = header.frame_len();
                     match candidate.get(len) {
-                        _ if is_known(header.source) => return Some(self.accept_unchecked(header)),
+                        _ if !is_known(header.source) => self.reject(Reason::UnknownId),
                         Some(&(STX_V1 | STX_V2)) => return Some(self.accept_unchecked(header)),
                         Some(_) => self.reject(Reason::UnknownId),
                         // Wait for the byte behind it, or for silence.

@@ -104,3 +104,46 @@ impl Field for Char {
         self.0.write(payload, at);
     }
 }
+
+/// Reads a message's fields one behind the other. Inlined, every offset is a constant, and what nobody uses is gone.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct FieldReader<'a> {
+    payload: &'a [u8],
+    at: usize,
+}
+
+impl<'a> FieldReader<'a> {
+    #[inline(always)]
+    pub const fn new(payload: &'a [u8]) -> Self {
+        Self { payload, at: 0 }
+    }
+
+    #[inline(always)]
+    pub fn take<T: Field>(&mut self) -> T {
+        let field = T::read(self.payload, self.at);
+        self.at = self.at.wrapping_add(T::SIZE);
+        field
+    }
+}
+
+/// Writes a message's fields one behind the other.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct FieldWriter<'a> {
+    payload: &'a mut [u8],
+    at: usize,
+}
+
+impl<'a> FieldWriter<'a> {
+    #[inline(always)]
+    pub const fn new(payload: &'a mut [u8]) -> Self {
+        Self { payload, at: 0 }
+    }
+
+    #[inline(always)]
+    pub fn push<T: Field>(&mut self, field: &T) {
+        field.write(self.payload, self.at);
+        self.at = self.at.wrapping_add(T::SIZE);
+    }
+}

@@ -64,48 +64,38 @@ macro_rules! message {
 
         #[allow(non_snake_case, reason = "a field's name is its definition's")]
         const _: () = {
-            /// The payload as it lies on the wire: bytes only, so that offsets have no padding.
-            #[repr(C)]
-            struct Layout {
-                $( $field: [u8; <$ty as $crate::Field>::SIZE], )+
-                $($( $ext: [u8; <$ext_ty as $crate::Field>::SIZE], )+)?
-            }
-
-            const BASE: &[$crate::FieldInfo] = &[
-                $( $crate::FieldInfo::of::<$ty>(stringify!($field), core::mem::offset_of!(Layout, $field)), )+
+            const BASE: &[$crate::FieldInfo] = &[ $( $crate::FieldInfo::of::<$ty>(stringify!($field)), )+ ];
+            const EXTENSIONS: &[$crate::FieldInfo] = &[
+                $($( $crate::FieldInfo::of::<$ext_ty>(stringify!($ext)), )+)?
             ];
-            const MAX_LEN: usize = core::mem::size_of::<Layout>();
 
             impl $crate::Message for $name {
                 const ID: u32 = $id;
                 const NAME: &'static str = stringify!($wire);
                 const CRC_EXTRA: u8 = $crate::FieldInfo::crc_extra(stringify!($wire), BASE);
                 #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
-                const BASE_LEN: usize = 0 $( + <$ty as $crate::Field>::SIZE )+;
-                const MAX_LEN: usize = MAX_LEN;
-                const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(
-                    BASE,
-                    &[$($( $crate::FieldInfo::of::<$ext_ty>(
-                        stringify!($ext), core::mem::offset_of!(Layout, $ext)
-                    ), )+)?],
-                );
+                const BASE_LEN: usize = $crate::FieldInfo::total(BASE);
+                const MAX_LEN: usize = $crate::FieldInfo::total(BASE) + $crate::FieldInfo::total(EXTENSIONS);
+                const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(BASE, EXTENSIONS);
 
                 #[inline]
                 fn decode(payload: &[u8]) -> Self {
-                    let mut bytes = [0; MAX_LEN];
+                    let mut bytes = [0; <Self as $crate::Message>::MAX_LEN];
                     $crate::zero_extend(payload, &mut bytes);
+                    let mut fields = $crate::FieldReader::new(&bytes);
                     Self {
-                        $( $field: $crate::Field::read(&bytes, core::mem::offset_of!(Layout, $field)), )+
-                        $($( $ext: $crate::Field::read(&bytes, core::mem::offset_of!(Layout, $ext)), )+)?
+                        $( $field: fields.take(), )+
+                        $($( $ext: fields.take(), )+)?
                     }
                 }
 
                 #[inline]
                 fn encode(&self, payload: &mut [u8]) -> Option<usize> {
-                    let bytes = payload.first_chunk_mut::<MAX_LEN>()?;
-                    $( $crate::Field::write(&self.$field, bytes, core::mem::offset_of!(Layout, $field)); )+
-                    $($( $crate::Field::write(&self.$ext, bytes, core::mem::offset_of!(Layout, $ext)); )+)?
-                    Some(MAX_LEN)
+                    let bytes = payload.first_chunk_mut::<{ <Self as $crate::Message>::MAX_LEN }>()?;
+                    let mut fields = $crate::FieldWriter::new(bytes);
+                    $( fields.push(&self.$field); )+
+                    $($( fields.push(&self.$ext); )+)?
+                    Some(Self::MAX_LEN)
                 }
             }
 

@@ -10,7 +10,7 @@ mod macros;
 mod table;
 mod text;
 
-pub use field::{Char, Field};
+pub use field::{Char, Field, FieldReader, FieldWriter};
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;
 

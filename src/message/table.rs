@@ -19,16 +19,16 @@ pub struct FieldInfo {
     /// Length of the array, 0 for a single value.
     array: u8,
     element: usize,
-    offset: usize,
+    size: usize,
 }
 
 impl FieldInfo {
     /// A field of type `T`; `name` as `stringify!` gives it.
     #[doc(hidden)]
-    pub const fn of<T: Field>(name: &'static str, offset: usize) -> Self {
+    pub const fn of<T: Field>(name: &'static str) -> Self {
         let array = if T::IS_ARRAY { T::SIZE / T::ELEMENT } else { 0 };
         assert!(array <= 255, "an array has at most 255 elements");
-        Self { wire_type: T::WIRE_TYPE, name, array: array as u8, element: T::ELEMENT, offset }
+        Self { wire_type: T::WIRE_TYPE, name, array: array as u8, element: T::ELEMENT, size: T::SIZE }
     }
 
     /// The digest of S-3.
@@ -46,6 +46,18 @@ impl FieldInfo {
             i += 1;
         }
         (sum as u8) ^ ((sum >> 8) as u8)
+    }
+
+    /// Bytes of all these fields.
+    #[doc(hidden)]
+    pub const fn total(fields: &[Self]) -> usize {
+        let mut total = 0;
+        let mut i = 0;
+        while i < fields.len() {
+            total += fields[i].size;
+            i += 1;
+        }
+        total
     }
 
     const fn is_named(&self, name: &str) -> bool {
@@ -157,12 +169,14 @@ impl MessageInfo {
 }
 
 const fn find(name: &str, base: &[FieldInfo], extensions: &[FieldInfo]) -> u8 {
+    let mut offset = 0;
     let mut i = 0;
     while i < base.len() + extensions.len() {
         let field = if i < base.len() { &base[i] } else { &extensions[i - base.len()] };
         if field.is_named(name) {
-            return field.offset as u8;
+            return offset as u8;
         }
+        offset += field.size;
         i += 1;
     }
     NO_FIELD

@@ -13,17 +13,15 @@ use crate::time::{Duration, Instant};
 /// Longest text in bytes; what is beyond is cut off between code points.
 pub const MAX_TEXT_LEN: usize = 120;
 
-/// Texts that wait or were sent a moment ago.
-const TEXTS: usize = 4;
-
 /// The same text again within this time is dropped.
 const REPEAT_AFTER: Duration = Duration::from_secs(5);
 
 /// Bytes of text in one message.
 const CHUNK: usize = 50;
 
+/// A text that waits, or was sent a moment ago.
 #[derive(Clone, Debug)]
-struct Entry {
+pub(crate) struct Entry {
     text: Text<MAX_TEXT_LEN>,
     severity: MavSeverity,
     /// Order of arrival; also the id that the chunks share.
@@ -52,20 +50,22 @@ impl TextCursor {
     }
 }
 
-/// The queue of texts, for all links.
+/// The queue of texts, for all links. The logic works on the unsized form, so the queue's length is compiled once.
 #[derive(Clone, Debug)]
-pub(crate) struct StatusTexts {
-    entries: [Entry; TEXTS],
+pub(crate) struct StatusTexts<E: ?Sized = [Entry]> {
     /// Number of the newest text; 0 is never one, because a chunk's id is not 0.
     newest: u16,
     dropped: u32,
+    entries: E,
+}
+
+impl<const N: usize> StatusTexts<[Entry; N]> {
+    pub(crate) const fn new() -> Self {
+        Self { newest: 0, dropped: 0, entries: [const { Entry::SENT }; N] }
+    }
 }
 
 impl StatusTexts {
-    pub(crate) const fn new() -> Self {
-        Self { entries: [const { Entry::SENT }; TEXTS], newest: 0, dropped: 0 }
-    }
-
     /// Texts that were dropped: repeated within five seconds, or pushed out of a full queue unsent. Wraps.
     pub(crate) const fn dropped(&self) -> u32 {
         self.dropped

@@ -37,15 +37,12 @@ struct Session {
 #[derive(Clone, Debug)]
 pub(super) struct Sessions {
     sessions: [Session; SESSIONS],
-    /// Whether MISSION_REQUEST is answered by the float form; else by MISSION_ITEM_INT, as the definitions have it today
-    /// (M-61).
-    float_form: bool,
 }
 
 impl Sessions {
-    pub(super) const fn new(float_form: bool) -> Self {
+    pub(super) const fn new() -> Self {
         let free = Session { client: Address::new(0, 0), plan: PlanType::Mission, is_stale: false, at: None };
-        Self { sessions: [free; SESSIONS], float_form }
+        Self { sessions: [free; SESSIONS] }
     }
 
     fn find(&mut self, now: Instant, client: Address, plan: PlanType) -> Option<&mut Session> {
@@ -87,12 +84,16 @@ impl Sessions {
     }
 
     /// Sends what `reply` owes.
+    ///
+    /// `float_form`: whether MISSION_REQUEST is answered by the float form; else by MISSION_ITEM_INT, as the definitions
+    /// have it today (M-61).
     pub(super) fn answer(
         &mut self,
         now: Instant,
         reply: &Reply,
         plans: &PlansMut<'_>,
         progress: &Progress,
+        float_form: bool,
         tx: &mut Outbox,
     ) -> bool {
         let Reply { to, mission_type, what } = *reply;
@@ -121,7 +122,7 @@ impl Sessions {
             return reply.ack(MavMissionResult::INVALID_SEQUENCE, 0, tx);
         };
         let is_current = plan == PlanType::Mission && seq == progress.current;
-        if is_legacy && self.float_form {
+        if is_legacy && float_form {
             tx.send(&item.to_float(to, mission_type, seq, is_current))
         } else {
             tx.send(&item.to_int(to, mission_type, seq, is_current))

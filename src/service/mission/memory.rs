@@ -6,6 +6,7 @@
 use heapless::Vec;
 use heapless::vec::VecView;
 
+use super::Missions;
 use super::item::Item;
 use crate::dialect::MavMissionType;
 
@@ -104,8 +105,9 @@ impl<const N: usize> Store<N> {
     }
 }
 
-/// The memory of a vehicle without plans.
-pub type NoPlans = PlanMemory<0, 0, 0, 0>;
+/// The memory of a vehicle without plans: the engine is not linked, and whoever asks is told UNSUPPORTED.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NoPlans;
 
 /// The most items that any plan may have: 65,535 means "no mission" on the wire (M-21, M-90).
 pub const MAX_ITEMS: usize = 65_534;
@@ -163,7 +165,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> Default for
     }
 }
 
-/// What the stack needs of a [`PlanMemory`], whatever its capacities. Implemented by nothing else.
+/// What the stack needs of a [`PlanMemory`], whatever its capacities, or of [`NoPlans`]. Implemented by nothing else.
 pub trait PlanStorage: sealed::Sealed {
     /// Three empty plans.
     #[doc(hidden)]
@@ -176,15 +178,28 @@ pub trait PlanStorage: sealed::Sealed {
 }
 
 pub(crate) mod sealed {
+    use super::{Missions, PlansMut};
+
     /// The half of [`PlanStorage`](super::PlanStorage) that is the stack's own.
     pub trait Sealed {
-        /// The view that the logic works on.
+        /// The engine's state; nothing, where there are no plans.
         #[doc(hidden)]
-        fn view(&mut self) -> super::PlansMut<'_>;
+        type Engine: core::fmt::Debug;
+        /// The engine at rest.
+        #[doc(hidden)]
+        const ENGINE: Self::Engine;
+
+        /// The engine, when there is one.
+        #[doc(hidden)]
+        fn engine(engine: &Self::Engine) -> Option<&Missions>;
+
+        /// The engine and the view that it works on, when there are plans.
+        #[doc(hidden)]
+        fn parts<'a>(&'a mut self, engine: &'a mut Self::Engine) -> Option<(&'a mut Missions, PlansMut<'a>)>;
     }
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> sealed::Sealed for PlanMemory<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<M, F, R, S> {
     fn view(&mut self) -> PlansMut<'_> {
         PlansMut {
             mission: self.mission.view(),
@@ -192,6 +207,19 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> sealed::Sea
             rally: self.rally.view(),
             staging: self.staging.as_mut_view(),
         }
+    }
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> sealed::Sealed for PlanMemory<M, F, R, S> {
+    type Engine = Missions;
+    const ENGINE: Missions = Missions::new();
+
+    fn engine(engine: &Missions) -> Option<&Missions> {
+        Some(engine)
+    }
+
+    fn parts<'a>(&'a mut self, engine: &'a mut Missions) -> Option<(&'a mut Missions, PlansMut<'a>)> {
+        Some((engine, self.view()))
     }
 }
 
@@ -206,6 +234,28 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanStorage
             PlanType::Fence => self.fence.live(),
             PlanType::Rally => self.rally.live(),
         }
+    }
+}
+
+impl sealed::Sealed for NoPlans {
+    type Engine = ();
+    const ENGINE: () = ();
+
+    fn engine((): &()) -> Option<&Missions> {
+        None
+    }
+
+    fn parts<'a>(&'a mut self, (): &'a mut ()) -> Option<(&'a mut Missions, PlansMut<'a>)> {
+        None
+    }
+}
+
+impl PlanStorage for NoPlans {
+    const EMPTY: Self = Self;
+    const CAPACITIES: [u16; 3] = [0; 3];
+
+    fn live(&self, _: PlanType) -> PlanView<'_> {
+        PlanView { items: &[], id: 0 }
     }
 }
 
@@ -290,7 +340,7 @@ mod tests {
     fn memory_is_what_the_items_need() {
         assert!(size_of::<plan_memory!(mission: 250, fence: 64, rally: 16)>() <= (250 + 64 + 16 + 250) * 32 + 256);
         assert!(size_of::<plan_memory!(mission: 3, fence: 64, rally: 16)>() <= (3 + 64 + 16 + 64) * 32 + 256);
-        assert!(size_of::<NoPlans>() <= 128);
+        assert_eq!(size_of::<NoPlans>(), 0);
     }
 
     #[test]
@@ -298,7 +348,7 @@ mod tests {
         type Memory = plan_memory!(mission: 2, fence: 0, rally: 1);
         assert_eq!(PlanType::ALL.map(|plan| plan.is_served(&Memory::CAPACITIES)), [true, false, true]);
         let mut memory = Memory::new();
-        let view = sealed::Sealed::view(&mut memory);
+        let view = memory.view();
         assert_eq!(PlanType::ALL.map(|plan| view.capacity(plan)), [2, 0, 1]);
     }
 
@@ -306,7 +356,7 @@ mod tests {
     fn commit_replaces_the_whole_plan() {
         let item = |x| Item { x, ..Default::default() };
         let mut memory = <plan_memory!(mission: 3, fence: 0, rally: 2)>::new();
-        let mut view = sealed::Sealed::view(&mut memory);
+        let mut view = memory.view();
         for (items, id) in [(&[1, 2, 3][..], 7), (&[4], 8), (&[], 0)] {
             for x in items {
                 view.staging.push(item(*x)).unwrap();

@@ -133,7 +133,7 @@ fn mission_type(frame: &Frame<'_>) -> MavMissionType {
 
 /// The engine: the state of plan transfer, whatever the plans' capacities.
 #[derive(Clone, Debug)]
-pub(crate) struct Missions {
+pub struct Missions {
     upload: Option<Upload>,
     done: Option<Done>,
     /// The ACK of an upload that timed out: nobody's question stands behind it. A later one takes its place.
@@ -144,13 +144,12 @@ pub(crate) struct Missions {
 }
 
 impl Missions {
-    /// `float_form` is [`Config::float_mission_items`](crate::Config::float_mission_items).
-    pub(crate) const fn new(float_form: bool) -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             upload: None,
             done: None,
             farewell: None,
-            sessions: Sessions::new(float_form),
+            sessions: Sessions::new(),
             current: Current::new(),
             counters: PlanCounters { accepted: 0, refused: 0, abandoned: 0, out_of_place: 0, no_answer_slot: 0 },
         }
@@ -245,26 +244,27 @@ impl Missions {
 
     /// Sends a MISSION_ACK. False when none is owed on this link.
     pub(crate) fn next_ack(&mut self, replies: &mut Replies, tx: &mut Outbox) -> bool {
-        let farewell = self.farewell.take_if(|(link, _)| *link == tx.link()).map(|(_, reply)| reply);
-        match farewell.or_else(|| replies.pop(true)) {
-            Some(reply @ Reply { what: What::Ack(result, id), .. }) => reply.ack(result, id, tx),
-            _ => false,
+        match self.farewell.take_if(|(link, _)| *link == tx.link()) {
+            Some((_, reply)) => reply.send_ack(tx),
+            None => replies.next_ack(tx),
         }
     }
 
-    /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link.
+    /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link. `float_form` is
+    /// [`Config::float_mission_items`](crate::Config::float_mission_items).
     pub(crate) fn next(
         &mut self,
         now: Instant,
         replies: &mut Replies,
         plans: &PlansMut<'_>,
         progress: &Progress,
+        float_form: bool,
         tx: &mut Outbox,
     ) -> bool {
         if let Some(upload) = self.upload.as_mut().filter(|upload| upload.owes_request_on(tx)) {
             return upload.request(now, plans.staged(), tx);
         }
-        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, tx))
+        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, float_form, tx))
     }
 
     /// Sends MISSION_CURRENT. False when it is not owed on this link.

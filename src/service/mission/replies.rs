@@ -38,6 +38,14 @@ pub(super) enum What {
 }
 
 impl Reply {
+    /// Sends the MISSION_ACK that this is. False when it is not one.
+    pub(super) fn send_ack(&self, tx: &mut Outbox) -> bool {
+        match self.what {
+            What::Ack(result, id) => self.ack(result, id, tx),
+            _ => false,
+        }
+    }
+
     /// Sends a MISSION_ACK to who asked.
     pub(super) fn ack(&self, result: MavMissionResult, id: u32, tx: &mut Outbox) -> bool {
         tx.send(&MissionAck {
@@ -65,7 +73,7 @@ impl Replies {
     }
 
     /// Whether a MISSION_ACK is owed.
-    pub(super) fn has_ack(&self) -> bool {
+    pub(crate) fn has_ack(&self) -> bool {
         self.slots.iter().any(|reply| matches!(reply.what, What::Ack(..)))
     }
 
@@ -98,6 +106,11 @@ impl Replies {
             !is_next
         });
         taken
+    }
+
+    /// Sends the oldest MISSION_ACK. False when none is owed.
+    pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
+        self.pop(true).is_some_and(|reply| reply.send_ack(tx))
     }
 
     /// Whether a stray item may be answered now; then the next one may not for a while.

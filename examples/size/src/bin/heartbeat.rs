@@ -4,8 +4,8 @@
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, Commands, Config, Instant, Item, LinkConfig, LinkId, Outcome, PlanChange, PlanType, Plans,
-    Progress, Pulse, Stack, Vehicle, VehicleState,
+    Address, Command, Commands, Config, Instant, Item, LinkConfig, LinkId, NoPlans, Outcome, PlanChange, PlanType,
+    Plans, Progress, Pulse, Stack, Vehicle, VehicleState,
 };
 use mavstack_size::{Uart, now_micros};
 
@@ -50,7 +50,7 @@ impl Plans for Rover {
 fn main() -> ! {
     let mut uart = Uart;
     let mut rover = Rover { armed: false };
-    let mut stack: Stack<1> = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
+    let mut stack: Stack<1, NoPlans, 8, 0> = Stack::with_capacities(CONFIG, [LinkConfig::uart(57_600)]);
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
