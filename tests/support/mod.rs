@@ -5,6 +5,7 @@
 //! - [`TestVehicle`]: implements the stack's traits, records every call, answers as it is told.
 //! - [`Gcs`]: the far end of a line: sends any message as anybody, keeps what it received with the time.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as a real client does them, retries included.
+//! - [`Receiver`], [`stream`] and [`reference`]: a decoder by itself, telemetry for it, and a second decoder to compare with.
 //! - [`World`]: one stack with its lines and ground stations, stepped a millisecond at a time.
 //!
 //! A test reads like this:
@@ -23,13 +24,17 @@
 #![allow(dead_code, unused_imports, reason = "each test file uses its own part")]
 
 mod gcs;
+mod receiver;
+pub mod reference;
 mod rng;
 mod serial;
+pub mod stream;
 mod transfer;
 mod vehicle;
 mod world;
 
 pub use gcs::{Gcs, Received};
+pub use receiver::{Receiver, decode};
 pub use rng::Rng;
 pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
 pub use transfer::{Clear, Download, TransferError, Upload, plan};
@@ -37,6 +42,7 @@ pub use vehicle::{Call, TestVehicle};
 pub use world::{Setup, World};
 
 use mavstack::{Address, Duration};
+use proptest::test_runner::{Config, RngSeed};
 
 /// The vehicle of the tests.
 pub const VEHICLE: Address = Address::new(1, 1);
@@ -53,4 +59,13 @@ pub const fn millis(n: u64) -> Duration {
 /// `n` seconds.
 pub const fn secs(n: u64) -> Duration {
     Duration::from_secs(n)
+}
+
+/// So many cases of a property, the same ones at every run; the environment's `PROPTEST_CASES` and `PROPTEST_RNG_SEED`
+/// give more, or others.
+pub fn cases(count: u32) -> Config {
+    let default = Config::default();
+    let rng_seed = if default.rng_seed == RngSeed::Random { RngSeed::Fixed(1) } else { default.rng_seed };
+    let cases = if std::env::var_os("PROPTEST_CASES").is_some() { default.cases } else { count };
+    Config { cases, rng_seed, failure_persistence: None, ..default }
 }

@@ -1,0 +1,79 @@
+//! A telemetry stream: frames of fourteen messages that every vehicle sends or gets, 38 bytes on average.
+//!
+//! The benchmarks use it too.
+
+use super::Rng;
+use mavstack::dialect::*;
+use mavstack::{Address, EncodeError, Frame, MAX_FRAME_LEN, Message, Version, encode};
+
+macro_rules! mixed {
+    ($($message:ident),+ $(,)?) => {
+        /// One of the messages of the stream.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(clippy::large_enum_variant, reason = "a benchmark fills it")]
+        pub enum Mixed { $($message($message)),+ }
+
+        impl Mixed {
+            /// Their ids.
+            pub const IDS: &[u32] = &[$($message::ID),+];
+
+            /// A message with random base fields and without extensions.
+            pub fn random(rng: &mut Rng) -> Self {
+                let mut payload = [0; 255];
+                let kind = Self::IDS[rng.below(Self::IDS.len() as u64) as usize];
+                $(if kind == $message::ID {
+                    payload[..$message::BASE_LEN].fill_with(|| rng.byte());
+                    return Self::$message($message::decode(&payload));
+                })+
+                unreachable!()
+            }
+
+            /// Writes it as a frame.
+            #[inline]
+            pub fn encode(&self, source: Address, seq: u8, out: &mut [u8]) -> Result<usize, EncodeError> {
+                match self {
+                    $(Self::$message(message) => encode(message, Version::V2, source, seq, out),)+
+                }
+            }
+
+            /// The message of a frame, if it is one of the stream.
+            #[inline(always)]
+            pub fn decode(frame: &Frame<'_>) -> Option<Self> {
+                match frame.id() {
+                    $($message::ID => frame.decode().map(Self::$message),)+
+                    _ => None,
+                }
+            }
+
+            /// Decodes a frame and has every field of its message looked at.
+            #[inline(always)]
+            pub fn read(frame: &Frame<'_>) {
+                match frame.id() {
+                    $($message::ID => { std::hint::black_box(frame.decode::<$message>()); })+
+                    _ => {}
+                }
+            }
+        }
+    };
+}
+
+mixed! {
+    Heartbeat, SysStatus, GpsRawInt, RawImu, Attitude, GlobalPositionInt, RcChannels, VfrHud, CommandLong, CommandAck,
+    ParamValue, MissionItemInt, MissionRequestInt, Statustext,
+}
+
+/// `count` random messages of the stream, the same for the same seed.
+pub fn messages(seed: u64, count: usize) -> Vec<Mixed> {
+    let mut rng = Rng::new(seed);
+    (0..count).map(|_| Mixed::random(&mut rng)).collect()
+}
+
+/// The same as MAVLink 2 frames from `source`, numbered.
+pub fn frames(seed: u64, count: usize, source: Address) -> Vec<Vec<u8>> {
+    let mut buffer = [0; MAX_FRAME_LEN];
+    let frame = |(seq, message): (usize, Mixed)| {
+        let len = message.encode(source, seq as u8, &mut buffer).expect("every message fits");
+        buffer[..len].to_vec()
+    };
+    messages(seed, count).into_iter().enumerate().map(frame).collect()
+}
