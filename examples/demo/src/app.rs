@@ -24,7 +24,7 @@ const LINK_CONFIGS: [LinkConfig; LINKS] =
 
 /// The vehicle and its stack, with plans in a memory of type `P`. There is one in a program: they would share the pulse.
 #[derive(Debug)]
-pub struct App<P> {
+pub struct App<P: PlanStorage> {
     stack: Stack<LINKS, P>,
     vehicle: Quadrotor,
 }
