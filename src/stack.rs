@@ -15,7 +15,9 @@ use core::marker::PhantomData;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance};
-use crate::dialect::{CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavProtocolCapability, MavSeverity};
+use crate::dialect::{
+    CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavMissionType, MavProtocolCapability, MavSeverity,
+};
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port};
 use crate::message::{Dialect, Message, MessageTable, Text};
@@ -404,12 +406,6 @@ const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
     if PlanType::Mission.is_served(&P::CAPACITIES) {
         capabilities = capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
     }
-    if PlanType::Fence.is_served(&P::CAPACITIES) {
-        capabilities = capabilities.with(MavProtocolCapability::MISSION_FENCE);
-    }
-    if PlanType::Rally.is_served(&P::CAPACITIES) {
-        capabilities = capabilities.with(MavProtocolCapability::MISSION_RALLY);
-    }
     capabilities
 }
 
@@ -490,6 +486,11 @@ impl Core {
             let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
                 return caller.refuse(frame);
             };
+            // Their room and their engine are there; what is missing is the check of a fence as a whole (M-80 to M-84), and
+            // without it none is taken.
+            if matches!(mission::mission_type(frame), MavMissionType::FENCE | MavMissionType::RALLY) {
+                return caller.refuse(frame);
+            }
             let Context { now, texts, vehicle, .. } = context;
             let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);

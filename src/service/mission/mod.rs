@@ -124,7 +124,7 @@ impl Caller<'_> {
 
 /// The plan that a message names. In all of ours that is the first byte behind the base fields, which v1 does not have:
 /// there every plan is a mission (V-7).
-fn mission_type(frame: &Frame<'_>) -> MavMissionType {
+pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
     match (frame.header().version, frame.info()) {
         (Version::V2, Some(info)) => MavMissionType(frame.byte(info.base_len())),
         _ => MavMissionType::MISSION,
