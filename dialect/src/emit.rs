@@ -46,7 +46,7 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
         return Err(Error::whole(input(dialect), &format!("--name {}", options.name), problem));
     }
     let selection = Selection::new(dialect, options)?;
-    let types = Types::new(dialect, &options.name);
+    let types = Types::new(dialect, options);
     let mut out = header(dialect, options, &selection);
     for enumeration in &selection.enums {
         out.push('\n');
@@ -112,23 +112,18 @@ fn header(dialect: &Dialect, options: &Options, selection: &Selection) -> String
     if fields().any(|field| field.name.contains(|c: char| c.is_ascii_uppercase())) {
         out.push_str("#![allow(non_snake_case, reason = \"the names of fields are MAVLink's\")]\n\n");
     }
-    let used = [
-        ("Char", fields().any(|field| field.scalar == Scalar::Char && field.array.is_none())),
-        ("Text", fields().any(|field| field.scalar == Scalar::Char && field.array.is_some())),
-        ("dialect", true),
-        ("message", !selection.messages.is_empty()),
-        ("wire_bitmask", selection.enums.iter().any(|e| e.bitmask)),
-        ("wire_enum", selection.enums.iter().any(|e| !e.bitmask)),
-    ];
-    let used: Vec<_> = used.into_iter().filter(|&(_, used)| used).map(|(name, _)| name).collect();
-    let list = used.join(", ");
-    let list = if used.len() == 1 { list } else { format!("{{{list}}}") };
-    let _ = writeln!(out, "use {}::{list};", options.crate_path);
+    for (name, array) in [("Char", false), ("Text", true)] {
+        if fields().any(|field| field.scalar == Scalar::Char && field.array.is_some() == array) {
+            let _ = writeln!(out, "use {}::{name};", options.crate_path);
+        }
+    }
     out
 }
 
 /// The Rust types of the whole dialect. They do not depend on the selection.
 struct Types<'a> {
+    /// Path of the crate that has the macros.
+    path: &'a str,
     messages: HashMap<&'a str, String>,
     /// Name and representation.
     enums: HashMap<&'a str, (String, Scalar)>,
@@ -136,22 +131,22 @@ struct Types<'a> {
 
 impl<'a> Types<'a> {
     /// Names messages first, by id, then enumerations, by name: where two would have the same, the message keeps it.
-    fn new(dialect: &'a Dialect, name: &str) -> Self {
+    fn new(dialect: &'a Dialect, options: &'a Options) -> Self {
         let mut taken: HashSet<String> = names::RESERVED_TYPES.map(str::to_owned).into();
-        taken.insert(name.to_owned());
+        taken.insert(options.name.clone());
         let mut named = |name: &str, suffix| names::unique(&mut taken, &names::camel(name), suffix);
         let messages = dialect.messages.iter().map(|m| (m.name.as_str(), named(&m.name, "Message"))).collect();
         let enums = dialect.enums.iter().map(|e| {
             let name = named(&e.name, "Enum");
             (e.name.as_str(), (name, representation(dialect, e)))
         });
-        Self { messages, enums: enums.collect() }
+        Self { path: &options.crate_path, messages, enums: enums.collect() }
     }
 
     fn enumeration(&self, out: &mut String, enumeration: &Enum) {
         let (name, repr) = &self.enums[enumeration.name.as_str()];
         let kind = if enumeration.bitmask { "wire_bitmask" } else { "wire_enum" };
-        let _ = writeln!(out, "{kind}! {{");
+        let _ = writeln!(out, "{}::{kind}! {{", self.path);
         let mut doc = Doc::new();
         if enumeration.description.is_empty() {
             doc.text(&format!("`{}`.", enumeration.name));
@@ -175,7 +170,7 @@ impl<'a> Types<'a> {
     }
 
     fn message(&self, out: &mut String, message: &Message) {
-        out.push_str("message! {\n");
+        let _ = writeln!(out, "{}::message! {{", self.path);
         let mut doc = Doc::new();
         if message.description.is_empty() {
             doc.text(&format!("`{}`.", message.name));
@@ -215,7 +210,7 @@ impl<'a> Types<'a> {
 
     fn dialect(&self, out: &mut String, dialect: &Dialect, options: &Options, selection: &Selection) {
         let what = if options.only.is_some() { "A selection of the messages" } else { "All messages" };
-        out.push_str("dialect! {\n");
+        let _ = writeln!(out, "{}::dialect! {{", self.path);
         let mut doc = Doc::new();
         doc.text(&format!("{what} of {} with its includes.", file_name(input(dialect))));
         doc.write(out, "    /// ");

@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Takes the facts of newer MAVLink definitions over into definitions/, and keeps the sentences that are our own.
+
+    refresh.py UPSTREAM_DIRECTORY [TARGET_DIRECTORY [NAME...]]
+
+Names, ids, types, order, units, values, ranges and marks come from upstream; descriptions and comments of theirs do
+not. A `<description>` of ours stays with the element of the same name. By default minimal, standard and common go to
+definitions/; other names and another target serve the test fixtures. Needs nothing but Python 3.9.
+"""
+
+import os
+import sys
+import xml.etree.ElementTree as ET
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+NAMED = ("enum", "entry", "message", "field")
+# The elements whose text is a fact.
+TEXT = ("include", "version", "dialect")
+LIFECYCLE = ("wip", "deprecated", "superseded")
+
+
+def named(node, key=()):
+    """Every element that has a name, with its path of names."""
+    for child in node:
+        if child.tag in NAMED:
+            path = (*key, child.tag, child.get("name"))
+            yield path, child
+            yield from named(child, path)
+        else:
+            yield from named(child, key)
+
+
+def descriptions(path):
+    """The sentences of a file, by element."""
+    if not os.path.exists(path):
+        return {}
+    found = ((key, node.findtext("description")) for key, node in named(ET.parse(path).getroot()))
+    return {key: text for key, text in found if text}
+
+
+def strip(node):
+    """Leaves facts only."""
+    for child in list(node):
+        if child.tag == "description":
+            node.remove(child)
+        else:
+            strip(child)
+    node.text = node.text.strip() if node.tag in TEXT and node.text else None
+    node.tail = None
+
+
+def describe(root, texts):
+    for key, node in named(root):
+        if key in texts or node.tag == "message":
+            description = ET.Element("description")
+            description.text = texts.pop(key, None)
+            # The schema wants it behind the marks and before all else.
+            node.insert(1 if len(node) and node[0].tag in LIFECYCLE else 0, description)
+    for key in texts:
+        print("gone:", " ".join(key), file=sys.stderr)
+
+
+def refresh(source, target, texts):
+    root = ET.parse(source).getroot()
+    strip(root)
+    describe(root, texts)
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode").replace(" />", "/>")
+    with open(target, "w", encoding="utf-8") as file:
+        file.write(f"<?xml version='1.0' encoding='UTF-8'?>\n{text}\n")
+
+
+def main():
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    upstream = sys.argv[1]
+    directory = sys.argv[2] if len(sys.argv) > 2 else os.path.join(HERE, "definitions")
+    for name in sys.argv[3:] or ["minimal", "standard", "common"]:
+        target = os.path.join(directory, f"{name}.xml")
+        refresh(os.path.join(upstream, f"{name}.xml"), target, descriptions(target))
+
+
+if __name__ == "__main__":
+    main()
