@@ -1,14 +1,16 @@
 //! The firmware: how it is built, and how large it is.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use object::read::elf::{ElfFile32, FileHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::system::{Result, run};
-use crate::toolchain::{self, Choice, TARGET};
+use crate::system::{Result, root, run};
+use crate::toolchain::{self, Choice, TARGET, TARGETS};
 
 const PACKAGE: &str = "mavstack-qemu";
+/// Firmwares that are only measured; `empty` has the same loop and nothing else.
+const MEASURED: &str = "mavstack-size";
 
 /// As in `memory.x`.
 const FLASH: u64 = 512 * 1024;
@@ -25,13 +27,15 @@ struct Size {
 
 /// Builds the firmware, with or without its log, and returns where it is.
 pub fn build(choice: Choice, log: bool) -> Result<PathBuf> {
-    let mut command = toolchain::cargo_build(choice);
-    command.args(["--package", PACKAGE, "--profile", "firmware"]);
-    if !log {
-        command.arg("--no-default-features");
-    }
-    run(&mut command)?;
-    Ok(toolchain::build_dir(choice).join(TARGET).join("firmware").join(PACKAGE))
+    let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
+    Ok(build_package(choice, PACKAGE, features)?.join(PACKAGE))
+}
+
+/// Returns the folder of what it built.
+fn build_package(choice: Choice, package: &str, arguments: &[&str]) -> Result<PathBuf> {
+    let mut command = toolchain::cargo_build(choice, TARGET);
+    run(command.args(["--package", package, "--profile", "firmware"]).args(arguments))?;
+    Ok(toolchain::build_dir(choice).join(TARGET).join("firmware"))
 }
 
 /// Prints the size of the firmware `elf`, called `name`.
@@ -44,15 +48,47 @@ pub fn print_size(name: &str, elf: &[u8]) -> Result {
 
 /// `cargo xtask size`.
 pub fn report(choice: Option<Choice>) -> Result {
-    let choice = toolchain::prepare(choice)?;
-    for (name, log) in [("Firmware without log", false), ("Firmware with log", true)] {
-        print_size(name, &read(&build(choice, log)?)?)?;
+    let choice = toolchain::prepare(choice, &[TARGET])?;
+    let folder = build_package(choice, MEASURED, &["--bins"])?;
+    let empty = measure(&read(&folder.join("empty"))?)?;
+    let sources = root().join("examples/size/src/bin");
+    let sources = std::fs::read_dir(&sources).map_err(|error| format!("{}: {error}", sources.display()))?;
+    let mut names: Vec<_> = sources
+        .flatten()
+        .filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned()))
+        .filter(|name| name != "empty")
+        .collect();
+    names.sort_unstable();
+    let mut rows = Vec::new();
+    for name in names {
+        let size = measure(&read(&folder.join(&name))?)?;
+        let (flash, ram) = (size.flash.saturating_sub(empty.flash), size.ram.saturating_sub(empty.ram));
+        rows.push((format!("{name}, less the empty loop"), Size { flash, ram }));
+    }
+    for (name, log) in [("the demo vehicle, without its log", false), ("the demo vehicle", true)] {
+        rows.push((name.to_owned(), measure(&read(&build(choice, log)?)?)?));
+    }
+    println!("\n{:40} {:>14} {:>18}", TARGET, "flash, bytes", "static RAM, bytes");
+    for (name, size) in rows {
+        println!("{name:40} {:>14} {:>18}", size.flash, size.ram);
+    }
+    Ok(())
+}
+
+/// `cargo xtask cross`: the library for each microcontroller, with no feature and with all.
+pub fn cross(choice: Option<Choice>) -> Result {
+    let choice = toolchain::prepare(choice, &TARGETS)?;
+    for target in TARGETS {
+        for features in ["--no-default-features", "--all-features"] {
+            println!("mavstack for {target} with {features}");
+            run(toolchain::cargo_build(choice, target).args(["--package", "mavstack", "--lib", features]))?;
+        }
     }
     Ok(())
 }
 
 /// The bytes of a built firmware.
-pub fn read(path: &PathBuf) -> Result<Vec<u8>> {
+pub fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 

@@ -93,7 +93,7 @@ enum Vehicle {
 impl Vehicle {
     fn in_qemu(port: u16, choice: Option<Choice>) -> Result<Self> {
         qemu::prepare()?;
-        let choice = toolchain::prepare(choice)?;
+        let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
         let path = firmware::build(choice, true)?;
         let elf = firmware::read(&path)?;
         firmware::print_size("Firmware", &elf)?;

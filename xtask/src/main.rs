@@ -29,6 +29,7 @@ struct Arguments {
 enum Task {
     Qemu(Qemu),
     Size(Size),
+    Cross(Cross),
     Integration(Integration),
 }
 
@@ -52,9 +53,17 @@ struct Qemu {
     toolchain: Option<Choice>,
 }
 
-/// Print how much flash and RAM the firmware takes, with and without its log.
+/// Print how much flash and RAM the library and the demo vehicle's firmware take.
 #[derive(Args)]
 struct Size {
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+/// Build the library for three kinds of microcontroller, with no feature and with all of them.
+#[derive(Args)]
+struct Cross {
     /// Which Rust toolchain to build with; without this option the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
@@ -82,6 +91,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.toolchain),
         Task::Size(arguments) => firmware::report(arguments.toolchain),
+        Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
     };
     match result {

@@ -22,7 +22,7 @@ pub fn run(port_base: u16, udp: Option<SocketAddr>, choice: Option<Choice>) -> R
     // Before the long work: a busy port is the likeliest mistake.
     check_ports(port_base, udp.is_some())?;
     prepare()?;
-    let choice = toolchain::prepare(choice)?;
+    let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
     let path = firmware::build(choice, true)?;
     let elf = firmware::read(&path)?;
     firmware::print_size("Firmware", &elf)?;

@@ -8,6 +8,8 @@ use crate::system::{Result, apt_install, cargo, has, output, succeeds, target_di
 
 /// The emulated processor: Cortex-M4 with FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// All that the library is built for, from large to small.
+pub const TARGETS: [&str; 3] = [TARGET, "thumbv6m-none-eabi", "riscv32imc-unknown-none-elf"];
 
 /// Where the compiler comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -23,12 +25,12 @@ const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const LINKER: &str = "arm-none-eabi-ld";
 
-/// Finds a toolchain, installs what it lacks if we can, and says which it is.
-pub fn prepare(choice: Option<Choice>) -> Result<Choice> {
+/// Finds a toolchain for `targets`, installs what it lacks if we can, and says which it is.
+pub fn prepare(choice: Option<Choice>, targets: &[&str]) -> Result<Choice> {
     if choice != Some(Choice::Debian) {
-        match prepare_rustup() {
+        match targets.iter().try_for_each(|target| prepare_rustup(target)) {
             Ok(()) => {
-                println!("Toolchain: {} with target {TARGET}", version("rustc"));
+                println!("Toolchain: {} with {}", version("rustc"), targets.join(", "));
                 return Ok(Choice::Rustup);
             }
             Err(error) if choice.is_some() => return Err(error),
@@ -44,23 +46,23 @@ fn version(rustc: &str) -> String {
     output(rustc, &["--version"]).unwrap_or_else(|| "rustc".to_owned())
 }
 
-fn prepare_rustup() -> Result {
-    if is_target_installed() {
+fn prepare_rustup(target: &str) -> Result {
+    if is_installed(target) {
         return Ok(());
     }
     if !has("rustup") {
-        return Err(format!("The compiler in use has no target {TARGET}, and there is no rustup to add it"));
+        return Err(format!("The compiler in use has no target {target}, and there is no rustup to add it"));
     }
-    println!("Adding the target: rustup target add {TARGET}");
-    if succeeds("rustup", &["target", "add", TARGET]) && is_target_installed() {
+    println!("Adding the target: rustup target add {target}");
+    if succeeds("rustup", &["target", "add", target]) && is_installed(target) {
         return Ok(());
     }
-    Err(format!("`rustup target add {TARGET}` failed"))
+    Err(format!("`rustup target add {target}` failed"))
 }
 
 /// Asks the compiler and not rustup, so that distributions' toolchains count too.
-fn is_target_installed() -> bool {
-    let Some(folder) = output("rustc", &["--print", "target-libdir", "--target", TARGET]) else { return false };
+fn is_installed(target: &str) -> bool {
+    let Some(folder) = output("rustc", &["--print", "target-libdir", "--target", target]) else { return false };
     let Ok(files) = std::fs::read_dir(folder) else { return false };
     files.flatten().any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
 }
@@ -81,8 +83,8 @@ fn prepare_debian() -> Result {
     Ok(())
 }
 
-/// A `cargo build` for the microcontroller; package and profile are the caller's. Output is in [`build_dir`].
-pub fn cargo_build(choice: Choice) -> Command {
+/// A `cargo build` for the microcontroller `target`; package and profile are the caller's. Output is in [`build_dir`].
+pub fn cargo_build(choice: Choice, target: &str) -> Command {
     let mut command;
     match choice {
         Choice::Rustup => {
@@ -101,7 +103,14 @@ pub fn cargo_build(choice: Choice) -> Command {
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", LINKER);
         }
     }
-    command.args(["--target", TARGET]).arg("--target-dir").arg(build_dir(choice)).current_dir(crate::system::root());
+    command
+        .args(["--target", target])
+        .arg("--target-dir")
+        .arg(build_dir(choice))
+        // They would replace the link arguments of `.cargo/config.toml`.
+        .env_remove("RUSTFLAGS")
+        .env_remove("CARGO_ENCODED_RUSTFLAGS")
+        .current_dir(crate::system::root());
     command
 }
 

@@ -6,6 +6,8 @@ mod board;
 #[cfg(feature = "defmt")]
 mod log;
 
+use core::mem::MaybeUninit;
+
 use board::Board;
 use cortex_m_rt::entry;
 use mavstack::{LinkId, plan_memory};
@@ -16,19 +18,21 @@ type DemoPlans = plan_memory!(mission: 250, fence: 64, rally: 16);
 
 #[entry]
 fn main() -> ! {
-    // Not on the stack: it is larger than that should be.
-    static mut APP: App<DemoPlans> = App::new();
+    // Not on the stack: it is larger than that should be. And not made by the compiler: its initial value, plan memory
+    // and all, would lie in flash.
+    static mut APP: MaybeUninit<App<DemoPlans>> = MaybeUninit::uninit();
 
+    let app = APP.write(App::new());
     let Some(mut board) = Board::take() else { unreachable!("the entry point is entered once") };
     loop {
         let now = board.clock.now();
         #[cfg(feature = "defmt")]
         log::set_time(now);
-        APP.control(now);
+        app.control(now);
         let mut is_busy = false;
         for (link, uart) in (0..).map(LinkId).zip(&mut board.uarts) {
             // The stack counts errors and goes on: what was lost in an overrun, checksums find.
-            let _ = APP.serve(now, link, uart);
+            let _ = app.serve(now, link, uart);
             is_busy |= uart.has_received();
         }
         if !is_busy {
