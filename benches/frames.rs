@@ -1,0 +1,69 @@
+//! Bytes to frames, frames to messages, messages to bytes: what one frame costs.
+//!
+//! The stream is 100,000 MAVLink 2 frames of fourteen messages of common, 38 bytes on average. Every figure is for the
+//! whole stream, so 1 ms is 10 ns a frame; the throughput column says frames per second.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use mavstack::{Address, Decoder, Dialect, Frame, Instant, MAX_FRAME_LEN, dialect::Common};
+use std::hint::black_box;
+
+#[allow(dead_code, reason = "shared with the tests")]
+#[path = "../tests/support/rng.rs"]
+mod rng;
+#[allow(dead_code, reason = "shared with the tests")]
+#[path = "../tests/support/stream.rs"]
+mod stream;
+use rng::Rng;
+use stream::Mixed;
+
+const FRAMES: usize = 100_000;
+const SOURCE: Address = Address::new(1, 1);
+
+/// Feeds `stream` to a decoder in pieces of `len` bytes and hands each frame to `use_frame`.
+#[inline(always)]
+fn decode(stream: &[u8], len: usize, mut use_frame: impl FnMut(&Frame<'_>)) {
+    let now = Instant::ZERO;
+    let mut decoder = Decoder::default();
+    for mut piece in stream.chunks(len) {
+        while !piece.is_empty() {
+            let pushed = decoder.push(piece, now);
+            piece = &piece[pushed..];
+            let mut budget = u32::MAX;
+            while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
+                use_frame(&frame);
+            }
+        }
+    }
+    assert_eq!(decoder.counters().frames as usize, FRAMES);
+}
+
+fn frames(criterion: &mut Criterion) {
+    let stream = stream::frames(1, FRAMES, SOURCE).concat();
+    let messages = stream::messages(1, FRAMES);
+    println!("{} bytes, {:.1} a frame", stream.len(), stream.len() as f64 / FRAMES as f64);
+
+    let mut group = criterion.benchmark_group("frames");
+    group.throughput(Throughput::Elements(FRAMES as u64));
+    for (name, len) in [("whole", usize::MAX), ("64", 64), ("16", 16), ("1", 1)] {
+        group.bench_function(format!("decode/{name}"), |bencher| {
+            bencher.iter(|| decode(black_box(&stream), len, |frame| _ = black_box(frame.raw())));
+        });
+        group.bench_function(format!("decode_typed/{name}"), |bencher| {
+            bencher.iter(|| decode(black_box(&stream), len, Mixed::read));
+        });
+    }
+    group.bench_function("encode", |bencher| {
+        let mut out = [0; MAX_FRAME_LEN];
+        bencher.iter(|| {
+            let mut seq = 0u8;
+            for message in black_box(&messages) {
+                let _ = black_box(message.encode(SOURCE, seq, black_box(&mut out)));
+                seq = seq.wrapping_add(1);
+            }
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, frames);
+criterion_main!(benches);
