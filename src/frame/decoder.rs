@@ -193,11 +193,18 @@ impl Decoder {
     /// frame left, then push the rest.
     #[inline]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
-        // What an interrupt for each byte does.
-        if let (&[byte], 0, Some(free)) = (bytes, self.start, self.buffer.get_mut(self.end)) {
-            *free = byte;
-            self.commit(1, now);
-            return 1;
+        if let &[byte] = bytes {
+            // What an interrupt for each byte does: nothing is moved, and nothing but the byte is copied.
+            if self.start == self.end {
+                self.start = 0;
+                self.end = 0;
+            }
+            if let (0, Some(free)) = (self.start, self.buffer.get_mut(self.end)) {
+                *free = byte;
+                self.end = self.end.wrapping_add(1);
+                self.grown = now;
+                return 1;
+            }
         }
         let len = zero_extend(bytes, self.spare());
         self.commit(len, now);

@@ -41,7 +41,7 @@ impl<const N: usize> Setup<N> {
 }
 
 /// A stack with `N` links, plan memory `P` and `PEERS` places in the peer table, and everything around it.
-pub struct World<const N: usize, P = NoPlans, const PEERS: usize = 8> {
+pub struct World<const N: usize, P: PlanStorage = NoPlans, const PEERS: usize = 8> {
     pub stack: Box<Stack<N, P, PEERS>>,
     pub vehicle: TestVehicle,
     /// The lines, by link.
@@ -77,7 +77,7 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize> World<N, P, PEERS> {
         let lines: Vec<_> = setup.lines.into_iter().enumerate().map(line).collect();
         let (uarts, far): (Vec<_>, Vec<_>) = lines.iter().map(SimSerial::ends).unzip();
         Self {
-            stack: Box::new(Stack::with_dialect(setup.config, setup.links)),
+            stack: Box::new(Stack::with_capacities(setup.config, setup.links)),
             vehicle: TestVehicle::new(),
             lines,
             uarts,
