@@ -4,13 +4,14 @@
 //! area and becomes the live plan in one step; until then everything that anybody can see is the old plan.
 //!
 //! ```text
-//!            COUNT (others get DENIED)
-//!   idle ───────────────────────────────▶ receiving ──┐ ITEM of the next number: stored, the next one asked for
-//!    ▲  ▲                                  │  │  │  ▲  │ no ITEM in time: asked for again
-//!    │  │   last ITEM, plan accepted       │  │  │  └──┘
-//!    │  └── live in one step, ACK ACCEPTED ┘  │  │
-//!    ├───── bad ITEM or bad plan: ACK with the fault ┘  COUNT, CLEAR_ALL or MISSION_ACK of the partner end it as well
-//!    └───── nothing for 5 s and 5 requests in vain: ACK OPERATION_CANCELLED
+//!   idle ─────────────── COUNT ───────────────▶ receiving
+//!     ▲                                             │  ITEM of the next number: stored, the next one asked for
+//!     │                                             │  no ITEM in time: asked for again
+//!     │                                             │  another client's COUNT, ITEM, CLEAR_ALL: ACK DENIED
+//!     ├── last ITEM: live in one step, ACK ACCEPTED ┤
+//!     ├── bad ITEM, bad plan: ACK with the fault ───┤
+//!     ├── COUNT, CLEAR_ALL, ACK of the partner ─────┤
+//!     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
 //! ```
 //!
 //! The engine does no I/O. Handlers change state; [`next_ack`](Missions::next_ack), [`next`](Missions::next) and
@@ -25,6 +26,9 @@ mod pace;
 mod replies;
 mod upload;
 mod validate;
+
+#[cfg(test)]
+mod tests;
 
 pub use item::Item;
 pub(crate) use memory::PlansMut;

@@ -1,0 +1,325 @@
+//! The engine on a bench: encoded frames in, decoded frames out, time by hand, two links, no stack around it.
+
+mod download;
+mod random;
+mod table;
+mod upload;
+
+use std::vec::Vec;
+
+use super::memory::sealed::Sealed;
+use super::*;
+use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext};
+use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
+use crate::message::Dialect;
+use crate::service::statustext::{Entry, TextCursor};
+use crate::time::Duration;
+use crate::vehicle::PlanChange;
+
+type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
+
+const VEHICLE: Address = Address::new(1, 1);
+const A: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
+const B: Peer = Peer { address: Address::new(254, 190), link: LinkId(1) };
+/// A again, on the other link (M-11).
+const A_MOVED: Peer = Peer { link: LinkId(1), ..A };
+
+const MISSION: MavMissionType = MavMissionType::MISSION;
+const FENCE: MavMissionType = MavMissionType::FENCE;
+
+const ACCEPTED: MavMissionResult = MavMissionResult::ACCEPTED;
+const DENIED: MavMissionResult = MavMissionResult::DENIED;
+const ERROR: MavMissionResult = MavMissionResult::ERROR;
+const CANCELLED: MavMissionResult = MavMissionResult::OPERATION_CANCELLED;
+const UNSUPPORTED: MavMissionResult = MavMissionResult::UNSUPPORTED;
+
+/// A frame that the engine sent; who it is for and which plan it names stand beside it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Out {
+    Ask(u16),
+    AskLegacy(u16),
+    Ack(MavMissionResult, u32),
+    Count(u16, u32),
+    /// MISSION_ITEM_INT: its number, its `current`, what it is.
+    Part(u16, u8, Item),
+    /// MISSION_ITEM: its number, x and y.
+    FloatPart(u16, f32, f32),
+}
+use Out::*;
+
+/// To whom, about which plan, what.
+type Sent = (Address, MavMissionType, Out);
+
+fn to_a(out: Out) -> Sent {
+    (A.address, MISSION, out)
+}
+
+fn to_b(out: Out) -> Sent {
+    (B.address, MISSION, out)
+}
+
+#[derive(Debug)]
+struct Vehicle {
+    may_change: Result<(), MavMissionResult>,
+    bad_item: Option<(u16, MavMissionResult)>,
+    verdict: Result<(), MavMissionResult>,
+    progress: Progress,
+    changes: Vec<(PlanType, Vec<Item>, u16)>,
+}
+
+impl Plans for Vehicle {
+    fn may_change(&mut self, _: PlanType, _: Peer) -> Result<(), MavMissionResult> {
+        self.may_change
+    }
+
+    fn check_item(&mut self, _: PlanType, seq: u16, _: &Item) -> Result<(), MavMissionResult> {
+        match self.bad_item {
+            Some((bad, result)) if bad == seq => Err(result),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_plan(&mut self, _: PlanType, _: &[Item]) -> Result<(), MavMissionResult> {
+        self.verdict
+    }
+
+    fn plan_changed(&mut self, change: PlanChange<'_>) {
+        self.changes.push((change.plan, change.items.to_vec(), change.first));
+    }
+
+    fn progress(&self) -> Progress {
+        self.progress
+    }
+}
+
+struct Bench {
+    missions: Missions,
+    memory: Memory,
+    float_form: bool,
+    vehicle: Vehicle,
+    texts: StatusTexts<[Entry; 8]>,
+    now: Instant,
+    replies: [Replies; 2],
+    boxes: [Outbox; 2],
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self::of(false, Version::V2)
+    }
+
+    fn of(float_form: bool, version: Version) -> Self {
+        Self {
+            missions: Missions::new(),
+            memory: Memory::new(),
+            float_form,
+            vehicle: Vehicle {
+                may_change: Ok(()),
+                bad_item: None,
+                verdict: Ok(()),
+                progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
+                changes: Vec::new(),
+            },
+            texts: StatusTexts::new(),
+            now: Instant::from_millis(60_000),
+            replies: [const { Replies::new() }; 2],
+            boxes: [0, 1].map(|link| outbox(LinkId(link), version)),
+        }
+    }
+
+    /// A frame comes in.
+    fn send<M: Message>(&mut self, from: Peer, message: &M) {
+        self.send_as(Version::V2, from, message);
+    }
+
+    fn send_as<M: Message>(&mut self, version: Version, from: Peer, message: &M) {
+        let mut bytes = [0; MAX_FRAME_LEN];
+        let len = encode(message, version, from.address, 0, &mut bytes).expect("fits");
+        with_frame(&bytes[..len], |frame| {
+            assert!(Missions::handles(frame.id()));
+            let link = usize::from(from.link.0);
+            let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+            let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+            let version = self.boxes[link].version();
+            let mut caller = Caller { from, version, replies: &mut self.replies[link] };
+            missions.on_frame(&mut cx, &mut self.vehicle, &mut caller, frame);
+        });
+    }
+
+    /// A frame comes in, and everything owed goes out.
+    fn ask<M: Message>(&mut self, from: Peer, message: &M) -> Vec<Sent> {
+        self.send(from, message);
+        self.drain()
+    }
+
+    fn poll(&mut self) {
+        let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+        let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+        missions.poll(&mut cx, &self.vehicle);
+    }
+
+    /// Lets `millis` ms go by in steps of 10 ms; what goes out meanwhile, and after how many ms.
+    fn wait(&mut self, millis: u64) -> Vec<(u64, Sent)> {
+        let mut sent = Vec::new();
+        for step in 1..=millis / 10 {
+            self.now = self.now.after(Duration::from_millis(10));
+            self.poll();
+            sent.extend(self.drain().into_iter().map(|out| (step * 10, out)));
+        }
+        sent
+    }
+
+    /// What link 0 sends next, then what link 1 does.
+    fn drain(&mut self) -> Vec<Sent> {
+        (0..2).flat_map(|link| self.drain_link(link)).collect()
+    }
+
+    fn drain_link(&mut self, link: usize) -> Vec<Sent> {
+        core::iter::from_fn(|| self.next(link)).collect()
+    }
+
+    /// The next frame that a link sends, but for MISSION_CURRENT.
+    fn next(&mut self, link: usize) -> Option<Sent> {
+        let (replies, tx) = (&mut self.replies[link], &mut self.boxes[link]);
+        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+        let owed = missions.owes_ack(replies, tx);
+        let sent = missions.next_ack(replies, tx);
+        assert_eq!(owed, sent, "what is announced is sent");
+        if !sent && !missions.next(self.now, replies, &plans, &self.vehicle.progress, self.float_form, tx) {
+            return None;
+        }
+        Some(with_frame(&take(tx), |frame| {
+            let (system, component, mission_type, out) = if let Some(m) = frame.decode::<MissionRequestInt>() {
+                (m.target_system, m.target_component, m.mission_type, Ask(m.seq))
+            } else if let Some(m) = frame.decode::<MissionRequest>() {
+                (m.target_system, m.target_component, m.mission_type, AskLegacy(m.seq))
+            } else if let Some(m) = frame.decode::<MissionAck>() {
+                (m.target_system, m.target_component, m.mission_type, Ack(m.r#type, m.opaque_id))
+            } else if let Some(m) = frame.decode::<MissionCount>() {
+                (m.target_system, m.target_component, m.mission_type, Count(m.count, m.opaque_id))
+            } else if let Some(m) = frame.decode::<MissionItemInt>() {
+                let part = Part(m.seq, m.current, Item::from_int(&m));
+                (m.target_system, m.target_component, m.mission_type, part)
+            } else if let Some(m) = frame.decode::<MissionItem>() {
+                (m.target_system, m.target_component, m.mission_type, FloatPart(m.seq, m.x, m.y))
+            } else {
+                panic!("message {}", frame.id())
+            };
+            (Address::new(system, component), mission_type, out)
+        }))
+    }
+
+    /// The MISSION_CURRENT that a link sends next.
+    fn next_current(&mut self, link: usize) -> Option<MissionCurrent> {
+        let tx = &mut self.boxes[link];
+        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+        let sent = missions.next_current(&plans, &self.vehicle.progress, tx);
+        sent.then(|| with_frame(&take(tx), |frame| frame.decode().expect("MISSION_CURRENT")))
+    }
+
+    /// The texts that go out, each once.
+    fn texts(&mut self) -> Vec<std::string::String> {
+        let mut cursor = TextCursor::new();
+        let (tx, texts): (_, &mut StatusTexts) = (&mut self.boxes[0], &mut self.texts);
+        core::iter::from_fn(|| {
+            let sent = texts.next(&mut cursor, tx);
+            sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
+        })
+        .map(|text| text.as_str().expect("UTF-8").into())
+        .collect()
+    }
+
+    /// How many items stand in the staging area.
+    fn staged(&mut self) -> u16 {
+        self.memory.parts(&mut self.missions).expect("there are plans").1.staged()
+    }
+
+    fn live(&self, plan: PlanType) -> (&[Item], u32) {
+        let live = self.memory.live(plan);
+        (live.items(), live.id())
+    }
+
+    /// A complete upload; the final answer.
+    fn upload(&mut self, from: Peer, plan: MavMissionType, items: &[Item]) -> Out {
+        let mut out = self.ask(from, &count(plan, items.len()));
+        for (seq, item) in items.iter().enumerate() {
+            assert_eq!(out, [(from.address, plan, Ask(seq as u16))]);
+            out = self.ask(from, &int(plan, seq, item));
+        }
+        match out[..] {
+            [(to, mission_type, ack)] if (to, mission_type) == (from.address, plan) => ack,
+            _ => panic!("{out:?}"),
+        }
+    }
+}
+
+fn outbox(link: LinkId, version: Version) -> Outbox {
+    let mut outbox = Outbox::VACANT;
+    outbox.configure(link, VEHICLE, version);
+    outbox
+}
+
+fn both_links() -> LinkMask {
+    LinkMask::of(LinkId(0)).with(LinkMask::of(LinkId(1)))
+}
+
+fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {
+    let mut decoder = Decoder::default();
+    decoder.push(bytes, Instant::ZERO);
+    let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| true);
+    handle(&frame.expect("a whole frame"))
+}
+
+fn take(tx: &mut Outbox) -> Vec<u8> {
+    let bytes = tx.pending().to_vec();
+    tx.advance(bytes.len());
+    bytes
+}
+
+/// An item like no other with another `tag` or `seq`.
+fn item(tag: u16, seq: u16) -> Item {
+    Item {
+        frame: MavFrame::GLOBAL_RELATIVE_ALT,
+        command: MavCmd::NAV_WAYPOINT,
+        autocontinue: 1,
+        params: [tag.into(), 0.0, 0.0, f32::NAN],
+        x: 473_977_432 + i32::from(seq),
+        y: 85_455_942,
+        z: 20.0,
+    }
+}
+
+fn plan(tag: u16, len: u16) -> Vec<Item> {
+    (0..len).map(|seq| item(tag, seq)).collect()
+}
+
+/// M-5, by a library.
+fn id_of(items: &[Item]) -> u32 {
+    let mut crc = crc_any::CRCu32::crc32();
+    items.iter().for_each(|item| crc.digest(&item.to_bytes()));
+    if items.is_empty() { 0 } else { crc.get_crc().max(1) }
+}
+
+fn count(mission_type: MavMissionType, count: usize) -> MissionCount {
+    MissionCount { count: count as u16, target_system: 1, target_component: 1, mission_type, opaque_id: 0 }
+}
+
+fn int(mission_type: MavMissionType, seq: usize, item: &Item) -> MissionItemInt {
+    item.to_int(VEHICLE, mission_type, seq as u16, false)
+}
+
+fn ack(mission_type: MavMissionType, result: MavMissionResult) -> MissionAck {
+    MissionAck { r#type: result, mission_type, ..Default::default() }
+}
+
+fn clear(mission_type: MavMissionType) -> MissionClearAll {
+    MissionClearAll { mission_type, ..Default::default() }
+}
+
+fn list(mission_type: MavMissionType) -> MissionRequestList {
+    MissionRequestList { mission_type, ..Default::default() }
+}
+
+fn request(mission_type: MavMissionType, seq: u16) -> MissionRequestInt {
+    MissionRequestInt { seq, mission_type, ..Default::default() }
+}

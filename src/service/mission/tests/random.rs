@@ -1,0 +1,142 @@
+//! Whatever comes in whatever order: a live plan is always one that was uploaded as a whole.
+
+use super::*;
+use proptest::prelude::*;
+
+#[derive(Clone, Debug)]
+enum Event {
+    /// Begins an upload of so many items.
+    Count(usize),
+    /// The item that is due, or another one.
+    Item(Option<u16>),
+    FloatItem(Option<u16>),
+    Ack(u8),
+    List,
+    Request(u16),
+    Clear(u8),
+    /// The answers of a link go out.
+    Drain,
+    /// So many ms go by.
+    Wait(u64),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        3 => (0usize..7).prop_map(Event::Count),
+        12 => Just(Event::Item(None)),
+        2 => (0u16..6).prop_map(|seq| Event::Item(Some(seq))),
+        3 => Just(Event::FloatItem(None)),
+        1 => (0u8..16).prop_map(Event::Ack),
+        1 => Just(Event::List),
+        1 => (0u16..6).prop_map(Event::Request),
+        1 => prop_oneof![0u8..4, Just(255)].prop_map(Event::Clear),
+        8 => Just(Event::Drain),
+        1 => (0u64..3_000).prop_map(Event::Wait),
+    ]
+}
+
+/// What a client is uploading, as it sees it itself.
+#[derive(Clone, Copy, Default)]
+struct Client {
+    /// Tells its plans apart, and from the other client's.
+    tag: u16,
+    count: u16,
+    /// What the vehicle asked for last.
+    next: u16,
+}
+
+/// A plan that was uploaded as a whole: one client's, one attempt's, no item missing, in order.
+fn assert_whole(bench: &Bench, plan: PlanType) {
+    let (items, id) = bench.live(plan);
+    assert_eq!(id, id_of(items));
+    if let Some(first) = items.first() {
+        let [tag, len, ..] = first.params;
+        assert_eq!(len, items.len() as f32, "complete");
+        for (seq, item) in items.iter().enumerate() {
+            assert_eq!((item.params[0], item.params[2]), (tag, seq as f32), "of one upload, in order");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(600))]
+
+    /// M-1, T-M5 to T-M8: and it changes only when somebody was told ACCEPTED, or the other way round.
+    #[test]
+    fn live_plans_are_whole(events in proptest::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), event()), 1..250)) {
+        let mut bench = Bench::new();
+        let mut clients = [[Client::default(); 2]; 2];
+        let mut tags = 0;
+        for (is_b, is_fence, is_moved, event) in events {
+            let mut from = if is_b { B } else { A };
+            if is_moved {
+                from.link = LinkId(1 - from.link.0);
+            }
+            let mission_type = if is_fence { FENCE } else { MISSION };
+            let client = &mut clients[usize::from(is_b)][usize::from(is_fence)];
+            let before = [PlanType::Mission, PlanType::Fence].map(|plan| bench.live(plan).1);
+            let changes = bench.vehicle.changes.len();
+            let mut may_change = false;
+            let mut make = |seq: Option<u16>| {
+                let seq = seq.unwrap_or(client.next);
+                may_change = seq.wrapping_add(1) == client.count;
+                let item = item(client.tag, seq);
+                (seq, Item { params: [client.tag.into(), client.count.into(), seq.into(), 0.0], ..item })
+            };
+            match event {
+                Event::Count(len) => {
+                    tags += 1;
+                    // A COUNT that the engine may take for an echo is sent for the same plan, as a client would.
+                    let tag = if usize::from(client.count) == len { client.tag } else { tags };
+                    may_change = len == 0;
+                    let dropped = bench.missions.counters().no_answer_slot;
+                    bench.send(from, &count(mission_type, len));
+                    // One that is dropped is lost on the way: no client goes on with the new plan before it is asked.
+                    if dropped == bench.missions.counters().no_answer_slot {
+                        *client = Client { tag, count: len as u16, next: 0 };
+                    }
+                }
+                Event::Item(seq) => {
+                    let (seq, item) = make(seq);
+                    bench.send(from, &int(mission_type, seq.into(), &item));
+                }
+                Event::FloatItem(seq) => {
+                    let (seq, item) = make(seq);
+                    bench.send(from, &item.to_float(VEHICLE, mission_type, seq, false));
+                }
+                Event::Ack(result) => bench.send(from, &ack(mission_type, MavMissionResult(result))),
+                Event::List => bench.send(from, &list(mission_type)),
+                Event::Request(seq) => bench.send(from, &request(mission_type, seq)),
+                Event::Clear(mission_type) => {
+                    may_change = true;
+                    bench.send(from, &clear(MavMissionType(mission_type)));
+                }
+                Event::Drain => {
+                    for (to, mission_type, out) in bench.drain_link(usize::from(is_b)) {
+                        let client = &mut clients[usize::from(to == B.address)][usize::from(mission_type == FENCE)];
+                        if let Ask(seq) | AskLegacy(seq) = out {
+                            client.next = seq;
+                        }
+                    }
+                }
+                Event::Wait(millis) => {
+                    bench.now = bench.now.after(Duration::from_millis(millis));
+                    bench.poll();
+                }
+            }
+            assert_whole(&bench, PlanType::Mission);
+            assert_whole(&bench, PlanType::Fence);
+            let after = [PlanType::Mission, PlanType::Fence].map(|plan| bench.live(plan).1);
+            let told = bench.vehicle.changes.len() - changes;
+            prop_assert_eq!(told, (0..2).filter(|&plan| before[plan] != after[plan]).count(), "the vehicle is told");
+            prop_assert!(may_change || told == 0, "only a last item or a clear changes a plan");
+            if bench.missions.upload.is_none() {
+                prop_assert_eq!(bench.staged(), 0);
+            }
+        }
+        // Whatever happened: soon the engine is at rest, and takes an upload.
+        bench.drain();
+        bench.wait(7_000);
+        prop_assert_eq!(bench.upload(B, MISSION, &plan(9_999, 5)), Ack(ACCEPTED, id_of(&plan(9_999, 5))));
+    }
+}

@@ -1,0 +1,205 @@
+//! Every state and every event of the upload table (section 8.3).
+
+use super::*;
+
+/// Who speaks, and what they are to the upload: the table's columns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Column {
+    Idle,
+    Partner,
+    Other,
+    OtherType,
+}
+
+const COLUMNS: [Column; 4] = [Column::Idle, Column::Partner, Column::Other, Column::OtherType];
+
+/// What happens: the table's rows.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    Count,
+    CountZero,
+    CountTooMany,
+    CountBadType,
+    CountUnservedType,
+    ItemNext,
+    ItemBefore,
+    ItemAfter,
+    AckCancelled,
+    AckError,
+    AckAccepted,
+    List,
+    Request,
+    Clear,
+    ClearAll,
+}
+
+const EVENTS: [Event; 15] = [
+    Event::Count,
+    Event::CountZero,
+    Event::CountTooMany,
+    Event::CountBadType,
+    Event::CountUnservedType,
+    Event::ItemNext,
+    Event::ItemBefore,
+    Event::ItemAfter,
+    Event::AckCancelled,
+    Event::AckError,
+    Event::AckAccepted,
+    Event::List,
+    Event::Request,
+    Event::Clear,
+    Event::ClearAll,
+];
+
+const BAD: MavMissionType = MavMissionType(7);
+const RALLY: MavMissionType = MavMissionType::RALLY;
+const ALL: MavMissionType = MavMissionType::ALL;
+const INVALID: MavMissionResult = MavMissionResult::INVALID;
+const NO_SPACE: MavMissionResult = MavMissionResult::NO_SPACE;
+
+/// What the upload is afterwards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum After {
+    /// As before.
+    Same,
+    /// There is none.
+    Idle,
+    /// One more item came.
+    Further,
+    /// A new one, by who spoke, of this plan.
+    New(MavMissionType),
+}
+
+/// The answer, what becomes of the upload, and which plans are empty afterwards.
+type Cell = (Option<(MavMissionType, Out)>, After, &'static [MavMissionType]);
+
+/// The live plans before: two mission items, one fence item.
+fn live_mission() -> Vec<Item> {
+    plan(100, 2)
+}
+
+fn live_fence() -> Vec<Item> {
+    plan(101, 1)
+}
+
+/// What the speaker's messages are about.
+fn subject(column: Column) -> MavMissionType {
+    if column == Column::OtherType { FENCE } else { MISSION }
+}
+
+fn expected(column: Column, event: Event) -> Cell {
+    use After::*;
+    let subject = subject(column);
+    let ack = |result| Some((subject, Ack(result, 0)));
+    let empty: &[_] = if subject == FENCE { &[FENCE] } else { &[MISSION] };
+    let live = if subject == FENCE { live_fence() } else { live_mission() };
+    match (event, column) {
+        // M-25: whoever asks.
+        (Event::CountBadType, _) => (Some((BAD, Ack(INVALID, 0))), Same, &[]),
+        (Event::CountUnservedType, _) => (Some((RALLY, Ack(UNSUPPORTED, 0))), Same, &[]),
+        // M-62
+        (Event::List, _) => (Some((subject, Out::Count(live.len() as u16, id_of(&live)))), Same, &[]),
+        (Event::Request, _) => {
+            let current = u8::from(subject == MISSION);
+            (Some((subject, Part(0, current, live[0]))), Same, &[])
+        }
+        // M-35
+        (Event::AckCancelled | Event::AckError, Column::Partner) => (None, Idle, &[]),
+        (Event::AckCancelled | Event::AckError | Event::AckAccepted, _) => (None, Same, &[]),
+        // M-23, M-33, M-51
+        (Event::ClearAll, Column::Other) => (Some((ALL, Ack(DENIED, 0))), Same, &[]),
+        (_, Column::Other) => (ack(DENIED), Same, &[]),
+        (Event::Count, _) => (Some((subject, Ask(0))), New(subject), &[]),
+        (Event::CountZero | Event::Clear, _) => (ack(ACCEPTED), Idle, empty),
+        (Event::ClearAll, _) => (Some((ALL, Ack(ACCEPTED, 0))), Idle, &[MISSION, FENCE]),
+        (Event::CountTooMany, _) => (ack(NO_SPACE), Idle, &[]),
+        // M-30 to M-32, M-36
+        (Event::ItemNext, Column::Partner) => (Some((MISSION, Ask(2))), Further, &[]),
+        (Event::ItemNext | Event::ItemBefore | Event::ItemAfter, Column::Idle) => (ack(ERROR), Same, &[]),
+        (Event::ItemNext | Event::ItemBefore | Event::ItemAfter, _) => (None, Same, &[]),
+    }
+}
+
+fn send(bench: &mut Bench, column: Column, event: Event) {
+    let from = if column == Column::Other { B } else { A };
+    let subject = subject(column);
+    match event {
+        Event::Count => bench.send(from, &count(subject, 2)),
+        Event::CountZero => bench.send(from, &count(subject, 0)),
+        Event::CountTooMany => bench.send(from, &count(subject, 6)),
+        Event::CountBadType => bench.send(from, &count(BAD, 3)),
+        Event::CountUnservedType => bench.send(from, &count(RALLY, 3)),
+        Event::ItemNext => bench.send(from, &int(subject, 1, &item(1, 1))),
+        Event::ItemBefore => bench.send(from, &int(subject, 0, &item(1, 0))),
+        Event::ItemAfter => bench.send(from, &int(subject, 2, &item(1, 2))),
+        Event::AckCancelled => bench.send(from, &ack(subject, CANCELLED)),
+        Event::AckError => bench.send(from, &ack(subject, ERROR)),
+        Event::AckAccepted => bench.send(from, &ack(subject, ACCEPTED)),
+        Event::List => bench.send(from, &list(subject)),
+        Event::Request => bench.send(from, &request(subject, 0)),
+        Event::Clear => bench.send(from, &clear(subject)),
+        Event::ClearAll => bench.send(from, &clear(ALL)),
+    }
+}
+
+/// The whole table: answer, upload and live plans after each event in each state.
+#[test]
+fn every_event_in_every_state() {
+    for column in COLUMNS {
+        for event in EVENTS {
+            let name = std::format!("{event:?} from {column:?}");
+            let mut bench = Bench::new();
+            assert_eq!(bench.upload(B, MISSION, &live_mission()), Ack(ACCEPTED, id_of(&live_mission())));
+            assert_eq!(bench.upload(B, FENCE, &live_fence()), Ack(ACCEPTED, id_of(&live_fence())));
+            bench.now = bench.now.after(Duration::from_secs(20));
+            if column != Column::Idle {
+                // A is at the second of three mission items.
+                assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "{name}");
+                assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "{name}");
+            }
+            let from = if column == Column::Other { B } else { A };
+            let (answer, after, empty) = expected(column, event);
+
+            send(&mut bench, column, event);
+
+            let answer: Vec<Sent> =
+                answer.into_iter().map(|(mission_type, out)| (from.address, mission_type, out)).collect();
+            assert_eq!(bench.drain(), answer, "{name}");
+            for (plan, items) in [(MISSION, live_mission()), (FENCE, live_fence())] {
+                let items = if empty.contains(&plan) { Vec::new() } else { items };
+                let live = bench.live(PlanType::from_mission_type(plan).unwrap());
+                assert_eq!(live, (&items[..], id_of(&items)), "{name}");
+            }
+            // What is asked for when nothing more comes tells the state of the upload.
+            let expected = match (after, column) {
+                (After::Idle, _) | (After::Same, Column::Idle) => None,
+                (After::Same, _) => Some((A.address, MISSION, Ask(1))),
+                (After::Further, _) => Some((A.address, MISSION, Ask(2))),
+                (After::New(plan), _) => Some((from.address, plan, Ask(0))),
+            };
+            let asked = bench.wait(300);
+            assert_eq!(asked.first().map(|(_, sent)| *sent), expected, "{name}");
+        }
+    }
+}
+
+/// The partner's column again for the first item, where a COUNT is answered by the request that is out (M-22 a), and
+/// where UNSUPPORTED asks for the other form (M-37).
+#[test]
+fn events_before_the_first_item() {
+    for (event, asked) in [
+        (Event::Count, Some(Ask(0))),
+        (Event::CountBadType, Some(Ask(0))),
+        (Event::AckAccepted, Some(Ask(0))),
+        (Event::ItemNext, Some(Ask(0))),
+        (Event::AckCancelled, None),
+        (Event::CountTooMany, None),
+        (Event::Clear, None),
+    ] {
+        let mut bench = Bench::new();
+        assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
+        send(&mut bench, Column::Partner, event);
+        bench.drain();
+        assert_eq!(bench.wait(300).first().map(|(_, sent)| sent.2), asked, "{event:?}");
+    }
+}

@@ -1,0 +1,394 @@
+//! Uploads: what the table has no room for.
+
+use super::*;
+
+fn seen(bench: &Bench) -> (Vec<Item>, u32) {
+    let (items, id) = bench.live(PlanType::Mission);
+    (items.to_vec(), id)
+}
+
+/// T-M1, M-21: 0, 1, the capacity, and one more.
+#[test]
+fn a_plan_of_any_length_up_to_the_capacity_goes_live() {
+    for len in [1, 5, 2, 0] {
+        let mut bench = Bench::new();
+        let items = plan(len, len);
+        assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
+        assert_eq!(seen(&bench), (items.clone(), id_of(&items)));
+        let changes = if len == 0 { Vec::new() } else { std::vec![(PlanType::Mission, items, 0)] };
+        assert_eq!(bench.vehicle.changes, changes);
+        assert!(bench.wait(7_000).is_empty(), "the engine is at rest");
+    }
+    for len in [6, 65_534, 65_535] {
+        let mut bench = Bench::new();
+        assert_eq!(bench.ask(A, &count(MISSION, len)), [to_a(Ack(MavMissionResult::NO_SPACE, 0))]);
+        assert!(bench.wait(7_000).is_empty());
+    }
+}
+
+/// M-39: the item that is marked as current is the one to begin with, and is no part of the plan.
+#[test]
+fn the_marked_item_comes_first() {
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 3));
+    for seq in 0..3 {
+        bench.ask(A, &MissionItemInt { current: u8::from(seq > 0), ..int(MISSION, seq, &item(1, seq as u16)) });
+    }
+    assert_eq!(bench.vehicle.changes, [(PlanType::Mission, plan(1, 3), 1)]);
+}
+
+/// T-M20, M-39: an upload like the live plan changes nothing; one bit more does.
+#[test]
+fn the_same_plan_again_changes_nothing() {
+    let mut bench = Bench::new();
+    let id = id_of(&plan(1, 3));
+    for _ in 0..2 {
+        assert_eq!(bench.upload(A, MISSION, &plan(1, 3)), Ack(ACCEPTED, id));
+    }
+    assert_eq!(bench.vehicle.changes.len(), 1);
+    let mut other = plan(1, 3);
+    other[2].z = f32::from_bits(other[2].z.to_bits() ^ 1);
+    assert_eq!(bench.upload(A, MISSION, &other), Ack(ACCEPTED, id_of(&other)));
+    assert_eq!(bench.vehicle.changes.len(), 2);
+    assert_eq!(seen(&bench).0, other);
+}
+
+/// M-39, SEC-11: an equal id is no proof.
+#[test]
+fn a_plan_with_the_same_id_is_another_plan() {
+    // A checksum is linear, so there is one pattern of parameter 4 that gives the second item the first one's id: solve
+    // for it, bit by bit.
+    let with = |bits: u32| Item { params: [2.0, 0.0, 0.0, f32::from_bits(bits)], ..item(2, 0) };
+    let wanted = id_of(&[item(1, 0)]);
+    let base = id_of(&[with(0)]);
+    let mut rows: Vec<(u32, u32)> = (0..32).map(|bit| (id_of(&[with(1 << bit)]) ^ base, 1 << bit)).collect();
+    let (mut missing, mut bits) = (wanted ^ base, 0);
+    for bit in (0..32).rev() {
+        let pivot = rows.iter().position(|(value, _)| value >> bit == 1).expect("any checksum can be had");
+        let (value, pattern) = rows.swap_remove(pivot);
+        for row in rows.iter_mut().filter(|(value, _)| value >> bit == 1) {
+            *row = (row.0 ^ value, row.1 ^ pattern);
+        }
+        if missing >> bit == 1 {
+            (missing, bits) = (missing ^ value, bits ^ pattern);
+        }
+    }
+    let other = with(bits);
+    assert_eq!(id_of(&[other]), wanted, "a collision");
+    assert!(other != item(1, 0) && !other.params[3].is_infinite());
+
+    let mut bench = Bench::new();
+    assert_eq!(bench.upload(A, MISSION, &[item(1, 0)]), Ack(ACCEPTED, wanted));
+    assert_eq!(bench.upload(A, MISSION, &[other]), Ack(ACCEPTED, wanted));
+    assert_eq!(seen(&bench), (std::vec![other], wanted));
+    assert_eq!(bench.vehicle.changes.len(), 2);
+}
+
+/// T-M4, M-1, M-38: a refusal at any item, or of the plan as a whole, leaves everything as it was, and says why.
+#[test]
+fn a_refused_plan_leaves_the_live_one() {
+    for bad in 0..4 {
+        let mut bench = Bench::new();
+        bench.upload(A, MISSION, &plan(1, 2));
+        let before = seen(&bench);
+        let code = MavMissionResult::INVALID_PARAM2;
+        let text = if bad < 3 {
+            bench.vehicle.bad_item = Some((bad, code));
+            std::format!("Mission item {bad}: bad parameter 2")
+        } else {
+            bench.vehicle.verdict = Err(code);
+            "Mission refused: bad parameter 2".into()
+        };
+        let mut out = bench.ask(B, &count(MISSION, 3));
+        for seq in 0..3 {
+            if out[..] == [to_b(Ask(seq as u16))] {
+                out = bench.ask(B, &int(MISSION, seq, &item(2, seq as u16)));
+            }
+        }
+        assert_eq!(out, [to_b(Ack(code, 0))]);
+        assert_eq!(bench.texts(), [text]);
+        assert_eq!(seen(&bench), before);
+        assert_eq!(bench.vehicle.changes.len(), 1);
+        assert!(bench.wait(7_000).is_empty(), "the engine is at rest");
+    }
+}
+
+/// SEC-14: what no vehicle can fly does not get as far as the vehicle.
+#[test]
+fn a_bad_number_is_refused_before_the_vehicle_is_asked() {
+    let mut bench = Bench::new();
+    bench.vehicle.bad_item = Some((0, DENIED));
+    bench.ask(A, &count(MISSION, 1));
+    let bad = Item { x: 900_000_001, ..item(1, 0) };
+    let code = MavMissionResult::INVALID_PARAM5_X;
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &bad)), [to_a(Ack(code, 0))]);
+    assert_eq!(bench.texts(), ["Mission item 0: bad parameter 5 (latitude)"]);
+}
+
+/// M-27: the vehicle may forbid changes, which is said at COUNT, before any item.
+#[test]
+fn a_forbidden_upload_is_refused_at_once() {
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 2));
+    bench.vehicle.may_change = Err(DENIED);
+    for message in [count(MISSION, 3), count(MISSION, 0)] {
+        assert_eq!(bench.ask(B, &message), [to_b(Ack(DENIED, 0))]);
+    }
+    for mission_type in [MISSION, MavMissionType::ALL] {
+        assert_eq!(bench.ask(B, &clear(mission_type)), [(B.address, mission_type, Ack(DENIED, 0))]);
+    }
+    assert_eq!(seen(&bench).0, plan(1, 2));
+    assert_eq!(bench.texts(), ["Mission refused: not allowed now"], "and no text twice");
+}
+
+/// M-40: 250 ms at first; a round trip that is longer is waited for, up to a second.
+#[test]
+fn a_missing_item_is_asked_for_again() {
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 5));
+    let times: Vec<u64> =
+        bench.wait(1_000).iter().map(|(at, sent)| (*sent == to_a(Ask(0))).then_some(*at).unwrap()).collect();
+    assert_eq!(times, [250, 500, 750, 1_000]);
+    // A link whose round trip is 400 ms: each item comes twice at first, until the engine has learnt to wait.
+    let mut asked = Vec::new();
+    for seq in 0..5 {
+        asked.push(bench.wait(400).len());
+        let out = bench.ask(A, &int(MISSION, seq, &item(1, seq as u16)));
+        assert_eq!(out.len(), 1, "the next request, or the end");
+        if asked[seq] > 0 {
+            assert!(bench.ask(A, &int(MISSION, seq, &item(1, seq as u16))).is_empty(), "M-30");
+        }
+    }
+    assert_eq!(*asked.last().unwrap(), 0, "{asked:?}");
+}
+
+/// T-M9, M-41, PX4#27132: a partner that vanishes does not keep others out.
+#[test]
+fn an_upload_that_stops_is_cancelled_and_another_may_begin() {
+    for items in 0..3 {
+        let mut bench = Bench::new();
+        bench.ask(A, &count(MISSION, 3));
+        for seq in 0..items {
+            bench.ask(A, &int(MISSION, seq, &item(1, seq as u16)));
+        }
+        let sent = bench.wait(8_000);
+        let (end, last) = *sent.last().unwrap();
+        assert_eq!(last, to_a(Ack(CANCELLED, 0)));
+        assert!((5_000..=6_000).contains(&end), "after {end} ms");
+        assert!(sent.iter().filter(|(_, sent)| *sent == to_a(Ask(items as u16))).count() >= 5);
+        assert_eq!(bench.texts(), [std::format!("Mission upload timed out at item {items}")]);
+        assert_eq!(bench.upload(B, MISSION, &plan(2, 2)), Ack(ACCEPTED, id_of(&plan(2, 2))));
+    }
+}
+
+/// M-41: time goes by also where nothing can be sent.
+#[test]
+fn a_stuck_link_cannot_hold_the_upload() {
+    let mut bench = Bench::new();
+    bench.send(A, &count(MISSION, 3));
+    for _ in 0..800 {
+        bench.now = bench.now.after(Duration::from_millis(10));
+        bench.poll();
+        assert!(bench.drain_link(1).is_empty());
+    }
+    bench.send(B, &count(MISSION, 2));
+    assert_eq!(bench.drain_link(1), [to_b(Ask(0))]);
+    assert_eq!(bench.drain_link(0), [to_a(Ack(CANCELLED, 0))], "delayed, not lost");
+}
+
+/// T-M10, M-31: the last item again means that the final answer was lost; for ten seconds.
+#[test]
+fn a_lost_final_answer_is_repeated() {
+    let id = id_of(&plan(1, 3));
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 3));
+    let last = int(MISSION, 2, &item(1, 2));
+    for _ in 0..3 {
+        bench.wait(3_000);
+        assert_eq!(bench.ask(A, &last), [to_a(Ack(ACCEPTED, id))]);
+    }
+    assert_eq!(bench.ask(B, &last), [to_b(Ack(ERROR, 0))], "somebody else's");
+    bench.wait(1_500);
+    assert_eq!(bench.ask(A, &last), [to_a(Ack(ERROR, 0))], "too late");
+    assert_eq!(bench.vehicle.changes.len(), 1);
+
+    let mut bench = Bench::new();
+    bench.vehicle.bad_item = Some((1, DENIED));
+    bench.ask(A, &count(MISSION, 3));
+    bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+    for _ in 0..2 {
+        assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(DENIED, 0))], "a refusal as well");
+    }
+}
+
+/// M-31, M-36: items of a dead upload are answered once a second.
+#[test]
+fn late_items_are_not_answered_one_by_one() {
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 5));
+    bench.ask(A, &ack(MISSION, CANCELLED));
+    let mut answers = 0;
+    for seq in 0..30 {
+        answers += bench.ask(A, &int(MISSION, seq % 5, &item(1, 0))).len();
+        bench.wait(100);
+    }
+    assert_eq!(answers, 3);
+}
+
+/// T-M11, M-22, M-43: COUNT again.
+#[test]
+fn a_repeated_count_is_an_echo_or_a_restart() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))]);
+    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "(a) the request is out");
+    assert_eq!(bench.wait(260), [(250, to_a(Ask(0)))], "(a) and is repeated when it was lost");
+    bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "(b) an echo");
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ask(2))], "(b) that changes nothing");
+    bench.wait(1_010);
+    assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "(c) a restart after a second");
+    assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))], "(c) or with another count");
+    bench.ask(A, &int(MISSION, 0, &item(2, 0)));
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(2, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(2, 2))))]);
+    assert_eq!(seen(&bench).0, plan(2, 2), "nothing of the first attempts is left");
+}
+
+/// M-11: the partner is who it is on any link; answers go where it was heard last.
+#[test]
+fn the_partner_may_move_to_another_link() {
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 3));
+    bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
+    assert!(bench.drain_link(0).is_empty());
+    assert_eq!(bench.drain_link(1), [to_a(Ask(1))]);
+    bench.send(A, &int(MISSION, 1, &item(1, 1)));
+    bench.drain();
+    bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
+    assert!(bench.drain_link(0).is_empty());
+    assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
+}
+
+/// M-34: "go there now" is no part of a plan.
+#[test]
+fn guided_items_are_not_stored() {
+    for current in [2, 3] {
+        let guided = |seq| MissionItemInt { current, ..int(MISSION, seq, &item(9, 0)) };
+        let mut bench = Bench::new();
+        assert_eq!(bench.ask(A, &guided(0)), [to_a(Ack(UNSUPPORTED, 0))]);
+        bench.ask(A, &count(MISSION, 2));
+        assert_eq!(bench.ask(A, &guided(0)), [to_a(Ack(DENIED, 0))]);
+        assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
+        bench.ask(A, &int(MISSION, 1, &item(1, 1)));
+        assert_eq!(seen(&bench).0, plan(1, 2));
+    }
+}
+
+/// T-M12, M-37: the old float form is taken as well, and a partner that wants to be asked by it is.
+#[test]
+fn float_items_are_taken_and_asked_for() {
+    let float = |seq: u16| MissionItem { x: 47.5, y: -8.25, ..item(1, seq).to_float(VEHICLE, MISSION, seq, false) };
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 2));
+    assert_eq!(bench.ask(A, &ack(MISSION, UNSUPPORTED)), [to_a(AskLegacy(0))]);
+    assert_eq!(bench.ask(A, &float(0)), [to_a(AskLegacy(1))]);
+    let expected = [0, 1].map(|seq| Item { x: 475_000_000, y: -82_500_000, ..item(1, seq) });
+    assert_eq!(bench.ask(A, &float(1)), [to_a(Ack(ACCEPTED, id_of(&expected)))]);
+    assert_eq!(seen(&bench).0, expected);
+
+    bench.ask(A, &count(MISSION, 1));
+    let code = MavMissionResult::INVALID_PARAM6_Y;
+    assert_eq!(bench.ask(A, &MissionItem { y: f32::INFINITY, ..float(0) }), [to_a(Ack(code, 0))]);
+    bench.ask(A, &count(MISSION, 1));
+    bench.ask(A, &ack(MISSION, UNSUPPORTED));
+    bench.ask(A, &ack(MISSION, UNSUPPORTED));
+    assert!(bench.wait(1_000).is_empty(), "UNSUPPORTED to both forms ends the upload");
+}
+
+/// V-7: what comes as v1 is about the mission, and a link that sends v1 has no other plans.
+#[test]
+fn v1_knows_only_missions() {
+    let mut bench = Bench::new();
+    bench.send_as(Version::V1, A, &count(FENCE, 1));
+    assert_eq!(bench.drain(), [to_a(Ask(0))]);
+    bench.send_as(Version::V1, A, &int(FENCE, 0, &item(1, 0)));
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 1))))]);
+
+    let mut bench = Bench::of(false, Version::V1);
+    bench.send(A, &count(FENCE, 1));
+    // mission_type and opaque_id are extensions, which v1 does not carry.
+    assert_eq!(bench.drain(), [to_a(Ack(UNSUPPORTED, 0))]);
+    assert_eq!(bench.ask(A, &count(MISSION, 1)), [to_a(Ask(0))]);
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ack(ACCEPTED, 0))]);
+}
+
+/// M-68
+#[test]
+fn partial_lists_are_refused() {
+    let mut bench = Bench::new();
+    let read = MissionRequestPartialList { mission_type: FENCE, ..Default::default() };
+    let write = MissionWritePartialList { start_index: 0, end_index: 1, ..Default::default() };
+    assert_eq!(bench.ask(A, &read), [(A.address, FENCE, Ack(UNSUPPORTED, 0))]);
+    assert_eq!(bench.ask(A, &write), [to_a(Ack(UNSUPPORTED, 0))]);
+}
+
+/// T-M15, M-50 to M-53: clearing, also what is empty, also everything.
+#[test]
+fn clear_is_repeatable() {
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 3));
+    bench.upload(A, FENCE, &plan(2, 1));
+    for changes in [3, 3] {
+        assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+        assert_eq!(bench.vehicle.changes.len(), changes);
+    }
+    assert_eq!(bench.live(PlanType::Fence).0, plan(2, 1));
+    let all = MavMissionType::ALL;
+    assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
+    assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, Vec::new(), 0)));
+    let bad = MavMissionType(3);
+    assert_eq!(bench.ask(A, &clear(bad)), [(A.address, bad, Ack(MavMissionResult::INVALID, 0))]);
+    let rally = MavMissionType::RALLY;
+    assert_eq!(bench.ask(A, &clear(rally)), [(A.address, rally, Ack(UNSUPPORTED, 0))]);
+    assert_eq!(
+        bench.ask(A, &int(MISSION, 2, &item(1, 2))),
+        [to_a(Ack(ERROR, 0))],
+        "what is cleared was never accepted"
+    );
+}
+
+/// D-3: a request whose answer cannot be owed is not carried out; what is owed is not lost, and other links do not wait.
+#[test]
+fn a_stalled_link_owes_its_answers_and_no_more() {
+    let mut bench = Bench::new();
+    bench.upload(B, MISSION, &plan(1, 2));
+    for _ in 0..3 {
+        bench.send(A, &list(MISSION));
+        bench.send(A, &request(MISSION, 1));
+    }
+    bench.send(A, &request(MISSION, 7));
+    bench.send(A, &clear(FENCE));
+    bench.send(A, &clear(MISSION));
+    assert_eq!(bench.missions.counters().no_answer_slot, 1);
+    assert_eq!(seen(&bench).0, plan(1, 2), "the last request was not carried out");
+    assert_eq!(bench.ask_on_link_1(), [to_b(Out::Count(2, id_of(&plan(1, 2))))]);
+    let invalid = Ack(MavMissionResult::INVALID_SEQUENCE, 0);
+    let answers = [Out::Count(2, id_of(&plan(1, 2))), Part(1, 0, item(1, 1)), invalid].map(to_a);
+    let cleared = (A.address, FENCE, Ack(ACCEPTED, 0));
+    assert_eq!(bench.drain_link(0), [&[cleared][..], &answers].concat(), "in their order, acknowledgements first");
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))], "then there is room again");
+}
+
+impl Bench {
+    fn ask_on_link_1(&mut self) -> Vec<Sent> {
+        self.send(B, &list(MISSION));
+        self.drain_link(1)
+    }
+}
+
+/// The engine itself is small; its plans are elsewhere.
+#[test]
+fn engine_fits_its_budget() {
+    assert!(size_of::<Missions>() <= 400, "{}", size_of::<Missions>());
+    assert!(size_of::<Replies>() <= 72, "{}", size_of::<Replies>());
+}
