@@ -1,0 +1,132 @@
+#!/usr/bin/env python3
+"""Makes common.bin: frames that the reference implementation encodes, from our own definitions.
+
+    python3 tests/golden/make_vectors.py
+
+pymavlink's mavgen makes Python modules (protocol 2.0 and 1.0) from dialect/definitions/common.xml, with its schema check
+on; these modules encode every message of common with three payloads: zeros; values drawn with a fixed seed, NaN,
+infinities and the extremes of integers among them; all bits set. First the v2 frame of each, trimmed; then, for ids up to
+255, the v1 frame.
+
+common.bin is these frames end to end, as they stand on a wire: a frame says itself how long it is. Messages come by id;
+sequence numbers count up. Run it again after a change of the definitions; what did not change stays byte for byte.
+
+Works in a virtual environment of its own (target/golden), with pinned versions.
+"""
+
+import importlib.util
+import os
+import random
+import struct
+import subprocess
+import sys
+import tempfile
+import venv
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+ROOT = os.path.dirname(os.path.dirname(HERE))
+DEFINITIONS = os.path.join(ROOT, "dialect", "definitions", "common.xml")
+OUTPUT = os.path.join(HERE, "common.bin")
+PINNED = ["pymavlink==2.4.50", "fastcrc==0.5.0", "lxml==6.1.3"]
+SYSTEM, COMPONENT = 42, 17
+
+
+def module(protocol, directory):
+    """The Python module that mavgen makes for a protocol version."""
+    from pymavlink.generator import mavgen, mavparse
+
+    wire = {"1.0": mavparse.PROTOCOL_1_0, "2.0": mavparse.PROTOCOL_2_0}[protocol]
+    path = os.path.join(directory, f"common_v{protocol[0]}.py")
+    options = mavgen.Opts(path, wire_protocol=wire, language="Python3", validate=True)
+    if not mavgen.mavgen(options, [DEFINITIONS]):
+        sys.exit("mavgen refuses the definitions")
+    # The generated code asks for the protocol by an environment variable.
+    os.environ["MAVLINK20"] = "1" if protocol == "2.0" else ""
+    spec = importlib.util.spec_from_file_location(f"common_v{protocol[0]}", path)
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def integer(rng, code):
+    bits = 8 * struct.calcsize("<" + code)
+    low, high = (0, (1 << bits) - 1) if code.isupper() else (-(1 << bits - 1), (1 << bits - 1) - 1)
+    return rng.choice([low, high, 0, 1, low + 1, high - 1, rng.randint(low, high), rng.randint(low, high)])
+
+
+def real(rng, code):
+    largest = 3.4028234663852886e38 if code == "f" else 1.7976931348623157e308
+    least = 1.401298464324817e-45 if code == "f" else 5e-324
+    special = [float("nan"), float("inf"), float("-inf"), -0.0, 0.0, largest, -largest, least]
+    return rng.choice(special + [rng.uniform(-1e3, 1e3) for _ in special])
+
+
+def element(rng, code):
+    if code == "s":
+        return bytes([rng.choice([0, 0xFF, rng.randrange(256), rng.randrange(32, 127)])])
+    return real(rng, code) if code in "fd" else integer(rng, code)
+
+
+def payloads(message):
+    """The three payloads, in wire order, untrimmed."""
+    layout = message.unpacker
+    yield bytes(layout.size)
+    rng = random.Random(f"golden {message.msgname}")
+    # The format's counts: `4H` is four elements, `16s` a text of 16 bytes.
+    codes, count = [], ""
+    for char in layout.format.lstrip("<"):
+        if char.isdigit():
+            count += char
+        else:
+            codes += [char.replace("c", "s")] * int(count or 1)
+            count = ""
+    yield b"".join(struct.pack("<" + code, element(rng, code)) for code in codes)
+    yield b"\xff" * layout.size
+
+
+def frames(protocol, generated, message, sequence):
+    """A message's frames; the reference takes the payloads apart, and puts the frames together from the fields."""
+    link = generated.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+    for payload in payloads(message):
+        if protocol == "2.0":
+            head = struct.pack("<BBBBBBHB", len(payload), 0, 0, 0, 0, 0, message.id & 0xFFFF, message.id >> 16)
+            start = b"\xfd"
+        else:
+            head, start = struct.pack("<BBBBB", len(payload), 0, 0, 0, message.id), b"\xfe"
+        checksum = generated.x25crc(head + payload)
+        checksum.accumulate(struct.pack("B", message.crc_extra))
+        decoded = link.decode(bytearray(start + head + payload + struct.pack("<H", checksum.crc)))
+        link.seq = next(sequence) % 256
+        yield decoded.pack(link)
+
+
+def main():
+    sequence = iter(range(1 << 32))
+    with tempfile.TemporaryDirectory() as directory:
+        v2, v1 = module("2.0", directory), module("1.0", directory)
+        out = bytearray()
+        for number, message in sorted(v2.mavlink_map.items()):
+            if number < 0:
+                continue
+            for frame in frames("2.0", v2, message, sequence):
+                out += frame
+            if number <= 255:
+                for frame in frames("1.0", v1, v1.mavlink_map[number], sequence):
+                    out += frame
+    with open(OUTPUT, "wb") as file:
+        file.write(out)
+    print(f"{OUTPUT}: {next(sequence)} frames, {len(out)} bytes")
+
+
+def enter_environment():
+    """Runs this script again, with the pinned packages."""
+    directory = os.path.join(os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target")), "golden")
+    python = os.path.join(directory, "Scripts" if os.name == "nt" else "bin", "python")
+    if not os.path.exists(python):
+        venv.create(directory, with_pip=True)
+    subprocess.run([python, "-m", "pip", "install", "--quiet", *PINNED], check=True)
+    sys.exit(subprocess.run([python, os.path.abspath(__file__), "--inside"]).returncode)
+
+
+if __name__ == "__main__":
+    main() if sys.argv[1:] == ["--inside"] else enter_environment()
