@@ -3,6 +3,7 @@
 #![no_main]
 
 use core::hint::black_box;
+use core::mem::MaybeUninit;
 
 use embedded_io::{Read, ReadReady, Write};
 use mavstack::dialect::{
@@ -115,9 +116,13 @@ fn handle(frame: &Frame<'_>, tx: &mut Tx) {
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
+    // Statics, so that their RAM is counted.
+    static mut TX: Tx = Tx { uart: Uart, seq: 0, frame: [0; 280] };
+    static mut DECODER: MaybeUninit<Decoder> = MaybeUninit::uninit();
+
     let mut uart = Uart;
-    let mut tx = Tx { uart: Uart, seq: 0, frame: [0; 280] };
-    let mut decoder = Decoder::default();
+    let tx = TX;
+    let decoder = DECODER.write(Decoder::default());
     loop {
         let now = Instant::from_micros(now_micros());
         if uart.read_ready() == Ok(true) {
@@ -126,7 +131,7 @@ fn main() -> ! {
         }
         let mut budget = Decoder::MIN_BUDGET;
         while let Some(frame) = decoder.next(now, Twelve::MESSAGES, &mut budget, |_| false) {
-            handle(&frame, &mut tx);
+            handle(&frame, tx);
         }
     }
 }

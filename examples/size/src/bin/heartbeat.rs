@@ -2,6 +2,8 @@
 #![no_std]
 #![no_main]
 
+use core::mem::MaybeUninit;
+
 use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
     Address, Command, Commands, Config, Instant, Item, LinkConfig, LinkId, NoPlans, Outcome, PlanChange, PlanType,
@@ -48,9 +50,12 @@ impl Plans for Rover {
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
+    // A static, so that its RAM is counted.
+    static mut STACK: MaybeUninit<Stack<1, NoPlans, 8, 0>> = MaybeUninit::uninit();
+
     let mut uart = Uart;
     let mut rover = Rover { armed: false };
-    let mut stack: Stack<1, NoPlans, 8, 0> = Stack::with_capacities(CONFIG, [LinkConfig::uart(57_600)]);
+    let stack = STACK.write(Stack::with_capacities(CONFIG, [LinkConfig::uart(57_600)]));
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
