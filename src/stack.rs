@@ -223,12 +223,26 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ) -> Result<(), LinkError<U::Error>> {
         let mut left = usize::from(tx_bytes);
         let result = loop {
-            let pending = self.transmit(now, link, vehicle);
-            let len = pending.len().min(left);
-            let Some(pending) = pending.get(..len).filter(|pending| !pending.is_empty()) else { return Ok(()) };
+            if left == 0 {
+                return Ok(());
+            }
+            // Asked first: a frame that cannot begin yet is not made yet, so that after a stall the line is told how things
+            // are then. A heartbeat from before the flight loop stopped must not follow it (H-5).
             let written = match uart.write_ready() {
-                Ok(false) => return Ok(()),
-                Ok(true) => uart.write(pending),
+                Ok(is_ready) => {
+                    if let Some(link) = self.link_mut(link) {
+                        link.port.is_stalled = !is_ready;
+                    }
+                    if !is_ready {
+                        return Ok(());
+                    }
+                    let pending = self.transmit(now, link, vehicle);
+                    let pending = pending.get(..left).unwrap_or(pending);
+                    if pending.is_empty() {
+                        return Ok(());
+                    }
+                    uart.write(pending)
+                }
                 Err(error) => Err(error),
             };
             match written {
@@ -307,11 +321,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 
     /// The line of a link was opened anew: forgets what was received of an unfinished frame, and sends the frame that was
-    /// cut off from its start.
+    /// cut off from its start, unless it is a heartbeat, which would be of yesterday.
     pub fn restart_link(&mut self, link: LinkId) {
         if let Some(link) = self.link_mut(link) {
             link.decoder.clear();
-            link.port.outbox.rewind();
+            link.port.is_stalled = false;
+            link.port.outbox.restart();
         }
     }
 
@@ -565,7 +580,7 @@ impl Core {
     /// When something is to be sent on a link.
     fn tx_deadline(&self, now: Instant, port: &Port, texts: &StatusTexts, missions: Option<&Missions>) -> Instant {
         let is_normal = port.config.class == LinkClass::Normal;
-        if !port.outbox.is_empty() {
+        if port.is_stalled || !port.outbox.is_empty() {
             // The transport has to become ready first, of which the stack hears nothing.
             return Instant::NEVER;
         }

@@ -152,6 +152,8 @@ pub(crate) struct Port {
     pub(crate) counters: LinkCounters,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
+    /// Whether the transport took nothing when it was last asked.
+    pub(crate) is_stalled: bool,
 }
 
 impl Link {
@@ -171,6 +173,7 @@ impl Link {
             text: TextCursor::new(),
             counters: LinkCounters::ZERO,
             strangers: 0,
+            is_stalled: false,
         },
     };
 

@@ -1,7 +1,8 @@
 //! The outbound half of a link: one frame at a time (SEC-2), written in place by the service whose turn it is.
 
 use super::LinkId;
-use crate::frame::{Address, MAX_FRAME_LEN, Version, wrap};
+use crate::dialect::Heartbeat;
+use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
 use crate::message::Message;
 
 /// Room for one outbound frame. Services write into it only while it is empty.
@@ -97,10 +98,14 @@ impl Outbox {
         self.sent = self.sent.saturating_add(len).min(self.end);
     }
 
-    /// Sends an unfinished frame from its first byte again: who heard the front of it is gone.
-    pub(crate) fn rewind(&mut self) {
-        if !self.is_empty() {
-            self.sent = self.start;
+    /// Sends an unfinished frame from its first byte again: who heard the front of it is gone. But not a heartbeat: it says
+    /// how things are now.
+    pub(crate) fn restart(&mut self) {
+        if self.is_empty() {
+            return;
         }
+        let frame = self.bytes.get(self.start..self.end).unwrap_or_default();
+        let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);
+        self.sent = if is_heartbeat { self.end } else { self.start };
     }
 }
