@@ -76,7 +76,7 @@
 //! | layer | what it is |
 //! |---|---|
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
-//! | [`Message`], [`message!`], [`dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
+//! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
 //! | [`LinkConfig`], [`PeerInfo`] | what is kept of each line, and of each sender |
 //! | the services | heartbeat, commands, plans, texts, identity |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |

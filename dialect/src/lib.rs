@@ -1,7 +1,7 @@
 //! From MAVLink's XML to Rust declarations for [mavstack](https://docs.rs/mavstack).
 //!
 //! [`load`] reads a definition with its includes and checks it; [`generate`] writes it down as `wire_enum!`,
-//! `wire_bitmask!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write`] replaces a file by the text. The
+//! `wire_bitmask!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write()`] replaces a file by the text. The
 //! command line tool of the same name does these three. The model ([`Dialect`]) keeps every fact of the XML, for whoever
 //! wants other tables from it.
 //!
