@@ -1,5 +1,6 @@
 """The vehicle under test and how to reach it; `cargo xtask integration` starts it and passes the options."""
 
+import contextlib
 import time
 
 import pytest
@@ -40,7 +41,7 @@ def target(request):
 
 @pytest.fixture
 def port(request):
-    """The TCP port of the telemetry link."""
+    """The port of the telemetry link: where the vehicle listens, or, over UDP, where it sends to."""
     return request.config.getoption("port_base")
 
 
@@ -58,8 +59,8 @@ def figure():
 class Gcs:
     """A ground station made of pymavlink: system 255, component 190."""
 
-    def __init__(self, port):
-        self.link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=255, source_component=190)
+    def __init__(self, port, kind="tcp"):
+        self.link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=255, source_component=190)
         # What an earlier client left on the line is no business of this test.
         assert self.link.recv_match(type="HEARTBEAT", blocking=True, timeout=5), "no heartbeat within 5 s"
         self.drain()
@@ -118,11 +119,17 @@ def connect(port):
         gcs.close()
 
 
-@pytest.fixture
-def system(port):
+@contextlib.contextmanager
+def found_by_mavsdk(url):
     """The vehicle as MAVSDK sees it."""
     with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        assert mavsdk.add_any_connection(f"tcpout://127.0.0.1:{port}").name == "SUCCESS"
+        assert mavsdk.add_any_connection(url).name == "SUCCESS"
         system = mavsdk.first_autopilot(timeout_s=10)
         assert system, "MAVSDK does not find the vehicle"
+        yield system
+
+
+@pytest.fixture
+def system(port):
+    with found_by_mavsdk(f"tcpout://127.0.0.1:{port}") as system:
         yield system

@@ -1,6 +1,7 @@
 //! The vehicle under real ground-station software: pymavlink and MAVSDK, driven by pytest.
 
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::fs::File;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
@@ -9,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
+use crate::firmware;
 use crate::qemu::{self, Emulator};
 use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
 use crate::toolchain::{self, Choice};
-use crate::{firmware, log};
 
 /// Where the vehicle runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -37,28 +38,36 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
         if target != Target::All && target != this {
             continue;
         }
-        println!("\n==== The vehicle in {name}");
-        let port = free_ports()?;
-        let _vehicle = match this {
-            Target::Qemu => Vehicle::in_qemu(port, choice)?,
-            _ => Vehicle::in_sitl(port)?,
-        };
-        wait_for(port)?;
-        let mut clients = Command::new(&python);
-        clients
-            .args(["-m", "pytest", "-v", "--color=auto", "-p", "no:cacheprovider", TESTS, "--target", name])
-            .args(["--port-base", &port.to_string()])
-            .env("PYTHONDONTWRITEBYTECODE", "1")
-            // pymavlink's message definitions: MAVLink 2 of common.
-            .env("MAVLINK20", "1")
-            .env("MAVLINK_DIALECT", "common")
-            .current_dir(root());
-        let clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
-        if !wait(Process(clients), &stop)? {
-            failed.push(name);
+        for (over, files) in [("TCP", &["test_pymavlink.py", "test_mavsdk.py"][..]), ("UDP", &["test_udp.py"])] {
+            println!("\n==== The vehicle in {name}, telemetry over {over}");
+            let port = free_ports()?;
+            let udp = (over == "UDP").then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+            let log = target_dir().join(format!("integration-{name}-{}.log", over.to_lowercase()));
+            println!("The vehicle's log: {}", log.display());
+            let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
+            let _vehicle = match this {
+                Target::Qemu => Vehicle::in_qemu(port, udp, choice, log)?,
+                _ => Vehicle::in_sitl(port, udp, log)?,
+            };
+            // The companion's port, to leave telemetry to the tests.
+            wait_for(port + 1)?;
+            let mut clients = Command::new(&python);
+            clients
+                .args(["-m", "pytest", "-v", "--color=auto", "-p", "no:cacheprovider"])
+                .args(["--target", name, "--port-base", &port.to_string()])
+                .args(files)
+                .env("PYTHONDONTWRITEBYTECODE", "1")
+                // pymavlink's message definitions: MAVLink 2 of common.
+                .env("MAVLINK20", "1")
+                .env("MAVLINK_DIALECT", "common")
+                .current_dir(root().join(TESTS));
+            let clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
+            if !wait(Process(clients), &stop)? {
+                failed.push(format!("{name} over {over}"));
+            }
         }
     }
-    if failed.is_empty() { Ok(()) } else { Err(format!("tests failed on {}", failed.join(" and "))) }
+    if failed.is_empty() { Ok(()) } else { Err(format!("tests failed in {}", failed.join(" and "))) }
 }
 
 /// A child that does not outlive us.
@@ -91,47 +100,43 @@ enum Vehicle {
 }
 
 impl Vehicle {
-    fn in_qemu(port: u16, choice: Option<Choice>) -> Result<Self> {
+    fn in_qemu(port: u16, udp: Option<SocketAddr>, choice: Option<Choice>, log: File) -> Result<Self> {
         qemu::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
         let path = firmware::build(choice, true)?;
         let elf = firmware::read(&path)?;
         firmware::print_size("Firmware", &elf)?;
-        let table = log::table(&elf)?;
-        let (emulator, output) = Emulator::start(&path, port, None)?;
-        let file = log_file("qemu")?;
-        thread::spawn(move || log::print(&table, output, file));
+        let table = crate::log::table(&elf)?;
+        let (emulator, output) = Emulator::start(&path, port, udp)?;
+        thread::spawn(move || crate::log::print(&table, output, log));
         Ok(Self::Qemu { _emulator: emulator })
     }
 
-    fn in_sitl(port: u16) -> Result<Self> {
+    fn in_sitl(port: u16, udp: Option<SocketAddr>, log: File) -> Result<Self> {
         const PACKAGE: &str = "mavstack-sitl";
         run(Command::new(cargo()).args(["build", "--package", PACKAGE]).current_dir(root()))?;
         let program = target_dir().join("debug").join(PACKAGE);
         let child = Command::new(&program)
             .args(["--port-base", &port.to_string()])
+            .args(udp.map(|peer| format!("--udp={peer}")))
             .stdin(Stdio::null())
-            .stdout(log_file("sitl")?)
+            .stdout(log)
             .spawn()
             .map_err(|error| format!("{}: {error}", program.display()))?;
         Ok(Self::Sitl { _process: Process(child) })
     }
 }
 
-/// Where the vehicle's log goes while the tests run.
-fn log_file(name: &str) -> Result<std::fs::File> {
-    let path = target_dir().join(format!("integration-{name}.log"));
-    println!("The vehicle's log: {}", path.display());
-    std::fs::File::create(&path).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-/// Three TCP ports in a row that nobody uses.
+/// Three ports in a row that nobody uses.
 fn free_ports() -> Result<u16> {
-    let is_free = |port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok();
+    let is_free = |port| {
+        let address = (Ipv4Addr::LOCALHOST, port);
+        TcpListener::bind(address).is_ok() && UdpSocket::bind(address).is_ok()
+    };
     (15_760..16_760)
         .step_by(10)
         .find(|&base| (base..base + 3).all(is_free))
-        .ok_or_else(|| "no three free TCP ports in a row from 15760 to 16760".to_owned())
+        .ok_or_else(|| "no three free ports in a row from 15760 to 16760".to_owned())
 }
 
 /// Until the vehicle listens.

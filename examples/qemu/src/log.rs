@@ -11,6 +11,11 @@ static UPTIME: AtomicU32 = AtomicU32::new(0);
 
 defmt::timestamp!("{=u32:ms}", UPTIME.load(Ordering::Relaxed));
 
+/// The first line: it works.
+pub fn begin() {
+    defmt::info!("the vehicle is switched on");
+}
+
 /// Sets the time of the lines to come.
 pub fn set_time(now: Instant) {
     // Wraps after 49 days, and only here.

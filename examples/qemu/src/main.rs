@@ -24,6 +24,8 @@ fn main() -> ! {
 
     let app = APP.write(App::new());
     let Some(mut board) = Board::take() else { unreachable!("the entry point is entered once") };
+    #[cfg(feature = "defmt")]
+    log::begin();
     loop {
         let now = board.clock.now();
         #[cfg(feature = "defmt")]

@@ -1,6 +1,7 @@
 //! A link over datagrams: whole frames, one or more in each, to and from one peer.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::ops::Range;
 
 use mavstack::{Instant, LinkId, PlanStorage};
 use mavstack_demo::App;
@@ -11,8 +12,8 @@ const MAX_DATAGRAM: usize = 1_400;
 /// The socket, and what of the last datagram is not yet taken.
 pub struct Datagrams {
     socket: UdpSocket,
-    received: Vec<u8>,
-    taken: usize,
+    buffer: Box<[u8]>,
+    rest: Range<usize>,
 }
 
 impl Datagrams {
@@ -23,23 +24,20 @@ impl Datagrams {
         let socket = UdpSocket::bind(any)
             .and_then(|socket| socket.connect(peer).and_then(|()| socket.set_nonblocking(true)).map(|()| socket))
             .map_err(|error| format!("UDP to {peer}: {error}"))?;
-        Ok(Self { socket, received: Vec::new(), taken: 0 })
+        Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0 })
     }
 
     /// Moves bytes between the link and the peer, through the stack's calls for bytes; never waits.
     pub fn serve<P: PlanStorage>(&mut self, app: &mut App<P>, now: Instant, link: LinkId) {
-        if self.taken == self.received.len() {
-            self.received.resize(usize::from(u16::MAX), 0);
+        if self.rest.is_empty() {
             // Errors are no end: "connection refused" is the answer to a datagram that nobody listened to.
-            let len = self.socket.recv(&mut self.received).unwrap_or(0);
-            self.received.truncate(len);
-            self.taken = 0;
+            self.rest = 0..self.socket.recv(&mut self.buffer).unwrap_or(0);
         }
         let (stack, vehicle) = app.parts();
         // Also with no bytes: frames may wait in the decoder.
-        self.taken += stack.receive(now, link, &self.received[self.taken..], vehicle);
+        self.rest.start += stack.receive(now, link, &self.buffer[self.rest.clone()], vehicle);
 
-        let mut datagram = Vec::with_capacity(MAX_DATAGRAM);
+        let mut datagram = Vec::new();
         loop {
             let frame = stack.transmit(now, link, vehicle);
             if frame.is_empty() || datagram.len() + frame.len() > MAX_DATAGRAM {
