@@ -60,25 +60,48 @@ pub(crate) fn is_known(peers: &Peers, address: Address) -> bool {
     peers.iter().any(|info| info.peer.address == address)
 }
 
-/// Books a checked frame; returns false when the table is full of peers that matter more (H-12).
+/// What became of a frame's sender in the table (H-12).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Booking {
+    /// It stood there, or there was room.
+    Kept,
+    /// It took another one's place.
+    Evicted,
+    /// The table is full of peers that matter more.
+    NoRoom,
+}
+
+/// A number up to so many behind the one that is due is a late or repeated frame, not the loss of nearly all numbers.
+const LATE: u8 = 32;
+
+/// Books a checked frame.
 pub(crate) fn on_frame(
     peers: &mut Peers,
     now: Instant,
     link: LinkId,
     frame: &Frame<'_>,
     vehicle: &mut impl Vehicle,
-) -> bool {
+) -> Booking {
     let heartbeat = frame.decode::<Heartbeat>();
     let peer = Peer { address: frame.source(), link };
     let header = frame.header();
-    let Some(info) = find_or_insert(peers, now, peer, header.seq, heartbeat.as_ref()) else { return false };
+    let Some((info, evicted)) = find_or_insert(peers, now, peer, header.seq, heartbeat.as_ref()) else {
+        return Booking::NoRoom;
+    };
+    if let Some(evicted) = evicted.filter(|evicted| evicted.is_alive) {
+        // Nobody watches it any longer.
+        vehicle.peer(PeerEvent::Lost(evicted.peer));
+    }
+    let booking = if evicted.is_some() { Booking::Evicted } else { Booking::Kept };
     let gap = header.seq.wrapping_sub(info.seq);
-    info.seq = header.seq.wrapping_add(1);
-    info.lost = info.lost.wrapping_add(u32::from(gap));
+    if gap < LATE.wrapping_neg() {
+        info.seq = header.seq.wrapping_add(1);
+        info.lost = info.lost.wrapping_add(u32::from(gap));
+    }
     info.received = info.received.wrapping_add(1);
     info.version = header.version;
     info.heard = now;
-    let Some(heartbeat) = heartbeat else { return true };
+    let Some(heartbeat) = heartbeat else { return booking };
     info.r#type = heartbeat.r#type;
     info.autopilot = heartbeat.autopilot;
     info.heartbeat = now;
@@ -91,7 +114,7 @@ pub(crate) fn on_frame(
         event!("peer {} regained", peer);
         vehicle.peer(PeerEvent::Regained(peer));
     }
-    true
+    booking
 }
 
 /// Reports those whose heartbeats stopped (H-11).
@@ -111,15 +134,16 @@ pub(crate) fn deadline(peers: &Peers, timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
 }
 
+/// The entry of a peer, and which one had to go for it.
 fn find_or_insert<'a>(
     peers: &'a mut Peers,
     now: Instant,
     peer: Peer,
     seq: u8,
     heartbeat: Option<&Heartbeat>,
-) -> Option<&'a mut PeerInfo> {
+) -> Option<(&'a mut PeerInfo, Option<PeerInfo>)> {
     if let Some(index) = peers.iter().position(|info| info.peer == peer) {
-        return peers.get_mut(index);
+        return Some((peers.get_mut(index)?, None));
     }
     let info = PeerInfo {
         peer,
@@ -135,7 +159,7 @@ fn find_or_insert<'a>(
         heard: now,
     };
     if peers.push(info).is_ok() {
-        return peers.last_mut();
+        return Some((peers.last_mut()?, None));
     }
     let is_gcs = heartbeat.is_some_and(|heartbeat| heartbeat.r#type == MavType::GCS);
     // The longest silent of those that are not alive goes first (H-12). A ground station may also take the place of a
@@ -147,6 +171,6 @@ fn find_or_insert<'a>(
         _ => 0,
     };
     let victim = peers.iter_mut().max_by_key(|old| rank(old)).filter(|old| rank(old) > 0)?;
-    *victim = info;
-    Some(victim)
+    let evicted = core::mem::replace(victim, info);
+    Some((victim, Some(evicted)))
 }

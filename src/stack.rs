@@ -21,7 +21,7 @@ use crate::dialect::{
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port};
 use crate::message::{Dialect, Message, MessageTable, Text};
-use crate::network::{self, PeerInfo, Peers};
+use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Caller, Missions, NoPlans, PlanCounters, PlanStorage, PlanType, PlanView};
@@ -469,8 +469,10 @@ impl Core {
             return;
         };
         port.heard(frame.header().version);
-        if !network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
-            count(&mut port.counters.no_peer_slot);
+        match network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
+            Booking::Kept => {}
+            Booking::Evicted => count(&mut port.counters.evicted_peers),
+            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
         }
         // A field that was cut off, or is not there, reads as 0: for everyone.
         let target_system = info.target_system().map_or(0, |offset| frame.byte(offset));

@@ -105,6 +105,8 @@ pub struct LinkCounters {
     pub unknown: u32,
     /// Frames of peers for whom the peer table had no room (H-12).
     pub no_peer_slot: u32,
+    /// Peers that took another one's place in the full peer table (H-12).
+    pub evicted_peers: u32,
     /// Commands that were not carried out because their answer had no room; the sender repeats them.
     pub no_answer_slot: u32,
     /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10).
@@ -123,6 +125,7 @@ impl LinkCounters {
         own_address: 0,
         unknown: 0,
         no_peer_slot: 0,
+        evicted_peers: 0,
         no_answer_slot: 0,
         out_of_place: 0,
         read_errors: 0,
