@@ -367,7 +367,7 @@ impl Direction {
         // The time on the line is spent whatever becomes of the byte.
         let now = self.clock.now();
         let begin = self.departures.back().copied().unwrap_or(now).max(now);
-        let micros = if self.wire.bytes_per_second == 0 { 0 } else { 1_000_000 / self.wire.bytes_per_second };
+        let micros = 1_000_000_u64.checked_div(self.wire.bytes_per_second).unwrap_or(0);
         let departure = begin.after(Duration::from_micros(micros));
         if micros > 0 {
             self.departures.push_back(departure);
