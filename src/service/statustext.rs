@@ -16,6 +16,9 @@ pub const MAX_TEXT_LEN: usize = 120;
 /// The same text again within this time is dropped.
 const REPEAT_AFTER: Duration = Duration::from_secs(5);
 
+/// A text that a link has not taken for so long gives way to any other, or a dead link would hold back all others' texts.
+const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
+
 /// Bytes of text in one message.
 const CHUNK: usize = 50;
 
@@ -80,16 +83,18 @@ impl StatusTexts {
             return;
         }
         event!("statustext {=u8}: {}", severity.0, text);
-        // Sent ones go first, then the least severe (a larger number is less severe), the oldest of them.
+        // Sent ones go first, then those given up, then the least severe (a larger number is less severe), the oldest of them.
         let newest = self.newest;
+        let given_up = |entry: &Entry| u8::from(now.since(entry.at) >= GIVE_UP_AFTER);
+        let state = |entry: &Entry| if entry.pending.is_empty() { 2 } else { given_up(entry) };
         let rank = |entry: &Entry| {
             let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();
-            u32::from_be_bytes([u8::from(entry.pending.is_empty()), entry.severity.0, high, low])
+            u32::from_be_bytes([state(entry), entry.severity.0, high, low])
         };
         let Some(entry) = self.entries.iter_mut().max_by_key(|entry| rank(entry)) else { return };
         if !entry.pending.is_empty() {
             self.dropped = self.dropped.wrapping_add(1);
-            if entry.severity < severity {
+            if state(entry) == 0 && entry.severity < severity {
                 // All that wait are more severe than the new one.
                 return;
             }
