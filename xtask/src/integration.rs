@@ -1,4 +1,4 @@
-//! The vehicle under real ground-station software: pymavlink and MAVSDK, driven by pytest.
+//! The vehicle under real ground-station software: pymavlink, MAVSDK and MAVProxy, driven by pytest.
 
 use std::fs::File;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -38,7 +38,9 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
         if target != Target::All && target != this {
             continue;
         }
-        for (over, files) in [("TCP", &["test_pymavlink.py", "test_mavsdk.py"][..]), ("UDP", &["test_udp.py"])] {
+        for (over, files) in
+            [("TCP", &["test_pymavlink.py", "test_mavsdk.py", "test_mavproxy.py"][..]), ("UDP", &["test_udp.py"])]
+        {
             println!("\n==== The vehicle in {name}, telemetry over {over}");
             let port = free_ports()?;
             let udp = (over == "UDP").then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
@@ -169,7 +171,7 @@ fn environment() -> Result<PathBuf> {
             return Err("`python3 -m venv` fails".to_owned());
         }
     }
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
+    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--requirement"];
     run(Command::new(&python).args(pip).arg(&requirements))?;
     std::fs::write(&stamp, wanted).map_err(|error| format!("{}: {error}", stamp.display()))?;
     Ok(python)

@@ -69,7 +69,7 @@ struct Cross {
     toolchain: Option<Choice>,
 }
 
-/// Test the vehicle with real ground-station software: pymavlink and MAVSDK.
+/// Test the vehicle with real ground-station software: pymavlink, MAVSDK and MAVProxy.
 ///
 /// They come from PyPI, in pinned versions, into a Python environment under the target directory.
 #[derive(Args)]
