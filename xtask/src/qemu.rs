@@ -59,7 +59,7 @@ pub fn prepare() -> Result {
     }
     let elsewhere = "QEMU for Arm systems (Fedora: `dnf install qemu-system-arm`, Arch: `pacman -S qemu-system-arm`, \
                      macOS: `brew install qemu`)";
-    apt_install("The emulator QEMU", &[QEMU], elsewhere)
+    apt_install("the emulator QEMU", &[QEMU], elsewhere)
 }
 
 fn check_ports(base: u16, udp: bool) -> Result {

@@ -75,7 +75,7 @@ fn prepare_debian() -> Result {
     };
     if !is_there() {
         let elsewhere = format!("rustup target add {TARGET}");
-        apt_install("A Rust toolchain for the microcontroller", &PACKAGES, &elsewhere)?;
+        apt_install("a Rust toolchain for the microcontroller", &PACKAGES, &elsewhere)?;
         if !is_there() {
             return Err(format!("Debian's packages {} do not make a whole toolchain here", PACKAGES.join(", ")));
         }

@@ -22,13 +22,19 @@ impl fmt::Display for HowToConnect {
                      MAVSDK           tcpout://127.0.0.1:{port}\n    \
                      pymavlink        mavutil.mavlink_connection('tcp:127.0.0.1:{port}')"
             ),
-            Self::Udp(address) => write!(
-                f,
-                "    QGroundControl   listens on 127.0.0.1:14550 by itself\n    \
-                     MAVProxy         mavproxy.py --master=udpin:{address}\n    \
+            Self::Udp(address) => {
+                f.write_str("    QGroundControl   ")?;
+                match address.port() {
+                    14_550 => f.write_str("listens on UDP port 14550 by itself")?,
+                    port => write!(f, "Application Settings > Comm Links > Add: UDP, port {port}")?,
+                }
+                write!(
+                    f,
+                    "\n    MAVProxy         mavproxy.py --master=udpin:{address}\n    \
                      MAVSDK           udpin://{address}\n    \
                      pymavlink        mavutil.mavlink_connection('udpin:{address}')"
-            ),
+                )
+            }
         }
     }
 }
