@@ -16,10 +16,11 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance};
 use crate::dialect::{
-    CommandInt, CommandLong, Common, Heartbeat, MavComponent, MavMissionType, MavProtocolCapability, MavSeverity,
+    CommandInt, CommandLong, Common, Heartbeat, ManualControl, MavComponent, MavMissionType, MavProtocolCapability,
+    MavSeverity,
 };
 use crate::frame::{Frame, RxCounters};
-use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port};
+use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port, Transport};
 use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
@@ -231,7 +232,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             let written = match uart.write_ready() {
                 Ok(is_ready) => {
                     if let Some(link) = self.link_mut(link) {
-                        link.port.is_stalled = !is_ready;
+                        link.port.transport = if is_ready { Transport::Ready } else { Transport::Full };
                     }
                     if !is_ready {
                         return Ok(());
@@ -325,7 +326,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     pub fn restart_link(&mut self, link: LinkId) {
         if let Some(link) = self.link_mut(link) {
             link.decoder.clear();
-            link.port.is_stalled = false;
+            link.port.transport = Transport::Unknown;
             link.port.outbox.restart();
         }
     }
@@ -475,7 +476,9 @@ impl Core {
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
         }
         // A field that was cut off, or is not there, reads as 0: for everyone.
-        let target_system = info.target_system().map_or(0, |offset| frame.byte(offset));
+        // MANUAL_CONTROL alone calls the system that it means otherwise.
+        let offset = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
+        let target_system = offset.map_or(0, |offset| frame.byte(offset));
         let target_component = info.target_component().map_or(0, |offset| frame.byte(offset));
         let is_plan = Missions::handles(frame.id());
         // Old ground stations address plans to component 190 (M-10).
@@ -582,9 +585,13 @@ impl Core {
     /// When something is to be sent on a link.
     fn tx_deadline(&self, now: Instant, port: &Port, texts: &StatusTexts, missions: Option<&Missions>) -> Instant {
         let is_normal = port.config.class == LinkClass::Normal;
-        if port.is_stalled || !port.outbox.is_empty() {
-            // The transport has to become ready first, of which the stack hears nothing.
-            return Instant::NEVER;
+        match port.transport {
+            // It has to become ready first, of which the stack hears nothing.
+            Transport::Full => return Instant::NEVER,
+            Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
+            // The rest of a frame waits for the next poll's budget.
+            Transport::Ready if !port.outbox.is_empty() => return now,
+            _ => {}
         }
         if !port.acks.is_empty()
             || (is_normal
@@ -610,6 +617,9 @@ impl Core {
 
 /// How soon to look again whether heartbeats may go on.
 const RETRY: Duration = Duration::from_millis(100);
+
+/// Where MANUAL_CONTROL.target stands.
+const MANUAL_CONTROL_TARGET: u8 = 10;
 
 /// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
 const MAVLINK_VERSION: u8 = 3;

@@ -341,13 +341,15 @@ impl Decoder {
 
     /// When [`next`](Self::next) has something to do though no byte comes.
     pub(crate) fn deadline(&self) -> Instant {
-        let received = self.end.saturating_sub(self.start);
-        match received {
+        let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
+        match candidate.len() {
             0 => Instant::NEVER,
             // Frames, or a search, wait for the next poll's budget.
-            _ if received >= self.need => Instant::ZERO,
+            received if received >= self.need => Instant::ZERO,
             // A whole frame with an unknown id waits for one byte more, or for silence.
-            _ if received.saturating_add(1) == self.need => self.grown.after(IDLE),
+            received if Header::parse(candidate).is_some_and(|header| header.frame_len() == received) => {
+                self.grown.after(IDLE)
+            }
             _ => self.grown.after(self.stale_after),
         }
     }

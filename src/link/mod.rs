@@ -155,8 +155,19 @@ pub(crate) struct Port {
     pub(crate) counters: LinkCounters,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
-    /// Whether the transport took nothing when it was last asked.
-    pub(crate) is_stalled: bool,
+    /// What the transport said when it was last asked.
+    pub(crate) transport: Transport,
+}
+
+/// Whether a transport takes bytes, as far as that is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Transport {
+    /// Nobody asked it: the bytes are taken by interrupt or DMA.
+    Unknown,
+    /// It took what it was offered.
+    Ready,
+    /// It takes nothing for now.
+    Full,
 }
 
 impl Link {
@@ -176,7 +187,7 @@ impl Link {
             text: TextCursor::new(),
             counters: LinkCounters::ZERO,
             strangers: 0,
-            is_stalled: false,
+            transport: Transport::Unknown,
         },
     };
 

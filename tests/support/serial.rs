@@ -124,6 +124,8 @@ pub enum SimError {
     Overrun,
     /// Told to fail by the test.
     Injected,
+    /// Nobody is at the far side.
+    Closed,
 }
 
 impl core::fmt::Display for SimError {
@@ -198,7 +200,8 @@ impl SerialEnd {
         self.tx.borrow_mut().write_error = Some(error);
     }
 
-    /// The far side hangs up: reads give `Ok(0)`, what was in flight is gone. Or, with `false`, it is there again.
+    /// The far side hangs up: reads give `Ok(0)`, writes fail, what was in flight is gone. Or, with `false`, it is there
+    /// again.
     pub fn set_closed(&self, closed: bool) {
         for direction in [&self.rx, &self.tx] {
             let mut direction = direction.borrow_mut();
@@ -346,6 +349,9 @@ impl Direction {
         if let Some(error) = self.write_error.take() {
             return Err(error);
         }
+        if self.closed {
+            return Err(SimError::Closed);
+        }
         let len = buf.len().min(self.room());
         let len = self.piece(len);
         for &byte in &buf[..len] {
@@ -371,9 +377,6 @@ impl Direction {
         let departure = begin.after(Duration::from_micros(micros));
         if micros > 0 {
             self.departures.push_back(departure);
-        }
-        if self.closed {
-            return;
         }
         let arrival = departure.after(self.wire.latency);
         if self.wire.faults.are_per_frame() {

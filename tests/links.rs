@@ -1,0 +1,454 @@
+//! Links: bytes between a transport and the stack. Rules D-2, D-3, R-1, R-8, R-15, S-16, S-20, SEC-2, V-1, V-2, M-10.
+
+mod support;
+
+use embedded_io::Write;
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Instant, LinkConfig, LinkError, LinkId, Message, NoPlans, PollBudget, Stack, TxVersion, Version,
+};
+use support::*;
+
+const LINK: LinkId = LinkId(0);
+
+/// The simulation itself: a line keeps to its rate, its room and its latency.
+#[test]
+fn simulated_line_is_what_it_says() {
+    let clock = Clock::default();
+    let wire = Wire { bytes_per_second: 1_000, latency: millis(10), tx_fifo: 8, ..Wire::default() };
+    let (mut vehicle, ground) = SimSerial::new(&clock, LineConfig::both(wire), 1).ends();
+    assert_eq!(vehicle.write(&[7; 20]), Ok(8));
+    assert_eq!(embedded_io::WriteReady::write_ready(&mut vehicle), Ok(false));
+    clock.set(Instant::from_millis(3));
+    assert_eq!(vehicle.write(&[7; 20]), Ok(3), "a byte a millisecond leaves the FIFO");
+    assert_eq!(ground.readable(), 0);
+    clock.set(Instant::from_millis(15));
+    assert_eq!(ground.readable(), 5, "those that left ten milliseconds ago");
+}
+
+/// D-2, D-3, S-20: over lines that take and give a few bytes at a time, with small FIFOs, at any speed, with stalls: frames
+/// come out whole and unmixed, every command is answered, and nothing blocks (the simulated line would panic).
+#[test]
+fn partial_reads_and_writes_change_nothing() {
+    for seed in 0..20 {
+        let faults = Faults { stall: 0.002, stall_for: millis(30), ..Faults::default() };
+        let wire = Wire { bytes_per_second: 11_520, latency: millis(3), tx_fifo: 7, rx_fifo: 300, piece: 5, faults };
+        let lines = [LineConfig { up: Wire { faults: Faults::default(), ..wire }, down: wire }; 2];
+        let mut world = World::new(Setup { lines, seed, jitter: millis(2), ..Setup::new() });
+        for round in 0..40 {
+            for gcs in &mut world.gcs {
+                gcs.command_long(MavCmd::NAV_TAKEOFF, [round as f32; 7]);
+            }
+            world.stack.send_text(world.now(), MavSeverity::INFO, &format!("round {round}"));
+            world.run_for(millis(100));
+        }
+        world.run_for(secs(5));
+        for (link, gcs) in (0..).zip(&world.gcs) {
+            assert_eq!(gcs.count_of::<CommandAck>(), 40, "seed {seed}, link {link}");
+            assert_eq!((gcs.counters().checksum, gcs.counters().skipped), (0, 0), "seed {seed}, link {link}");
+            // S-16: no number is missing or doubled.
+            let seqs: Vec<u8> = gcs.received.iter().map(|frame| frame.header.seq).collect();
+            let expected: Vec<u8> = (0..=255).cycle().take(seqs.len()).collect();
+            assert_eq!(seqs, expected, "seed {seed}, link {link}");
+        }
+        assert_eq!(world.errors, []);
+    }
+}
+
+/// D-2, SEC-2: one poll reads, handles and writes no more than its budget; the rest waits and is not lost.
+#[test]
+fn one_poll_keeps_to_its_budget() {
+    let mut setup = Setup::<1>::new();
+    setup.config.budget = PollBudget { rx_bytes: 100, rx_work: 300, frames: 2, tx_bytes: 30 };
+    let mut world = World::new(setup);
+    world.run_for(millis(5));
+    for round in 1..=50 {
+        world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+        world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+        let now = world.now();
+        world.gcs[0].poll(now);
+        let (written, waiting) = (world.uarts[0].written(), world.uarts[0].readable());
+        let handled = world.vehicle.calls.len();
+        let result = world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle);
+        assert_eq!(result, Ok(()));
+        assert!(waiting - world.uarts[0].readable() <= 100, "round {round}");
+        assert!(world.uarts[0].written() - written <= 30, "round {round}");
+        assert!(world.vehicle.calls.len() - handled <= 2, "round {round}");
+    }
+    world.run_for(secs(2));
+    let counters = world.stack.link_counters(LINK).unwrap();
+    assert_eq!(world.vehicle.calls.len() + counters.no_answer_slot as usize, 100);
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), world.vehicle.calls.len());
+}
+
+/// S-20: a failing transport is reported with its own error and counted, and the link goes on: what was half sent is
+/// finished, what comes next is read.
+#[test]
+fn transport_errors_are_reported_and_survived() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(10));
+    world.uarts[0].fail_next_read(SimError::Overrun);
+    world.run_for(millis(10));
+    assert_eq!(world.errors, [(LINK, LinkError::Read(SimError::Overrun))]);
+    world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+    world.uarts[0].fail_next_write(SimError::Injected);
+    world.run_for(millis(10));
+    assert_eq!(world.errors[1..], [(LINK, LinkError::Write(SimError::Injected))]);
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1);
+    let counters = world.stack.link_counters(LINK).unwrap();
+    assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
+    // A link that there is not.
+    let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
+    assert_eq!(nowhere, Err(LinkError::NoSuchLink));
+}
+
+/// S-20: a line that brings more than is read of it: what is lost is counted, what is not lost is served.
+#[test]
+fn overrun_costs_what_it_lost() {
+    let mut line = LineConfig::default();
+    line.up.rx_fifo = 256;
+    let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+    for _ in 0..100 {
+        // 40 commands of 45 bytes at once.
+        for _ in 0..40 {
+            world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+        }
+        world.run_for(millis(20));
+    }
+    assert!(world.errors.iter().all(|error| *error == (LINK, LinkError::Read(SimError::Overrun))));
+    assert_eq!(world.stack.link_counters(LINK).unwrap().read_errors as usize, world.errors.len());
+    let handled = world.vehicle.commands().len();
+    assert!(handled >= 400, "{handled} commands: those in front of each overrun");
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+    world.expect::<CommandAck>(0, millis(5));
+}
+
+/// A client that goes away in the middle of a frame, both ways, and another one that comes: it gets frames from their first
+/// byte, and the front of the old frame does not spoil its first one.
+#[test]
+fn next_client_is_served_as_if_new() {
+    for cut in 1..43 {
+        let mut line = LineConfig::default();
+        line.down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+        let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+        world.run_for(millis(100));
+        // Its last command is cut off; the answer to the one before is on its way.
+        let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
+        world.gcs[0].send(&command);
+        let frame = world.gcs[0].frame_from(STATION, &command);
+        world.gcs[0].send_raw(&frame[..cut]);
+        world.run_for(millis(8));
+        world.uarts[0].set_closed(true);
+        world.run_for(millis(50));
+        assert_eq!(world.errors.last(), Some(&(LINK, LinkError::Closed)));
+        world.uarts[0].set_closed(false);
+        world.stack.restart_link(LINK);
+        world.gcs[0] = Gcs::new(world.gcs[0].end.clone());
+        let version = [AutopilotVersion::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, version);
+        world.run_for(millis(700));
+        let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
+        // The answer to the old client's command is sent again from its start: nobody can know whether it arrived.
+        assert_eq!(ids, [77, 77, 148], "cut at {cut}");
+        assert_eq!(world.gcs[0].counters().skipped, 0, "cut at {cut}");
+    }
+}
+
+/// H-5, GOAL-13: a heartbeat that was cut off is not sent to the next client, for it tells of another time.
+#[test]
+fn next_client_gets_no_old_heartbeat() {
+    let mut line = LineConfig::default();
+    line.down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+    let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+    world.run_for(millis(8));
+    world.uarts[0].set_closed(true);
+    world.step();
+    world.loop_runs = false;
+    for _ in 0..60 {
+        world.clock.set(world.now().after(secs(1)));
+        world.stack.poll(world.now(), &mut world.vehicle);
+    }
+    world.uarts[0].set_closed(false);
+    world.stack.restart_link(LINK);
+    world.run_for(secs(5));
+    assert_eq!(world.gcs[0].received.len(), 0);
+}
+
+/// V-1, V-2: a link answers in its own version, whatever it receives; Auto begins with v1 and goes over to v2 for good with
+/// the first frame that is really v2.
+#[test]
+fn versions_are_kept_per_link() {
+    let [v2, auto, v1] = [TxVersion::V2, TxVersion::Auto, TxVersion::V1];
+    let mut world =
+        World::new(Setup { links: [v2, auto, v1].map(|v| LinkConfig::uart(57_600).with_version(v)), ..Setup::new() });
+    let ask = |world: &mut World<3>, version| {
+        let mut versions = Vec::new();
+        for link in 0..3 {
+            world.gcs[link].version = version;
+            world.gcs[link].forget();
+            world.gcs[link].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+            world.run_for(millis(10));
+            let acks = world.gcs[link].received.iter().filter(|frame| frame.header.id == CommandAck::ID);
+            versions.extend(acks.map(|frame| frame.header.version));
+        }
+        versions
+    };
+    use Version::{V1, V2};
+    assert_eq!(ask(&mut world, V1), [V2, V1, V1]);
+    // Nothing of this is a v2 frame that somebody sent us: damaged, of an unknown id, our own echo.
+    let mut damaged = world.gcs[1].frame_from(STATION, &Gcs::heartbeat());
+    world.gcs[1].version = V2;
+    damaged[11] ^= 1;
+    let unknown = reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1], 0);
+    let echo = world.gcs[1].frame_from(VEHICLE, &Gcs::heartbeat());
+    world.gcs[1].send_raw(&[damaged, unknown, echo].concat());
+    world.run_for(millis(600));
+    assert_eq!(ask(&mut world, V1), [V2, V1, V1]);
+    assert_eq!(ask(&mut world, V2), [V2, V2, V1]);
+    assert_eq!(ask(&mut world, V1), [V2, V2, V1], "for good");
+}
+
+/// what the firmware gets to see: messages without a target, to everyone, to us; and which it does not.
+#[test]
+fn messages_for_others_do_not_reach_the_vehicle() {
+    let mut world = World::new(Setup::<1>::new());
+    let seen = |world: &mut World<1>| {
+        world.run_for(millis(5));
+        std::mem::take(&mut world.vehicle.calls).len() == 1
+    };
+    world.gcs[0].send(&Attitude::default());
+    assert!(seen(&mut world), "no target at all");
+    for (system, component, ours) in [
+        (1, 1, true),
+        (0, 0, true),
+        (0, 1, true),
+        (1, 0, true),
+        (2, 1, false),
+        (1, 2, false),
+        (0, 2, false),
+        (1, 190, false),
+    ] {
+        let set = ParamSet { target_system: system, target_component: component, ..ParamSet::default() };
+        world.gcs[0].send(&set);
+        assert_eq!(seen(&mut world), ours, "PARAM_SET to {system}/{component}");
+    }
+    for (system, ours) in [(1, true), (0, true), (2, false)] {
+        // A target system and no component, in MANUAL_CONTROL under another name.
+        world.gcs[0].send(&SetMode { target_system: system, ..SetMode::default() });
+        assert_eq!(seen(&mut world), ours, "SET_MODE to {system}");
+        world.gcs[0].send(&ManualControl { target: system, x: 1_000, ..ManualControl::default() });
+        assert_eq!(seen(&mut world), ours, "MANUAL_CONTROL to {system}");
+    }
+    assert_eq!(world.stack.link_counters(LINK).unwrap().not_ours, 6);
+    // A heartbeat is the stack's own.
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.run_for(millis(5));
+    assert!(matches!(world.vehicle.calls[..], [Call::Peer(_)]));
+}
+
+/// S-12: a message that cannot be checked is counted, and goes to nobody.
+#[test]
+fn unchecked_frames_reach_nobody() {
+    let mut world = World::new(Setup::<1>::new());
+    world.gcs[0].send(&Attitude::default());
+    world.gcs[0].send_raw(&reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 3], 9));
+    world.run_for(millis(100));
+    assert_eq!(world.vehicle.calls.len(), 1);
+    assert_eq!(world.stack.link_counters(LINK).unwrap().unknown, 1);
+    assert_eq!(world.stack.rx_counters(LINK).unwrap().unchecked, 1);
+}
+
+/// What both halves of the next test are fed: at which millisecond which bytes come.
+fn script() -> Vec<(u64, Vec<u8>)> {
+    let world = World::new(Setup::<1>::new());
+    let mut gcs = world.gcs.into_iter().next().unwrap();
+    let mut script = Vec::new();
+    let mut rng = Rng::new(9);
+    let mut at = 3;
+    for _ in 0..400 {
+        at += rng.below(60);
+        let command = gcs.long(MavCmd::NAV_LAND, [1.0; 7]);
+        let mut bytes = match rng.below(5) {
+            0 => gcs.frame_from(STATION, &Gcs::heartbeat()),
+            1 => gcs.frame_from(STATION, &gcs.long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            // Noise without start bytes: it holds nothing back, so each pass finds what the others do.
+            2 => (0..rng.below(90)).map(|_| rng.byte() & 0x7F).collect(),
+            _ => gcs.frame_from(OTHER_STATION, &command),
+        };
+        if rng.chance(0.1) {
+            bytes.truncate(rng.below(bytes.len() as u64 + 1) as usize);
+        }
+        script.push((at, bytes));
+    }
+    script
+}
+
+/// All that a stack sends for the script when it is driven by `drive`, which moves the bytes that came, and takes those
+/// that are to go.
+fn bytes_sent(mut drive: impl FnMut(&mut Stack<1, NoPlans>, Instant, &[u8], &mut TestVehicle) -> Vec<u8>) -> Vec<u8> {
+    let setup = Setup::<1>::new();
+    let mut stack: Stack<1, NoPlans> = Stack::new(setup.config, setup.links);
+    let mut vehicle = TestVehicle::new();
+    let (mut sent, mut script) = (Vec::new(), script().into_iter().peekable());
+    for ms in 0..20_000 {
+        let now = Instant::from_millis(ms);
+        setup.config.pulse.tick();
+        stack.poll(now, &mut vehicle);
+        let bytes = script.next_if(|(at, _)| *at <= ms).map(|(_, bytes)| bytes).unwrap_or_default();
+        sent.extend(drive(&mut stack, now, &bytes, &mut vehicle));
+    }
+    assert!(vehicle.commands().len() > 120);
+    sent
+}
+
+/// The calls for interrupts and DMA do what `poll_link` does, to the byte, also when the bytes come one by one.
+#[test]
+fn byte_level_calls_equal_poll_link() {
+    fn take(stack: &mut Stack<1, NoPlans>, now: Instant, vehicle: &mut TestVehicle, piece: usize) -> Vec<u8> {
+        let mut taken = Vec::new();
+        loop {
+            let bytes = stack.transmit(now, LINK, vehicle);
+            let len = bytes.len().min(piece);
+            if len == 0 {
+                return taken;
+            }
+            taken.extend(&bytes[..len]);
+            stack.transmitted(LINK, len);
+        }
+    }
+    let clock = Clock::default();
+    let (mut uart, mut far) = SimSerial::new(&clock, LineConfig::default(), 1).ends();
+    let polled = bytes_sent(|stack, now, bytes, vehicle| {
+        clock.set(now);
+        if !bytes.is_empty() {
+            assert_eq!(far.write(bytes), Ok(bytes.len()));
+        }
+        stack.poll_link(now, LINK, &mut uart, vehicle).unwrap();
+        let mut sent = vec![0; far.readable()];
+        if !sent.is_empty() {
+            embedded_io::Read::read(&mut far, &mut sent).unwrap();
+        }
+        sent
+    });
+    let received = bytes_sent(|stack, now, bytes, vehicle| {
+        assert_eq!(stack.receive(now, LINK, bytes, vehicle), bytes.len());
+        take(stack, now, vehicle, 280)
+    });
+    let bytewise = bytes_sent(|stack, now, bytes, vehicle| {
+        stack.receive(now, LINK, &[], vehicle);
+        for byte in bytes {
+            assert_eq!(stack.receive(now, LINK, &[*byte], vehicle), 1);
+        }
+        take(stack, now, vehicle, 1)
+    });
+    let in_place = bytes_sent(|stack, now, mut bytes, vehicle| {
+        stack.received(now, LINK, 0, vehicle);
+        while !bytes.is_empty() {
+            let room = stack.receive_buffer(LINK);
+            let len = room.len().min(bytes.len());
+            room[..len].copy_from_slice(&bytes[..len]);
+            stack.received(now, LINK, len, vehicle);
+            bytes = &bytes[len..];
+        }
+        take(stack, now, vehicle, 17)
+    });
+    assert!(polled.len() > 5_000);
+    for (how, bytes) in [("receive", received), ("a byte at a time", bytewise), ("in place", in_place)] {
+        assert_eq!(bytes.iter().zip(&polled).position(|(a, b)| a != b), None, "{how}");
+        assert_eq!(bytes.len(), polled.len(), "{how}");
+    }
+}
+
+/// A driver that sleeps until `next_deadline`, a byte, or room on the line says the same at the same times as one that
+/// polls every millisecond; and it does sleep.
+#[test]
+fn next_deadline_is_enough() {
+    let run = |sleeps: bool| {
+        let line =
+            LineConfig { up: Wire::default(), down: Wire { bytes_per_second: 2_000, tx_fifo: 16, ..Wire::default() } };
+        let mut setup = Setup { links: [LinkConfig::uart(9_600)], lines: [line], ..Setup::<1>::new() };
+        setup.config.budget.tx_bytes = 40;
+        let mut world = World::new(setup);
+        let (mut script, mut wakes, mut was_full) = (script().into_iter().peekable(), 0, false);
+        let mut deadline = Instant::ZERO;
+        for ms in 0..60_000 {
+            let now = Instant::from_millis(ms);
+            world.clock.set(now);
+            world.pulse.tick();
+            while let Some((_, bytes)) = script.next_if(|(at, _)| *at <= ms) {
+                world.gcs[0].send_raw(&bytes);
+            }
+            if ms % 700 == 0 {
+                // What a firmware does itself it knows of: it runs the stack then.
+                deadline = now;
+                world.stack.send_text(
+                    now,
+                    MavSeverity::INFO,
+                    &format!("{ms} ms have gone by, and all is well so far, it seems"),
+                );
+            }
+            world.gcs[0].poll(now);
+            let uart = &mut world.uarts[0];
+            let is_full = embedded_io::WriteReady::write_ready(uart) == Ok(false);
+            let room_came = was_full && !is_full;
+            if !sleeps || deadline <= now || uart.readable() > 0 || room_came {
+                wakes += 1;
+                world.stack.poll(now, &mut world.vehicle);
+                world.stack.poll_link(now, LINK, uart, &mut world.vehicle).unwrap();
+                deadline = world.stack.next_deadline(now);
+            }
+            was_full = embedded_io::WriteReady::write_ready(uart) == Ok(false);
+            world.gcs[0].poll(now);
+        }
+        let said = world.gcs[0].received.iter().map(|frame| (frame.at, frame.header, frame.payload.clone()));
+        (said.collect::<Vec<_>>(), world.vehicle.calls, wakes)
+    };
+    let (said, calls, _) = run(false);
+    let (said_by_sleeper, calls_by_sleeper, wakes) = run(true);
+    assert!(said.len() > 200, "{}", said.len());
+    assert!(calls_by_sleeper == calls);
+    for (sleeper, poller) in said_by_sleeper.iter().zip(&said) {
+        assert_eq!(sleeper, poller);
+    }
+    assert_eq!(said_by_sleeper.len(), said.len());
+    assert!(wakes < 20_000, "{wakes} times in 60,000 ms");
+}
+
+/// A frame that stops one byte short of its end keeps nobody awake until it is given up.
+#[test]
+fn unfinished_frame_does_not_wake_the_driver() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(100));
+    let frame = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
+    world.gcs[0].send_raw(&frame[..frame.len() - 1]);
+    world.run_for(millis(50));
+    let deadline = world.stack.next_deadline(world.now());
+    assert!(deadline > world.now().after(millis(400)), "{deadline:?} at {:?}", world.now());
+}
+
+/// M-10: old ground stations address plans to component 190; nothing else that is sent there is ours.
+#[test]
+fn plans_may_be_addressed_to_the_old_planner() {
+    type Plans = mavstack::plan_memory!(mission: 10);
+    let mut world = World::<1, Plans>::with_plans(Setup::new());
+    for (system, component, answered) in
+        [(1, 190, true), (1, 1, true), (1, 0, true), (1, 2, false), (2, 1, false), (0, 0, false), (0, 190, false)]
+    {
+        let list = MissionRequestList { target_system: system, target_component: component, ..Default::default() };
+        world.gcs[0].send(&list);
+        world.run_for(millis(50));
+        assert_eq!(world.gcs[0].take::<MissionCount>().is_some(), answered, "to {system}/{component}");
+    }
+}
+
+/// An address in the peer table is no licence: frames go to the vehicle with their true sender.
+#[test]
+fn vehicle_is_told_the_sender() {
+    let mut world = World::new(Setup::<1>::new());
+    let camera = Address::new(1, 100);
+    world.gcs[0].send_from(camera, &Attitude::default());
+    world.run_for(millis(5));
+    assert!(matches!(world.vehicle.calls[..], [Call::Message { id: 30, from, link: LINK, .. }] if from == camera));
+}
