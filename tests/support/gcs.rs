@@ -54,7 +54,8 @@ impl Gcs {
             heartbeat_period: None,
             received: Vec::new(),
             end,
-            decoder: Decoder::default(),
+            // Ground stations wait for the rest of a frame for as long as it takes.
+            decoder: Decoder::new(Duration::from_secs(1 << 30)),
             outgoing: VecDeque::new(),
             seqs: BTreeMap::new(),
             heartbeat_due: Instant::ZERO,
