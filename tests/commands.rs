@@ -364,8 +364,7 @@ proptest! {
         }
         world.run_for(secs(1));
         prop_assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == CommandAck::ID));
-        for link in 0..2 {
-            prop_assert_eq!(world.gcs[link].count_of::<CommandAck>(), commands[link], "link {}", link);
-        }
+        let answers = [0, 1].map(|link: usize| world.gcs[link].count_of::<CommandAck>());
+        prop_assert_eq!(answers, commands);
     }
 }

@@ -125,13 +125,18 @@ fn overrun_costs_what_it_lost() {
     world.expect::<CommandAck>(0, millis(5));
 }
 
+/// A byte a millisecond to the ground, so that a test can stop in the middle of a frame.
+fn slow_down() -> LineConfig {
+    let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+    LineConfig { down, ..LineConfig::default() }
+}
+
 /// A client that goes away in the middle of a frame, both ways, and another one that comes: it gets frames from their first
 /// byte, and the front of the old frame does not spoil its first one.
 #[test]
 fn next_client_is_served_as_if_new() {
     for cut in 1..43 {
-        let mut line = LineConfig::default();
-        line.down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+        let line = slow_down();
         let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
         world.run_for(millis(100));
         // Its last command is cut off; the answer to the one before is on its way.
@@ -159,8 +164,7 @@ fn next_client_is_served_as_if_new() {
 /// H-5, GOAL-13: a heartbeat that was cut off is not sent to the next client, for it tells of another time.
 #[test]
 fn next_client_gets_no_old_heartbeat() {
-    let mut line = LineConfig::default();
-    line.down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+    let line = slow_down();
     let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
     world.run_for(millis(8));
     world.uarts[0].set_closed(true);
