@@ -76,6 +76,9 @@ pub struct Config {
     pub peer_timeout: Duration,
     /// After how long without a new byte the front of a frame is dropped: 500 ms (SEC-4).
     pub stale_after: Duration,
+    /// Whether frames with source component 0 are taken. They are illegal, and dropped at first (S-11); but pymavlink's
+    /// `mavlink_connection` sends them unless its user names a `source_component`.
+    pub accepts_component_0: bool,
     /// The bound of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,
     /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are rounded to floats; else, as
@@ -128,6 +131,7 @@ impl Config {
             max_loop_gap: Duration::from_millis(500),
             peer_timeout: Duration::from_secs(5),
             stale_after: Decoder::STALE_AFTER,
+            accepts_component_0: false,
             budget: PollBudget::DEFAULT,
             float_mission_items: false,
         }

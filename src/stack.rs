@@ -124,7 +124,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let mut normal = LinkMask::NONE;
         let mut i = 0;
         while i < LINKS {
-            links[i].configure(LinkId(i as u8), config.address.get(), configs[i], config.stale_after);
+            links[i].configure(LinkId(i as u8), configs[i], &config);
             if matches!(configs[i].class, LinkClass::Normal) {
                 normal = normal.with(LinkMask::of(LinkId(i as u8)));
             }

@@ -5,7 +5,8 @@ mod support;
 use embedded_io::Write;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Instant, LinkConfig, LinkError, LinkId, Message, NoPlans, PollBudget, Stack, TxVersion, Version,
+    Address, Config, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans, PollBudget, Stack,
+    TxVersion, Version, encode,
 };
 use support::*;
 
@@ -455,4 +456,21 @@ fn vehicle_is_told_the_sender() {
     world.gcs[0].send_from(camera, &Attitude::default());
     world.run_for(millis(5));
     assert!(matches!(world.vehicle.calls[..], [Call::Message { id: 30, from, link: LINK, .. }] if from == camera));
+}
+
+/// S-11: component 0 as a source is illegal and dropped, unless the firmware wants to serve pymavlink's default.
+#[test]
+fn component_0_is_served_only_where_that_is_wanted() {
+    for (accepts_component_0, answers) in [(false, 0), (true, 1)] {
+        let config = Config { accepts_component_0, ..Setup::<1>::new().config };
+        let mut stack: Stack<1> = Stack::new(config, [LinkConfig::uart(57_600)]);
+        let mut vehicle = TestVehicle::default();
+        let mut frame = [0; MAX_FRAME_LEN];
+        let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..Default::default() };
+        let len = encode(&command, Version::V2, Address::new(255, 0), 0, &mut frame).unwrap();
+        assert_eq!(stack.receive(Instant::ZERO, LINK, &frame[..len], &mut vehicle), len);
+        let dropped = stack.rx_counters(LINK).unwrap().zero_source;
+        assert_eq!((vehicle.commands().len(), dropped), (answers, 1 - answers as u32));
+        assert_eq!(stack.transmit(Instant::ZERO, LINK, &mut vehicle).is_empty(), answers == 0);
+    }
 }

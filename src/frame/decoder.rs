@@ -97,6 +97,7 @@ pub struct Decoder {
     /// When the last byte came.
     grown: Instant,
     stale_after: Duration,
+    accepts_component_0: bool,
     counters: RxCounters,
 }
 
@@ -139,19 +140,21 @@ impl Decoder {
         need: 0,
         grown: Instant::ZERO,
         stale_after: Duration::ZERO,
+        accepts_component_0: false,
         counters: RxCounters::ZERO,
     };
 
     /// An empty decoder that drops a candidate `stale_after` its last byte.
     pub const fn new(stale_after: Duration) -> Self {
         let mut new = Self::VACANT;
-        new.configure(stale_after);
+        new.configure(stale_after, false);
         new
     }
 
-    pub(crate) const fn configure(&mut self, stale_after: Duration) {
+    pub(crate) const fn configure(&mut self, stale_after: Duration, accepts_component_0: bool) {
         self.need = 1;
         self.stale_after = stale_after;
+        self.accepts_component_0 = accepts_component_0;
     }
 
     /// What was seen and dropped so far.
@@ -255,7 +258,7 @@ impl Decoder {
                     return None;
                 }
                 *budget = budget.checked_sub(1)?;
-                if let Verdict::Unknown(header) = examine(candidate, messages) {
+                if let Verdict::Unknown(header) = examine(candidate, messages, self.accepts_component_0) {
                     return Some(self.accept_unchecked(header));
                 }
                 if quiet < self.stale_after {
@@ -275,7 +278,7 @@ impl Decoder {
             if *budget == 0 {
                 return None;
             }
-            match examine(candidate, messages) {
+            match examine(candidate, messages, self.accepts_component_0) {
                 Verdict::Need(need) => {
                     *budget = budget.saturating_sub(1);
                     self.need = need;
@@ -362,7 +365,7 @@ impl Default for Decoder {
 }
 
 /// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller.
-fn examine(candidate: &[u8], messages: MessageTable) -> Verdict {
+fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) -> Verdict {
     // The flags come before the length is believed (SEC-3): they may change the header's own length.
     match *candidate {
         [STX_V2, _, incompat_flags, ..] if incompat_flags & !INCOMPAT_SIGNED != 0 => {
@@ -375,7 +378,7 @@ fn examine(candidate: &[u8], messages: MessageTable) -> Verdict {
         let version = if candidate.first() == Some(&STX_V2) { Version::V2 } else { Version::V1 };
         return Verdict::Need(version.header_len());
     };
-    if header.source.system.0 == 0 || header.source.component.0 == 0 {
+    if header.source.system.0 == 0 || (header.source.component.0 == 0 && !accepts_component_0) {
         return Verdict::Reject(Reason::ZeroSource);
     }
     let info = messages.get(header.id);

@@ -9,13 +9,13 @@ mod outbox;
 pub(crate) use bucket::Bucket;
 pub(crate) use outbox::Outbox;
 
+use crate::config::Config;
 use crate::frame::{Address, Decoder, Version};
 use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
 use crate::service::statustext::TextCursor;
-use crate::time::Duration;
 
 /// A link of a stack: an index into its configuration, 0 first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -191,15 +191,15 @@ impl Link {
         },
     };
 
-    pub(crate) const fn configure(&mut self, id: LinkId, source: Address, config: LinkConfig, stale_after: Duration) {
+    pub(crate) const fn configure(&mut self, id: LinkId, config: LinkConfig, stack: &Config) {
         let version = match config.version {
             TxVersion::V2 => Version::V2,
             TxVersion::Auto | TxVersion::V1 => Version::V1,
         };
-        self.decoder.configure(stale_after);
+        self.decoder.configure(stack.stale_after, stack.accepts_component_0);
         self.port.id = id;
         self.port.config = config;
-        self.port.outbox.configure(id, source, version);
+        self.port.outbox.configure(id, stack.address.get(), version);
         self.port.bucket.configure(config.bytes_per_second);
     }
 }

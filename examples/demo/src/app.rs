@@ -17,7 +17,8 @@ pub const LINKS: usize = 3;
 /// Ticked by the flight loop.
 static PULSE: Pulse = Pulse::new();
 
-const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+/// Scripts with pymavlink's defaults are to get an answer.
+const CONFIG: Config = Config { accepts_component_0: true, ..Config::new(Address::new(1, 1), &PULSE) };
 
 const LINK_CONFIGS: [LinkConfig; LINKS] =
     [LinkConfig::uart(115_200), LinkConfig::uart(921_600), LinkConfig::uart(2_400).with_class(LinkClass::HighLatency)];
