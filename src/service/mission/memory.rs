@@ -310,7 +310,7 @@ impl PlansMut<'_> {
         live.id == id && live.items == self.staging.as_slice()
     }
 
-    /// Makes the staged plan the live one, in one step.
+    /// Makes the staged plan the live one, in one step. The id of an empty plan is 0.
     pub(crate) fn commit(&mut self, plan: PlanType, id: u32) {
         let Self { mission, fence, rally, staging } = self;
         let Live { items, id: live_id } = match plan {
@@ -321,7 +321,7 @@ impl PlansMut<'_> {
         items.clear();
         // The count was checked against the capacity before the first item (M-21).
         let _ = items.extend_from_slice(staging);
-        **live_id = if items.is_empty() { 0 } else { id };
+        **live_id = id;
         staging.clear();
     }
 }

@@ -126,13 +126,10 @@ impl Caller<'_> {
     }
 }
 
-/// The plan that a message names. In all of ours that is the first byte behind the base fields, which v1 does not have:
+/// The plan that a message names. In all of ours that is the first byte behind the base fields, where a v1 frame ends:
 /// there every plan is a mission (V-7).
 pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
-    match (frame.header().version, frame.info()) {
-        (Version::V2, Some(info)) => MavMissionType(frame.byte(info.base_len())),
-        _ => MavMissionType::MISSION,
-    }
+    MavMissionType(frame.info().map_or(0, |info| frame.byte(info.base_len())))
 }
 
 /// The engine: the state of plan transfer, whatever the plans' capacities.

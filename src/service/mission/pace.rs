@@ -104,3 +104,75 @@ impl Pace {
 fn micros(duration: Duration) -> u32 {
     u32::try_from(duration.as_micros()).unwrap_or(u32::MAX)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn at(millis: u64) -> Instant {
+        Instant::from_millis(millis)
+    }
+
+    /// `items` items, each `millis` ms after it was asked for, from `now` on. When the last one came.
+    fn answer(pace: &mut Pace, now: u64, items: u64, millis: u64) -> u64 {
+        for item in 0..items {
+            pace.asked(at(now + item * millis));
+            pace.answered(at(now + (item + 1) * millis));
+        }
+        now + items * millis
+    }
+
+    /// M-40
+    #[test]
+    fn interval_follows_the_round_trip_within_its_bounds() {
+        let mut pace = Pace::new(at(0));
+        for (round_trip, interval) in [(1, 250), (100, 250), (300, 600), (5_000, 1_000), (10, 250)] {
+            answer(&mut pace, 0, 40, round_trip);
+            let waits = pace.interval().as_millis();
+            assert!((interval - 10..=interval).contains(&waits), "{waits} ms for {round_trip} ms");
+        }
+    }
+
+    #[test]
+    fn an_item_asked_for_twice_tells_the_round_trip_only_when_it_comes_twice() {
+        // A request that was lost …
+        let mut pace = Pace::new(at(0));
+        pace.asked(at(0));
+        pace.retry(at(250));
+        pace.asked(at(250));
+        pace.answered(at(260));
+        assert_eq!(pace.interval(), MIN_INTERVAL);
+        // … and one that was only slow: its item comes a second time.
+        pace.asked(at(300));
+        pace.retry(at(550));
+        pace.asked(at(550));
+        pace.answered(at(700));
+        assert_eq!(pace.interval(), MIN_INTERVAL);
+        pace.repeated();
+        let interval = pace.interval();
+        assert!(interval > MIN_INTERVAL);
+        pace.repeated();
+        assert_eq!(pace.interval(), interval, "once");
+    }
+
+    /// M-41: where retries come once a second they last longer than five seconds, elsewhere the seconds do.
+    #[test]
+    fn patience_ends_after_five_seconds_and_five_retries() {
+        for (round_trip, end) in [(1, 5_000), (900, 6_000)] {
+            let mut pace = Pace::new(at(0));
+            let now = answer(&mut pace, 0, 40, round_trip);
+            // An item that took many requests does not use up the next one's.
+            pace.asked(at(now));
+            (0..4).for_each(|_| pace.retry(at(now)));
+            pace.answered(at(now));
+            pace.asked(at(now));
+            let mut retries = 0;
+            while !pace.is_over(pace.deadline()) {
+                retries += 1;
+                pace.retry(pace.deadline());
+            }
+            let waited = pace.deadline().since(at(now)).as_millis();
+            assert!(retries >= 5 && (end - 100..end + 250).contains(&waited), "{retries} retries, {waited} ms");
+        }
+    }
+}

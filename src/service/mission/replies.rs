@@ -63,7 +63,7 @@ impl Reply {
 pub(crate) struct Replies {
     /// The oldest first.
     slots: Vec<Reply, SLOTS, u8>,
-    /// Before this moment stray items are not answered.
+    /// Before this moment stray items are not answered, whoever sends them.
     strays_from: Instant,
 }
 

@@ -333,11 +333,10 @@ impl Missions {
         self.current.announce(cx.normal);
     }
 
-    /// Forgets the running upload, and that it ever was.
+    /// Forgets the running upload.
     fn abandon(&mut self, cx: &mut Context<'_, '_>) {
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
-            self.done = None;
         }
         cx.plans.staging.clear();
     }

@@ -64,11 +64,14 @@ struct Vehicle {
     bad_item: Option<(u16, MavMissionResult)>,
     verdict: Result<(), MavMissionResult>,
     progress: Progress,
+    /// The plans that may_change was asked about.
+    asked: Vec<PlanType>,
     changes: Vec<(PlanType, Vec<Item>, u16)>,
 }
 
 impl Plans for Vehicle {
-    fn may_change(&mut self, _: PlanType, _: Peer) -> Result<(), MavMissionResult> {
+    fn may_change(&mut self, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
+        self.asked.push(plan);
         self.may_change
     }
 
@@ -118,6 +121,7 @@ impl Bench {
                 bad_item: None,
                 verdict: Ok(()),
                 progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
+                asked: Vec::new(),
                 changes: Vec::new(),
             },
             texts: StatusTexts::new(),

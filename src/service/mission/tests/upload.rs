@@ -204,10 +204,13 @@ fn a_lost_final_answer_is_repeated() {
     bench.upload(A, MISSION, &plan(1, 3));
     let last = int(MISSION, 2, &item(1, 2));
     for _ in 0..3 {
-        bench.wait(3_000);
+        bench.wait(2_500);
         assert_eq!(bench.ask(A, &last), [to_a(Ack(ACCEPTED, id))]);
     }
     assert_eq!(bench.ask(B, &last), [to_b(Ack(ERROR, 0))], "somebody else's");
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ERROR, 0))], "not the last");
+    bench.wait(1_000);
+    assert_eq!(bench.ask(A, &int(FENCE, 2, &item(1, 2))), [(A.address, FENCE, Ack(ERROR, 0))], "of another plan");
     bench.wait(1_500);
     assert_eq!(bench.ask(A, &last), [to_a(Ack(ERROR, 0))], "too late");
     assert_eq!(bench.vehicle.changes.len(), 1);
@@ -242,6 +245,8 @@ fn a_repeated_count_is_an_echo_or_a_restart() {
     assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))]);
     assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "(a) the request is out");
     assert_eq!(bench.wait(260), [(250, to_a(Ask(0)))], "(a) and is repeated when it was lost");
+    bench.wait(1_000);
+    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "(a) however long ago, once in the timer's period");
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "(b) an echo");
     assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ask(2))], "(b) that changes nothing");
@@ -266,6 +271,15 @@ fn the_partner_may_move_to_another_link() {
     bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
     assert!(bench.drain_link(0).is_empty());
     assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
+
+    // So it is with a repeated COUNT and with a MISSION_ACK.
+    bench.ask(A, &count(MISSION, 2));
+    bench.send(A_MOVED, &count(MISSION, 2));
+    bench.now = bench.now.after(Duration::from_millis(300));
+    bench.poll();
+    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![], std::vec![to_a(Ask(0))]));
+    bench.send(A, &ack(MISSION, UNSUPPORTED));
+    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![to_a(AskLegacy(0))], std::vec![]));
 }
 
 /// M-34: "go there now" is no part of a plan.
@@ -302,6 +316,10 @@ fn float_items_are_taken_and_asked_for() {
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
     assert!(bench.wait(1_000).is_empty(), "UNSUPPORTED to both forms ends the upload");
+    bench.ask(A, &count(MISSION, 2));
+    bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+    bench.ask(A, &ack(MISSION, UNSUPPORTED));
+    assert!(bench.wait(1_000).is_empty(), "and so does UNSUPPORTED after an item");
 }
 
 /// V-7: what comes as v1 is about the mission, and a link that sends v1 has no other plans.
@@ -346,15 +364,23 @@ fn clear_is_repeatable() {
     assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
     assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
     assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, Vec::new(), 0)));
+    assert_eq!(bench.vehicle.asked[4..], [PlanType::Mission, PlanType::Fence], "each plan that there is");
     let bad = MavMissionType(3);
     assert_eq!(bench.ask(A, &clear(bad)), [(A.address, bad, Ack(MavMissionResult::INVALID, 0))]);
     let rally = MavMissionType::RALLY;
     assert_eq!(bench.ask(A, &clear(rally)), [(A.address, rally, Ack(UNSUPPORTED, 0))]);
-    assert_eq!(
-        bench.ask(A, &int(MISSION, 2, &item(1, 2))),
-        [to_a(Ack(ERROR, 0))],
-        "what is cleared was never accepted"
-    );
+}
+
+/// M-31, M-50: the final answer is not repeated for a plan that is gone by now.
+#[test]
+fn what_was_cleared_is_not_accepted_again() {
+    for by_count in [false, true] {
+        let mut bench = Bench::new();
+        bench.upload(A, MISSION, &plan(1, 3));
+        let cleared = if by_count { bench.ask(A, &count(MISSION, 0)) } else { bench.ask(A, &clear(MISSION)) };
+        assert_eq!(cleared, [to_a(Ack(ACCEPTED, 0))]);
+        assert_eq!(bench.ask(A, &int(MISSION, 2, &item(1, 2))), [to_a(Ack(ERROR, 0))]);
+    }
 }
 
 /// D-3: a request whose answer cannot be owed is not carried out; what is owed is not lost, and other links do not wait.
