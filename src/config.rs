@@ -22,8 +22,8 @@ pub struct PollBudget {
 }
 
 impl PollBudget {
-    /// 128 bytes in, 4 frames, 280 bytes out: enough for 1 Mbit/s at a poll a millisecond.
-    pub const DEFAULT: Self = Self { rx_bytes: 128, rx_work: 562, frames: 4, tx_bytes: 280 };
+    /// 128 bytes in, 8 frames, 280 bytes out: enough for 1 Mbit/s at a poll a millisecond.
+    pub const DEFAULT: Self = Self { rx_bytes: 128, rx_work: 562, frames: 8, tx_bytes: 280 };
 
     /// What one poll may still receive.
     pub(crate) fn rx(&self) -> RxAllowance {
@@ -68,9 +68,10 @@ pub struct Config {
     pub autopilot: MavAutopilot,
     /// What AUTOPILOT_VERSION says of the vehicle.
     pub identity: Identity,
-    /// Time between heartbeats on a link: 1 s (H-1).
+    /// Time between heartbeats on a link: 1 s (H-1). Less than 10 ms counts as that.
     pub heartbeat_period: Duration,
-    /// How long the flight loop may take for one pass before the heartbeats stop: 500 ms (H-5).
+    /// How long the flight loop may take for one pass before the heartbeats stop: 500 ms (H-5). The stack must be polled more
+    /// often than this, or whenever [`next_deadline`](crate::Stack::next_deadline) says.
     pub max_loop_gap: Duration,
     /// After how long without a heartbeat a peer is lost: 5 s (H-11).
     pub peer_timeout: Duration,

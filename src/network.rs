@@ -117,6 +117,14 @@ pub(crate) fn on_frame(
     booking
 }
 
+/// A frame with an unknown id came from `peer`. It could not be checked, so it is believed only when it bears the number
+/// that is due: then it is no loss (S-16).
+pub(crate) fn on_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
+    if let Some(info) = peers.iter_mut().find(|info| info.peer == peer && info.seq == seq) {
+        info.seq = seq.wrapping_add(1);
+    }
+}
+
 /// Reports those whose heartbeats stopped (H-11).
 pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, vehicle: &mut impl Vehicle) {
     for info in peers.iter_mut() {

@@ -98,6 +98,8 @@ struct Context<'a, V, P: PlanStorage> {
     missions: &'a mut P::Engine,
     plans: &'a mut P,
     vehicle: &'a mut V,
+    /// The next sequence number of each link; only for received frames.
+    seqs: &'a [u8],
 }
 
 impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
@@ -305,7 +307,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let port = &mut link.port;
         if port.outbox.is_empty() {
             let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
-            self.core.fill(&mut Context { now, peers: &mut self.peers, texts, missions, plans, vehicle }, port);
+            self.core
+                .fill(&mut Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, seqs: &[] }, port);
         }
         port.outbox.pending()
     }
@@ -328,6 +331,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             link.decoder.clear();
             link.port.transport = Transport::Unknown;
             link.port.outbox.restart();
+        }
+        if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
+            missions.restart_link(link);
         }
     }
 
@@ -406,12 +412,16 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         vehicle: &mut V,
         allowance: &mut RxAllowance,
     ) {
+        let mut seqs = [0; LINKS];
+        for (seq, link) in seqs.iter_mut().zip(&self.links) {
+            *seq = link.port.outbox.seq();
+        }
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return };
         if len > 0 {
             link.decoder.commit(len, now);
         }
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
-        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle };
+        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, seqs: &seqs };
         self.core.drain(&mut context, link, D::MESSAGES, allowance);
     }
 }
@@ -457,7 +467,7 @@ impl Core {
         let own = self.config.address.get();
         if frame.source() == own {
             count(&mut port.counters.own_address);
-            if port.is_conflict(frame.header().seq) {
+            if port.is_conflict(frame.header().seq, context.seqs) {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
                 let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
                 text.push_number(u32::from(own.system.0));
@@ -467,6 +477,8 @@ impl Core {
         }
         let Some(info) = frame.info() else {
             count(&mut port.counters.unknown);
+            let peer = Peer { address: frame.source(), link: port.id };
+            network::on_unchecked(context.peers, peer, frame.header().seq);
             return;
         };
         port.heard(frame.header().version);
@@ -503,14 +515,15 @@ impl Core {
                 return;
             }
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
-            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
-                return caller.refuse(frame);
+            // Fences and rally points have their room and their engine; what is missing is the check of a fence as a whole
+            // (M-80 to M-84), and without it none is taken.
+            let is_served = !matches!(mission::mission_type(frame), MavMissionType::FENCE | MavMissionType::RALLY);
+            let Some((missions, mut plans)) = context.plans.parts(context.missions).filter(|_| is_served) else {
+                if !caller.refuse(frame) {
+                    count(&mut port.counters.no_answer_slot);
+                }
+                return;
             };
-            // Their room and their engine are there; what is missing is the check of a fence as a whole (M-80 to M-84), and
-            // without it none is taken.
-            if matches!(mission::mission_type(frame), MavMissionType::FENCE | MavMissionType::RALLY) {
-                return caller.refuse(frame);
-            }
             let Context { now, texts, vehicle, .. } = context;
             let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);
@@ -541,10 +554,7 @@ impl Core {
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || port.acks.next(&mut port.outbox)
-            || (is_normal
-                && (plan_ack(context, port)
-                    || port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox)
-                    || (port.bucket.has_room() && self.transfer(context, port))));
+            || (is_normal && (plan_ack(context, port) || (port.bucket.has_room() && self.transfer(context, port))));
         if sent {
             count(&mut port.counters.tx_frames);
         }
@@ -573,6 +583,9 @@ impl Core {
     /// What can wait for the link's byte rate.
     fn transfer<V: Autopilot, P: PlanStorage>(&self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
         let Context { now, texts, missions, plans, vehicle, .. } = context;
+        if port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox) {
+            return true;
+        }
         let Some((missions, plans)) = plans.parts(missions) else {
             return texts.next(&mut port.text, &mut port.outbox);
         };
@@ -585,32 +598,32 @@ impl Core {
     /// When something is to be sent on a link.
     fn tx_deadline(&self, now: Instant, port: &Port, texts: &StatusTexts, missions: Option<&Missions>) -> Instant {
         let is_normal = port.config.class == LinkClass::Normal;
-        match port.transport {
-            // It has to become ready first, of which the stack hears nothing.
-            Transport::Full => return Instant::NEVER,
-            Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
-            // The rest of a frame waits for the next poll's budget.
-            Transport::Ready if !port.outbox.is_empty() => return now,
-            _ => {}
-        }
-        if !port.acks.is_empty()
-            || (is_normal
-                && (!port.owed.is_empty()
-                    || missions.map_or(port.plans.has_ack(), |missions| missions.owes_ack(&port.plans, &port.outbox))))
-        {
-            return now;
-        }
-        if !is_normal {
-            return Instant::NEVER;
-        }
-        let waits = texts.is_pending(LinkMask::of(port.id))
-            || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox));
-        let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
         let heartbeat = match port.heartbeat.due() {
-            due if due > now || self.credit.is_good(now, self.config.max_loop_gap) => due,
+            _ if !is_normal => Instant::NEVER,
+            due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
+            due if self.credit.is_good(now, self.config.max_loop_gap) => due,
             // It waits for the flight loop, of which the stack hears only when it looks.
             _ => now.after(RETRY),
         };
+        match port.transport {
+            // The rest of a frame waits for the next poll's budget.
+            Transport::Ready if !port.outbox.is_empty() => return now,
+            // It has to become ready first, of which the stack hears nothing.
+            Transport::Full | Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
+            // The same; but by the time of the next heartbeat it may be ready, though nobody is waiting for that.
+            Transport::Full => return if heartbeat > now { heartbeat } else { Instant::NEVER },
+            _ => {}
+        }
+        let owes_plan_ack =
+            missions.map_or(port.plans.has_ack(), |missions| missions.owes_ack(&port.plans, &port.outbox));
+        if !port.acks.is_empty() || (is_normal && owes_plan_ack) {
+            return now;
+        }
+        let waits = is_normal
+            && (!port.owed.is_empty()
+                || texts.is_pending(LinkMask::of(port.id))
+                || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
+        let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
         transfer.min(heartbeat)
     }
 }

@@ -44,7 +44,8 @@ pub trait Vehicle {
         let _ = event;
     }
 
-    /// A checked frame, addressed to us or to all, whose message the stack does not handle itself.
+    /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. Its
+    /// signature, if it has one, was not verified. Nothing of a high-latency link comes here (L-4).
     fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
         let _ = (frame, link);
     }

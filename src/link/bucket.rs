@@ -43,9 +43,9 @@ impl Bucket {
         self.level = self.level.saturating_add(flown).min(self.capacity());
     }
 
-    /// Whether what can wait may be sent now.
+    /// Whether what can wait may be sent now. A rate of 0 is no limit.
     pub(crate) fn has_room(&self) -> bool {
-        self.level >= 0
+        self.level >= 0 || self.rate == 0
     }
 
     /// `bytes` went out; the level may fall below zero, for what could not wait.
@@ -56,8 +56,8 @@ impl Bucket {
 
     /// Microseconds until [`has_room`](Self::has_room), rounded up to a millisecond's worth.
     pub(crate) fn ready_at(&self) -> Instant {
-        if self.has_room() || self.rate == 0 {
-            return if self.rate == 0 { Instant::NEVER } else { self.filled };
+        if self.has_room() {
+            return self.filled;
         }
         // A division only for those who sleep.
         let missing = self.level.saturating_neg();

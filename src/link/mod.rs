@@ -62,7 +62,7 @@ pub struct LinkConfig {
     pub class: LinkClass,
     /// Which version it sends.
     pub version: TxVersion,
-    /// How fast it is (bytes/s). Transfers, texts and streams keep below it on average; heartbeats and answers go out at
+    /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average; heartbeats and answers go out at
     /// once, and are charged.
     pub bytes_per_second: u32,
 }
@@ -107,7 +107,8 @@ pub struct LinkCounters {
     pub no_peer_slot: u32,
     /// Peers that took another one's place in the full peer table (H-12).
     pub evicted_peers: u32,
-    /// Commands that were not carried out because their answer had no room; the sender repeats them.
+    /// Commands that were not carried out, and questions about plans that are not served, because their answer had no room;
+    /// the sender repeats them. See also [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
     pub no_answer_slot: u32,
     /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10).
     pub out_of_place: u32,
@@ -215,11 +216,12 @@ impl Port {
         }
     }
 
-    /// A frame with our own address came in, with this sequence number. True when by now somebody else must have it:
-    /// an echo would bear one of the numbers that we sent last (H-14). True once.
-    pub(crate) fn is_conflict(&mut self, seq: u8) -> bool {
+    /// A frame with our own address came in, with the sequence number `seq`. True when by now somebody else must have it:
+    /// an echo would bear one of the numbers that a link sent last; `seqs` are their next ones (H-14). True once.
+    pub(crate) fn is_conflict(&mut self, seq: u8, seqs: &[u8]) -> bool {
         const ECHO: u8 = 32;
-        if self.outbox.seq().wrapping_sub(seq).wrapping_sub(1) < ECHO || self.strangers >= Self::CONFLICT {
+        let is_echo = seqs.iter().any(|next| next.wrapping_sub(seq).wrapping_sub(1) < ECHO);
+        if is_echo || self.strangers >= Self::CONFLICT {
             return false;
         }
         self.strangers = self.strangers.saturating_add(1);

@@ -17,13 +17,15 @@ use crate::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub(crate) struct Credit {
     count: u32,
+    looked: Option<Instant>,
+    /// The last tick that was seen came after this moment.
     renewed: Option<Instant>,
     is_faulted: bool,
 }
 
 impl Credit {
     pub(crate) const fn new() -> Self {
-        Self { count: 0, renewed: None, is_faulted: false }
+        Self { count: 0, looked: None, renewed: None, is_faulted: false }
     }
 
     /// Looks at the pulse and tells whether heartbeats may go out.
@@ -31,10 +33,18 @@ impl Credit {
         let count = pulse.count();
         if count != self.count {
             self.count = count;
-            self.renewed = Some(now);
+            // When it ticked is not known, only that it was after the last look.
+            self.renewed = self.looked.or(Some(now));
         }
+        self.looked = Some(now);
         self.is_faulted |= pulse.is_faulted();
         self.is_good(now, max_loop_gap)
+    }
+
+    /// When somebody who sleeps must look at the pulse, so that a heartbeat which is due at `due` finds it fresh.
+    pub(crate) fn look_for(&self, due: Instant, max_loop_gap: Duration) -> Instant {
+        let look = Instant::from_micros(due.as_micros().saturating_sub(max_loop_gap.as_micros() / 2));
+        if self.looked.is_none_or(|looked| looked < look) { look } else { due }
     }
 
     /// Whether heartbeats may go out, as of the last look.
@@ -42,6 +52,9 @@ impl Credit {
         !self.is_faulted && self.renewed.is_some_and(|renewed| now.since(renewed) <= max_loop_gap)
     }
 }
+
+/// A shorter period counts as this: a link must get round to something else.
+const MIN_PERIOD: Duration = Duration::from_millis(10);
 
 /// When a link's next heartbeat is due: a phase without drift, and no burst after a stall (H-6).
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +73,7 @@ impl Schedule {
 
     /// One was sent: the next follows a period after this one was *due*, or, when that is past too, after now.
     pub(crate) fn sent(&mut self, now: Instant, period: Duration) {
+        let period = period.max(MIN_PERIOD);
         let next = self.due.after(period);
         self.due = if next > now { next } else { now.after(period) };
     }
@@ -89,8 +103,8 @@ mod tests {
         assert!(!credit.sample(at(0), &pulse, GAP), "nothing ticked yet");
         pulse.tick();
         assert!(credit.sample(at(10), &pulse, GAP));
-        assert!(credit.sample(at(510), &pulse, GAP));
-        assert!(!credit.sample(at(511), &pulse, GAP), "the loop is late");
+        assert!(credit.sample(at(500), &pulse, GAP), "the tick came after the look at 0 ms");
+        assert!(!credit.sample(at(501), &pulse, GAP), "the loop is late");
         pulse.tick();
         assert!(credit.sample(at(900), &pulse, GAP), "it goes on");
         pulse.fault();

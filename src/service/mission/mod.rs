@@ -110,11 +110,17 @@ impl Caller<'_> {
         self.owe(mission_type, What::Ack(result, id));
     }
 
-    /// The answer of a vehicle without plans, whatever is asked: clients would repeat an unanswered question for seconds.
-    pub(crate) fn refuse(&mut self, frame: &Frame<'_>) {
-        if frame.id() != MissionAck::ID && !self.replies.is_full() {
+    /// The answer of a vehicle that does not serve the plan, whatever is asked: clients would repeat an unanswered question
+    /// for seconds. Items and acknowledgements ask nothing. False when the link owes too many answers to owe this one.
+    pub(crate) fn refuse(&mut self, frame: &Frame<'_>) -> bool {
+        if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID) {
+            return true;
+        }
+        let has_room = !self.replies.is_full();
+        if has_room {
             self.ack(mission_type(frame), MavMissionResult::UNSUPPORTED, 0);
         }
+        has_room
     }
 
     /// A part of a live plan is asked for (M-60).
@@ -218,6 +224,11 @@ impl Missions {
             // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not a part of the standard protocol (M-68).
             _ => caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0),
         }
+    }
+
+    /// The line of a link was opened anew: nobody is there any more to be told that his upload timed out.
+    pub(crate) fn restart_link(&mut self, link: LinkId) {
+        self.farewell.take_if(|(owed, _)| *owed == link);
     }
 
     /// Runs the timers: requests that are to be repeated, uploads that stopped, MISSION_CURRENT.

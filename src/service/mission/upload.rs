@@ -106,7 +106,8 @@ impl Missions {
                 return;
             }
         }
-        // Whatever comes of it, an earlier upload of the same partner is over (M-22 c, M-24).
+        // Whatever comes of it, an earlier upload of the same partner is over (M-22 c, M-24), and what was to be said of it.
+        self.farewell.take_if(|(_, reply)| reply.to == caller.from.address);
         self.abandon(cx);
         if count > cx.plans.capacity(plan) {
             event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
@@ -151,6 +152,8 @@ impl Missions {
             // M-33, M-34
             return caller.ack(mission_type, MavMissionResult::DENIED, 0);
         }
+        // Also when it is not the item that is wanted: the partner is heard here now (M-11).
+        upload.partner = from;
         let next = cx.plans.staged();
         if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
             // M-30, M-32: neither is an error; what is missing is asked for by the timer, at most once in its period.
@@ -161,7 +164,6 @@ impl Missions {
             }
             return;
         }
-        upload.partner = from;
         let plan = upload.plan;
         let checked = item.and_then(|item| {
             validate::check(&item)?;
@@ -272,11 +274,11 @@ impl Missions {
         upload.partner = from;
         match result {
             MavMissionResult::ACCEPTED => {}
-            MavMissionResult::UNSUPPORTED if cx.plans.staged() == 0 && !upload.asks_legacy => {
-                // A partner that knows no MISSION_REQUEST_INT (M-37).
+            MavMissionResult::UNSUPPORTED if cx.plans.staged() == 0 => {
+                // A partner that knows no MISSION_REQUEST_INT (M-37). It says so for each that was on its way; what ends the
+                // upload, if it knows no other either, is the timer.
                 event!("upload by {}: asking by MISSION_REQUEST", from);
-                upload.asks_legacy = true;
-                upload.owes_request = true;
+                upload.owes_request |= !core::mem::replace(&mut upload.asks_legacy, true);
             }
             _ => {
                 event!("{} upload by {}: cancelled by the partner", plan, from);
@@ -304,6 +306,7 @@ impl Missions {
             // M-51
             return caller.ack(mission_type, MavMissionResult::DENIED, 0);
         }
+        self.farewell.take_if(|(_, reply)| reply.to == caller.from.address);
         self.abandon(cx);
         let served = |cx: &Context<'_, '_>, plan| cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
         // All or none: first everything is asked, then everything is done.
