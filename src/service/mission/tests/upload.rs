@@ -196,6 +196,27 @@ fn a_stuck_link_cannot_hold_the_upload() {
     assert_eq!(bench.drain_link(0), [to_a(Ack(CANCELLED, 0))], "delayed, not lost");
 }
 
+/// M-41: what a link still owes of an upload that timed out is not said when its partner begins anew, or is gone.
+#[test]
+fn a_late_cancel_does_not_end_the_next_upload() {
+    for restart in [false, true] {
+        let mut bench = Bench::new();
+        bench.send(A, &count(MISSION, 3));
+        for _ in 0..800 {
+            bench.now = bench.now.after(Duration::from_millis(10));
+            bench.poll();
+        }
+        let expected = if restart {
+            bench.missions.restart_link(A.link);
+            Vec::new()
+        } else {
+            bench.send(A, &count(MISSION, 2));
+            std::vec![to_a(Ask(0))]
+        };
+        assert_eq!(bench.drain(), expected);
+    }
+}
+
 /// T-M10, M-31: the last item again means that the final answer was lost; for ten seconds.
 #[test]
 fn a_lost_final_answer_is_repeated() {
@@ -272,7 +293,12 @@ fn the_partner_may_move_to_another_link() {
     assert!(bench.drain_link(0).is_empty());
     assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
 
-    // So it is with a repeated COUNT and with a MISSION_ACK.
+    // So it is with an item that is not wanted, with a repeated COUNT and with a MISSION_ACK.
+    bench.ask(A, &count(MISSION, 3));
+    bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
+    bench.now = bench.now.after(Duration::from_millis(300));
+    bench.poll();
+    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![], std::vec![to_a(Ask(0))]));
     bench.ask(A, &count(MISSION, 2));
     bench.send(A_MOVED, &count(MISSION, 2));
     bench.now = bench.now.after(Duration::from_millis(300));
@@ -314,12 +340,12 @@ fn float_items_are_taken_and_asked_for() {
     assert_eq!(bench.ask(A, &MissionItem { y: f32::INFINITY, ..float(0) }), [to_a(Ack(code, 0))]);
     bench.ask(A, &count(MISSION, 1));
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
-    bench.ask(A, &ack(MISSION, UNSUPPORTED));
-    assert!(bench.wait(1_000).is_empty(), "UNSUPPORTED to both forms ends the upload");
+    assert!(bench.ask(A, &ack(MISSION, UNSUPPORTED)).is_empty(), "as much for a second request that was on its way");
+    assert_eq!(bench.wait(8_000).last().unwrap().1, to_a(Ack(CANCELLED, 0)), "no other form: it times out");
     bench.ask(A, &count(MISSION, 2));
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
-    assert!(bench.wait(1_000).is_empty(), "and so does UNSUPPORTED after an item");
+    assert!(bench.wait(1_000).is_empty(), "after an item UNSUPPORTED ends the upload like any fault");
 }
 
 /// V-7: what comes as v1 is about the mission, and a link that sends v1 has no other plans.
