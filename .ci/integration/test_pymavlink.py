@@ -115,6 +115,18 @@ def test_a_command_gets_exactly_one_answer(gcs, command, params, result):
     assert gcs.wait("COMMAND_ACK", timeout=1.5) is None, "a second answer"
 
 
+def test_a_script_with_the_defaults_is_answered(port):
+    """Without a word about it, pymavlink sends as component 0."""
+    link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}")
+    try:
+        assert link.wait_heartbeat(timeout=5)
+        link.mav.command_long_send(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 148, 0, 0, 0, 0, 0, 0)
+        assert link.recv_match(type="COMMAND_ACK", blocking=True, timeout=3).result == mavlink.MAV_RESULT_ACCEPTED
+        assert link.recv_match(type="AUTOPILOT_VERSION", blocking=True, timeout=3)
+    finally:
+        link.close()
+
+
 def test_a_command_for_somebody_else_gets_no_answer(gcs):
     """C-2."""
     gcs.mav.command_long_send(1, 77, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
