@@ -173,6 +173,24 @@ fn nested_false_headers_cannot_hold_the_decoder() {
     }
 }
 
+/// SEC-2: a checksum for which the budget does not suffice is not begun. A look at the header costs 1, and so does a byte.
+#[test]
+fn budget_is_kept() {
+    // One look, and the checksum over CRC_EXTRA and all but the start byte and itself.
+    let cost = 1 + 1 + heartbeat().len() as u32 - 3;
+    for budget in 0..cost + 10 {
+        let mut decoder = Decoder::default();
+        decoder.push(&heartbeat(), Instant::ZERO);
+        let mut left = budget;
+        let found = decoder.next(Instant::ZERO, TABLE, &mut left, |_| false).is_some();
+        assert_eq!(found, budget >= cost, "{budget}");
+        assert!(!found || budget - left == cost, "{budget}, {left} left");
+        let mut rest = Decoder::MIN_BUDGET;
+        let found_later = decoder.next(Instant::ZERO, TABLE, &mut rest, |_| false).is_some();
+        assert_eq!(found_later, !found, "{budget}");
+    }
+}
+
 /// S-12, R-9: a frame with an unknown id cannot be checked. A known sender speaks for it, together with a start byte or
 /// silence behind it: then it is taken whole, nothing inside it counts (SEC-5), and it is marked as unchecked.
 #[test]

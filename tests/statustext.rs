@@ -135,6 +135,36 @@ fn repetitions_are_dropped() {
     assert_eq!(chunks(&world, 0).len(), 3, "no text is none");
 }
 
+/// T-5: neither do three texts that take turns get through more than once.
+#[test]
+fn texts_that_take_turns_are_repetitions() {
+    let mut world = World::new(Setup::<1>::new());
+    let said =
+        [(MavSeverity::WARNING, "GPS glitch"), (MavSeverity::ERROR, "Low voltage"), (MavSeverity::INFO, "Ready")];
+    for (severity, text) in said.into_iter().cycle().take(48) {
+        world.stack.send_text(world.now(), severity, text);
+        world.run_for(millis(100));
+    }
+    assert_eq!(texts(&world, 0), ["GPS glitch", "Low voltage", "Ready"]);
+}
+
+/// T-5: the id that chunks share is never 0, which means that there are none; not even after 65,535 texts.
+#[test]
+fn chunk_ids_skip_zero() {
+    let mut world = World::new(Setup::<1>::new());
+    for i in 0..65_533 {
+        world.stack.send_text(world.now(), MavSeverity::INFO, &i.to_string());
+    }
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    for i in 0..5 {
+        world.stack.send_text(world.now(), MavSeverity::INFO, &format!("{i}{}", text(60)));
+        world.run_for(millis(100));
+    }
+    let ids: Vec<u16> = chunks(&world, 0).iter().filter(|chunk| chunk.chunk_seq == 0).map(|chunk| chunk.id).collect();
+    assert_eq!(ids, [65_534, 65_535, 1, 2, 3]);
+}
+
 /// T-5: when more texts wait than there is room for, the least severe goes, the older of two; the rest comes in the order
 /// in which it was said.
 #[test]

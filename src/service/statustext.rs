@@ -83,13 +83,14 @@ impl StatusTexts {
             return;
         }
         event!("statustext {=u8}: {}", severity.0, text);
-        // Sent ones go first, then those given up, then the least severe (a larger number is less severe), the oldest of them.
+        // Sent ones go first, the oldest of them; then those given up, then the least severe (a larger number is less severe).
         let newest = self.newest;
         let given_up = |entry: &Entry| u8::from(now.since(entry.at) >= GIVE_UP_AFTER);
         let state = |entry: &Entry| if entry.pending.is_empty() { 2 } else { given_up(entry) };
         let rank = |entry: &Entry| {
             let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();
-            u32::from_be_bytes([state(entry), entry.severity.0, high, low])
+            let severity = if entry.pending.is_empty() { 0 } else { entry.severity.0 };
+            u32::from_be_bytes([state(entry), severity, high, low])
         };
         let Some(entry) = self.entries.iter_mut().max_by_key(|entry| rank(entry)) else { return };
         if !entry.pending.is_empty() {

@@ -7,7 +7,7 @@ use mavstack::{Address, Decoder, Dialect, Duration, Header, Instant, MAX_FRAME_L
 use std::collections::{BTreeMap, VecDeque};
 
 /// A frame as it came down the line.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Received {
     /// When its last byte was read.
     pub at: Instant,
