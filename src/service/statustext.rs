@@ -95,7 +95,7 @@ impl StatusTexts {
         let Some(entry) = self.entries.iter_mut().max_by_key(|entry| rank(entry)) else { return };
         if !entry.pending.is_empty() {
             self.dropped = self.dropped.wrapping_add(1);
-            if state(entry) == 0 && entry.severity < severity {
+            if state(entry) == 0 && entry.severity.0 < severity.0 {
                 // All that wait are more severe than the new one.
                 return;
             }
