@@ -103,7 +103,10 @@ struct Context<'a, V, P: PlanStorage> {
 }
 
 impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
-    /// A stack at rest, with the default capacities and dialect; `const`, so that it may be a `static`'s initial value.
+    /// A stack at rest, with the default capacities and dialect.
+    ///
+    /// `const`, but a `static` with this as its initial value keeps a copy of all its memory, plans included, in flash. Write
+    /// it into a `static` at start instead (`MaybeUninit::write`, or the crate `static_cell`), as `examples/qemu` does.
     pub const fn new(config: Config, links: [LinkConfig; LINKS]) -> Self {
         Self::with_capacities(config, links)
     }

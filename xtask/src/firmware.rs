@@ -49,7 +49,8 @@ pub fn print_size(name: &str, elf: &[u8]) -> Result {
 /// `cargo xtask size`.
 pub fn report(choice: Option<Choice>) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
-    let folder = build_package(choice, MEASURED, &["--bins"])?;
+    // It links only where no panic is left.
+    let folder = build_package(choice, MEASURED, &["--bins", "--features", "panic-never"])?;
     let empty = measure(&read(&folder.join("empty"))?)?;
     let sources = root().join("examples/size/src/bin");
     let sources = std::fs::read_dir(&sources).map_err(|error| format!("{}: {error}", sources.display()))?;
