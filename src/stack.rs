@@ -469,7 +469,7 @@ impl Core {
     ) {
         let own = self.config.address.get();
         if frame.source() == own {
-            count(&mut port.counters.own_address);
+            count_drop(&mut port.counters.own_address, frame, "our own address");
             if port.is_conflict(frame.header().seq, context.seqs) {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
                 let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
@@ -479,7 +479,7 @@ impl Core {
             return;
         }
         let Some(info) = frame.info() else {
-            count(&mut port.counters.unknown);
+            count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
             let peer = Peer { address: frame.source(), link: port.id };
             network::on_unchecked(context.peers, peer, frame.header().seq);
             return;
@@ -501,7 +501,7 @@ impl Core {
             || target_component == own.component.0
             || (is_plan && target_component == MavComponent::MISSIONPLANNER.0);
         if (target_system != 0 && target_system != own.system.0) || !is_our_component {
-            count(&mut port.counters.not_ours);
+            count_drop(&mut port.counters.not_ours, frame, "for somebody else");
             return;
         }
         let from = Peer { address: frame.source(), link: port.id };
@@ -510,11 +510,11 @@ impl Core {
         } else if let Some(command) = frame.decode::<CommandInt>() {
             self.on_command(context, port, &command::from_int(&command, from));
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
-            count(&mut port.counters.out_of_place);
+            count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
         } else if is_plan {
             if target_system == 0 {
                 // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
-                count(&mut port.counters.out_of_place);
+                count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");
                 return;
             }
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
@@ -523,7 +523,7 @@ impl Core {
             let is_served = !matches!(mission::mission_type(frame), MavMissionType::FENCE | MavMissionType::RALLY);
             let Some((missions, mut plans)) = context.plans.parts(context.missions).filter(|_| is_served) else {
                 if !caller.refuse(frame) {
-                    count(&mut port.counters.no_answer_slot);
+                    count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
                 }
                 return;
             };
@@ -646,6 +646,12 @@ fn plan_ack<V, P: PlanStorage>(context: &mut Context<'_, V, P>, port: &mut Port)
         Some((missions, _)) => missions.next_ack(&mut port.plans, &mut port.outbox),
         None => port.plans.next_ack(&mut port.outbox),
     }
+}
+
+/// A frame is not acted on, for this reason.
+fn count_drop(counter: &mut u32, frame: &Frame<'_>, reason: &'static str) {
+    event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), frame.source(), reason);
+    count(counter);
 }
 
 fn count(counter: &mut u32) {

@@ -130,6 +130,7 @@ pub trait Commands {
 
 /// A plan that is live from now on.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PlanChange<'a> {
     /// Which plan.
     pub plan: PlanType,

@@ -157,6 +157,7 @@ pub struct Signature {
 
 /// A received frame, still in the decoder's buffer.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'a> {
     header: Header,
     payload: &'a [u8],

@@ -21,11 +21,12 @@ pub(crate) struct Credit {
     /// The last tick that was seen came after this moment.
     renewed: Option<Instant>,
     is_faulted: bool,
+    was_good: bool,
 }
 
 impl Credit {
     pub(crate) const fn new() -> Self {
-        Self { count: 0, looked: None, renewed: None, is_faulted: false }
+        Self { count: 0, looked: None, renewed: None, is_faulted: false, was_good: false }
     }
 
     /// Looks at the pulse and tells whether heartbeats may go out.
@@ -38,7 +39,14 @@ impl Credit {
         }
         self.looked = Some(now);
         self.is_faulted |= pulse.is_faulted();
-        self.is_good(now, max_loop_gap)
+        let is_good = self.is_good(now, max_loop_gap);
+        if is_good != core::mem::replace(&mut self.was_good, is_good) {
+            event!(
+                "heartbeats: {=str}",
+                if is_good { "the flight loop ticks" } else { "the flight loop stands, or faulted" }
+            );
+        }
+        is_good
     }
 
     /// When somebody who sleeps must look at the pulse, so that a heartbeat which is due at `due` finds it fresh.

@@ -58,6 +58,7 @@ impl PlanType {
 
 /// A live plan.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PlanView<'a> {
     items: &'a [Item],
     id: u32,
@@ -107,6 +108,7 @@ impl<const N: usize> Store<N> {
 
 /// The memory of a vehicle without plans: the engine is not linked, and whoever asks is told UNSUPPORTED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NoPlans;
 
 /// The most items that any plan may have: 65,535 means "no mission" on the wire (M-21, M-90).
