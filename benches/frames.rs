@@ -19,18 +19,28 @@ use stream::Mixed;
 const FRAMES: usize = 100_000;
 const SOURCE: Address = Address::new(1, 1);
 
-/// Feeds `stream` to a decoder in pieces of `len` bytes and hands each frame to `use_frame`.
+/// Feeds `stream` to a decoder in pieces of `LEN` bytes and hands each frame to `use_frame`.
 #[inline(always)]
-fn decode(stream: &[u8], len: usize, mut use_frame: impl FnMut(&Frame<'_>)) {
+fn decode<const LEN: usize>(stream: &[u8], mut use_frame: impl FnMut(&Frame<'_>)) {
     let now = Instant::ZERO;
     let mut decoder = Decoder::default();
-    for mut piece in stream.chunks(len) {
-        while !piece.is_empty() {
-            let pushed = decoder.push(piece, now);
-            piece = &piece[pushed..];
-            let mut budget = u32::MAX;
-            while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
-                use_frame(&frame);
+    let mut drain = |decoder: &mut Decoder| {
+        let mut budget = u32::MAX;
+        while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
+            use_frame(&frame);
+        }
+    };
+    if LEN == 1 {
+        for byte in stream {
+            decoder.push(std::slice::from_ref(byte), now);
+            drain(&mut decoder);
+        }
+    } else {
+        for mut piece in stream.chunks(LEN) {
+            while !piece.is_empty() {
+                let pushed = decoder.push(piece, now);
+                piece = &piece[pushed..];
+                drain(&mut decoder);
             }
         }
     }
@@ -44,14 +54,17 @@ fn frames(criterion: &mut Criterion) {
 
     let mut group = criterion.benchmark_group("frames");
     group.throughput(Throughput::Elements(FRAMES as u64));
-    for (name, len) in [("whole", usize::MAX), ("64", 64), ("16", 16), ("1", 1)] {
-        group.bench_function(format!("decode/{name}"), |bencher| {
-            bencher.iter(|| decode(black_box(&stream), len, |frame| _ = black_box(frame.raw())));
-        });
-        group.bench_function(format!("decode_typed/{name}"), |bencher| {
-            bencher.iter(|| decode(black_box(&stream), len, Mixed::read));
-        });
+    macro_rules! decode {
+        ($($name:literal: $len:expr),+) => { $(
+            group.bench_function(concat!("decode/", $name), |bencher| {
+                bencher.iter(|| decode::<{ $len }>(black_box(&stream), |frame| _ = black_box(frame.raw())));
+            });
+            group.bench_function(concat!("decode_typed/", $name), |bencher| {
+                bencher.iter(|| decode::<{ $len }>(black_box(&stream), Mixed::read));
+            });
+        )+ };
     }
+    decode!("whole": usize::MAX, "64": 64, "16": 16, "1": 1);
     group.bench_function("encode", |bencher| {
         let mut out = [0; MAX_FRAME_LEN];
         bencher.iter(|| {

@@ -68,15 +68,15 @@ mod wide {
         let (blocks, rest) = bytes.as_chunks::<8>();
         let [t0, t1, t2, t3, t4, t5, t6, t7] = &LOOKUP;
         for &[a, b, c, d, e, f, g, h] in blocks {
-            let [low, high] = sum.to_le_bytes();
-            sum = t7[usize::from(a ^ low)]
-                ^ t6[usize::from(b ^ high)]
-                ^ t5[usize::from(c)]
+            // What does not wait for the sum comes first: from one sum to the next it is two look-ups only.
+            let ahead = t5[usize::from(c)]
                 ^ t4[usize::from(d)]
                 ^ t3[usize::from(e)]
                 ^ t2[usize::from(f)]
                 ^ t1[usize::from(g)]
                 ^ t0[usize::from(h)];
+            let [low, high] = sum.to_le_bytes();
+            sum = ahead ^ (t7[usize::from(a ^ low)] ^ t6[usize::from(b ^ high)]);
         }
         let mut rest = rest;
         if let Some((&[a, b, c, d], behind)) = rest.split_first_chunk() {
