@@ -173,6 +173,12 @@ impl Decoder {
     ///
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
+        self.compact();
+        self.buffer.get_mut(self.end..).unwrap_or_default()
+    }
+
+    /// Moves the candidate to the front of the buffer.
+    fn compact(&mut self) {
         if self.start > 0 {
             // A plain loop: `copy_within` can panic, and brings 1.5 kB of memmove. What is moved is the front of one frame.
             let cells = core::cell::Cell::from_mut(&mut self.buffer[..]).as_slice_of_cells();
@@ -182,7 +188,6 @@ impl Decoder {
             self.end = self.end.saturating_sub(self.start);
             self.start = 0;
         }
-        self.buffer.get_mut(self.end..).unwrap_or_default()
     }
 
     /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
@@ -196,20 +201,18 @@ impl Decoder {
     /// frame left, then push the rest.
     #[inline]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
-        if let &[byte] = bytes {
-            // What an interrupt for each byte does: nothing is moved, and nothing but the byte is copied.
-            if self.start == self.end {
-                self.start = 0;
-                self.end = 0;
-            }
-            if let (0, Some(free)) = (self.start, self.buffer.get_mut(self.end)) {
-                *free = byte;
-                self.end = self.end.wrapping_add(1);
-                self.grown = now;
-                return 1;
-            }
+        if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(self.end)) {
+            // What an interrupt for each byte does.
+            *free = byte;
+            self.end = self.end.wrapping_add(1);
+            self.grown = now;
+            return 1;
         }
-        let len = zero_extend(bytes, self.spare());
+        // Moving what is there can wait until there is no room behind it.
+        if BUFFER_LEN.saturating_sub(self.end) < bytes.len() {
+            self.compact();
+        }
+        let len = zero_extend(bytes, self.buffer.get_mut(self.end..).unwrap_or_default());
         self.commit(len, now);
         len
     }
