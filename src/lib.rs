@@ -136,7 +136,7 @@ pub use frame::{
     Address, ComponentId, Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, SystemId, Version,
     encode,
 };
-pub use link::{LinkClass, LinkConfig, LinkCounters, LinkId, MAX_LINKS, Peer, TxVersion};
+pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS, Peer, TxVersion};
 pub use message::*;
 pub use network::PeerInfo;
 pub use pulse::Pulse;
@@ -145,7 +145,7 @@ pub use service::identity::Identity;
 pub use service::mission::__largest;
 pub use service::mission::{Item, MAX_ITEMS, NoPlans, PlanCounters, PlanMemory, PlanStorage, PlanType, PlanView};
 pub use service::statustext::MAX_TEXT_LEN;
-pub use stack::{LinkError, Stack};
+pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use vehicle::{
     Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, Plans, Progress, Vehicle,

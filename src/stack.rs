@@ -20,7 +20,9 @@ use crate::dialect::{
     MavSeverity,
 };
 use crate::frame::{Frame, RxCounters};
-use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkId, LinkMask, MAX_LINKS, Peer, Port, Transport};
+use crate::link::{
+    Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Peer, Port, Transport,
+};
 use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
@@ -29,34 +31,6 @@ use crate::service::mission::{self, Caller, Missions, NoPlans, PlanCounters, Pla
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
-
-/// Why a transport failed in [`Stack::poll_link`]. The stack goes on: what was lost on the way is found out by the
-/// checksum, and what could not be sent is sent later.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum LinkError<E> {
-    /// Reading failed; an overrun of a UART for example (S-20).
-    Read(E),
-    /// Writing failed.
-    Write(E),
-    /// The other side closed the line. When it is open again call [`Stack::restart_link`].
-    Closed,
-    /// The stack has no link of that number.
-    NoSuchLink,
-}
-
-impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Read(error) => write!(f, "reading failed: {error:?}"),
-            Self::Write(error) => write!(f, "writing failed: {error:?}"),
-            Self::Closed => f.write_str("the line was closed"),
-            Self::NoSuchLink => f.write_str("the stack has no link of that number"),
-        }
-    }
-}
-
-impl<E: core::fmt::Debug> core::error::Error for LinkError<E> {}
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
 /// texts, the messages of dialect `D` known. All memory is inside. [The crate's page](crate) shows the loop around it.

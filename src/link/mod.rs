@@ -134,6 +134,34 @@ impl LinkCounters {
     };
 }
 
+/// Why a transport failed in [`Stack::poll_link`](crate::Stack::poll_link). The stack goes on: what was lost on the way is found out by the
+/// checksum, and what could not be sent is sent later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LinkError<E> {
+    /// Reading failed; an overrun of a UART for example (S-20).
+    Read(E),
+    /// Writing failed.
+    Write(E),
+    /// The other side closed the line. When it is open again call [`Stack::restart_link`](crate::Stack::restart_link).
+    Closed,
+    /// The stack has no link of that number.
+    NoSuchLink,
+}
+
+impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Read(error) => write!(f, "reading failed: {error:?}"),
+            Self::Write(error) => write!(f, "writing failed: {error:?}"),
+            Self::Closed => f.write_str("the line was closed"),
+            Self::NoSuchLink => f.write_str("the stack has no link of that number"),
+        }
+    }
+}
+
+impl<E: core::fmt::Debug> core::error::Error for LinkError<E> {}
+
 /// All that the stack keeps for one link.
 #[derive(Clone, Debug)]
 pub(crate) struct Link {

@@ -1,10 +1,15 @@
-//! What the measured firmwares share: a UART, a clock, a panic handler. Their sizes are told apart by subtracting the
+//! What the measured firmwares share: a UART, a clock, a panic handler, and the vehicle of those that are one. Their sizes are told apart by subtracting the
 //! firmware that has only these (`empty`).
 #![no_std]
 
 use core::convert::Infallible;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::{
+    Address, Command, Commands, Config, Item, Outcome, PlanChange, PlanType, Plans, Progress, Pulse, Vehicle,
+    VehicleState,
+};
 #[cfg(feature = "panic-never")]
 use panic_never as _;
 
@@ -81,6 +86,48 @@ impl Write for Uart {
 
     fn flush(&mut self) -> Result<(), Infallible> {
         Ok(())
+    }
+}
+
+/// Ticked by the loop.
+pub static PULSE: Pulse = Pulse::new();
+
+/// System 1, component 1.
+pub const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+
+/// A vehicle that can be armed.
+#[derive(Debug, Default)]
+pub struct Rover {
+    armed: bool,
+}
+
+impl Vehicle for Rover {
+    fn state(&self) -> Option<VehicleState> {
+        let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
+        Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+    }
+}
+
+impl Commands for Rover {
+    fn command(&mut self, command: &Command) -> Outcome {
+        match (command.id, command.params) {
+            (MavCmd::COMPONENT_ARM_DISARM, [1.0, ..]) => self.armed = true,
+            (MavCmd::COMPONENT_ARM_DISARM, [0.0, ..]) => self.armed = false,
+            _ => return MavResult::UNSUPPORTED.into(),
+        }
+        MavResult::ACCEPTED.into()
+    }
+}
+
+impl Plans for Rover {
+    fn check_item(&mut self, _: PlanType, _: u16, item: &Item) -> Result<(), MavMissionResult> {
+        if item.command == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
+    }
+
+    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
     }
 }
 
