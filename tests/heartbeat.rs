@@ -64,7 +64,7 @@ fn impossible_addresses_are_refused() {
     }
 }
 
-/// T-H1, H-6: for 10,000 s, over the wrap of a 32-bit millisecond counter, with polls that come irregularly: one heartbeat
+/// T-H1, D-1, H-6: for 10,000 s, over the wrap of a 32-bit millisecond counter, with polls that come irregularly: one heartbeat
 /// a second, none early, none later than the poll behind it, no drift.
 #[test]
 fn phase_does_not_drift() {

@@ -38,7 +38,8 @@ fn assert_downloads<const N: usize>(world: &mut TestWorld<N>, link: usize, items
     assert_eq!(content(&downloaded), content(items));
 }
 
-/// T-M1: every length, field by field; one item more than there is room for is refused before the first.
+/// T-M1, M-6: every length, item 0 the first that was uploaded, field by field; one item more than there is room for is
+/// refused before the first.
 #[test]
 fn what_was_uploaded_is_downloaded() {
     let mut world = world::<1>();

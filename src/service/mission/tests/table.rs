@@ -142,7 +142,9 @@ fn send(bench: &mut Bench, column: Column, event: Event) {
     }
 }
 
-/// The whole table: answer, upload and live plans after each event in each state.
+/// The whole table: answer, upload and live plans after each event in each state. Among it: one upload at a time while
+/// anybody may download (M-12), a COUNT of another type ends the partner's upload (M-24), and every answer names the plan
+/// that it is about (M-26).
 #[test]
 fn every_event_in_every_state() {
     for column in COLUMNS {
