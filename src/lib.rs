@@ -148,7 +148,7 @@ pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use vehicle::{
-    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, Plans, Progress, Vehicle,
+    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress, Vehicle,
     VehicleState,
 };
 

@@ -152,6 +152,22 @@ pub struct Progress {
     pub in_mission_mode: bool,
 }
 
+/// What is wrong with a plan as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PlanFault {
+    /// The item that is to blame, when there is one: MISSION_ACK has no room for it, the text has (M-38).
+    pub seq: Option<u16>,
+    /// The MISSION_ACK's type.
+    pub result: MavMissionResult,
+}
+
+impl From<MavMissionResult> for PlanFault {
+    fn from(result: MavMissionResult) -> Self {
+        Self { seq: None, result }
+    }
+}
+
 /// Plans: what may be uploaded, and what becomes of it.
 ///
 /// A refusal is a `MAV_MISSION_RESULT`; it reaches the ground station as MISSION_ACK and, with the item's number, as
@@ -168,29 +184,56 @@ pub trait Plans {
         Ok(())
     }
 
-    /// Whether the vehicle can fly this item. An unknown command must be refused, not skipped (M-73), with
-    /// [`MavMissionResult::UNSUPPORTED`]; a parameter with `INVALID_PARAM1` to `INVALID_PARAM7`.
-    ///
-    /// # Errors
-    ///
-    /// The MISSION_ACK's type.
-    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult>;
+    /// Whether the storage may be written now: asked before every erase and every write (SEC-12), which on a
+    /// microcontroller's own flash stop the processor for milliseconds to seconds. Where an upload is to be durable, it is
+    /// refused at its beginning while this is false (M-44).
+    fn may_persist(&self) -> bool {
+        true
+    }
 
-    /// Whether the vehicle can fly the plan as a whole, asked after the last item and before it goes live.
+    /// Whether the vehicle can fly this item, which has passed the stack's own checks. A parameter is refused with
+    /// `INVALID_PARAM1` to `INVALID_PARAM7`.
     ///
     /// # Errors
     ///
     /// The MISSION_ACK's type.
-    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), MavMissionResult> {
+    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult> {
+        let _ = (plan, seq, item);
+        Ok(())
+    }
+
+    /// Whether the vehicle can fly the plan as a whole, which has passed the stack's own checks: asked after the last item
+    /// and before it goes live, and when it comes back from storage.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong; a bare `MAV_MISSION_RESULT` will do.
+    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         let _ = (plan, items);
         Ok(())
     }
 
-    /// A new plan is live: progress begins anew (M-39). Not called for an upload equal to the live plan.
+    /// A new plan is live: progress begins anew (M-39), also where the old plan was longer (M-94). Not called for an upload
+    /// equal to the live plan.
     fn plan_changed(&mut self, change: PlanChange<'_>);
 
     /// Where the vehicle is in its mission.
     fn progress(&self) -> Progress;
+
+    /// Goes on from item `seq`, which exists, whenever the mission is flown; the flight mode stays as it is (M-92, M-93).
+    /// With `reset` jump counters begin anew, and a mission that was complete is ACTIVE or PAUSED again. Asked for by
+    /// MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT.
+    fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
+        let _ = (seq, reset);
+        MavResult::UNSUPPORTED
+    }
+
+    /// MAV_CMD_MISSION_START: flies the mission, from item `first` to item `last` where they are given; both exist, and
+    /// `first` is not behind `last` (M-95).
+    fn start_mission(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
+        let _ = (first, last);
+        MavResult::UNSUPPORTED
+    }
 }
 
 /// A vehicle with all that the stack needs: the bound of [`Stack::poll`](crate::Stack::poll). Implemented by itself.

@@ -2,8 +2,8 @@
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanType, Plans, Progress,
-    Vehicle, VehicleState,
+    Address, Command, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans,
+    Progress, Vehicle, VehicleState,
 };
 use std::collections::BTreeMap;
 
@@ -118,9 +118,9 @@ impl Plans for TestVehicle {
         self.bad_items.get(&seq).copied().map_or(Ok(()), Err)
     }
 
-    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), MavMissionResult> {
+    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         self.calls.push(Call::CheckPlan(plan, items.to_vec()));
-        self.plan_verdict
+        Ok(self.plan_verdict?)
     }
 
     fn plan_changed(&mut self, change: PlanChange<'_>) {

@@ -194,9 +194,9 @@ impl Missions {
     fn complete<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
         let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
         let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
-        if let Err(result) = vehicle.check_plan(plan, cx.plans.staging.as_slice()) {
-            cx.tell(&validate::plan_refused(plan, result));
-            return self.finish(cx, caller, seq, result, 0);
+        if let Err(fault) = vehicle.check_plan(plan, cx.plans.staging.as_slice()) {
+            cx.tell(&validate::plan_refused(plan, fault.result));
+            return self.finish(cx, caller, seq, fault.result, 0);
         }
         if !cx.plans.is_live(plan, id) {
             cx.plans.commit(plan, id);

@@ -14,7 +14,7 @@ use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
 use crate::message::Dialect;
 use crate::service::statustext::{Entry, TextCursor};
 use crate::time::Duration;
-use crate::vehicle::PlanChange;
+use crate::vehicle::{PlanChange, PlanFault};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -82,8 +82,8 @@ impl Plans for Vehicle {
         }
     }
 
-    fn check_plan(&mut self, _: PlanType, _: &[Item]) -> Result<(), MavMissionResult> {
-        self.verdict
+    fn check_plan(&mut self, _: PlanType, _: &[Item]) -> Result<(), PlanFault> {
+        Ok(self.verdict?)
     }
 
     fn plan_changed(&mut self, change: PlanChange<'_>) {
