@@ -100,6 +100,7 @@
 //! # Features
 //!
 //! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
+//! - `storage`: plans that survive power loss, in NOR flash or FRAM.
 #![no_std]
 #![cfg_attr(
     not(test),
@@ -119,6 +120,7 @@ extern crate std;
 #[macro_use]
 mod log;
 mod config;
+mod crc32;
 pub mod dialect;
 mod frame;
 mod link;
@@ -128,6 +130,8 @@ mod num;
 mod pulse;
 mod service;
 mod stack;
+#[cfg(feature = "storage")]
+mod storage;
 mod time;
 mod vehicle;
 
@@ -143,9 +147,13 @@ pub use pulse::Pulse;
 pub use service::identity::Identity;
 #[doc(hidden)]
 pub use service::mission::__largest;
-pub use service::mission::{Item, MAX_ITEMS, NoPlans, PlanCounters, PlanMemory, PlanStorage, PlanType, PlanView};
+pub use service::mission::{
+    Durability, Item, MAX_ITEMS, NoPlans, PlanCounters, PlanMemory, PlanStorage, PlanType, PlanView,
+};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::Stack;
+#[cfg(feature = "storage")]
+pub use storage::PlanStore;
 pub use time::{Duration, Instant};
 pub use vehicle::{
     Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress, Vehicle,

@@ -16,8 +16,7 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance};
 use crate::dialect::{
-    CommandInt, CommandLong, Common, Heartbeat, ManualControl, MavComponent, MavMissionType, MavProtocolCapability,
-    MavSeverity,
+    CommandInt, CommandLong, Common, Heartbeat, ManualControl, MavComponent, MavProtocolCapability, MavSeverity,
 };
 use crate::frame::{Frame, RxCounters};
 use crate::link::{
@@ -128,7 +127,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
             let texts = &mut self.texts;
             let mut context = mission::Context { now, plans: &mut plans, texts, normal: core.normal };
-            missions.poll(&mut context, vehicle);
+            let owed = missions.poll(&mut context, vehicle);
+            owe(&mut self.links, owed);
         }
     }
 
@@ -308,9 +308,15 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             link.decoder.clear();
             link.port.transport = Transport::Unknown;
             link.port.outbox.restart();
+            link.port.plans.restart();
         }
+    }
+
+    /// The vehicle has reached an item of the mission: MISSION_ITEM_REACHED on every normal link, before the next item is
+    /// current there (M-91). Call it after the flight loop's step and before [`poll`](Self::poll).
+    pub fn mission_item_reached(&mut self, seq: u16) {
         if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
-            missions.restart_link(link);
+            missions.reached(seq, self.core.normal);
         }
     }
 
@@ -409,6 +415,12 @@ const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
     if PlanType::Mission.is_served(&P::CAPACITIES) {
         capabilities = capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
     }
+    if PlanType::Fence.is_served(&P::CAPACITIES) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_FENCE);
+    }
+    if PlanType::Rally.is_served(&P::CAPACITIES) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_RALLY);
+    }
     capabilities
 }
 
@@ -492,10 +504,7 @@ impl Core {
                 return;
             }
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
-            // Fences and rally points have their room and their engine; what is missing is the check of a fence as a whole
-            // (M-80 to M-84), and without it none is taken.
-            let is_served = !matches!(mission::mission_type(frame), MavMissionType::FENCE | MavMissionType::RALLY);
-            let Some((missions, mut plans)) = context.plans.parts(context.missions).filter(|_| is_served) else {
+            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
                 if !caller.refuse(frame) {
                     count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
                 }
@@ -520,7 +529,15 @@ impl Core {
             count(&mut port.counters.no_answer_slot);
             return;
         }
-        let outcome = command::execute(command, port.config.class, &mut port.owed, context.vehicle);
+        let Context { now, texts, vehicle, .. } = context;
+        let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
+            let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
+            missions.on_command(&mut context, *vehicle, command)
+        });
+        let outcome = match progress {
+            Some(result) => result.into(),
+            None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
+        };
         port.acks.push(command.from.address, command.id, outcome);
     }
 
@@ -531,7 +548,8 @@ impl Core {
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || port.acks.next(&mut port.outbox)
-            || (is_normal && (plan_ack(context, port) || (port.bucket.has_room() && self.transfer(context, port))));
+            || (is_normal
+                && (port.plans.next_ack(&mut port.outbox) || (port.bucket.has_room() && self.transfer(context, port))));
         if sent {
             count(&mut port.counters.tx_frames);
         }
@@ -569,7 +587,7 @@ impl Core {
         let progress = vehicle.progress();
         missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
             || texts.next(&mut port.text, &mut port.outbox)
-            || missions.next_current(&plans, &progress, &mut port.outbox)
+            || missions.next_progress(&plans, &progress, &mut port.outbox)
     }
 
     /// When something is to be sent on a link.
@@ -591,9 +609,7 @@ impl Core {
             Transport::Full => return if heartbeat > now { heartbeat } else { Instant::NEVER },
             _ => {}
         }
-        let owes_plan_ack =
-            missions.map_or(port.plans.has_ack(), |missions| missions.owes_ack(&port.plans, &port.outbox));
-        if !port.acks.is_empty() || (is_normal && owes_plan_ack) {
+        if !port.acks.is_empty() || (is_normal && port.plans.has_ack()) {
             return now;
         }
         let waits = is_normal
@@ -614,11 +630,11 @@ const MANUAL_CONTROL_TARGET: u8 = 10;
 /// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
 const MAVLINK_VERSION: u8 = 3;
 
-/// A MISSION_ACK that is owed; one that refuses, where there are no plans.
-fn plan_ack<V, P: PlanStorage>(context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
-    match context.plans.parts(context.missions) {
-        Some((missions, _)) => missions.next_ack(&mut port.plans, &mut port.outbox),
-        None => port.plans.next_ack(&mut port.outbox),
+/// What somebody is to be told about plans, on the link where he was heard last.
+fn owe(links: &mut [Link], owed: Option<(LinkId, mission::Reply)>) {
+    let Some((link, reply)) = owed else { return };
+    if let Some(link) = links.get_mut(usize::from(link.0)) {
+        link.port.plans.owe_result(reply);
     }
 }
 

@@ -5,8 +5,8 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Address, CommandPosition, Identity, LinkClass, LinkConfig, LinkId, Message, Outcome, Peer, TxVersion, Version,
-    plan_memory,
+    Address, CommandPosition, Identity, LinkClass, LinkConfig, LinkId, Message, Outcome, Peer, PlanStorage, TxVersion,
+    Version, plan_memory,
 };
 use proptest::prelude::*;
 use support::*;
@@ -247,12 +247,20 @@ fn capabilities_are_honest() {
         ..AutopilotVersion::default()
     };
     assert_eq!(version, expected);
-    // With room for a mission it takes one, in both forms of its items; a fence it does not take yet, room or not.
-    let mut world = World::<1, plan_memory!(mission: 10, fence: 10, rally: 10)>::with_plans(Setup::new());
+    // what there is room for is announced, and nothing else.
+    let mission = MavProtocolCapability::MISSION_INT | MavProtocolCapability::MISSION_FLOAT;
+    assert_eq!(capabilities::<plan_memory!(mission: 10)>(), own | mission);
+    let fence = MavProtocolCapability::MISSION_FENCE;
+    assert_eq!(capabilities::<plan_memory!(mission: 0, fence: 10)>(), own | fence);
+    let rally = MavProtocolCapability::MISSION_RALLY;
+    assert_eq!(capabilities::<plan_memory!(mission: 10, fence: 10, rally: 10)>(), own | mission | fence | rally);
+}
+
+/// What AUTOPILOT_VERSION announces with this plan memory.
+fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
+    let mut world = World::<1, P>::with_plans(Setup::new());
     world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    let version: AutopilotVersion = world.expect(0, millis(10));
-    let plans = MavProtocolCapability::MISSION_INT | MavProtocolCapability::MISSION_FLOAT;
-    assert_eq!(version.capabilities, own | plans);
+    world.expect::<AutopilotVersion>(0, millis(10)).capabilities
 }
 
 /// V-6, V-8: on a v1 link answers are v1, without what v1 cannot carry; but PROTOCOL_VERSION comes as v2, since that is

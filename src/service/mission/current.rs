@@ -66,7 +66,8 @@ impl Current {
         let count = plans.count(PlanType::Mission);
         let id = |plan| plans.live(plan).id();
         tx.send(&MissionCurrent {
-            seq: if count == 0 { 0 } else { progress.current },
+            // Never beyond the plan, whatever the vehicle says (M-94).
+            seq: progress.current.min(count.saturating_sub(1)),
             total: if count == 0 { NO_ITEMS } else { count },
             mission_state: if count == 0 { MissionState::NO_MISSION } else { progress.state },
             mission_mode: if progress.in_mission_mode { IN_MISSION_MODE } else { SUSPENDED },

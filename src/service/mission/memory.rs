@@ -65,6 +65,8 @@ pub struct PlanView<'a> {
 }
 
 impl<'a> PlanView<'a> {
+    pub(crate) const EMPTY: Self = Self { items: &[], id: 0 };
+
     /// Its items, in their order.
     pub const fn items(&self) -> &'a [Item] {
         self.items
@@ -257,7 +259,7 @@ impl PlanStorage for NoPlans {
     const CAPACITIES: [u16; 3] = [0; 3];
 
     fn live(&self, _: PlanType) -> PlanView<'_> {
-        PlanView { items: &[], id: 0 }
+        PlanView::EMPTY
     }
 }
 
@@ -304,6 +306,11 @@ impl PlansMut<'_> {
     /// How many items of the running upload have come.
     pub(crate) fn staged(&self) -> u16 {
         clamped(self.staging.len())
+    }
+
+    /// The staged items as a plan with this id.
+    pub(crate) fn staged_as(&self, id: u32) -> PlanView<'_> {
+        PlanView { items: self.staging.as_slice(), id }
     }
 
     /// Whether the staged plan, whose id is `id`, is the live one, byte for byte: an equal id alone proves nothing (M-39).

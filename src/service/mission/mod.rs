@@ -1,6 +1,6 @@
 //! Plans: missions, geofences and rally points, uploaded, downloaded and cleared.
 //!
-//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-68 and M-90. An upload goes into a staging
+//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload goes into a staging
 //! area and becomes the live plan in one step; until then everything that anybody can see is the old plan.
 //!
 //! ```text
@@ -18,11 +18,13 @@
 //! [`next_current`](Missions::next_current) write one message each when a link has room. A request is taken only while its
 //! link can owe the answer, and is otherwise dropped unexecuted and counted; to its sender it is a lost frame.
 
+mod commit;
 mod current;
 mod download;
 mod item;
 mod memory;
 mod pace;
+mod progress;
 mod replies;
 mod upload;
 mod validate;
@@ -30,22 +32,25 @@ mod validate;
 #[cfg(test)]
 mod tests;
 
+pub use commit::Durability;
 pub use item::Item;
 pub(crate) use memory::PlansMut;
 #[doc(hidden)]
 pub use memory::largest as __largest;
 pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
-pub(crate) use replies::Replies;
+pub(crate) use replies::{Replies, Reply};
 
+use self::commit::{Commit, Saving};
 use self::current::Current;
 use self::download::Sessions;
-use self::replies::{Reply, What};
+use self::progress::Reached;
+use self::replies::What;
 use self::upload::{Arrival, Done, Upload};
 use self::validate::Words;
 use crate::dialect::{
     MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionClearAll, MissionCount, MissionItem,
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
-    MissionWritePartialList,
+    MissionSetCurrent, MissionWritePartialList,
 };
 use crate::frame::{Frame, Version};
 use crate::link::{LinkId, LinkMask, Outbox, Peer};
@@ -68,6 +73,8 @@ pub struct PlanCounters {
     pub out_of_place: u32,
     /// Requests that were dropped because their link owes too many answers.
     pub no_answer_slot: u32,
+    /// Times that plans could not be written to storage.
+    pub not_saved: u32,
 }
 
 /// What a handler works with beside the engine and the vehicle.
@@ -102,6 +109,11 @@ impl Caller<'_> {
         if can_be_named && cx.plans.capacity(plan) > 0 { Ok(plan) } else { Err(MavMissionResult::UNSUPPORTED) }
     }
 
+    /// Somebody else is at it (M-23, M-33, M-51).
+    fn deny(&mut self, mission_type: MavMissionType) {
+        self.ack(mission_type, MavMissionResult::DENIED, 0);
+    }
+
     fn owe(&mut self, mission_type: MavMissionType, what: What) {
         self.replies.push(Reply { to: self.from.address, mission_type, what });
     }
@@ -113,7 +125,7 @@ impl Caller<'_> {
     /// The answer of a vehicle that does not serve the plan, whatever is asked: clients would repeat an unanswered question
     /// for seconds. Items and acknowledgements ask nothing. False when the link owes too many answers to owe this one.
     pub(crate) fn refuse(&mut self, frame: &Frame<'_>) -> bool {
-        if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID) {
+        if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID | MissionSetCurrent::ID) {
             return true;
         }
         let has_room = !self.replies.is_full();
@@ -142,11 +154,12 @@ pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
 #[derive(Clone, Debug)]
 pub struct Missions {
     upload: Option<Upload>,
+    commit: Option<Commit>,
+    saving: Saving,
     done: Option<Done>,
-    /// The ACK of an upload that timed out: nobody's question stands behind it. A later one takes its place.
-    farewell: Option<(LinkId, Reply)>,
     sessions: Sessions,
     current: Current,
+    reached: Reached,
     counters: PlanCounters,
 }
 
@@ -154,11 +167,20 @@ impl Missions {
     pub(crate) const fn new() -> Self {
         Self {
             upload: None,
+            commit: None,
+            saving: Saving::new(),
             done: None,
-            farewell: None,
             sessions: Sessions::new(),
             current: Current::new(),
-            counters: PlanCounters { accepted: 0, refused: 0, abandoned: 0, out_of_place: 0, no_answer_slot: 0 },
+            reached: Reached::new(),
+            counters: PlanCounters {
+                accepted: 0,
+                refused: 0,
+                abandoned: 0,
+                out_of_place: 0,
+                no_answer_slot: 0,
+                not_saved: 0,
+            },
         }
     }
 
@@ -181,6 +203,7 @@ impl Missions {
                 | MissionClearAll::ID
                 | MissionRequestPartialList::ID
                 | MissionWritePartialList::ID
+                | MissionSetCurrent::ID
         )
     }
 
@@ -196,6 +219,9 @@ impl Missions {
         let payload = frame.payload();
         if let Some(message) = frame.decode::<MissionAck>() {
             return self.on_ack(cx, caller.from, mission_type, message.r#type);
+        }
+        if let Some(message) = frame.decode::<MissionSetCurrent>() {
+            return self.on_set_current(cx, vehicle, message.seq);
         }
         if caller.replies.is_full() {
             event!("plans: message {=u32} of {} dropped: no room for its answer", frame.id(), caller.from);
@@ -226,40 +252,27 @@ impl Missions {
         }
     }
 
-    /// The line of a link was opened anew: nobody is there any more to be told that his upload timed out.
-    pub(crate) fn restart_link(&mut self, link: LinkId) {
-        self.farewell.take_if(|(owed, _)| *owed == link);
-    }
-
-    /// Runs the timers: requests that are to be repeated, uploads that stopped, MISSION_CURRENT.
-    pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) {
-        self.poll_upload(cx);
+    /// Runs the timers: requests that are to be repeated, uploads that stopped, storage that takes too long,
+    /// MISSION_CURRENT. What somebody is to be told of it, and where it is owed ([`Replies::owe_result`]).
+    #[must_use]
+    pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
+        // One of them at most is there.
+        self.poll_upload(cx).or_else(|| self.poll_commit(cx))
     }
 
     /// When [`poll`](Self::poll) has something to do.
     pub(crate) fn deadline(&self) -> Instant {
-        self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline).min(self.current.deadline())
+        let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
+        upload.min(self.commit_deadline()).min(self.current.deadline())
     }
 
-    /// Whether [`next_ack`](Self::next_ack) has something for this link.
-    pub(crate) fn owes_ack(&self, replies: &Replies, tx: &Outbox) -> bool {
-        replies.has_ack() || self.farewell.as_ref().is_some_and(|(link, _)| *link == tx.link())
-    }
-
-    /// Whether [`next`](Self::next) or [`next_current`](Self::next_current) has something for this link.
+    /// Whether [`next`](Self::next) or [`next_progress`](Self::next_progress) has something for this link.
     pub(crate) fn is_pending(&self, replies: &Replies, tx: &Outbox) -> bool {
         replies.has_any()
             || self.upload.as_ref().is_some_and(|upload| upload.owes_request_on(tx))
+            || self.reached.is_owed(LinkMask::of(tx.link()))
             || self.current.is_owed(tx.link())
-    }
-
-    /// Sends a MISSION_ACK. False when none is owed on this link.
-    pub(crate) fn next_ack(&mut self, replies: &mut Replies, tx: &mut Outbox) -> bool {
-        match self.farewell.take_if(|(link, _)| *link == tx.link()) {
-            Some((_, reply)) => reply.send_ack(tx),
-            None => replies.next_ack(tx),
-        }
     }
 
     /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link. `float_form` is
@@ -277,10 +290,5 @@ impl Missions {
             return upload.request(now, plans.staged(), tx);
         }
         replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, float_form, tx))
-    }
-
-    /// Sends MISSION_CURRENT. False when it is not owed on this link.
-    pub(crate) fn next_current(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
-        self.current.next(plans, progress, tx)
     }
 }

@@ -17,8 +17,8 @@ const STRAY_PAUSE: Duration = Duration::from_secs(1);
 
 /// Something that is owed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reply {
-    pub(super) to: Address,
+pub(crate) struct Reply {
+    pub(crate) to: Address,
     /// As it came, also when it names no plan (M-25, M-26).
     pub(super) mission_type: MavMissionType,
     pub(super) what: What,
@@ -26,7 +26,7 @@ pub(super) struct Reply {
 
 /// What is owed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum What {
+pub(crate) enum What {
     /// MISSION_ACK, with the live plan's id when it is ACCEPTED.
     Ack(MavMissionResult, u32),
     /// How many items there are.
@@ -63,18 +63,20 @@ impl Reply {
 pub(crate) struct Replies {
     /// The oldest first.
     slots: Vec<Reply, SLOTS, u8>,
+    /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage.
+    result: Option<Reply>,
     /// Before this moment stray items are not answered, whoever sends them.
     strays_from: Instant,
 }
 
 impl Replies {
     pub(crate) const fn new() -> Self {
-        Self { slots: Vec::new(), strays_from: Instant::ZERO }
+        Self { slots: Vec::new(), result: None, strays_from: Instant::ZERO }
     }
 
     /// Whether a MISSION_ACK is owed.
     pub(crate) fn has_ack(&self) -> bool {
-        self.slots.iter().any(|reply| matches!(reply.what, What::Ack(..)))
+        self.owes_result() || self.slots.iter().any(|reply| matches!(reply.what, What::Ack(..)))
     }
 
     /// Whether anything is owed.
@@ -108,9 +110,30 @@ impl Replies {
         taken
     }
 
+    /// Owes the end of an upload or a clear. What storage answers was given a free place before it began; only a timer's
+    /// OPERATION_CANCELLED, which is a courtesy, can be in the way, and goes.
+    pub(crate) fn owe_result(&mut self, reply: Reply) {
+        self.result = Some(reply);
+    }
+
+    /// Whether such an end is owed.
+    pub(super) fn owes_result(&self) -> bool {
+        self.result.is_some()
+    }
+
+    /// `client` begins anew: what he would hear of before, he would take for the answer to this.
+    pub(super) fn forget_result(&mut self, client: Address) {
+        self.result.take_if(|reply| reply.to == client);
+    }
+
+    /// The line was opened anew: nobody is there any more to be told how his upload ended.
+    pub(crate) fn restart(&mut self) {
+        self.result = None;
+    }
+
     /// Sends the oldest MISSION_ACK. False when none is owed.
     pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
-        self.pop(true).is_some_and(|reply| reply.send_ack(tx))
+        self.result.take().or_else(|| self.pop(true)).is_some_and(|reply| reply.send_ack(tx))
     }
 
     /// Whether a stray item may be answered now; then the next one may not for a while.

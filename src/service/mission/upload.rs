@@ -3,6 +3,7 @@
 //! The messages' handlers of the state diagram in [the module](super). Whoever may start, restart, or break an upload is
 //! decided here; when to ask again is [`Pace`]'s.
 
+use super::commit::Change;
 use super::item::{Digest, Item};
 use super::memory::PlanType;
 use super::pace::Pace;
@@ -11,9 +12,9 @@ use super::validate::{self, Words};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
 use crate::frame::Address;
-use crate::link::{Outbox, Peer};
+use crate::link::{LinkId, Outbox, Peer};
 use crate::time::{Duration, Instant};
-use crate::vehicle::{PlanChange, Plans};
+use crate::vehicle::Plans;
 
 /// A COUNT like the running upload's, so soon after an item, is an echo of its beginning (M-22).
 const ECHO: Duration = Duration::from_secs(1);
@@ -41,13 +42,13 @@ pub(super) struct Upload {
 /// How the last upload ended, so that a lost final ACK can be sent again (M-31).
 #[derive(Clone, Debug)]
 pub(super) struct Done {
-    partner: Address,
-    plan: PlanType,
+    pub(super) partner: Address,
+    pub(super) plan: PlanType,
     /// The item that was the last.
-    seq: u16,
-    result: MavMissionResult,
-    id: u32,
-    at: Instant,
+    pub(super) seq: u16,
+    pub(super) result: MavMissionResult,
+    pub(super) id: u32,
+    pub(super) at: Instant,
 }
 
 impl Upload {
@@ -93,10 +94,14 @@ impl Missions {
             Ok(plan) => plan,
             Err(result) => return caller.ack(mission_type, result, 0),
         };
+        if let Some(commit) = self.committing() {
+            // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
+            return if commit.is_by(caller.from) { self.out_of_place() } else { caller.deny(mission_type) };
+        }
         if let Some(upload) = &mut self.upload {
             if !upload.is_by(caller.from.address) {
                 // M-23
-                return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+                return caller.deny(mission_type);
             }
             if (upload.plan, upload.count) == (plan, count)
                 && (cx.plans.staged() == 0 || upload.pace.since_progress(cx.now) < ECHO)
@@ -107,19 +112,18 @@ impl Missions {
             }
         }
         // Whatever comes of it, an earlier upload of the same partner is over (M-22 c, M-24), and what was to be said of it.
-        self.farewell.take_if(|(_, reply)| reply.to == caller.from.address);
+        caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
         if count > cx.plans.capacity(plan) {
             event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
-        if !may_change(cx, vehicle, caller, plan, mission_type) {
+        if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
             return;
         }
         self.done = None;
         if count == 0 {
-            self.clear(cx, vehicle, plan);
-            return caller.ack(mission_type, MavMissionResult::ACCEPTED, 0);
+            return self.clear(cx, vehicle, caller, mission_type, Some(plan));
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, caller.from);
         self.upload = Some(Upload {
@@ -145,12 +149,15 @@ impl Missions {
         let Arrival { mission_type, seq, current, item } = arrival;
         let from = caller.from;
         let is_guided = matches!(current, 2 | 3);
+        if let Some(commit) = self.committing() {
+            return if commit.is_by(from) { self.out_of_place() } else { caller.deny(mission_type) };
+        }
         let Some(upload) = &mut self.upload else {
             return self.on_stray_item(cx, caller, mission_type, seq, is_guided);
         };
         if !upload.is_by(from.address) || is_guided {
             // M-33, M-34
-            return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+            return caller.deny(mission_type);
         }
         // Also when it is not the item that is wanted: the partner is heard here now (M-11).
         upload.partner = from;
@@ -158,13 +165,16 @@ impl Missions {
         if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
             // M-30, M-32: neither is an error; what is missing is asked for by the timer, at most once in its period.
             event!("upload: item {=u16} instead of {=u16}", seq, next);
-            self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
             if seq.checked_add(1) == Some(next) {
                 upload.pace.repeated();
             }
+            return self.out_of_place();
+        }
+        let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
+        if is_last && self.lacks_result_slot(caller) {
+            // Asked for again, when there is room to answer for the whole plan.
             return;
         }
-        let plan = upload.plan;
         let checked = item.and_then(|item| {
             validate::check(&item)?;
             vehicle.check_item(plan, seq, &item)?;
@@ -174,9 +184,10 @@ impl Missions {
             Ok(item) => item,
             Err(result) => {
                 cx.tell(&validate::item_refused(plan, seq, result));
-                return self.finish(cx, caller, seq, result, 0);
+                return self.finish(cx, caller, seq, result);
             }
         };
+        let Some(upload) = &mut self.upload else { return };
         // There is room: the count was checked before the first item (M-21).
         let _ = cx.plans.staging.push(item);
         upload.digest.add(&item);
@@ -185,47 +196,44 @@ impl Missions {
         }
         upload.pace.answered(cx.now);
         upload.owes_request = true;
-        if cx.plans.staged() >= upload.count {
+        if is_last {
             self.complete(cx, vehicle, caller, seq);
         }
     }
 
-    /// The last item has come: the plan goes live, unless the vehicle refuses it as a whole (M-39).
+    /// The last item has come: the plan goes live, or to storage first, unless it is refused as a whole (M-39).
     fn complete<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
         let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
         let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
         if let Err(fault) = vehicle.check_plan(plan, cx.plans.staging.as_slice()) {
             cx.tell(&validate::plan_refused(plan, fault.result));
-            return self.finish(cx, caller, seq, fault.result, 0);
+            return self.finish(cx, caller, seq, fault.result);
         }
-        if !cx.plans.is_live(plan, id) {
-            cx.plans.commit(plan, id);
-            self.sessions.invalidate(plan);
-            vehicle.plan_changed(PlanChange { plan, items: cx.plans.live(plan).items(), first });
+        self.upload = None;
+        let change = Change::Upload { plan, seq, first, id };
+        if let Some(reply) = self.change(cx, vehicle, caller.from, plan.mission_type(), change) {
+            caller.replies.push(reply);
         }
-        self.current.announce(cx.normal);
-        self.finish(cx, caller, seq, MavMissionResult::ACCEPTED, id);
     }
 
-    /// The upload is over with item `seq`, one way or the other.
-    fn finish(
-        &mut self,
-        cx: &mut Context<'_, '_>,
-        caller: &mut Caller<'_>,
-        seq: u16,
-        result: MavMissionResult,
-        id: u32,
-    ) {
+    /// The upload is over with item `seq`, which was not good, or the plan was not.
+    fn finish(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
         let Some(Upload { plan, .. }) = self.upload.take() else { return };
         cx.plans.staging.clear();
-        event!("{} upload by {}: {=u8} at item {=u16}", plan, caller.from, result.0, seq);
-        let counter = match result {
+        self.finished(cx, Done { partner: caller.from.address, plan, seq, result, id: 0, at: cx.now });
+        caller.ack(plan.mission_type(), result, 0);
+    }
+
+    /// Remembers how an upload ended.
+    pub(super) fn finished(&mut self, cx: &Context<'_, '_>, done: Done) {
+        event!("{} upload by {}: {=u8} at item {=u16}", done.plan, done.partner, done.result.0, done.seq);
+        let _ = cx;
+        let counter = match done.result {
             MavMissionResult::ACCEPTED => &mut self.counters.accepted,
             _ => &mut self.counters.refused,
         };
         *counter = counter.wrapping_add(1);
-        self.done = Some(Done { partner: caller.from.address, plan, seq, result, id, at: cx.now });
-        caller.ack(plan.mission_type(), result, id);
+        self.done = Some(done);
     }
 
     /// An item while no upload is running: the last one's final ACK was lost (M-31), or it is nobody's (M-36).
@@ -251,7 +259,7 @@ impl Missions {
             event!("{} upload by {}: final answer repeated", done.plan, caller.from);
             return caller.ack(mission_type, done.result, done.id);
         }
-        self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+        self.out_of_place();
         if caller.replies.may_answer_stray(cx.now) {
             caller.ack(mission_type, MavMissionResult::ERROR, 0);
         }
@@ -302,38 +310,38 @@ impl Missions {
                 Err(result) => return caller.ack(mission_type, result, 0),
             },
         };
-        if self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address)) {
+        if self.committing().is_some() || self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address))
+        {
             // M-51
-            return caller.ack(mission_type, MavMissionResult::DENIED, 0);
+            return caller.deny(mission_type);
         }
-        self.farewell.take_if(|(_, reply)| reply.to == caller.from.address);
+        caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
-        let served = |cx: &Context<'_, '_>, plan| cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
         // All or none: first everything is asked, then everything is done.
         for plan in PlanType::ALL {
-            if served(cx, plan) && !may_change(cx, vehicle, caller, plan, mission_type) {
+            let is_meant = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
+            if is_meant && !self.may_change(cx, vehicle, caller, plan, mission_type) {
                 return;
             }
         }
-        self.done = None;
-        for plan in PlanType::ALL {
-            if served(cx, plan) {
-                self.clear(cx, vehicle, plan);
-            }
+        if !self.lacks_result_slot(caller) {
+            self.done = None;
+            self.clear(cx, vehicle, caller, mission_type, only);
         }
-        caller.ack(mission_type, MavMissionResult::ACCEPTED, 0);
     }
 
-    /// Empties a plan (M-50, M-53).
-    fn clear<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, plan: PlanType) {
-        if cx.plans.count(plan) > 0 {
-            event!("{} cleared", plan);
-            cx.plans.staging.clear();
-            cx.plans.commit(plan, 0);
-            self.sessions.invalidate(plan);
-            vehicle.plan_changed(PlanChange { plan, items: &[], first: 0 });
+    /// Empties a plan, or all (M-50, M-53).
+    fn clear<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        mission_type: MavMissionType,
+        only: Option<PlanType>,
+    ) {
+        if let Some(reply) = self.change(cx, vehicle, caller.from, mission_type, Change::Clear(only)) {
+            caller.replies.push(reply);
         }
-        self.current.announce(cx.normal);
     }
 
     /// Forgets the running upload.
@@ -344,24 +352,57 @@ impl Missions {
         cx.plans.staging.clear();
     }
 
-    /// The retry timer (M-40) and the end of patience (M-41).
-    pub(super) fn poll_upload(&mut self, cx: &mut Context<'_, '_>) {
-        let Some(upload) = &mut self.upload else { return };
+    /// The retry timer (M-40) and the end of patience (M-41): what the partner is to be told then, and where.
+    pub(super) fn poll_upload(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+        let upload = self.upload.as_mut()?;
         if cx.now < upload.pace.deadline() {
-            return;
+            return None;
         }
         if !upload.pace.is_over(cx.now) {
             upload.owes_request = true;
-            return upload.pace.retry(cx.now);
+            upload.pace.retry(cx.now);
+            return None;
         }
         let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
         let what = What::Ack(MavMissionResult::OPERATION_CANCELLED, 0);
-        self.farewell = Some((link, Reply { to, mission_type: plan.mission_type(), what }));
         event!("{} upload by {}: timed out", plan, upload.partner);
         let mut words = validate::words(plan, " upload timed out at item ");
         words.push_number(cx.plans.staged().into());
         cx.tell(&words);
         self.abandon(cx);
+        Some((link, Reply { to, mission_type: plan.mission_type(), what }))
+    }
+
+    fn out_of_place(&mut self) {
+        self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+    }
+
+    /// Whether a change that storage would answer has nowhere to be answered: its request is dropped then, and counted.
+    fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
+        let lacks = self.is_durable() && caller.replies.owes_result();
+        if lacks {
+            event!("plans: request by {} dropped: no room for its answer", caller.from);
+            self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+        }
+        lacks
+    }
+
+    /// Asks the vehicle, and whether storage may be written where that must be; a refusal is answered here (M-27, M-44).
+    fn may_change<V: Plans>(
+        &self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        plan: PlanType,
+        mission_type: MavMissionType,
+    ) -> bool {
+        let storage = if self.is_durable() && !vehicle.may_persist() { Err(MavMissionResult::DENIED) } else { Ok(()) };
+        let Err(result) = storage.and_then(|()| vehicle.may_change(plan, caller.from)) else { return true };
+        event!("{} change by {}: refused by the vehicle", plan, caller.from);
+        let words: Words = validate::plan_refused(plan, result);
+        cx.tell(&words);
+        caller.ack(mission_type, result, 0);
+        false
     }
 }
 
@@ -371,20 +412,4 @@ pub(super) struct Arrival {
     pub(super) seq: u16,
     pub(super) current: u8,
     pub(super) item: Result<Item, MavMissionResult>,
-}
-
-/// Asks the vehicle; its refusal is answered here (M-27).
-fn may_change<V: Plans>(
-    cx: &mut Context<'_, '_>,
-    vehicle: &mut V,
-    caller: &mut Caller<'_>,
-    plan: PlanType,
-    mission_type: MavMissionType,
-) -> bool {
-    let Err(result) = vehicle.may_change(plan, caller.from) else { return true };
-    event!("{} change by {}: refused by the vehicle", plan, caller.from);
-    let words: Words = validate::plan_refused(plan, result);
-    cx.tell(&words);
-    caller.ack(mission_type, result, 0);
-    false
 }

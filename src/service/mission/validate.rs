@@ -1,5 +1,6 @@
 //! What can be said of an item without knowing the vehicle (section 8.6 of the rules, SEC-14), and how a refusal reads.
 
+use super::commit::Change;
 use super::item::{Item, Position, position};
 use super::memory::PlanType;
 use crate::dialect::MavMissionResult;
@@ -57,6 +58,24 @@ pub(super) fn plan_refused(plan: PlanType, result: MavMissionResult) -> Words {
     let mut words = words(plan, " refused");
     push_reason(&mut words, result);
     words
+}
+
+/// "Mission item 12 cannot be made current" (M-93).
+pub(super) fn current_refused(seq: u16) -> Words {
+    let mut words = words(PlanType::Mission, " item ");
+    words.push_number(seq.into());
+    words.push_str(" cannot be made current");
+    words
+}
+
+/// "Mission not stored: the old one stays": what was to be written first, or what is live without being stored.
+pub(super) fn not_saved(change: Option<&Change>) -> Words {
+    match change {
+        Some(Change::Upload { plan, .. }) => words(*plan, " not stored: the old one stays"),
+        Some(Change::Clear(Some(plan))) => words(*plan, " not cleared: storage failed"),
+        Some(Change::Clear(None)) => Words::new("Plans not cleared: storage failed"),
+        None => Words::new("Plans are not stored: storage failed"),
+    }
 }
 
 fn push_reason(words: &mut Words, result: MavMissionResult) {

@@ -159,7 +159,9 @@ impl Bench {
     fn poll(&mut self) {
         let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
         let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
-        missions.poll(&mut cx, &self.vehicle);
+        if let Some((link, reply)) = missions.poll(&mut cx, &self.vehicle) {
+            self.replies[usize::from(link.0)].owe_result(reply);
+        }
     }
 
     /// Lets `millis` ms go by in steps of 10 ms; what goes out meanwhile, and after how many ms.
@@ -186,8 +188,8 @@ impl Bench {
     fn next(&mut self, link: usize) -> Option<Sent> {
         let (replies, tx) = (&mut self.replies[link], &mut self.boxes[link]);
         let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let owed = missions.owes_ack(replies, tx);
-        let sent = missions.next_ack(replies, tx);
+        let owed = replies.has_ack();
+        let sent = replies.next_ack(tx);
         assert_eq!(owed, sent, "what is announced is sent");
         if !sent && !missions.next(self.now, replies, &plans, &self.vehicle.progress, self.float_form, tx) {
             return None;
@@ -217,7 +219,7 @@ impl Bench {
     fn next_current(&mut self, link: usize) -> Option<MissionCurrent> {
         let tx = &mut self.boxes[link];
         let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let sent = missions.next_current(&plans, &self.vehicle.progress, tx);
+        let sent = missions.next_progress(&plans, &self.vehicle.progress, tx);
         sent.then(|| with_frame(&take(tx), |frame| frame.decode().expect("MISSION_CURRENT")))
     }
 

@@ -207,7 +207,7 @@ fn a_late_cancel_does_not_end_the_next_upload() {
             bench.poll();
         }
         let expected = if restart {
-            bench.missions.restart_link(A.link);
+            bench.replies[usize::from(A.link.0)].restart();
             Vec::new()
         } else {
             bench.send(A, &count(MISSION, 2));

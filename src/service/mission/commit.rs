@@ -1,0 +1,287 @@
+//! From a whole new plan to the live one, through storage where there is one (M-39, M-44, M-52, SEC-11).
+//!
+//! ```text
+//!                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
+//!   last item, or clear ─┤                 └─────── not written ────────────▶ old plan stays, ACK ERROR
+//!                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
+//!                        └─ no storage: live, ACK ACCEPTED
+//! ```
+//!
+//! What is to be written is asked for by [`unsaved`](Missions::unsaved), what became of it is told to
+//! [`saved`](Missions::saved) and [`not_saved`](Missions::not_saved); between them nobody else's upload may begin, because
+//! the staging area holds what is being written.
+
+use super::item::Digest;
+use super::memory::{PlanType, PlanView, PlansMut};
+use super::replies::{Reply, What};
+use super::upload::Done;
+use super::validate;
+use super::{Context, Missions};
+use crate::dialect::{MavMissionResult, MavMissionType};
+use crate::link::{LinkId, Peer};
+use crate::time::{Duration, Instant};
+use crate::vehicle::{PlanChange, PlanFault, Plans};
+
+/// When an upload or a clear that the vehicle has accepted is answered, where there is storage (M-44).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Durability {
+    /// ACCEPTED means that it survives a power cut: the plan is written first, and goes live then. While
+    /// [`may_persist`](Plans::may_persist) says no, changes are DENIED at their beginning.
+    Durable,
+    /// It goes live and is answered at once, and is written when the vehicle permits. When that fails a text says so.
+    Deferred,
+}
+
+/// A plan that could not be made durable for so long is given up.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// So long after a failure it is tried again to write what is live already.
+const RETRY: Duration = Duration::from_secs(10);
+
+/// A change that is to be durable before it is live.
+#[derive(Clone, Debug)]
+pub(super) struct Commit {
+    /// Who is told.
+    to: Peer,
+    /// As the request named it: may be ALL.
+    mission_type: MavMissionType,
+    change: Change,
+    since: Instant,
+}
+
+/// What is to become live.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Change {
+    /// The staging area becomes this plan.
+    Upload {
+        plan: PlanType,
+        /// The last item.
+        seq: u16,
+        first: u16,
+        id: u32,
+    },
+    /// This plan becomes empty, or all do.
+    Clear(Option<PlanType>),
+}
+
+impl Commit {
+    pub(super) fn is_by(&self, peer: Peer) -> bool {
+        self.to.address == peer.address
+    }
+}
+
+/// What is on the storage.
+#[derive(Clone, Debug)]
+pub(super) struct Saving {
+    policy: Option<Durability>,
+    /// Counts what was to be written.
+    wanted: u32,
+    /// The one that is written, or given up.
+    done: u32,
+    /// Not before: the last attempt failed.
+    retry_at: Instant,
+    /// Whether it was said that the last attempt failed.
+    told: bool,
+}
+
+impl Saving {
+    pub(super) const fn new() -> Self {
+        Self { policy: None, wanted: 0, done: 0, retry_at: Instant::ZERO, told: false }
+    }
+}
+
+impl Missions {
+    /// What waits for storage. Without the feature nothing can, and the compiler knows.
+    pub(super) fn committing(&self) -> Option<&Commit> {
+        if cfg!(feature = "storage") { self.commit.as_ref() } else { None }
+    }
+
+    /// Whether ACCEPTED waits for storage.
+    pub(super) fn is_durable(&self) -> bool {
+        cfg!(feature = "storage") && self.saving.policy == Some(Durability::Durable)
+    }
+
+    /// Something live is to be written, sooner or later.
+    fn want_saved(&mut self) {
+        if cfg!(feature = "storage") {
+            self.saving.wanted = self.saving.wanted.wrapping_add(1);
+        }
+    }
+
+    /// Makes `change` live, or has it written first. The answer, when it is known at once.
+    pub(super) fn change<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        from: Peer,
+        mission_type: MavMissionType,
+        change: Change,
+    ) -> Option<Reply> {
+        let changes_nothing = match change {
+            // M-39, SEC-11: also when it is being flown, and the storage is not worn by it.
+            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id),
+            // M-52
+            Change::Clear(only) => {
+                PlanType::ALL.into_iter().all(|plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0)
+            }
+        };
+        let commit = Commit { to: from, mission_type, change, since: cx.now };
+        if self.is_durable() && !changes_nothing {
+            event!("plans: change by {}: to be written", from);
+            self.want_saved();
+            self.commit = Some(commit);
+            return None;
+        }
+        if !changes_nothing {
+            self.make_live(cx, vehicle, change);
+            self.want_saved();
+        }
+        Some(self.ended(cx, &commit, MavMissionResult::ACCEPTED))
+    }
+
+    /// In one step.
+    fn make_live<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, change: Change) {
+        match change {
+            Change::Upload { plan, id, first, .. } => self.replace(cx, vehicle, plan, id, first),
+            Change::Clear(only) => {
+                cx.plans.staging.clear();
+                for plan in PlanType::ALL {
+                    if only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0 {
+                        event!("{} cleared", plan);
+                        self.replace(cx, vehicle, plan, 0, 0);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The staged plan is the live one.
+    fn replace<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
+        cx.plans.commit(plan, id);
+        self.sessions.invalidate(plan);
+        if plan == PlanType::Mission {
+            self.reached.clear();
+        }
+        vehicle.plan_changed(PlanChange { plan, items: cx.plans.live(plan).items(), first });
+    }
+
+    /// A change is over, one way or the other; the answer to who asked for it.
+    fn ended(&mut self, cx: &mut Context<'_, '_>, commit: &Commit, result: MavMissionResult) -> Reply {
+        let &Commit { to, mission_type, change, .. } = commit;
+        self.current.announce(cx.normal);
+        let id = match change {
+            Change::Upload { plan, seq, id, .. } => {
+                let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
+                self.finished(cx, Done { partner: to.address, plan, seq, result, id, at: cx.now });
+                id
+            }
+            Change::Clear(_) => 0,
+        };
+        cx.plans.staging.clear();
+        Reply { to: to.address, mission_type, what: What::Ack(result, id) }
+    }
+
+    /// The wait for storage is over: gives up what was not written in time.
+    pub(super) fn poll_commit(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+        let commit = self.committing()?;
+        if cx.now.since(commit.since) < PATIENCE { None } else { self.not_saved(cx) }
+    }
+
+    /// When [`poll_commit`](Self::poll_commit) has something to do.
+    pub(super) fn commit_deadline(&self) -> Instant {
+        self.committing().map_or(Instant::NEVER, |commit| commit.since.after(PATIENCE))
+    }
+}
+
+/// The half that only storage calls.
+#[cfg_attr(not(any(feature = "storage", test)), allow(dead_code, reason = "its tests are the engine's own"))]
+impl Missions {
+    /// From now on there is storage.
+    pub(crate) fn attach_storage(&mut self, policy: Durability) {
+        self.saving.policy = Some(policy);
+    }
+
+    /// What is to be on the storage, when it is not: a number that changes with the content, and the three plans.
+    pub(crate) fn unsaved<'a>(&self, now: Instant, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
+        let Saving { wanted, done, retry_at, .. } = self.saving;
+        if wanted == done || now < retry_at {
+            return None;
+        }
+        let change = self.commit.as_ref().map(|commit| commit.change);
+        let view = |plan| match change {
+            Some(Change::Upload { plan: new, id, .. }) if new == plan => plans.staged_as(id),
+            Some(Change::Clear(only)) if only.is_none_or(|only| only == plan) => PlanView::EMPTY,
+            _ => plans.live(plan),
+        };
+        Some((wanted, PlanType::ALL.map(view)))
+    }
+
+    /// What [`unsaved`](Self::unsaved) gave is durable: it goes live, where it is not. The answer, and where it is owed.
+    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+        self.saving.done = self.saving.wanted;
+        self.saving.told = false;
+        let commit = self.commit.take()?;
+        self.make_live(cx, vehicle, commit.change);
+        Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ACCEPTED)))
+    }
+
+    /// It could not be written. What was to go live does not; what is live already is tried again later.
+    pub(crate) fn not_saved(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+        self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
+        let Some(commit) = self.commit.take() else {
+            self.saving.retry_at = cx.now.after(RETRY);
+            if !core::mem::replace(&mut self.saving.told, true) {
+                cx.tell(&validate::not_saved(None));
+            }
+            return None;
+        };
+        self.saving.done = self.saving.wanted;
+        event!("plans: change by {}: not written", commit.to);
+        cx.tell(&validate::not_saved(Some(&commit.change)));
+        Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ERROR)))
+    }
+
+    /// A plan comes back from storage: `items` gives them in their order. It is checked as an upload is, because the firmware
+    /// may be another one since; what cannot be flown is not live.
+    pub(crate) fn restore<V: Plans, E>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        plan: PlanType,
+        (count, id): (u16, u32),
+        mut item: impl FnMut(u16) -> Result<Option<super::Item>, E>,
+    ) -> Result<(), E> {
+        cx.plans.staging.clear();
+        if count == 0 {
+            return Ok(());
+        }
+        let mut digest = Digest::new();
+        let mut fault = (count > cx.plans.capacity(plan)).then_some(MavMissionResult::NO_SPACE.into());
+        for seq in 0..count {
+            if fault.is_some() {
+                break;
+            }
+            let Some(item) = item(seq)? else { break };
+            digest.add(&item);
+            let checked = validate::check(&item).and_then(|()| vehicle.check_item(plan, seq, &item));
+            fault = checked.err().map(|result| PlanFault { seq: Some(seq), result });
+            let _ = cx.plans.staging.push(item);
+        }
+        if fault.is_none() && (cx.plans.staged() != count || digest.id() != id) {
+            fault = Some(MavMissionResult::INVALID.into());
+        }
+        if fault.is_none() {
+            fault = vehicle.check_plan(plan, cx.plans.staging.as_slice()).err();
+        }
+        match fault {
+            None => self.replace(cx, vehicle, plan, id, 0),
+            Some(fault) => {
+                cx.tell(&validate::plan_refused(plan, fault.result));
+                cx.plans.staging.clear();
+            }
+        }
+        self.current.announce(cx.normal);
+        Ok(())
+    }
+}

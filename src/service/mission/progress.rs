@@ -1,0 +1,139 @@
+//! Where the mission goes on from, and which items were reached (M-91 to M-95).
+
+use heapless::Vec;
+
+use super::memory::{PlanType, PlansMut};
+use super::validate;
+use super::{Context, Missions};
+use crate::dialect::{MavCmd, MavResult, MissionItemReached};
+use crate::link::{LinkMask, Outbox};
+use crate::num;
+use crate::vehicle::{Command, Plans};
+
+/// Items that were reached and not yet told of on every link.
+const PENDING: usize = 4;
+
+/// What is still to be said of items that were reached, the oldest first.
+#[derive(Clone, Debug)]
+pub(super) struct Reached(Vec<(u16, LinkMask), PENDING, u8>);
+
+impl Reached {
+    pub(super) const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// The items were those of a plan that is no more.
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    fn push(&mut self, seq: u16, links: LinkMask) {
+        if self.0.is_full() {
+            // A link that has stalled: what it missed, MISSION_CURRENT says as well.
+            self.0.remove(0);
+        }
+        let _ = self.0.push((seq, links));
+    }
+
+    pub(super) fn is_owed(&self, link: LinkMask) -> bool {
+        self.0.iter().any(|(_, owed)| owed.contains(link))
+    }
+
+    /// Sends the oldest that is owed on this link.
+    fn next(&mut self, tx: &mut Outbox) -> bool {
+        let link = LinkMask::of(tx.link());
+        let Some((seq, owed)) = self.0.iter_mut().find(|(_, owed)| owed.contains(link)) else { return false };
+        *owed = owed.without(link);
+        let seq = *seq;
+        self.0.retain(|(_, owed)| *owed != LinkMask::NONE);
+        tx.send(&MissionItemReached { seq })
+    }
+}
+
+impl Missions {
+    /// The vehicle has reached an item (M-91).
+    pub(crate) fn reached(&mut self, seq: u16, links: LinkMask) {
+        self.reached.push(seq, links);
+    }
+
+    /// Sends MISSION_ITEM_REACHED, or MISSION_CURRENT: in this order, so that an item was reached before the next one is
+    /// current (M-91). False when neither is owed on this link.
+    pub(crate) fn next_progress(
+        &mut self,
+        plans: &PlansMut<'_>,
+        progress: &crate::vehicle::Progress,
+        tx: &mut Outbox,
+    ) -> bool {
+        self.reached.next(tx) || self.current.next(plans, progress, tx)
+    }
+
+    /// MISSION_SET_CURRENT, which has no answer of its own: success and failure show in MISSION_CURRENT, failure in a text
+    /// too (M-93).
+    pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, seq: u16) {
+        let result =
+            if seq < cx.plans.count(PlanType::Mission) { vehicle.set_current(seq, false) } else { MavResult::FAILED };
+        if result != MavResult::ACCEPTED {
+            event!("current item {=u16}: refused", seq);
+            cx.tell(&validate::current_refused(seq));
+        }
+        self.current.announce(cx.normal);
+    }
+
+    /// A command about the mission's progress; `None` for all others.
+    pub(crate) fn on_command<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        command: &Command,
+    ) -> Option<MavResult> {
+        let count = cx.plans.count(PlanType::Mission);
+        let result = match command.id {
+            MavCmd::DO_SET_MISSION_CURRENT => set_current(vehicle, command, count),
+            MavCmd::MISSION_START => start(vehicle, command, count),
+            _ => return None,
+        };
+        if result == MavResult::ACCEPTED {
+            self.current.announce(cx.normal);
+        }
+        Some(result)
+    }
+}
+
+/// MAV_CMD_DO_SET_MISSION_CURRENT: the item, or -1 for the one that is current; 1 to begin its counters anew (M-92).
+fn set_current<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavResult {
+    let [item, reset, ..] = command.params;
+    let reset = match num::integer::<i32>(reset) {
+        Some(0) => false,
+        Some(1) => true,
+        None if reset.is_nan() => false,
+        _ => return MavResult::DENIED,
+    };
+    let seq = match num::integer::<i32>(item) {
+        Some(-1) => Some(vehicle.progress().current),
+        Some(seq) if seq >= 0 => u16::try_from(seq).ok(),
+        _ => return MavResult::DENIED,
+    };
+    match seq.filter(|&seq| seq < count) {
+        Some(seq) => vehicle.set_current(seq, reset),
+        None => MavResult::FAILED,
+    }
+}
+
+/// MAV_CMD_MISSION_START: the first item and the last one; NaN says neither, nor does 0 as the last, which is what clients
+/// send that leave it out (M-95).
+fn start<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavResult {
+    if count == 0 {
+        return MavResult::FAILED;
+    }
+    let [first, last, ..] = command.params;
+    let item = |param: f32| num::integer::<u16>(param).filter(|&seq| seq < count);
+    let (first_item, last_item) = (item(first), item(last));
+    if (first_item.is_none() && !first.is_nan()) || (last_item.is_none() && !last.is_nan()) {
+        return MavResult::DENIED;
+    }
+    let last_item = last_item.filter(|&seq| seq > 0);
+    match (first_item, last_item) {
+        (Some(first), Some(last)) if first > last => MavResult::DENIED,
+        (first, last) => vehicle.start_mission(first, last),
+    }
+}
