@@ -1,0 +1,396 @@
+//! One record that is replaced as a whole: two slots, of which one always keeps what was complete before.
+//!
+//! A slot is a header block of 256 bytes and the body behind it. All numbers are little-endian:
+//!
+//! | offset | size | what |
+//! |---|---|---|
+//! | 0 | 4 | magic: the letters `MVSR` |
+//! | 4 | 1 | kind: 1 is plans; another kind is no record |
+//! | 5 | 1 | 0 |
+//! | 6 | 2 | schema version of the body, counted by kind |
+//! | 8 | 4 | sequence: the newer record has the next number; after 2³² - 1 comes 0 |
+//! | 12 | 4 | length of the body, in bytes: a multiple of 32, at least 32 |
+//! | 16 | 4 | CRC-32 of the body |
+//! | 20 | 8 | 0 |
+//! | 28 | 4 | CRC-32 of bytes 0 to 27 |
+//! | 32 | 224 | erased; not read |
+//! | 256 | length | the body |
+//!
+//! The CRC-32 is that of zip and Ethernet. What is left of the slot behind the body is erased; it is not read.
+//!
+//! A record is whole when magic, kind, both CRCs and the length are right. Of two whole ones the newer counts. The other
+//! slot is the spare: it is erased ahead of need, its header first, then written, its header last. So whatever moment the
+//! power goes, one slot has a record that was whole before, or the other one has the new one:
+//!
+//! - while the spare is erased, it has an older record, or none; what is left of a body does not match its CRC, and
+//!   without its header it is nothing;
+//! - while the body is written, there is no header;
+//! - a torn header does not match its own CRC.
+//!
+//! A record of a schema that this version does not know is kept as long as any other: it is not read, and erased only
+//! after a record that is newer than it was written.
+
+use core::ops::Range;
+
+use embedded_storage::nor_flash::NorFlash;
+
+use crate::crc32::Crc32;
+
+/// The most that is written at once; every unit that storage may be written in divides it.
+pub(crate) const CHUNK: usize = 256;
+/// Bodies come in rows of so many bytes; every unit that storage may be read in divides it.
+pub(crate) const ROW: usize = 32;
+/// Where the body begins in its slot: the header can be written alone.
+pub(crate) const BODY: u32 = 256;
+
+const MAGIC: [u8; 4] = *b"MVSR";
+
+/// What one [`step`](Record::step) did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// Nothing: there is nothing to do.
+    Idle,
+    /// A part; there is more to do.
+    Busy,
+    /// The last part: the record is complete, and was read back. Once a job.
+    Done,
+    /// The storage failed, or the content has no room. The next step begins anew.
+    Failed,
+}
+
+/// What is to be durable.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Job {
+    /// Another number is another content.
+    pub(crate) id: u32,
+    pub(crate) schema: u16,
+    /// Bytes: a multiple of [`ROW`].
+    pub(crate) len: u32,
+}
+
+/// The newest whole record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Newest {
+    /// Address of its slot.
+    slot: u32,
+    header: Header,
+}
+
+/// What a header says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Header {
+    pub(crate) schema: u16,
+    pub(crate) sequence: u32,
+    pub(crate) len: u32,
+    pub(crate) body_crc: u32,
+}
+
+impl Header {
+    /// The bytes that the header's own CRC is computed from.
+    const SUMMED: usize = 28;
+
+    pub(crate) fn encode(&self, kind: u8) -> [u8; ROW] {
+        let [m0, m1, m2, m3] = MAGIC;
+        let [v0, v1] = self.schema.to_le_bytes();
+        let words = [
+            u32::from_le_bytes([m0, m1, m2, m3]),
+            u32::from_le_bytes([kind, 0, v0, v1]),
+            self.sequence,
+            self.len,
+            self.body_crc,
+            0,
+            0,
+        ];
+        let mut crc = Crc32::new();
+        let mut row = [0; ROW];
+        let (places, _) = row.as_chunks_mut();
+        for (place, word) in places.iter_mut().zip(words) {
+            *place = word.to_le_bytes();
+            crc.add(place);
+        }
+        if let Some(place) = places.last_mut() {
+            *place = crc.sum().to_le_bytes();
+        }
+        row
+    }
+
+    /// The header, when it is one of this kind and undamaged.
+    pub(crate) fn decode(row: &[u8; ROW], kind: u8) -> Option<Self> {
+        let (words, _) = row.as_chunks();
+        let &[_, what, sequence, len, body_crc, ..] = words else { return None };
+        let [_, _, v0, v1] = what;
+        let header = Self {
+            schema: u16::from_le_bytes([v0, v1]),
+            sequence: u32::from_le_bytes(sequence),
+            len: u32::from_le_bytes(len),
+            body_crc: u32::from_le_bytes(body_crc),
+        };
+        // Magic, kind, zeros and CRC in one.
+        (header.encode(kind) == *row).then_some(header)
+    }
+}
+
+/// Whether the record of sequence `a` was written after that of `b`.
+pub(crate) fn is_newer(a: u32, b: u32) -> bool {
+    a.wrapping_sub(b).cast_signed() > 0
+}
+
+/// What is known of the slot that the next record goes to.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Spare {
+    /// Nothing is known, not even which slot it is.
+    Unknown,
+    /// It could not be erased, or read. Left alone until there is something to write.
+    Failing,
+    /// Erased up to this offset.
+    Dirty(u32),
+    Blank,
+    /// So many bytes of this job's body are written.
+    Writing {
+        job: u32,
+        written: u32,
+        crc: Crc32,
+    },
+}
+
+/// The two slots of a record, and where the writing of the next one stands.
+#[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Record<F> {
+    pub(crate) flash: F,
+    start: u32,
+    slot_len: u32,
+    kind: u8,
+    newest: Option<Newest>,
+    /// Address of the spare slot.
+    spare_slot: u32,
+    spare: Spare,
+    /// The job that is done, as long as it is asked for.
+    done: Option<u32>,
+}
+
+impl<F: NorFlash> Record<F> {
+    #[allow(clippy::as_conversions, reason = "const-evaluated; checked below")]
+    pub(crate) const ERASE: u32 = {
+        assert!(F::WRITE_SIZE > 0 && CHUNK.is_multiple_of(F::WRITE_SIZE), "WRITE_SIZE must divide 256");
+        assert!(F::READ_SIZE > 0 && ROW.is_multiple_of(F::READ_SIZE), "READ_SIZE must divide 32");
+        assert!(F::ERASE_SIZE > 0 && F::ERASE_SIZE <= 1 << 30, "ERASE_SIZE must be 1 to 2^30");
+        assert!(F::ERASE_SIZE.is_multiple_of(F::WRITE_SIZE), "ERASE_SIZE must be a multiple of WRITE_SIZE");
+        F::ERASE_SIZE as u32
+    };
+
+    /// The region is divided in two halves; what does not fill whole erase units is not used.
+    pub(crate) const fn new(flash: F, region: Range<u32>, kind: u8) -> Self {
+        let start = match region.start.checked_next_multiple_of(Self::ERASE) {
+            Some(start) => start,
+            None => u32::MAX,
+        };
+        let half = region.end.saturating_sub(start) / 2;
+        let slot_len = match half.checked_rem(Self::ERASE) {
+            Some(rest) => half.saturating_sub(rest),
+            None => 0,
+        };
+        Self { flash, start, slot_len, kind, newest: None, spare_slot: start, spare: Spare::Unknown, done: None }
+    }
+
+    /// Length of a slot whose body has `len` bytes.
+    pub(crate) const fn slot_len(len: u32) -> u32 {
+        match BODY.saturating_add(len).checked_next_multiple_of(Self::ERASE) {
+            Some(len) => len,
+            None => u32::MAX,
+        }
+    }
+
+    /// Finds the newest whole record. A slot that cannot be read counts as damaged when the other one has a record: after a
+    /// power cut, memory with error correction may refuse to read what was being written. When neither has one, it is an
+    /// error.
+    pub(crate) fn open(&mut self) -> Result<Option<Header>, F::Error> {
+        let second_slot = self.start.saturating_add(self.slot_len);
+        let first = self.examine(self.start);
+        let second = self.examine(second_slot);
+        self.done = None;
+        self.newest = match (&first, &second) {
+            (Ok(Some(first)), Ok(Some(second))) if is_newer(second.header.sequence, first.header.sequence) => {
+                Some(*second)
+            }
+            (Ok(Some(found)), _) | (_, Ok(Some(found))) => Some(*found),
+            _ => None,
+        };
+        self.spare = Spare::Dirty(0);
+        self.spare_slot = match self.newest {
+            Some(newest) if newest.slot == self.start => second_slot,
+            None if second.is_err() && first.is_ok() => second_slot,
+            _ => self.start,
+        };
+        match (first, second) {
+            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => {
+                // What cannot be read now may be what is wanted later.
+                self.spare = Spare::Failing;
+                Err(error)
+            }
+            _ => Ok(self.newest.map(|newest| newest.header)),
+        }
+    }
+
+    /// The record in a slot, if it is whole.
+    fn examine(&mut self, slot: u32) -> Result<Option<Newest>, F::Error> {
+        if self.slot_len < BODY {
+            return Ok(None);
+        }
+        let mut row = [0; ROW];
+        self.flash.read(slot, &mut row)?;
+        let Some(header) = Header::decode(&row, self.kind).filter(|header| self.is_len(header.len)) else {
+            return Ok(None);
+        };
+        let mut crc = Crc32::new();
+        self.scan(slot.saturating_add(BODY), header.len, |bytes| {
+            crc.add(bytes);
+            true
+        })?;
+        Ok((crc.sum() == header.body_crc).then_some(Newest { slot, header }))
+    }
+
+    /// Whether a body can have this length.
+    fn is_len(&self, len: u32) -> bool {
+        const MIN: u32 = 32;
+        len >= MIN && len.is_multiple_of(MIN) && len <= self.slot_len.saturating_sub(BODY)
+    }
+
+    /// Reads `len` bytes, until `each` says that it has seen enough.
+    fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
+        let mut chunk = [0; CHUNK];
+        let mut done = 0;
+        while done < len {
+            let part = clamped(len.saturating_sub(done));
+            let bytes = chunk.get_mut(..part).unwrap_or_default();
+            self.flash.read(at.saturating_add(done), bytes)?;
+            if !each(bytes) {
+                return Ok(false);
+            }
+            done = done.saturating_add(BODY);
+        }
+        Ok(true)
+    }
+
+    /// A row of the newest record's body.
+    pub(crate) fn row(&mut self, index: u32) -> Result<Option<[u8; ROW]>, F::Error> {
+        let Some(Newest { slot, header }) = self.newest else { return Ok(None) };
+        if index >= header.len / 32 {
+            return Ok(None);
+        }
+        let mut row = [0; ROW];
+        self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row)?;
+        Ok(Some(row))
+    }
+
+    /// Erases at most one unit or writes at most [`CHUNK`] bytes, towards a record that is what `job` says, or, without
+    /// one, towards a blank spare slot. `row` gives a row of the body; `None` gives the job up.
+    pub(crate) fn step(&mut self, job: Option<Job>, row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
+        if job.is_none() || self.done != job.map(|job| job.id) {
+            self.done = None;
+        }
+        let job = job.filter(|_| self.done.is_none());
+        // No room; without a job, not even for the shortest record.
+        if !self.is_len(job.map_or(32, |job| job.len)) {
+            return if job.is_some() { Step::Failed } else { Step::Idle };
+        }
+        match (self.spare, job) {
+            (Spare::Unknown, _) => {
+                // Without a record it begins one; an error here comes again from what is done next.
+                let _ = self.open();
+                Step::Busy
+            }
+            (Spare::Failing | Spare::Blank, None) => Step::Idle,
+            (Spare::Failing, Some(_)) => self.clear(0),
+            (Spare::Dirty(done), _) => self.clear(done),
+            (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
+            (Spare::Writing { job: id, written, crc }, Some(job)) if id == job.id => self.write(job, written, crc, row),
+            // Something else is wanted now.
+            (Spare::Writing { .. }, _) => self.clear(0),
+        }
+    }
+
+    /// Erases the next unit of the spare slot, unless it is blank.
+    fn clear(&mut self, offset: u32) -> Step {
+        let at = self.spare_slot.saturating_add(offset);
+        let next = offset.saturating_add(Self::ERASE);
+        // What cannot be read is not blank.
+        let is_blank = self.scan(at, Self::ERASE, |bytes| bytes.iter().all(|byte| *byte == 0xFF)).unwrap_or(false);
+        if !is_blank && self.flash.erase(at, at.saturating_add(Self::ERASE)).is_err() {
+            self.spare = Spare::Failing;
+            return Step::Failed;
+        }
+        self.spare = if next < self.slot_len { Spare::Dirty(next) } else { Spare::Blank };
+        Step::Busy
+    }
+
+    /// Writes the next chunk of the body, or the header behind the last one.
+    fn write(&mut self, job: Job, written: u32, mut crc: Crc32, mut row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
+        // Whatever fails, the slot has to be erased again.
+        self.spare = Spare::Dirty(0);
+        let mut chunk = [0xFF; CHUNK];
+        if written >= job.len {
+            return self.finish(job, crc, chunk);
+        }
+        let len = clamped(job.len.saturating_sub(written));
+        let (rows, _) = chunk.as_chunks_mut::<ROW>();
+        let first = written / 32;
+        for (index, place) in (first..job.len / 32).zip(rows) {
+            let Some(bytes) = row(index) else { return Step::Failed };
+            *place = bytes;
+            crc.add(place);
+        }
+        let bytes = chunk.get(..len.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
+        let at = self.spare_slot.saturating_add(BODY).saturating_add(written);
+        if self.flash.write(at, bytes).is_err() || !self.reads_back(at, bytes) {
+            return Step::Failed;
+        }
+        self.spare = Spare::Writing { job: job.id, written: written.saturating_add(BODY), crc };
+        Step::Busy
+    }
+
+    /// Writes the header: with it the spare slot has the newest record.
+    fn finish(&mut self, job: Job, crc: Crc32, mut chunk: [u8; CHUNK]) -> Step {
+        let slot = self.spare_slot;
+        let sequence = self.newest.map_or(1, |newest| newest.header.sequence.wrapping_add(1));
+        let header = Header { schema: job.schema, sequence, len: job.len, body_crc: crc.sum() };
+        if let Some(place) = chunk.first_chunk_mut::<ROW>() {
+            *place = header.encode(self.kind);
+        }
+        let bytes = chunk.get(..ROW.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
+        // Whatever the driver says: after a restart counts what can be read.
+        let _ = self.flash.write(slot, bytes);
+        if !self.reads_back(slot, bytes) {
+            return Step::Failed;
+        }
+        self.spare_slot = match self.newest {
+            Some(newest) => newest.slot,
+            None if slot == self.start => self.start.saturating_add(self.slot_len),
+            None => self.start,
+        };
+        self.newest = Some(Newest { slot, header });
+        self.done = Some(job.id);
+        Step::Done
+    }
+
+    fn reads_back(&mut self, at: u32, bytes: &[u8]) -> bool {
+        let mut at = at;
+        let mut row = [0; ROW];
+        let (rows, _) = bytes.as_chunks::<ROW>();
+        for expected in rows {
+            if self.flash.read(at, &mut row).is_err() || row != *expected {
+                return false;
+            }
+            at = at.saturating_add(32);
+        }
+        true
+    }
+}
+
+/// At most a chunk.
+fn clamped(len: u32) -> usize {
+    usize::try_from(len).unwrap_or(CHUNK).min(CHUNK)
+}

@@ -1,0 +1,232 @@
+//! NOR flash in RAM, as bad as real one: what is not erased cannot be written, power goes at any byte, and it fails on
+//! demand.
+
+use std::ops::Range;
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+
+/// `WRITE` and `ERASE` are its units, in bytes.
+#[derive(Clone, Debug)]
+pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
+    pub bytes: Vec<u8>,
+    /// What is left until the power goes: a byte written costs 1, an erased unit [`Self::ERASE_COST`].
+    pub fuel: Option<u64>,
+    /// What a write unit has in it when the power goes while it is written.
+    pub torn: Torn,
+    /// What fails.
+    pub fault: Fault,
+    pub erases: u32,
+    pub writes: u32,
+    pub bytes_written: u64,
+}
+
+/// What is left of a write unit that the power went from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Torn {
+    /// Its first bytes.
+    Prefix,
+    /// Nothing that makes sense.
+    Garbage,
+    /// Nothing that can be read: the error correction refuses it, until it is erased.
+    Unreadable,
+}
+
+/// What fails.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fault {
+    None,
+    /// Each erase: nothing happens, and it says so.
+    Erase,
+    /// Each write behind so many: nothing happens, and it says so.
+    Write(u32),
+    /// Each write behind so many: half of it is written, and it says so.
+    HalfWrite(u32),
+    /// Each write behind so many: all is written, and it says that it failed.
+    LyingWrite(u32),
+    /// Each write behind so many: a bit is wrong, and nobody says so.
+    WrongWrite(u32),
+    /// Reading anything of this range.
+    Read(Range<u32>),
+}
+
+/// Why the flash refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlashError {
+    /// The call breaks the rules of the trait.
+    Call(NorFlashErrorKind),
+    /// What was to be written is not erased.
+    NotErased,
+    /// The power is off.
+    Off,
+    /// As the test wanted it.
+    Fault,
+}
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Call(kind) => *kind,
+            _ => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+#[allow(dead_code, reason = "each test binary uses a part")]
+impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
+    /// What may be left when the power goes while a unit is erased: nothing happened, a half is erased, garbage; or it is
+    /// erased, and the power goes behind it.
+    pub const ERASE_COST: u64 = 3;
+
+    /// All erased.
+    pub fn new(len: u32) -> Self {
+        Self::of(vec![0xFF; len as usize])
+    }
+
+    /// With this in it.
+    pub fn of(bytes: Vec<u8>) -> Self {
+        let (fuel, torn, fault) = (None, Torn::Prefix, Fault::None);
+        Self { bytes, fuel, torn, fault, erases: 0, writes: 0, bytes_written: 0 }
+    }
+
+    /// Whether the power went.
+    pub fn is_off(&self) -> bool {
+        self.fuel == Some(0)
+    }
+
+    /// The power comes back.
+    pub fn power_on(&mut self) {
+        self.fuel = None;
+    }
+
+    /// How much a run without a cut costs: with any smaller fuel the power goes.
+    pub fn cost(&self) -> u64 {
+        self.bytes_written + Self::ERASE_COST * u64::from(self.erases)
+    }
+
+    fn check_power(&self) -> Result<(), FlashError> {
+        if self.is_off() { Err(FlashError::Off) } else { Ok(()) }
+    }
+
+    /// How much of `cost` there is fuel for.
+    fn burn(&mut self, cost: u64) -> u64 {
+        let Some(fuel) = &mut self.fuel else { return cost };
+        let burnt = cost.min(*fuel);
+        *fuel -= burnt;
+        burnt
+    }
+
+    fn tear(&mut self, unit: Range<usize>, written: usize, bytes: &[u8]) {
+        match self.torn {
+            Torn::Prefix => self.bytes[unit.start..unit.start + written].copy_from_slice(&bytes[..written]),
+            Torn::Garbage => {
+                for (index, byte) in self.bytes[unit].iter_mut().enumerate() {
+                    *byte = (index as u8).wrapping_mul(0x9D) ^ (written as u8) ^ 0x5A;
+                }
+            }
+            Torn::Unreadable => {
+                self.bytes[unit.clone()].fill(0);
+                self.fault = Fault::Read(unit.start as u32..unit.end as u32);
+            }
+        }
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> ErrorType for RamFlash<WRITE, ERASE> {
+    type Error = FlashError;
+}
+
+impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<WRITE, ERASE> {
+    const READ_SIZE: usize = if WRITE < 4 { WRITE } else { 4 };
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        self.check_power()?;
+        check_read(self, offset, bytes.len()).map_err(FlashError::Call)?;
+        let end = offset + bytes.len() as u32;
+        if matches!(&self.fault, Fault::Read(bad) if bad.start < end && offset < bad.end) {
+            return Err(FlashError::Fault);
+        }
+        bytes.copy_from_slice(&self.bytes[offset as usize..end as usize]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE> {
+    const WRITE_SIZE: usize = WRITE;
+    const ERASE_SIZE: usize = ERASE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        self.check_power()?;
+        check_erase(self, from, to).map_err(FlashError::Call)?;
+        if self.fault == Fault::Erase {
+            return Err(FlashError::Fault);
+        }
+        for unit in self.bytes[from as usize..to as usize].chunks_mut(ERASE) {
+            let cost = Self::ERASE_COST;
+            let burnt = match &mut self.fuel {
+                None => cost,
+                Some(fuel) => {
+                    let burnt = cost.min(*fuel);
+                    *fuel -= burnt;
+                    burnt
+                }
+            };
+            self.erases += 1;
+            match burnt {
+                1 => unit[..ERASE / 2].fill(0xFF),
+                2 => unit.iter_mut().enumerate().for_each(|(at, byte)| *byte |= (at as u8).wrapping_mul(0x6B)),
+                _ => unit.fill(0xFF),
+            }
+            if burnt < cost {
+                return Err(FlashError::Off);
+            }
+        }
+        if matches!(&self.fault, Fault::Read(bad) if self.torn == Torn::Unreadable && from < bad.end && bad.start < to)
+        {
+            self.fault = Fault::None;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        self.check_power()?;
+        check_write(self, offset, bytes.len()).map_err(FlashError::Call)?;
+        let range = offset as usize..offset as usize + bytes.len();
+        if self.bytes[range.clone()].iter().any(|byte| *byte != 0xFF) {
+            return Err(FlashError::NotErased);
+        }
+        let count = self.writes;
+        self.writes += 1;
+        match self.fault {
+            Fault::Write(after) if count >= after => return Err(FlashError::Fault),
+            Fault::HalfWrite(after) if count >= after => {
+                let half = bytes.len() / 2;
+                self.bytes[range.start..range.start + half].copy_from_slice(&bytes[..half]);
+                return Err(FlashError::Fault);
+            }
+            _ => {}
+        }
+        let power = self.burn(bytes.len() as u64) as usize;
+        self.bytes_written += power as u64;
+        let whole = power - power % WRITE;
+        self.bytes[range.start..range.start + whole].copy_from_slice(&bytes[..whole]);
+        if whole < power {
+            let unit = range.start + whole..range.start + whole + WRITE;
+            self.tear(unit, power - whole, &bytes[whole..]);
+        }
+        if power < bytes.len() {
+            return Err(FlashError::Off);
+        }
+        match self.fault {
+            Fault::LyingWrite(after) if count >= after => return Err(FlashError::Fault),
+            Fault::WrongWrite(after) if count >= after => self.bytes[range.start + bytes.len() / 2] ^= 0x10,
+            _ => {}
+        }
+        Ok(())
+    }
+}
