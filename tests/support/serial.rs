@@ -161,6 +161,11 @@ impl SimSerial {
         (end(&self.up, &self.down), end(&self.down, &self.up))
     }
 
+    /// When the next byte can be read, at either end; long ago when one can be read now.
+    pub fn next_arrival(&self) -> Instant {
+        self.up.borrow().next_arrival().min(self.down.borrow().next_arrival())
+    }
+
     /// Changes the direction to the vehicle from now on.
     pub fn set_up(&self, change: impl FnOnce(&mut Wire)) {
         change(&mut self.up.borrow_mut().wire);
@@ -308,6 +313,14 @@ impl Direction {
             } else {
                 self.read_error = Some(SimError::Overrun);
             }
+        }
+    }
+
+    fn next_arrival(&self) -> Instant {
+        match self.in_flight.front() {
+            _ if !self.received.is_empty() => Instant::ZERO,
+            Some((at, _)) => *at,
+            None => Instant::NEVER,
         }
     }
 

@@ -4,6 +4,10 @@
 //! only sent when it is asked for, and not for ever; a request for a later one than is due is ignored. Download: LIST,
 //! then a REQUEST_INT for each item, repeated after half a second, in the end an ACK. Everything five times at most,
 //! unless the test has more patience.
+//!
+//! Or an upload as QGroundControl does it, in its `PlanManager`: COUNT up to seven times, a second and a half apart; any
+//! item as often as it is asked for; but a second and a half without a request for the next one, or without the ACK, and
+//! it gives up (M-42).
 
 use super::Gcs;
 use mavstack::dialect::{
@@ -86,6 +90,7 @@ pub struct Upload {
     items: Vec<MissionItemInt>,
     next: usize,
     is_asked: bool,
+    is_qgroundcontrol: bool,
     result: Option<Result<MissionAck, TransferError>>,
 }
 
@@ -93,7 +98,23 @@ impl Upload {
     /// From the ground station's own address to the vehicle it talks to; the plan is the items' own type.
     pub fn new(gcs: &Gcs, items: &[MissionItemInt]) -> Self {
         let plan = items.first().map_or(MavMissionType::MISSION, |item| item.mission_type);
-        Self { session: Session::new(gcs, plan), items: items.to_vec(), next: 0, is_asked: false, result: None }
+        Self {
+            session: Session::new(gcs, plan),
+            items: items.to_vec(),
+            next: 0,
+            is_asked: false,
+            is_qgroundcontrol: false,
+            result: None,
+        }
+    }
+
+    /// The same, as QGroundControl does it.
+    #[must_use]
+    pub fn like_qgroundcontrol(mut self) -> Self {
+        self.is_qgroundcontrol = true;
+        self.session.timeout = Duration::from_millis(1_500);
+        self.session.patience = 7;
+        self
     }
 
     /// The same from another address.
@@ -113,6 +134,11 @@ impl Upload {
     /// How it ended; `None` while it goes on.
     pub fn result(&self) -> Option<Result<MissionAck, TransferError>> {
         self.result
+    }
+
+    /// When it does something though nothing comes.
+    pub fn due(&self) -> Instant {
+        self.session.due.unwrap_or(Instant::ZERO)
     }
 
     /// Items that were sent, each counted once.
@@ -143,7 +169,8 @@ impl Upload {
             }
         }
         if self.result.is_none() && self.session.is_due(now) {
-            if self.session.tries >= self.session.patience {
+            let gives_up = self.is_qgroundcontrol && self.is_asked;
+            if gives_up || self.session.tries >= self.session.patience {
                 self.result = Some(Err(TransferError::Timeout));
             } else {
                 self.session.tries += 1;
@@ -165,10 +192,11 @@ impl Upload {
     fn on_request(&mut self, now: Instant, seq: usize, gcs: &mut Gcs) {
         self.is_asked = true;
         let Some(item) = self.items.get(seq) else { return };
-        if seq > self.next {
+        if self.is_qgroundcontrol {
+            assert!(seq <= self.next, "the vehicle asks in order");
+        } else if seq > self.next {
             return;
-        }
-        if seq == self.next {
+        } else if seq == self.next {
             self.session.tries = 0;
         } else if self.session.tries >= self.session.patience {
             self.result = Some(Err(TransferError::Timeout));
@@ -176,7 +204,7 @@ impl Upload {
         }
         self.session.refresh(now);
         self.session.tries += 1;
-        self.next = seq + 1;
+        self.next = if self.is_qgroundcontrol { self.next.max(seq + 1) } else { seq + 1 };
         let item = MissionItemInt {
             target_system: self.session.vehicle.system.0,
             target_component: self.session.vehicle.component.0,
@@ -219,6 +247,11 @@ impl Download {
     /// How it ended; `None` while it goes on.
     pub fn result(&self) -> Option<Result<Vec<MissionItemInt>, TransferError>> {
         self.result.clone()
+    }
+
+    /// When it does something though nothing comes.
+    pub fn due(&self) -> Instant {
+        self.session.due.unwrap_or(Instant::ZERO)
     }
 
     /// Takes in what came and sends what is due. Unlike MAVSDK it heeds a refusal, as QGroundControl does.
