@@ -100,6 +100,7 @@
 //! # Features
 //!
 //! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
+//! - `plan-texts` (default): a STATUSTEXT for every plan and item that is refused, with the reason.
 //! - `storage`: plans that survive power loss, in NOR flash or FRAM.
 #![no_std]
 #![cfg_attr(
@@ -148,7 +149,8 @@ pub use service::identity::Identity;
 #[doc(hidden)]
 pub use service::mission::__largest;
 pub use service::mission::{
-    Durability, Item, MAX_ITEMS, NoPlans, PlanCounters, PlanMemory, PlanStorage, PlanType, PlanView,
+    CommandRule, Durability, Item, MAX_ITEMS, NoPlans, ParamRule, PlanCounters, PlanMemory, PlanStorage, PlanType,
+    PlanView,
 };
 pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::Stack;

@@ -1,11 +1,11 @@
 //! A dialect, or a selection of it, as Rust text: one declaration an enumeration and a message, one line a field. The
-//! macros of `mavstack` do the rest. The text is as rustfmt would leave it.
+//! macros of `mavstack` do the rest. Rules for commands follow the enumerations. The text is as rustfmt would leave it.
 
 use crate::{
     Dialect, Error,
     doc::Doc,
     model::{Entry, Enum, Field, Message, Scalar},
-    names,
+    names, rules,
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
@@ -51,6 +51,10 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     for enumeration in &selection.enums {
         out.push('\n');
         types.enumeration(&mut out, enumeration);
+    }
+    if let Some(commands) = selection.enums.iter().find(|enumeration| rules::is_commands(enumeration)) {
+        out.push('\n');
+        rules::write(&mut out, dialect, commands, &options.crate_path);
     }
     for message in &selection.messages {
         out.push('\n');

@@ -30,6 +30,7 @@ pub mod model;
 mod names;
 mod output;
 mod parse;
+mod rules;
 
 pub use emit::{Options, generate};
 pub use error::Error;

@@ -2929,6 +2929,564 @@ crate::wire_enum! {
     }
 }
 
+/// What items of the commands of `MAV_CMD` may be. A rule costs flash where a firmware names it.
+#[rustfmt::skip]
+#[allow(missing_docs, dead_code, reason = "all commands have a rule, which is called like the command")]
+pub mod command_rules {
+    use crate::CommandRule;
+    use crate::ParamRule;
+
+    pub const NAV_WAYPOINT: CommandRule = CommandRule::at_position(16, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::at_least(2, 0.0),
+    ]);
+    pub const NAV_LOITER_UNLIM: CommandRule = CommandRule::at_position(17, &[]).position_optional();
+    pub const NAV_LOITER_TURNS: CommandRule = CommandRule::at_position(18, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::bits(2, 0x1),
+    ]).position_optional();
+    pub const NAV_LOITER_TIME: CommandRule = CommandRule::at_position(19, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::bits(2, 0x1),
+    ]).position_optional();
+    pub const NAV_RETURN_TO_LAUNCH: CommandRule = CommandRule::without_position(20, &[]);
+    pub const NAV_LAND: CommandRule = CommandRule::at_position(21, &[
+        ParamRule::integers(2, 0, 2),
+    ]).position_optional();
+    pub const NAV_TAKEOFF: CommandRule = CommandRule::at_position(22, &[
+        ParamRule::bits(3, 0x1).or_nan(),
+    ]).position_optional();
+    pub const NAV_LAND_LOCAL: CommandRule = CommandRule::at_position(23, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::at_least(2, 0.0),
+    ]);
+    pub const NAV_TAKEOFF_LOCAL: CommandRule = CommandRule::at_position(24, &[]);
+    pub const NAV_FOLLOW: CommandRule = CommandRule::at_position(25, &[
+        ParamRule::integers(1, i32::MIN, i32::MAX),
+    ]);
+    pub const NAV_CONTINUE_AND_CHANGE_ALT: CommandRule = CommandRule::without_position(30, &[
+        ParamRule::integers(1, 0, 2),
+    ]);
+    pub const NAV_LOITER_TO_ALT: CommandRule = CommandRule::at_position(31, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::integers(4, 0, 1),
+    ]).position_optional();
+    pub const DO_FOLLOW: CommandRule = CommandRule::without_position(32, &[
+        ParamRule::integers(1, 0, 255),
+        ParamRule::integers(4, 0, 2),
+        ParamRule::at_least(7, 0.0),
+    ]);
+    pub const DO_FOLLOW_REPOSITION: CommandRule = CommandRule::without_position(33, &[]);
+    pub const DO_ORBIT: CommandRule = CommandRule::at_position(34, &[
+        ParamRule::integers(3, 0, 5).or_nan(),
+        ParamRule::at_least(4, 0.0).or_nan(),
+    ]).position_optional().altitude_optional();
+    pub const DO_FIGURE_EIGHT: CommandRule = CommandRule::at_position(35, &[]).position_optional().altitude_optional();
+    pub const NAV_ARC_WAYPOINT: CommandRule = CommandRule::at_position(36, &[
+        ParamRule::range(1, -359.0, 359.0),
+    ]);
+    pub const NAV_ROI: CommandRule = CommandRule::at_position(80, &[
+        ParamRule::integers(1, 0, 4),
+        ParamRule::integers(2, 0, i32::MAX),
+        ParamRule::integers(3, 0, i32::MAX),
+    ]).position_optional();
+    pub const NAV_PATHPLANNING: CommandRule = CommandRule::at_position(81, &[
+        ParamRule::integers(1, 0, 2),
+        ParamRule::integers(2, 0, 3),
+    ]);
+    pub const NAV_SPLINE_WAYPOINT: CommandRule = CommandRule::at_position(82, &[
+        ParamRule::at_least(1, 0.0),
+    ]);
+    pub const NAV_VTOL_TAKEOFF: CommandRule = CommandRule::at_position(84, &[
+        ParamRule::integers(2, 0, 4),
+    ]).position_optional();
+    pub const NAV_VTOL_LAND: CommandRule = CommandRule::at_position(85, &[
+        ParamRule::integers(1, 0, 2),
+    ]).position_optional();
+    pub const NAV_GUIDED_ENABLE: CommandRule = CommandRule::without_position(92, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const NAV_DELAY: CommandRule = CommandRule::without_position(93, &[
+        ParamRule::at_least(1, -1.0),
+        ParamRule::integers(2, -1, 23),
+        ParamRule::integers(3, -1, 59),
+        ParamRule::integers(4, -1, 59),
+    ]);
+    pub const NAV_PAYLOAD_PLACE: CommandRule = CommandRule::at_position(94, &[
+        ParamRule::at_least(1, 0.0),
+    ]);
+    pub const NAV_LAST: CommandRule = CommandRule::without_position(95, &[]);
+    pub const CONDITION_DELAY: CommandRule = CommandRule::without_position(112, &[
+        ParamRule::at_least(1, 0.0),
+    ]);
+    pub const CONDITION_CHANGE_ALT: CommandRule = CommandRule::without_position(113, &[]);
+    pub const CONDITION_DISTANCE: CommandRule = CommandRule::without_position(114, &[
+        ParamRule::at_least(1, 0.0),
+    ]);
+    pub const CONDITION_YAW: CommandRule = CommandRule::without_position(115, &[
+        ParamRule::range(1, 0.0, 360.0),
+        ParamRule::at_least(2, 0.0),
+        ParamRule::integers(3, -1, 1),
+        ParamRule::bits(4, 0x1),
+    ]);
+    pub const CONDITION_LAST: CommandRule = CommandRule::without_position(159, &[]);
+    pub const DO_SET_MODE: CommandRule = CommandRule::without_position(176, &[
+        ParamRule::bits(1, 0xff),
+    ]);
+    pub const DO_JUMP: CommandRule = CommandRule::without_position(177, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, -1, i32::MAX),
+    ]);
+    pub const DO_CHANGE_SPEED: CommandRule = CommandRule::without_position(178, &[
+        ParamRule::integers(1, 0, 3),
+        ParamRule::at_least(2, -2.0),
+        ParamRule::at_least(3, -2.0),
+    ]);
+    pub const DO_SET_HOME: CommandRule = CommandRule::at_position(179, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::range(2, -180.0, 180.0).or_nan(),
+        ParamRule::range(3, -90.0, 90.0).or_nan(),
+        ParamRule::range(4, -180.0, 180.0).or_nan(),
+    ]).position_optional().altitude_optional();
+    pub const DO_SET_PARAMETER: CommandRule = CommandRule::without_position(180, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const DO_SET_RELAY: CommandRule = CommandRule::without_position(181, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, i32::MAX),
+    ]);
+    pub const DO_REPEAT_RELAY: CommandRule = CommandRule::without_position(182, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 1, i32::MAX),
+        ParamRule::at_least(3, 0.0),
+    ]);
+    pub const DO_SET_SERVO: CommandRule = CommandRule::without_position(183, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::at_least(2, 0.0),
+    ]);
+    pub const DO_REPEAT_SERVO: CommandRule = CommandRule::without_position(184, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::at_least(2, 0.0),
+        ParamRule::integers(3, 1, i32::MAX),
+        ParamRule::at_least(4, 0.0),
+    ]);
+    pub const DO_FLIGHTTERMINATION: CommandRule = CommandRule::without_position(185, &[
+        ParamRule::integers(1, 0, 1),
+    ]);
+    pub const DO_CHANGE_ALTITUDE: CommandRule = CommandRule::without_position(186, &[
+        ParamRule::integers(2, 0, 21),
+    ]);
+    pub const DO_SET_ACTUATOR: CommandRule = CommandRule::without_position(187, &[
+        ParamRule::range(1, -1.0, 1.0).or_nan(),
+        ParamRule::range(2, -1.0, 1.0).or_nan(),
+        ParamRule::range(3, -1.0, 1.0).or_nan(),
+        ParamRule::range(4, -1.0, 1.0).or_nan(),
+        ParamRule::integers(7, 0, i32::MAX),
+    ]);
+    pub const DO_RETURN_PATH_START: CommandRule = CommandRule::at_position(188, &[]);
+    pub const DO_LAND_START: CommandRule = CommandRule::at_position(189, &[]).position_optional();
+    pub const DO_RALLY_LAND: CommandRule = CommandRule::without_position(190, &[]);
+    pub const DO_GO_AROUND: CommandRule = CommandRule::without_position(191, &[]);
+    pub const DO_REPOSITION: CommandRule = CommandRule::at_position(192, &[
+        ParamRule::at_least(1, -1.0),
+        ParamRule::bits(2, 0x3),
+    ]).position_optional().altitude_optional();
+    pub const DO_PAUSE_CONTINUE: CommandRule = CommandRule::without_position(193, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const DO_SET_REVERSE: CommandRule = CommandRule::without_position(194, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const DO_SET_ROI_LOCATION: CommandRule = CommandRule::at_position(195, &[]);
+    pub const DO_SET_ROI_WPNEXT_OFFSET: CommandRule = CommandRule::without_position(196, &[]);
+    pub const DO_SET_ROI_NONE: CommandRule = CommandRule::without_position(197, &[]);
+    pub const DO_SET_ROI_SYSID: CommandRule = CommandRule::without_position(198, &[
+        ParamRule::integers(1, 1, 255),
+    ]);
+    pub const DO_CONTROL_VIDEO: CommandRule = CommandRule::without_position(200, &[
+        ParamRule::integers(1, -1, i32::MAX),
+        ParamRule::integers(2, 0, 2),
+        ParamRule::at_least(3, 0.0),
+        ParamRule::integers(4, 0, 2),
+    ]);
+    pub const DO_SET_ROI: CommandRule = CommandRule::at_position(201, &[
+        ParamRule::integers(1, 0, 4),
+        ParamRule::integers(2, 0, i32::MAX),
+        ParamRule::integers(3, 0, i32::MAX),
+    ]).position_optional().altitude_optional();
+    pub const DO_DIGICAM_CONFIGURE: CommandRule = CommandRule::without_position(202, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, i32::MAX),
+        ParamRule::at_least(3, 0.0),
+        ParamRule::integers(4, 0, i32::MAX),
+        ParamRule::at_least(7, 0.0),
+    ]);
+    pub const DO_DIGICAM_CONTROL: CommandRule = CommandRule::without_position(203, &[]);
+    pub const DO_MOUNT_CONFIGURE: CommandRule = CommandRule::without_position(204, &[
+        ParamRule::integers(1, 0, 7),
+        ParamRule::bits(2, 0x1),
+        ParamRule::bits(3, 0x1),
+        ParamRule::bits(4, 0x1),
+    ]);
+    pub const DO_MOUNT_CONTROL: CommandRule = CommandRule::without_position(205, &[
+        ParamRule::integers(7, 0, 7),
+    ]);
+    pub const DO_SET_CAM_TRIGG_DIST: CommandRule = CommandRule::without_position(206, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::at_least(2, -1.0),
+        ParamRule::bits(3, 0x1),
+        ParamRule::integers(4, 0, 255).or_nan(),
+    ]);
+    pub const DO_FENCE_ENABLE: CommandRule = CommandRule::without_position(207, &[
+        ParamRule::integers(1, 0, 2),
+        ParamRule::bits(2, 0xf),
+    ]);
+    pub const DO_PARACHUTE: CommandRule = CommandRule::without_position(208, &[
+        ParamRule::integers(1, 0, 2),
+    ]);
+    pub const DO_MOTOR_TEST: CommandRule = CommandRule::without_position(209, &[
+        ParamRule::integers(1, 1, i32::MAX),
+        ParamRule::integers(2, 0, 3),
+        ParamRule::at_least(4, 0.0),
+        ParamRule::integers(5, 0, i32::MAX),
+        ParamRule::integers(6, 0, 2),
+    ]);
+    pub const DO_INVERTED_FLIGHT: CommandRule = CommandRule::without_position(210, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const DO_GRIPPER: CommandRule = CommandRule::without_position(211, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, 2),
+    ]);
+    pub const DO_AUTOTUNE_ENABLE: CommandRule = CommandRule::without_position(212, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::bits(2, 0x7),
+    ]);
+    pub const NAV_SET_YAW_SPEED: CommandRule = CommandRule::without_position(213, &[
+        ParamRule::bits(3, 0x1),
+    ]);
+    pub const DO_SET_CAM_TRIGG_INTERVAL: CommandRule = CommandRule::without_position(214, &[
+        ParamRule::at_least(1, -1.0),
+        ParamRule::at_least(2, -1.0),
+        ParamRule::integers(3, 0, 255).or_nan(),
+    ]);
+    pub const DO_MOUNT_CONTROL_QUAT: CommandRule = CommandRule::without_position(220, &[]);
+    pub const DO_GUIDED_MASTER: CommandRule = CommandRule::without_position(221, &[
+        ParamRule::integers(1, 0, 255),
+        ParamRule::integers(2, 0, 255),
+    ]);
+    pub const DO_GUIDED_LIMITS: CommandRule = CommandRule::without_position(222, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::at_least(4, 0.0),
+    ]);
+    pub const DO_ENGINE_CONTROL: CommandRule = CommandRule::without_position(223, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::bits(2, 0x1),
+        ParamRule::at_least(3, 0.0),
+        ParamRule::bits(4, 0x1),
+    ]);
+    pub const DO_SET_MISSION_CURRENT: CommandRule = CommandRule::without_position(224, &[
+        ParamRule::integers(1, -1, i32::MAX),
+        ParamRule::bits(2, 0x1),
+    ]);
+    pub const DO_LAST: CommandRule = CommandRule::without_position(240, &[]);
+    pub const PREFLIGHT_CALIBRATION: CommandRule = CommandRule::without_position(241, &[
+        ParamRule::integers(1, 0, 3),
+        ParamRule::one_of(2, &[0, 1, 76]),
+        ParamRule::bits(3, 0x1),
+        ParamRule::integers(4, 0, 1),
+        ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]),
+        ParamRule::integers(6, 0, 2),
+        ParamRule::integers(7, 0, 3),
+    ]);
+    pub const PREFLIGHT_SET_SENSOR_OFFSETS: CommandRule = CommandRule::without_position(242, &[
+        ParamRule::integers(1, 0, 6),
+    ]);
+    pub const PREFLIGHT_UAVCAN: CommandRule = CommandRule::without_position(243, &[]);
+    pub const PREFLIGHT_STORAGE: CommandRule = CommandRule::without_position(245, &[
+        ParamRule::integers(1, 0, 4),
+        ParamRule::integers(2, 0, 2),
+        ParamRule::at_least(3, -1.0),
+    ]);
+    pub const PREFLIGHT_REBOOT_SHUTDOWN: CommandRule = CommandRule::without_position(246, &[
+        ParamRule::integers(1, 0, 4),
+        ParamRule::integers(2, 0, 4),
+        ParamRule::integers(3, 0, 4),
+        ParamRule::integers(4, 0, 255),
+        ParamRule::one_of(6, &[0, 20190226]),
+    ]);
+    pub const OVERRIDE_GOTO: CommandRule = CommandRule::at_position(252, &[
+        ParamRule::integers(1, 0, 3),
+        ParamRule::integers(2, 0, 3),
+        ParamRule::integers(3, 0, 21),
+    ]);
+    pub const OBLIQUE_SURVEY: CommandRule = CommandRule::without_position(260, &[
+        ParamRule::at_least(1, 0.0),
+        ParamRule::at_least(2, 0.0),
+        ParamRule::range(3, 0.0, 10000.0),
+        ParamRule::integers(4, 2, i32::MAX),
+        ParamRule::at_least(5, 0.0),
+        ParamRule::range(6, -180.0, 180.0),
+    ]);
+    pub const DO_SET_STANDARD_MODE: CommandRule = CommandRule::without_position(262, &[
+        ParamRule::integers(1, 0, 8),
+    ]);
+    pub const MISSION_START: CommandRule = CommandRule::without_position(300, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, i32::MAX),
+    ]);
+    pub const ACTUATOR_TEST: CommandRule = CommandRule::without_position(310, &[
+        ParamRule::range(1, -1.0, 1.0).or_nan(),
+        ParamRule::range(2, 0.0, 3.0),
+        ParamRule::one_of(5, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 33, 34, 35, 36, 37, 38, 39, 40, 41, 42, 43, 44, 45, 46, 47, 48]),
+    ]);
+    pub const CONFIGURE_ACTUATOR: CommandRule = CommandRule::without_position(311, &[
+        ParamRule::integers(1, 0, 5),
+        ParamRule::one_of(5, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 33, 34, 35, 36, 37, 38, 39, 40, 41, 42, 43, 44, 45, 46, 47, 48]),
+    ]);
+    pub const COMPONENT_ARM_DISARM: CommandRule = CommandRule::without_position(400, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::one_of(2, &[0, 21196]),
+    ]);
+    pub const RUN_PREARM_CHECKS: CommandRule = CommandRule::without_position(401, &[]);
+    pub const ILLUMINATOR_ON_OFF: CommandRule = CommandRule::without_position(405, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const DO_ILLUMINATOR_CONFIGURE: CommandRule = CommandRule::without_position(406, &[
+        ParamRule::integers(1, 0, 2),
+        ParamRule::range(2, 0.0, 100.0),
+        ParamRule::at_least(3, 0.0),
+        ParamRule::range(4, 0.0, 100.0),
+    ]);
+    pub const GET_HOME_POSITION: CommandRule = CommandRule::without_position(410, &[]);
+    pub const INJECT_FAILURE: CommandRule = CommandRule::without_position(420, &[
+        ParamRule::one_of(1, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 100, 101, 102, 103, 104, 105, 106, 107]),
+        ParamRule::integers(2, 0, 8),
+        ParamRule::integers(3, 0, i32::MAX),
+        ParamRule::at_least(4, 0.0),
+    ]);
+    pub const START_RX_PAIR: CommandRule = CommandRule::without_position(500, &[
+        ParamRule::integers(1, 0, 1),
+        ParamRule::integers(2, 0, 2),
+    ]);
+    pub const GET_MESSAGE_INTERVAL: CommandRule = CommandRule::without_position(510, &[
+        ParamRule::integers(1, 0, 16777215),
+    ]);
+    pub const SET_MESSAGE_INTERVAL: CommandRule = CommandRule::without_position(511, &[
+        ParamRule::integers(1, 0, 16777215),
+        ParamRule::at_least(2, -1.0),
+        ParamRule::integers(7, 0, 2),
+    ]);
+    pub const REQUEST_MESSAGE: CommandRule = CommandRule::without_position(512, &[
+        ParamRule::integers(1, 0, 16777215),
+        ParamRule::integers(7, 0, 2),
+    ]);
+    pub const REQUEST_PROTOCOL_VERSION: CommandRule = CommandRule::without_position(519, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const REQUEST_AUTOPILOT_CAPABILITIES: CommandRule = CommandRule::without_position(520, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const REQUEST_CAMERA_INFORMATION: CommandRule = CommandRule::without_position(521, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const REQUEST_CAMERA_SETTINGS: CommandRule = CommandRule::without_position(522, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const REQUEST_STORAGE_INFORMATION: CommandRule = CommandRule::without_position(525, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::bits(2, 0x1),
+    ]);
+    pub const STORAGE_FORMAT: CommandRule = CommandRule::without_position(526, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::bits(2, 0x1),
+        ParamRule::bits(3, 0x1),
+    ]);
+    pub const REQUEST_CAMERA_CAPTURE_STATUS: CommandRule = CommandRule::without_position(527, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const REQUEST_FLIGHT_INFORMATION: CommandRule = CommandRule::without_position(528, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const RESET_CAMERA_SETTINGS: CommandRule = CommandRule::without_position(529, &[
+        ParamRule::bits(1, 0x1),
+        ParamRule::integers(2, 0, 255).or_nan(),
+    ]);
+    pub const SET_CAMERA_MODE: CommandRule = CommandRule::without_position(530, &[
+        ParamRule::integers(1, 0, 255),
+        ParamRule::integers(2, 0, 2),
+    ]);
+    pub const SET_CAMERA_ZOOM: CommandRule = CommandRule::without_position(531, &[
+        ParamRule::integers(1, 0, 4),
+        ParamRule::integers(3, 0, 255).or_nan(),
+    ]);
+    pub const SET_CAMERA_FOCUS: CommandRule = CommandRule::without_position(532, &[
+        ParamRule::integers(1, 0, 6),
+        ParamRule::integers(3, 0, 255).or_nan(),
+    ]);
+    pub const SET_STORAGE_USAGE: CommandRule = CommandRule::without_position(533, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::bits(2, 0xf),
+    ]);
+    pub const SET_CAMERA_SOURCE: CommandRule = CommandRule::without_position(534, &[
+        ParamRule::integers(2, 0, 3),
+        ParamRule::integers(3, 0, 3),
+    ]);
+    pub const JUMP_TAG: CommandRule = CommandRule::without_position(600, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const DO_JUMP_TAG: CommandRule = CommandRule::without_position(601, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, i32::MAX),
+    ]);
+    pub const DO_SET_GLOBAL_ORIGIN: CommandRule = CommandRule::at_position(611, &[]);
+    pub const DO_GIMBAL_MANAGER_PITCHYAW: CommandRule = CommandRule::without_position(1000, &[
+        ParamRule::range(1, -180.0, 180.0).or_nan(),
+        ParamRule::range(2, -180.0, 180.0).or_nan(),
+        ParamRule::bits(5, 0x3ff),
+    ]);
+    pub const DO_GIMBAL_MANAGER_CONFIGURE: CommandRule = CommandRule::without_position(1001, &[]);
+    pub const IMAGE_START_CAPTURE: CommandRule = CommandRule::without_position(2000, &[
+        ParamRule::integers(1, 0, 255).or_nan(),
+        ParamRule::at_least(2, 0.0),
+        ParamRule::integers(3, 0, i32::MAX),
+        ParamRule::integers(4, 0, i32::MAX).or_nan(),
+    ]);
+    pub const IMAGE_STOP_CAPTURE: CommandRule = CommandRule::without_position(2001, &[
+        ParamRule::integers(1, 0, 255).or_nan(),
+    ]);
+    pub const REQUEST_CAMERA_IMAGE_CAPTURE: CommandRule = CommandRule::without_position(2002, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const DO_TRIGGER_CONTROL: CommandRule = CommandRule::without_position(2003, &[
+        ParamRule::integers(1, -1, 1),
+        ParamRule::integers(2, -1, 1),
+        ParamRule::one_of(3, &[-1, 1]),
+        ParamRule::integers(4, 0, 255).or_nan(),
+    ]);
+    pub const CAMERA_TRACK_POINT: CommandRule = CommandRule::without_position(2004, &[
+        ParamRule::range(1, 0.0, 1.0),
+        ParamRule::range(2, 0.0, 1.0),
+        ParamRule::range(3, 0.0, 1.0),
+        ParamRule::integers(4, 0, 255).or_nan(),
+    ]);
+    pub const CAMERA_TRACK_RECTANGLE: CommandRule = CommandRule::without_position(2005, &[
+        ParamRule::range(1, 0.0, 1.0),
+        ParamRule::range(2, 0.0, 1.0),
+        ParamRule::range(3, 0.0, 1.0),
+        ParamRule::range(4, 0.0, 1.0),
+        ParamRule::integers(5, 0, 255).or_nan(),
+    ]);
+    pub const CAMERA_STOP_TRACKING: CommandRule = CommandRule::without_position(2010, &[
+        ParamRule::integers(1, 0, 255).or_nan(),
+    ]);
+    pub const VIDEO_START_CAPTURE: CommandRule = CommandRule::without_position(2500, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::at_least(2, 0.0).or_nan(),
+        ParamRule::integers(3, 0, 255).or_nan(),
+    ]);
+    pub const VIDEO_STOP_CAPTURE: CommandRule = CommandRule::without_position(2501, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, 255).or_nan(),
+    ]);
+    pub const VIDEO_START_STREAMING: CommandRule = CommandRule::without_position(2502, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, 255).or_nan(),
+    ]);
+    pub const VIDEO_STOP_STREAMING: CommandRule = CommandRule::without_position(2503, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::integers(2, 0, 255).or_nan(),
+    ]);
+    pub const REQUEST_VIDEO_STREAM_INFORMATION: CommandRule = CommandRule::without_position(2504, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const REQUEST_VIDEO_STREAM_STATUS: CommandRule = CommandRule::without_position(2505, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const LOGGING_START: CommandRule = CommandRule::without_position(2510, &[
+        ParamRule::integers(1, 0, i32::MAX),
+    ]);
+    pub const LOGGING_STOP: CommandRule = CommandRule::without_position(2511, &[]);
+    pub const AIRFRAME_CONFIGURATION: CommandRule = CommandRule::without_position(2520, &[
+        ParamRule::integers(1, -1, i32::MAX),
+    ]);
+    pub const CONTROL_HIGH_LATENCY: CommandRule = CommandRule::without_position(2600, &[
+        ParamRule::bits(1, 0x1),
+    ]);
+    pub const PANORAMA_CREATE: CommandRule = CommandRule::without_position(2800, &[]);
+    pub const DO_VTOL_TRANSITION: CommandRule = CommandRule::without_position(3000, &[
+        ParamRule::integers(1, 0, 4),
+    ]);
+    pub const ARM_AUTHORIZATION_REQUEST: CommandRule = CommandRule::without_position(3001, &[
+        ParamRule::integers(1, 0, 255),
+    ]);
+    pub const SET_GUIDED_SUBMODE_STANDARD: CommandRule = CommandRule::without_position(4000, &[]);
+    pub const SET_GUIDED_SUBMODE_CIRCLE: CommandRule = CommandRule::at_position(4001, &[]).altitude_optional();
+    pub const CONDITION_GATE: CommandRule = CommandRule::at_position(4501, &[
+        ParamRule::integers(1, 0, i32::MAX),
+        ParamRule::bits(2, 0x1),
+    ]);
+    pub const NAV_FENCE_RETURN_POINT: CommandRule = CommandRule::at_position(5000, &[]);
+    pub const NAV_FENCE_POLYGON_VERTEX_INCLUSION: CommandRule = CommandRule::at_position(5001, &[
+        ParamRule::integers(1, 3, i32::MAX),
+        ParamRule::integers(2, 0, i32::MAX),
+    ]).altitude_optional();
+    pub const NAV_FENCE_POLYGON_VERTEX_EXCLUSION: CommandRule = CommandRule::at_position(5002, &[
+        ParamRule::integers(1, 3, i32::MAX),
+    ]).altitude_optional();
+    pub const NAV_FENCE_CIRCLE_INCLUSION: CommandRule = CommandRule::at_position(5003, &[
+        ParamRule::integers(2, 0, i32::MAX),
+    ]).altitude_optional();
+    pub const NAV_FENCE_CIRCLE_EXCLUSION: CommandRule = CommandRule::at_position(5004, &[]).altitude_optional();
+    pub const NAV_RALLY_POINT: CommandRule = CommandRule::at_position(5100, &[]);
+    pub const UAVCAN_GET_NODE_INFO: CommandRule = CommandRule::without_position(5200, &[]);
+    pub const DO_SET_SAFETY_SWITCH_STATE: CommandRule = CommandRule::without_position(5300, &[
+        ParamRule::integers(1, 0, 1),
+    ]);
+    pub const DO_ADSB_OUT_IDENT: CommandRule = CommandRule::without_position(10001, &[]);
+    pub const PAYLOAD_PREPARE_DEPLOY: CommandRule = CommandRule::at_position(30001, &[
+        ParamRule::integers(1, 0, 2),
+        ParamRule::range(2, -1.0, 360.0),
+        ParamRule::at_least(3, -1.0),
+        ParamRule::at_least(4, -1.0),
+    ]);
+    pub const PAYLOAD_CONTROL_DEPLOY: CommandRule = CommandRule::without_position(30002, &[
+        ParamRule::integers(1, 0, 101),
+    ]);
+    pub const WAYPOINT_USER_1: CommandRule = CommandRule::at_position(31000, &[]);
+    pub const WAYPOINT_USER_2: CommandRule = CommandRule::at_position(31001, &[]);
+    pub const WAYPOINT_USER_3: CommandRule = CommandRule::at_position(31002, &[]);
+    pub const WAYPOINT_USER_4: CommandRule = CommandRule::at_position(31003, &[]);
+    pub const WAYPOINT_USER_5: CommandRule = CommandRule::at_position(31004, &[]);
+    pub const SPATIAL_USER_1: CommandRule = CommandRule::at_position(31005, &[]);
+    pub const SPATIAL_USER_2: CommandRule = CommandRule::at_position(31006, &[]);
+    pub const SPATIAL_USER_3: CommandRule = CommandRule::at_position(31007, &[]);
+    pub const SPATIAL_USER_4: CommandRule = CommandRule::at_position(31008, &[]);
+    pub const SPATIAL_USER_5: CommandRule = CommandRule::at_position(31009, &[]);
+    pub const USER_1: CommandRule = CommandRule::without_position(31010, &[]);
+    pub const USER_2: CommandRule = CommandRule::without_position(31011, &[]);
+    pub const USER_3: CommandRule = CommandRule::without_position(31012, &[]);
+    pub const USER_4: CommandRule = CommandRule::without_position(31013, &[]);
+    pub const USER_5: CommandRule = CommandRule::without_position(31014, &[]);
+    pub const CAN_FORWARD: CommandRule = CommandRule::without_position(32000, &[]);
+    pub const FIXED_MAG_CAL_YAW: CommandRule = CommandRule::without_position(42006, &[]);
+    pub const DO_WINCH: CommandRule = CommandRule::without_position(42600, &[
+        ParamRule::integers(1, 1, i32::MAX),
+        ParamRule::integers(2, 0, 9),
+    ]);
+    pub const GUIDED_CHANGE_SPEED: CommandRule = CommandRule::without_position(43000, &[
+        ParamRule::integers(1, 0, 3),
+    ]);
+    pub const GUIDED_CHANGE_ALTITUDE: CommandRule = CommandRule::without_position(43001, &[
+        ParamRule::at_least(3, 0.0),
+    ]);
+    pub const GUIDED_CHANGE_HEADING: CommandRule = CommandRule::without_position(43002, &[
+        ParamRule::integers(1, 0, 2),
+        ParamRule::range(2, 0.0, 359.99),
+    ]);
+    pub const EXTERNAL_POSITION_ESTIMATE: CommandRule = CommandRule::at_position(43003, &[]).altitude_optional();
+}
+
 crate::message! {
     /// A component is alive: what it is, and in which state and mode.
     pub struct Heartbeat: HEARTBEAT = 0 {

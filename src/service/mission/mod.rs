@@ -26,8 +26,10 @@ mod memory;
 mod pace;
 mod progress;
 mod replies;
+mod rules;
 mod upload;
 mod validate;
+mod whole;
 
 #[cfg(test)]
 mod tests;
@@ -39,6 +41,7 @@ pub(crate) use memory::PlansMut;
 pub use memory::largest as __largest;
 pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
 pub(crate) use replies::{Replies, Reply};
+pub use rules::{CommandRule, ParamRule};
 
 use self::commit::{Commit, Saving};
 use self::current::Current;
@@ -88,7 +91,9 @@ pub(crate) struct Context<'a, 'p> {
 
 impl Context<'_, '_> {
     fn tell(&mut self, words: &Words) {
-        self.texts.push(self.now, self.normal, MavSeverity::WARNING, words);
+        if let Some(text) = validate::text(words) {
+            self.texts.push(self.now, self.normal, MavSeverity::WARNING, text);
+        }
     }
 }
 

@@ -2,10 +2,57 @@
 
 use super::commit::Change;
 use super::item::{Item, Position, position};
-use super::memory::PlanType;
-use crate::dialect::MavMissionResult;
+use super::memory::{MAX_ITEMS, PlanType};
+use super::rules::{CommandRule, ParamRule};
+pub(super) use super::whole::check_plan;
+use crate::dialect::command_rules::{
+    NAV_FENCE_CIRCLE_EXCLUSION, NAV_FENCE_CIRCLE_INCLUSION, NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    NAV_FENCE_POLYGON_VERTEX_INCLUSION, NAV_FENCE_RETURN_POINT, NAV_RALLY_POINT,
+};
+use crate::dialect::{MavFrame, MavMissionResult};
 use crate::message::Text;
 use crate::service::statustext::MAX_TEXT_LEN;
+use crate::vehicle::PlanFault;
+
+/// A fence's altitudes say nothing but the return point's, and ground stations send relative ones; above terrain is
+/// nowhere (M-80).
+const FENCE_FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
+/// A polygon that has more vertices than any plan can hold is never whole (M-81).
+#[allow(clippy::as_conversions, reason = "const-evaluated; less than 65,536")]
+const VERTICES: &[ParamRule] = &[ParamRule::integers(1, 3, MAX_ITEMS as i32)];
+/// Above 0, which the definitions do not ask for.
+const RADIUS: &[ParamRule] = &[ParamRule::at_least(1, f32::MIN_POSITIVE)];
+
+/// What a fence is made of (M-80).
+const FENCE: &[CommandRule] = &[
+    NAV_FENCE_RETURN_POINT.with_frames(FENCE_FRAMES),
+    vertex(NAV_FENCE_POLYGON_VERTEX_INCLUSION),
+    vertex(NAV_FENCE_POLYGON_VERTEX_EXCLUSION),
+    circle(NAV_FENCE_CIRCLE_INCLUSION),
+    circle(NAV_FENCE_CIRCLE_EXCLUSION),
+];
+/// M-84
+const RALLY: &[CommandRule] = &[NAV_RALLY_POINT];
+
+const fn vertex(rule: CommandRule) -> CommandRule {
+    rule.with_frames(FENCE_FRAMES).with_params(VERTICES)
+}
+
+const fn circle(rule: CommandRule) -> CommandRule {
+    rule.with_frames(FENCE_FRAMES).with_params(RADIUS)
+}
+
+/// Checks one item: that the plan takes its command, then frame, parameters and position, by the command's rule. `mission`
+/// has the commands that the vehicle flies; fences and rally points have their own.
+pub(super) fn check_item(plan: PlanType, mission: &[CommandRule], item: &Item) -> Result<(), MavMissionResult> {
+    let rules = match plan {
+        PlanType::Mission => mission,
+        PlanType::Fence => FENCE,
+        PlanType::Rally => RALLY,
+    };
+    let rule = rules.iter().find(|rule| rule.command() == item.command);
+    rule.ok_or(MavMissionResult::UNSUPPORTED)?.check(item)
+}
 
 const MAX_LATITUDE: u32 = 900_000_000;
 const MAX_LONGITUDE: u32 = 1_800_000_000;
@@ -32,7 +79,33 @@ fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
 }
 
 /// A text for the operator.
+#[cfg(feature = "plan-texts")]
 pub(super) type Words = Text<MAX_TEXT_LEN>;
+
+#[cfg(feature = "plan-texts")]
+pub(super) fn text(words: &Words) -> Option<&Text<MAX_TEXT_LEN>> {
+    Some(words)
+}
+
+/// The place of a text where there are none: nothing of it is left in the firmware.
+#[cfg(not(feature = "plan-texts"))]
+pub(super) struct Words;
+
+#[cfg(not(feature = "plan-texts"))]
+impl Words {
+    fn new(_: &str) -> Self {
+        Self
+    }
+
+    fn push_str(&mut self, _: &str) {}
+
+    pub(super) fn push_number(&mut self, _: u32) {}
+}
+
+#[cfg(not(feature = "plan-texts"))]
+pub(super) fn text(_: &Words) -> Option<&Text<MAX_TEXT_LEN>> {
+    None
+}
 
 /// Begins a text about a plan.
 pub(super) fn words(plan: PlanType, text: &str) -> Words {
@@ -45,7 +118,7 @@ pub(super) fn words(plan: PlanType, text: &str) -> Words {
     words
 }
 
-/// "Mission item 12: bad parameter 5 (latitude)": MISSION_ACK itself has no room for the number (M-38).
+/// "Mission item 12: parameter 3 out of range": MISSION_ACK itself has no room for the number (M-38).
 pub(super) fn item_refused(plan: PlanType, seq: u16, result: MavMissionResult) -> Words {
     let mut words = words(plan, " item ");
     words.push_number(seq.into());
@@ -53,8 +126,12 @@ pub(super) fn item_refused(plan: PlanType, seq: u16, result: MavMissionResult) -
     words
 }
 
-/// "Mission refused: not consistent".
-pub(super) fn plan_refused(plan: PlanType, result: MavMissionResult) -> Words {
+/// "Mission refused: not consistent", or as [`item_refused`] says it where an item is to blame.
+pub(super) fn plan_refused(plan: PlanType, fault: impl Into<PlanFault>) -> Words {
+    let PlanFault { seq, result } = fault.into();
+    if let Some(seq) = seq {
+        return item_refused(plan, seq, result);
+    }
     let mut words = words(plan, " refused");
     push_reason(&mut words, result);
     words
@@ -74,26 +151,26 @@ pub(super) fn not_saved(change: Option<&Change>) -> Words {
         Some(Change::Upload { plan, .. }) => words(*plan, " not stored: the old one stays"),
         Some(Change::Clear(Some(plan))) => words(*plan, " not cleared: storage failed"),
         Some(Change::Clear(None)) => Words::new("Plans not cleared: storage failed"),
-        None => Words::new("Plans are not stored: storage failed"),
+        None => Words::new("Plan storage failed"),
     }
 }
 
 fn push_reason(words: &mut Words, result: MavMissionResult) {
+    words.push_str(": ");
     let reason = match result {
         MavMissionResult::UNSUPPORTED_FRAME => "frame not supported",
         MavMissionResult::UNSUPPORTED => "command not supported",
+        MavMissionResult::NO_SPACE => "too many items",
         MavMissionResult::INVALID => "not consistent",
-        MavMissionResult::INVALID_PARAM1 => "bad parameter 1",
-        MavMissionResult::INVALID_PARAM2 => "bad parameter 2",
-        MavMissionResult::INVALID_PARAM3 => "bad parameter 3",
-        MavMissionResult::INVALID_PARAM4 => "bad parameter 4",
-        MavMissionResult::INVALID_PARAM5_X => "bad parameter 5 (latitude)",
-        MavMissionResult::INVALID_PARAM6_Y => "bad parameter 6 (longitude)",
-        MavMissionResult::INVALID_PARAM7 => "bad parameter 7 (altitude)",
         MavMissionResult::DENIED => "not allowed now",
+        MavMissionResult(code @ 6..=12) => {
+            // INVALID_PARAM1 and those that follow it.
+            words.push_str("parameter ");
+            words.push_number(u32::from(code).saturating_sub(5));
+            " out of range"
+        }
         _ => "refused by the vehicle",
     };
-    words.push_str(": ");
     words.push_str(reason);
 }
 
@@ -157,7 +234,7 @@ mod tests {
     fn texts_name_the_item_and_the_reason() {
         // M-38
         let text = item_refused(PlanType::Mission, 12, MavMissionResult::INVALID_PARAM5_X);
-        assert_eq!(text.as_str(), Some("Mission item 12: bad parameter 5 (latitude)"));
+        assert_eq!(text.as_str(), Some("Mission item 12: parameter 5 out of range"));
         let text = plan_refused(PlanType::Fence, MavMissionResult::INVALID);
         assert_eq!(text.as_str(), Some("Fence refused: not consistent"));
     }

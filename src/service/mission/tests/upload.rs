@@ -94,10 +94,10 @@ fn a_refused_plan_leaves_the_live_one() {
         let code = MavMissionResult::INVALID_PARAM2;
         let text = if bad < 3 {
             bench.vehicle.bad_item = Some((bad, code));
-            std::format!("Mission item {bad}: bad parameter 2")
+            std::format!("Mission item {bad}: parameter 2 out of range")
         } else {
             bench.vehicle.verdict = Err(code);
-            "Mission refused: bad parameter 2".into()
+            "Mission refused: parameter 2 out of range".into()
         };
         let mut out = bench.ask(B, &count(MISSION, 3));
         for seq in 0..3 {
@@ -122,7 +122,7 @@ fn a_bad_number_is_refused_before_the_vehicle_is_asked() {
     let bad = Item { x: 900_000_001, ..item(1, 0) };
     let code = MavMissionResult::INVALID_PARAM5_X;
     assert_eq!(bench.ask(A, &int(MISSION, 0, &bad)), [to_a(Ack(code, 0))]);
-    assert_eq!(bench.texts(), ["Mission item 0: bad parameter 5 (latitude)"]);
+    assert_eq!(bench.texts(), ["Mission item 0: parameter 5 out of range"]);
 }
 
 /// M-27: the vehicle may forbid changes, which is said at COUNT, before any item.

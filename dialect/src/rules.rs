@@ -1,0 +1,206 @@
+//! The rules for the parameters of commands: from the attributes of `MAV_CMD`'s entries to `CommandRule`s of `mavstack`,
+//! one constant a command.
+//!
+//! How attributes are read:
+//!
+//! - A parameter without a label, or reserved, is not used: clients send 0 or NaN, and it may be anything finite or NaN.
+//! - One with an enumeration has one of its values, or, when the values are bits, no others than these.
+//! - One with a minimum or a maximum keeps to it. With an increment that is an integer it is one too, unless it has a
+//!   unit: then it is a quantity, and the increment only the step of a tool's dial (MAVSDK sends delays of 1.5 s).
+//! - One of these is not NaN, unless its default is. One with none of these may be anything finite, or NaN for "default".
+//! - A position must be given, in a global frame, and its altitude be a number, when its parameter has a label.
+//!
+//! What the attributes do not say, and MAVLink's prose or its clients do, stands in the tables below.
+
+use crate::{
+    Dialect,
+    doc::Doc,
+    model::{Entry, Enum, Param},
+    names,
+};
+use std::fmt::Write as _;
+
+/// The enumeration whose entries are commands.
+const COMMANDS: &str = "MAV_CMD";
+
+/// Commands whose position may be left out (`INT32_MAX`): "here", or another default.
+const POSITION_OPTIONAL: [&str; 15] = [
+    "MAV_CMD_NAV_LOITER_UNLIM",
+    "MAV_CMD_NAV_LOITER_TURNS",
+    "MAV_CMD_NAV_LOITER_TIME",
+    "MAV_CMD_NAV_LOITER_TO_ALT",
+    "MAV_CMD_NAV_LAND",
+    "MAV_CMD_NAV_TAKEOFF",
+    "MAV_CMD_NAV_VTOL_TAKEOFF",
+    "MAV_CMD_NAV_VTOL_LAND",
+    "MAV_CMD_NAV_ROI",
+    "MAV_CMD_DO_ORBIT",
+    "MAV_CMD_DO_FIGURE_EIGHT",
+    "MAV_CMD_DO_LAND_START",
+    "MAV_CMD_DO_REPOSITION",
+    "MAV_CMD_DO_SET_HOME",
+    "MAV_CMD_DO_SET_ROI",
+];
+
+/// Commands whose altitude has a label and may be NaN nevertheless.
+const ALTITUDE_OPTIONAL: [&str; 5] = [
+    "MAV_CMD_DO_FIGURE_EIGHT",
+    "MAV_CMD_DO_ORBIT",
+    "MAV_CMD_DO_REPOSITION",
+    "MAV_CMD_DO_SET_HOME",
+    "MAV_CMD_EXTERNAL_POSITION_ESTIMATE",
+];
+
+/// Parameters with a range or an enumeration that may be NaN: "default", "ignore", or of no use until lately, so that
+/// clients still send NaN.
+const NAN: [(&str, &[u8]); 9] = [
+    ("MAV_CMD_NAV_TAKEOFF", &[3]),
+    ("MAV_CMD_DO_ORBIT", &[3, 4]),
+    ("MAV_CMD_DO_SET_HOME", &[2, 3, 4]),
+    ("MAV_CMD_DO_SET_ACTUATOR", &[1, 2, 3, 4]),
+    ("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", &[1, 2]),
+    ("MAV_CMD_GUIDED_CHANGE_HEADING", &[3]),
+    ("MAV_CMD_ACTUATOR_TEST", &[1]),
+    ("MAV_CMD_IMAGE_START_CAPTURE", &[4]),
+    ("MAV_CMD_VIDEO_START_CAPTURE", &[2]),
+];
+
+/// The same, by label, in every command.
+const NAN_LABELS: [&str; 1] = ["Target Camera ID"];
+
+/// Parameters whose least value is another than the attribute says: −1 repeats a jump for ever, 0 is a picture without
+/// a number.
+const MINIMUM: [(&str, u8, f64); 2] = [("MAV_CMD_DO_JUMP", 2, -1.0), ("MAV_CMD_IMAGE_START_CAPTURE", 4, 0.0)];
+
+/// More values than these are not listed one by one for the sake of an increment.
+const MAX_STEPS: f64 = 8.0;
+
+/// The enumeration of commands, when this is it.
+pub(crate) fn is_commands(enumeration: &Enum) -> bool {
+    enumeration.name == COMMANDS
+}
+
+/// Writes the module of rules.
+pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_path: &str) {
+    let mut doc = Doc::new();
+    doc.text(&format!(
+        "What items of the commands of `{COMMANDS}` may be. A rule costs flash where a firmware names it."
+    ));
+    doc.write(out, "/// ");
+    out.push_str("#[rustfmt::skip]\n");
+    out.push_str(
+        "#[allow(missing_docs, dead_code, reason = \"all commands have a rule, which is called like the command\")]\n",
+    );
+    out.push_str("pub mod command_rules {\n");
+    let mut rules = String::new();
+    for (entry, constant) in commands.entries.iter().zip(names::constants(commands)) {
+        // An item's command has 16 bits.
+        if u16::try_from(entry.value).is_ok() {
+            command(&mut rules, dialect, entry, &constant);
+        }
+    }
+    for name in ["CommandRule", "ParamRule"] {
+        if rules.contains(&format!("{name}::")) {
+            let _ = writeln!(out, "    use {crate_path}::{name};");
+        }
+    }
+    if !rules.is_empty() {
+        out.push('\n');
+    }
+    out.push_str(&rules);
+    out.push_str("}\n");
+}
+
+fn command(out: &mut String, dialect: &Dialect, entry: &Entry, constant: &str) {
+    let is_located = entry.has_location == Some(true);
+    let kind = if is_located { "at_position" } else { "without_position" };
+    let _ = write!(out, "    pub const {constant}: CommandRule = CommandRule::{kind}({}, &[", entry.value);
+    let named = |list: &[&str]| list.contains(&entry.name.as_str());
+    let mut rules = entry.params.iter().filter_map(|param| rule(dialect, entry, param)).peekable();
+    if rules.peek().is_some() {
+        out.push('\n');
+        for rule in rules {
+            let _ = writeln!(out, "        ParamRule::{rule},");
+        }
+        out.push_str("    ");
+    }
+    out.push_str("])");
+    if is_located {
+        let has_altitude = entry.params.iter().any(|param| param.index == 7 && is_used(param));
+        if named(&POSITION_OPTIONAL) {
+            out.push_str(".position_optional()");
+        }
+        if !has_altitude || named(&ALTITUDE_OPTIONAL) {
+            out.push_str(".altitude_optional()");
+        }
+    }
+    out.push_str(";\n");
+}
+
+fn is_used(param: &Param) -> bool {
+    !param.reserved && !param.label.is_empty()
+}
+
+/// A call of one of `ParamRule`'s constructors; nothing when the parameter may be anything.
+fn rule(dialect: &Dialect, entry: &Entry, param: &Param) -> Option<String> {
+    // A position has its own rule.
+    if !is_used(param) || (entry.has_location == Some(true) && param.index >= 5) {
+        return None;
+    }
+    let own_minimum = MINIMUM.iter().find(|(command, index, _)| *command == entry.name && *index == param.index);
+    let minimum = own_minimum.map(|(_, _, minimum)| *minimum).or(param.minimum);
+    let index = param.index;
+    let values = match dialect.enumeration(&param.enumeration).filter(|e| !e.entries.is_empty()) {
+        Some(enumeration) => enumerated(index, enumeration),
+        None => ranged(param, minimum)?,
+    };
+    let of_command = NAN.iter().any(|(command, params)| *command == entry.name && params.contains(&index));
+    let may_be_nan = of_command || NAN_LABELS.contains(&param.label.as_str()) || param.default.is_some_and(f64::is_nan);
+    Some(if may_be_nan { format!("{values}.or_nan()") } else { values })
+}
+
+fn enumerated(index: u8, enumeration: &Enum) -> String {
+    // What a float cannot be is left out.
+    let values: Vec<_> = enumeration.entries.iter().filter_map(|entry| i32::try_from(entry.value).ok()).collect();
+    if enumeration.bitmask {
+        let mask = values.iter().fold(0, |mask, value| mask | value);
+        return format!("bits({index}, {mask:#x})");
+    }
+    match (values.first(), values.last()) {
+        (Some(first), Some(last)) if i64::from(*last) - i64::from(*first) + 1 == values.len() as i64 => {
+            format!("integers({index}, {first}, {last})")
+        }
+        _ => one_of(index, &values),
+    }
+}
+
+fn one_of(index: u8, values: &[i32]) -> String {
+    let values: Vec<_> = values.iter().map(i32::to_string).collect();
+    format!("one_of({index}, &[{}])", values.join(", "))
+}
+
+fn ranged(param: &Param, minimum: Option<f64>) -> Option<String> {
+    let index = param.index;
+    // Both saturate: what an `f32` or an `i32` cannot be needs no bound.
+    let float = |value: f64| format!("{:?}", value.clamp(f32::MIN.into(), f32::MAX.into()) as f32);
+    let increment = param.increment.filter(|step| param.units.is_empty() && *step >= 1.0 && step.fract() == 0.0);
+    let Some(step) = increment else {
+        return match (minimum, param.maximum) {
+            (None, None) => None,
+            (Some(minimum), None) => Some(format!("at_least({index}, {})", float(minimum))),
+            (None, Some(maximum)) => Some(format!("at_most({index}, {})", float(maximum))),
+            (Some(minimum), Some(maximum)) => Some(format!("range({index}, {}, {})", float(minimum), float(maximum))),
+        };
+    };
+    if let (Some(minimum), Some(maximum)) = (minimum, param.maximum)
+        && step > 1.0
+        && (maximum - minimum) / step < MAX_STEPS
+    {
+        let values: Vec<_> =
+            (0..).map(|n| minimum + f64::from(n) * step).take_while(|value| *value <= maximum).collect();
+        return Some(one_of(index, &values.iter().map(|value| *value as i32).collect::<Vec<_>>()));
+    }
+    let bound = |bound: Option<f64>, open: &str| bound.map_or(open.to_owned(), |bound| (bound as i32).to_string());
+    let least = bound(minimum.map(f64::ceil), "i32::MIN");
+    Some(format!("integers({index}, {least}, {})", bound(param.maximum.map(f64::floor), "i32::MAX")))
+}

@@ -1,0 +1,270 @@
+//! What a command's parameters may be: one rule a command, as data.
+//!
+//! Implements the per-item part of section 8.6 of the rules and M-74. The rules of all commands are made from the
+//! definitions (see [`mod@crate::dialect::command_rules`]); a vehicle names those of the commands that it flies in
+//! [`Plans::MISSION_COMMANDS`](crate::Plans::MISSION_COMMANDS), narrowed or widened as it needs, and only what it names
+//! costs flash.
+
+use super::item::{Item, Position, position};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
+use crate::num;
+
+/// Greatest latitude, deg·1e7.
+const MAX_LATITUDE: u32 = 900_000_000;
+/// Greatest longitude, deg·1e7.
+const MAX_LONGITUDE: u32 = 1_800_000_000;
+
+/// What one parameter of a command may be. What no rule names may be any number and NaN, but not infinite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ParamRule {
+    index: u8,
+    nan: bool,
+    values: Values,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Values {
+    Range(f32, f32),
+    Integers(i32, i32),
+    Bits(u32),
+    Listed(&'static [i32]),
+}
+
+impl ParamRule {
+    const fn new(index: u8, values: Values) -> Self {
+        Self { index, nan: false, values }
+    }
+
+    /// Parameter `index` may be anything but infinite: the same as no rule, to lift one of the definitions.
+    pub const fn any(index: u8) -> Self {
+        Self::range(index, f32::MIN, f32::MAX).or_nan()
+    }
+
+    /// Parameter `index`, from 1 to 7, is from `min` to `max`, both included.
+    pub const fn range(index: u8, min: f32, max: f32) -> Self {
+        Self::new(index, Values::Range(min, max))
+    }
+
+    /// Parameter `index` is `min` or more, but not infinite.
+    pub const fn at_least(index: u8, min: f32) -> Self {
+        Self::range(index, min, f32::MAX)
+    }
+
+    /// Parameter `index` is `max` or less, but not infinite.
+    pub const fn at_most(index: u8, max: f32) -> Self {
+        Self::range(index, f32::MIN, max)
+    }
+
+    /// Parameter `index` is an integer from `min` to `max`, both included.
+    pub const fn integers(index: u8, min: i32, max: i32) -> Self {
+        Self::new(index, Values::Integers(min, max))
+    }
+
+    /// Parameter `index` has no bits but those of `mask`. A float has 24 of them without gaps; bit 31 is never taken.
+    pub const fn bits(index: u8, mask: u32) -> Self {
+        Self::new(index, Values::Bits(mask))
+    }
+
+    /// Parameter `index` is one of these integers.
+    pub const fn one_of(index: u8, values: &'static [i32]) -> Self {
+        Self::new(index, Values::Listed(values))
+    }
+
+    /// NaN passes as well: it means "default" (M-70), and the vehicle knows one.
+    #[must_use]
+    pub const fn or_nan(self) -> Self {
+        Self { nan: true, ..self }
+    }
+
+    /// The parameter's number, from 1 to 7.
+    pub const fn index(&self) -> u8 {
+        self.index
+    }
+
+    /// Whether the parameter may be this.
+    pub fn admits(&self, value: f32) -> bool {
+        if value.is_nan() {
+            return self.nan;
+        }
+        let integer = || num::integer::<i32>(value);
+        match self.values {
+            Values::Range(min, max) => min <= value && value <= max,
+            Values::Integers(min, max) => integer().is_some_and(|value| min <= value && value <= max),
+            Values::Bits(mask) => {
+                integer().and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
+            }
+            Values::Listed(values) => integer().is_some_and(|value| values.contains(&value)),
+        }
+    }
+}
+
+/// One of the kinds of frame that plans know, for a set of them: a frame and its `_INT` twin are one (M-4).
+const fn frame_bit(frame: MavFrame) -> u8 {
+    match frame {
+        MavFrame::GLOBAL | MavFrame::GLOBAL_INT => 1,
+        MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT => 2,
+        MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT => 4,
+        MavFrame::MISSION => 8,
+        _ => 0,
+    }
+}
+
+/// The global frames.
+const GLOBAL: u8 = 1 | 2 | 4;
+/// All that plans know.
+const ANY_FRAME: u8 = GLOBAL | 8;
+
+/// Parameters 5, 6, 7 are a position.
+const LOCATED: u8 = 1;
+/// It need not be given.
+const POSITION_OPTIONAL: u8 = 2;
+/// z need not be a number.
+const ALTITUDE_OPTIONAL: u8 = 4;
+
+/// What the items of one command may be.
+///
+/// ```
+/// use mavstack::dialect::command_rules::{DO_JUMP, NAV_LAND, NAV_TAKEOFF, NAV_WAYPOINT};
+/// use mavstack::dialect::{MavCmd, MavFrame};
+/// use mavstack::{CommandRule, ParamRule};
+///
+/// /// What our copter flies. It has no model of the terrain, passes no waypoint at a distance, and takes off where it
+/// /// stands; its winch has a command of its own.
+/// const COMMANDS: &[CommandRule] = &[
+///     NAV_WAYPOINT
+///         .with_frames(&[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT])
+///         .with_params(&[ParamRule::integers(3, 0, 0).or_nan()]),
+///     NAV_TAKEOFF.any_frame(),
+///     NAV_LAND,
+///     DO_JUMP,
+///     CommandRule::any(MavCmd(31_010)),
+/// ];
+/// # assert_eq!(COMMANDS[2].command(), MavCmd::NAV_LAND);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CommandRule {
+    command: MavCmd,
+    frames: u8,
+    flags: u8,
+    /// From the definitions.
+    params: &'static [ParamRule],
+    /// The vehicle's own, which go before.
+    own: &'static [ParamRule],
+}
+
+impl CommandRule {
+    /// Every item of this command passes that has a frame that plans know, no infinite number, and if it has a position,
+    /// one on the globe.
+    pub const fn any(command: MavCmd) -> Self {
+        Self::at_position(command.0, &[]).any_frame().position_optional().altitude_optional()
+    }
+
+    /// A command whose parameters 5, 6, 7 are a position, in a global frame. For generated code.
+    pub const fn at_position(command: u16, params: &'static [ParamRule]) -> Self {
+        Self { command: MavCmd(command), frames: GLOBAL, flags: LOCATED, params, own: &[] }
+    }
+
+    /// A command without a position. Its frame says nothing: MISSION is the right one, and the global ones are what older
+    /// ground stations write. For generated code.
+    pub const fn without_position(command: u16, params: &'static [ParamRule]) -> Self {
+        Self { command: MavCmd(command), frames: ANY_FRAME, flags: 0, params, own: &[] }
+    }
+
+    /// Rules of the vehicle's own; each takes the place of what the definitions say of its parameter. Again: instead of
+    /// those given before.
+    #[must_use]
+    pub const fn with_params(self, params: &'static [ParamRule]) -> Self {
+        Self { own: params, ..self }
+    }
+
+    /// Only these frames, and their `_INT` twins. A plan's frames are the global ones and MISSION; others are left out.
+    #[must_use]
+    pub const fn with_frames(self, frames: &[MavFrame]) -> Self {
+        let mut set = 0;
+        let mut rest = frames;
+        while let [frame, tail @ ..] = rest {
+            set |= frame_bit(*frame);
+            rest = tail;
+        }
+        Self { frames: set, ..self }
+    }
+
+    /// Also the frame MISSION, in which there is no position: parameters 5 and 6 are then what they are, unscaled.
+    #[must_use]
+    pub const fn any_frame(self) -> Self {
+        Self { frames: ANY_FRAME, ..self }
+    }
+
+    /// x and y may both be `i32::MAX`: "here", or what else is the command's default (M-70).
+    #[must_use]
+    pub const fn position_optional(self) -> Self {
+        Self { flags: self.flags | POSITION_OPTIONAL, ..self }
+    }
+
+    /// x and y must be given.
+    #[must_use]
+    pub const fn position_required(self) -> Self {
+        Self { flags: self.flags & !POSITION_OPTIONAL, ..self }
+    }
+
+    /// z may be NaN: "as it is", or what else is the command's default.
+    #[must_use]
+    pub const fn altitude_optional(self) -> Self {
+        Self { flags: self.flags | ALTITUDE_OPTIONAL, ..self }
+    }
+
+    /// z must be a number.
+    #[must_use]
+    pub const fn altitude_required(self) -> Self {
+        Self { flags: self.flags & !ALTITUDE_OPTIONAL, ..self }
+    }
+
+    /// Which command.
+    pub const fn command(&self) -> MavCmd {
+        self.command
+    }
+
+    const fn has(&self, flag: u8) -> bool {
+        self.flags & flag != 0
+    }
+
+    /// Whether parameter `index` may be `value`: never infinite.
+    fn admits(&self, index: u8, value: f32) -> bool {
+        let of = |rules: &'static [ParamRule]| rules.iter().find(|rule| rule.index == index);
+        !value.is_infinite() && of(self.own).or_else(|| of(self.params)).is_none_or(|rule| rule.admits(value))
+    }
+
+    /// Checks an item of this command; the order is that of MISSION_ITEM_INT's parameters, after the frame.
+    pub(super) fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
+        let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
+        let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;
+        let [p1, p2, p3, p4] = item.params;
+        refuse(!self.admits(1, p1), MavMissionResult::INVALID_PARAM1)?;
+        refuse(!self.admits(2, p2), MavMissionResult::INVALID_PARAM2)?;
+        refuse(!self.admits(3, p3), MavMissionResult::INVALID_PARAM3)?;
+        refuse(!self.admits(4, p4), MavMissionResult::INVALID_PARAM4)?;
+        let (is_x_bad, is_y_bad) = if self.has(LOCATED) && is_global {
+            // Half a position is none.
+            let is_absent = item.x == i32::MAX && item.y == i32::MAX && self.has(POSITION_OPTIONAL);
+            let is_bad = |value: i32, limit| !is_absent && value.unsigned_abs() > limit;
+            (is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
+        } else {
+            // Ground stations that write a global frame here have scaled the parameters like degrees.
+            let float = if is_global { num::from_1e7 } else { num::from_i32 };
+            (!self.admits(5, float(item.x)), !self.admits(6, float(item.y)))
+        };
+        refuse(is_x_bad, MavMissionResult::INVALID_PARAM5_X)?;
+        refuse(is_y_bad, MavMissionResult::INVALID_PARAM6_Y)?;
+        // Without a position z is a parameter like others, and clients send NaN for one that the command does not use.
+        let needs_altitude = self.has(LOCATED) && is_global && !self.has(ALTITUDE_OPTIONAL);
+        let is_z_bad = !self.admits(7, item.z) || (needs_altitude && item.z.is_nan());
+        refuse(is_z_bad, MavMissionResult::INVALID_PARAM7)
+    }
+}
+
+fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
+    if bad { Err(result) } else { Ok(()) }
+}
