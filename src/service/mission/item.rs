@@ -2,6 +2,7 @@
 //!
 //! Rules M-3 to M-5 and M-37. Positions are integers whatever message brought them; a float form is converted once, exactly.
 
+use crate::crc32::Crc32;
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Address;
 use crate::num;
@@ -157,26 +158,23 @@ impl Eq for Item {}
 /// A plan's id while its items come in (M-5): CRC-32 of frame, command, autocontinue, parameters, x, y, z of each,
 /// little-endian.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Digest(u32);
+pub(crate) struct Digest(Crc32);
 
 impl Digest {
     pub(crate) const fn new() -> Self {
-        Self(u32::MAX)
+        Self(Crc32::new())
     }
 
-    /// One more item. By shifts: a table would cost more flash than all of this module, and an item comes alone.
+    /// One more item.
     pub(crate) fn add(&mut self, item: &Item) {
         for word in item.words() {
-            self.0 ^= word;
-            for _ in 0..32 {
-                self.0 = (self.0 >> 1) ^ (0xEDB8_8320 & (self.0 & 1).wrapping_neg());
-            }
+            self.0.add(&word.to_le_bytes());
         }
     }
 
     /// The id of a plan that is not empty: never 0, which means "no plan".
     pub(crate) fn id(self) -> u32 {
-        (!self.0).max(1)
+        self.0.sum().max(1)
     }
 }
 
@@ -245,8 +243,13 @@ mod tests {
 
     #[test]
     fn id_of_a_plan_is_never_zero() {
-        assert_eq!(Digest(!0).id(), 1);
-        assert_eq!(Digest(!7).id(), 7);
+        let id = |bytes: &[u8]| {
+            let mut crc = Crc32::new();
+            crc.add(bytes);
+            Digest(crc).id()
+        };
+        assert_eq!(id(&[0x9D, 0x0A, 0xD9, 0x6D]), 1, "these four have the sum 0");
+        assert_eq!(id(&[0xFF; 4]), u32::MAX);
     }
 
     proptest! {
