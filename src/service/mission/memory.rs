@@ -67,6 +67,12 @@ pub struct PlanView<'a> {
 impl<'a> PlanView<'a> {
     pub(crate) const EMPTY: Self = Self { items: &[], id: 0 };
 
+    /// What the tests of the storage write.
+    #[cfg(all(test, feature = "storage"))]
+    pub(crate) const fn of(items: &'a [Item], id: u32) -> Self {
+        Self { items, id }
+    }
+
     /// Its items, in their order.
     pub const fn items(&self) -> &'a [Item] {
         self.items
