@@ -5,7 +5,8 @@
 //! time gives the same output.
 //!
 //! ```
-//! use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+//! use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+//! use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 //! use mavstack::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
@@ -45,9 +46,8 @@
 //! }
 //!
 //! impl Plans for Rover {
-//!     fn check_item(&mut self, _: PlanType, _: u16, item: &Item) -> Result<(), MavMissionResult> {
-//!         if item.command == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
-//!     }
+//!     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
+//!
 //!     fn plan_changed(&mut self, _: PlanChange<'_>) {}
 //!     fn progress(&self) -> Progress {
 //!         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
@@ -135,6 +135,7 @@ mod stack;
 mod storage;
 mod time;
 mod vehicle;
+pub mod wpl;
 
 pub use config::{Config, PollBudget, VehicleAddress};
 pub use frame::{

@@ -10,6 +10,10 @@
 //!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
 //! ```
 
+mod plans;
+#[cfg(feature = "storage")]
+mod storage;
+
 use core::marker::PhantomData;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
@@ -26,7 +30,7 @@ use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
-use crate::service::mission::{self, Caller, Missions, NoPlans, PlanCounters, PlanStorage, PlanType, PlanView};
+use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType};
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
@@ -312,34 +316,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
     }
 
-    /// The vehicle has reached an item of the mission: MISSION_ITEM_REACHED on every normal link, before the next item is
-    /// current there (M-91). Call it after the flight loop's step and before [`poll`](Self::poll).
-    pub fn mission_item_reached(&mut self, seq: u16) {
-        if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
-            missions.reached(seq, self.core.normal);
-        }
-    }
-
     /// Tells the operators something: a STATUSTEXT on every normal link (T-5). At most 120 bytes, the rest is cut off; the
     /// same text again within five seconds is dropped. When four wait, the least severe goes.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &str) {
         let texts: &mut StatusTexts = &mut self.texts;
         texts.push(now, self.core.normal, severity, &Text::new(text));
-    }
-
-    /// The live mission.
-    pub fn mission(&self) -> PlanView<'_> {
-        self.plans.live(PlanType::Mission)
-    }
-
-    /// The live geofence.
-    pub fn fence(&self) -> PlanView<'_> {
-        self.plans.live(PlanType::Fence)
-    }
-
-    /// The live rally points.
-    pub fn rally(&self) -> PlanView<'_> {
-        self.plans.live(PlanType::Rally)
     }
 
     /// Who was heard, and how well. At most `PEERS`; see H-12 for who has to go when the table is full.
@@ -355,11 +336,6 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// What a link's decoder saw and dropped.
     pub fn rx_counters(&self, link: LinkId) -> Option<RxCounters> {
         self.links.get(usize::from(link.0)).map(|link| *link.decoder.counters())
-    }
-
-    /// What became of plans that were uploaded.
-    pub fn plan_counters(&self) -> PlanCounters {
-        P::engine(&self.missions).map(|missions| *missions.counters()).unwrap_or_default()
     }
 
     /// Texts that were dropped, as repeated or for want of room. Wraps.

@@ -6,7 +6,7 @@
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
-use crate::service::mission::{Item, PlanType};
+use crate::service::mission::{CommandRule, Item, PlanType};
 
 /// What the heartbeat says of the vehicle (H-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -173,6 +173,11 @@ impl From<MavMissionResult> for PlanFault {
 /// A refusal is a `MAV_MISSION_RESULT`; it reaches the ground station as MISSION_ACK and, with the item's number, as
 /// STATUSTEXT (M-38).
 pub trait Plans {
+    /// The commands that a mission of this vehicle may have, each with the rule for its frame, parameters and position:
+    /// one of [`dialect::command_rules`](crate::dialect::command_rules), made narrower or wider where the vehicle is. Any
+    /// other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no list.
+    const MISSION_COMMANDS: &'static [CommandRule];
+
     /// Whether `from` may begin an upload of this plan now, or clear it: asked before anything else happens
     /// (M-27, M-53). The usual refusal is [`MavMissionResult::DENIED`].
     ///

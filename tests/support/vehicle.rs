@@ -1,9 +1,9 @@
 //! A vehicle that does as it is told and remembers what it was asked.
 
-use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules};
 use mavstack::{
-    Address, Command, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans,
-    Progress, Vehicle, VehicleState,
+    Address, Command, CommandRule, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanFault,
+    PlanType, Plans, Progress, Vehicle, VehicleState,
 };
 use std::collections::BTreeMap;
 
@@ -108,6 +108,14 @@ impl Commands for TestVehicle {
 }
 
 impl Plans for TestVehicle {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[
+        command_rules::NAV_TAKEOFF,
+        command_rules::NAV_WAYPOINT,
+        command_rules::NAV_LAND,
+        command_rules::DO_JUMP,
+        command_rules::DO_CHANGE_SPEED,
+    ];
+
     fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
         self.calls.push(Call::MayChange(plan, from));
         self.may_change

@@ -1,10 +1,10 @@
 //! The vehicle: a quadrotor that exists as a few numbers. The same steps in time give the same flight.
 
 use mavstack::dialect::{
-    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavSeverity, MavState, MissionState,
+    command_rules, MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavSeverity, MavState, MissionState,
 };
 use mavstack::{
-    Command, CommandPosition, Commands, Duration, Instant, Item, Outcome, PlanChange, PlanType, Plans, Progress,
+    Command, CommandPosition, CommandRule, Commands, Duration, Instant, Item, Outcome, PlanChange, PlanType, Plans, Progress,
     Vehicle, VehicleState,
 };
 
@@ -490,6 +490,15 @@ impl Commands for Quadrotor {
 }
 
 impl Plans for Quadrotor {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[
+        command_rules::NAV_TAKEOFF,
+        command_rules::NAV_WAYPOINT,
+        command_rules::NAV_LOITER_TIME,
+        command_rules::NAV_RETURN_TO_LAUNCH,
+        command_rules::NAV_LAND,
+        command_rules::DO_CHANGE_SPEED,
+    ];
+
     fn check_item(&mut self, plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
         match plan {
             PlanType::Mission => plan::check(item),

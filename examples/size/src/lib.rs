@@ -5,9 +5,10 @@
 use core::convert::Infallible;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
-use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::dialect::command_rules::NAV_WAYPOINT;
+use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, Commands, Config, Item, Outcome, PlanChange, PlanType, Plans, Progress, Pulse, Vehicle,
+    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Vehicle,
     VehicleState,
 };
 #[cfg(feature = "panic-never")]
@@ -120,9 +121,7 @@ impl Commands for Rover {
 }
 
 impl Plans for Rover {
-    fn check_item(&mut self, _: PlanType, _: u16, item: &Item) -> Result<(), MavMissionResult> {
-        if item.command == MavCmd::NAV_WAYPOINT { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) }
-    }
+    const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT];
 
     fn plan_changed(&mut self, _: PlanChange<'_>) {}
 

@@ -11,10 +11,10 @@
 //! [`saved`](Missions::saved) and [`not_saved`](Missions::not_saved); between them nobody else's upload may begin, because
 //! the staging area holds what is being written.
 
-use super::item::Digest;
+use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
 use super::replies::{Reply, What};
-use super::upload::Done;
+use super::upload::{Done, check_plan};
 use super::validate;
 use super::{Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
@@ -182,6 +182,63 @@ impl Missions {
         Reply { to: to.address, mission_type, what: What::Ack(result, id) }
     }
 
+    /// A plan that comes from the vehicle's side: from storage, with the `count` and `id` that it must have, or from the
+    /// firmware. `item` gives the items in their order. It is checked as an upload is, and goes live at once.
+    pub(crate) fn load<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        plan: PlanType,
+        expected: Option<(u16, u32)>,
+        mut item: impl FnMut(u16) -> Option<Item>,
+    ) -> Result<(), PlanFault> {
+        if self.committing().is_some() || self.upload.is_some() {
+            return Err(MavMissionResult::DENIED.into());
+        }
+        let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {
+            let is_as_expected = expected.is_none_or(|expected| expected == (cx.plans.staged(), id));
+            if is_as_expected { Ok(id) } else { Err(MavMissionResult::INVALID.into()) }
+        });
+        if let Ok(id) = loaded
+            && !cx.plans.is_live(plan, id)
+        {
+            self.replace(cx, vehicle, plan, id, 0);
+            self.current.announce(cx.normal);
+            if expected.is_none() {
+                self.want_saved();
+            }
+        }
+        cx.plans.staging.clear();
+        loaded.map(|_| ())
+    }
+
+    /// Fills the staging area with good items; the plan's id.
+    fn stage<V: Plans>(
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        plan: PlanType,
+        item: &mut impl FnMut(u16) -> Option<Item>,
+    ) -> Result<u32, PlanFault> {
+        cx.plans.staging.clear();
+        let mut digest = Digest::new();
+        while let Some(item) = item(cx.plans.staged()) {
+            let seq = cx.plans.staged();
+            if seq >= cx.plans.capacity(plan) {
+                return Err(MavMissionResult::NO_SPACE.into());
+            }
+            let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item)
+                .and_then(|()| vehicle.check_item(plan, seq, &item));
+            checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
+            digest.add(&item);
+            let _ = cx.plans.staging.push(item);
+        }
+        if cx.plans.staged() == 0 {
+            return Ok(0);
+        }
+        check_plan(cx, vehicle, plan)?;
+        Ok(digest.id())
+    }
+
     /// The wait for storage is over: gives up what was not written in time.
     pub(super) fn poll_commit(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
@@ -197,15 +254,25 @@ impl Missions {
 /// The half that only storage calls.
 #[cfg_attr(not(any(feature = "storage", test)), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
+    /// Tells the operators that a plan did not come back from storage.
+    pub(crate) fn tell_refused(&mut self, cx: &mut Context<'_, '_>, plan: PlanType, fault: PlanFault) {
+        cx.tell(&validate::plan_refused(plan, fault));
+    }
+
     /// From now on there is storage.
     pub(crate) fn attach_storage(&mut self, policy: Durability) {
         self.saving.policy = Some(policy);
     }
 
+    /// Whether the storage, which failed a moment ago, is left alone. Whoever waits for an answer gets another attempt.
+    pub(crate) fn storage_rests(&self, now: Instant) -> bool {
+        self.commit.is_none() && now < self.saving.retry_at
+    }
+
     /// What is to be on the storage, when it is not: a number that changes with the content, and the three plans.
-    pub(crate) fn unsaved<'a>(&self, now: Instant, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        let Saving { wanted, done, retry_at, .. } = self.saving;
-        if wanted == done || now < retry_at {
+    pub(crate) fn unsaved<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
+        let Saving { wanted, done, .. } = self.saving;
+        if wanted == done {
             return None;
         }
         let change = self.commit.as_ref().map(|commit| commit.change);
@@ -226,11 +293,12 @@ impl Missions {
         Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ACCEPTED)))
     }
 
-    /// It could not be written. What was to go live does not; what is live already is tried again later.
+    /// It could not be written, or the room for it not be erased. What was to go live does not; the rest is tried again
+    /// later.
     pub(crate) fn not_saved(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
         self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
+        self.saving.retry_at = cx.now.after(RETRY);
         let Some(commit) = self.commit.take() else {
-            self.saving.retry_at = cx.now.after(RETRY);
             if !core::mem::replace(&mut self.saving.told, true) {
                 cx.tell(&validate::not_saved(None));
             }
@@ -240,48 +308,5 @@ impl Missions {
         event!("plans: change by {}: not written", commit.to);
         cx.tell(&validate::not_saved(Some(&commit.change)));
         Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ERROR)))
-    }
-
-    /// A plan comes back from storage: `items` gives them in their order. It is checked as an upload is, because the firmware
-    /// may be another one since; what cannot be flown is not live.
-    pub(crate) fn restore<V: Plans, E>(
-        &mut self,
-        cx: &mut Context<'_, '_>,
-        vehicle: &mut V,
-        plan: PlanType,
-        (count, id): (u16, u32),
-        mut item: impl FnMut(u16) -> Result<Option<super::Item>, E>,
-    ) -> Result<(), E> {
-        cx.plans.staging.clear();
-        if count == 0 {
-            return Ok(());
-        }
-        let mut digest = Digest::new();
-        let mut fault = (count > cx.plans.capacity(plan)).then_some(MavMissionResult::NO_SPACE.into());
-        for seq in 0..count {
-            if fault.is_some() {
-                break;
-            }
-            let Some(item) = item(seq)? else { break };
-            digest.add(&item);
-            let checked = validate::check(&item).and_then(|()| vehicle.check_item(plan, seq, &item));
-            fault = checked.err().map(|result| PlanFault { seq: Some(seq), result });
-            let _ = cx.plans.staging.push(item);
-        }
-        if fault.is_none() && (cx.plans.staged() != count || digest.id() != id) {
-            fault = Some(MavMissionResult::INVALID.into());
-        }
-        if fault.is_none() {
-            fault = vehicle.check_plan(plan, cx.plans.staging.as_slice()).err();
-        }
-        match fault {
-            None => self.replace(cx, vehicle, plan, id, 0),
-            Some(fault) => {
-                cx.tell(&validate::plan_refused(plan, fault.result));
-                cx.plans.staging.clear();
-            }
-        }
-        self.current.announce(cx.normal);
-        Ok(())
     }
 }

@@ -14,7 +14,7 @@ use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRe
 use crate::frame::Address;
 use crate::link::{LinkId, Outbox, Peer};
 use crate::time::{Duration, Instant};
-use crate::vehicle::Plans;
+use crate::vehicle::{PlanFault, Plans};
 
 /// A COUNT like the running upload's, so soon after an item, is an echo of its beginning (M-22).
 const ECHO: Duration = Duration::from_secs(1);
@@ -176,7 +176,7 @@ impl Missions {
             return;
         }
         let checked = item.and_then(|item| {
-            validate::check(&item)?;
+            validate::check_item(plan, V::MISSION_COMMANDS, &item)?;
             vehicle.check_item(plan, seq, &item)?;
             Ok(item)
         });
@@ -205,8 +205,8 @@ impl Missions {
     fn complete<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
         let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
         let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
-        if let Err(fault) = vehicle.check_plan(plan, cx.plans.staging.as_slice()) {
-            cx.tell(&validate::plan_refused(plan, fault.result));
+        if let Err(fault) = check_plan(cx, vehicle, plan) {
+            cx.tell(&validate::plan_refused(plan, fault));
             return self.finish(cx, caller, seq, fault.result);
         }
         self.upload = None;
@@ -412,4 +412,11 @@ pub(super) struct Arrival {
     pub(super) seq: u16,
     pub(super) current: u8,
     pub(super) item: Result<Item, MavMissionResult>,
+}
+
+/// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.
+pub(super) fn check_plan<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), PlanFault> {
+    let items = cx.plans.staging.as_slice();
+    validate::check_plan(plan, items)?;
+    vehicle.check_plan(plan, items)
 }

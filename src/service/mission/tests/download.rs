@@ -48,11 +48,11 @@ fn empty_and_missing_plans() {
 #[test]
 fn the_current_item_is_marked() {
     let mut bench = bench_with(&plan(1, 3));
-    bench.upload(A, FENCE, &plan(2, 3));
+    bench.upload(A, FENCE, &fence(2, 3));
     bench.vehicle.progress.current = 2;
     assert_eq!(bench.ask(A, &request(MISSION, 2)), [to_a(Part(2, 1, item(1, 2)))]);
     assert_eq!(bench.ask(A, &request(MISSION, 0)), [to_a(Part(0, 0, item(1, 0)))]);
-    assert_eq!(bench.ask(A, &request(FENCE, 2)), [(A.address, FENCE, Part(2, 0, item(2, 2)))]);
+    assert_eq!(bench.ask(A, &request(FENCE, 2)), [(A.address, FENCE, Part(2, 0, fence(2, 3)[2]))]);
 }
 
 /// T-M12, M-61: MISSION_REQUEST is answered in integers, or in floats where the firmware wants that.
@@ -75,7 +75,7 @@ fn a_download_does_not_mix_two_plans() {
     let mut bench = bench_with(&plan(1, 3));
     bench.ask(B, &list(MISSION));
     bench.ask(B, &request(MISSION, 0));
-    bench.upload(A, FENCE, &plan(3, 1));
+    bench.upload(A, FENCE, &fence(3, 1));
     assert_eq!(bench.ask(B, &request(MISSION, 1)), [to_b(Part(1, 0, item(1, 1)))], "another plan's change");
     bench.upload(A, MISSION, &plan(2, 3));
     for _ in 0..3 {
@@ -149,8 +149,8 @@ fn mission_current_tells_progress_and_plans() {
     assert_eq!(bench.next_current(0), None, "once");
 
     bench.upload(A, MISSION, &plan(1, 3));
-    bench.upload(A, FENCE, &plan(2, 2));
-    let (mission_id, fence_id) = (id_of(&plan(1, 3)), id_of(&plan(2, 2)));
+    bench.upload(A, FENCE, &fence(2, 2));
+    let (mission_id, fence_id) = (id_of(&plan(1, 3)), id_of(&fence(2, 2)));
     let fresh = MissionCurrent {
         seq: 0,
         total: 3,

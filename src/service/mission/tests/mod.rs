@@ -1,5 +1,6 @@
 //! The engine on a bench: encoded frames in, decoded frames out, time by hand, two links, no stack around it.
 
+mod commit;
 mod download;
 mod random;
 mod table;
@@ -9,7 +10,7 @@ use std::vec::Vec;
 
 use super::memory::sealed::Sealed;
 use super::*;
-use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext};
+use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext, command_rules};
 use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
 use crate::message::Dialect;
 use crate::service::statustext::{Entry, TextCursor};
@@ -63,6 +64,7 @@ struct Vehicle {
     may_change: Result<(), MavMissionResult>,
     bad_item: Option<(u16, MavMissionResult)>,
     verdict: Result<(), MavMissionResult>,
+    may_persist: bool,
     progress: Progress,
     /// The plans that may_change was asked about.
     asked: Vec<PlanType>,
@@ -70,9 +72,15 @@ struct Vehicle {
 }
 
 impl Plans for Vehicle {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT, CommandRule::any(MavCmd::DO_JUMP)];
+
     fn may_change(&mut self, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
         self.asked.push(plan);
         self.may_change
+    }
+
+    fn may_persist(&self) -> bool {
+        self.may_persist
     }
 
     fn check_item(&mut self, _: PlanType, seq: u16, _: &Item) -> Result<(), MavMissionResult> {
@@ -120,6 +128,7 @@ impl Bench {
                 may_change: Ok(()),
                 bad_item: None,
                 verdict: Ok(()),
+                may_persist: true,
                 progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
                 asked: Vec::new(),
                 changes: Vec::new(),
@@ -160,6 +169,34 @@ impl Bench {
         let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
         let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
         if let Some((link, reply)) = missions.poll(&mut cx, &self.vehicle) {
+            self.replies[usize::from(link.0)].owe_result(reply);
+        }
+    }
+
+    /// What storage is to hold, when it does not: the number of the job, and each plan with its id.
+    fn unsaved(&mut self) -> Option<(u32, [(Vec<Item>, u32); 3])> {
+        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+        let (job, content) = missions.unsaved(&plans)?;
+        Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))
+    }
+
+    /// Storage holds it.
+    fn saved(&mut self) {
+        self.storage_answers(|missions, cx, vehicle| missions.saved(cx, vehicle));
+    }
+
+    /// Storage failed.
+    fn not_saved(&mut self) {
+        self.storage_answers(|missions, cx, _| missions.not_saved(cx));
+    }
+
+    fn storage_answers(
+        &mut self,
+        answer: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
+    ) {
+        let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
+        let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+        if let Some((link, reply)) = answer(missions, &mut cx, &mut self.vehicle) {
             self.replies[usize::from(link.0)].owe_result(reply);
         }
     }
@@ -297,6 +334,11 @@ fn item(tag: u16, seq: u16) -> Item {
 
 fn plan(tag: u16, len: u16) -> Vec<Item> {
     (0..len).map(|seq| item(tag, seq)).collect()
+}
+
+/// Circles, like no others with another `tag` or place.
+fn fence(tag: u16, len: u16) -> Vec<Item> {
+    plan(tag, len).into_iter().map(|item| Item { command: MavCmd::NAV_FENCE_CIRCLE_EXCLUSION, ..item }).collect()
 }
 
 /// M-5, by a library.

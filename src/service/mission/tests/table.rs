@@ -9,9 +9,14 @@ enum Column {
     Partner,
     Other,
     OtherType,
+    /// Who uploaded the plan that is being written.
+    Committing,
+    /// Anybody else meanwhile.
+    OtherCommitting,
 }
 
-const COLUMNS: [Column; 4] = [Column::Idle, Column::Partner, Column::Other, Column::OtherType];
+const COLUMNS: [Column; 6] =
+    [Column::Idle, Column::Partner, Column::Other, Column::OtherType, Column::Committing, Column::OtherCommitting];
 
 /// What happens: the table's rows.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +84,7 @@ fn live_mission() -> Vec<Item> {
 }
 
 fn live_fence() -> Vec<Item> {
-    plan(101, 1)
+    fence(101, 1)
 }
 
 /// What the speaker's messages are about.
@@ -106,6 +111,11 @@ fn expected(column: Column, event: Event) -> Cell {
         // M-35
         (Event::AckCancelled | Event::AckError, Column::Partner) => (None, Idle, &[]),
         (Event::AckCancelled | Event::AckError | Event::AckAccepted, _) => (None, Same, &[]),
+        // Section 8.3, last column: the answer comes when the plan is written.
+        (Event::Clear, Column::Committing) => (ack(DENIED), Same, &[]),
+        (Event::ClearAll, Column::Committing | Column::OtherCommitting) => (Some((ALL, Ack(DENIED, 0))), Same, &[]),
+        (_, Column::Committing) => (None, Same, &[]),
+        (_, Column::OtherCommitting) => (ack(DENIED), Same, &[]),
         // M-23, M-33, M-51
         (Event::ClearAll, Column::Other) => (Some((ALL, Ack(DENIED, 0))), Same, &[]),
         (_, Column::Other) => (ack(DENIED), Same, &[]),
@@ -120,8 +130,12 @@ fn expected(column: Column, event: Event) -> Cell {
     }
 }
 
+fn speaker(column: Column) -> Peer {
+    if matches!(column, Column::Other | Column::OtherCommitting) { B } else { A }
+}
+
 fn send(bench: &mut Bench, column: Column, event: Event) {
-    let from = if column == Column::Other { B } else { A };
+    let from = speaker(column);
     let subject = subject(column);
     match event {
         Event::Count => bench.send(from, &count(subject, 2)),
@@ -154,12 +168,19 @@ fn every_event_in_every_state() {
             assert_eq!(bench.upload(B, MISSION, &live_mission()), Ack(ACCEPTED, id_of(&live_mission())));
             assert_eq!(bench.upload(B, FENCE, &live_fence()), Ack(ACCEPTED, id_of(&live_fence())));
             bench.now = bench.now.after(Duration::from_secs(20));
-            if column != Column::Idle {
+            let is_committing = matches!(column, Column::Committing | Column::OtherCommitting);
+            if is_committing {
+                // A has sent both of two mission items.
+                bench.missions.attach_storage(Durability::Durable);
+                assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))], "{name}");
+                assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "{name}");
+                assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [], "{name}");
+            } else if column != Column::Idle {
                 // A is at the second of three mission items.
                 assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "{name}");
                 assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "{name}");
             }
-            let from = if column == Column::Other { B } else { A };
+            let from = speaker(column);
             let (answer, after, empty) = expected(column, event);
 
             send(&mut bench, column, event);
@@ -175,12 +196,19 @@ fn every_event_in_every_state() {
             // What is asked for when nothing more comes tells the state of the upload.
             let expected = match (after, column) {
                 (After::Idle, _) | (After::Same, Column::Idle) => None,
+                (After::Same, _) if is_committing => None,
                 (After::Same, _) => Some((A.address, MISSION, Ask(1))),
                 (After::Further, _) => Some((A.address, MISSION, Ask(2))),
                 (After::New(plan), _) => Some((from.address, plan, Ask(0))),
             };
             let asked = bench.wait(300);
             assert_eq!(asked.first().map(|(_, sent)| *sent), expected, "{name}");
+            if is_committing {
+                let written = [item(1, 0), item(1, 1)];
+                bench.saved();
+                assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&written)))], "{name}");
+                assert_eq!(bench.live(PlanType::Mission), (&written[..], id_of(&written)), "{name}");
+            }
         }
     }
 }

@@ -380,12 +380,12 @@ fn partial_lists_are_refused() {
 fn clear_is_repeatable() {
     let mut bench = Bench::new();
     bench.upload(A, MISSION, &plan(1, 3));
-    bench.upload(A, FENCE, &plan(2, 1));
+    bench.upload(A, FENCE, &fence(2, 1));
     for changes in [3, 3] {
         assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
         assert_eq!(bench.vehicle.changes.len(), changes);
     }
-    assert_eq!(bench.live(PlanType::Fence).0, plan(2, 1));
+    assert_eq!(bench.live(PlanType::Fence).0, fence(2, 1));
     let all = MavMissionType::ALL;
     assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
     assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));

@@ -1,0 +1,213 @@
+//! Storage between the last item and the live plan (M-44, M-52, SEC-11): both policies, failures, patience.
+
+use super::*;
+
+const INVALID: MavMissionResult = MavMissionResult::INVALID;
+const NO_SPACE: MavMissionResult = MavMissionResult::NO_SPACE;
+
+fn durable() -> Bench {
+    let mut bench = Bench::new();
+    bench.missions.attach_storage(Durability::Durable);
+    bench
+}
+
+/// The whole upload but for its final answer, which nothing brings.
+fn upload_to_storage(bench: &mut Bench, from: Peer, mission_type: MavMissionType, items: &[Item]) {
+    let mut sent = bench.ask(from, &count(mission_type, items.len()));
+    for (seq, item) in items.iter().enumerate() {
+        assert_eq!(sent, [(from.address, mission_type, Ask(seq as u16))]);
+        sent = bench.ask(from, &int(mission_type, seq, item));
+    }
+    assert_eq!(sent, []);
+}
+
+/// M-44: the plan is what storage is asked to hold; it goes live and is accepted when storage holds it.
+#[test]
+fn accepted_means_stored() {
+    let mut bench = durable();
+    let (mission, fence) = (plan(1, 5), fence(2, 3));
+    upload_to_storage(&mut bench, A, MISSION, &mission);
+    assert_eq!(bench.live(PlanType::Mission), (&[][..], 0));
+    let (first_job, content) = bench.unsaved().unwrap();
+    assert_eq!(content, [(mission.clone(), id_of(&mission)), (Vec::new(), 0), (Vec::new(), 0)]);
+    assert_eq!(bench.wait(1_000), [], "nothing is asked for meanwhile");
+    bench.saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&mission)))]);
+    assert_eq!(bench.live(PlanType::Mission), (&mission[..], id_of(&mission)));
+    assert_eq!(bench.unsaved(), None);
+    assert_eq!(bench.vehicle.changes, [(PlanType::Mission, mission.clone(), 0)]);
+
+    // The next one goes beside what is live already.
+    upload_to_storage(&mut bench, B, FENCE, &fence);
+    let (job, content) = bench.unsaved().unwrap();
+    assert_ne!(job, first_job);
+    assert_eq!(content, [(mission.clone(), id_of(&mission)), (fence.clone(), id_of(&fence)), (Vec::new(), 0)]);
+    bench.saved();
+    assert_eq!(bench.drain(), [(B.address, FENCE, Ack(ACCEPTED, id_of(&fence)))]);
+    // M-31: the last item again is answered again.
+    assert_eq!(bench.ask(B, &int(FENCE, 2, &fence[2])), [(B.address, FENCE, Ack(ACCEPTED, id_of(&fence)))]);
+}
+
+/// M-50: all plans are emptied by one record, and one answer says so.
+#[test]
+fn clear_waits_for_storage_too() {
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 4));
+    bench.upload(A, FENCE, &fence(2, 2));
+    let mission = plan(1, 4);
+    bench.missions.attach_storage(Durability::Durable);
+    bench.saved();
+    for (what, left) in [(FENCE, [true, false]), (MavMissionType::ALL, [false, false])] {
+        assert_eq!(bench.ask(B, &clear(what)), []);
+        let (_, [new_mission, new_fence, _]) = bench.unsaved().unwrap();
+        assert_eq!([!new_mission.0.is_empty(), !new_fence.0.is_empty()], left);
+        assert_eq!(bench.live(PlanType::Mission).0, mission, "not yet");
+        bench.saved();
+        assert_eq!(bench.drain(), [(B.address, what, Ack(ACCEPTED, 0))]);
+        assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
+    }
+    assert_eq!(bench.live(PlanType::Mission), (&[][..], 0));
+    // M-52: empty already, so storage has nothing to do.
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.ask(A, &count(MISSION, 0)), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.unsaved(), None);
+}
+
+/// SEC-11: the live plan once more wears no flash, and does not wait for it.
+#[test]
+fn the_same_plan_again_is_not_written() {
+    let mut bench = durable();
+    let items = plan(1, 3);
+    upload_to_storage(&mut bench, A, MISSION, &items);
+    bench.saved();
+    bench.drain();
+    bench.vehicle.may_persist = true;
+    assert_eq!(bench.upload(B, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
+    assert_eq!(bench.unsaved(), None);
+    assert_eq!(bench.vehicle.changes.len(), 1);
+}
+
+/// M-52, section 8.6: a failure is told by code and text, and the old plan stays as it was.
+#[test]
+fn what_is_not_stored_is_not_live() {
+    let mut bench = durable();
+    let items = plan(1, 3);
+    upload_to_storage(&mut bench, A, MISSION, &items);
+    bench.saved();
+    bench.drain();
+
+    upload_to_storage(&mut bench, A, MISSION, &plan(2, 5));
+    bench.not_saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ERROR, 0))]);
+    assert_eq!(bench.texts(), ["Mission not stored: the old one stays"]);
+    assert_eq!(bench.live(PlanType::Mission), (&items[..], id_of(&items)));
+    assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
+
+    assert_eq!(bench.ask(B, &clear(MISSION)), []);
+    bench.not_saved();
+    assert_eq!(bench.drain(), [to_b(Ack(ERROR, 0))]);
+    assert_eq!(bench.texts(), ["Mission not cleared: storage failed"]);
+    assert_eq!(bench.live(PlanType::Mission), (&items[..], id_of(&items)));
+    assert_eq!(bench.vehicle.changes.len(), 1);
+    assert_eq!(bench.missions.counters().not_saved, 2);
+    // Whoever comes next is not held up by it.
+    assert_eq!(bench.ask(B, &count(MISSION, 1)), [to_b(Ask(0))]);
+}
+
+/// Storage that nobody runs, or that the vehicle does not permit any more, does not hold the staging area.
+#[test]
+fn patience_with_storage_ends() {
+    let mut bench = durable();
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    let told = bench.wait(8_000);
+    assert_eq!(told, [(5_000, to_a(Ack(ERROR, 0)))]);
+    assert_eq!((bench.unsaved(), bench.live(PlanType::Mission)), (None, (&[][..], 0)));
+    assert_eq!(bench.ask(B, &count(MISSION, 2)), [to_b(Ask(0))]);
+}
+
+/// M-44: where nothing may be written an upload is refused before its first item, and so is a clear.
+#[test]
+fn without_permission_changes_are_denied_at_once() {
+    let mut bench = durable();
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    bench.saved();
+    bench.drain();
+    bench.vehicle.may_persist = false;
+    assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ack(DENIED, 0))]);
+    assert_eq!(bench.ask(A, &clear(MavMissionType::ALL)), [(A.address, MavMissionType::ALL, Ack(DENIED, 0))]);
+    assert_eq!(bench.texts(), ["Mission refused: not allowed now"]);
+    assert_eq!(bench.live(PlanType::Mission).0, plan(1, 2));
+}
+
+/// M-44, Deferred: live and accepted at once, written when storage comes to it; a failure is said once and tried again.
+#[test]
+fn deferred_plans_are_live_first() {
+    let mut bench = Bench::new();
+    bench.missions.attach_storage(Durability::Deferred);
+    bench.vehicle.may_persist = false;
+    let items = plan(1, 3);
+    assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
+    let (job, content) = bench.unsaved().unwrap();
+    assert_eq!(content[0], (items, id_of(&plan(1, 3))));
+    // A change while it is being written is another job.
+    assert_eq!(bench.upload(A, FENCE, &fence(2, 1)), Ack(ACCEPTED, id_of(&fence(2, 1))));
+    assert_ne!(bench.unsaved().unwrap().0, job);
+
+    for _ in 0..3 {
+        assert!(!bench.missions.storage_rests(bench.now));
+        bench.not_saved();
+        assert!(bench.missions.storage_rests(bench.now));
+        bench.wait(10_000);
+    }
+    assert_eq!(bench.texts(), ["Plan storage failed"]);
+    assert!(bench.unsaved().is_some());
+    bench.saved();
+    assert_eq!(bench.unsaved(), None);
+    assert_eq!(bench.drain(), []);
+}
+
+/// D-3: a request is taken only while the link can owe what storage will answer, and what it owes is not lost.
+#[test]
+fn a_stalled_link_keeps_the_answer_of_storage() {
+    let mut bench = durable();
+    assert_eq!(bench.upload(A, MISSION, &[]), Ack(ACCEPTED, 0));
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    bench.saved();
+    // Link 0 does not send. Another client on it asks for a clear, which could not be answered: it is not done.
+    let other = Peer { address: Address::new(253, 1), ..A };
+    bench.send(other, &clear(MISSION));
+    bench.send(other, &count(MISSION, 2));
+    assert_eq!((bench.unsaved(), bench.missions.counters().no_answer_slot), (None, 2));
+    assert_eq!(bench.drain_link(0), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
+    assert_eq!(bench.ask(other, &clear(MISSION)), []);
+    bench.saved();
+    assert_eq!(bench.drain_link(0), [(other.address, MISSION, Ack(ACCEPTED, 0))]);
+}
+
+/// What was cut off by a restart of the vehicle comes back as it was checked then, or not at all.
+#[test]
+fn plans_come_back_from_storage() {
+    let read = |items: &[Item], count: u16, id: u32, bad: Option<(u16, MavMissionResult)>| {
+        let mut bench = durable();
+        bench.vehicle.bad_item = bad;
+        let (missions, mut plans) = bench.memory.parts(&mut bench.missions).unwrap();
+        let mut cx = Context { now: bench.now, plans: &mut plans, texts: &mut bench.texts, normal: both_links() };
+        let read = |seq| items.get(usize::from(seq)).copied();
+        let loaded = missions.load(&mut cx, &mut bench.vehicle, PlanType::Mission, Some((count, id)), read);
+        assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
+        let (live, live_id) = bench.live(PlanType::Mission);
+        (live.to_vec(), live_id, bench.vehicle.changes.len(), loaded)
+    };
+    let items = plan(3, 5);
+    let id = id_of(&items);
+    assert_eq!(read(&items, 5, id, None), (items.clone(), id, 1, Ok(())));
+    assert_eq!(read(&[], 0, 0, None), (Vec::new(), 0, 0, Ok(())));
+    let fault = |seq, result| (Vec::new(), 0, 0, Err(PlanFault { seq, result }));
+    // The firmware has less room than the one that stored it.
+    assert_eq!(read(&plan(3, 6), 6, id_of(&plan(3, 6)), None), fault(None, NO_SPACE));
+    // It cannot fly one of the items.
+    assert_eq!(read(&items, 5, id, Some((2, UNSUPPORTED))), fault(Some(2), UNSUPPORTED));
+    // It is not what it was.
+    assert_eq!(read(&items, 5, id ^ 1, None), fault(None, INVALID));
+    assert_eq!(read(&items, 4, id, None), fault(None, INVALID));
+}

@@ -1,0 +1,95 @@
+//! Plans that survive a power cut: what joins the stack and a [`PlanStore`] (M-44, SEC-11, SEC-12).
+//!
+//! Apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more, so the firmware
+//! chooses when [`persist`](Stack::persist) runs, and the vehicle is asked before each step. Nothing else here blocks.
+
+use embedded_storage::nor_flash::NorFlash;
+
+use super::{Stack, owe};
+use crate::dialect::MavSeverity;
+use crate::message::{Dialect, Text};
+use crate::service::mission::{self, Durability, PlanStorage, PlanType};
+use crate::storage::{PlanStore, Step};
+use crate::time::Instant;
+use crate::vehicle::Autopilot;
+
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, D>
+{
+    /// Reads the plans back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads all
+    /// of the record, which blocks for as long as the flash takes.
+    ///
+    /// What comes back is checked as an upload is, by the stack and the vehicle: a plan that this firmware cannot fly, or has
+    /// no room for, is not live, and a text says so. Without a whole record the plans are empty.
+    ///
+    /// # Errors
+    ///
+    /// What the flash reported when it could not be read. The plans that were not read are empty then; the store is in use
+    /// nevertheless.
+    pub fn restore<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut PlanStore<F>,
+        durability: Durability,
+        vehicle: &mut V,
+    ) -> Result<(), F::Error> {
+        let normal = self.core.normal;
+        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Ok(()) };
+        missions.attach_storage(durability);
+        let mut cx = mission::Context { now, plans: &mut plans, texts: &mut self.texts, normal };
+        let result = store.open().and_then(|stored| {
+            let Some(stored) = stored else { return Ok(()) };
+            for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
+                let mut failure = None;
+                let item = |seq| {
+                    store.item(plan, seq).unwrap_or_else(|error| {
+                        failure = Some(error);
+                        None
+                    })
+                };
+                let loaded = missions.load(&mut cx, vehicle, plan, Some((count, id)), item);
+                if let Some(error) = failure {
+                    return Err(error);
+                }
+                if let Err(fault) = loaded {
+                    missions.tell_refused(&mut cx, plan, fault);
+                }
+            }
+            Ok(())
+        });
+        if result.is_err() {
+            event!("plans: storage cannot be read");
+            cx.texts.push(now, normal, MavSeverity::ERROR, &Text::new("Stored plans cannot be read"));
+        }
+        result
+    }
+
+    /// Writes plans that are to be durable, one step at a time: at most one erase unit is erased, or 256 bytes are written,
+    /// and only while the vehicle [permits](crate::Plans::may_persist). The one call that may block, for as long as that
+    /// takes. True when there is more to do at once.
+    ///
+    /// With [`Durability::Durable`] an upload's final answer waits for this: call it in every pass of the loop, or from an
+    /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where
+    /// an erase takes 100 ms.
+    pub fn persist<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut PlanStore<F>,
+        vehicle: &mut V,
+    ) -> bool {
+        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return false };
+        if missions.storage_rests(now) || !vehicle.may_persist() {
+            return false;
+        }
+        let step = store.step(missions.unsaved(&plans));
+        let mut cx = mission::Context { now, plans: &mut plans, texts: &mut self.texts, normal: self.core.normal };
+        let owed = match step {
+            Step::Idle => return false,
+            Step::Busy => return true,
+            Step::Done => missions.saved(&mut cx, vehicle),
+            Step::Failed => missions.not_saved(&mut cx),
+        };
+        owe(&mut self.links, owed);
+        true
+    }
+}
