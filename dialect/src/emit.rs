@@ -52,7 +52,7 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
         out.push('\n');
         types.enumeration(&mut out, enumeration);
     }
-    if let Some(commands) = selection.enums.iter().find(|enumeration| rules::is_commands(enumeration)) {
+    if let Some(commands) = selection.enums.iter().find(|enumeration| enumeration.name == names::COMMANDS) {
         out.push('\n');
         rules::write(&mut out, dialect, commands, &options.crate_path);
     }

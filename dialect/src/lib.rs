@@ -21,6 +21,8 @@
 //!
 //! An enumeration has the integer type that most of its fields have, and such fields have its type; other fields remain
 //! integers, and their documentation names the enumeration.
+//!
+//! Rules for commands follow the enumerations, one constant a command: what its parameters may be in a plan.
 
 mod doc;
 mod emit;

@@ -3,6 +3,9 @@
 use crate::model::Enum;
 use std::collections::HashSet;
 
+/// The enumeration whose entries are commands.
+pub(crate) const COMMANDS: &str = "MAV_CMD";
+
 /// Keywords of Rust that cannot be written raw: a field cannot have their names.
 pub(crate) const REFUSED_FIELDS: [&str; 4] = ["Self", "crate", "self", "super"];
 
@@ -69,6 +72,10 @@ pub(crate) fn constants(enumeration: &Enum) -> Vec<String> {
     if enumeration.bitmask {
         // `wire_bitmask!` declares it.
         taken.insert("EMPTY".to_owned());
+    }
+    if enumeration.name == COMMANDS {
+        // The list of their rules.
+        taken.insert("ALL".to_owned());
     }
     let constant = |name: &str| {
         let name = name[prefix..].to_ascii_uppercase();

@@ -5,8 +5,9 @@
 //!
 //! - A parameter without a label, or reserved, is not used: clients send 0 or NaN, and it may be anything finite or NaN.
 //! - One with an enumeration has one of its values, or, when the values are bits, no others than these.
-//! - One with a minimum or a maximum keeps to it. With an increment that is an integer it is one too, unless it has a
-//!   unit: then it is a quantity, and the increment only the step of a tool's dial (MAVSDK sends delays of 1.5 s).
+//! - One with a minimum or a maximum keeps to it. With an increment that is an integer it is one too, and one of the
+//!   steps where they are few; unless it has a unit: then it is a quantity, and the increment only the step of a tool's
+//!   dial (MAVSDK sends delays of 1.5 s).
 //! - One of these is not NaN, unless its default is. One with none of these may be anything finite, or NaN for "default".
 //! - A position must be given, in a global frame, and its altitude be a number, when its parameter has a label.
 //!
@@ -16,12 +17,9 @@ use crate::{
     Dialect,
     doc::Doc,
     model::{Entry, Enum, Param},
-    names,
+    names::{self, COMMANDS},
 };
 use std::fmt::Write as _;
-
-/// The enumeration whose entries are commands.
-const COMMANDS: &str = "MAV_CMD";
 
 /// Commands whose position may be left out (`INT32_MAX`): "here", or another default.
 const POSITION_OPTIONAL: [&str; 15] = [
@@ -53,13 +51,12 @@ const ALTITUDE_OPTIONAL: [&str; 5] = [
 
 /// Parameters with a range or an enumeration that may be NaN: "default", "ignore", or of no use until lately, so that
 /// clients still send NaN.
-const NAN: [(&str, &[u8]); 9] = [
+const NAN: [(&str, &[u8]); 8] = [
     ("MAV_CMD_NAV_TAKEOFF", &[3]),
     ("MAV_CMD_DO_ORBIT", &[3, 4]),
     ("MAV_CMD_DO_SET_HOME", &[2, 3, 4]),
     ("MAV_CMD_DO_SET_ACTUATOR", &[1, 2, 3, 4]),
     ("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", &[1, 2]),
-    ("MAV_CMD_GUIDED_CHANGE_HEADING", &[3]),
     ("MAV_CMD_ACTUATOR_TEST", &[1]),
     ("MAV_CMD_IMAGE_START_CAPTURE", &[4]),
     ("MAV_CMD_VIDEO_START_CAPTURE", &[2]),
@@ -75,11 +72,6 @@ const MINIMUM: [(&str, u8, f64); 2] = [("MAV_CMD_DO_JUMP", 2, -1.0), ("MAV_CMD_I
 /// More values than these are not listed one by one for the sake of an increment.
 const MAX_STEPS: f64 = 8.0;
 
-/// The enumeration of commands, when this is it.
-pub(crate) fn is_commands(enumeration: &Enum) -> bool {
-    enumeration.name == COMMANDS
-}
-
 /// Writes the module of rules.
 pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_path: &str) {
     let mut doc = Doc::new();
@@ -93,22 +85,22 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
     );
     out.push_str("pub mod command_rules {\n");
     let mut rules = String::new();
+    let mut all = Doc::new();
     for (entry, constant) in commands.entries.iter().zip(names::constants(commands)) {
         // An item's command has 16 bits.
         if u16::try_from(entry.value).is_ok() {
             command(&mut rules, dialect, entry, &constant);
+            all.phrase(format!("{constant},"));
         }
     }
-    for name in ["CommandRule", "ParamRule"] {
-        if rules.contains(&format!("{name}::")) {
-            let _ = writeln!(out, "    use {crate_path}::{name};");
-        }
+    let _ = writeln!(out, "    use {crate_path}::CommandRule;");
+    if rules.contains("ParamRule::") {
+        let _ = writeln!(out, "    use {crate_path}::ParamRule;");
     }
-    if !rules.is_empty() {
-        out.push('\n');
-    }
-    out.push_str(&rules);
-    out.push_str("}\n");
+    let _ = write!(out, "\n{rules}\n    /// All of them, for tools: a vehicle names the commands that it flies.\n");
+    out.push_str("    pub const ALL: &[CommandRule] = &[\n");
+    all.write(out, "        ");
+    out.push_str("    ];\n}\n");
 }
 
 fn command(out: &mut String, dialect: &Dialect, entry: &Entry, constant: &str) {
@@ -143,8 +135,8 @@ fn is_used(param: &Param) -> bool {
 
 /// A call of one of `ParamRule`'s constructors; nothing when the parameter may be anything.
 fn rule(dialect: &Dialect, entry: &Entry, param: &Param) -> Option<String> {
-    // A position has its own rule.
-    if !is_used(param) || (entry.has_location == Some(true) && param.index >= 5) {
+    // Latitude and longitude have their own rule.
+    if !is_used(param) || (entry.has_location == Some(true) && matches!(param.index, 5 | 6)) {
         return None;
     }
     let own_minimum = MINIMUM.iter().find(|(command, index, _)| *command == entry.name && *index == param.index);

@@ -28,6 +28,26 @@ mavstack::wire_enum! {
 }
 
 mavstack::wire_enum! {
+    /// `MAV_CMD`.
+    pub struct MavCmd: u32 {
+        /// 1: Least (≥ -0.5);
+        /// 2: Most (≤ 1000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000);
+        /// 3: Both (-1 to 0.1); 4: Whole; 5: Whole from (≥ 0.5); 6: Whole to (≤ 2.5);
+        /// 7: Whole between (-3 to 10000000000).
+        ALL_ = 1,
+        /// 1: Far apart (-7 to 21196); 2: Quantity (s, ≥ 0); 3: Fine (0 to 1); 4: Camera of next year (`NOT_HERE`);
+        /// 7: Target Camera ID (0 to 255).
+        STEPS = 2,
+        /// 5: Latitude (≥ 0); 7: Altitude (m, ≥ 0).
+        PLACE = 3,
+        CORNER = 4,
+        /// 1: In a row (`OPTION`); 2: With gaps (`SIGNED`); 3: Bits (`BITS`); 4: Of none (`EMPTY_ONE`).
+        ENUMS = 65535,
+        TOO_LARGE = 65536,
+    }
+}
+
+mavstack::wire_enum! {
     /// `NAME_TAKEN`.
     pub struct NameTakenEnum: u8 {
         ONE = 1,
@@ -64,6 +84,44 @@ mavstack::wire_enum! {
     pub struct Unused: u32 {
         A = 70000,
     }
+}
+
+/// What items of the commands of `MAV_CMD` may be. A rule costs flash where a firmware names it.
+#[rustfmt::skip]
+#[allow(missing_docs, dead_code, reason = "all commands have a rule, which is called like the command")]
+pub mod command_rules {
+    use mavstack::CommandRule;
+    use mavstack::ParamRule;
+
+    pub const ALL_: CommandRule = CommandRule::without_position(1, &[
+        ParamRule::at_least(1, -0.5),
+        ParamRule::at_most(2, 3.4028235e38),
+        ParamRule::range(3, -1.0, 0.1).or_nan(),
+        ParamRule::integers(4, i32::MIN, i32::MAX),
+        ParamRule::integers(5, 1, i32::MAX),
+        ParamRule::integers(6, i32::MIN, 2),
+        ParamRule::integers(7, -3, 2147483647),
+    ]);
+    pub const STEPS: CommandRule = CommandRule::without_position(2, &[
+        ParamRule::one_of(1, &[-7, 21196]),
+        ParamRule::at_least(2, 0.0),
+        ParamRule::range(3, 0.0, 1.0),
+        ParamRule::integers(7, 0, 255).or_nan(),
+    ]);
+    pub const PLACE: CommandRule = CommandRule::at_position(3, &[
+        ParamRule::at_least(7, 0.0),
+    ]);
+    pub const CORNER: CommandRule = CommandRule::at_position(4, &[]).altitude_optional();
+    pub const ENUMS: CommandRule = CommandRule::without_position(65535, &[
+        ParamRule::integers(1, 0, 1),
+        ParamRule::one_of(2, &[-1, 3, 16]),
+        ParamRule::bits(3, 0x1),
+    ]);
+
+    /// All of them, for tools: a vehicle names the commands that it flies.
+    pub const ALL: &[CommandRule] = &[
+        ALL_, STEPS, PLACE, CORNER, ENUMS,
+    ];
 }
 
 mavstack::message! {

@@ -156,8 +156,8 @@ pub struct CommandRule {
 }
 
 impl CommandRule {
-    /// Every item of this command passes that has a frame that plans know, no infinite number, and if it has a position,
-    /// one on the globe.
+    /// Every item of this command passes that has a frame that plans know, no infinite number, and in a global frame a
+    /// position on the globe or none.
     pub const fn any(command: MavCmd) -> Self {
         Self::at_position(command.0, &[]).any_frame().position_optional().altitude_optional()
     }
@@ -237,8 +237,12 @@ impl CommandRule {
         !value.is_infinite() && of(self.own).or_else(|| of(self.params)).is_none_or(|rule| rule.admits(value))
     }
 
-    /// Checks an item of this command; the order is that of MISSION_ITEM_INT's parameters, after the frame.
-    pub(super) fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
+    /// Checks an item of this command.
+    ///
+    /// # Errors
+    ///
+    /// The first fault's code, in the order of frame, parameters 1 to 4, x, y, z.
+    pub fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
         let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
         let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;
         let [p1, p2, p3, p4] = item.params;
