@@ -17,6 +17,8 @@ pub enum Call {
     CheckItem(PlanType, u16, Item),
     CheckPlan(PlanType, Vec<Item>),
     PlanChanged { plan: PlanType, items: Vec<Item>, first: u16 },
+    SetCurrent(u16, bool),
+    StartMission(Option<u16>, Option<u16>),
 }
 
 /// Implements all of the stack's traits; what it answers stands in its fields.
@@ -32,6 +34,10 @@ pub struct TestVehicle {
     pub bad_items: BTreeMap<u16, MavMissionResult>,
     /// What is said of each plan as a whole.
     pub plan_verdict: Result<(), MavMissionResult>,
+    /// Whether its storage may be written.
+    pub may_persist: bool,
+    /// What it answers to who sets the current item, or starts the mission.
+    pub progress_verdict: MavResult,
     /// Where it is in its mission; a new mission sets it to the mission's first item.
     pub progress: Progress,
     /// Every call, in order, but for [`Vehicle::state`] and [`Plans::progress`].
@@ -52,6 +58,8 @@ impl TestVehicle {
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
+            may_persist: true,
+            progress_verdict: MavResult::ACCEPTED,
             progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
             calls: Vec::new(),
         }
@@ -140,5 +148,22 @@ impl Plans for TestVehicle {
 
     fn progress(&self) -> Progress {
         self.progress
+    }
+
+    fn may_persist(&self) -> bool {
+        self.may_persist
+    }
+
+    fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
+        self.calls.push(Call::SetCurrent(seq, reset));
+        if self.progress_verdict == MavResult::ACCEPTED {
+            self.progress.current = seq;
+        }
+        self.progress_verdict
+    }
+
+    fn start_mission(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
+        self.calls.push(Call::StartMission(first, last));
+        self.progress_verdict
     }
 }

@@ -44,9 +44,14 @@ impl Current {
             self.announce(links);
         }
         if self.told != Some(progress) {
-            self.told = Some(progress);
-            self.announce(links);
+            self.announce_progress(progress, links);
         }
+    }
+
+    /// The vehicle is, or may be, somewhere else in its mission: `links` are to be told.
+    pub(super) fn announce_progress(&mut self, progress: Progress, links: LinkMask) {
+        self.told = Some(progress);
+        self.announce(links);
     }
 
     pub(super) fn deadline(&self) -> Instant {

@@ -8,7 +8,7 @@ use super::{Context, Missions};
 use crate::dialect::{MavCmd, MavResult, MissionItemReached};
 use crate::link::{LinkMask, Outbox};
 use crate::num;
-use crate::vehicle::{Command, Plans};
+use crate::vehicle::{Command, Plans, Progress};
 
 /// Items that were reached and not yet told of on every link.
 const PENDING: usize = 4;
@@ -58,12 +58,7 @@ impl Missions {
 
     /// Sends MISSION_ITEM_REACHED, or MISSION_CURRENT: in this order, so that an item was reached before the next one is
     /// current (M-91). False when neither is owed on this link.
-    pub(crate) fn next_progress(
-        &mut self,
-        plans: &PlansMut<'_>,
-        progress: &crate::vehicle::Progress,
-        tx: &mut Outbox,
-    ) -> bool {
+    pub(crate) fn next_progress(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
         self.reached.next(tx) || self.current.next(plans, progress, tx)
     }
 
@@ -76,7 +71,7 @@ impl Missions {
             event!("current item {=u16}: refused", seq);
             cx.tell(&validate::current_refused(seq));
         }
-        self.current.announce(cx.normal);
+        self.current.announce_progress(vehicle.progress(), cx.normal);
     }
 
     /// A command about the mission's progress; `None` for all others.
@@ -93,7 +88,7 @@ impl Missions {
             _ => return None,
         };
         if result == MavResult::ACCEPTED {
-            self.current.announce(cx.normal);
+            self.current.announce_progress(vehicle.progress(), cx.normal);
         }
         Some(result)
     }
