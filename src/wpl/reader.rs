@@ -1,0 +1,305 @@
+//! From bytes to items.
+
+use heapless::Vec;
+
+use super::{HomeRow, decimal, decimals, jump_target};
+use crate::dialect::{MavCmd, MavFrame};
+use crate::service::mission::Item;
+
+/// The longest column in bytes. C's `%f` makes 47 of the largest `f32`.
+const MAX_COLUMN: usize = 64;
+const COLUMNS: [&str; 12] =
+    ["index", "current", "frame", "command", "param1", "param2", "param3", "param4", "x", "y", "z", "autocontinue"];
+/// The column of a jump's target, param1.
+const JUMP: u8 = 5;
+const BYTE_ORDER_MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
+
+/// What is wrong with a file, or with an item that is to be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// The file does not begin with `QGC WPL` and a version.
+    Header,
+    /// The version is neither 110 nor 120.
+    Version,
+    /// A row has more or fewer than twelve columns.
+    Columns,
+    /// The text is not a number, or not one of digits only where an integer is due.
+    Number,
+    /// More than 64 bytes in one column.
+    TooLong,
+    /// The item has no room for the number: it is too large, or infinite in x or y.
+    Range,
+    /// x or y is no whole number, and in [`MavFrame::MISSION`] it is a parameter that can be nothing else.
+    Fraction,
+    /// It is not known what x and y are in this frame.
+    Frame,
+    /// The rows are not numbered 0, 1, 2… ([`Reader::numbered`]).
+    Index,
+    /// The target of a [`DO_JUMP`](MavCmd::DO_JUMP) is home or no row of the file.
+    Jump,
+    /// More rows than sequence numbers, 65,535.
+    TooMany,
+}
+
+impl Fault {
+    /// In words.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Header => "not a QGC WPL file",
+            Self::Version => "version is not 110 or 120",
+            Self::Columns => "not 12 columns",
+            Self::Number => "not a number",
+            Self::TooLong => "too long",
+            Self::Range => "number out of range",
+            Self::Fraction => "not a whole number",
+            Self::Frame => "unknown frame",
+            Self::Index => "not in sequence",
+            Self::Jump => "no row to jump to",
+            Self::TooMany => "too many rows",
+        }
+    }
+}
+
+impl core::fmt::Display for Fault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// Where a file is wrong, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Error {
+    /// The line, from 1; all lines count.
+    pub line: u32,
+    /// The column, from 1 (index) to 12 (autocontinue); 0 when it is the line as a whole.
+    pub column: u8,
+    /// What is wrong there.
+    pub fault: Fault,
+}
+
+impl Error {
+    /// The column's name; empty when it is the line as a whole.
+    pub fn column_name(&self) -> &'static str {
+        let at = self.column.checked_sub(1).map(usize::from);
+        at.and_then(|at| COLUMNS.get(at)).copied().unwrap_or_default()
+    }
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let column = self.column_name();
+        let space = if column.is_empty() { "" } else { " " };
+        write!(f, "line {}{space}{column}: {}", self.line, self.fault)
+    }
+}
+
+impl core::error::Error for Error {}
+
+/// Reads a plan from a file that comes in pieces.
+///
+/// The items are good for use once [`finish`](Self::finish) has said so: until then the file may prove to be faulty.
+#[derive(Clone, Debug)]
+pub struct Reader {
+    home_row: HomeRow,
+    numbered: bool,
+    home: Option<Item>,
+    /// Rows so far, home included.
+    rows: u16,
+    /// Whether the header was read.
+    in_rows: bool,
+    /// The first fault, which ends it all.
+    error: Option<Error>,
+    line: u32,
+    /// Columns of this line so far.
+    column: u8,
+    is_comment: bool,
+    /// The front of the next column.
+    text: Vec<u8, MAX_COLUMN>,
+    item: Item,
+    /// The farthest row that is jumped to, and the line that says so.
+    farthest: Option<(u16, u32)>,
+}
+
+impl Reader {
+    /// A reader of one file. `home_row` tells what row 0 of version 110 is.
+    pub const fn new(home_row: HomeRow) -> Self {
+        Self {
+            home_row,
+            numbered: false,
+            home: None,
+            rows: 0,
+            in_rows: false,
+            error: None,
+            line: 1,
+            column: 0,
+            is_comment: false,
+            text: Vec::new(),
+            item: Item {
+                frame: MavFrame::GLOBAL,
+                command: MavCmd(0),
+                autocontinue: 0,
+                params: [0.0; 4],
+                x: 0,
+                y: 0,
+                z: 0.0,
+            },
+            farthest: None,
+        }
+    }
+
+    /// Insists that the rows are numbered 0, 1, 2… Else their order counts and the index does not, as in other readers.
+    #[must_use]
+    pub const fn numbered(mut self) -> Self {
+        self.numbered = true;
+        self
+    }
+
+    /// The planned home, once its row was read.
+    pub const fn home(&self) -> Option<Item> {
+        self.home
+    }
+
+    /// Reads on to the end of the next item's line. What was read is taken off the front of `bytes`; nothing is returned
+    /// when all of it was.
+    ///
+    /// # Errors
+    ///
+    /// The first fault of the file, now and ever after: no item behind it is returned.
+    pub fn next(&mut self, bytes: &mut &[u8]) -> Result<Option<Item>, Error> {
+        self.error.map_or(Ok(()), Err)?;
+        while let Some((&byte, rest)) = bytes.split_first() {
+            *bytes = rest;
+            let item = self.byte(byte).map_err(|error| *self.error.insert(error))?;
+            if item.is_some() {
+                return Ok(item);
+            }
+        }
+        Ok(None)
+    }
+
+    /// The file ends here. Returns the item of a last line that has no end.
+    ///
+    /// # Errors
+    ///
+    /// The first fault of the file; of its last line; or of the file as a whole: there is no header
+    /// ([`Header`](Fault::Header)), or no row that was to be jumped to ([`Jump`](Fault::Jump)).
+    pub fn finish(&mut self) -> Result<Option<Item>, Error> {
+        let line = self.line;
+        let item = self.next(&mut b"\n".as_slice())?;
+        let error = match self.farthest {
+            _ if !self.in_rows => Error { line, column: 0, fault: Fault::Header },
+            Some((row, line)) if row >= self.rows => Error { line, column: JUMP, fault: Fault::Jump },
+            _ => return Ok(item),
+        };
+        Err(*self.error.insert(error))
+    }
+
+    /// One more byte. An item ends only with its line.
+    fn byte(&mut self, byte: u8) -> Result<Option<Item>, Error> {
+        let line = self.line;
+        let error = |column, fault| Error { line, column, fault };
+        if byte.is_ascii_whitespace() {
+            if !self.text.is_empty() {
+                self.column = self.column.saturating_add(1);
+                let result = if self.in_rows { self.row_column() } else { self.header_column() };
+                result.map_err(|fault| error(if self.column > 12 { 0 } else { self.column }, fault))?;
+                self.text.clear();
+            }
+            if byte == b'\n' {
+                let item = self.end_of_line().map_err(|(column, fault)| error(column, fault));
+                self.line = self.line.saturating_add(1);
+                self.column = 0;
+                self.is_comment = false;
+                return item;
+            }
+        } else if self.is_comment || (byte == b'#' && self.column == 0 && self.text.is_empty()) {
+            self.is_comment = true;
+        } else if self.text.push(byte).is_err() {
+            return Err(error(self.column.saturating_add(1), Fault::TooLong));
+        } else if line == 1 && self.column == 0 && self.text == BYTE_ORDER_MARK {
+            self.text.clear();
+        }
+        Ok(None)
+    }
+
+    /// A column of the header has ended.
+    fn header_column(&mut self) -> Result<(), Fault> {
+        match (self.column, self.text.as_slice()) {
+            (1, b"QGC") | (2, b"WPL") | (3, b"110") => Ok(()),
+            (3, b"120") => {
+                self.home_row = HomeRow::None;
+                Ok(())
+            }
+            (3, _) => Err(Fault::Version),
+            _ => Err(Fault::Header),
+        }
+    }
+
+    /// A column of a row has ended.
+    fn row_column(&mut self) -> Result<(), Fault> {
+        let text = self.text.as_slice();
+        let integer = || decimal::parse_integer(text);
+        let byte = || integer().and_then(|value| u8::try_from(value).map_err(|_| Fault::Range));
+        let coordinate = |frame| decimal::parse_scaled(text, decimals(frame).ok_or(Fault::Frame)?);
+        let item = &mut self.item;
+        match self.column {
+            1 if integer()? != self.rows && self.numbered => return Err(Fault::Index),
+            1 => {}
+            2 => drop(byte()?),
+            3 => {
+                item.frame = MavFrame(byte()?);
+                decimals(item.frame).ok_or(Fault::Frame)?;
+            }
+            4 => item.command = MavCmd(integer()?),
+            9 => item.x = coordinate(item.frame)?,
+            10 => item.y = coordinate(item.frame)?,
+            11 => item.z = decimal::parse_f32(text)?,
+            12 => item.autocontinue = byte()?,
+            column => {
+                let at = usize::from(column.wrapping_sub(5));
+                *item.params.get_mut(at).ok_or(Fault::Columns)? = decimal::parse_f32(text)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A line has ended. A fault comes with its column.
+    fn end_of_line(&mut self) -> Result<Option<Item>, (u8, Fault)> {
+        if self.column == 0 {
+            return Ok(None);
+        }
+        if !self.in_rows {
+            self.in_rows = self.column == 3;
+            return if self.in_rows { Ok(None) } else { Err((0, Fault::Header)) };
+        }
+        if self.column != 12 {
+            return Err((0, Fault::Columns));
+        }
+        let row = self.rows;
+        self.rows = row.checked_add(1).ok_or((0, Fault::TooMany))?;
+        let mut item = self.item;
+        if self.home_row == HomeRow::First && row == 0 {
+            // An old Mission Planner's way to say that it knows no home.
+            if item.command == MavCmd(0) {
+                item.command = MavCmd::NAV_WAYPOINT;
+            }
+            self.home = Some(item);
+            return Ok(None);
+        }
+        if let Some(target) = jump_target(&item) {
+            let target = target.map_err(|fault| (JUMP, fault))?;
+            if self.farthest.is_none_or(|(row, _)| row < target) {
+                self.farthest = Some((target, self.line));
+            }
+            if self.home_row == HomeRow::First {
+                let [param1, ..] = &mut item.params;
+                *param1 = target.checked_sub(1).ok_or((JUMP, Fault::Jump))?.into();
+            }
+        }
+        Ok(Some(item))
+    }
+}

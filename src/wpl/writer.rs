@@ -1,0 +1,64 @@
+//! From items to lines.
+
+use super::decimal::Line;
+use super::{Fault, HomeRow, decimals, jump_target};
+use crate::service::mission::Item;
+
+/// Writes a plan as text: [`HEADER`](Self::HEADER), then one line an item.
+#[derive(Clone, Debug)]
+pub struct Writer {
+    home_row: HomeRow,
+    rows: u16,
+    line: Line,
+}
+
+impl Writer {
+    /// The first line of the file.
+    pub const HEADER: &'static [u8] = b"QGC WPL 110\n";
+
+    /// A writer of one file. With [`HomeRow::First`] the first item that it is given is the home position; QGroundControl
+    /// takes the first row for that in any case.
+    pub const fn new(home_row: HomeRow) -> Self {
+        Self { home_row, rows: 0, line: Line::new() }
+    }
+
+    /// The next row, with the end of its line.
+    ///
+    /// # Errors
+    ///
+    /// [`Frame`](Fault::Frame) when it is not known what x and y are; [`Jump`](Fault::Jump) when the target of a
+    /// [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is no sequence number; [`TooMany`](Fault::TooMany) for more rows than
+    /// those.
+    pub fn row(&mut self, item: &Item) -> Result<&[u8], Fault> {
+        let decimals = decimals(item.frame).ok_or(Fault::Frame)?;
+        let rows = self.rows.checked_add(1).ok_or(Fault::TooMany)?;
+        let has_home = self.home_row == HomeRow::First;
+        let is_home = has_home && self.rows == 0;
+        let mut params = item.params;
+        if let Some(target) = jump_target(item).filter(|_| !is_home) {
+            let [param1, ..] = &mut params;
+            *param1 = target?.checked_add(has_home.into()).ok_or(Fault::Jump)?.into();
+        }
+
+        let line = &mut self.line;
+        line.clear();
+        for integer in [self.rows, is_home.into(), item.frame.0.into(), item.command.0] {
+            line.push_integer(integer.into());
+            line.push(b'\t');
+        }
+        for param in params {
+            line.push_f32(param);
+            line.push(b'\t');
+        }
+        for coordinate in [item.x, item.y] {
+            line.push_scaled(coordinate, decimals);
+            line.push(b'\t');
+        }
+        line.push_f32(item.z);
+        line.push(b'\t');
+        line.push_integer(item.autocontinue.into());
+        line.push(b'\n');
+        self.rows = rows;
+        Ok(line.as_bytes())
+    }
+}
