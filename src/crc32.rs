@@ -2,6 +2,7 @@
 
 /// A CRC-32 while its bytes come in.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Crc32(u32);
 
 impl Crc32 {

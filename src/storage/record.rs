@@ -59,7 +59,8 @@ pub(crate) enum Step {
 }
 
 /// What is to be durable.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Job {
     /// Another number is another content.
     pub(crate) id: u32,
@@ -150,7 +151,7 @@ enum Spare {
     Blank,
     /// So many bytes of this job's body are written.
     Writing {
-        job: u32,
+        job: Job,
         written: u32,
         crc: Crc32,
     },
@@ -307,7 +308,9 @@ impl<F: NorFlash> Record<F> {
             (Spare::Failing, Some(_)) => self.clear(0),
             (Spare::Dirty(done), _) => self.clear(done),
             (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
-            (Spare::Writing { job: id, written, crc }, Some(job)) if id == job.id => self.write(job, written, crc, row),
+            (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {
+                self.write(job, written, crc, row)
+            }
             // Something else is wanted now.
             (Spare::Writing { .. }, _) => self.clear(0),
         }
@@ -348,7 +351,7 @@ impl<F: NorFlash> Record<F> {
         if self.flash.write(at, bytes).is_err() || !self.reads_back(at, bytes) {
             return Step::Failed;
         }
-        self.spare = Spare::Writing { job: job.id, written: written.saturating_add(BODY), crc };
+        self.spare = Spare::Writing { job, written: written.saturating_add(BODY), crc };
         Step::Busy
     }
 

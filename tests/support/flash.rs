@@ -2,6 +2,7 @@
 //! demand.
 
 use std::ops::Range;
+use std::vec::Vec;
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -81,7 +82,7 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
 
     /// All erased.
     pub fn new(len: u32) -> Self {
-        Self::of(vec![0xFF; len as usize])
+        Self::of(std::vec![0xFF; len as usize])
     }
 
     /// With this in it.

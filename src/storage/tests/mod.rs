@@ -1,1 +1,112 @@
+//! The store over flash that the power goes from at any byte, that fails, and that has garbage in it (GOAL-8, GOAL-9).
+//!
+//! A restart is a new store over the same flash: nothing else survives.
 
+mod cuts;
+mod faults;
+mod garbage;
+mod layout;
+
+#[path = "../../../tests/support/flash.rs"]
+mod flash;
+
+use std::vec::Vec;
+
+use embedded_storage::nor_flash::NorFlash;
+
+use super::plans::{PlanStore, Stored};
+use super::record::Step;
+use crate::dialect::{MavCmd, MavFrame};
+use crate::service::mission::{Item, PlanType, PlanView};
+
+/// Three plans with their ids.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Content {
+    items: [Vec<Item>; 3],
+    ids: [u32; 3],
+}
+
+impl Content {
+    /// Plans of so many items; `salt` makes their content and their ids.
+    fn new(counts: [u16; 3], salt: u32) -> Self {
+        let items = |plan: u32, count: u16| {
+            (0..count).map(|seq| item(salt.wrapping_mul(31).wrapping_add(plan * 7919 + u32::from(seq)))).collect()
+        };
+        let [mission, fence, rally] = counts;
+        let id = |plan: u32, count: u16| if count == 0 { 0 } else { salt.wrapping_mul(0x9E37_79B9) ^ plan | 1 };
+        Self {
+            items: [items(0, mission), items(1, fence), items(2, rally)],
+            ids: [id(0, mission), id(1, fence), id(2, rally)],
+        }
+    }
+
+    /// The same but for one plan, which is as in `other`.
+    fn with(&self, plan: usize, other: &Self) -> Self {
+        let mut content = self.clone();
+        content.items[plan] = other.items[plan].clone();
+        content.ids[plan] = other.ids[plan];
+        content
+    }
+
+    fn views(&self) -> [PlanView<'_>; 3] {
+        let [mission, fence, rally] = &self.items;
+        let [mission_id, fence_id, rally_id] = self.ids;
+        [PlanView::of(mission, mission_id), PlanView::of(fence, fence_id), PlanView::of(rally, rally_id)]
+    }
+}
+
+/// Any bits, also those of a NaN.
+fn item(n: u32) -> Item {
+    let mix = |k: u32| (n ^ k).wrapping_mul(0x85EB_CA6B).rotate_left(k % 31) ^ 0xC2B2_AE35;
+    let [frame, autocontinue, ..] = mix(1).to_le_bytes();
+    Item {
+        frame: MavFrame(frame),
+        command: MavCmd(n as u16),
+        autocontinue,
+        params: [f32::from_bits(0x7F80_0001), f32::from_bits(mix(2)), f32::NAN, f32::from_bits(mix(3))],
+        x: mix(4) as i32,
+        y: mix(5) as i32,
+        z: f32::from_bits(mix(6)),
+    }
+}
+
+/// The whole of the flash is the region.
+fn store<F: NorFlash>(flash: F) -> PlanStore<F> {
+    let len = flash.capacity() as u32;
+    PlanStore::new(flash, 0..len)
+}
+
+/// What a restart finds.
+fn restart<F: NorFlash>(flash: F) -> Option<Content> {
+    read(&mut store(flash))
+}
+
+fn read<F: NorFlash>(store: &mut PlanStore<F>) -> Option<Content> {
+    let Stored { counts, ids } = store.open().unwrap()?;
+    let mut content = Content { items: Default::default(), ids };
+    for (index, plan) in PlanType::ALL.into_iter().enumerate() {
+        content.items[index] = (0..counts[index]).map(|seq| store.item(plan, seq).unwrap().unwrap()).collect();
+        assert_eq!(store.item(plan, counts[index]).unwrap(), None);
+    }
+    Some(content)
+}
+
+/// Steps until something is decided.
+fn write<F: NorFlash>(store: &mut PlanStore<F>, job: u32, content: &Content) -> Step {
+    run(store, Some((job, content)))
+}
+
+/// Erases ahead.
+fn settle<F: NorFlash>(store: &mut PlanStore<F>) -> Step {
+    run(store, None)
+}
+
+fn run<F: NorFlash>(store: &mut PlanStore<F>, content: Option<(u32, &Content)>) -> Step {
+    for _ in 0..10_000 {
+        match store.step(content.map(|(job, content)| (job, content.views()))) {
+            Step::Busy => {}
+            step => return step,
+        }
+    }
+    panic!("steps without end");
+}

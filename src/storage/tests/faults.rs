@@ -1,0 +1,242 @@
+//! Storage that fails, content that changes its mind, and what is not done twice.
+
+use super::flash::{Fault, RamFlash};
+use super::*;
+
+type Flash = RamFlash<8, 256>;
+
+/// A store with `old` in it, its spare slot blank.
+fn holding(old: &Content) -> PlanStore<Flash> {
+    let mut store = store(Flash::new(4096));
+    assert_eq!(store.open(), Ok(None));
+    assert_eq!(write(&mut store, 1, old), Step::Done);
+    assert_eq!(settle(&mut store), Step::Idle);
+    store
+}
+
+fn contents() -> (Content, Content) {
+    (Content::new([9, 2, 1], 5), Content::new([10, 3, 4], 6))
+}
+
+/// Writing goes wrong at each of its writes: the old plans stay, and the next try works.
+#[test]
+fn failing_writes_change_nothing() {
+    let (old, new) = contents();
+    let writes = 4;
+    for after in 0..writes {
+        for fault in [Fault::Write(after), Fault::HalfWrite(after), Fault::WrongWrite(after)] {
+            let mut store = holding(&old);
+            store.flash_mut().writes = 0;
+            store.flash_mut().fault = fault.clone();
+            assert_eq!(write(&mut store, 2, &new), Step::Failed, "{fault:?}");
+            assert_eq!(restart(store.flash().clone()), Some(old.clone()), "{fault:?}");
+            store.flash_mut().fault = Fault::None;
+            assert_eq!(write(&mut store, 2, &new), Step::Done);
+            assert_eq!(store.flash().writes, after + 1 + writes);
+            assert_eq!(restart(store.into_inner()), Some(new.clone()));
+        }
+    }
+}
+
+/// What counts is what a restart finds, not what the driver says.
+#[test]
+fn a_header_that_reads_back_is_durable() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    store.flash_mut().writes = 0;
+    store.flash_mut().fault = Fault::LyingWrite(3);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(new.clone()));
+
+    let mut store = holding(&old);
+    store.flash_mut().fault = Fault::LyingWrite(0);
+    assert_eq!(write(&mut store, 2, &new), Step::Failed, "a body is not trusted");
+    assert_eq!(restart(store.into_inner()), Some(old));
+}
+
+/// A header that cannot be read back may be there: it is erased before anything else, so that it does not come up later.
+#[test]
+fn a_doubtful_header_is_erased_first() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    store.flash_mut().fault = Fault::Read(2048..2052);
+    assert_eq!(write(&mut store, 2, &new), Step::Failed);
+    store.flash_mut().fault = Fault::None;
+    assert_eq!(restart(store.flash().clone()), Some(new.clone()), "it is there");
+    let erases = store.flash().erases;
+    assert_eq!(store.step(None), Step::Busy);
+    assert_eq!(store.flash().erases, erases + 1);
+    assert_eq!(restart(store.into_inner()), Some(old));
+}
+
+/// A flash that cannot be erased is not tried again and again, but once for each new content.
+#[test]
+fn failing_erases_are_not_repeated() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    store.flash_mut().fault = Fault::Erase;
+    assert_eq!(settle(&mut store), Step::Failed);
+    assert_eq!(settle(&mut store), Step::Idle);
+    assert_eq!(write(&mut store, 3, &old), Step::Failed);
+    assert_eq!(settle(&mut store), Step::Idle);
+    assert_eq!(restart(store.flash().clone()), Some(new));
+    store.flash_mut().fault = Fault::None;
+    assert_eq!(write(&mut store, 3, &old), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(old));
+}
+
+/// M-44: what is asked of the flash between the last item and the answer is writing, no erasing; and each step is one call.
+#[test]
+fn erased_ahead_and_in_bounded_steps() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    for (job, content) in [(2, &new), (3, &old), (4, &new)] {
+        let erases = store.flash().erases;
+        loop {
+            let (writes, bytes) = (store.flash().writes, store.flash().bytes_written);
+            let step = store.step(Some((job, content.views())));
+            assert_eq!(store.flash().writes, writes + 1);
+            assert!(store.flash().bytes_written - bytes <= 256);
+            if step == Step::Done {
+                break;
+            }
+            assert_eq!(step, Step::Busy);
+        }
+        assert_eq!(store.flash().erases, erases);
+        loop {
+            let erases = store.flash().erases;
+            let step = store.step(None);
+            assert!(store.flash().erases - erases <= 1);
+            if step == Step::Idle {
+                break;
+            }
+            assert_eq!(step, Step::Busy);
+        }
+    }
+}
+
+/// What is blank is not erased, neither now nor after a restart; only units that were written are.
+#[test]
+fn wear_is_what_was_written() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    assert_eq!(store.flash().erases, 0);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    assert_eq!(settle(&mut store), Step::Idle);
+    let used = 1 + (old.items.iter().map(Vec::len).sum::<usize>() * 32 + 32).div_ceil(256) as u32;
+    assert_eq!(store.flash().erases, used);
+    let mut flash = store.into_inner();
+    for _ in 0..3 {
+        let mut store = self::store(flash);
+        assert_eq!(read(&mut store), Some(new.clone()));
+        assert_eq!(settle(&mut store), Step::Idle);
+        flash = store.into_inner();
+    }
+    assert_eq!((flash.erases, flash.writes), (used, 7));
+}
+
+#[test]
+fn done_is_said_once_a_job() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    let writes = store.flash().writes;
+    assert_eq!(write(&mut store, 2, &new), Step::Idle, "erases ahead");
+    assert_eq!(store.flash().writes, writes);
+    assert_eq!(write(&mut store, 3, &new), Step::Done);
+}
+
+/// Another number begins anew, and so does content that comes after none.
+#[test]
+fn another_job_aborts_the_one_that_runs() {
+    let (old, new) = contents();
+    for steps in 1..3 {
+        let mut store = holding(&old);
+        for _ in 0..steps {
+            assert_eq!(store.step(Some((2, new.views()))), Step::Busy);
+        }
+        let third = Content::new([1, 1, 1], 8);
+        if steps == 1 {
+            assert_eq!(settle(&mut store), Step::Idle);
+        }
+        assert_eq!(write(&mut store, 3, &third), Step::Done);
+        assert_eq!(restart(store.into_inner()), Some(third));
+    }
+}
+
+/// Content that has another length under the same number is no part of what was begun.
+#[test]
+fn content_of_another_length_begins_anew() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    assert_eq!(store.step(Some((2, new.views()))), Step::Busy);
+    let third = Content::new([1, 0, 0], 6);
+    assert_eq!(write(&mut store, 2, &third), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(third));
+}
+
+/// What has no room is refused before anything is erased.
+#[test]
+fn what_has_no_room_fails() {
+    let (old, _) = contents();
+    let mut store = holding(&old);
+    let fits = Content::new([50, 3, 2], 6);
+    assert_eq!(PlanStore::<Flash>::region_len(50, 3, 2), 4096);
+    let erases = store.flash().erases;
+    assert_eq!(write(&mut store, 2, &Content::new([50, 3, 3], 6)), Step::Failed);
+    assert_eq!((store.flash().erases, store.flash().writes), (erases, 3));
+    assert_eq!(restart(store.flash().clone()), Some(old));
+    assert_eq!(write(&mut store, 3, &fits), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(fits));
+}
+
+/// Nothing outside of the region is touched, and of a crooked one only whole units are used.
+#[test]
+fn the_region_is_kept() {
+    let content = Content::new([1, 0, 0], 3);
+    for (region, fits) in
+        [(512..1536, true), (257..1536, true), (512..1535, false), (512..1024, false), (9..9, false), (7..1, false)]
+    {
+        let mut store = PlanStore::new(Flash::new(2048), region.clone());
+        assert_eq!(store.open(), Ok(None));
+        for job in 0..3 {
+            assert_eq!(write(&mut store, job, &content) == Step::Done, fits, "{region:?}");
+            assert_eq!(settle(&mut store), Step::Idle);
+        }
+        for (at, byte) in store.into_inner().bytes.into_iter().enumerate() {
+            assert!(byte == 0xFF || region.contains(&(at as u32)), "{region:?}: {at}");
+        }
+    }
+    let mut outside = PlanStore::new(Flash::new(1024), 4096..8192);
+    assert!(outside.open().is_err());
+    assert_eq!(write(&mut outside, 1, &content), Step::Failed);
+    assert_eq!(settle(&mut outside), Step::Idle);
+}
+
+/// A slot that cannot be read does not take the other one's record along; when there is none it is an error, and is left
+/// alone until there is something to write.
+#[test]
+fn unreadable_slots() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    store.flash_mut().fault = Fault::Read(2048..2080);
+    assert_eq!(read(&mut store), Some(old.clone()));
+
+    store.flash_mut().fault = Fault::Read(0..32);
+    assert!(store.open().is_err());
+    assert_eq!(settle(&mut store), Step::Idle);
+    store.flash_mut().fault = Fault::None;
+    assert_eq!(restart(store.flash().clone()), Some(old), "still there");
+    assert_eq!(write(&mut store, 9, &new), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(new), "the only one: no older record may come up beside it");
+}
+
+/// Writing needs no `open` before.
+#[test]
+fn not_opened() {
+    let (old, new) = contents();
+    let mut store = store(holding(&old).into_inner());
+    assert_eq!(write(&mut store, 1, &new), Step::Done);
+    assert_eq!(restart(store.into_inner()), Some(new));
+}
