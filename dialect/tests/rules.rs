@@ -12,10 +12,14 @@ use mavstack_dialect::{
     Dialect, Options, generate, load,
     model::{Entry, Enum, Param},
 };
+use std::ops::Range;
 use support::path;
 
 /// The frames that plans know: the global ones, then MISSION.
 const FRAMES: [u8; 7] = [0, 3, 5, 6, 10, 11, 2];
+
+/// The stack's integers have 32 bits.
+const I32: Range<f32> = -2_147_483_648.0..2_147_483_648.0;
 
 const INVALID_PARAM: [MavMissionResult; 7] = [
     MavMissionResult::INVALID_PARAM1,
@@ -80,12 +84,7 @@ fn allows(dialect: &Dialect, command: &str, param: &Param, value: f32) -> bool {
         let step = param.increment.unwrap_or(1.0);
         let is_far = step > 1.0;
         let above = f64::from(value) - minimum.unwrap_or(0.0);
-        // The stack's integers have 32 bits.
-        if value.fract() != 0.0
-            || value >= 2_147_483_648.0
-            || value < -2_147_483_648.0
-            || (is_far && above % step != 0.0)
-        {
+        if value.fract() != 0.0 || !I32.contains(&value) || (is_far && above % step != 0.0) {
             return false;
         }
     }
@@ -95,7 +94,7 @@ fn allows(dialect: &Dialect, command: &str, param: &Param, value: f32) -> bool {
 fn is_listed(values: &Enum, value: f32) -> bool {
     if values.bitmask {
         let all = values.entries.iter().fold(0, |all, entry| all | entry.value);
-        return value.fract() == 0.0 && value >= 0.0 && value < 2_147_483_648.0 && (value as i128) & !all == 0;
+        return value.fract() == 0.0 && value >= 0.0 && I32.contains(&value) && (value as i128) & !all == 0;
     }
     values.entries.iter().any(|entry| entry.value as f64 == f64::from(value))
 }

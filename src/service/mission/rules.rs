@@ -9,6 +9,10 @@ use super::item::{Item, Position, position};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
 use crate::num;
 
+// In words of the processor: on a microcontroller 20 bytes a command, and 16 a parameter that has a rule.
+const _: () = assert!(size_of::<CommandRule>() == 5 * size_of::<usize>());
+const _: () = assert!(size_of::<ParamRule>() == 4 * size_of::<usize>());
+
 /// Greatest latitude, deg·1e7.
 const MAX_LATITUDE: u32 = 900_000_000;
 /// Greatest longitude, deg·1e7.
@@ -271,4 +275,129 @@ impl CommandRule {
 
 fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
     if bad { Err(result) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::command_rules::{self, DO_GIMBAL_MANAGER_PITCHYAW, NAV_TAKEOFF, NAV_WAYPOINT};
+    use proptest::prelude::*;
+
+    const NAN: f32 = f32::NAN;
+    const HERE: Item = Item {
+        frame: MavFrame::GLOBAL_RELATIVE_ALT,
+        command: MavCmd::NAV_WAYPOINT,
+        autocontinue: 1,
+        params: [0.0, 0.0, 0.0, NAN],
+        x: i32::MAX,
+        y: i32::MAX,
+        z: 10.0,
+    };
+
+    fn any_item() -> impl Strategy<Value = Item> {
+        let floats = any::<[u32; 5]>().prop_map(|bits| bits.map(f32::from_bits));
+        (floats, any::<(i32, i32, u8)>()).prop_map(|([p1, p2, p3, p4, z], (x, y, frame))| Item {
+            frame: MavFrame(frame),
+            params: [p1, p2, p3, p4],
+            x,
+            y,
+            z,
+            ..HERE
+        })
+    }
+
+    #[test]
+    fn a_rule_admits_its_values() {
+        let infinite = f32::INFINITY;
+        for (rule, good, bad) in [
+            (ParamRule::range(1, -1.5, 2.0), &[-1.5, 0.0, 2.0][..], &[-1.6, 2.1, infinite, -infinite, NAN][..]),
+            (ParamRule::at_least(1, 3.0), &[3.0, f32::MAX], &[2.9, infinite, NAN]),
+            (ParamRule::at_most(1, 3.0), &[3.0, f32::MIN], &[3.1, -infinite, NAN]),
+            (ParamRule::integers(1, -2, 7), &[-2.0, -0.0, 7.0], &[-3.0, 8.0, 0.5, 1e20, infinite, NAN]),
+            (ParamRule::integers(1, i32::MIN, i32::MAX), &[-2_147_483_648.0, 2_147_483_520.0], &[2_147_483_648.0, NAN]),
+            (ParamRule::bits(1, 0b101), &[0.0, 1.0, 4.0, 5.0], &[2.0, 8.0, -1.0, 0.5, infinite, NAN]),
+            (ParamRule::one_of(1, &[-7, 400]), &[-7.0, 400.0], &[0.0, -7.5, 401.0, NAN]),
+            (ParamRule::one_of(1, &[]), &[], &[0.0]),
+            (ParamRule::integers(1, 0, 1).or_nan(), &[NAN, -NAN, 1.0], &[2.0, infinite]),
+            (ParamRule::any(1), &[NAN, f32::MAX, f32::MIN], &[infinite, -infinite]),
+        ] {
+            assert!(good.iter().all(|value| rule.admits(*value)), "{rule:?}");
+            assert!(!bad.iter().any(|value| rule.admits(*value)), "{rule:?}");
+        }
+    }
+
+    /// M-74: the vehicle's word goes before the definitions'.
+    #[test]
+    fn a_vehicle_narrows_and_widens() {
+        let item = Item { x: 0, y: 0, params: [-1.0, 99.0, 3.0, NAN], ..HERE };
+        let code = |rule: CommandRule| rule.check(&item);
+        assert_eq!(code(NAV_WAYPOINT), Err(MavMissionResult::INVALID_PARAM1));
+        const OWN: &[ParamRule] = &[ParamRule::any(1), ParamRule::range(2, 0.0, 50.0)];
+        assert_eq!(code(NAV_WAYPOINT.with_params(OWN)), Err(MavMissionResult::INVALID_PARAM2));
+        const FREE: CommandRule = NAV_WAYPOINT.with_params(&[ParamRule::any(1)]);
+        assert_eq!(code(FREE), Ok(()));
+        const YAW: &[ParamRule] = &[ParamRule::any(1), ParamRule::range(4, -180.0, 180.0)];
+        assert_eq!(code(NAV_WAYPOINT.with_params(YAW)), Err(MavMissionResult::INVALID_PARAM4), "NaN is out of a range");
+    }
+
+    /// M-4: a frame and its twin are one.
+    #[test]
+    fn frames_come_in_pairs() {
+        let taken = |rule: CommandRule| {
+            let passes = |frame: u8| rule.check(&Item { x: 0, y: 0, frame: MavFrame(frame), ..HERE }).is_ok();
+            (0..=u8::MAX).filter(|frame| passes(*frame)).collect::<std::vec::Vec<_>>()
+        };
+        assert_eq!(taken(NAV_WAYPOINT), [0, 3, 5, 6, 10, 11]);
+        assert_eq!(taken(NAV_WAYPOINT.any_frame()), [0, 2, 3, 5, 6, 10, 11]);
+        assert_eq!(taken(NAV_WAYPOINT.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT_INT])), [3, 6]);
+        assert_eq!(taken(NAV_WAYPOINT.with_frames(&[MavFrame::GLOBAL, MavFrame::LOCAL_NED])), [0, 5]);
+        assert_eq!(taken(NAV_WAYPOINT.with_frames(&[])), []);
+    }
+
+    /// M-70
+    #[test]
+    fn here_is_a_place_where_the_command_has_one() {
+        assert_eq!(NAV_TAKEOFF.check(&HERE), Ok(()));
+        assert_eq!(NAV_TAKEOFF.position_required().check(&HERE), Err(MavMissionResult::INVALID_PARAM5_X));
+        assert_eq!(NAV_WAYPOINT.check(&HERE), Err(MavMissionResult::INVALID_PARAM5_X));
+        assert_eq!(NAV_WAYPOINT.check(&Item { x: 0, ..HERE }), Err(MavMissionResult::INVALID_PARAM6_Y));
+        assert_eq!(NAV_WAYPOINT.position_optional().check(&HERE), Ok(()));
+        let any_altitude = Item { z: NAN, ..HERE };
+        assert_eq!(NAV_TAKEOFF.check(&any_altitude), Err(MavMissionResult::INVALID_PARAM7));
+        assert_eq!(NAV_TAKEOFF.altitude_optional().check(&any_altitude), Ok(()));
+        assert_eq!(NAV_TAKEOFF.altitude_optional().altitude_required(), NAV_TAKEOFF);
+        // In MISSION there is no place, and no altitude to miss.
+        let mission = Item { frame: MavFrame::MISSION, x: i32::MIN, y: 2_000_000_000, z: NAN, ..HERE };
+        assert_eq!(NAV_TAKEOFF.any_frame().check(&mission), Ok(()));
+    }
+
+    /// Parameters 5 and 6 of a command without a place: MAVSDK sends them unscaled in MISSION, QGroundControl scaled in a
+    /// global frame.
+    #[test]
+    fn without_a_place_five_and_six_are_parameters() {
+        let rule = DO_GIMBAL_MANAGER_PITCHYAW;
+        let item = Item { frame: MavFrame::MISSION, params: [0.0; 4], x: 12, y: i32::MIN, z: NAN, ..HERE };
+        assert_eq!(rule.check(&item), Ok(()));
+        let too_much = Item { x: 1024, ..item };
+        assert_eq!(rule.check(&too_much), Err(MavMissionResult::INVALID_PARAM5_X));
+        let scaled = |x| Item { frame: MavFrame::GLOBAL, x, ..item };
+        assert_eq!(rule.check(&scaled(120_000_000)), Ok(()));
+        assert_eq!(rule.check(&scaled(12)), Err(MavMissionResult::INVALID_PARAM5_X));
+    }
+
+    proptest! {
+        /// Whatever comes, nothing panics; what passes has no infinite number and a frame that plans know.
+        #[test]
+        fn any_item_is_checked(item in any_item(), which in 0..command_rules::ALL.len(), frame in 0u8..12) {
+            let rule = command_rules::ALL[which];
+            for rule in [rule, CommandRule::any(rule.command())] {
+                for item in [item, Item { frame: MavFrame(frame), ..item }] {
+                    let is_finite = !item.params.iter().chain([&item.z]).any(|value| value.is_infinite());
+                    if rule.check(&item).is_ok() {
+                        prop_assert!(is_finite && position(item.frame).is_some());
+                    }
+                }
+            }
+        }
+    }
 }

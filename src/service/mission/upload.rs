@@ -399,7 +399,7 @@ impl Missions {
         let storage = if self.is_durable() && !vehicle.may_persist() { Err(MavMissionResult::DENIED) } else { Ok(()) };
         let Err(result) = storage.and_then(|()| vehicle.may_change(plan, caller.from)) else { return true };
         event!("{} change by {}: refused by the vehicle", plan, caller.from);
-        let words: Words = validate::plan_refused(plan, result);
+        let words: Words = validate::plan_refused(plan, result.into());
         cx.tell(&words);
         caller.ack(mission_type, result, 0);
         false

@@ -1,7 +1,7 @@
 //! What can be said of an item without knowing the vehicle (section 8.6 of the rules, SEC-14), and how a refusal reads.
 
 use super::commit::Change;
-use super::item::{Item, Position, position};
+use super::item::Item;
 use super::memory::{MAX_ITEMS, PlanType};
 use super::rules::{CommandRule, ParamRule};
 pub(super) use super::whole::check_plan;
@@ -54,30 +54,6 @@ pub(super) fn check_item(plan: PlanType, mission: &[CommandRule], item: &Item) -
     rule.ok_or(MavMissionResult::UNSUPPORTED)?.check(item)
 }
 
-const MAX_LATITUDE: u32 = 900_000_000;
-const MAX_LONGITUDE: u32 = 1_800_000_000;
-
-/// Refuses frames that we do not know, positions that are not on the globe, and numbers that are none. NaN in parameters
-/// and `i32::MAX` in positions pass: they mean "default" (M-70), and whether a command has one is the vehicle's to say.
-pub(super) fn check(item: &Item) -> Result<(), MavMissionResult> {
-    let position = position(item.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)?;
-    let [p1, p2, p3, p4] = item.params;
-    refuse(p1.is_infinite(), MavMissionResult::INVALID_PARAM1)?;
-    refuse(p2.is_infinite(), MavMissionResult::INVALID_PARAM2)?;
-    refuse(p3.is_infinite(), MavMissionResult::INVALID_PARAM3)?;
-    refuse(p4.is_infinite(), MavMissionResult::INVALID_PARAM4)?;
-    let is_global = position == Position::Global;
-    let beyond = |value: i32, limit| is_global && value != i32::MAX && value.unsigned_abs() > limit;
-    refuse(beyond(item.x, MAX_LATITUDE), MavMissionResult::INVALID_PARAM5_X)?;
-    refuse(beyond(item.y, MAX_LONGITUDE), MavMissionResult::INVALID_PARAM6_Y)?;
-    // Without a position z is parameter 7, and clients send NaN for one that the command does not use.
-    refuse(item.z.is_infinite() || (is_global && item.z.is_nan()), MavMissionResult::INVALID_PARAM7)
-}
-
-fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
-    if bad { Err(result) } else { Ok(()) }
-}
-
 /// A text for the operator.
 #[cfg(feature = "plan-texts")]
 pub(super) type Words = Text<MAX_TEXT_LEN>;
@@ -127,13 +103,12 @@ pub(super) fn item_refused(plan: PlanType, seq: u16, result: MavMissionResult) -
 }
 
 /// "Mission refused: not consistent", or as [`item_refused`] says it where an item is to blame.
-pub(super) fn plan_refused(plan: PlanType, fault: impl Into<PlanFault>) -> Words {
-    let PlanFault { seq, result } = fault.into();
-    if let Some(seq) = seq {
-        return item_refused(plan, seq, result);
+pub(super) fn plan_refused(plan: PlanType, fault: PlanFault) -> Words {
+    if let Some(seq) = fault.seq {
+        return item_refused(plan, seq, fault.result);
     }
     let mut words = words(plan, " refused");
-    push_reason(&mut words, result);
+    push_reason(&mut words, fault.result);
     words
 }
 
@@ -177,65 +152,194 @@ fn push_reason(words: &mut Words, result: MavMissionResult) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::MavFrame;
+    use crate::dialect::MavCmd;
+    use crate::dialect::command_rules::{DO_CHANGE_SPEED, NAV_LAND, NAV_WAYPOINT};
+    use std::vec::Vec;
 
     const NAN: f32 = f32::NAN;
-    const HOME: Item = Item {
-        frame: MavFrame::GLOBAL_RELATIVE_ALT,
-        command: crate::dialect::MavCmd::NAV_WAYPOINT,
+    const COMMANDS: &[CommandRule] = &[NAV_WAYPOINT, NAV_LAND, DO_CHANGE_SPEED];
+    const ON_EARTH: Item = Item {
+        frame: MavFrame::GLOBAL,
+        command: MavCmd::NAV_WAYPOINT,
         autocontinue: 1,
-        params: [0.0, NAN, NAN, NAN],
+        params: [0.0; 4],
         x: 473_977_432,
         y: 85_455_942,
         z: 20.0,
     };
 
+    fn mission(item: &Item) -> Result<(), MavMissionResult> {
+        check_item(PlanType::Mission, COMMANDS, item)
+    }
+
+    fn fence(command: MavCmd, p1: f32) -> Item {
+        Item { command, params: [p1, 0.0, 0.0, 0.0], ..ON_EARTH }
+    }
+
+    /// T-M16, SEC-14: one item for each code, and its neighbour that passes.
     #[test]
-    fn a_position_on_the_globe_passes() {
-        // M-4, M-70
-        for frame in [0, 2, 3, 5, 6, 10, 11].map(MavFrame) {
-            for (x, y) in [(900_000_000, -1_800_000_000), (-900_000_000, 1_800_000_000), (i32::MAX, i32::MAX)] {
-                assert_eq!(check(&Item { frame, x, y, ..HOME }), Ok(()));
+    fn each_fault_has_its_own_code() {
+        let speed = |params| Item {
+            command: MavCmd::DO_CHANGE_SPEED,
+            frame: MavFrame::MISSION,
+            params,
+            x: 0,
+            y: 0,
+            z: NAN,
+            ..ON_EARTH
+        };
+        let land = |params| Item { command: MavCmd::NAV_LAND, params, ..ON_EARTH };
+        for (good, bad, code) in [
+            (ON_EARTH, Item { command: MavCmd::NAV_SPLINE_WAYPOINT, ..ON_EARTH }, MavMissionResult::UNSUPPORTED),
+            (
+                Item { frame: MavFrame::GLOBAL_TERRAIN_ALT, ..ON_EARTH },
+                Item { frame: MavFrame::LOCAL_NED, ..ON_EARTH },
+                MavMissionResult::UNSUPPORTED_FRAME,
+            ),
+            (speed([3.0, 5.0, -1.0, 0.0]), speed([3.5, 5.0, -1.0, 0.0]), MavMissionResult::INVALID_PARAM1),
+            (speed([1.0, -2.0, -1.0, NAN]), speed([1.0, NAN, -1.0, 0.0]), MavMissionResult::INVALID_PARAM2),
+            (speed([1.0, 0.0, 50.0, 0.0]), speed([1.0, 0.0, -2.1, 0.0]), MavMissionResult::INVALID_PARAM3),
+            (land([0.0, 0.0, 0.0, NAN]), land([0.0, 0.0, 0.0, f32::INFINITY]), MavMissionResult::INVALID_PARAM4),
+            (
+                Item { x: -900_000_000, ..ON_EARTH },
+                Item { x: -900_000_001, ..ON_EARTH },
+                MavMissionResult::INVALID_PARAM5_X,
+            ),
+            (
+                Item { y: 1_800_000_000, ..ON_EARTH },
+                Item { y: 1_800_000_001, ..ON_EARTH },
+                MavMissionResult::INVALID_PARAM6_Y,
+            ),
+            (Item { z: -400.0, ..ON_EARTH }, Item { z: NAN, ..ON_EARTH }, MavMissionResult::INVALID_PARAM7),
+        ] {
+            assert_eq!(mission(&good), Ok(()), "{good:?}");
+            assert_eq!(mission(&bad), Err(code), "{bad:?}");
+        }
+    }
+
+    /// Section 8.6: where several things are wrong, the first of the table is named.
+    #[test]
+    fn faults_are_named_in_the_order_of_the_table() {
+        let mut item = Item {
+            frame: MavFrame::BODY_FRD,
+            command: MavCmd::NAV_RALLY_POINT,
+            params: [f32::INFINITY; 4],
+            x: i32::MAX,
+            y: i32::MAX,
+            z: NAN,
+            ..ON_EARTH
+        };
+        let mends: [fn(&mut Item); 9] = [
+            |item| item.command = MavCmd::NAV_WAYPOINT,
+            |item| item.frame = MavFrame::GLOBAL_RELATIVE_ALT_INT,
+            |item| item.params[0] = 0.0,
+            |item| item.params[1] = 0.0,
+            |item| item.params[2] = 0.0,
+            |item| item.params[3] = 0.0,
+            |item| item.x = 0,
+            |item| item.y = 0,
+            |item| item.z = 0.0,
+        ];
+        let mut codes = Vec::new();
+        for mend in mends {
+            codes.push(mission(&item).unwrap_err().0);
+            mend(&mut item);
+        }
+        assert_eq!(codes, [3, 2, 6, 7, 8, 9, 10, 11, 12]);
+        assert_eq!(mission(&item), Ok(()));
+    }
+
+    /// Section 8.6, M-80, M-84: a command belongs to one kind of plan.
+    #[test]
+    fn plans_do_not_take_each_others_commands() {
+        let items = [ON_EARTH, fence(MavCmd::NAV_FENCE_CIRCLE_EXCLUSION, 5.0), fence(MavCmd::NAV_RALLY_POINT, 0.0)];
+        for (own, plan) in [PlanType::Mission, PlanType::Fence, PlanType::Rally].into_iter().enumerate() {
+            for (of, item) in items.iter().enumerate() {
+                let expected = if of == own { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) };
+                assert_eq!(check_item(plan, COMMANDS, item), expected, "{plan:?}: {item:?}");
             }
         }
     }
 
+    /// M-80, M-81
     #[test]
-    fn each_fault_has_its_own_code() {
-        // Section 8.6, SEC-14
-        let infinite = f32::NEG_INFINITY;
+    fn fences_have_rules_of_their_own() {
+        const INCLUSION: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION;
+        const EXCLUSION: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION;
+        const CIRCLES: [MavCmd; 2] = [MavCmd::NAV_FENCE_CIRCLE_INCLUSION, MavCmd::NAV_FENCE_CIRCLE_EXCLUSION];
+        let check = |item: &Item| check_item(PlanType::Fence, &[], item);
+        for command in [INCLUSION, EXCLUSION] {
+            for p1 in [3.0, 4.0, 65_534.0] {
+                assert_eq!(check(&fence(command, p1)), Ok(()), "{p1}");
+            }
+            for p1 in [2.0, 0.0, -3.0, 3.5, 65_535.0, 1e20, NAN, f32::INFINITY] {
+                assert_eq!(check(&fence(command, p1)), Err(MavMissionResult::INVALID_PARAM1), "{p1}");
+            }
+        }
+        for command in CIRCLES {
+            for p1 in [f32::MIN_POSITIVE, 0.5, 1e5] {
+                assert_eq!(check(&fence(command, p1)), Ok(()), "{p1}");
+            }
+            for p1 in [0.0, -0.0, -5.0, NAN, f32::INFINITY] {
+                assert_eq!(check(&fence(command, p1)), Err(MavMissionResult::INVALID_PARAM1), "{p1}");
+            }
+        }
+        // The group of an inclusion.
+        for (p2, is_group) in [(0.0, true), (7.0, true), (-1.0, false), (0.5, false), (NAN, false)] {
+            let of = |command| Item { params: [3.0, p2, 0.0, 0.0], ..fence(command, 0.0) };
+            let expected = if is_group { Ok(()) } else { Err(MavMissionResult::INVALID_PARAM2) };
+            assert_eq!(check(&of(INCLUSION)), expected, "{p2}");
+            assert_eq!(check(&of(CIRCLES[0])), expected, "{p2}");
+            assert_eq!(check(&of(EXCLUSION)), Ok(()), "{p2}");
+        }
+        // Only the return point has an altitude; everything has a place.
+        let home = fence(MavCmd::NAV_FENCE_RETURN_POINT, 0.0);
+        assert_eq!(check(&Item { z: NAN, ..home }), Err(MavMissionResult::INVALID_PARAM7));
+        assert_eq!(check(&Item { z: NAN, ..fence(INCLUSION, 3.0) }), Ok(()));
+        let circles = CIRCLES.map(|command| fence(command, 9.0));
+        for item in [home, fence(INCLUSION, 3.0), fence(EXCLUSION, 3.0), circles[0], circles[1]] {
+            for frame in (0..=u8::MAX).map(MavFrame) {
+                let is_taken = matches!(frame.0, 0 | 3 | 5 | 6);
+                let expected = if is_taken { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED_FRAME) };
+                assert_eq!(check(&Item { frame, ..item }), expected, "{frame:?}");
+            }
+            let nowhere = Item { x: i32::MAX, y: i32::MAX, ..item };
+            assert_eq!(check(&nowhere), Err(MavMissionResult::INVALID_PARAM5_X));
+        }
+    }
+
+    /// M-84
+    #[test]
+    fn rally_points_are_places_on_the_globe() {
+        let check = |item: &Item| check_item(PlanType::Rally, COMMANDS, item);
+        let point = fence(MavCmd::NAV_RALLY_POINT, 0.0);
+        for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
+            assert_eq!(check(&Item { frame, params: [NAN; 4], ..point }), Ok(()));
+        }
         for (item, code) in [
-            (Item { frame: MavFrame::BODY_FRD, ..HOME }, MavMissionResult::UNSUPPORTED_FRAME),
-            (Item { frame: MavFrame(99), ..HOME }, MavMissionResult::UNSUPPORTED_FRAME),
-            (Item { params: [infinite, 0.0, 0.0, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM1),
-            (Item { params: [0.0, infinite, 0.0, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM2),
-            (Item { params: [0.0, 0.0, infinite, 0.0], ..HOME }, MavMissionResult::INVALID_PARAM3),
-            (Item { params: [0.0, 0.0, 0.0, infinite], ..HOME }, MavMissionResult::INVALID_PARAM4),
-            (Item { x: 900_000_001, ..HOME }, MavMissionResult::INVALID_PARAM5_X),
-            (Item { x: i32::MIN, ..HOME }, MavMissionResult::INVALID_PARAM5_X),
-            (Item { y: -1_800_000_001, ..HOME }, MavMissionResult::INVALID_PARAM6_Y),
-            (Item { y: i32::MAX - 1, ..HOME }, MavMissionResult::INVALID_PARAM6_Y),
-            (Item { z: NAN, ..HOME }, MavMissionResult::INVALID_PARAM7),
-            (Item { z: infinite, ..HOME }, MavMissionResult::INVALID_PARAM7),
-            (Item { frame: MavFrame::MISSION, z: infinite, ..HOME }, MavMissionResult::INVALID_PARAM7),
+            (Item { frame: MavFrame::MISSION, ..point }, MavMissionResult::UNSUPPORTED_FRAME),
+            (Item { x: i32::MAX, ..point }, MavMissionResult::INVALID_PARAM5_X),
+            (Item { y: i32::MIN, ..point }, MavMissionResult::INVALID_PARAM6_Y),
+            (Item { z: f32::INFINITY, ..point }, MavMissionResult::INVALID_PARAM7),
         ] {
             assert_eq!(check(&item), Err(code), "{item:?}");
         }
     }
 
-    #[test]
-    fn without_a_position_the_numbers_are_free() {
-        // MAVSDK's speed and camera items: frame MISSION, parameter 7 NaN.
-        let free = Item { frame: MavFrame::MISSION, x: i32::MIN, y: 1_900_000_000, z: NAN, ..HOME };
-        assert_eq!(check(&free), Ok(()));
-    }
-
+    /// M-38
+    #[cfg(feature = "plan-texts")]
     #[test]
     fn texts_name_the_item_and_the_reason() {
-        // M-38
-        let text = item_refused(PlanType::Mission, 12, MavMissionResult::INVALID_PARAM5_X);
-        assert_eq!(text.as_str(), Some("Mission item 12: parameter 5 out of range"));
-        let text = plan_refused(PlanType::Fence, MavMissionResult::INVALID);
-        assert_eq!(text.as_str(), Some("Fence refused: not consistent"));
+        let text = |words: Words| std::string::String::from(words.as_str().unwrap());
+        let item = |result| text(item_refused(PlanType::Mission, 65_534, result));
+        assert_eq!(item(MavMissionResult::UNSUPPORTED), "Mission item 65534: command not supported");
+        assert_eq!(item(MavMissionResult::INVALID_PARAM1), "Mission item 65534: parameter 1 out of range");
+        assert_eq!(item(MavMissionResult::INVALID_PARAM7), "Mission item 65534: parameter 7 out of range");
+        assert_eq!(item(MavMissionResult(200)), "Mission item 65534: refused by the vehicle");
+        let whole = |seq| text(plan_refused(PlanType::Fence, PlanFault { seq, result: MavMissionResult::INVALID }));
+        assert_eq!(whole(None), "Fence refused: not consistent");
+        assert_eq!(whole(Some(12)), "Fence item 12: not consistent");
+        // None of them is cut off.
+        assert!((0..=u8::MAX).all(|code| item(MavMissionResult(code)).len() < MAX_TEXT_LEN));
     }
 }
