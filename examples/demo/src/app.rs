@@ -1,7 +1,8 @@
 //! The loop's body: what a firmware with mavstack looks like.
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
-use mavstack::{Address, Config, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, Pulse, Stack};
+use embedded_storage::nor_flash::NorFlash;
+use mavstack::{Address, Config, Durability, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore, Pulse, Stack};
 
 use crate::vehicle::Quadrotor;
 
@@ -38,12 +39,35 @@ impl<P: PlanStorage> App<P> {
 
     /// One pass of the flight loop; to be followed by [`serve`](Self::serve) for each link.
     pub fn control(&mut self, now: Instant) {
-        self.vehicle.control_step(now, self.stack.mission().items());
+        let (mission, fence, rally) = (self.stack.mission(), self.stack.fence(), self.stack.rally());
+        self.vehicle.control_step(now, mission.items(), fence.items(), rally.items());
         PULSE.tick();
-        if let Some((severity, text)) = self.vehicle.take_text() {
+        while let Some(seq) = self.vehicle.take_reached() {
+            self.stack.mission_item_reached(seq);
+        }
+        while let Some((severity, text)) = self.vehicle.take_text() {
             self.stack.send_text(now, severity, text);
         }
         self.stack.poll(now, &mut self.vehicle);
+    }
+
+    /// Reads the plans back, once after a start; as [`Stack::restore`].
+    ///
+    /// # Errors
+    ///
+    /// What the flash reported when it could not be read; a text says so too.
+    pub fn restore<F: NorFlash>(
+        &mut self,
+        now: Instant,
+        store: &mut PlanStore<F>,
+        durability: Durability,
+    ) -> Result<(), F::Error> {
+        self.stack.restore(now, store, durability, &mut self.vehicle)
+    }
+
+    /// Writes plans that are to be durable, a step at a time; as [`Stack::persist`]. True when there is more to do at once.
+    pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut PlanStore<F>) -> bool {
+        self.stack.persist(now, store, &mut self.vehicle)
     }
 
     /// Moves bytes between a link and its transport; never waits.

@@ -1,7 +1,7 @@
 //! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, a tick to sleep until.
 //!
 //! Everything is polled. Interrupts stay masked; a pending one only ends [`Board::sleep`], which is why there are no
-//! handlers and nothing is shared. This is the one file with `unsafe`: registers are memory.
+//! handlers and nothing is shared. Registers are memory: `unsafe`, here and in the flash beside.
 #![allow(unsafe_code)]
 
 use cortex_m::interrupt::InterruptNumber;
@@ -9,6 +9,8 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB};
 use embedded_io::{ErrorKind, ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::Instant;
+
+use crate::flash::PsramFlash;
 
 /// Ticks of the system clock in a microsecond: 25 MHz.
 const TICKS_PER_US: u32 = 25;
@@ -218,8 +220,8 @@ pub struct Board {
 }
 
 impl Board {
-    /// Sets the board up; `None` the second time.
-    pub fn take() -> Option<Self> {
+    /// Sets the board up, and the flash beside it; `None` the second time.
+    pub fn take() -> Option<(Self, PsramFlash)> {
         let mut core = cortex_m::Peripherals::take()?;
         // For good: see the top of the file.
         cortex_m::interrupt::disable();
@@ -230,10 +232,11 @@ impl Board {
         core.SYST.enable_counter();
         // SAFETY: addresses and interrupts of this board; `Peripherals::take` succeeds once, so each is made once.
         unsafe {
-            Some(Self {
+            let board = Self {
                 uarts: [Uart::at(0x4000_4000, Irq(0)), Uart::at(0x4000_5000, Irq(2)), Uart::at(0x4000_6000, Irq(4))],
                 clock: Clock::at(0x4000_0000),
-            })
+            };
+            Some((board, PsramFlash::new()))
         }
     }
 

@@ -3,6 +3,7 @@
 #![no_main]
 
 mod board;
+mod flash;
 #[cfg(feature = "defmt")]
 mod log;
 
@@ -10,11 +11,20 @@ use core::mem::MaybeUninit;
 
 use board::Board;
 use cortex_m_rt::entry;
-use mavstack::{LinkId, plan_memory};
+use flash::PsramFlash;
+use mavstack::{Durability, LinkId, PlanStore, plan_memory};
 use mavstack_demo::App;
 
 /// What a microcontroller can afford: 32 bytes an item, and room for the largest plan once more, for uploads.
-type DemoPlans = plan_memory!(mission: 250, fence: 64, rally: 16);
+type DemoPlans = plan_memory!(mission: MISSION, fence: FENCE, rally: RALLY);
+const MISSION: usize = 250;
+const FENCE: usize = 64;
+const RALLY: usize = 16;
+
+/// The plans' part of the flash: the front of it, two slots of which each holds all plans.
+type Store = PlanStore<PsramFlash>;
+const STORE_LEN: u32 = Store::region_len(MISSION, FENCE, RALLY);
+const _: () = assert!(STORE_LEN <= PsramFlash::LEN);
 
 #[entry]
 fn main() -> ! {
@@ -23,9 +33,12 @@ fn main() -> ! {
     static mut APP: MaybeUninit<App<DemoPlans>> = MaybeUninit::uninit();
 
     let app = APP.write(App::new());
-    let Some(mut board) = Board::take() else { unreachable!("the entry point is entered once") };
+    let Some((mut board, flash)) = Board::take() else { unreachable!("the entry point is entered once") };
     #[cfg(feature = "defmt")]
     log::begin();
+    let mut store = Store::new(flash, 0..STORE_LEN);
+    // An error was told by text; the vehicle flies without the plans then.
+    let _ = app.restore(board.clock.now(), &mut store, Durability::Durable);
     loop {
         let now = board.clock.now();
         #[cfg(feature = "defmt")]
@@ -37,6 +50,8 @@ fn main() -> ! {
             let _ = app.serve(now, link, uart);
             is_busy |= uart.has_received();
         }
+        // The stand-in takes microseconds. Where an erase stops the processor the vehicle's `may_persist` says when.
+        is_busy |= app.persist(now, &mut store);
         if !is_busy {
             board.sleep();
         }

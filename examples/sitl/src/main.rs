@@ -1,9 +1,12 @@
 //! The demo vehicle on the host: the same application as the firmware in QEMU, with sockets for UARTs.
 
+mod flash;
+mod plan;
 mod tcp;
 mod udp;
 
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,15 +14,22 @@ use std::thread;
 use std::time::{self, Duration};
 
 use clap::Parser;
-use mavstack::{Instant, LinkError, LinkId, plan_memory};
+use mavstack::wpl::HomeRow;
+use mavstack::{Durability, Instant, LinkError, LinkId, PlanStore, plan_memory};
 use mavstack_demo::connect::HowToConnect;
 use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
 
+use flash::FileFlash;
 use tcp::Port;
 use udp::Datagrams;
 
 /// Room for long plans: the host has the memory.
-type SitlPlans = plan_memory!(mission: 1000, fence: 256, rally: 64);
+type SitlPlans = plan_memory!(mission: MISSION, fence: FENCE, rally: RALLY);
+const MISSION: usize = 1000;
+const FENCE: usize = 256;
+const RALLY: usize = 64;
+
+type Store = PlanStore<FileFlash>;
 
 /// How often the flight loop goes round.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -38,6 +48,16 @@ struct Arguments {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
+    /// Keep the plans in this file, as a flight controller does in flash: they are there again at the next start. Without
+    /// it plans are forgotten.
+    #[arg(long, value_name = "FILE")]
+    storage: Option<PathBuf>,
+    /// Start with this mission: a text file as QGroundControl, Mission Planner and MAVProxy save it ("QGC WPL").
+    #[arg(long, value_name = "FILE")]
+    plan: Option<PathBuf>,
+    /// The first row of the plan is a mission item; else, as in what ground stations save, it is the home position.
+    #[arg(long, requires = "plan")]
+    no_home: bool,
 }
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
@@ -66,6 +86,24 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
+    // Large for a stack frame, and there is one.
+    let mut app = Box::new(App::<SitlPlans>::new());
+    let mut store = match &arguments.storage {
+        Some(path) => {
+            let len = Store::region_len(MISSION, FENCE, RALLY);
+            let mut store = Store::new(FileFlash::open(path, len)?, 0..len);
+            app.restore(Instant::ZERO, &mut store, Durability::Durable).map_err(|error| format!("{error:?}"))?;
+            Some(store)
+        }
+        None => None,
+    };
+    if let Some(path) = &arguments.plan {
+        let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
+        let items = plan::read(path, home_row)?;
+        println!("{}: {} items", path.display(), items.len());
+        plan::load(&mut app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
+    }
+
     let base = arguments.port_base;
     let mut telemetry = match arguments.udp {
         Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
@@ -78,8 +116,6 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
     println!("Companion computer: TCP port {}; satellite modem: TCP port {}. Ctrl-C ends it.\n", base + 1, base + 2);
 
-    // Large for a stack frame, and there is one.
-    let mut app = Box::new(App::<SitlPlans>::new());
     let boot = time::Instant::now();
     while !stop.load(Ordering::Relaxed) {
         let began = boot.elapsed();
@@ -91,6 +127,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         for (link, port) in &mut others {
             serve(&mut app, now, *link, port);
+        }
+        if let Some(store) = &mut store {
+            app.persist(now, store);
         }
         thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
     }
