@@ -2,7 +2,10 @@
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
-use mavstack::{Address, Config, Durability, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore, Pulse, Stack};
+use mavstack::{
+    Address, Config, Durability, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore, Pulse,
+    Stack,
+};
 
 use crate::vehicle::Quadrotor;
 

@@ -1,6 +1,6 @@
 //! How the vehicle moves: a point that accelerates within limits, and leans as far as that takes.
 
-use libm::{atan2f, sqrtf};
+use libm::{atan2f, fabsf, sqrtf};
 
 /// Metres (or m/s) north, east and down of home. The ground is at down = 0, everywhere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,8 +35,19 @@ const TOUCH_DOWN: f32 = 0.7;
 const FLARE: f32 = 4.0;
 /// Lower than this it only moves up and down.
 const CLEARANCE: f32 = 1.0;
-/// How fast the nose follows the course: a share of the difference a second.
-const TURN: f32 = 2.0;
+/// What is slower than this has no course, m/s.
+const DRIFT: f32 = 0.05;
+/// It turns no faster than this, rad/s.
+pub const TURN: f32 = 1.5;
+
+/// Where the nose is to point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Nose {
+    /// Along the course.
+    Course,
+    /// Elsewhere: still so far to turn to the right (rad), at so many rad/s.
+    Turn { left: f32, rate: f32 },
+}
 
 /// Where it is and how it moves.
 #[derive(Clone, Copy, Debug)]
@@ -47,11 +58,17 @@ pub struct Body {
     acceleration: (f32, f32),
     /// Where the nose points, north and east, of length 1.
     heading: (f32, f32),
+    pub nose: Nose,
 }
 
 impl Body {
-    pub const AT_HOME: Self =
-        Self { position: Vector::ZERO, velocity: Vector::ZERO, acceleration: (0.0, 0.0), heading: (1.0, 0.0) };
+    pub const AT_HOME: Self = Self {
+        position: Vector::ZERO,
+        velocity: Vector::ZERO,
+        acceleration: (0.0, 0.0),
+        heading: (1.0, 0.0),
+        nose: Nose::Course,
+    };
 
     pub fn is_on_ground(&self) -> bool {
         self.position.down >= 0.0
@@ -62,15 +79,39 @@ impl Body {
         let (north, east) = self.acceleration;
         let forward = north * self.heading.0 + east * self.heading.1;
         let right = east * self.heading.0 - north * self.heading.1;
-        [atan2f(right, GRAVITY), atan2f(-forward, GRAVITY), atan2f(self.heading.1, self.heading.0)]
+        [atan2f(right, GRAVITY), atan2f(-forward, GRAVITY), self.yaw()]
+    }
+
+    /// Where the nose points: rad from north, to the right.
+    pub fn yaw(&self) -> f32 {
+        atan2f(self.heading.1, self.heading.0)
+    }
+
+    /// Whether the nose points where it is to.
+    pub fn is_turned(&self) -> bool {
+        !matches!(self.nose, Nose::Turn { left, .. } if fabsf(left) > 0.001)
+    }
+
+    /// Where it comes to rest when it brakes now, at its height.
+    pub fn rest(&self) -> Vector {
+        self.ahead(0.0)
+    }
+
+    /// [`rest`](Self::rest), and `margin` metres further the same way; where it is, when it only drifts.
+    pub fn ahead(&self, margin: f32) -> Vector {
+        let Vector { north, east, .. } = self.velocity;
+        let speed = sqrtf(north * north + east * east);
+        let seconds = speed / (2.0 * ACCELERATION) + if speed > DRIFT { margin / speed } else { 0.0 };
+        let Vector { north: at_north, east: at_east, down } = self.position;
+        Vector { north: at_north + north * seconds, east: at_east + east * seconds, down }
     }
 
     /// `dt` seconds of flight towards `goal`, at most at `cruise` m/s.
     pub fn fly(&mut self, goal: Vector, cruise: f32, dt: f32) {
         let distance = self.position.distance(goal);
-        // As fast as it can still brake from.
-        let speed =
-            if -self.position.down < CLEARANCE { 0.0 } else { cruise.min(sqrtf(2.0 * ACCELERATION * distance)) };
+        let is_clear = -self.position.down >= CLEARANCE;
+        // As fast as it can still brake from, and gently at the end.
+        let speed = if is_clear { cruise.min(sqrtf(2.0 * ACCELERATION * distance)).min(2.0 * distance) } else { 0.0 };
         let scale = if distance > 0.01 { speed / distance } else { 0.0 };
         let wanted = ((goal.north - self.position.north) * scale, (goal.east - self.position.east) * scale);
         let change = (wanted.0 - self.velocity.north, wanted.1 - self.velocity.east);
@@ -79,8 +120,8 @@ impl Body {
         self.velocity.north += change.0 * share;
         self.velocity.east += change.1 * share;
         self.acceleration = (change.0 * share / dt, change.1 * share / dt);
-        if distance > 2.0 && speed > 0.0 {
-            self.turn(wanted.0 / speed, wanted.1 / speed, dt);
+        if is_clear {
+            self.turn((distance > 2.0).then_some(wanted), dt);
         }
         let sink = if -self.position.down < FLARE { TOUCH_DOWN } else { SINK };
         self.velocity.down = (goal.down - self.position.down).clamp(-CLIMB, sink);
@@ -94,12 +135,22 @@ impl Body {
         self.travel(dt);
     }
 
-    fn turn(&mut self, north: f32, east: f32, dt: f32) {
-        let north = self.heading.0 + (north - self.heading.0) * TURN * dt;
-        let east = self.heading.1 + (east - self.heading.1) * TURN * dt;
+    fn turn(&mut self, course: Option<(f32, f32)>, dt: f32) {
+        let (north, east) = self.heading;
+        let (left, rate) = match (self.nose, course) {
+            (Nose::Turn { left, rate }, _) => (left, rate),
+            // Exactly astern there is no shorter way round: to the right.
+            (Nose::Course, Some(to)) => (atan2f(north * to.1 - east * to.0, north * to.0 + east * to.1), TURN),
+            (Nose::Course, None) => return,
+        };
+        let angle = left.clamp(-rate * dt, rate * dt);
+        if let Nose::Turn { left, .. } = &mut self.nose {
+            *left -= angle;
+        }
+        // So small an angle is its own sine.
+        let (north, east) = (north - east * angle, east + north * angle);
         let length = sqrtf(north * north + east * east);
-        // Exactly astern there is no shorter way round: turn right.
-        self.heading = if length > 0.01 { (north / length, east / length) } else { (-self.heading.1, self.heading.0) };
+        self.heading = (north / length, east / length);
     }
 
     fn travel(&mut self, dt: f32) {
@@ -116,6 +167,8 @@ impl Body {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    use core::f32::consts::FRAC_PI_2;
 
     const DT: f32 = 0.01;
 
@@ -143,8 +196,41 @@ mod tests {
         let [roll, _, _] = body.attitude();
         assert!(roll > 0.1, "still pointing north, it leans right to go east: {roll}");
         (0..200).for_each(|_| body.fly(Vector { east: 500.0, down: -10.0, ..Vector::ZERO }, 8.0, DT));
-        let [_, _, yaw] = body.attitude();
-        assert!((yaw - core::f32::consts::FRAC_PI_2).abs() < 0.1, "{yaw}");
+        assert!((body.yaw() - FRAC_PI_2).abs() < 0.1, "{}", body.yaw());
+    }
+
+    #[test]
+    fn it_turns_as_far_and_as_fast_as_it_is_told() {
+        for (left, yaw) in [(FRAC_PI_2, FRAC_PI_2), (-FRAC_PI_2, -FRAC_PI_2), (3.0 * FRAC_PI_2, -FRAC_PI_2)] {
+            let mut body = Body { nose: Nose::Turn { left, rate: 0.5 }, ..airborne() };
+            let seconds = left.abs() / 0.5;
+            let mut turn_for = |share: f32| {
+                (0..(seconds * share / DT) as u32).for_each(|_| body.fly(body.position, 8.0, DT));
+                body
+            };
+            assert!(!turn_for(0.9).is_turned(), "{left}");
+            let body = turn_for(0.2);
+            assert!(body.is_turned() && (body.yaw() - yaw).abs() < 0.01, "{left}: {}", body.yaw());
+        }
+    }
+
+    #[test]
+    fn it_comes_to_rest_where_it_says() {
+        for cruise in [1.0, 8.0, 25.0] {
+            let mut body = airborne();
+            (0..1_500).for_each(|_| body.fly(Vector { north: 900.0, east: 500.0, down: -10.0 }, cruise, DT));
+            let rest = body.rest();
+            let further = body.ahead(2.0);
+            assert!((rest.distance(further) - 2.0).abs() < 0.01);
+            let mut furthest: f32 = 0.0;
+            for _ in 0..2_000 {
+                body.fly(rest, cruise, DT);
+                furthest = furthest.max(body.position.distance(airborne().position));
+            }
+            assert!(body.position.distance(rest) < 0.1, "{body:?}");
+            assert!(furthest < rest.distance(airborne().position) + 0.2, "{furthest}");
+            assert_eq!(body.ahead(2.0), body.rest(), "at rest there is no way ahead");
+        }
     }
 
     #[test]

@@ -5,12 +5,16 @@
 #![no_std]
 
 mod app;
+mod battery;
 mod body;
 pub mod connect;
+mod fence;
 mod geo;
 mod plan;
+mod queue;
 mod vehicle;
 
 pub use app::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
+pub use battery::Battery;
 pub use body::Vector;
-pub use vehicle::{Battery, GlobalPosition, Mode, Quadrotor};
+pub use vehicle::{GlobalPosition, Mode, Quadrotor};

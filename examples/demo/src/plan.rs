@@ -1,155 +1,227 @@
-//! The mission items that the vehicle can fly.
+//! The mission items that the vehicle can fly, and what each asks of it.
 //!
-//! Parameter 4 (yaw) is not followed: the nose points along the course.
+//! A copter hovers where an aeroplane circles: radii and directions of circles are of no use to it. Where an item leaves
+//! something open (NaN, a position that is not given), the vehicle keeps to what is (M-70).
 
-use mavstack::Item;
-use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult};
+use core::f32::consts::TAU;
 
-use crate::body::Vector;
+use libm::remainderf;
+use mavstack::dialect::MavCmd;
+use mavstack::{Duration, Instant, Item};
+
+use crate::body::{Nose, TURN, Vector};
 use crate::geo::Home;
 
 /// Cruise speed, m/s.
 pub const CRUISE: f32 = 8.0;
 /// A waypoint counts as reached within so many metres, unless it says otherwise.
 const RADIUS: f32 = 2.0;
+/// Longer than any battery lasts.
+const FOREVER: Duration = Duration::from_micros(u64::MAX);
 
 /// Something to fly, with an end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Maneuver {
     /// Stay there; at once done.
     Stay(Vector),
+    /// Stay there until then.
+    Wait { at: Vector, until: Instant },
     /// Fly there and come within so many metres.
     Reach { to: Vector, radius: f32 },
     /// Straight up or down first, then there.
     Climb(Vector),
     /// Fly there at this height, go down, touch down.
     Land(Vector),
-    /// Fly home, not too low, and land.
+    /// Land at home or at a rally point.
     Return,
+}
+
+/// What holds back the items behind it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Condition {
+    /// Time has to pass.
+    Delay(Duration),
+    /// The place that it flies to has to be within so many metres.
+    Distance(f32),
+    /// The nose has to turn.
+    Turn(Nose),
 }
 
 /// What an item asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
-    /// A maneuver, and how long to stay when it is done (s).
-    Fly(Maneuver, f32),
+    /// A maneuver, how long to stay when it is done, and where to point the nose then (rad).
+    Fly { maneuver: Maneuver, stay: Duration, yaw: Option<f32> },
     /// Another cruise speed (m/s).
     Speed(f32),
-    /// Nothing that this vehicle knows; [`check`] lets none of it in.
+    /// To wait for something.
+    Wait(Condition),
+    /// To go on elsewhere in the plan.
+    Jump,
+    /// Nothing that this vehicle knows; its table lets none of it in.
     Unknown,
 }
 
-/// Whether the vehicle can fly `item`.
-pub fn check(item: &Item) -> Result<(), MavMissionResult> {
-    let [p1, p2, ..] = item.params;
-    let is_global = matches!(
-        item.frame,
-        MavFrame::GLOBAL | MavFrame::GLOBAL_INT | MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT
-    );
-    match item.command {
-        MavCmd::NAV_WAYPOINT | MavCmd::NAV_LOITER_TIME | MavCmd::NAV_TAKEOFF | MavCmd::NAV_LAND if !is_global => {
-            Err(MavMissionResult::UNSUPPORTED_FRAME)
-        }
-        MavCmd::NAV_WAYPOINT | MavCmd::NAV_LOITER_TIME if p1.is_infinite() || p1 < 0.0 => {
-            Err(MavMissionResult::INVALID_PARAM1)
-        }
-        MavCmd::NAV_WAYPOINT if p2.is_infinite() || p2 < 0.0 => Err(MavMissionResult::INVALID_PARAM2),
-        MavCmd::NAV_WAYPOINT if item.x == i32::MAX => Err(MavMissionResult::INVALID_PARAM5_X),
-        MavCmd::NAV_WAYPOINT if item.y == i32::MAX => Err(MavMissionResult::INVALID_PARAM6_Y),
-        MavCmd::NAV_WAYPOINT | MavCmd::NAV_LOITER_TIME | MavCmd::NAV_TAKEOFF if !item.z.is_finite() => {
-            Err(MavMissionResult::INVALID_PARAM7)
-        }
-        // -1 keeps the speed, -2 is the default.
-        MavCmd::DO_CHANGE_SPEED if !(p2.is_finite() && p2 > 0.0 || p2 == -1.0 || p2 == -2.0) => {
-            Err(MavMissionResult::INVALID_PARAM2)
-        }
-        MavCmd::NAV_WAYPOINT
-        | MavCmd::NAV_LOITER_TIME
-        | MavCmd::NAV_TAKEOFF
-        | MavCmd::NAV_LAND
-        | MavCmd::NAV_RETURN_TO_LAUNCH
-        | MavCmd::DO_CHANGE_SPEED => Ok(()),
-        _ => Err(MavMissionResult::UNSUPPORTED),
-    }
+/// How the vehicle is when an item's turn comes.
+#[derive(Clone, Copy, Debug)]
+pub struct Situation {
+    pub home: Home,
+    pub position: Vector,
+    /// rad
+    pub yaw: f32,
+    /// m/s
+    pub speed: f32,
+    pub time: Instant,
 }
 
-/// What `item` asks of a vehicle that is at `position` and flies at `speed` m/s.
-pub fn order(home: Home, item: &Item, position: Vector, speed: f32) -> Order {
-    let [p1, p2, ..] = item.params;
-    let height = home.to_height(item.frame, item.z);
-    let place = if item.x == i32::MAX || item.y == i32::MAX { None } else { Some(home.to_local(item.x, item.y)) };
-    let (north, east) = place.unwrap_or((position.north, position.east));
-    let to = Vector { north, east, down: height.map_or(position.down, |height| -height) };
-    let hold = if p1 > 0.0 { p1 } else { 0.0 };
+/// Whether an item of this command is flown: it has an end to be reached. The others are carried out on the way (M-91).
+pub fn is_flown(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::NAV_WAYPOINT
+            | MavCmd::NAV_LOITER_UNLIM
+            | MavCmd::NAV_LOITER_TIME
+            | MavCmd::NAV_RETURN_TO_LAUNCH
+            | MavCmd::NAV_LAND
+            | MavCmd::NAV_TAKEOFF
+            | MavCmd::NAV_DELAY
+    )
+}
+
+/// What `item` asks for.
+pub fn order(item: &Item, now: &Situation) -> Order {
+    let [p1, p2, p3, p4] = item.params;
+    let Vector { north, east, down } = now.position;
+    let (north, east) = match (item.x, item.y) {
+        (i32::MAX, _) | (_, i32::MAX) => (north, east),
+        (latitude, longitude) => now.home.to_local(latitude, longitude),
+    };
+    let to = Vector { north, east, down: now.home.to_height(item.frame, item.z).map_or(down, |height| -height) };
+    let fly = |maneuver, stay| {
+        let is_at_a_heading = matches!(
+            item.command,
+            MavCmd::NAV_WAYPOINT | MavCmd::NAV_LOITER_UNLIM | MavCmd::NAV_LAND | MavCmd::NAV_TAKEOFF
+        );
+        Order::Fly { maneuver, stay, yaw: Some(p4.to_radians()).filter(|yaw| is_at_a_heading && yaw.is_finite()) }
+    };
     match item.command {
-        MavCmd::NAV_WAYPOINT => Order::Fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2 } else { RADIUS } }, hold),
-        MavCmd::NAV_LOITER_TIME => Order::Fly(Maneuver::Reach { to, radius: RADIUS }, hold),
-        MavCmd::NAV_TAKEOFF => Order::Fly(Maneuver::Climb(to), 0.0),
-        MavCmd::NAV_LAND => Order::Fly(Maneuver::Land(Vector { down: position.down, ..to }), 0.0),
-        MavCmd::NAV_RETURN_TO_LAUNCH => Order::Fly(Maneuver::Return, 0.0),
+        MavCmd::NAV_WAYPOINT => fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2 } else { RADIUS } }, seconds(p1)),
+        MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: RADIUS }, seconds(p1)),
+        MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: RADIUS }, FOREVER),
+        MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),
+        MavCmd::NAV_LAND => fly(Maneuver::Land(Vector { down, ..to }), Duration::ZERO),
+        MavCmd::NAV_RETURN_TO_LAUNCH => fly(Maneuver::Return, Duration::ZERO),
+        MavCmd::NAV_DELAY => {
+            fly(Maneuver::Wait { at: now.position, until: now.time.after(seconds(p1)) }, Duration::ZERO)
+        }
+        // Without wind the speed through the air is that over the ground. -1 keeps it, -2 is the default.
         MavCmd::DO_CHANGE_SPEED if p2 > 0.0 => Order::Speed(p2),
         MavCmd::DO_CHANGE_SPEED if p2 == -2.0 => Order::Speed(CRUISE),
-        MavCmd::DO_CHANGE_SPEED => Order::Speed(speed),
+        MavCmd::DO_CHANGE_SPEED => Order::Speed(now.speed),
+        MavCmd::DO_JUMP => Order::Jump,
+        MavCmd::CONDITION_DELAY => Order::Wait(Condition::Delay(seconds(p1))),
+        MavCmd::CONDITION_DISTANCE => Order::Wait(Condition::Distance(p1)),
+        MavCmd::CONDITION_YAW => {
+            let angle = p1.to_radians();
+            let left = match (p4 == 1.0, p3) {
+                (true, ..0.0) => -angle,
+                (true, _) => angle,
+                (false, ..0.0) => -rightward(now.yaw - angle),
+                (false, 0.0) => shorter(angle - now.yaw),
+                (false, _) => rightward(angle - now.yaw),
+            };
+            let rate = if p2 > 0.0 { p2.to_radians().min(TURN) } else { TURN };
+            Order::Wait(Condition::Turn(Nose::Turn { left, rate }))
+        }
         _ => Order::Unknown,
     }
 }
 
+/// The shorter way from `yaw` to `to` (rad).
+pub fn turn_to(to: f32, yaw: f32) -> Nose {
+    Nose::Turn { left: shorter(to - yaw), rate: TURN }
+}
+
+/// The same direction, from -π to π.
+fn shorter(angle: f32) -> f32 {
+    remainderf(angle, TAU)
+}
+
+/// The same direction, from 0 to 2π; what is all but there already does not go round.
+fn rightward(angle: f32) -> f32 {
+    let angle = shorter(angle);
+    if angle < -0.01 { angle + TAU } else { angle }
+}
+
+/// Not a number is none.
+fn seconds(seconds: f32) -> Duration {
+    Duration::from_micros((seconds * 1e6) as u64)
+}
+
 #[cfg(test)]
 mod tests {
+    use core::f32::consts::{FRAC_PI_2, PI};
+
+    use mavstack::dialect::MavFrame;
+
     use super::*;
 
-    fn item(command: MavCmd) -> Item {
+    const NOW: Situation = Situation {
+        home: Home::DEMO,
+        position: Vector { north: 3.0, east: 4.0, down: -7.0 },
+        yaw: 0.0,
+        speed: 5.0,
+        time: Instant::from_millis(1_000),
+    };
+
+    fn item(command: MavCmd, params: [f32; 4]) -> Item {
         let Home { latitude, longitude, .. } = Home::DEMO;
-        Item {
-            frame: MavFrame::GLOBAL_RELATIVE_ALT,
-            command,
-            autocontinue: 1,
-            params: [0.0; 4],
-            x: latitude,
-            y: longitude,
-            z: 10.0,
-        }
+        let frame = MavFrame::GLOBAL_RELATIVE_ALT;
+        Item { frame, command, autocontinue: 1, params, x: latitude, y: longitude, z: 10.0 }
     }
 
-    /// M-73: what it cannot fly is refused, each with the code that names the reason.
-    #[test]
-    fn what_it_cannot_fly_is_refused() {
-        use MavMissionResult as R;
-        let waypoint = item(MavCmd::NAV_WAYPOINT);
-        let table = [
-            (item(MavCmd::NAV_SPLINE_WAYPOINT), R::UNSUPPORTED),
-            (item(MavCmd::DO_JUMP), R::UNSUPPORTED),
-            (Item { frame: MavFrame::LOCAL_NED, ..waypoint }, R::UNSUPPORTED_FRAME),
-            (Item { frame: MavFrame::GLOBAL_TERRAIN_ALT, ..item(MavCmd::NAV_LAND) }, R::UNSUPPORTED_FRAME),
-            (Item { params: [-1.0, 0.0, 0.0, 0.0], ..waypoint }, R::INVALID_PARAM1),
-            (Item { params: [0.0, f32::INFINITY, 0.0, 0.0], ..waypoint }, R::INVALID_PARAM2),
-            (Item { x: i32::MAX, ..waypoint }, R::INVALID_PARAM5_X),
-            (Item { y: i32::MAX, ..waypoint }, R::INVALID_PARAM6_Y),
-            (Item { z: f32::NAN, ..waypoint }, R::INVALID_PARAM7),
-            (Item { params: [0.0, f32::NAN, 0.0, 0.0], ..item(MavCmd::DO_CHANGE_SPEED) }, R::INVALID_PARAM2),
-        ];
-        for (item, code) in table {
-            assert_eq!(check(&item), Err(code), "{item:?}");
-        }
+    fn fly(maneuver: Maneuver) -> Order {
+        Order::Fly { maneuver, stay: Duration::ZERO, yaw: None }
     }
 
     /// M-70: NaN and "not given" are defaults where the item allows them.
     #[test]
     fn defaults_are_understood() {
-        let params = [f32::NAN; 4];
-        let here = Vector { north: 3.0, east: 4.0, down: -7.0 };
-        let order = |item: Item| {
-            assert_eq!(check(&item), Ok(()));
-            order(Home::DEMO, &item, here, 5.0)
-        };
-        let takeoff = Item { params, x: i32::MAX, y: i32::MAX, ..item(MavCmd::NAV_TAKEOFF) };
-        assert_eq!(order(takeoff), Order::Fly(Maneuver::Climb(Vector { down: -10.0, ..here }), 0.0));
-        let land = Item { z: f32::NAN, x: i32::MAX, ..item(MavCmd::NAV_LAND) };
-        assert_eq!(order(land), Order::Fly(Maneuver::Land(here), 0.0));
-        let waypoint = Item { params, frame: MavFrame::GLOBAL, z: 500.0, ..item(MavCmd::NAV_WAYPOINT) };
+        let order = |item: Item| order(&item, &NOW);
+        let here = NOW.position;
+        let nan = [f32::NAN; 4];
+        let takeoff = Item { x: i32::MAX, y: i32::MAX, ..item(MavCmd::NAV_TAKEOFF, nan) };
+        assert_eq!(order(takeoff), fly(Maneuver::Climb(Vector { down: -10.0, ..here })));
+        let land = Item { z: f32::NAN, x: i32::MAX, y: i32::MAX, ..item(MavCmd::NAV_LAND, nan) };
+        assert_eq!(order(land), fly(Maneuver::Land(here)));
+        let waypoint = Item { frame: MavFrame::GLOBAL, z: 500.0, ..item(MavCmd::NAV_WAYPOINT, nan) };
         let to = Vector { down: -12.0, ..Vector::ZERO };
-        assert_eq!(order(waypoint), Order::Fly(Maneuver::Reach { to, radius: 2.0 }, 0.0));
-        let keep = Item { params: [1.0, -1.0, 0.0, 0.0], ..item(MavCmd::DO_CHANGE_SPEED) };
-        assert_eq!(order(keep), Order::Speed(5.0));
+        assert_eq!(order(waypoint), fly(Maneuver::Reach { to, radius: 2.0 }));
+        let speed = |speed| order(item(MavCmd::DO_CHANGE_SPEED, [1.0, speed, -1.0, 0.0]));
+        assert_eq!([speed(-1.0), speed(-2.0), speed(3.5)], [5.0, CRUISE, 3.5].map(Order::Speed));
+    }
+
+    #[test]
+    fn the_nose_turns_the_way_that_the_item_says() {
+        // From where it points: angle, direction, relative; to turn.
+        for (yaw, [angle, direction, relative], expected) in [
+            (0.0, [90.0, 0.0, 0.0], FRAC_PI_2),
+            (0.0, [270.0, 0.0, 0.0], -FRAC_PI_2),
+            (0.0, [270.0, 1.0, 0.0], 3.0 * FRAC_PI_2),
+            (0.0, [90.0, -1.0, 0.0], -3.0 * FRAC_PI_2),
+            (FRAC_PI_2, [180.0, 1.0, 1.0], PI),
+            (FRAC_PI_2, [180.0, -1.0, 1.0], -PI),
+            (FRAC_PI_2, [45.0, 0.0, 1.0], PI / 4.0),
+            (FRAC_PI_2 + 0.001, [90.0, 1.0, 0.0], -0.001),
+            (-3.0, [180.0, 0.0, 0.0], 3.0 - PI),
+        ] {
+            let item = item(MavCmd::CONDITION_YAW, [angle, 20.0, direction, relative]);
+            let Order::Wait(Condition::Turn(Nose::Turn { left, rate })) = order(&item, &Situation { yaw, ..NOW })
+            else {
+                panic!("{angle} {direction} {relative}");
+            };
+            assert!((left - expected).abs() < 1e-4, "{angle} {direction} {relative} from {yaw}: {left}");
+            assert_eq!(rate, 20_f32.to_radians());
+        }
     }
 }

@@ -1,0 +1,345 @@
+//! The vehicle: a quadrotor that exists as a few numbers. The same steps in time give the same flight.
+
+mod commands;
+mod mission;
+mod plans;
+
+use mavstack::dialect::{MavModeFlag, MavSeverity, MavState};
+use mavstack::{Duration, Instant, Item, Vehicle, VehicleState};
+
+use crate::battery::Battery;
+use crate::body::{Body, Nose, Vector};
+use crate::fence;
+use crate::geo::Home;
+use crate::plan::{CRUISE, Maneuver};
+use crate::queue::Queue;
+use mission::Mission;
+
+/// Its physics go in steps of 10 ms.
+const STEP: Duration = Duration::from_millis(10);
+const DT: f32 = 0.01;
+/// A flight loop that stood still is not made up for beyond so many steps.
+const MAX_STEPS: usize = 10;
+/// The receiver needs so long to find its position.
+const GPS_FIX: Instant = Instant::from_millis(2_000);
+/// It flies home no lower than this, m.
+const RETURN_HEIGHT: f32 = 15.0;
+/// It stops so far from a fence, m.
+const FENCE_MARGIN: f32 = 1.0;
+
+/// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are beyond those of the well-known autopilots, so that
+/// a client that takes us for one of them is refused and not misunderstood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Mode {
+    /// Stays where it is.
+    Hold = 100,
+    /// Goes up.
+    Takeoff = 101,
+    /// Flies the live plan.
+    Mission = 102,
+    /// Flies home or to a rally point, whichever is nearest, and lands.
+    Return = 103,
+    /// Lands.
+    Land = 104,
+}
+
+impl Mode {
+    const ALL: [Self; 5] = [Self::Hold, Self::Takeoff, Self::Mission, Self::Return, Self::Land];
+}
+
+/// A position on the globe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GlobalPosition {
+    /// deg·1e7
+    pub latitude: i32,
+    /// deg·1e7
+    pub longitude: i32,
+    /// m above mean sea level
+    pub altitude: f32,
+}
+
+/// The plans that are live.
+#[derive(Clone, Copy, Debug)]
+struct Live<'a> {
+    mission: &'a [Item],
+    fence: &'a [Item],
+    rally: &'a [Item],
+}
+
+/// The vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct Quadrotor {
+    home: Home,
+    body: Body,
+    battery: Battery,
+    /// The physics are done up to here.
+    time: Instant,
+    armed: bool,
+    mode: Mode,
+    /// What is flown in every mode but [`Mode::Mission`].
+    maneuver: Maneuver,
+    /// m/s
+    speed: f32,
+    mission: Mission,
+    /// It stands outside its fence.
+    is_outside: bool,
+    may_persist: bool,
+    /// A step reaches no more than one item.
+    reached: Queue<u16, MAX_STEPS>,
+    texts: Queue<(MavSeverity, &'static str), 4>,
+}
+
+impl Quadrotor {
+    /// On the ground at home, disarmed, with a full battery.
+    pub const fn new() -> Self {
+        Self {
+            home: Home::DEMO,
+            body: Body::AT_HOME,
+            battery: Battery::FULL,
+            time: Instant::ZERO,
+            armed: false,
+            mode: Mode::Hold,
+            maneuver: Maneuver::Stay(Vector::ZERO),
+            speed: CRUISE,
+            mission: Mission::NONE,
+            is_outside: false,
+            may_persist: true,
+            reached: Queue::new(),
+            texts: Queue::new(),
+        }
+    }
+
+    /// One pass of the flight loop: the physics up to `now`, flying `mission` within `fence`, with `rally` to return to:
+    /// the live plans.
+    pub fn control_step(&mut self, now: Instant, mission: &[Item], fence: &[Item], rally: &[Item]) {
+        let live = Live { mission, fence, rally };
+        for _ in 0..MAX_STEPS {
+            if self.time.after(STEP) > now {
+                return;
+            }
+            self.time = self.time.after(STEP);
+            self.step(&live);
+        }
+        self.time = now;
+    }
+
+    /// Where it is; `None` without a GPS fix.
+    pub fn global_position(&self) -> Option<GlobalPosition> {
+        let Vector { north, east, down } = self.body.position;
+        let (latitude, longitude) = self.home.to_global(north, east);
+        self.has_fix().then_some(GlobalPosition { latitude, longitude, altitude: self.home.altitude - down })
+    }
+
+    /// Where it is, m from home.
+    pub fn local_position(&self) -> Vector {
+        self.body.position
+    }
+
+    /// How fast it moves, m/s.
+    pub fn velocity(&self) -> Vector {
+        self.body.velocity
+    }
+
+    /// Roll, pitch, yaw, rad.
+    pub fn attitude(&self) -> [f32; 3] {
+        self.body.attitude()
+    }
+
+    /// The battery.
+    pub fn battery(&self) -> Battery {
+        self.battery
+    }
+
+    /// Whether the receiver has found its position.
+    pub fn has_fix(&self) -> bool {
+        self.time >= GPS_FIX
+    }
+
+    /// Whether the motors may turn.
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Whether it stands on the ground.
+    pub fn is_landed(&self) -> bool {
+        self.body.is_on_ground()
+    }
+
+    /// What it is doing.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Something to tell the operator, once.
+    pub fn take_text(&mut self) -> Option<(MavSeverity, &'static str)> {
+        self.texts.take()
+    }
+
+    /// An item of the mission that was reached, once each and in their order (M-91). Fetch all after each
+    /// [`control_step`](Self::control_step): there is room for those of one.
+    pub fn take_reached(&mut self) -> Option<u16> {
+        self.reached.take()
+    }
+
+    /// Whether storage may be written from now on; at first it may. This vehicle's storage stops nothing while it is
+    /// written; one whose processor stands still for that long would permit it on the ground only.
+    pub fn set_may_persist(&mut self, may_persist: bool) {
+        self.may_persist = may_persist;
+    }
+
+    fn step(&mut self, live: &Live<'_>) {
+        let was_low = self.battery.is_low();
+        let current = match self.armed {
+            false => 0.3,
+            true if self.is_landed() => 2.0,
+            true => 18.0,
+        };
+        self.battery.drain(current, DT);
+        if !was_low && self.battery.is_low() {
+            self.say(MavSeverity::WARNING, "Battery low");
+        }
+        if !self.armed {
+            self.is_outside = !self.allows(live, self.body.position, self.body.position);
+            return self.body.fall(DT);
+        }
+        if self.mode == Mode::Mission {
+            return self.fly_mission(live);
+        }
+        if self.maneuver == Maneuver::Return {
+            self.maneuver = self.way_home(live);
+        }
+        if self.perform(self.maneuver, live) {
+            match self.mode {
+                Mode::Takeoff => self.hold(),
+                Mode::Return | Mode::Land => self.touch_down(),
+                Mode::Hold | Mode::Mission => {}
+            }
+        }
+    }
+
+    /// Flies a step of `maneuver`; true when it is done. At the fence the mode becomes [`Mode::Hold`].
+    fn perform(&mut self, maneuver: Maneuver, live: &Live<'_>) -> bool {
+        let here = self.body.position;
+        let (goal, done) = match maneuver {
+            Maneuver::Stay(to) => (to, true),
+            Maneuver::Wait { at, until } => (at, self.time >= until),
+            Maneuver::Reach { to, radius } => {
+                (to, here.distance(to) <= radius && (to.down - here.down).abs() <= radius)
+            }
+            Maneuver::Climb(to) => {
+                let is_up = (to.down - here.down).abs() < 0.5;
+                let goal = if is_up { to } else { Vector { down: to.down, ..here } };
+                (goal, is_up && here.distance(to) < 2.0)
+            }
+            Maneuver::Land(spot) => land(here, spot),
+            // Where to is found out before.
+            Maneuver::Return => (here, false),
+        };
+        let mut next = self.body;
+        next.fly(goal, self.speed, DT);
+        if self.mode != Mode::Hold && !self.allows(live, next.position, next.ahead(FENCE_MARGIN)) {
+            let is_outside = !self.allows(live, here, here);
+            // From outside it may come back and come down.
+            if !(is_outside && matches!(self.mode, Mode::Return | Mode::Land)) {
+                self.hold();
+                self.say(
+                    MavSeverity::WARNING,
+                    if is_outside { "Holding: outside the fence" } else { "Holding at the fence" },
+                );
+                self.body.fly(self.body.rest(), self.speed, DT);
+                return false;
+            }
+        }
+        self.body = next;
+        done
+    }
+
+    /// Whether the fence allows to fly straight from one place to another. A step asks this once, and twice at the border.
+    fn allows(&self, live: &Live<'_>, from: Vector, to: Vector) -> bool {
+        fence::allows(self.home, live.fence, from, to)
+    }
+
+    /// To land at the nearest of home and the rally points within the fence, from no lower than where it is, and than the
+    /// rally point says.
+    fn way_home(&self, live: &Live<'_>) -> Maneuver {
+        let here = self.body.position;
+        let rally = live.rally.iter().map(|item| {
+            let (north, east) = self.home.to_local(item.x, item.y);
+            let height = self.home.to_height(item.frame, item.z).unwrap_or(0.0);
+            Vector { north, east, down: -height }
+        });
+        let spot = core::iter::once(Vector::ZERO)
+            .chain(rally)
+            .filter(|&spot| self.allows(live, spot, spot))
+            .min_by(|a, b| here.distance(*a).total_cmp(&here.distance(*b)))
+            .unwrap_or(Vector::ZERO);
+        Maneuver::Land(Vector { down: spot.down.min(here.down).min(-RETURN_HEIGHT), ..spot })
+    }
+
+    /// Stops, and stays there.
+    fn hold(&mut self) {
+        self.enter(Mode::Hold, Maneuver::Stay(self.body.rest()));
+    }
+
+    fn touch_down(&mut self) {
+        self.hold();
+        self.armed = false;
+        self.say(MavSeverity::INFO, "Landed, disarmed");
+    }
+
+    fn enter(&mut self, mode: Mode, maneuver: Maneuver) {
+        if self.mode == Mode::Mission && mode != Mode::Mission {
+            self.mission.pause();
+        }
+        if mode != Mode::Mission {
+            self.body.nose = Nose::Course;
+        }
+        self.mode = mode;
+        self.maneuver = maneuver;
+    }
+
+    fn say(&mut self, severity: MavSeverity, text: &'static str) {
+        self.texts.push((severity, text));
+    }
+}
+
+impl Default for Quadrotor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Vehicle for Quadrotor {
+    fn state(&self) -> Option<VehicleState> {
+        let mut base_mode =
+            MavModeFlag::CUSTOM_MODE_ENABLED | MavModeFlag::STABILIZE_ENABLED | MavModeFlag::GUIDED_ENABLED;
+        if self.mode != Mode::Hold {
+            base_mode |= MavModeFlag::AUTO_ENABLED;
+        }
+        if self.armed {
+            base_mode |= MavModeFlag::SAFETY_ARMED;
+        }
+        let system_status = match self.armed {
+            _ if !self.has_fix() => MavState::BOOT,
+            false => MavState::STANDBY,
+            true if self.battery.is_low() => MavState::CRITICAL,
+            true => MavState::ACTIVE,
+        };
+        Some(VehicleState { base_mode, custom_mode: self.mode as u32, system_status })
+    }
+}
+
+/// Where to fly to land on `spot`, at `spot`'s height as long as it is far; and whether it has landed.
+fn land(here: Vector, spot: Vector) -> (Vector, bool) {
+    let height = Vector { down: spot.down, ..here };
+    if here.distance(spot) <= 1.0 {
+        (Vector { down: 1.0, ..spot }, here.down >= 0.0)
+    } else if here.down - spot.down > 0.5 {
+        (height, false)
+    } else {
+        (spot, false)
+    }
+}

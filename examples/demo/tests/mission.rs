@@ -1,0 +1,335 @@
+//! Missions flown in simulated time: legs, their order, and what is done on the way.
+
+mod support;
+
+use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
+use mavstack::{Item, Plans};
+use mavstack_demo::Mode;
+use support::{Flight, act, at, waypoint};
+
+const NAN: f32 = f32::NAN;
+
+fn speed(speed: f32) -> Item {
+    act(MavCmd::DO_CHANGE_SPEED, [1.0, speed, -1.0, 0.0])
+}
+
+#[test]
+fn waypoints_are_flown_to_in_order_and_reached_once_each() {
+    let corners = [(22.0, 0.0), (22.0, 15.0), (0.0, 15.0)];
+    let mut flight = Flight::airborne();
+    flight.upload(&corners.map(|(north, east)| waypoint(north, east)));
+    assert_eq!(flight.mission(), (0, MissionState::NOT_STARTED));
+    flight.start(None, None);
+    for (seq, (north, east)) in (0..).zip(corners) {
+        assert_eq!(flight.mission(), (seq, MissionState::ACTIVE));
+        let end = |flight: &Flight| flight.mission() != (seq, MissionState::ACTIVE);
+        while !end(&flight) {
+            flight.run(10);
+            assert!(flight.millis < 60_000);
+        }
+        assert!(flight.distance(north, east) < 2.1, "{seq}: {:?}", flight.vehicle.local_position());
+        assert_eq!(flight.reached(), [seq], "before the next is current (M-91)");
+    }
+    assert_eq!(flight.mission(), (2, MissionState::COMPLETE));
+    assert_eq!(flight.said(), ["Mission complete"]);
+    let (north, east) = (flight.vehicle.local_position().north, flight.vehicle.local_position().east);
+    flight.run(10_000);
+    assert!(flight.distance(north, east) < 3.0, "it stays where the plan ended");
+    assert!(flight.vehicle.is_armed() && flight.height() > 9.0);
+}
+
+/// However many items lie at one place, each is reached once and in order, also when the loop goes round slowly (M-91).
+#[test]
+fn items_at_one_place_are_each_reached() {
+    let mut flight = Flight::flying(&[waypoint(0.0, 0.0); 40]);
+    while flight.vehicle.mode() == Mode::Mission {
+        flight.go_round(100);
+    }
+    assert_eq!(flight.reached(), (0..40).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_plan_from_ground_to_ground() {
+    let mut flight = Flight::ready();
+    flight.upload(&[
+        Item { x: i32::MAX, y: i32::MAX, ..at(MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, 6.0) },
+        speed(3.0),
+        at(MavCmd::NAV_WAYPOINT, [4.0, 0.0, 0.0, NAN], 33.0, 0.0, 6.0),
+        act(MavCmd::NAV_RETURN_TO_LAUNCH, [0.0; 4]),
+    ]);
+    flight.start(None, None);
+    flight.until_current(2, 10);
+    assert!((flight.height() - 6.0).abs() < 0.6);
+    let mut fastest: f32 = 0.0;
+    while flight.mission().0 == 2 {
+        flight.run(10);
+        fastest = fastest.max(flight.speed());
+    }
+    assert!((2.9..3.1).contains(&fastest), "it keeps to the speed that the plan sets: {fastest}");
+    let mut highest: f32 = 0.0;
+    while flight.vehicle.is_armed() {
+        flight.run(10);
+        highest = highest.max(flight.height());
+        assert!(flight.millis < 200_000);
+    }
+    assert!((14.0..16.0).contains(&highest), "it returns at 15 m: {highest}");
+    assert_eq!(flight.mission(), (3, MissionState::COMPLETE));
+    assert!(flight.distance(0.0, 0.0) < 1.5 && flight.vehicle.is_landed());
+    assert_eq!(flight.reached(), [0, 2, 3], "items of the DO_ commands are not reached");
+    assert_eq!(flight.said(), ["Mission complete", "Landed, disarmed"]);
+}
+
+/// The speed is kept (-1), set back (-2), and as the plan left it after a pause.
+#[test]
+fn the_plan_sets_the_speed() {
+    let mut flight = Flight::flying(&[
+        speed(4.0),
+        waypoint(40.0, 0.0),
+        speed(-1.0),
+        waypoint(80.0, 0.0),
+        speed(-2.0),
+        waypoint(160.0, 0.0),
+    ]);
+    let fastest_to = |flight: &mut Flight, seq: u16| {
+        let mut fastest: f32 = 0.0;
+        while flight.mission().1 == MissionState::ACTIVE && flight.mission().0 <= seq {
+            flight.run(10);
+            fastest = fastest.max(flight.speed());
+            if flight.millis.is_multiple_of(7_000) {
+                flight.set_mode(Mode::Hold);
+                flight.run(1_000);
+                flight.set_mode(Mode::Mission);
+            }
+        }
+        fastest.round()
+    };
+    assert_eq!(fastest_to(&mut flight, 1), 4.0);
+    assert_eq!(fastest_to(&mut flight, 3), 4.0);
+    assert_eq!(fastest_to(&mut flight, 5), 8.0);
+}
+
+#[test]
+fn it_holds_at_a_waypoint_as_long_as_that_says() {
+    let mut flight =
+        Flight::flying(&[at(MavCmd::NAV_WAYPOINT, [7.0, 0.0, 0.0, NAN], 0.0, 0.0, 10.0), waypoint(5.0, 0.0)]);
+    let took = flight.until_current(1, 20);
+    assert!((7.0..7.2).contains(&took), "{took}");
+}
+
+#[test]
+fn a_waypoint_is_as_wide_as_it_says() {
+    for (radius, expected) in [(10.0, 10.0), (0.5, 0.5), (0.0, 2.0), (NAN, 2.0)] {
+        let wide = at(MavCmd::NAV_WAYPOINT, [0.0, radius, 0.0, NAN], 40.0, 0.0, 10.0);
+        let mut flight = Flight::flying(&[wide, waypoint(80.0, 0.0)]);
+        flight.until_current(1, 30);
+        let distance = flight.distance(40.0, 0.0);
+        assert!((expected - 0.5..=expected + 0.1).contains(&distance), "{radius}: {distance}");
+    }
+}
+
+/// Parameter 4 is the heading at a waypoint; NaN leaves the nose on the course.
+#[test]
+fn the_nose_follows_the_course_and_the_plan() {
+    let mut flight = Flight::flying(&[
+        at(MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, 270.0], 60.0, 0.0, 10.0),
+        at(MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, NAN], 60.0, 60.0, 10.0),
+        at(MavCmd::NAV_LAND, [0.0, 0.0, 0.0, 180.0], 60.0, 60.0, 0.0),
+    ]);
+    flight.run(4_000);
+    assert!(flight.heading() < 1.0 || flight.heading() > 359.0, "north: {}", flight.heading());
+    flight.until_current(1, 20);
+    assert!((flight.heading() - 270.0).abs() < 1.0, "{}", flight.heading());
+    flight.run(5_000);
+    assert!((flight.heading() - 90.0).abs() < 1.0, "{}", flight.heading());
+    flight.until_end(60);
+    assert!((flight.heading() - 180.0).abs() < 1.0, "{}", flight.heading());
+}
+
+#[test]
+fn loitering_ends_when_its_time_is_up() {
+    let mut flight =
+        Flight::flying(&[at(MavCmd::NAV_LOITER_TIME, [12.0, 0.0, 50.0, 1.0], 30.0, 0.0, 10.0), waypoint(60.0, 0.0)]);
+    flight.until("there", 20, |vehicle| vehicle.local_position().north > 28.0);
+    let took = flight.until_current(1, 30);
+    assert!((12.0..13.0).contains(&took), "{took}");
+    assert!(flight.distance(30.0, 0.0) < 0.5);
+}
+
+/// Without a place it loiters where it is; it goes on when it is told to.
+#[test]
+fn unlimited_loitering_ends_by_hand() {
+    let here = Item { x: i32::MAX, y: i32::MAX, ..at(MavCmd::NAV_LOITER_UNLIM, [NAN; 4], 0.0, 0.0, 12.0) };
+    let mut flight = Flight::flying(&[waypoint(20.0, 0.0), here, waypoint(40.0, 0.0)]);
+    flight.until_current(1, 20);
+    flight.run(300_000);
+    assert_eq!(flight.mission(), (1, MissionState::ACTIVE));
+    assert_eq!(flight.reached(), [0, 1]);
+    assert!(flight.distance(20.0, 0.0) < 3.0 && (flight.height() - 12.0).abs() < 0.1);
+    assert_eq!(flight.vehicle.set_current(2, false), MavResult::ACCEPTED);
+    flight.until_end(20);
+    assert_eq!(flight.reached(), [2]);
+}
+
+#[test]
+fn a_delay_is_waited_for() {
+    let mut flight =
+        Flight::flying(&[waypoint(10.0, 0.0), act(MavCmd::NAV_DELAY, [6.5, -1.0, -1.0, -1.0]), waypoint(20.0, 0.0)]);
+    flight.until_current(1, 20);
+    flight.run(6_000);
+    assert_eq!(flight.reached(), [0], "a delay is reached when it is over");
+    assert!((flight.until_current(2, 20) - 0.5).abs() < 0.1);
+    assert_eq!(flight.reached(), [1]);
+    assert!(flight.distance(10.0, 0.0) < 2.5, "it stayed");
+}
+
+#[test]
+fn it_lands_where_the_plan_says() {
+    for (land, north, east) in [
+        (at(MavCmd::NAV_LAND, [0.0, 0.0, 0.0, NAN], 30.0, -20.0, 0.0), 30.0, -20.0),
+        (Item { x: i32::MAX, y: i32::MAX, z: NAN, ..at(MavCmd::NAV_LAND, [NAN; 4], 0.0, 0.0, 0.0) }, 20.0, 0.0),
+    ] {
+        let mut flight = Flight::flying(&[waypoint(20.0, 0.0), land]);
+        flight.until_end(60);
+        assert!(flight.vehicle.is_landed() && !flight.vehicle.is_armed());
+        assert!(flight.distance(north, east) < 3.0, "{:?}", flight.vehicle.local_position());
+        assert_eq!(flight.mission(), (1, MissionState::COMPLETE));
+        assert_eq!(flight.reached(), [0, 1]);
+    }
+}
+
+/// An altitude above the sea is not one above home.
+#[test]
+fn altitudes_mean_what_their_frame_says() {
+    let high = Item { frame: MavFrame::GLOBAL, ..at(MavCmd::NAV_WAYPOINT, [0.0; 4], 0.0, 0.0, 508.0) };
+    let mut flight = Flight::flying(&[high]);
+    flight.until_end(30);
+    flight.run(5_000);
+    assert!((flight.height() - 20.0).abs() < 2.1, "{}", flight.height());
+}
+
+/// Without autocontinue it holds when the item is done, whatever that is, and goes on when it is told to.
+#[test]
+fn without_autocontinue_it_waits_for_the_operator() {
+    let stop = |item: Item| Item { autocontinue: 0, ..item };
+    let mut flight = Flight::flying(&[stop(waypoint(20.0, 0.0)), stop(speed(3.0)), waypoint(40.0, 0.0)]);
+    flight.until_end(20);
+    assert_eq!((flight.mission(), flight.vehicle.mode()), ((1, MissionState::PAUSED), Mode::Hold));
+    flight.run(20_000);
+    assert!(flight.distance(20.0, 0.0) < 3.0);
+    flight.set_mode(Mode::Mission);
+    flight.run(100);
+    assert_eq!((flight.mission(), flight.vehicle.mode()), ((2, MissionState::PAUSED), Mode::Hold));
+    flight.set_mode(Mode::Mission);
+    flight.until_end(30);
+    assert_eq!(flight.mission(), (2, MissionState::COMPLETE));
+    assert_eq!(flight.reached(), [0, 2]);
+}
+
+/// The items between two legs are carried out on the way to the second; CONDITION_DELAY holds back what follows it.
+#[test]
+fn a_delay_on_the_way_holds_back_the_speed() {
+    let mut flight = Flight::flying(&[
+        waypoint(0.0, 0.0),
+        speed(2.0),
+        act(MavCmd::CONDITION_DELAY, [5.0, 0.0, 0.0, 0.0]),
+        speed(6.0),
+        waypoint(100.0, 0.0),
+    ]);
+    flight.run(4_900);
+    assert_eq!(flight.mission().0, 2, "the delay is what it waits for");
+    assert!((flight.speed() - 2.0).abs() < 0.1 && flight.distance(0.0, 0.0) > 7.0, "it flies meanwhile");
+    flight.run(3_000);
+    assert_eq!(flight.mission().0, 4);
+    assert!((flight.speed() - 6.0).abs() < 0.1, "{}", flight.speed());
+}
+
+/// What is still held back at the leg's end is waited for there: nothing is skipped.
+#[test]
+fn a_delay_longer_than_its_leg_is_waited_for() {
+    let mut flight = Flight::flying(&[
+        act(MavCmd::CONDITION_DELAY, [20.0, 0.0, 0.0, 0.0]),
+        speed(3.0),
+        waypoint(20.0, 0.0),
+        waypoint(60.0, 0.0),
+    ]);
+    flight.run(19_900);
+    assert_eq!(flight.mission(), (0, MissionState::ACTIVE));
+    assert!(flight.distance(20.0, 0.0) < 0.5);
+    assert_eq!(flight.reached(), [2]);
+    flight.until_current(3, 1);
+    flight.run(5_000);
+    assert!((flight.speed() - 3.0).abs() < 0.1, "{}", flight.speed());
+    flight.until_end(30);
+    assert_eq!(flight.reached(), [3]);
+}
+
+#[test]
+fn a_distance_holds_back_until_it_is_near() {
+    let mut flight = Flight::flying(&[
+        act(MavCmd::CONDITION_DISTANCE, [30.0, 0.0, 0.0, 0.0]),
+        speed(2.0),
+        waypoint(100.0, 0.0),
+        act(MavCmd::CONDITION_DISTANCE, [0.1, 0.0, 0.0, 0.0]),
+        waypoint(110.0, 0.0),
+    ]);
+    flight.until("slow", 30, |vehicle| vehicle.progress().current == 2);
+    assert!((flight.distance(100.0, 0.0) - 30.0).abs() < 0.2);
+    assert!(flight.speed() > 7.0, "so far it flew as fast as it may");
+    flight.run(5_000);
+    assert!((flight.speed() - 2.0).abs() < 0.1);
+    flight.until_end(60);
+    assert_eq!(flight.mission(), (4, MissionState::COMPLETE), "nearer than the leg ends it need not come");
+}
+
+/// The nose turns, and what follows waits for that; the heading stays for the rest of the leg.
+#[test]
+fn a_heading_holds_back_until_it_is_taken() {
+    let mut flight = Flight::flying(&[
+        act(MavCmd::CONDITION_YAW, [90.0, 15.0, -1.0, 0.0]),
+        speed(3.0),
+        waypoint(150.0, 0.0),
+        act(MavCmd::CONDITION_YAW, [45.0, 0.0, 1.0, 1.0]),
+        waypoint(150.0, 50.0),
+    ]);
+    flight.run(6_000);
+    assert!((flight.heading() - 270.0).abs() < 1.0, "to the left at 15°/s: {}", flight.heading());
+    assert!(flight.speed() > 7.0);
+    let took = flight.until_current(2, 20);
+    assert!((took - 12.0).abs() < 0.1, "270° at 15°/s: {took}");
+    flight.run(3_000);
+    assert!((flight.heading() - 90.0).abs() < 1.0 && (flight.speed() - 3.0).abs() < 0.1);
+    flight.until_current(4, 60);
+    assert!((flight.heading() - 135.0).abs() < 1.0, "45° further: {}", flight.heading());
+    flight.until_end(30);
+}
+
+/// DO_ items behind the last leg are carried out, and conditions there waited for.
+#[test]
+fn what_follows_the_last_leg_is_carried_out() {
+    let mut flight =
+        Flight::flying(&[waypoint(0.0, 0.0), act(MavCmd::CONDITION_DELAY, [5.0, 0.0, 0.0, 0.0]), speed(1.0)]);
+    let took = flight.until_end(20);
+    assert!((5.0..5.2).contains(&took), "{took}");
+    assert_eq!(flight.mission(), (2, MissionState::COMPLETE));
+    flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, &[]);
+}
+
+/// On the ground it cannot turn, and does not wait for what cannot come.
+#[test]
+fn conditions_do_not_hang_on_the_ground() {
+    let mut flight = Flight::ready();
+    flight.upload(&[
+        act(MavCmd::CONDITION_YAW, [180.0, 0.0, 0.0, 0.0]),
+        act(MavCmd::NAV_DELAY, [2.0, 0.0, 0.0, 0.0]),
+        act(MavCmd::CONDITION_DISTANCE, [0.0; 4]),
+        act(MavCmd::CONDITION_YAW, [180.0, 0.0, 0.0, 0.0]),
+        at(MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, 90.0], 0.0, 0.0, 8.0),
+        act(MavCmd::CONDITION_YAW, [180.0, 0.0, 0.0, 0.0]),
+        at(MavCmd::NAV_LAND, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, 0.0),
+    ]);
+    flight.start(None, None);
+    flight.until_end(60);
+    assert_eq!(flight.reached(), [1, 4, 6]);
+    assert_eq!(flight.mission(), (6, MissionState::COMPLETE));
+    assert!((flight.heading() - 180.0).abs() < 1.0, "{}", flight.heading());
+}
