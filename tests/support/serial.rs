@@ -161,11 +161,6 @@ impl SimSerial {
         (end(&self.up, &self.down), end(&self.down, &self.up))
     }
 
-    /// When the next byte can be read, at either end; long ago when one can be read now.
-    pub fn next_arrival(&self) -> Instant {
-        self.up.borrow().next_arrival().min(self.down.borrow().next_arrival())
-    }
-
     /// Changes the direction to the vehicle from now on.
     pub fn set_up(&self, change: impl FnOnce(&mut Wire)) {
         change(&mut self.up.borrow_mut().wire);
@@ -220,6 +215,11 @@ impl SerialEnd {
     /// Bytes that were written to this end so far, faults not yet applied.
     pub fn written(&self) -> u64 {
         self.tx.borrow().written
+    }
+
+    /// When the next byte can be read; long ago when one can be read now.
+    pub fn next_arrival(&self) -> Instant {
+        self.rx.borrow().next_arrival()
     }
 
     /// Bytes that can be read now.

@@ -126,8 +126,9 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize> World<N, P, PEERS> {
         // The flight loop may not seem to hang.
         let now = self.now();
         let mut next = due.min(now.after(millis(200))).min(self.stack.next_deadline(now));
-        for (line, gcs) in self.lines.iter().zip(&self.gcs) {
-            next = next.min(line.next_arrival()).min(if gcs.is_idle() { Instant::NEVER } else { now });
+        for (uart, gcs) in self.uarts.iter().zip(&self.gcs) {
+            next = next.min(uart.next_arrival()).min(gcs.end.next_arrival());
+            next = if gcs.is_idle() { next } else { now };
         }
         self.step_to(next.max(now.after(self.step)));
     }
