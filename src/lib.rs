@@ -156,7 +156,7 @@ pub use service::mission::{
 pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::Stack;
 #[cfg(feature = "storage")]
-pub use storage::PlanStore;
+pub use storage::{Fram, FramError, PlanStore};
 pub use time::{Duration, Instant};
 pub use vehicle::{
     Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress, Vehicle,

@@ -1,15 +1,16 @@
 //! Records that survive power loss, in NOR flash and in FRAM.
 //!
 //! [`PlanStore`] keeps the plans over anything that is [`NorFlash`](embedded_storage::nor_flash::NorFlash): the
-//! microcontroller's own flash, or a chip beside it. Writing goes in bounded steps; whatever moment
+//! microcontroller's own flash, a chip beside it, or an FRAM by [`Fram`]. Writing goes in bounded steps; whatever moment
 //! the power goes, the restarted vehicle has exactly what was complete before, or exactly the new.
 
+mod fram;
 mod plans;
 mod record;
 
 #[cfg(test)]
 mod tests;
 
+pub use fram::{Fram, FramError};
 pub use plans::PlanStore;
-pub(crate) use plans::Stored;
 pub(crate) use record::Step;

@@ -89,9 +89,6 @@ pub(crate) struct Header {
 }
 
 impl Header {
-    /// The bytes that the header's own CRC is computed from.
-    const SUMMED: usize = 28;
-
     pub(crate) fn encode(&self, kind: u8) -> [u8; ROW] {
         let [m0, m1, m2, m3] = MAGIC;
         let [v0, v1] = self.schema.to_le_bytes();

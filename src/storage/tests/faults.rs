@@ -195,9 +195,16 @@ fn what_has_no_room_fails() {
 #[test]
 fn the_region_is_kept() {
     let content = Content::new([1, 0, 0], 3);
-    for (region, fits) in
-        [(512..1536, true), (257..1536, true), (512..1535, false), (512..1024, false), (9..9, false), (7..1, false)]
-    {
+    for (start, end, fits) in [
+        (512, 1536, true),
+        (257, 1536, true),
+        (512, 1535, false),
+        (512, 1024, false),
+        (9, 9, false),
+        (7, 1, false),
+        (u32::MAX, u32::MAX, false),
+    ] {
+        let region = start..end;
         let mut store = PlanStore::new(Flash::new(2048), region.clone());
         assert_eq!(store.open(), Ok(None));
         for job in 0..3 {

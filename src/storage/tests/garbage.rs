@@ -27,7 +27,7 @@ fn whole(slot: &[u8]) -> Option<(u32, u32, &[u8])> {
     let len = word(slot, 12) as usize;
     let is_header =
         slot[..4] == *b"MVSR" && slot[4..6] == [1, 0] && slot[20..28] == [0; 8] && slot[28..32] == crc(&slot[..28]);
-    if !is_header || len == 0 || len % 32 != 0 || len > SLOT - 256 {
+    if !is_header || len == 0 || !len.is_multiple_of(32) || len > SLOT - 256 {
         return None;
     }
     let body = &slot[256..256 + len];
@@ -36,7 +36,7 @@ fn whole(slot: &[u8]) -> Option<(u32, u32, &[u8])> {
 
 /// What the other reader finds: counts and ids.
 fn expected(image: &[u8]) -> Option<([u16; 3], [u32; 3])> {
-    let (sequence, schema, body) = match (whole(&image[..SLOT]), whole(&image[SLOT..])) {
+    let (_, schema, body) = match (whole(&image[..SLOT]), whole(&image[SLOT..])) {
         (Some(a), Some(b)) => {
             if (b.0.wrapping_sub(a.0) as i32) > 0 {
                 b
@@ -46,13 +46,12 @@ fn expected(image: &[u8]) -> Option<([u16; 3], [u32; 3])> {
         }
         (a, b) => a.or(b)?,
     };
-    let _ = sequence;
     let counts = [0, 2, 4].map(|at| u16::from_le_bytes([body[at], body[at + 1]]));
     let rows = 1 + counts.iter().map(|count| usize::from(*count)).sum::<usize>();
     (schema == 1 && rows * 32 == body.len()).then(|| (counts, [6, 10, 14].map(|at| word(body, at))))
 }
 
-/// Nothing, or what another reader finds too; and what is written over it is found again.
+/// Nothing, or what another reader finds too.
 fn check(image: Vec<u8>) -> bool {
     let expected = expected(&image);
     let mut store = store(Flash::of(image));

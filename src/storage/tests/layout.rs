@@ -67,7 +67,7 @@ pub(super) fn sequences(bytes: &[u8], slot_len: usize) -> [Option<u32>; 2] {
 pub(super) fn set_sequence(bytes: &mut [u8], at: usize, slot_len: usize, sequence: u32) {
     let len = u32::from_le_bytes(bytes[at + 12..at + 16].try_into().unwrap()) as usize;
     let schema = u16::from_le_bytes(bytes[at + 6..at + 8].try_into().unwrap());
-    let slot = slot(schema, sequence, &bytes[at + 256..at + 256 + len].to_vec());
+    let slot = slot(schema, sequence, &bytes[at + 256..at + 256 + len]);
     assert!(slot.len() <= slot_len);
     bytes[at..at + slot.len()].copy_from_slice(&slot);
 }
