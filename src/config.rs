@@ -85,6 +85,12 @@ pub struct Config {
     /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are rounded to floats; else, as
     /// at first, by MISSION_ITEM_INT, as the definitions have it today (M-61).
     pub float_mission_items: bool,
+    /// Whether the MISSION_ACK that accepts an upload is sent once more 400 ms later, for lossy lines: QGroundControl fails
+    /// an upload whose final answer is lost, and does not ask again (M-31). False at first.
+    pub second_mission_ack: bool,
+    /// How many more times MISSION_ITEM_REACHED is sent, once a second, for lossy lines: none at first; more than 3 count
+    /// as 3 (M-91).
+    pub item_reached_repeats: u8,
 }
 
 /// An address that a vehicle may have, so that none other can be configured.
@@ -135,6 +141,8 @@ impl Config {
             accepts_component_0: false,
             budget: PollBudget::DEFAULT,
             float_mission_items: false,
+            second_mission_ack: false,
+            item_reached_repeats: 0,
         }
     }
 }

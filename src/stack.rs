@@ -30,7 +30,7 @@ use crate::message::{Dialect, Message, MessageTable, Text};
 use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
-use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType};
+use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
@@ -129,8 +129,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
-            let texts = &mut self.texts;
-            let mut context = mission::Context { now, plans: &mut plans, texts, normal: core.normal };
+            let mut context = core.plan_context(now, &mut plans, &mut self.texts);
             let owed = missions.poll(&mut context, vehicle);
             owe(&mut self.links, owed);
         }
@@ -401,6 +400,16 @@ const fn capabilities<P: PlanStorage>() -> MavProtocolCapability {
 }
 
 impl Core {
+    /// What the engine of plans works with.
+    fn plan_context<'a, 'p>(
+        &self,
+        now: Instant,
+        plans: &'a mut PlansMut<'p>,
+        texts: &'a mut StatusTexts,
+    ) -> mission::Context<'a, 'p> {
+        mission::Context { now, plans, texts, normal: self.normal, second_ack: self.config.second_mission_ack }
+    }
+
     fn has_credit(&mut self, now: Instant) -> bool {
         self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
     }
@@ -487,7 +496,7 @@ impl Core {
                 return;
             };
             let Context { now, texts, vehicle, .. } = context;
-            let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
+            let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);
         } else if frame.id() != Heartbeat::ID {
             context.vehicle.message(frame, port.id);
@@ -507,7 +516,7 @@ impl Core {
         }
         let Context { now, texts, vehicle, .. } = context;
         let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
-            let mut context = mission::Context { now: *now, plans: &mut plans, texts, normal: self.normal };
+            let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_command(&mut context, *vehicle, command)
         });
         let outcome = match progress {

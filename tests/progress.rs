@@ -139,7 +139,8 @@ fn items_reached() {
     for seq in 0..5 {
         // As the flight loop does it: the vehicle moves on, then says what it has reached.
         world.vehicle.progress.current = seq + 1;
-        world.stack.mission_item_reached(seq);
+        let now = world.now();
+        world.stack.mission_item_reached(now, seq);
         world.run_for(millis(if seq < 3 { 100 } else { 0 }));
     }
     world.run_for(secs(3));
@@ -159,6 +160,31 @@ fn items_reached() {
         assert_eq!(reached, [0, 1, 2, 3, 4]);
     }
     assert_eq!(world.gcs[2].count_of::<MissionItemReached>(), 0);
+}
+
+/// M-91: repeated where the firmware wants that, three times at most, and not beyond the plan.
+#[test]
+fn items_reached_are_repeated_where_that_is_wanted() {
+    for (repeats, said) in [(0, 1), (2, 3), (200, 4)] {
+        let mut setup = Setup::<1>::new();
+        setup.config.item_reached_repeats = repeats;
+        let mut world = World::<1, Plans>::with_plans(setup);
+        world.upload(0, &plan(4, 1)).expect("accepted");
+        settle(&mut world);
+        let now = world.now();
+        world.stack.mission_item_reached(now, 2);
+        world.run_for(secs(10));
+        let times: Vec<_> =
+            world.gcs[0].all::<MissionItemReached>().iter().map(|(at, _)| at.since(now).as_millis()).collect();
+        assert_eq!(times.len(), said, "{times:?}");
+        assert!((0..).zip(&times).all(|(i, at)| (i * 1_000..i * 1_000 + 50).contains(at)), "{times:?}");
+        world.gcs[0].forget();
+        let now = world.now();
+        world.stack.mission_item_reached(now, 3);
+        world.upload(0, &plan(4, 2)).expect("accepted");
+        world.run_for(secs(3));
+        assert!(world.gcs[0].count_of::<MissionItemReached>() <= 1, "they were the old plan's");
+    }
 }
 
 /// M-94: a shorter plan never leaves the current item beyond its end, whatever the vehicle says.

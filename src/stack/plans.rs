@@ -2,7 +2,7 @@
 
 use super::Stack;
 use crate::message::Dialect;
-use crate::service::mission::{self, Item, PlanCounters, PlanStorage, PlanType, PlanView};
+use crate::service::mission::{Item, PlanCounters, PlanStorage, PlanType, PlanView};
 use crate::time::Instant;
 use crate::vehicle::{Autopilot, PlanFault};
 
@@ -26,9 +26,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 
     /// The vehicle has reached an item of the mission: MISSION_ITEM_REACHED on every normal link, before the next item is
     /// current there (M-91). Call it after the flight loop's step and before [`poll`](Self::poll).
-    pub fn mission_item_reached(&mut self, seq: u16) {
+    pub fn mission_item_reached(&mut self, now: Instant, seq: u16) {
         if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
-            missions.reached(seq, self.core.normal);
+            missions.reached(now, seq, self.core.normal, self.core.config.item_reached_repeats);
         }
     }
 
@@ -54,8 +54,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             return Err(unsupported);
         }
         let (missions, mut plans) = self.plans.parts(&mut self.missions).ok_or(unsupported)?;
-        let (texts, normal) = (&mut self.texts, self.core.normal);
-        let mut context = mission::Context { now, plans: &mut plans, texts, normal };
+        let mut context = self.core.plan_context(now, &mut plans, &mut self.texts);
         let mut items = items.into_iter();
         missions.load(&mut context, vehicle, plan, None, |_| items.next())
     }

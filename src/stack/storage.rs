@@ -8,7 +8,7 @@ use embedded_storage::nor_flash::NorFlash;
 use super::{Stack, owe};
 use crate::dialect::MavSeverity;
 use crate::message::{Dialect, Text};
-use crate::service::mission::{self, Durability, PlanStorage, PlanType};
+use crate::service::mission::{Durability, PlanStorage, PlanType};
 use crate::storage::{PlanStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
@@ -33,10 +33,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         durability: Durability,
         vehicle: &mut V,
     ) -> Result<(), F::Error> {
-        let normal = self.core.normal;
         let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Ok(()) };
         missions.attach_storage(durability);
-        let mut cx = mission::Context { now, plans: &mut plans, texts: &mut self.texts, normal };
+        let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
         let result = store.open().and_then(|stored| {
             let Some(stored) = stored else { return Ok(()) };
             for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
@@ -59,7 +58,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         });
         if result.is_err() {
             event!("plans: storage cannot be read");
-            cx.texts.push(now, normal, MavSeverity::ERROR, &Text::new("Stored plans cannot be read"));
+            cx.texts.push(now, cx.normal, MavSeverity::ERROR, &Text::new("Stored plans cannot be read"));
         }
         result
     }
@@ -82,7 +81,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             return false;
         }
         let step = store.step(missions.unsaved(&plans));
-        let mut cx = mission::Context { now, plans: &mut plans, texts: &mut self.texts, normal: self.core.normal };
+        let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
         let owed = match step {
             Step::Idle => return false,
             Step::Busy => return true,

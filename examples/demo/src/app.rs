@@ -46,7 +46,7 @@ impl<P: PlanStorage> App<P> {
         self.vehicle.control_step(now, mission.items(), fence.items(), rally.items());
         PULSE.tick();
         while let Some(seq) = self.vehicle.take_reached() {
-            self.stack.mission_item_reached(seq);
+            self.stack.mission_item_reached(now, seq);
         }
         while let Some((severity, text)) = self.vehicle.take_text() {
             self.stack.send_text(now, severity, text);

@@ -39,6 +39,10 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// So long after a failure it is tried again to write what is live already.
 const RETRY: Duration = Duration::from_secs(10);
 
+/// So long after the final answer of an upload it is sent once more, where that is wanted: within QGroundControl's
+/// patience of 1.5 s (M-31).
+const SECOND_ACK: Duration = Duration::from_millis(400);
+
 /// A change that is to be durable before it is live.
 #[derive(Clone, Debug)]
 pub(super) struct Commit {
@@ -179,7 +183,16 @@ impl Missions {
             Change::Clear(_) => 0,
         };
         cx.plans.staging.clear();
-        Reply { to: to.address, mission_type, what: What::Ack(result, id) }
+        let reply = Reply { to: to.address, mission_type, what: What::Ack(result, id) };
+        if cx.second_ack && id != 0 {
+            self.again = Some((cx.now.after(SECOND_ACK), to.link, reply));
+        }
+        reply
+    }
+
+    /// The final answer once more, when it is due (M-31).
+    pub(super) fn poll_again(&mut self, now: Instant) -> Option<(LinkId, Reply)> {
+        self.again.take_if(|(at, ..)| now >= *at).map(|(_, link, reply)| (link, reply))
     }
 
     /// A plan that comes from the vehicle's side: from storage, with the `count` and `id` that it must have, or from the

@@ -87,6 +87,8 @@ pub(crate) struct Context<'a, 'p> {
     pub(crate) texts: &'a mut StatusTexts,
     /// The links for texts and MISSION_CURRENT.
     pub(crate) normal: LinkMask,
+    /// [`Config::second_mission_ack`](crate::Config::second_mission_ack).
+    pub(crate) second_ack: bool,
 }
 
 impl Context<'_, '_> {
@@ -162,6 +164,8 @@ pub struct Missions {
     commit: Option<Commit>,
     saving: Saving,
     done: Option<Done>,
+    /// The final answer of an upload that is to be sent once more, where and when (M-31).
+    again: Option<(Instant, LinkId, Reply)>,
     sessions: Sessions,
     current: Current,
     reached: Reached,
@@ -175,6 +179,7 @@ impl Missions {
             commit: None,
             saving: Saving::new(),
             done: None,
+            again: None,
             sessions: Sessions::new(),
             current: Current::new(),
             reached: Reached::new(),
@@ -262,14 +267,16 @@ impl Missions {
     #[must_use]
     pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
+        self.reached.poll(cx.now, cx.normal);
         // One of them at most is there.
-        self.poll_upload(cx).or_else(|| self.poll_commit(cx))
+        self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_again(cx.now))
     }
 
     /// When [`poll`](Self::poll) has something to do.
     pub(crate) fn deadline(&self) -> Instant {
         let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
-        upload.min(self.commit_deadline()).min(self.current.deadline())
+        let again = self.again.as_ref().map_or(Instant::NEVER, |(at, ..)| *at);
+        upload.min(self.commit_deadline()).min(again).min(self.current.deadline()).min(self.reached.deadline())
     }
 
     /// Whether [`next`](Self::next) or [`next_progress`](Self::next_progress) has something for this link.

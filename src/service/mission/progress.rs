@@ -8,14 +8,27 @@ use super::{Context, Missions};
 use crate::dialect::{MavCmd, MavResult, MissionItemReached};
 use crate::link::{LinkMask, Outbox};
 use crate::num;
+use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Plans, Progress};
 
 /// Items that were reached and not yet told of on every link.
 const PENDING: usize = 4;
+/// How often one is told of again, at most, and when.
+const MAX_REPEATS: u8 = 3;
+const PERIOD: Duration = Duration::from_secs(1);
 
 /// What is still to be said of items that were reached, the oldest first.
 #[derive(Clone, Debug)]
-pub(super) struct Reached(Vec<(u16, LinkMask), PENDING, u8>);
+pub(super) struct Reached(Vec<Entry, PENDING, u8>);
+
+#[derive(Clone, Debug)]
+struct Entry {
+    seq: u16,
+    owed: LinkMask,
+    /// How many times more it is said, and when next.
+    repeats: u8,
+    at: Instant,
+}
 
 impl Reached {
     pub(super) const fn new() -> Self {
@@ -27,33 +40,48 @@ impl Reached {
         self.0.clear();
     }
 
-    fn push(&mut self, seq: u16, links: LinkMask) {
+    fn push(&mut self, entry: Entry) {
         if self.0.is_full() {
-            // A link that has stalled: what it missed, MISSION_CURRENT says as well.
+            // Of a link that has stalled, or said before: what is missed, MISSION_CURRENT says as well.
             self.0.remove(0);
         }
-        let _ = self.0.push((seq, links));
+        let _ = self.0.push(entry);
+    }
+
+    /// Says again what is to be said again.
+    pub(super) fn poll(&mut self, now: Instant, links: LinkMask) {
+        for entry in self.0.iter_mut().filter(|entry| entry.repeats > 0 && now >= entry.at) {
+            entry.repeats = entry.repeats.saturating_sub(1);
+            entry.at = now.after(PERIOD);
+            entry.owed = links;
+        }
+    }
+
+    /// When [`poll`](Self::poll) has something to do.
+    pub(super) fn deadline(&self) -> Instant {
+        let repeated = self.0.iter().filter(|entry| entry.repeats > 0);
+        repeated.map(|entry| entry.at).min().unwrap_or(Instant::NEVER)
     }
 
     pub(super) fn is_owed(&self, link: LinkMask) -> bool {
-        self.0.iter().any(|(_, owed)| owed.contains(link))
+        self.0.iter().any(|entry| entry.owed.contains(link))
     }
 
     /// Sends the oldest that is owed on this link.
     fn next(&mut self, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
-        let Some((seq, owed)) = self.0.iter_mut().find(|(_, owed)| owed.contains(link)) else { return false };
-        *owed = owed.without(link);
-        let seq = *seq;
-        self.0.retain(|(_, owed)| *owed != LinkMask::NONE);
+        let Some(entry) = self.0.iter_mut().find(|entry| entry.owed.contains(link)) else { return false };
+        entry.owed = entry.owed.without(link);
+        let seq = entry.seq;
+        self.0.retain(|entry| entry.owed != LinkMask::NONE || entry.repeats > 0);
         tx.send(&MissionItemReached { seq })
     }
 }
 
 impl Missions {
     /// The vehicle has reached an item (M-91).
-    pub(crate) fn reached(&mut self, seq: u16, links: LinkMask) {
-        self.reached.push(seq, links);
+    pub(crate) fn reached(&mut self, now: Instant, seq: u16, links: LinkMask, repeats: u8) {
+        self.reached.push(Entry { seq, owed: links, repeats: repeats.min(MAX_REPEATS), at: now.after(PERIOD) });
     }
 
     /// Sends MISSION_ITEM_REACHED, or MISSION_CURRENT: in this order, so that an item was reached before the next one is

@@ -346,6 +346,7 @@ impl Missions {
 
     /// Forgets the running upload.
     fn abandon(&mut self, cx: &mut Context<'_, '_>) {
+        self.again = None;
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
         }

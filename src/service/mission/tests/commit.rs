@@ -184,6 +184,34 @@ fn a_stalled_link_keeps_the_answer_of_storage() {
     assert_eq!(bench.drain_link(0), [(other.address, MISSION, Ack(ACCEPTED, 0))]);
 }
 
+/// M-31: where it is wanted the final answer comes twice, with storage and without, unless something else has begun.
+#[test]
+fn a_second_final_answer_is_a_choice() {
+    for storage in [false, true] {
+        let mut bench = if storage { durable() } else { Bench::new() };
+        bench.second_ack = true;
+        let items = plan(1, 2);
+        let accepted = to_a(Ack(ACCEPTED, id_of(&items)));
+        if storage {
+            upload_to_storage(&mut bench, A, MISSION, &items);
+            bench.saved();
+            assert_eq!(bench.drain(), [accepted]);
+        } else {
+            assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
+        }
+        assert_eq!(bench.wait(2_000), [(400, accepted)]);
+        // A refused one is not repeated, nor one that another upload has followed.
+        bench.vehicle.bad_item = Some((0, ERROR));
+        assert_eq!(bench.ask(A, &count(MISSION, 1)), [to_a(Ask(0))]);
+        assert_eq!(bench.ask(A, &int(MISSION, 0, &item(2, 0))), [to_a(Ack(ERROR, 0))]);
+        assert_eq!(bench.wait(2_000), []);
+        bench.vehicle.bad_item = None;
+        assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)), "live already");
+        assert_eq!(bench.ask(B, &count(MISSION, 1)), [to_b(Ask(0))]);
+        assert_eq!(bench.wait(600), [(250, to_b(Ask(0))), (500, to_b(Ask(0)))]);
+    }
+}
+
 /// What was cut off by a restart of the vehicle comes back as it was checked then, or not at all.
 #[test]
 fn plans_come_back_from_storage() {
@@ -191,7 +219,13 @@ fn plans_come_back_from_storage() {
         let mut bench = durable();
         bench.vehicle.bad_item = bad;
         let (missions, mut plans) = bench.memory.parts(&mut bench.missions).unwrap();
-        let mut cx = Context { now: bench.now, plans: &mut plans, texts: &mut bench.texts, normal: both_links() };
+        let mut cx = Context {
+            now: bench.now,
+            plans: &mut plans,
+            texts: &mut bench.texts,
+            normal: both_links(),
+            second_ack: false,
+        };
         let read = |seq| items.get(usize::from(seq)).copied();
         let loaded = missions.load(&mut cx, &mut bench.vehicle, PlanType::Mission, Some((count, id)), read);
         assert_eq!((bench.unsaved(), bench.staged()), (None, 0));

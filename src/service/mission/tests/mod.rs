@@ -107,6 +107,7 @@ struct Bench {
     missions: Missions,
     memory: Memory,
     float_form: bool,
+    second_ack: bool,
     vehicle: Vehicle,
     texts: StatusTexts<[Entry; 8]>,
     now: Instant,
@@ -124,6 +125,7 @@ impl Bench {
             missions: Missions::new(),
             memory: Memory::new(),
             float_form,
+            second_ack: false,
             vehicle: Vehicle {
                 may_change: Ok(()),
                 bad_item: None,
@@ -152,7 +154,13 @@ impl Bench {
             assert!(Missions::handles(frame.id()));
             let link = usize::from(from.link.0);
             let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-            let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+            let mut cx = Context {
+                now: self.now,
+                plans: &mut plans,
+                texts: &mut self.texts,
+                normal: both_links(),
+                second_ack: self.second_ack,
+            };
             let version = self.boxes[link].version();
             let mut caller = Caller { from, version, replies: &mut self.replies[link] };
             missions.on_frame(&mut cx, &mut self.vehicle, &mut caller, frame);
@@ -167,7 +175,13 @@ impl Bench {
 
     fn poll(&mut self) {
         let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+        let mut cx = Context {
+            now: self.now,
+            plans: &mut plans,
+            texts: &mut self.texts,
+            normal: both_links(),
+            second_ack: self.second_ack,
+        };
         if let Some((link, reply)) = missions.poll(&mut cx, &self.vehicle) {
             self.replies[usize::from(link.0)].owe_result(reply);
         }
@@ -195,7 +209,13 @@ impl Bench {
         answer: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
     ) {
         let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let mut cx = Context { now: self.now, plans: &mut plans, texts: &mut self.texts, normal: both_links() };
+        let mut cx = Context {
+            now: self.now,
+            plans: &mut plans,
+            texts: &mut self.texts,
+            normal: both_links(),
+            second_ack: self.second_ack,
+        };
         if let Some((link, reply)) = answer(missions, &mut cx, &mut self.vehicle) {
             self.replies[usize::from(link.0)].owe_result(reply);
         }
