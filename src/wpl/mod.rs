@@ -42,7 +42,7 @@
 //! # The format
 //!
 //! A header, `QGC WPL 110` or `QGC WPL 120`, then twelve columns a row: index, current, frame, command, param1 to param4,
-//! x, y, z, autocontinue. What the columns say goes into the [`Item`](crate::Item); the reader checks `current` and
+//! x, y, z, autocontinue. What the columns say goes into the [`Item`]; the reader checks `current` and
 //! forgets it. The file does not tell a mission from a geofence or rally points: that is the caller's to know.
 //!
 //! What is read: any white space between columns, lines that end in LF or CRLF, the last also without; blank lines, lines

@@ -173,9 +173,10 @@ impl Reader {
         self.error.map_or(Ok(()), Err)?;
         while let Some((&byte, rest)) = bytes.split_first() {
             *bytes = rest;
-            let item = self.byte(byte).map_err(|error| *self.error.insert(error))?;
-            if item.is_some() {
-                return Ok(item);
+            match self.byte(byte) {
+                Ok(false) => {}
+                Ok(true) => return Ok(Some(self.item)),
+                Err((column, fault)) => return Err(self.fail(self.line, column, fault)),
             }
         }
         Ok(None)
@@ -188,42 +189,43 @@ impl Reader {
     /// The first fault of the file; of its last line; or of the file as a whole: there is no header
     /// ([`Header`](Fault::Header)), or no row that was to be jumped to ([`Jump`](Fault::Jump)).
     pub fn finish(&mut self) -> Result<Option<Item>, Error> {
-        let line = self.line;
+        let last = self.line;
         let item = self.next(&mut b"\n".as_slice())?;
-        let error = match self.farthest {
-            _ if !self.in_rows => Error { line, column: 0, fault: Fault::Header },
-            Some((row, line)) if row >= self.rows => Error { line, column: JUMP, fault: Fault::Jump },
-            _ => return Ok(item),
-        };
-        Err(*self.error.insert(error))
+        match self.farthest {
+            _ if !self.in_rows => Err(self.fail(last, 0, Fault::Header)),
+            Some((row, line)) if row >= self.rows => Err(self.fail(line, JUMP, Fault::Jump)),
+            _ => Ok(item),
+        }
     }
 
-    /// One more byte. An item ends only with its line.
-    fn byte(&mut self, byte: u8) -> Result<Option<Item>, Error> {
-        let line = self.line;
-        let error = |column, fault| Error { line, column, fault };
+    fn fail(&mut self, line: u32, column: u8, fault: Fault) -> Error {
+        *self.error.insert(Error { line, column, fault })
+    }
+
+    /// One more byte. True when it ends the line of an item, which is then in `item`. A fault comes with its column.
+    fn byte(&mut self, byte: u8) -> Result<bool, (u8, Fault)> {
+        let mut is_item = false;
         if byte.is_ascii_whitespace() {
             if !self.text.is_empty() {
                 self.column = self.column.saturating_add(1);
                 let result = if self.in_rows { self.row_column() } else { self.header_column() };
-                result.map_err(|fault| error(if self.column > 12 { 0 } else { self.column }, fault))?;
+                result.map_err(|fault| (if fault == Fault::Columns { 0 } else { self.column }, fault))?;
                 self.text.clear();
             }
             if byte == b'\n' {
-                let item = self.end_of_line().map_err(|(column, fault)| error(column, fault));
+                is_item = self.end_of_line()?;
                 self.line = self.line.saturating_add(1);
                 self.column = 0;
                 self.is_comment = false;
-                return item;
             }
         } else if self.is_comment || (byte == b'#' && self.column == 0 && self.text.is_empty()) {
             self.is_comment = true;
         } else if self.text.push(byte).is_err() {
-            return Err(error(self.column.saturating_add(1), Fault::TooLong));
-        } else if line == 1 && self.column == 0 && self.text == BYTE_ORDER_MARK {
+            return Err((self.column.saturating_add(1), Fault::TooLong));
+        } else if self.line == 1 && self.column == 0 && self.text == BYTE_ORDER_MARK {
             self.text.clear();
         }
-        Ok(None)
+        Ok(is_item)
     }
 
     /// A column of the header has ended.
@@ -242,64 +244,80 @@ impl Reader {
     /// A column of a row has ended.
     fn row_column(&mut self) -> Result<(), Fault> {
         let text = self.text.as_slice();
-        let integer = || decimal::parse_integer(text);
-        let byte = || integer().and_then(|value| u8::try_from(value).map_err(|_| Fault::Range));
-        let coordinate = |frame| decimal::parse_scaled(text, decimals(frame).ok_or(Fault::Frame)?);
         let item = &mut self.item;
-        match self.column {
-            1 if integer()? != self.rows && self.numbered => return Err(Fault::Index),
-            1 => {}
-            2 => drop(byte()?),
-            3 => {
-                item.frame = MavFrame(byte()?);
+        let column = self.column;
+        match column {
+            1..=4 | 12 => {
+                let value = decimal::parse_integer(text)?;
+                if matches!(column, 1 | 4) {
+                    if column == 4 {
+                        item.command = MavCmd(value);
+                    } else if self.numbered && value != self.rows {
+                        return Err(Fault::Index);
+                    }
+                    return Ok(());
+                }
+                let value = u8::try_from(value).map_err(|_| Fault::Range)?;
+                match column {
+                    3 => item.frame = MavFrame(value),
+                    12 => item.autocontinue = value,
+                    _ => {}
+                }
                 decimals(item.frame).ok_or(Fault::Frame)?;
             }
-            4 => item.command = MavCmd(integer()?),
-            9 => item.x = coordinate(item.frame)?,
-            10 => item.y = coordinate(item.frame)?,
-            11 => item.z = decimal::parse_f32(text)?,
-            12 => item.autocontinue = byte()?,
-            column => {
-                let at = usize::from(column.wrapping_sub(5));
-                *item.params.get_mut(at).ok_or(Fault::Columns)? = decimal::parse_f32(text)?;
+            9 | 10 => {
+                let value = decimal::parse_scaled(text, decimals(item.frame).ok_or(Fault::Frame)?)?;
+                *(if column == 9 { &mut item.x } else { &mut item.y }) = value;
+            }
+            _ => {
+                let [param1, param2, param3, param4] = &mut item.params;
+                let field = match column {
+                    5 => param1,
+                    6 => param2,
+                    7 => param3,
+                    8 => param4,
+                    11 => &mut item.z,
+                    _ => return Err(Fault::Columns),
+                };
+                *field = decimal::parse_f32(text)?;
             }
         }
         Ok(())
     }
 
-    /// A line has ended. A fault comes with its column.
-    fn end_of_line(&mut self) -> Result<Option<Item>, (u8, Fault)> {
+    /// A line has ended: whether there is an item in it. A fault comes with its column.
+    fn end_of_line(&mut self) -> Result<bool, (u8, Fault)> {
         if self.column == 0 {
-            return Ok(None);
+            return Ok(false);
         }
         if !self.in_rows {
             self.in_rows = self.column == 3;
-            return if self.in_rows { Ok(None) } else { Err((0, Fault::Header)) };
+            return if self.in_rows { Ok(false) } else { Err((0, Fault::Header)) };
         }
         if self.column != 12 {
             return Err((0, Fault::Columns));
         }
         let row = self.rows;
         self.rows = row.checked_add(1).ok_or((0, Fault::TooMany))?;
-        let mut item = self.item;
-        if self.home_row == HomeRow::First && row == 0 {
+        let has_home = self.home_row == HomeRow::First;
+        if has_home && row == 0 {
             // An old Mission Planner's way to say that it knows no home.
-            if item.command == MavCmd(0) {
-                item.command = MavCmd::NAV_WAYPOINT;
+            if self.item.command == MavCmd(0) {
+                self.item.command = MavCmd::NAV_WAYPOINT;
             }
-            self.home = Some(item);
-            return Ok(None);
+            self.home = Some(self.item);
+            return Ok(false);
         }
-        if let Some(target) = jump_target(&item) {
+        if let Some(target) = jump_target(&self.item) {
             let target = target.map_err(|fault| (JUMP, fault))?;
             if self.farthest.is_none_or(|(row, _)| row < target) {
                 self.farthest = Some((target, self.line));
             }
-            if self.home_row == HomeRow::First {
-                let [param1, ..] = &mut item.params;
+            if has_home {
+                let [param1, ..] = &mut self.item.params;
                 *param1 = target.checked_sub(1).ok_or((JUMP, Fault::Jump))?.into();
             }
         }
-        Ok(Some(item))
+        Ok(true)
     }
 }
