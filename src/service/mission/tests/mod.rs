@@ -1,5 +1,6 @@
 //! The engine on a bench: encoded frames in, decoded frames out, time by hand, two links, no stack around it.
 
+mod collision;
 mod commit;
 mod download;
 mod random;

@@ -53,37 +53,6 @@ fn the_same_plan_again_changes_nothing() {
     assert_eq!(seen(&bench).0, other);
 }
 
-/// M-39, SEC-11: an equal id is no proof.
-#[test]
-fn a_plan_with_the_same_id_is_another_plan() {
-    // A checksum is linear, so there is one pattern of parameter 4 that gives the second item the first one's id: solve
-    // for it, bit by bit.
-    let with = |bits: u32| Item { params: [2.0, 0.0, 0.0, f32::from_bits(bits)], ..item(2, 0) };
-    let wanted = id_of(&[item(1, 0)]);
-    let base = id_of(&[with(0)]);
-    let mut rows: Vec<(u32, u32)> = (0..32).map(|bit| (id_of(&[with(1 << bit)]) ^ base, 1 << bit)).collect();
-    let (mut missing, mut bits) = (wanted ^ base, 0);
-    for bit in (0..32).rev() {
-        let pivot = rows.iter().position(|(value, _)| value >> bit == 1).expect("any checksum can be had");
-        let (value, pattern) = rows.swap_remove(pivot);
-        for row in rows.iter_mut().filter(|(value, _)| value >> bit == 1) {
-            *row = (row.0 ^ value, row.1 ^ pattern);
-        }
-        if missing >> bit == 1 {
-            (missing, bits) = (missing ^ value, bits ^ pattern);
-        }
-    }
-    let other = with(bits);
-    assert_eq!(id_of(&[other]), wanted, "a collision");
-    assert!(other != item(1, 0) && !other.params[3].is_infinite());
-
-    let mut bench = Bench::new();
-    assert_eq!(bench.upload(A, MISSION, &[item(1, 0)]), Ack(ACCEPTED, wanted));
-    assert_eq!(bench.upload(A, MISSION, &[other]), Ack(ACCEPTED, wanted));
-    assert_eq!(seen(&bench), (std::vec![other], wanted));
-    assert_eq!(bench.vehicle.changes.len(), 2);
-}
-
 /// T-M4, M-1, M-38: a refusal at any item, or of the plan as a whole, leaves everything as it was, and says why.
 #[test]
 fn a_refused_plan_leaves_the_live_one() {
