@@ -1,28 +1,8 @@
 //! The three plans on storage: one [record](super::record), so that they are replaced together.
 //!
-//! The body of a record of kind 1, schema version 1, is rows of 32 bytes, little-endian. The first one says what follows:
-//!
-//! | offset | size | what |
-//! |---|---|---|
-//! | 0 | 2 + 2 + 2 | how many items the mission, the geofence and the rally points have |
-//! | 6 | 4 + 4 + 4 | the id of each (M-5); 0 when it is empty |
-//! | 18 | 14 | 0 |
-//!
-//! Then the items, one a row: the mission's, the geofence's, the rally points':
-//!
-//! | offset | size | what |
-//! |---|---|---|
-//! | 0 | 1 | frame |
-//! | 1 | 2 | command |
-//! | 3 | 1 | autocontinue |
-//! | 4 | 4 × 4 | parameters 1 to 4: the bits of the float as they came, also of a NaN |
-//! | 20 | 4 | x |
-//! | 24 | 4 | y |
-//! | 28 | 4 | z: the bits of the float |
-//!
-//! This is what postcard makes of the structures in this file, all numbers with fixed width. Whoever changes one of them
-//! counts the schema version up. A record of another version is not read: the vehicle starts with empty plans. It stays
-//! until a newer record is complete, so firmware that goes back to what it was finds it.
+//! The bytes are described in `layout.md` beside this file. They are what postcard makes of the structures below, all
+//! numbers with fixed width. Whoever changes one of them counts the schema version up, and goes on reading what was stored
+//! before.
 
 use core::ops::Range;
 
@@ -201,6 +181,8 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 /// const _: () = assert!(LEN == 24_576);
 /// let store = Store::new(Flash, START..START + LEN);
 /// ```
+///
+#[doc = include_str!("layout.md")]
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PlanStore<F> {

@@ -1,34 +1,18 @@
 //! One record that is replaced as a whole: two slots, of which one always keeps what was complete before.
 //!
-//! A slot is a header block of 256 bytes and the body behind it. All numbers are little-endian:
+//! The bytes are described in `layout.md` beside this file, which is a part of [`PlanStore`](super::PlanStore)'s
+//! documentation.
 //!
-//! | offset | size | what |
-//! |---|---|---|
-//! | 0 | 4 | magic: the letters `MVSR` |
-//! | 4 | 1 | kind: 1 is plans; another kind is no record |
-//! | 5 | 1 | 0 |
-//! | 6 | 2 | schema version of the body, counted by kind |
-//! | 8 | 4 | sequence: the newer record has the next number; after 2³² - 1 comes 0 |
-//! | 12 | 4 | length of the body, in bytes: a multiple of 32, at least 32 |
-//! | 16 | 4 | CRC-32 of the body |
-//! | 20 | 8 | 0 |
-//! | 28 | 4 | CRC-32 of bytes 0 to 27 |
-//! | 32 | 224 | erased; not read |
-//! | 256 | length | the body |
-//!
-//! The CRC-32 is that of zip and Ethernet. What is left of the slot behind the body is erased; it is not read.
-//!
-//! A record is whole when magic, kind, both CRCs and the length are right. Of two whole ones the newer counts. The other
-//! slot is the spare: it is erased ahead of need, its header first, then written, its header last. So whatever moment the
-//! power goes, one slot has a record that was whole before, or the other one has the new one:
+//! Of two whole records the newer counts. The other slot is the spare: it is erased ahead of need, its header first, then
+//! written, its header last. So whatever moment the power goes, one slot has a record that was whole before, or the other
+//! one has the new one:
 //!
 //! - while the spare is erased, it has an older record, or none; what is left of a body does not match its CRC, and
 //!   without its header it is nothing;
 //! - while the body is written, there is no header;
 //! - a torn header does not match its own CRC.
 //!
-//! A record of a schema that this version does not know is kept as long as any other: it is not read, and erased only
-//! after a record that is newer than it was written.
+//! A record of a schema that this version does not know is kept as long as any other.
 
 use core::ops::Range;
 

@@ -1,6 +1,8 @@
 //! NOR flash in RAM, as bad as real one: what is not erased cannot be written, power goes at any byte, and it fails on
 //! demand.
 
+#![allow(dead_code, reason = "each test file uses its own part")]
+
 use std::ops::Range;
 use std::vec::Vec;
 
@@ -74,7 +76,6 @@ impl NorFlashError for FlashError {
     }
 }
 
-#[allow(dead_code, reason = "each test binary uses a part")]
 impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
     /// What may be left when the power goes while a unit is erased: nothing happened, a half is erased, garbage; or it is
     /// erased, and the power goes behind it.
@@ -167,23 +168,17 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
         if self.fault == Fault::Erase {
             return Err(FlashError::Fault);
         }
-        for unit in self.bytes[from as usize..to as usize].chunks_mut(ERASE) {
-            let cost = Self::ERASE_COST;
-            let burnt = match &mut self.fuel {
-                None => cost,
-                Some(fuel) => {
-                    let burnt = cost.min(*fuel);
-                    *fuel -= burnt;
-                    burnt
-                }
-            };
+        for start in (from as usize..to as usize).step_by(ERASE) {
+            let burnt = self.burn(Self::ERASE_COST);
             self.erases += 1;
+            let unit = &mut self.bytes[start..start + ERASE];
             match burnt {
+                0 => {}
                 1 => unit[..ERASE / 2].fill(0xFF),
                 2 => unit.iter_mut().enumerate().for_each(|(at, byte)| *byte |= (at as u8).wrapping_mul(0x6B)),
                 _ => unit.fill(0xFF),
             }
-            if burnt < cost {
+            if burnt < Self::ERASE_COST {
                 return Err(FlashError::Off);
             }
         }
