@@ -75,9 +75,10 @@ fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, Pl
         return fault(start, MavMissionResult::INVALID_PARAM1).map(|()| start);
     };
     let end = start.saturating_add(len);
-    // Twice the area, by the triangles from the first vertex: from 0 when all vertices are on one line.
-    let mut area = 0i128;
-    let mut last = (0, 0);
+    // Twice the area, by the triangles from the first vertex, modulo 2^64: more than twice the globe, so that 0 is the area
+    // of no polygon but one whose vertices are on one line, or that undoes itself.
+    let mut area = 0i64;
+    let mut last = (0i64, 0i64);
     for (seq, item) in items.iter().enumerate().take(end).skip(start) {
         let fault = |result| fault(seq, result).map(|()| seq);
         let [own_count, own_group, ..] = item.params;
@@ -91,7 +92,7 @@ fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, Pl
             return fault(MavMissionResult::INVALID_PARAM2);
         }
         let side = (difference(item.x, first.x), difference(item.y, first.y));
-        area = area.saturating_add(product(last.0, side.1)).saturating_sub(product(last.1, side.0));
+        area = area.wrapping_add(last.0.wrapping_mul(side.1)).wrapping_sub(last.1.wrapping_mul(side.0));
         last = side;
     }
     // Cut off by the end of the plan, or nothing to be inside of.
@@ -103,10 +104,6 @@ fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, Pl
 
 fn difference(a: i32, b: i32) -> i64 {
     i64::from(a).saturating_sub(b.into())
-}
-
-fn product(a: i64, b: i64) -> i128 {
-    i128::from(a).saturating_mul(b.into())
 }
 
 #[cfg(test)]
