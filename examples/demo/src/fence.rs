@@ -110,3 +110,130 @@ fn circle(centre: Point, radius: f32, way: Point) -> Side {
 fn cross(a: Point, b: Point) -> f32 {
     a.0 * b.1 - a.1 * b.0
 }
+
+#[cfg(test)]
+mod tests {
+    use mavstack::dialect::MavFrame;
+
+    use super::*;
+
+    const IN: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION;
+    const OUT: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION;
+    const CIRCLE_IN: MavCmd = MavCmd::NAV_FENCE_CIRCLE_INCLUSION;
+    const CIRCLE_OUT: MavCmd = MavCmd::NAV_FENCE_CIRCLE_EXCLUSION;
+
+    fn place(north: f32, east: f32) -> Vector {
+        Vector { north, east, down: -10.0 }
+    }
+
+    fn item(command: MavCmd, p1: f32, north: f32, east: f32) -> Item {
+        let (x, y) = Home::DEMO.to_global(north, east);
+        Item { frame: MavFrame::GLOBAL, command, autocontinue: 1, params: [p1, 0.0, 0.0, 0.0], x, y, z: 0.0 }
+    }
+
+    fn polygon<const N: usize>(command: MavCmd, corners: [(f32, f32); N]) -> [Item; N] {
+        corners.map(|(north, east)| item(command, N as f32, north, east))
+    }
+
+    fn is_allowed(fence: &[Item], from: (f32, f32), to: (f32, f32)) -> bool {
+        let way =
+            |from: (f32, f32), to: (f32, f32)| allows(Home::DEMO, fence, place(from.0, from.1), place(to.0, to.1));
+        assert_eq!(way(from, to), way(to, from), "the way back is the same: {from:?} {to:?}");
+        way(from, to)
+    }
+
+    #[test]
+    fn without_a_fence_everything_is_allowed() {
+        assert!(is_allowed(&[], (0.0, 0.0), (9_000.0, 0.0)));
+        assert!(is_allowed(&[item(MavCmd::NAV_FENCE_RETURN_POINT, 0.0, 5.0, 5.0)], (0.0, 0.0), (9_000.0, 0.0)));
+    }
+
+    #[test]
+    fn ways_in_and_across_a_hollow_polygon() {
+        // Open to the east: a hollow between two arms.
+        let corners =
+            [(20.0, -20.0), (20.0, 30.0), (10.0, 30.0), (0.0, 0.0), (-10.0, 30.0), (-20.0, 30.0), (-20.0, -20.0)];
+        for (from, to, side) in [
+            ((0.0, -10.0), (15.0, -10.0), Side::Inside),
+            ((15.0, 20.0), (-15.0, 20.0), Side::Across),
+            ((15.0, 20.0), (15.0, 20.0), Side::Inside),
+            ((0.0, 15.0), (0.0, 15.0), Side::Outside),
+            ((0.0, 15.0), (0.0, 25.0), Side::Outside),
+            ((0.0, -10.0), (0.0, 10.0), Side::Across),
+            ((30.0, -40.0), (30.0, 40.0), Side::Outside),
+            ((30.0, 0.0), (-30.0, 0.0), Side::Across),
+            // Right through a corner, on the line of an edge, and past its end.
+            ((10.0, -10.0), (30.0, -30.0), Side::Across),
+            ((20.0, 40.0), (20.0, 31.0), Side::Outside),
+            ((25.0, -20.0), (21.0, -20.0), Side::Outside),
+        ] {
+            assert_eq!(is_allowed(&polygon(IN, corners), from, to), side == Side::Inside, "{from:?} {to:?}");
+            assert_eq!(is_allowed(&polygon(OUT, corners), from, to), side == Side::Outside, "{from:?} {to:?}");
+        }
+    }
+
+    #[test]
+    fn ways_in_and_across_a_circle() {
+        for (from, to, side) in [
+            ((11.0, 0.0), (29.0, 0.0), Side::Inside),
+            ((11.0, 0.0), (31.0, 0.0), Side::Across),
+            ((-20.0, 0.0), (40.0, 0.0), Side::Across),
+            ((-20.0, 15.0), (40.0, 10.5), Side::Outside),
+            ((35.0, 0.0), (40.0, 0.0), Side::Outside),
+            ((20.0, 0.0), (20.0, 0.0), Side::Inside),
+            ((20.0, 11.0), (20.0, 11.0), Side::Outside),
+        ] {
+            assert_eq!(
+                is_allowed(&[item(CIRCLE_IN, 10.0, 20.0, 0.0)], from, to),
+                side == Side::Inside,
+                "{from:?} {to:?}"
+            );
+            assert_eq!(
+                is_allowed(&[item(CIRCLE_OUT, 10.0, 20.0, 0.0)], from, to),
+                side == Side::Outside,
+                "{from:?} {to:?}"
+            );
+        }
+    }
+
+    /// What has not passed the stack's checks has an answer too.
+    #[test]
+    fn broken_fences_have_an_answer() {
+        let square = polygon(IN, [(-9.0, -9.0), (-9.0, 9.0), (9.0, 9.0), (9.0, -9.0)]);
+        for p1 in [f32::NAN, -1.0, 0.0, 1e9, f32::INFINITY] {
+            for fence in [[square[0]; 3], [item(IN, p1, 0.0, 0.0); 3], [item(CIRCLE_IN, p1, 0.0, 0.0); 3]] {
+                let _ = is_allowed(&fence, (1.0, 2.0), (30.0, 40.0));
+            }
+        }
+    }
+
+    /// Random triangles and circles against a walk along the way in small steps.
+    #[test]
+    fn ways_agree_with_a_walk() {
+        let mut state = 1_u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) as f32 / 655.36 - 50.0
+        };
+        let (mut allowed, mut refused, mut cut) = (0, 0, 0);
+        for _ in 0..3_000 {
+            let corners = [(random(), random()), (random(), random()), (random(), random())];
+            let [a, b, c] = polygon(if random() > 0.0 { IN } else { OUT }, corners);
+            let circle = item(if random() > 0.0 { CIRCLE_IN } else { CIRCLE_OUT }, 60.0 + random(), random(), random());
+            let (from, to) = ((random(), random()), (random() / 4.0, random() / 4.0));
+            let to = (from.0 + to.0, from.1 + to.1);
+            let walk = (0..=200).map(|i| i as f32 / 200.0).all(|share| {
+                let at = (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
+                is_allowed(&[a, b, c, circle], at, at)
+            });
+            match (is_allowed(&[a, b, c, circle], from, to), walk) {
+                (true, true) => allowed += 1,
+                (false, false) => refused += 1,
+                // The steps missed a corner that the way cuts off.
+                (false, true) => cut += 1,
+                (true, false) => panic!("{corners:?} {circle:?} {from:?} {to:?}"),
+            }
+        }
+        assert!(allowed > 300 && refused > 300 && cut < 10, "{allowed} {refused} {cut}");
+    }
+}

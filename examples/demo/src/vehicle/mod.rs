@@ -24,8 +24,8 @@ const MAX_STEPS: usize = 10;
 const GPS_FIX: Instant = Instant::from_millis(2_000);
 /// It flies home no lower than this, m.
 const RETURN_HEIGHT: f32 = 15.0;
-/// It stops so far from a fence, m.
-const FENCE_MARGIN: f32 = 1.0;
+/// It stops so far from a fence, m: more than it is wrong about where it comes to rest.
+const FENCE_MARGIN: f32 = 0.5;
 
 /// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are beyond those of the well-known autopilots, so that
 /// a client that takes us for one of them is refused and not misunderstood.
