@@ -34,7 +34,7 @@ const SINK: f32 = 2.0;
 const TOUCH_DOWN: f32 = 0.7;
 const FLARE: f32 = 4.0;
 /// Lower than this it only moves up and down.
-const CLEARANCE: f32 = 1.0;
+pub const CLEARANCE: f32 = 1.0;
 /// What is slower than this has no course, m/s.
 const DRIFT: f32 = 0.05;
 /// It turns no faster than this, rad/s.
@@ -120,8 +120,8 @@ impl Body {
         self.velocity.north += change.0 * share;
         self.velocity.east += change.1 * share;
         self.acceleration = (change.0 * share / dt, change.1 * share / dt);
-        if is_clear {
-            self.turn((distance > 2.0).then_some(wanted), dt);
+        if !self.is_on_ground() {
+            self.turn((distance > 2.0 && speed > 0.0).then_some(wanted), dt);
         }
         let sink = if -self.position.down < FLARE { TOUCH_DOWN } else { SINK };
         self.velocity.down = (goal.down - self.position.down).clamp(-CLIMB, sink);

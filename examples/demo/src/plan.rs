@@ -1,7 +1,8 @@
 //! The mission items that the vehicle can fly, and what each asks of it.
 //!
 //! A copter hovers where an aeroplane circles: radii and directions of circles are of no use to it. Where an item leaves
-//! something open (NaN, a position that is not given), the vehicle keeps to what is (M-70).
+//! something open (NaN, a position that is not given), the vehicle keeps to what is (M-70). What is placed on the ground or
+//! just above it is flown to as low as the vehicle flies.
 
 use core::f32::consts::TAU;
 
@@ -9,13 +10,15 @@ use libm::remainderf;
 use mavstack::dialect::MavCmd;
 use mavstack::{Duration, Instant, Item};
 
-use crate::body::{Nose, TURN, Vector};
+use crate::body::{CLEARANCE, Nose, TURN, Vector};
 use crate::geo::Home;
 
 /// Cruise speed, m/s.
 pub const CRUISE: f32 = 8.0;
 /// A waypoint counts as reached within so many metres, unless it says otherwise.
 const RADIUS: f32 = 2.0;
+/// It flies to no place lower than this, m.
+const LOWEST: f32 = CLEARANCE + 0.5;
 /// Longer than any battery lasts.
 const FOREVER: Duration = Duration::from_micros(u64::MAX);
 
@@ -96,7 +99,8 @@ pub fn order(item: &Item, now: &Situation) -> Order {
         (i32::MAX, _) | (_, i32::MAX) => (north, east),
         (latitude, longitude) => now.home.to_local(latitude, longitude),
     };
-    let to = Vector { north, east, down: now.home.to_height(item.frame, item.z).map_or(down, |height| -height) };
+    let height = now.home.to_height(item.frame, item.z).unwrap_or(-down);
+    let to = Vector { north, east, down: -height.max(LOWEST) };
     let fly = |maneuver, stay| {
         let is_at_a_heading = matches!(
             item.command,

@@ -207,6 +207,24 @@ fn altitudes_mean_what_their_frame_says() {
     assert!((flight.height() - 20.0).abs() < 2.1, "{}", flight.height());
 }
 
+/// On the ground nothing could be flown to: it goes as low as it can fly.
+#[test]
+fn places_on_the_ground_are_flown_to() {
+    let mut flight = Flight::ready();
+    let low = |command, z| at(command, [0.0, 0.0, 0.0, 90.0], 20.0, 0.0, z);
+    flight.upload(&[
+        low(MavCmd::NAV_TAKEOFF, 0.2),
+        low(MavCmd::NAV_WAYPOINT, 0.0),
+        low(MavCmd::NAV_LOITER_TIME, -100.0),
+        low(MavCmd::NAV_LAND, 0.0),
+    ]);
+    flight.start(None, None);
+    flight.until_current(3, 60);
+    assert!((flight.height() - 1.5).abs() < 0.6 && flight.distance(20.0, 0.0) < 2.1);
+    flight.until_end(60);
+    assert_eq!(flight.reached(), [0, 1, 2, 3]);
+}
+
 /// Without autocontinue it holds when the item is done, whatever that is, and goes on when it is told to.
 #[test]
 fn without_autocontinue_it_waits_for_the_operator() {
