@@ -351,7 +351,7 @@ mod tests {
         assert_eq!(taken(NAV_WAYPOINT.any_frame()), [0, 2, 3, 5, 6, 10, 11]);
         assert_eq!(taken(NAV_WAYPOINT.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT_INT])), [3, 6]);
         assert_eq!(taken(NAV_WAYPOINT.with_frames(&[MavFrame::GLOBAL, MavFrame::LOCAL_NED])), [0, 5]);
-        assert_eq!(taken(NAV_WAYPOINT.with_frames(&[])), []);
+        assert_eq!(taken(NAV_WAYPOINT.with_frames(&[])), [] as [u8; 0]);
     }
 
     /// M-70
