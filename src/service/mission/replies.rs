@@ -63,15 +63,16 @@ impl Reply {
 pub(crate) struct Replies {
     /// The oldest first.
     slots: Vec<Reply, SLOTS, u8>,
-    /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage.
-    result: Option<Reply>,
+    /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage. No `Option`, of which
+    /// "none" would be bits that are not zero, and with it the initial value of every link in flash.
+    result: Vec<Reply, 1, u8>,
     /// Before this moment stray items are not answered, whoever sends them.
     strays_from: Instant,
 }
 
 impl Replies {
     pub(crate) const fn new() -> Self {
-        Self { slots: Vec::new(), result: None, strays_from: Instant::ZERO }
+        Self { slots: Vec::new(), result: Vec::new(), strays_from: Instant::ZERO }
     }
 
     /// Whether a MISSION_ACK is owed.
@@ -113,27 +114,28 @@ impl Replies {
     /// Owes the end of an upload or a clear. What storage answers was given a free place before it began; only a timer's
     /// OPERATION_CANCELLED, which is a courtesy, can be in the way, and goes.
     pub(crate) fn owe_result(&mut self, reply: Reply) {
-        self.result = Some(reply);
+        self.result.clear();
+        let _ = self.result.push(reply);
     }
 
     /// Whether such an end is owed.
     pub(super) fn owes_result(&self) -> bool {
-        self.result.is_some()
+        !self.result.is_empty()
     }
 
     /// `client` begins anew: what he would hear of before, he would take for the answer to this.
     pub(super) fn forget_result(&mut self, client: Address) {
-        self.result.take_if(|reply| reply.to == client);
+        self.result.retain(|reply| reply.to != client);
     }
 
     /// The line was opened anew: nobody is there any more to be told how his upload ended.
     pub(crate) fn restart(&mut self) {
-        self.result = None;
+        self.result.clear();
     }
 
     /// Sends the oldest MISSION_ACK. False when none is owed.
     pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
-        self.result.take().or_else(|| self.pop(true)).is_some_and(|reply| reply.send_ack(tx))
+        self.result.pop().or_else(|| self.pop(true)).is_some_and(|reply| reply.send_ack(tx))
     }
 
     /// Whether a stray item may be answered now; then the next one may not for a while.
