@@ -1,14 +1,19 @@
 """The vehicle under test and how to reach it; `cargo xtask integration` starts it and passes the options."""
 
 import contextlib
+import pathlib
 import time
 
 import pytest
 from mavsdk import ComponentType, Configuration, Mavsdk
+from plans import FENCE, MISSION, RALLY
 from pymavlink import mavutil
 
-# Room for mission items, by where the vehicle runs.
-CAPACITY = {"qemu": 250, "sitl": 1000}
+# Room for mission items, fence items and rally points, by where the vehicle runs.
+CAPACITY = {
+    "qemu": {MISSION: 250, FENCE: 64, RALLY: 16},
+    "sitl": {MISSION: 1000, FENCE: 256, RALLY: 64},
+}
 
 # No single test takes longer, in seconds.
 TIMEOUT = 180
@@ -18,7 +23,10 @@ FIGURES = []
 
 def pytest_addoption(parser):
     parser.addoption("--target", choices=CAPACITY, required=True)
-    parser.addoption("--port-base", type=int, required=True)
+    parser.addoption("--port-base", type=int, required=True, help="the vehicle's first link; the others follow")
+    parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a vehicle of a test's own")
+    parser.addoption("--qmp-port", type=int, help="where QEMU is told to reset the processor")
+    parser.addoption("--program", type=pathlib.Path, help="the program that is the vehicle in sitl")
 
 
 def pytest_configure(config):
@@ -34,20 +42,26 @@ def pytest_terminal_summary(terminalreporter):
     terminalreporter.write_line(f"{passed} passed, {failed} failed")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def target(request):
     return request.config.getoption("target")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def port(request):
     """The port of the telemetry link: where the vehicle listens, or, over UDP, where it sends to."""
     return request.config.getoption("port_base")
 
 
 @pytest.fixture
-def capacity(target):
+def capacities(target):
     return CAPACITY[target]
+
+
+@pytest.fixture
+def capacity(capacities):
+    """Room for mission items."""
+    return capacities[MISSION]
 
 
 @pytest.fixture
@@ -57,10 +71,13 @@ def figure():
 
 
 class Gcs:
-    """A ground station made of pymavlink: system 255, component 190."""
+    """A ground station made of pymavlink: system 255 where it is not told otherwise, component 190."""
 
-    def __init__(self, port, kind="tcp"):
-        self.link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=255, source_component=190)
+    def __init__(self, port, kind="tcp", system=255, is_new=False):
+        self.address = (system, 190)
+        self.link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=system, source_component=190)
+        if is_new:
+            return
         # What an earlier client left on the line is no business of this test.
         assert self.link.recv_match(type="HEARTBEAT", blocking=True, timeout=5), "no heartbeat within 5 s"
         self.drain()
@@ -73,8 +90,20 @@ class Gcs:
         self.link.close()
 
     def drain(self):
-        while self.link.recv_match(blocking=False):
-            pass
+        self.take_all()
+
+    def take_all(self):
+        """The messages that are there already."""
+        messages = []
+        while message := self.link.recv_match(blocking=False):
+            messages.append(message)
+        return messages
+
+    def forget_half_a_frame(self):
+        """The line was cut: what comes next is no end of what came last."""
+        self.drain()
+        self.mav.buf = bytearray()
+        self.mav.buf_index = 0
 
     def wait(self, kind, timeout=3.0, where=lambda message: True):
         """The next message of this kind that fits, or None."""
@@ -94,7 +123,7 @@ class Gcs:
         self.send_command(command, *params)
         ack = self.wait("COMMAND_ACK", timeout, lambda ack: ack.command == command)
         assert ack, f"no answer to command {command}"
-        assert (ack.target_system, ack.target_component) == (255, 190)
+        assert (ack.target_system, ack.target_component) == self.address
         return ack.result
 
 
@@ -110,13 +139,46 @@ def connect(port):
     """Connects as often as a test wants; one client at a time."""
     opened = []
 
-    def connect():
-        opened.append(Gcs(port))
+    def connect(system=255):
+        opened.append(Gcs(port, system=system))
         return opened[-1]
 
     yield connect
     for gcs in opened:
         gcs.close()
+
+
+@pytest.fixture(scope="session")
+def other_link(port):
+    """A second client, on the companion's link, for all tests."""
+    gcs = Gcs(port + 1, system=254)
+    yield gcs
+    gcs.close()
+
+
+@pytest.fixture
+def other(other_link):
+    """The second client, with nothing left over from earlier tests."""
+    other_link.drain()
+    return other_link
+
+
+@pytest.fixture(autouse=True)
+def tidy(other_link):
+    """Whatever a test did, the next one finds the vehicle on the ground, disarmed, without plans."""
+    yield
+    mavlink = mavutil.mavlink
+    other_link.drain()
+    other_link.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
+    # A client that was cut off keeps the others waiting, for a while.
+    deadline = time.monotonic() + 15
+    while time.monotonic() < deadline:
+        other_link.mav.mission_clear_all_send(1, 1, mavlink.MAV_MISSION_TYPE_ALL)
+        ack = other_link.wait("MISSION_ACK", where=lambda ack: ack.mission_type == mavlink.MAV_MISSION_TYPE_ALL)
+        if ack and ack.type == mavlink.MAV_MISSION_ACCEPTED:
+            return
+        time.sleep(0.5)
+    raise AssertionError("the vehicle's plans cannot be cleared any more")
 
 
 @contextlib.contextmanager

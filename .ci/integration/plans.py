@@ -1,10 +1,16 @@
-"""Flight plans for the tests: every field of every item has a value of its own."""
+"""Plans for the tests: every field of every item has a value of its own."""
 
 import math
 import struct
 
-GLOBAL_RELATIVE_ALT = 3
+MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
+
+GLOBAL, GLOBAL_RELATIVE_ALT = 0, 3
 NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF, DO_CHANGE_SPEED = 16, 21, 22, 178
+RETURN_POINT, INCLUSION, EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = range(5000, 5005)
+RALLY_POINT = 5100
+
+FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
 
 # Where the demo vehicle stands, deg * 1e7.
 HOME = (473977420, 85455940)
@@ -15,8 +21,9 @@ def single(value):
     return struct.unpack("<f", struct.pack("<f", value))[0]
 
 
-def plan(count):
-    """`count` items: a take-off, waypoints that differ in every field, a change of speed now and then."""
+def plan(count, variant=0):
+    """`count` items: a take-off, waypoints that differ in every field, a change of speed now and then. No item of one
+    variant is in another."""
     items = []
     for seq in range(count):
         item = dict(
@@ -27,19 +34,68 @@ def plan(count):
             autocontinue=1,
             param1=single(seq % 7 + 0.25),
             param2=single(1 + seq / 3),
-            param3=single(seq * 0.1),
+            param3=single(seq * 0.1 + variant) if seq else 0.0,
             # "Your choice" and a number.
             param4=math.nan if seq % 2 else single(seq % 360),
-            x=HOME[0] + 1000 * seq + 1,
+            x=HOME[0] + 1000 * seq + 1 + variant,
             y=HOME[1] - 777 * seq - 3,
             z=single(20 + seq / 7),
         )
         if seq == 0:
             item.update(command=NAV_TAKEOFF)
         elif seq % 10 == 5:
-            item.update(command=DO_CHANGE_SPEED, param2=single(3 + seq % 5), x=0, y=0, z=0.0)
+            item.update(command=DO_CHANGE_SPEED, param1=1.0, param2=single(3 + seq % 5), param3=-1.0)
+            item.update(param4=single(variant), x=0, y=0, z=0.0)
         items.append(item)
     return items
+
+
+def place(command, seq, variant=0, **fields):
+    """A corner of a fence, or a rally point."""
+    item = dict(
+        seq=seq,
+        frame=GLOBAL_RELATIVE_ALT if seq % 2 else GLOBAL,
+        command=command,
+        current=0,
+        autocontinue=1,
+        param1=0.0,
+        param2=0.0,
+        param3=single(seq / 9),
+        param4=single(seq * 0.7),
+        x=HOME[0] + 100 * seq + variant,
+        y=HOME[1] + 100 * seq,
+        z=single(seq / 3 + variant),
+    )
+    return item | fields
+
+
+def fence(count, variant=0):
+    """`count` items, 10 or more: both kinds of polygons, a return point, circles."""
+    items = []
+
+    def polygon(command, size, corners, group):
+        for north, east in corners:
+            at = dict(x=HOME[0] + north * size + variant, y=HOME[1] + east * size)
+            items.append(
+                place(command, len(items), variant, param1=float(len(corners)), param2=float(group), **at)
+            )
+
+    polygon(INCLUSION, 90_000, [(-1, -1), (-1, 1), (1, 2), (2, 0), (1, -1)], 1)
+    items.append(place(RETURN_POINT, len(items), variant))
+    polygon(EXCLUSION, 700, [(20, 20), (20, 21), (21, 20)], 0)
+    while len(items) < count:
+        seq = len(items)
+        command, group = (CIRCLE_INCLUSION, 2.0) if seq % 3 == 0 else (CIRCLE_EXCLUSION, 0.0)
+        items.append(place(command, seq, variant, param1=single(5 + seq / 7), param2=group))
+    return items[:count]
+
+
+def rally(count, variant=0):
+    """`count` rally points."""
+    return [place(RALLY_POINT, seq, variant, param1=single(seq * 1.5)) for seq in range(count)]
+
+
+PLANS = {MISSION: plan, FENCE: fence, RALLY: rally}
 
 
 def same(a, b):

@@ -5,54 +5,11 @@ import socket
 import time
 
 import pytest
-from conftest import Gcs
-from plans import HOME, NAV_LAND, NAV_WAYPOINT, differences, plan
+from plans import HOME, MISSION, NAV_LAND, NAV_WAYPOINT, differences, plan
 from pymavlink import mavutil
+from transfer import clear, download, send_item, upload
 
 mavlink = mavutil.mavlink
-
-MISSION = mavlink.MAV_MISSION_TYPE_MISSION
-FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
-
-
-def send_item(gcs, item):
-    gcs.mav.mission_item_int_send(1, 1, *(item[field] for field in FIELDS), MISSION)
-
-
-def upload(gcs, items):
-    """Uploads as a ground station does; returns the acknowledgement's type."""
-    gcs.mav.mission_count_send(1, 1, len(items), MISSION)
-    while True:
-        message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"])
-        assert message, "the vehicle stopped asking"
-        assert (message.target_system, message.target_component) == (255, 190)
-        assert message.mission_type == MISSION
-        if message.get_type() == "MISSION_ACK":
-            return message.type
-        assert message.get_type() == "MISSION_REQUEST_INT", "a GENERIC autopilot asks for MISSION_ITEM_INT"
-        send_item(gcs, items[message.seq])
-
-
-def download(gcs):
-    gcs.mav.mission_request_list_send(1, 1, MISSION)
-    count = gcs.wait("MISSION_COUNT")
-    assert count, "no answer to MISSION_REQUEST_LIST"
-    items = []
-    for seq in range(count.count):
-        gcs.mav.mission_request_int_send(1, 1, seq, MISSION)
-        item = gcs.wait("MISSION_ITEM_INT", where=lambda item: item.seq == seq)
-        assert item, f"no answer to the request for item {seq}"
-        items.append({field: getattr(item, field) for field in FIELDS})
-    gcs.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED, MISSION)
-    return items
-
-
-def clear(gcs, kind=MISSION):
-    gcs.mav.mission_clear_all_send(1, 1, kind)
-    ack = gcs.wait("MISSION_ACK")
-    assert ack and ack.mission_type == kind
-    return ack.type
-
 
 def wait_until(gcs, condition, timeout):
     """Follows the heartbeats until one fits."""
@@ -94,7 +51,7 @@ def test_autopilot_version_on_request(gcs):
         got[message.get_type()] = message
     assert got["COMMAND_ACK"].result == mavlink.MAV_RESULT_ACCEPTED
     capabilities = got["AUTOPILOT_VERSION"].capabilities
-    for bit in ("MISSION_INT", "COMMAND_INT", "MAVLINK2"):
+    for bit in ("MISSION_INT", "MISSION_FENCE", "MISSION_RALLY", "COMMAND_INT", "MAVLINK2"):
         assert capabilities & getattr(mavlink, f"MAV_PROTOCOL_CAPABILITY_{bit}"), f"{bit} is missing"
     for bit in ("FTP", "FLIGHT_TERMINATION", "SET_ATTITUDE_TARGET", "PARAM_ENCODE_C_CAST"):
         assert not capabilities & getattr(mavlink, f"MAV_PROTOCOL_CAPABILITY_{bit}"), f"{bit} is claimed"
@@ -138,10 +95,10 @@ def test_a_command_for_somebody_else_gets_no_answer(gcs):
 def test_a_plan_goes_up_comes_down_and_is_cleared(gcs):
     """M-20, M-39, M-50, M-60."""
     items = plan(12)
-    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
-    assert differences(items, download(gcs)) == []
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
+    assert differences(items, download(gcs).items) == []
     assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED
-    assert download(gcs) == []
+    assert download(gcs) == (0, [])
     assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED, "clearing is idempotent (M-52)"
 
 
@@ -149,9 +106,9 @@ def test_a_full_plan(gcs, capacity, figure):
     """Every place taken, over the wire one item at a time."""
     items = plan(capacity)
     began = time.monotonic()
-    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     uploaded = time.monotonic()
-    assert differences(items, download(gcs)) == []
+    assert differences(items, download(gcs).items) == []
     figure(f"pymavlink: {capacity} items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
     assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED
 
@@ -159,22 +116,22 @@ def test_a_full_plan(gcs, capacity, figure):
 def test_a_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity):
     """M-21."""
     items = plan(3)
-    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     gcs.mav.mission_count_send(1, 1, capacity + 1, MISSION)
     message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_ACK"])
     assert message.get_type() == "MISSION_ACK" and message.type == mavlink.MAV_MISSION_NO_SPACE
-    assert differences(items, download(gcs)) == []
+    assert differences(items, download(gcs).items) == []
 
 
 def test_an_item_that_cannot_be_flown_leaves_the_old_plan(gcs):
     """M-1, M-38, M-73: refused with its code and a text that names it, and nothing has changed."""
     items = plan(3)
-    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     bad = plan(5)
     bad[2]["command"] = mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT
-    assert upload(gcs, bad) == mavlink.MAV_MISSION_UNSUPPORTED
+    assert upload(gcs, bad).type == mavlink.MAV_MISSION_UNSUPPORTED
     assert gcs.wait("STATUSTEXT", where=lambda text: "2" in text.text), "no text names item 2"
-    assert differences(items, download(gcs)) == []
+    assert differences(items, download(gcs).items) == []
 
 
 def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(connect):
@@ -198,7 +155,7 @@ def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
     """M-1, M-22: the old plan stays until a whole new one is there."""
     gcs = connect()
     old, new = plan(4), plan(9)
-    assert upload(gcs, old) == mavlink.MAV_MISSION_ACCEPTED
+    assert upload(gcs, old).type == mavlink.MAV_MISSION_ACCEPTED
     gcs.mav.mission_count_send(1, 1, len(new), MISSION)
     for seq in range(3):
         assert gcs.wait("MISSION_REQUEST_INT", where=lambda request: request.seq == seq)
@@ -206,9 +163,9 @@ def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
     gcs.close()
 
     gcs = connect()
-    assert differences(old, download(gcs)) == []
-    assert upload(gcs, new) == mavlink.MAV_MISSION_ACCEPTED
-    assert differences(new, download(gcs)) == []
+    assert differences(old, download(gcs).items) == []
+    assert upload(gcs, new).type == mavlink.MAV_MISSION_ACCEPTED
+    assert differences(new, download(gcs).items) == []
 
 
 def test_a_second_client_on_a_busy_port(connect, port, target):
@@ -220,18 +177,15 @@ def test_a_second_client_on_a_busy_port(connect, port, target):
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
 
 
-def test_all_three_links_at_once(connect, port):
+def test_all_three_links_at_once(gcs, other, port):
     """The companion's link beats; the satellite link does not (H-7), and neither disturbs telemetry."""
-    gcs = connect()
-    companion = Gcs(port + 1)
     satellite = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port + 2}", source_system=255, source_component=190)
     try:
-        assert companion.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
+        assert other.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
         assert gcs.wait("COMMAND_ACK", timeout=0.5) is None, "the answer goes over the link of the request"
         assert satellite.recv_match(type="HEARTBEAT", blocking=True, timeout=2.5) is None
-        assert gcs.wait("HEARTBEAT") and companion.wait("HEARTBEAT")
+        assert gcs.wait("HEARTBEAT") and other.wait("HEARTBEAT")
     finally:
-        companion.close()
         satellite.close()
 
 
@@ -242,7 +196,7 @@ def test_it_flies_a_mission_and_lands(gcs):
     items = [dict(waypoint, seq=seq, x=x, y=y) for seq, (x, y) in enumerate(near)]
     items.append(dict(waypoint, seq=2, command=NAV_LAND, x=HOME[0], y=HOME[1]))
     assert [item["command"] for item in items] == [NAV_WAYPOINT, NAV_WAYPOINT, NAV_LAND]
-    assert upload(gcs, items) == mavlink.MAV_MISSION_ACCEPTED
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
 
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     wait_until(gcs, is_armed, 3)

@@ -1,5 +1,6 @@
 //! The vehicle under real ground-station software: pymavlink, MAVSDK and MAVProxy, driven by pytest.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -28,6 +29,13 @@ pub enum Target {
 
 /// Where the tests are, and what they need.
 const TESTS: &str = ".ci/integration";
+/// Ports in a row: the vehicle's links, the emulator's QMP, and the links of a vehicle that a test starts itself.
+const PORTS: u16 = 7;
+const QMP: u16 = 3;
+const SPARE: u16 = 4;
+
+const OVER_TCP: &[&str] = &["test_pymavlink.py", "test_mavsdk.py", "test_mavproxy.py", "test_power.py"];
+const OVER_UDP: &[&str] = &["test_udp.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
@@ -38,16 +46,14 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
         if target != Target::All && target != this {
             continue;
         }
-        for (over, files) in
-            [("TCP", &["test_pymavlink.py", "test_mavsdk.py", "test_mavproxy.py"][..]), ("UDP", &["test_udp.py"])]
-        {
+        for (over, files) in [("TCP", OVER_TCP), ("UDP", OVER_UDP)] {
             println!("\n==== The vehicle in {name}, telemetry over {over}");
             let port = free_ports()?;
             let udp = (over == "UDP").then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
             let log = target_dir().join(format!("integration-{name}-{}.log", over.to_lowercase()));
             println!("The vehicle's log: {}", log.display());
             let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
-            let _vehicle = match this {
+            let vehicle = match this {
                 Target::Qemu => Vehicle::in_qemu(port, udp, choice, log)?,
                 _ => Vehicle::in_sitl(port, udp, log)?,
             };
@@ -57,6 +63,8 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
             clients
                 .args(["-m", "pytest", "-v", "--color=auto", "-p", "no:cacheprovider"])
                 .args(["--target", name, "--port-base", &port.to_string()])
+                .args(["--spare-port-base", &(port + SPARE).to_string()])
+                .args(vehicle.options())
                 .args(files)
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.
@@ -97,8 +105,8 @@ fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
 
 /// A running vehicle, ended when dropped.
 enum Vehicle {
-    Qemu { _emulator: Emulator },
-    Sitl { _process: Process },
+    Qemu { _emulator: Emulator, qmp: u16 },
+    Sitl { _process: Process, program: PathBuf },
 }
 
 impl Vehicle {
@@ -109,9 +117,10 @@ impl Vehicle {
         let elf = firmware::read(&path)?;
         firmware::print_size("Firmware", &elf)?;
         let table = crate::log::table(&elf)?;
-        let (emulator, output) = Emulator::start(&path, port, udp)?;
+        let qmp = port + QMP;
+        let (emulator, output) = Emulator::start(&path, port, udp, Some(qmp))?;
         thread::spawn(move || crate::log::print(&table, output, log));
-        Ok(Self::Qemu { _emulator: emulator })
+        Ok(Self::Qemu { _emulator: emulator, qmp })
     }
 
     fn in_sitl(port: u16, udp: Option<SocketAddr>, log: File) -> Result<Self> {
@@ -125,11 +134,19 @@ impl Vehicle {
             .stdout(log)
             .spawn()
             .map_err(|error| format!("{}: {error}", program.display()))?;
-        Ok(Self::Sitl { _process: Process(child) })
+        Ok(Self::Sitl { _process: Process(child), program })
+    }
+
+    /// How a test resets it, or starts another one that it may kill.
+    fn options(&self) -> [OsString; 2] {
+        match self {
+            Self::Qemu { qmp, .. } => ["--qmp-port".into(), qmp.to_string().into()],
+            Self::Sitl { program, .. } => ["--program".into(), program.into()],
+        }
     }
 }
 
-/// Three ports in a row that nobody uses.
+/// Ports in a row that nobody uses; the first of them.
 fn free_ports() -> Result<u16> {
     let is_free = |port| {
         let address = (Ipv4Addr::LOCALHOST, port);
@@ -137,8 +154,8 @@ fn free_ports() -> Result<u16> {
     };
     (15_760..16_760)
         .step_by(10)
-        .find(|&base| (base..base + 3).all(is_free))
-        .ok_or_else(|| "no three free ports in a row from 15760 to 16760".to_owned())
+        .find(|&base| (base..base + PORTS).all(is_free))
+        .ok_or_else(|| format!("no {PORTS} free ports in a row from 15760 to 16760"))
 }
 
 /// Until the vehicle listens.

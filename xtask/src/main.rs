@@ -48,6 +48,9 @@ struct Qemu {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
+    /// Let others control the emulator by QMP on this TCP port: `system_reset` is the vehicle's reset button.
+    #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
+    qmp: Option<u16>,
     /// Which Rust toolchain to build with; without this option the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
@@ -89,7 +92,7 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
-        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.toolchain),
+        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.qmp, arguments.toolchain),
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),

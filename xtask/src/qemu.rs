@@ -18,7 +18,7 @@ const BOARD: &str = "mps2-an386";
 const PORTS: u16 = 3;
 
 /// `cargo qemu`.
-pub fn run(port_base: u16, udp: Option<SocketAddr>, choice: Option<Choice>) -> Result {
+pub fn run(port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>, choice: Option<Choice>) -> Result {
     // Before the long work: a busy port is the likeliest mistake.
     check_ports(port_base, udp.is_some())?;
     prepare()?;
@@ -29,11 +29,14 @@ pub fn run(port_base: u16, udp: Option<SocketAddr>, choice: Option<Choice>) -> R
     let table = log::table(&elf)?;
 
     let stop = system::stop_signal()?;
-    let (mut emulator, output) = Emulator::start(&path, port_base, udp)?;
+    let (mut emulator, output) = Emulator::start(&path, port_base, udp, qmp)?;
     println!("QEMU runs the firmware on {BOARD} (Cortex-M4F). Connect a ground station:\n");
     let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
     println!("{telemetry}\n");
     println!("Companion computer: TCP port {}; satellite modem: TCP port {}.", port_base + 1, port_base + 2);
+    if let Some(port) = qmp {
+        println!("The emulator itself: QMP on TCP port {port}.");
+    }
     println!("The vehicle's log follows; Ctrl-C ends it.\n");
 
     std::thread::scope(|scope| {
@@ -83,8 +86,9 @@ pub enum Ended {
 pub struct Emulator(Child);
 
 impl Emulator {
-    /// Starts the firmware at `elf`; what it returns besides is the firmware's log, encoded.
-    pub fn start(elf: &Path, port_base: u16, udp: Option<SocketAddr>) -> Result<(Self, ChildStdout)> {
+    /// Starts the firmware at `elf`; what it returns besides is the firmware's log, encoded. On TCP port `qmp` it can be
+    /// told to reset the processor, in the emulator's own protocol.
+    pub fn start(elf: &Path, port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>) -> Result<(Self, ChildStdout)> {
         let failed = |error: std::io::Error| format!("the emulator's telemetry port: {error}");
         let bridge =
             udp.map(|peer| Ok((peer, TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?))).transpose().map_err(failed)?;
@@ -100,6 +104,9 @@ impl Emulator {
                 _ => format!("tcp:127.0.0.1:{port},server=on,wait=off,nodelay=on"),
             };
             command.args(["-serial", &serial]);
+        }
+        if let Some(port) = qmp {
+            command.args(["-qmp", &format!("tcp:127.0.0.1:{port},server=on,wait=off")]);
         }
         command
             .args(["-chardev", "stdio,id=log,signal=off"])

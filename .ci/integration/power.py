@@ -1,0 +1,107 @@
+"""A vehicle whose power is cut: in QEMU by a reset of the processor, in sitl by the end of the process."""
+
+import json
+import signal
+import socket
+import subprocess
+import time
+
+from conftest import Gcs
+from pymavlink import mavutil
+
+
+class Qmp:
+    """QEMU's own protocol: JSON, line by line."""
+
+    def __init__(self, port):
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=10)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.lines = self.socket.makefile("rw")
+        assert "QMP" in self._read()
+        self.execute("qmp_capabilities")
+
+    def _read(self):
+        return json.loads(self.lines.readline())
+
+    def execute(self, command, event=None):
+        """Executes a command, and waits for the event that says that it is done."""
+        self.lines.write(json.dumps({"execute": command}) + "\n")
+        self.lines.flush()
+        wanted = {"return", event} - {None}
+        while wanted:
+            message = self._read()
+            assert "error" not in message, message
+            wanted -= {message.get("event"), *message}
+
+    def close(self):
+        self.lines.close()
+        self.socket.close()
+
+
+class InQemu:
+    """The vehicle that all tests use. Its connections stay open over a reset."""
+
+    def __init__(self, qmp_port, gcs):
+        self.qmp = Qmp(qmp_port)
+        self.gcs = gcs
+
+    def cut(self):
+        """Resets the processor; returns the messages that came before, back when the vehicle is there again."""
+        # Between stop and go everything that was sent is on this side of the line.
+        self.qmp.execute("stop", event="STOP")
+        last_words = self.gcs.take_all()
+        self.qmp.execute("system_reset", event="RESET")
+        self.gcs.forget_half_a_frame()
+        self.qmp.execute("cont", event="RESUME")
+        self.is_back()
+        return last_words
+
+    def is_back(self):
+        """The vehicle beats again, from the start."""
+        booting = mavutil.mavlink.MAV_STATE_BOOT
+        assert self.gcs.wait("HEARTBEAT", where=lambda heartbeat: heartbeat.system_status == booting)
+
+    def end(self):
+        # Also where a test ended between stop and go.
+        self.qmp.execute("cont")
+        self.qmp.close()
+
+
+class InSitl:
+    """A vehicle of its own, which keeps its plans in a file."""
+
+    def __init__(self, program, port, file):
+        self.command = [program, "--port-base", str(port), "--storage", file]
+        self.port = port
+        self._start()
+
+    def _start(self):
+        self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL)
+        self.gcs = None
+        deadline = time.monotonic() + 10
+        # The companion's link: as in QEMU, and it is the fast one.
+        while not self.gcs:
+            try:
+                socket.create_connection(("127.0.0.1", self.port + 2)).close()
+                self.gcs = Gcs(self.port + 1, system=254, is_new=True)
+            except ConnectionRefusedError:
+                assert self.process.poll() is None, "the vehicle does not start"
+                assert time.monotonic() < deadline, "the vehicle does not listen"
+                time.sleep(0.01)
+
+    def cut(self):
+        """Kills it and starts it anew; returns the messages that came before."""
+        # Stopped first, so that everything that it sent is on this side of the line.
+        self.process.send_signal(signal.SIGSTOP)
+        last_words = self.gcs.take_all()
+        self.process.kill()
+        self.process.wait()
+        self.gcs.close()
+        self._start()
+        return last_words
+
+    def end(self):
+        self.process.kill()
+        self.process.wait()
+        if self.gcs:
+            self.gcs.close()

@@ -1,0 +1,172 @@
+"""Plans are what they were or what they were to be, wherever the power goes (SEC-11, M-1, M-44)."""
+
+import time
+from collections import Counter
+
+import pytest
+from plans import ALL, FENCE, MISSION, PLANS, RALLY, differences
+from power import InQemu, InSitl
+from transfer import (
+    ACCEPTED,
+    ask_count,
+    clear_all,
+    download,
+    ids,
+    next_word,
+    plan_id,
+    send_item,
+    upload,
+    upload_part,
+)
+
+# In how many places the power is cut.
+POSITIONS = {"qemu": 22, "sitl": 12}
+# What is there besides the plan that changes.
+RESIDENT = {MISSION: 100, FENCE: 64, RALLY: 16}
+# A plan whose commit takes long.
+LONG = {"qemu": {MISSION: 250, FENCE: 64, RALLY: 16}, "sitl": {MISSION: 500, FENCE: 256, RALLY: 64}}
+
+
+@pytest.fixture
+def vehicle(target, other, request, tmp_path):
+    option = request.config.getoption
+    if target == "qemu":
+        vehicle = InQemu(option("qmp_port"), other)
+    else:
+        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
+    yield vehicle
+    vehicle.end()
+
+
+def store(gcs, kind, items):
+    """Uploads; returns the id and how long the last item waited for its acknowledgement, in seconds."""
+    upload_part(gcs, items, len(items), kind)
+    sent = time.monotonic()
+    ack = next_word(gcs, kind, 10)
+    assert ack and ack.get_type() == "MISSION_ACK" and ack.type == ACCEPTED
+    return plan_id(ack), time.monotonic() - sent
+
+
+def is_accepted(messages):
+    """Whether an ACCEPTED is among them."""
+    return any(message.get_type() == "MISSION_ACK" and message.type == ACCEPTED for message in messages)
+
+
+def spread(positions, duration):
+    """Moments from the beginning to after the end, and one long after it, in seconds."""
+    return [*(1.4 * duration * position / (positions - 2) for position in range(positions - 1)), 5 * duration]
+
+
+def test_all_plans_survive(vehicle):
+    """Field by field, and the ids with them; and they go from storage when they are cleared."""
+    plans = {kind: make(12) for kind, make in PLANS.items()}
+    stored = {kind: store(vehicle.gcs, kind, items)[0] for kind, items in plans.items()}
+    assert len({0, *stored.values()}) == 4
+    for _ in range(2):
+        vehicle.cut()
+        for kind, items in plans.items():
+            back = download(vehicle.gcs, kind)
+            assert back.id == stored[kind]
+            assert differences(items, back.items) == []
+    current = vehicle.gcs.wait("MISSION_CURRENT")
+    assert (current.seq, current.total) == (0, 12)
+    assert [plan_id(current, kind) for kind in plans] == list(stored.values())
+    clear_all(vehicle.gcs)
+    vehicle.cut()
+    assert ids(vehicle.gcs) == [0, 0, 0]
+
+
+def test_a_cut_in_the_middle_of_an_upload_leaves_the_old_plan(vehicle, target, figure):
+    """From before the first item to the last but one."""
+    counts = {MISSION: 50, FENCE: 40, RALLY: 16}
+    old = {kind: make(counts[kind]) for kind, make in PLANS.items()}
+    stored = [store(vehicle.gcs, kind, items)[0] for kind, items in old.items()]
+    positions = POSITIONS[target]
+    for position in range(positions):
+        kind = list(PLANS)[position % 3]
+        sent = position * counts[kind] // positions
+        upload_part(vehicle.gcs, PLANS[kind](counts[kind], 1 + position), sent, kind)
+        assert not is_accepted(vehicle.cut())
+        assert ids(vehicle.gcs) == stored, f"cut after {sent} of {counts[kind]} items"
+        assert differences(old[kind], download(vehicle.gcs, kind).items) == []
+    # Nothing of it is in the way of the next.
+    assert upload(vehicle.gcs, PLANS[MISSION](counts[MISSION], 999)).type == ACCEPTED
+    figure(f"cut in the middle of an upload: {positions} times, the old plan each time")
+
+
+@pytest.mark.parametrize("kind", PLANS, ids=["mission", "fence", "rally"])
+def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehicle, target, kind, figure):
+    """From the last item to after the acknowledgement."""
+    gcs, count, make = vehicle.gcs, LONG[target][kind], PLANS[kind]
+    stored = {}
+    for other, size in RESIDENT.items():
+        if other != kind:
+            stored[other] = store(gcs, other, PLANS[other](size))[0]
+    old = make(count)
+    times = []
+    for variant in (1001, 1002, 0):
+        # What is measured begins as what follows: with a vehicle that was just switched on.
+        vehicle.cut()
+        stored[kind], took = store(vehicle.gcs, kind, make(count, variant))
+        times.append(took)
+    duration = max(times)
+    outcomes = Counter()
+    for variant, moment in enumerate(spread(POSITIONS[target], duration), 1):
+        gcs, new = vehicle.gcs, make(count, variant)
+        upload_part(gcs, new, count, kind)
+        time.sleep(moment)
+        accepted = is_accepted(vehicle.cut())
+        back = download(vehicle.gcs, kind)
+        is_new = differences(new, back.items) == []
+        where = f"cut {1000 * moment:.1f} ms after the last item"
+        assert is_new or differences(old, back.items) == [], f"{where}: neither the old plan nor the new one"
+        assert is_new or not accepted, f"{where}: ACCEPTED was said, and the old plan is there"
+        assert is_new == (back.id != stored[kind]) and back.id != 0, f"{where}: the id is not the plan's"
+        if is_new:
+            old, stored[kind] = new, back.id
+        assert ids(vehicle.gcs) == [stored[each] for each in PLANS], f"{where}: the other plans have changed"
+        outcomes["new, and said so" if accepted else "new" if is_new else "old"] += 1
+    figure(f"cut in the middle of a commit of {count} items, {1000 * duration:.1f} ms: {dict(outcomes)}")
+    assert outcomes["old"] and outcomes["new, and said so"], "the cuts are not spread over the whole of the commit"
+
+
+@pytest.mark.parametrize("kind", [MISSION, ALL], ids=["mission", "all"])
+def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind, figure):
+    plans = {each: make(RESIDENT[each]) for each, make in PLANS.items()}
+    meant = list(plans) if kind == ALL else [kind]
+
+    def begin():
+        vehicle.gcs.mav.mission_clear_all_send(1, 1, kind)
+
+    stored = {}
+    times = []
+    for _ in range(3):
+        vehicle.cut()
+        for each, items in plans.items():
+            if not stored.get(each) or each in meant:
+                stored[each], _ = store(vehicle.gcs, each, items)
+        began = time.monotonic()
+        begin()
+        assert next_word(vehicle.gcs, kind, 10).type == ACCEPTED
+        times.append(time.monotonic() - began)
+    duration = max(times)
+    cleared = [0 if each in meant else stored[each] for each in plans]
+    whole = list(stored.values())
+    outcomes = Counter()
+    for moment in spread(POSITIONS[target], duration):
+        for each in meant:
+            if ask_count(vehicle.gcs, each).count == 0:
+                assert store(vehicle.gcs, each, plans[each])[0] == stored[each]
+        begin()
+        time.sleep(moment)
+        accepted = is_accepted(vehicle.cut())
+        found = ids(vehicle.gcs)
+        where = f"cut {1000 * moment:.1f} ms after the request"
+        assert found in (whole, cleared), f"{where}: {found} is neither {whole} nor {cleared}"
+        assert found == cleared or not accepted, f"{where}: ACCEPTED was said, and the plans are there"
+        for each, items in plans.items():
+            expected = [] if found == cleared and each in meant else items
+            assert differences(expected, download(vehicle.gcs, each).items) == []
+        outcomes["cleared, and said so" if accepted else "cleared" if found == cleared else "whole"] += 1
+    figure(f"cut in the middle of a clear, {1000 * duration:.1f} ms: {dict(outcomes)}")
+    assert outcomes["whole"] and outcomes["cleared, and said so"], "the cuts are not spread over the whole of it"

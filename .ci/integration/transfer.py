@@ -1,0 +1,111 @@
+"""Plans up and down, message by message, as a ground station does it."""
+
+from collections import namedtuple
+
+from plans import ALL, FENCE, FIELDS, MISSION, RALLY
+from pymavlink import mavutil
+
+mavlink = mavutil.mavlink
+
+ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
+DENIED = mavlink.MAV_MISSION_DENIED
+
+# Ids of plans, which pymavlink's definitions do not have yet: where in the payload they are.
+IDS = {"MISSION_COUNT": 5, "MISSION_ACK": 4, "MISSION_CURRENT": 6}
+
+# A plan that came down.
+Plan = namedtuple("Plan", "id items")
+
+
+def plan_id(message, kind=MISSION):
+    """The id of a plan in a message: `opaque_id`, or in MISSION_CURRENT that of the plan of this kind."""
+    frame = bytes(message.get_msgbuf())
+    payload = frame[10 : 10 + frame[1]].ljust(255, b"\0")
+    at = IDS[message.get_type()] + (4 * kind if message.get_type() == "MISSION_CURRENT" else 0)
+    return int.from_bytes(payload[at : at + 4], "little")
+
+
+def send_item(gcs, item, kind=MISSION):
+    gcs.mav.mission_item_int_send(1, 1, *(item[field] for field in FIELDS), kind)
+
+
+def next_word(gcs, kind, timeout=3.0):
+    """What the vehicle says next about an upload, or None."""
+    message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"], timeout)
+    if message:
+        assert (message.target_system, message.target_component) == gcs.address
+        assert message.mission_type == kind
+        assert message.get_type() != "MISSION_REQUEST", "a GENERIC autopilot asks for MISSION_ITEM_INT"
+    return message
+
+
+def upload(gcs, items, kind=MISSION, timeout=3.0):
+    """Uploads; returns the acknowledgement."""
+    gcs.mav.mission_count_send(1, 1, len(items), kind)
+    while True:
+        message = next_word(gcs, kind, timeout)
+        assert message, "the vehicle stopped asking"
+        if message.get_type() == "MISSION_ACK":
+            return message
+        send_item(gcs, items[message.seq], kind)
+
+
+def upload_part(gcs, items, count, kind=MISSION):
+    """Begins an upload; returns when the first `count` items are sent."""
+    gcs.mav.mission_count_send(1, 1, len(items), kind)
+    for seq in range(count):
+        request = next_word(gcs, kind)
+        assert request and request.get_type() == "MISSION_REQUEST_INT" and request.seq == seq, request
+        send_item(gcs, items[seq], kind)
+
+
+def ask_count(gcs, kind=MISSION, timeout=3.0):
+    """Asks for the length of a plan; returns the MISSION_COUNT, or None."""
+    gcs.mav.mission_request_list_send(1, 1, kind)
+    return gcs.wait("MISSION_COUNT", timeout, lambda count: count.mission_type == kind)
+
+
+def ask_item(gcs, seq, kind=MISSION):
+    """Asks for an item; returns it, or the MISSION_ACK instead of it."""
+    gcs.mav.mission_request_int_send(1, 1, seq, kind)
+    message = gcs.wait(["MISSION_ITEM_INT", "MISSION_ACK"], where=lambda message: message.mission_type == kind)
+    assert message, f"no answer to the request for item {seq}"
+    assert (message.target_system, message.target_component) == gcs.address
+    return message
+
+
+def as_dict(item):
+    return {field: getattr(item, field) for field in FIELDS}
+
+
+def download(gcs, kind=MISSION):
+    """The plan and its id."""
+    count = ask_count(gcs, kind)
+    assert count, "no answer to MISSION_REQUEST_LIST"
+    assert (count.target_system, count.target_component) == gcs.address
+    items = []
+    for seq in range(count.count):
+        item = ask_item(gcs, seq, kind)
+        assert item.get_type() == "MISSION_ITEM_INT" and item.seq == seq, item
+        items.append(as_dict(item))
+    gcs.mav.mission_ack_send(1, 1, ACCEPTED, kind)
+    return Plan(plan_id(count), items)
+
+
+def ids(gcs):
+    """The ids of the three plans, 0 where there is none."""
+    return [plan_id(ask_count(gcs, kind)) for kind in (MISSION, FENCE, RALLY)]
+
+
+def clear(gcs, kind=MISSION):
+    """Clears a plan, or all; returns the acknowledgement's type."""
+    gcs.mav.mission_clear_all_send(1, 1, kind)
+    ack = gcs.wait("MISSION_ACK")
+    assert ack and ack.mission_type == kind
+    assert (ack.target_system, ack.target_component) == gcs.address
+    return ack.type
+
+
+def clear_all(gcs):
+    assert clear(gcs, ALL) == ACCEPTED
