@@ -98,17 +98,17 @@ impl Saving {
 impl Missions {
     /// What waits for storage. Without the feature nothing can, and the compiler knows.
     pub(super) fn committing(&self) -> Option<&Commit> {
-        if cfg!(feature = "storage") { self.commit.as_ref() } else { None }
+        if cfg!(any(feature = "storage", test)) { self.commit.as_ref() } else { None }
     }
 
     /// Whether ACCEPTED waits for storage.
     pub(super) fn is_durable(&self) -> bool {
-        cfg!(feature = "storage") && self.saving.policy == Some(Durability::Durable)
+        cfg!(any(feature = "storage", test)) && self.saving.policy == Some(Durability::Durable)
     }
 
     /// Something live is to be written, sooner or later.
     fn want_saved(&mut self) {
-        if cfg!(feature = "storage") {
+        if cfg!(any(feature = "storage", test)) {
             self.saving.wanted = self.saving.wanted.wrapping_add(1);
         }
     }
