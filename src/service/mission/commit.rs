@@ -265,7 +265,7 @@ impl Missions {
 }
 
 /// The half that only storage calls.
-#[cfg_attr(not(any(feature = "storage", test)), allow(dead_code, reason = "its tests are the engine's own"))]
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
     /// Tells the operators that a plan did not come back from storage.
     pub(crate) fn tell_refused(&mut self, cx: &mut Context<'_, '_>, plan: PlanType, fault: PlanFault) {
