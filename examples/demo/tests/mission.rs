@@ -287,7 +287,7 @@ fn a_distance_holds_back_until_it_is_near() {
         act(MavCmd::CONDITION_DISTANCE, [30.0, 0.0, 0.0, 0.0]),
         speed(2.0),
         waypoint(100.0, 0.0),
-        act(MavCmd::CONDITION_DISTANCE, [0.1, 0.0, 0.0, 0.0]),
+        act(MavCmd::CONDITION_DISTANCE, [0.0; 4]),
         waypoint(110.0, 0.0),
     ]);
     flight.until("slow", 30, |vehicle| vehicle.progress().current == 2);
@@ -319,6 +319,10 @@ fn a_heading_holds_back_until_it_is_taken() {
     flight.until_current(4, 60);
     assert!((flight.heading() - 135.0).abs() < 1.0, "45° further: {}", flight.heading());
     flight.until_end(30);
+    flight.upload(&[act(MavCmd::CONDITION_YAW, [180.0, 5_000.0, 1.0, 1.0])]);
+    flight.start(None, None);
+    let took = flight.until_end(30);
+    assert!((1.5..3.0).contains(&took), "no faster than it can turn: {took}");
 }
 
 /// DO_ items behind the last leg are carried out, and conditions there waited for.

@@ -181,6 +181,32 @@ fn mission_start_refuses_what_it_cannot_fly() {
     assert_eq!((flight.mission(), flight.vehicle.mode()), ((2, MissionState::PAUSED), Mode::Hold));
 }
 
+/// A start that is refused changes nothing.
+#[test]
+fn a_start_that_is_refused_keeps_the_place() {
+    let mut flight = Flight::new();
+    flight.run(2_500);
+    flight.upload(&[delay(0.1), delay(0.1), delay(0.1)]);
+    flight.vehicle.set_current(1, false);
+    assert_eq!(flight.start(Some(0), Some(0)), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(flight.mission(), (1, MissionState::NOT_STARTED));
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    flight.start(None, None);
+    flight.until_end(10);
+    assert_eq!(flight.reached(), [1, 2]);
+}
+
+/// An item behind the one that the flight was to end with: the operator wants to go further.
+#[test]
+fn set_current_behind_the_last_item_lifts_that() {
+    let mut flight = Flight::airborne();
+    flight.upload(&[delay(9.0), delay(0.1), delay(0.1), delay(0.1)]);
+    flight.start(None, Some(1));
+    flight.vehicle.set_current(2, false);
+    flight.until_end(10);
+    assert_eq!(flight.reached(), [2, 3]);
+}
+
 /// A pause does not lose its place; what was reached before it is not told again, and waiting begins anew.
 #[test]
 fn a_mission_is_paused_and_gone_on_with() {
