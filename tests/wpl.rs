@@ -210,31 +210,34 @@ fn what_is_wrong_is_told_with_line_and_column() {
     }
     let long = format!("QGC WPL 110\n\n# one\n0 0 3 16 0 0 0 {}\n", "0".repeat(65));
     assert_eq!(read(long, HomeRow::None), Err(Error { line: 4, column: 8, fault: Fault::TooLong }));
+    let long = format!("QGC WPL 110\n0 0 3 16 0 0 0 0 47.5 8.5 10 1 {}\n", "0".repeat(65));
+    assert_eq!(read(long, HomeRow::None), Err(Error { line: 2, column: 0, fault: Fault::Columns }));
     let long = format!("QGC WPL 110\n\n# one\n0 0 3 16 0 0 0 0 {}.5 8.5 10 1\n", "0".repeat(62));
     assert!(read(long, HomeRow::None).is_ok(), "64 bytes are not too many");
 }
 
 #[test]
 fn a_file_of_another_kind_is_refused_at_its_header() {
-    for (file, line, column, fault) in [
-        ("", 1, 0, Fault::Header),
-        ("\n# nothing\n", 3, 0, Fault::Header),
-        ("QGC", 1, 0, Fault::Header),
-        ("QGC WPL\n110\n", 1, 0, Fault::Header),
-        ("QGC WPL 110 1\n", 1, 4, Fault::Header),
-        ("qgc wpl 110\n", 1, 1, Fault::Header),
-        ("QGC-WPL-110\n", 1, 1, Fault::Header),
-        ("QGC WPLX 110\n", 1, 2, Fault::Header),
-        ("QGC WPL 100\n", 1, 3, Fault::Version),
-        ("QGC WPL 111\n", 1, 3, Fault::Version),
-        ("QGC WPL PB 110\n", 1, 3, Fault::Version),
-        ("{\"fileType\": \"Plan\"}\n", 1, 1, Fault::Header),
-        ("-35.363000\t149.165000\n", 1, 1, Fault::Header),
-        ("RALLY -35.3618\t149.1649\t40\t40\t0\t0\n", 1, 1, Fault::Header),
-        ("\n\n0 0 3 16 0 0 0 0 47.5 8.5 10 1\n", 3, 1, Fault::Header),
-        ("\n\u{FEFF}QGC WPL 110\n", 2, 1, Fault::Header),
+    for (file, line, fault) in [
+        ("", 1, Fault::Header),
+        ("\n# nothing\n", 3, Fault::Header),
+        ("QGC", 1, Fault::Header),
+        ("QGC WPL\n110\n", 1, Fault::Header),
+        ("QGC WPL 110 1\n", 1, Fault::Header),
+        ("qgc wpl 110\n", 1, Fault::Header),
+        ("QGC-WPL-110\n", 1, Fault::Header),
+        ("QGC WPLX 110\n", 1, Fault::Header),
+        ("QGC WPL 100\n", 1, Fault::Version),
+        ("QGC WPL 111\n", 1, Fault::Version),
+        ("QGC WPL PB 110\n", 1, Fault::Version),
+        ("{\"fileType\": \"Plan\"}\n", 1, Fault::Header),
+        ("-35.363000\t149.165000\n", 1, Fault::Header),
+        ("RALLY -35.3618\t149.1649\t40\t40\t0\t0\n", 1, Fault::Header),
+        ("\n\n0 0 3 16 0 0 0 0 47.5 8.5 10 1\n", 3, Fault::Header),
+        ("\n\u{FEFF}QGC WPL 110\n", 2, Fault::Header),
+        (&"QGC".repeat(30), 1, Fault::Header),
     ] {
-        assert_eq!(read(file, HomeRow::None), Err(Error { line, column, fault }), "{file:?}");
+        assert_eq!(read(file, HomeRow::None), Err(Error { line, column: 0, fault }), "{file:?}");
     }
     assert_eq!(read("QGC WPL 110\r\n", HomeRow::First), Ok((Vec::new(), None)), "a plan of nothing");
 }
@@ -248,6 +251,8 @@ fn a_fault_reads_as_a_sentence_and_is_the_last_word() {
     assert!(!file.is_empty(), "the row behind it is still there");
     assert_eq!(reader.next(&mut file), Err(error));
     assert_eq!(reader.finish(), Err(error));
+    let error = read("QGC WPL 100\n", HomeRow::None).unwrap_err();
+    assert_eq!(error.to_string(), "line 1: version is not 110 or 120");
     let error = read("QGC WPL 110\n1 2 3\n", HomeRow::None).unwrap_err();
     assert_eq!(error.to_string(), "line 2: not 12 columns");
 }

@@ -208,8 +208,7 @@ impl Reader {
         if byte.is_ascii_whitespace() {
             if !self.text.is_empty() {
                 self.column = self.column.saturating_add(1);
-                let result = if self.in_rows { self.row_column() } else { self.header_column() };
-                result.map_err(|fault| (if fault == Fault::Columns { 0 } else { self.column }, fault))?;
+                self.column()?;
                 self.text.clear();
             }
             if byte == b'\n' {
@@ -221,11 +220,23 @@ impl Reader {
         } else if self.is_comment || (byte == b'#' && self.column == 0 && self.text.is_empty()) {
             self.is_comment = true;
         } else if self.text.push(byte).is_err() {
-            return Err((self.column.saturating_add(1), Fault::TooLong));
+            return Err(match self.column.saturating_add(1) {
+                _ if !self.in_rows => (0, Fault::Header),
+                column @ 1..=12 => (column, Fault::TooLong),
+                _ => (0, Fault::Columns),
+            });
         } else if self.line == 1 && self.column == 0 && self.text == BYTE_ORDER_MARK {
             self.text.clear();
         }
         Ok(is_item)
+    }
+
+    /// A column has ended. A fault comes with its number, unless it is no column of a row.
+    fn column(&mut self) -> Result<(), (u8, Fault)> {
+        if !self.in_rows {
+            return self.header_column().map_err(|fault| (0, fault));
+        }
+        self.row_column().map_err(|fault| (if fault == Fault::Columns { 0 } else { self.column }, fault))
     }
 
     /// A column of the header has ended.
