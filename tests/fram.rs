@@ -1,10 +1,14 @@
-//! The FRAM driver: every byte on the bus.
+//! The FRAM driver: every byte on the bus, and plans kept there.
 #![cfg(feature = "storage")]
+
+mod support;
 
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use mavstack::{Fram, FramError};
+use mavstack::dialect::MavCmd;
+use mavstack::{Durability, Fram, FramError, Instant, Item, PlanStore, PlanType, Stack, plan_memory};
+use support::{Setup, TestVehicle};
 
 type Bus = Vec<Transaction<u8>>;
 
@@ -206,4 +210,29 @@ fn errors_of_the_bus_come_through() {
         assert_eq!(fram.erase(0, 256), Err(FramError::Bus(ErrorKind::Overrun)));
         assert_eq!(fram.into_inner().memory, chip(None).memory);
     }
+}
+
+/// Plans of a real vehicle's size in a chip of 32 KiB, over restarts.
+#[test]
+fn plans_are_kept() {
+    type Plans = plan_memory!(mission: 250, fence: 64, rally: 16);
+    type Store<'a> = PlanStore<Fram<&'a mut Chip>>;
+    const REGION: u32 = Store::region_len(250, 64, 16);
+    const { assert!(REGION <= 0x8000) };
+
+    let mut chip = chip(None);
+    let setup = Setup::<1>::new();
+    let mut before = Vec::new();
+    for count in [250, 3, 0, 17] {
+        let mut store = Store::new(Fram::new(&mut chip).unwrap(), 0..REGION);
+        let mut stack = Box::new(Stack::<1, Plans>::new(setup.config, setup.links));
+        let mut vehicle = TestVehicle::new();
+        stack.restore(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).unwrap();
+        assert_eq!(stack.mission().items(), before);
+        let item = |x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, ..Item::default() };
+        before = (0..count).map(item).collect();
+        stack.load_plan(Instant::ZERO, PlanType::Mission, before.iter().copied(), &mut vehicle).unwrap();
+        while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {}
+    }
+    assert!(chip.memory[REGION as usize..].iter().all(|byte| *byte == 0x55), "the rest is left alone");
 }
