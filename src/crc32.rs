@@ -10,6 +10,9 @@ impl Crc32 {
         Self(u32::MAX)
     }
 
+    /// Beginning with zero, as the hash of the parameters does (P-20), which is the complement of its [`sum`](Self::sum).
+    pub(crate) const ZERO: Self = Self(0);
+
     /// The next bytes. By shifts: a table would cost more flash than all that is checked is worth in time.
     pub(crate) fn add(&mut self, bytes: &[u8]) {
         for byte in bytes {

@@ -153,10 +153,15 @@ pub use service::mission::{
     CommandRule, Durability, Item, MAX_ITEMS, NoPlans, ParamRule, PlanCounters, PlanMemory, PlanStorage, PlanType,
     PlanView,
 };
+pub use service::param::{
+    MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamInfo, ParamTable, ParamType, Parameters,
+};
+#[doc(hidden)]
+pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use stack::Stack;
 #[cfg(feature = "storage")]
-pub use storage::{Fram, FramError, PlanStore};
+pub use storage::{Fram, FramError, ParamStore, PlanStore};
 pub use time::{Duration, Instant};
 pub use vehicle::{
     Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress, Vehicle,

@@ -59,6 +59,25 @@ pub(crate) fn from_i32(value: i32) -> f32 {
     if value == i32::MAX { f32::NAN } else { value as f32 }
 }
 
+/// The nearest float, whatever the number.
+#[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
+pub(crate) fn f32_from_i32(value: i32) -> f32 {
+    value as f32
+}
+
+/// The nearest float.
+pub(crate) fn f32_from_u32(value: u32) -> f32 {
+    rounded(value)
+}
+
+/// The unsigned integer that `value` is; `None` for NaN, infinities, fractions, and what a `u32` cannot hold.
+#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
+pub(crate) fn unsigned(value: f32) -> Option<u32> {
+    let integer = value as u32;
+    // 2^32 - 1 is no `f32`, as with `integer`.
+    (integer as f32 == value && integer != u32::MAX).then_some(integer)
+}
+
 /// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
 #[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
 pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
@@ -172,6 +191,15 @@ mod tests {
             let expected = (wide.trunc() == wide && wide >= f64::from(i32::MIN) && wide <= f64::from(i32::MAX))
                 .then_some(wide as i32);
             prop_assert_eq!(integer::<i32>(value), expected);
+            let expected = (wide.trunc() == wide && wide >= 0.0 && wide <= f64::from(u32::MAX)).then_some(wide as u32);
+            prop_assert_eq!(unsigned(value), expected);
+        }
+
+        #[test]
+        fn every_integer_is_its_nearest_float(bits: u32) {
+            prop_assert_eq!(f64::from(f32_from_u32(bits)), f64::from(f64::from(bits) as f32));
+            let signed = bits.cast_signed();
+            prop_assert_eq!(f64::from(f32_from_i32(signed)), f64::from(f64::from(signed) as f32));
         }
     }
 }

@@ -8,4 +8,6 @@ pub(crate) mod command;
 pub(crate) mod heartbeat;
 pub(crate) mod identity;
 pub mod mission;
+#[allow(dead_code, reason = "until the stack asks it")]
+pub mod param;
 pub(crate) mod statustext;

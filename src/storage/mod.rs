@@ -5,6 +5,8 @@
 //! the power goes, the restarted vehicle has exactly what was complete before, or exactly the new.
 
 mod fram;
+#[allow(dead_code, reason = "until the stack calls it")]
+mod params;
 mod plans;
 mod record;
 
@@ -12,5 +14,6 @@ mod record;
 mod tests;
 
 pub use fram::{Fram, FramError};
+pub use params::ParamStore;
 pub use plans::PlanStore;
 pub(crate) use record::Step;

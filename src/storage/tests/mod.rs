@@ -6,6 +6,7 @@ mod cuts;
 mod faults;
 mod garbage;
 mod layout;
+mod params;
 
 #[path = "../../../tests/support/flash.rs"]
 mod flash;

@@ -1,0 +1,115 @@
+//! When parameters are written to storage: behind the changes, together, and not often (P-17, SEC-12).
+//!
+//! A write begins a second after the first change, with all that came since, and not within ten seconds of the write before,
+//! unless the operator asks for it. What changes while it goes on is in it or not; then there will be another one.
+
+use crate::time::{Duration, Instant};
+
+/// How long changes are collected.
+const COLLECT: Duration = Duration::from_secs(1);
+/// How long the storage rests after a write, and after a failure.
+const REST: Duration = Duration::from_secs(10);
+
+/// What is to be written, and when.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Saving {
+    /// Whether there is storage.
+    attached: bool,
+    /// Whether the table differs from what is stored, as far as that was noticed.
+    dirty: bool,
+    /// Whether a write is under way.
+    busy: bool,
+    /// Whether the last one failed, which was told.
+    failed: bool,
+    /// Whether the stored values are to come back.
+    reload: bool,
+    /// The generation that is stored, or that is being written.
+    stored: u32,
+    /// When the next write may begin.
+    due: Instant,
+    /// When the storage has rested.
+    rested: Instant,
+}
+
+impl Saving {
+    pub(super) const fn new() -> Self {
+        Self {
+            attached: false,
+            dirty: false,
+            busy: false,
+            failed: false,
+            reload: false,
+            stored: 0,
+            due: Instant::ZERO,
+            rested: Instant::ZERO,
+        }
+    }
+
+    pub(super) const fn is_attached(&self) -> bool {
+        self.attached
+    }
+
+    /// The table of this generation is as the storage has it: as far as it could be read.
+    pub(super) fn loaded(&mut self, generation: u32) {
+        *self = Self { attached: true, stored: generation, rested: self.rested, ..Self::new() };
+    }
+
+    /// Looks whether there is something to write.
+    pub(super) fn notice(&mut self, now: Instant, generation: u32) {
+        if self.attached && !self.dirty && !self.busy && generation != self.stored {
+            self.dirty = true;
+            self.due = now.after(COLLECT).max(self.rested);
+        }
+    }
+
+    /// The operator wants it written now.
+    pub(super) fn hurry(&mut self, now: Instant, generation: u32) {
+        self.rested = now;
+        self.notice(now, generation);
+        self.due = now;
+    }
+
+    /// The operator wants the stored values back; what is not written yet is given up.
+    pub(super) fn reload(&mut self) {
+        self.reload = true;
+    }
+
+    pub(super) const fn wants_reload(&self) -> bool {
+        self.reload
+    }
+
+    /// The number of the write that is under way, or begins now.
+    pub(super) fn job(&mut self, now: Instant, generation: u32) -> Option<u32> {
+        self.notice(now, generation);
+        if self.dirty && now >= self.due {
+            self.dirty = false;
+            self.busy = true;
+            self.stored = generation;
+        }
+        self.busy.then_some(self.stored)
+    }
+
+    pub(super) fn saved(&mut self, now: Instant) {
+        self.busy = false;
+        self.failed = false;
+        self.rested = now.after(REST);
+    }
+
+    /// True when it is the first failure after a success.
+    pub(super) fn not_saved(&mut self, now: Instant) -> bool {
+        self.busy = false;
+        self.dirty = true;
+        self.rested = now.after(REST);
+        self.due = self.rested;
+        !core::mem::replace(&mut self.failed, true)
+    }
+
+    /// When there is something to write.
+    pub(super) fn deadline(&self) -> Instant {
+        match (self.busy || self.reload, self.dirty) {
+            (true, _) => Instant::ZERO,
+            (_, true) => self.due,
+            _ => Instant::NEVER,
+        }
+    }
+}

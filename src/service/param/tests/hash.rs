@@ -1,0 +1,131 @@
+//! `_HASH_CHECK`.
+
+use super::*;
+
+/// T-P6, P-20, by a library: the polynomial of zip, from zero, nothing complemented.
+fn reference(bench: &mut Bench<false, true>) -> u32 {
+    let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
+    for index in 0..COUNT {
+        let (info, bits) = bench.vehicle.table.table_mut().get(index).expect("exists");
+        let size = match info.param_type() {
+            MavParamType::UINT8 | MavParamType::INT8 => 1,
+            MavParamType::UINT16 | MavParamType::INT16 => 2,
+            _ => 4,
+        };
+        if info.name() != "NOISE" {
+            crc.digest(info.name().as_bytes());
+            crc.digest(&bits.to_le_bytes()[..size]);
+        }
+    }
+    crc.get_crc()
+}
+
+fn hash(bits: u32) -> Out {
+    Value(u16::MAX, "_HASH_CHECK".into(), MavParamType::UINT32, bits)
+}
+
+fn new() -> Bench<false, true> {
+    Bench::of(Version::V2)
+}
+
+/// P-21: on the link that asks.
+#[test]
+fn the_hash_is_read_by_its_name() {
+    let mut bench = new();
+    for value in [3, 4, 4, 3] {
+        bench.vehicle.table.set(Table::BYTE, value);
+        bench.poll();
+        bench.drain();
+        let expected = hash(reference(&mut bench));
+        assert_eq!(bench.ask(B, &read(-1, "_HASH_CHECK")), [vec![], vec![expected]]);
+    }
+}
+
+/// P-20: what is volatile has no part in it, everything else has.
+#[test]
+fn every_lasting_value_counts() {
+    let mut bench = new();
+    let mut seen = vec![reference(&mut bench)];
+    bench.vehicle.table.set(Table::NOISE, 0.75);
+    bench.poll();
+    bench.drain();
+    assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [hash(seen[0])]);
+    for (name, r#type, bits) in [
+        ("ALT_MIN", MavParamType::REAL32, 0),
+        ("BYTE", MavParamType::UINT8, 9),
+        ("SMALL", MavParamType::INT8, 9),
+        ("WIDE", MavParamType::INT16, 9),
+    ] {
+        bench.ask(A, &set(name, r#type, bits));
+        let now = reference(&mut bench);
+        assert!(!seen.contains(&now));
+        seen.push(now);
+        assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [hash(now)]);
+    }
+}
+
+/// P-20: first of the list, and not again when the list is begun again.
+#[test]
+fn a_list_begins_with_the_hash() {
+    let mut bench = new();
+    bench.send(A, &LIST);
+    let sent: Vec<_> = bench.run(0, 40).into_iter().map(|(_, out)| out).collect();
+    assert_eq!(sent[..2], [hash(reference(&mut bench)), bench.value(0)]);
+    bench.send(A, &LIST);
+    let sent: Vec<_> = bench.run(0, 1_000).into_iter().map(|(_, out)| out).collect();
+    assert_eq!(sent, bench.values());
+    bench.send(A, &LIST);
+    assert_eq!(bench.run(0, 1_000).len(), usize::from(COUNT) + 1, "the list was over");
+}
+
+/// P-20: only where the vehicle says so, or every client but PX4's own would take it for a parameter.
+#[test]
+fn a_list_has_no_hash_at_first() {
+    let mut bench = Bench::new();
+    bench.send(A, &LIST);
+    let sent: Vec<_> = bench.run(0, 1_000).into_iter().map(|(_, out)| out).collect();
+    assert_eq!(sent, bench.values());
+}
+
+/// P-20: who has the values says so by the hash, and the list ends; on his link. QGroundControl would set the hash again for
+/// ever if it were told of it again.
+#[test]
+fn the_hash_that_is_set_ends_the_list() {
+    for before in [0, 40] {
+        let mut bench = new();
+        bench.send(A, &LIST);
+        bench.send(B, &LIST);
+        bench.run(0, before);
+        let bits = reference(&mut bench);
+        assert_eq!(bench.send(A, &set("_HASH_CHECK", MavParamType::UINT32, bits)), Taken::Yes);
+        assert_eq!(bench.run(0, 100), []);
+        assert_eq!(bench.run(1, 1_000).len(), usize::from(COUNT) + 1);
+    }
+}
+
+/// P-20: a change while it is being made leads to no hash that stands for neither what was nor what is, once it is over.
+#[test]
+fn a_change_in_the_middle_is_in_the_next_one() {
+    let mut bench = new();
+    bench.send(A, &read(-1, "_HASH_CHECK"));
+    assert_eq!(bench.next(0), None, "a few parameters at a time");
+    bench.vehicle.table.set(Table::BYTE, 9);
+    bench.poll();
+    let sent = bench.drain();
+    assert!(sent[0].contains(&bench.value(1)));
+    let expected = hash(reference(&mut bench));
+    assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [expected]);
+}
+
+/// A hash is all bits, which a cast would lose.
+#[test]
+fn by_cast_there_is_no_hash() {
+    let mut bench = Bench::<true, true>::of(Version::V2);
+    assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [error(DOES_NOT_EXIST, -1, "_HASH_CHECK")]);
+    bench.send(A, &LIST);
+    assert_eq!(bench.run(0, 1_000).len(), usize::from(COUNT));
+    assert_eq!(
+        bench.ask(A, &set("_HASH_CHECK", MavParamType::UINT32, 0))[0],
+        [error(DOES_NOT_EXIST, -1, "_HASH_CHECK")]
+    );
+}

@@ -1,0 +1,173 @@
+//! Whatever comes in whatever order: what goes out is what the table has, and what was taken is answered.
+
+use super::*;
+use proptest::prelude::*;
+
+#[derive(Clone, Debug)]
+enum Event {
+    List,
+    Read(i16, String),
+    Set(String, u8, u32),
+    /// The vehicle sets something.
+    Own(i8),
+    Reset,
+    /// A link sends its next answer, or a value of its list.
+    Next,
+    Poll(u64),
+}
+
+fn name() -> impl Strategy<Value = String> {
+    let names = Table::INFO.iter().map(|info| String::from(info.name())).chain(["_HASH_CHECK".into(), "X".into()]);
+    prop::sample::select(names.collect::<Vec<_>>())
+}
+
+fn bits() -> impl Strategy<Value = u32> {
+    prop_oneof![
+        0u32..300,
+        (-300i32..0).prop_map(i32::cast_unsigned),
+        (-150.0f32..150.0).prop_map(f32::to_bits),
+        any::<u32>()
+    ]
+}
+
+fn event() -> impl Strategy<Value = (bool, Event)> {
+    let event = prop_oneof![
+        2 => Just(Event::List),
+        4 => (-2i16..10, name()).prop_map(|(index, name)| Event::Read(index, name)),
+        8 => (name(), 0u8..11, bits()).prop_map(|(name, r#type, bits)| Event::Set(name, r#type, bits)),
+        2 => (-12i8..12).prop_map(Event::Own),
+        1 => Just(Event::Reset),
+        20 => Just(Event::Next),
+        4 => (0u64..50).prop_map(Event::Poll),
+    ];
+    (any::<bool>(), event)
+}
+
+/// What a link still has to say.
+#[derive(Clone, Debug, PartialEq)]
+enum Wanted {
+    ValueOf(u16),
+    Hash,
+    Refusal(i16, String),
+}
+
+struct Clients {
+    wanted: [Vec<Wanted>; 2],
+    /// What each link said last of every parameter.
+    told: [Vec<Out>; 2],
+    /// The names that each has set.
+    set: [Vec<String>; 2],
+}
+
+impl Clients {
+    fn want(&mut self, link: usize, wanted: Wanted) {
+        self.wanted[link].push(wanted);
+    }
+
+    fn see<const CAST: bool, const HASH: bool>(&mut self, bench: &mut Bench<CAST, HASH>, link: usize, out: Out) {
+        let answers = match out {
+            Value(u16::MAX, ref name, ..) => {
+                assert_eq!(name, "_HASH_CHECK");
+                Wanted::Hash
+            }
+            Value(index, ..) => {
+                assert_eq!(out, bench.value(index), "the wire equals the table");
+                self.told[link][usize::from(index)] = out;
+                Wanted::ValueOf(index)
+            }
+            Error(_, error, index, name) => {
+                let refusal = Wanted::Refusal(index, name);
+                let Wanted::Refusal(_, name) = &refusal else { unreachable!() };
+                let is_known = error != DOES_NOT_EXIST && self.set[link].contains(name);
+                assert!(is_known || self.wanted[link].contains(&refusal), "{refusal:?}: nobody asked");
+                refusal
+            }
+        };
+        self.wanted[link].retain(|wanted| *wanted != answers);
+    }
+}
+
+fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
+    let mut bench = Bench::<CAST, HASH>::of(Version::V2);
+    let told = [bench.values(), bench.values()];
+    let mut clients = Clients { wanted: Default::default(), told, set: Default::default() };
+    let index_of = |name: &str| Table::INFO.iter().position(|info| info.name() == name).map(|index| index as u16);
+    for (is_b, event) in events {
+        let (link, from) = if is_b { (1, B) } else { (0, A) };
+        match event {
+            Event::List => assert_eq!(bench.send(from, &LIST), Taken::Yes),
+            Event::Read(index, name) => {
+                if bench.send(from, &read(index, &name)) == Taken::Yes {
+                    let found = u16::try_from(index)
+                        .map_or_else(|_| index_of(&name), |index| Some(index).filter(|index| *index < COUNT));
+                    clients.want(
+                        link,
+                        match found {
+                            Some(index) => Wanted::ValueOf(index),
+                            None if index < 0 && name == "_HASH_CHECK" && !CAST => Wanted::Hash,
+                            None => Wanted::Refusal(index.max(-1), name),
+                        },
+                    );
+                }
+            }
+            Event::Set(name, ..) if name == "_HASH_CHECK" && !CAST => {
+                assert_eq!(bench.send(from, &set(&name, MavParamType::UINT32, 0)), Taken::Yes);
+                clients.wanted[link].retain(|wanted| *wanted != Wanted::Hash);
+                assert!(!bench.replies[link].is_listing());
+            }
+            Event::Set(name, r#type, bits) => {
+                if bench.send(from, &set(&name, MavParamType(r#type), bits)) == Taken::Yes {
+                    match index_of(&name) {
+                        Some(index) => (0..2).for_each(|link| clients.want(link, Wanted::ValueOf(index))),
+                        None => clients.want(link, Wanted::Refusal(-1, name.clone())),
+                    }
+                    clients.set[link].push(name);
+                }
+            }
+            Event::Own(value) => {
+                bench.vehicle.table.set(Table::SMALL, value);
+            }
+            Event::Reset => assert_eq!(bench.command([4.0, -1.0, 0.0, 0.0]), Some(MavResult::ACCEPTED)),
+            Event::Next => {
+                if let Some(out) = bench.next(link).or_else(|| bench.next_listed(link)) {
+                    clients.see(&mut bench, link, out);
+                }
+            }
+            Event::Poll(millis) => bench.wait(millis),
+        }
+        for index in 0..COUNT {
+            let (info, bits) = bench.vehicle.table.table_mut().get(index).expect("exists");
+            assert!(info.has_room(bits), "{} is out of its range", info.name());
+        }
+    }
+    for link in 0..2 {
+        for (_, out) in bench.run(link, 1_000) {
+            clients.see(&mut bench, link, out);
+        }
+        assert!(!bench.replies[link].is_listing());
+        assert_eq!(Params::list_due(&bench.replies[link]), Instant::NEVER);
+    }
+    assert_eq!(clients.wanted, [vec![], vec![]], "what was taken is answered");
+    let values = bench.values();
+    assert_eq!(clients.told, [values.clone(), values], "everybody knows what everything is");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// T-P3, P-14, P-16, D-3.
+    #[test]
+    fn the_wire_equals_the_table(events in prop::collection::vec(event(), 0..80)) {
+        run::<false, false>(events);
+    }
+
+    #[test]
+    fn the_wire_equals_the_table_with_a_hash(events in prop::collection::vec(event(), 0..80)) {
+        run::<false, true>(events);
+    }
+
+    #[test]
+    fn the_wire_equals_the_table_by_cast(events in prop::collection::vec(event(), 0..80)) {
+        run::<true, false>(events);
+    }
+}

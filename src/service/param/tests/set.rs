@@ -1,0 +1,168 @@
+//! PARAM_SET: every row of P-14.
+
+use super::*;
+use MavParamType as Type;
+
+/// T-P3, P-14, P-15: whatever comes of it, one PARAM_VALUE with the value that it has now, on every link; and before it, to
+/// who asked, why it was refused. The text goes to his link only.
+#[test]
+fn every_row_of_the_table() {
+    let full = |bits: f32| bits.to_bits();
+    let rows = [
+        ("ALT_MIN", Type::REAL32, full(-100.0), Ok(full(-100.0))),
+        ("ALT_MIN", Type::REAL32, full(100.0), Ok(full(100.0))),
+        ("BYTE", Type::UINT8, 200, Ok(200)),
+        ("BYTE", Type::UINT8, 0xFFFF_FF01, Ok(1)),
+        ("ID_OF_16_LETTERS", Type::INT32, (-1_000i32).cast_unsigned(), Ok((-1_000i32).cast_unsigned())),
+        ("ID_OF_16_LETTERS", Type::INT32, 1_000_000_000, Ok(1_000_000_000)),
+        ("SMALL", Type::INT8, 0xF6, Ok(0xF6)),
+        ("SMALL", Type::INT8, (-9i32).cast_unsigned(), Ok(0xF7)),
+        ("WIDE", Type::INT16, 0xFC18, Ok(0xFC18)),
+        ("WORD", Type::UINT16, 65_535, Ok(65_535)),
+        // As it is already.
+        ("BYTE", Type::UINT8, 7, Ok(7)),
+        // The type is another one, is none that we have, or is none at all.
+        ("BYTE", Type::REAL32, full(8.0), Err(MavParamError::TYPE_MISMATCH)),
+        ("BYTE", Type::INT8, 8, Err(MavParamError::TYPE_MISMATCH)),
+        ("WORD", Type::UINT32, 8, Err(MavParamError::TYPE_MISMATCH)),
+        ("ALT_MIN", Type::REAL64, full(8.0), Err(MavParamError::TYPE_UNSUPPORTED)),
+        ("WORD", Type::UINT64, 8, Err(MavParamError::TYPE_UNSUPPORTED)),
+        ("WORD", Type::INT64, 8, Err(MavParamError::TYPE_UNSUPPORTED)),
+        ("WORD", Type(0), 8, Err(MavParamError::TYPE_UNSUPPORTED)),
+        ("WORD", Type(11), 8, Err(MavParamError::TYPE_UNSUPPORTED)),
+        // No number.
+        ("ALT_MIN", Type::REAL32, full(f32::NAN), Err(OUT_OF_RANGE)),
+        ("ALT_MIN", Type::REAL32, full(f32::INFINITY), Err(OUT_OF_RANGE)),
+        ("ALT_MIN", Type::REAL32, full(f32::NEG_INFINITY), Err(OUT_OF_RANGE)),
+        // Out of range: not clamped.
+        ("ALT_MIN", Type::REAL32, full(100.00001), Err(OUT_OF_RANGE)),
+        ("ALT_MIN", Type::REAL32, full(-100.00001), Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 0, Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 201, Err(OUT_OF_RANGE)),
+        ("ID_OF_16_LETTERS", Type::INT32, (-1_001i32).cast_unsigned(), Err(OUT_OF_RANGE)),
+        ("SMALL", Type::INT8, 11, Err(OUT_OF_RANGE)),
+        ("SMALL", Type::INT8, 0xF5, Err(OUT_OF_RANGE)),
+        ("WIDE", Type::INT16, 0x8000, Err(OUT_OF_RANGE)),
+        // Read-only, also to what it is already.
+        ("LOCKED", Type::UINT32, 5, Err(MavParamError::READ_ONLY)),
+        ("LOCKED", Type::UINT32, 4_000_000_000, Err(MavParamError::READ_ONLY)),
+    ];
+    for (name, r#type, bits, outcome) in rows {
+        let mut bench = Bench::new();
+        let (index, info) = Table::INFO.iter().enumerate().find(|(_, info)| info.name() == name).expect("exists");
+        let index = index as u16;
+        let old = bench.bits(index);
+        let [to_a, to_b] = bench.ask(A, &set(name, r#type, bits));
+        let value = |bits| Value(index, name.into(), info.param_type(), bits);
+        let row = std::format!("{name} {type:?} {bits:#x}");
+        match outcome {
+            Ok(new) => {
+                assert_eq!((to_a, to_b), (vec![value(new)], vec![value(new)]), "{row}");
+                assert_eq!(bench.bits(index), new, "{row}");
+                let changes = if new == old { vec![] } else { vec![(index, new)] };
+                assert_eq!((bench.vehicle.asked, bench.vehicle.changed), (changes.clone(), changes), "{row}");
+            }
+            Err(code) => {
+                assert_eq!((to_a, to_b), (vec![error(code, -1, name), value(old)], vec![value(old)]), "{row}");
+                assert_eq!(bench.bits(index), old, "{row}");
+                assert_eq!((bench.texts(0).len(), bench.texts(1).len()), (1, 0), "{row}");
+                assert_eq!((bench.vehicle.asked.len(), bench.vehicle.changed.len()), (0, 0), "{row}");
+            }
+        }
+    }
+}
+
+/// P-14: the vehicle's own word comes last, when all else is in order.
+#[test]
+fn the_vehicle_may_refuse() {
+    let mut bench = Bench::new();
+    bench.vehicle.verdict = Err(MavParamError::PERMISSION_DENIED);
+    let old = bench.value(1);
+    let sent = bench.ask(A, &set("BYTE", Type::UINT8, 8));
+    assert_eq!(sent, [vec![error(MavParamError::PERMISSION_DENIED, -1, "BYTE"), old.clone()], vec![old]]);
+    assert_eq!((bench.vehicle.asked, bench.vehicle.changed), (vec![(1, 8)], vec![]));
+}
+
+/// P-14: an unknown name has no value.
+#[test]
+fn an_unknown_name_is_refused_without_a_value() {
+    let mut bench = Bench::new();
+    let sent = bench.ask(A, &set("MIS_TAKEOFF_ALT", Type::REAL32, 0));
+    assert_eq!(sent, [vec![error(DOES_NOT_EXIST, -1, "MIS_TAKEOFF_ALT")], vec![]]);
+    assert_eq!(bench.texts(0), ["MIS_TAKEOFF_ALT: no such parameter"]);
+}
+
+/// One PARAM_SET must not set every vehicle in reach.
+#[test]
+fn nothing_is_set_everywhere() {
+    let mut bench = Bench::new();
+    let everywhere = ParamSet { target_system: 0, ..set("BYTE", Type::UINT8, 8) };
+    assert_eq!(bench.send(A, &everywhere), Taken::OutOfPlace);
+    assert_eq!(bench.drain(), [vec![], vec![]]);
+    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+}
+
+/// D-3: nothing is set while a refusal would have no room, for nobody knows before whether one is needed.
+#[test]
+fn what_could_not_be_answered_is_not_carried_out() {
+    let mut bench = Bench::new();
+    for name in ["A", "B", "C", "D"] {
+        bench.send(A, &read(-1, name));
+    }
+    assert_eq!(bench.send(A, &set("BYTE", Type::UINT8, 8)), Taken::NoRoom);
+    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+    assert_eq!(bench.vehicle.asked, []);
+    assert_eq!(bench.send(B, &set("BYTE", Type::UINT8, 8)), Taken::Yes);
+    assert_eq!(bench.vehicle.table.get(Table::BYTE), 8);
+}
+
+/// P-14, P-32: MAVLink 1 has the old value and a text.
+#[test]
+fn mavlink_1_gets_the_value_and_a_text() {
+    let mut bench: Bench = Bench::of(Version::V1);
+    let old = bench.value(1);
+    for _ in 0..6 {
+        assert_eq!(bench.ask(A, &set("BYTE", Type::UINT8, 0)), [vec![old.clone()], vec![old.clone()]]);
+    }
+    assert_eq!(bench.texts(0), ["BYTE: out of range"]);
+}
+
+/// P-32: texts about refusals are rare, however many there are.
+#[test]
+fn a_flood_of_refusals_is_no_flood_of_texts() {
+    let mut bench = Bench::new();
+    for number in 0..300 {
+        bench.ask(A, &set(&std::format!("NO_{number}"), Type::UINT8, 0));
+        bench.wait(10);
+    }
+    assert_eq!(bench.texts(0), ["NO_0: no such parameter", "NO_100: no such parameter", "NO_200: no such parameter"]);
+}
+
+/// T-P7, P-14: who casts may name any type of ours, and what is no number of the parameter's type is out of range.
+#[test]
+fn by_cast_the_type_does_not_count() {
+    let full = |number: f32| number.to_bits();
+    let mut bench = Bench::<true, false>::of(Version::V2);
+    let values = bench.ask(A, &read(5, ""))[0].clone();
+    assert_eq!(values, [Value(5, "SMALL".into(), Type::INT8, full(-1.0))]);
+    for (name, r#type, number, outcome) in [
+        ("SMALL", Type::REAL32, -3.0, Ok(0xFD)),
+        ("WORD", Type::INT32, 65_535.0, Ok(65_535)),
+        ("ALT_MIN", Type::UINT8, -2.5, Ok(full(-2.5))),
+        ("SMALL", Type::INT8, 2.5, Err(OUT_OF_RANGE)),
+        ("SMALL", Type::INT8, 256.0, Err(OUT_OF_RANGE)),
+        ("WORD", Type::UINT16, -1.0, Err(OUT_OF_RANGE)),
+        ("WORD", Type::UINT16, f32::NAN, Err(OUT_OF_RANGE)),
+        ("WORD", Type(0), 5.0, Err(MavParamError::TYPE_UNSUPPORTED)),
+        ("LOCKED", Type::REAL32, 5.0, Err(MavParamError::READ_ONLY)),
+    ] {
+        let index = Table::INFO.iter().position(|info| info.name() == name).expect("exists") as u16;
+        let [to_a, to_b] = bench.ask(A, &set(name, r#type, full(number)));
+        let value = bench.value(index);
+        match outcome {
+            Ok(bits) => assert_eq!((bench.bits(index), to_a), (bits, vec![value.clone()]), "{name} {number}"),
+            Err(code) => assert_eq!(to_a, [error(code, -1, name), value.clone()], "{name} {number}"),
+        }
+        assert_eq!(to_b, [value]);
+    }
+}
