@@ -508,6 +508,13 @@ mod tests {
         let middle = format!("{:.150}", (half(bits) + next) / 2.0);
         assert_reads(&middle);
         assert_reads(&format!("{middle}000000000000000000000000001"));
+        // A half, which the words hold exactly, and what they cannot hold; 150 digits stand behind the point.
+        for (place, digit) in [(150, b'5'), (130, b'1'), (100, b'1')] {
+            let mut above = middle.clone().into_bytes();
+            let at = above.len() - place;
+            above[at] = above[at].max(digit);
+            assert_reads(&String::from_utf8(above).unwrap());
+        }
         let mut below = middle.into_bytes();
         for digit in below.iter_mut().rev().filter(|byte| byte.is_ascii_digit()) {
             *digit = if *digit == b'0' { b'9' } else { *digit - 1 };
@@ -647,6 +654,8 @@ mod tests {
             ("-0.00000005", 7, Ok(-1)),
             ("0.0000000499999999999999999999999999", 7, Ok(0)),
             ("0.000000005", 7, Ok(0)),
+            ("5e-8", 7, Ok(1)),
+            ("9e-9", 7, Ok(0)),
             ("4.73977420e+01", 7, Ok(473_977_420)),
             ("473977420e-7", 7, Ok(473_977_420)),
             ("1e-100000000000", 7, Ok(0)),

@@ -52,8 +52,9 @@
 //! is "not given", `i32::MAX` (M-70).
 //!
 //! What is refused, with the line's number: versions other than 110 and 120, so 100 and the protobuf form `PB 110`; fence
-//! files of latitude and longitude alone, rally files of `RALLY` lines; numbers that the item cannot hold; frames whose x
-//! and y mean nothing known; a [`DO_JUMP`](MavCmd::DO_JUMP) to a row that is not there.
+//! files of latitude and longitude alone, rally files of `RALLY` lines; numbers that the item cannot hold, or of more than
+//! 64 characters; frames whose x and y mean nothing known; a [`DO_JUMP`](MavCmd::DO_JUMP) to home or to a row that is not
+//! there. What a vehicle can fly is not looked at: that is for the checks that an upload goes through as well.
 //!
 //! What is written: version 110, as all of these programs read it (W-3). NaN is written without sign and payload; all other
 //! values come back to the bit.
