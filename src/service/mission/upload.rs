@@ -94,9 +94,9 @@ impl Missions {
             Ok(plan) => plan,
             Err(result) => return caller.ack(mission_type, result, 0),
         };
-        if let Some(commit) = self.committing() {
+        if let Some(commit) = self.committing_mut() {
             // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
-            return if commit.is_by(caller.from) { self.out_of_place() } else { caller.deny(mission_type) };
+            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
         if let Some(upload) = &mut self.upload {
             if !upload.is_by(caller.from.address) {
@@ -108,6 +108,10 @@ impl Missions {
             {
                 // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
                 upload.partner = caller.from;
+                if upload.pace.since_progress(cx.now) >= ECHO {
+                    // Somebody is there, though no item came yet: he is not to lose patience with us, nor we with him.
+                    upload.pace.begin_again(cx.now);
+                }
                 return;
             }
         }
@@ -149,8 +153,8 @@ impl Missions {
         let Arrival { mission_type, seq, current, item } = arrival;
         let from = caller.from;
         let is_guided = matches!(current, 2 | 3);
-        if let Some(commit) = self.committing() {
-            return if commit.is_by(from) { self.out_of_place() } else { caller.deny(mission_type) };
+        if let Some(commit) = self.committing_mut() {
+            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
         let Some(upload) = &mut self.upload else {
             return self.on_stray_item(cx, caller, mission_type, seq, is_guided);
@@ -310,13 +314,21 @@ impl Missions {
                 Err(result) => return caller.ack(mission_type, result, 0),
             },
         };
-        if self.committing().is_some() || self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address))
-        {
+        if let Some(commit) = self.committing_mut() {
+            // The same again is answered when it is done (M-52); anything else comes too late.
+            let is_repeated = commit.clears(mission_type) && commit.is_by(caller);
+            return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
+        }
+        if self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address)) {
             // M-51
             return caller.deny(mission_type);
         }
         caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
+        if self.is_clear(cx, only) {
+            // M-52: also where nothing may be changed.
+            return self.clear(cx, vehicle, caller, mission_type, only);
+        }
         // All or none: first everything is asked, then everything is done.
         for plan in PlanType::ALL {
             let is_meant = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
