@@ -41,12 +41,6 @@ impl Pace {
         }
     }
 
-    /// The partner was heard anew: patience begins again, and what is known of the line stays.
-    pub(super) fn begin_again(&mut self, now: Instant) {
-        self.retries = 0;
-        self.progress_at = now;
-    }
-
     /// Twice the round trip, within the bounds.
     fn interval(&self) -> Duration {
         Duration::from_micros(u64::from(self.round_trip.saturating_mul(2))).clamp(MIN_INTERVAL, MAX_INTERVAL)

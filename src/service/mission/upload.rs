@@ -108,10 +108,6 @@ impl Missions {
             {
                 // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
                 upload.partner = caller.from;
-                if upload.pace.since_progress(cx.now) >= ECHO {
-                    // Somebody is there, though no item came yet: he is not to lose patience with us, nor we with him.
-                    upload.pace.begin_again(cx.now);
-                }
                 return;
             }
         }
