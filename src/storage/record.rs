@@ -301,7 +301,14 @@ impl<F: NorFlash> Record<F> {
                 Step::Busy
             }
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
-            (Spare::Failing, Some(_)) => self.clear(0),
+            (Spare::Failing, Some(_)) => {
+                // What could not be read may be by now, and then says which sequence is the newest; else it is given up.
+                if self.impaired {
+                    let _ = self.open();
+                }
+                self.spare = Spare::Dirty(0);
+                Step::Busy
+            }
             (Spare::Dirty(done), _) => self.clear(done),
             (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
             (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {

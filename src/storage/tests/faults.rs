@@ -240,11 +240,9 @@ fn unreadable_slots() {
         assert_eq!(restart(store.flash().clone()), Some(now.clone()), "still there");
         assert_eq!(write(&mut store, 9, &next), Step::Done);
         assert_eq!(restart(store.flash().clone()), Some(next.clone()), "no older record may come up beside it");
+        // What can be read again told its sequence and its place: the new one went to the other slot.
         assert_eq!(settle(&mut store), Step::Idle);
         std::mem::swap(&mut now, &mut next);
-        // To the other slot.
-        assert_eq!(write(&mut store, 10, &now), Step::Done);
-        assert_eq!(settle(&mut store), Step::Idle);
     }
 }
 

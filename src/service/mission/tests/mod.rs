@@ -3,6 +3,7 @@
 mod collision;
 mod commit;
 mod download;
+mod model;
 mod random;
 mod table;
 mod upload;
@@ -60,7 +61,7 @@ fn to_b(out: Out) -> Sent {
     (B.address, MISSION, out)
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Vehicle {
     may_change: Result<(), MavMissionResult>,
     bad_item: Option<(u16, MavMissionResult)>,
@@ -104,6 +105,7 @@ impl Plans for Vehicle {
     }
 }
 
+#[derive(Clone)]
 struct Bench {
     missions: Missions,
     memory: Memory,
