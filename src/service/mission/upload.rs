@@ -138,7 +138,7 @@ impl Missions {
         });
     }
 
-    /// MISSION_ITEM_INT or MISSION_ITEM. `item` is an error when the float form has no integer one.
+    /// MISSION_ITEM_INT or MISSION_ITEM.
     pub(super) fn on_item<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
@@ -146,7 +146,7 @@ impl Missions {
         caller: &mut Caller<'_>,
         arrival: Arrival,
     ) {
-        let Arrival { mission_type, seq, current, item } = arrival;
+        let Arrival { mission_type, seq, current, item, is_float } = arrival;
         let from = caller.from;
         let is_guided = matches!(current, 2 | 3);
         if let Some(commit) = self.committing_mut() {
@@ -175,8 +175,10 @@ impl Missions {
             // Asked for again, when there is room to answer for the whole plan.
             return;
         }
-        let checked = item.and_then(|item| {
-            validate::check_item(plan, V::MISSION_COMMANDS, &item)?;
+        // The command comes first, as the order of section 8.6 has it: of an unknown one the frame says nothing.
+        let checked = validate::rule(plan, V::MISSION_COMMANDS, item.command).and_then(|rule| {
+            let item = if is_float { Item::from_float(item)? } else { item };
+            rule.check(&item)?;
             vehicle.check_item(plan, seq, &item)?;
             Ok(item)
         });
@@ -420,7 +422,9 @@ pub(super) struct Arrival {
     pub(super) mission_type: MavMissionType,
     pub(super) seq: u16,
     pub(super) current: u8,
-    pub(super) item: Result<Item, MavMissionResult>,
+    /// As MISSION_ITEM_INT has it, also when it is the other form (M-37).
+    pub(super) item: Item,
+    pub(super) is_float: bool,
 }
 
 /// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.

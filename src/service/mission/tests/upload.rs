@@ -415,3 +415,52 @@ fn engine_fits_its_budget() {
     assert!(size_of::<Missions>() <= 400, "{}", size_of::<Missions>());
     assert!(size_of::<Replies>() <= 104, "{}", size_of::<Replies>());
 }
+
+/// Section 8.6, in both forms: the command is looked at first, whatever its frame is.
+#[test]
+fn an_unknown_command_is_unsupported_in_any_frame() {
+    let unknown = Item { frame: MavFrame::BODY_FRD, command: MavCmd::NAV_ROI, ..item(1, 0) };
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 1));
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &unknown)), [to_a(Ack(UNSUPPORTED, 0))]);
+    bench.ask(A, &count(MISSION, 1));
+    let float = MissionItem { frame: unknown.frame, command: unknown.command, ..Default::default() };
+    assert_eq!(bench.ask(A, &float), [to_a(Ack(UNSUPPORTED, 0))]);
+}
+
+/// M-83: the vehicle sees the whole new fence at once, and never a part of one; M-71: what an item says of going on is
+/// kept as it came, any value but 0 being a yes.
+#[test]
+fn the_vehicle_sees_whole_plans_only() {
+    let mut bench = Bench::new();
+    let (old, mut new) = (fence(1, 3), fence(2, 2));
+    new[1].autocontinue = 7;
+    bench.upload(A, FENCE, &old);
+    bench.ask(A, &count(FENCE, 2));
+    bench.ask(A, &int(FENCE, 0, &new[0]));
+    assert_eq!((bench.live(PlanType::Fence).0, bench.vehicle.changes.len()), (&old[..], 1));
+    bench.ask(A, &int(FENCE, 1, &new[1]));
+    assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, new.clone(), 0)));
+    assert_eq!(bench.live(PlanType::Fence), (&new[..], id_of(&new)));
+}
+
+/// SEC-9, SEC-10: a stranger's flood of COUNTs, items, cancels and clears does not touch the upload of another.
+#[test]
+fn a_flood_changes_nothing() {
+    let mut bench = Bench::new();
+    let items = plan(1, 4);
+    let mut asked = bench.ask(A, &count(MISSION, 4));
+    for (seq, item) in items.iter().enumerate() {
+        assert_eq!(asked.last(), Some(&to_a(Ask(seq as u16))));
+        for attempt in 0..20 {
+            bench.send(B, &count(MISSION, attempt));
+            bench.send(B, &int(MISSION, seq, &self::item(9, seq as u16)));
+            bench.send(B, &ack(MISSION, CANCELLED));
+            bench.send(B, &clear(MavMissionType::ALL));
+            bench.drain_link(1);
+        }
+        asked = bench.ask(A, &int(MISSION, seq, item));
+    }
+    assert_eq!(asked, [to_a(Ack(ACCEPTED, id_of(&items)))]);
+    assert_eq!(bench.live(PlanType::Mission).0, items);
+}
