@@ -106,6 +106,9 @@ impl Plans for Vehicle {
 }
 
 #[derive(Clone)]
+/// Its items and its id.
+type OwnedPlan = (Vec<Item>, u32);
+
 struct Bench {
     missions: Missions,
     memory: Memory,
@@ -191,7 +194,7 @@ impl Bench {
     }
 
     /// What storage is to hold, when it does not: the number of the job, and each plan with its id.
-    fn unsaved(&mut self) -> Option<(u32, [(Vec<Item>, u32); 3])> {
+    fn unsaved(&mut self) -> Option<(u32, [OwnedPlan; 3])> {
         let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
         let (job, content) = missions.unsaved(&plans)?;
         Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))
