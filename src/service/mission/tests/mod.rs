@@ -105,10 +105,10 @@ impl Plans for Vehicle {
     }
 }
 
-#[derive(Clone)]
 /// Its items and its id.
 type OwnedPlan = (Vec<Item>, u32);
 
+#[derive(Clone)]
 struct Bench {
     missions: Missions,
     memory: Memory,
