@@ -105,8 +105,8 @@ fn change(world: &mut TestWorld, store: &mut Store<'_>, change: Change) -> Optio
     }
     assert!(is_answered || store.flash().is_off(), "no answer");
     // What has reached the ground, looked at or not.
-    let acks = world.gcs[0].received.iter().filter_map(Received::decode::<MissionAck>);
-    acks.filter(|ack| ack.mission_type == plan).last().map(|ack| ack.r#type)
+    let mut acks = world.gcs[0].received.iter().rev().filter_map(Received::decode::<MissionAck>);
+    acks.find(|ack| ack.mission_type == plan).map(|ack| ack.r#type)
 }
 
 /// Until the room for the next plan is erased, which lets the answer go first.
