@@ -111,7 +111,9 @@ pub fn order(item: &Item, now: &Situation) -> Order {
         Order::Fly { maneuver, stay, yaw: Some(p4.to_radians()).filter(|yaw| is_at_a_heading && yaw.is_finite()) }
     };
     match item.command {
-        MavCmd::NAV_WAYPOINT => fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2.max(MIN_RADIUS) } else { RADIUS } }, seconds(p1)),
+        MavCmd::NAV_WAYPOINT => {
+            fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2.max(MIN_RADIUS) } else { RADIUS } }, seconds(p1))
+        }
         MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: RADIUS }, seconds(p1)),
         MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: RADIUS }, FOREVER),
         MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),
