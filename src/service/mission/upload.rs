@@ -37,6 +37,9 @@ pub(super) struct Upload {
     owes_request: bool,
     /// Whether the partner wants to be asked by MISSION_REQUEST (M-37).
     asks_legacy: bool,
+    /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
+    /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
+    may_be_echo: bool,
 }
 
 /// How the last upload ended, so that a lost final ACK can be sent again (M-31).
@@ -108,6 +111,7 @@ impl Missions {
             {
                 // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
                 upload.partner = caller.from;
+                upload.owes_request |= upload.may_be_echo && cx.plans.staged() == 0;
                 return;
             }
         }
@@ -121,6 +125,11 @@ impl Missions {
         if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
             return;
         }
+        let may_be_echo = self.done.as_ref().is_some_and(|done| {
+            (done.partner, done.plan) == (caller.from.address, plan)
+                && done.seq.checked_add(1) == Some(count)
+                && cx.now.since(done.at) < ECHO
+        });
         self.done = None;
         if count == 0 {
             return self.clear(cx, vehicle, caller, mission_type, Some(plan));
@@ -135,6 +144,7 @@ impl Missions {
             pace: Pace::new(cx.now),
             owes_request: true,
             asks_legacy: false,
+            may_be_echo,
         });
     }
 
@@ -370,7 +380,7 @@ impl Missions {
             return None;
         }
         if !upload.pace.is_over(cx.now) {
-            upload.owes_request = true;
+            upload.owes_request = !(upload.may_be_echo && cx.plans.staged() == 0);
             upload.pace.retry(cx.now);
             return None;
         }
