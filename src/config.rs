@@ -86,7 +86,8 @@ pub struct Config {
     /// at first, by MISSION_ITEM_INT, as the definitions have it today (M-61).
     pub float_mission_items: bool,
     /// Whether the MISSION_ACK that accepts an upload is sent once more 400 ms later, for lossy lines: QGroundControl fails
-    /// an upload whose final answer is lost, and does not ask again (M-31). False at first.
+    /// an upload whose final answer is lost, and does not ask again (M-31). A client that clears the same plan within these
+    /// 400 ms takes it for the answer to that. False at first.
     pub second_mission_ack: bool,
     /// How many more times MISSION_ITEM_REACHED is sent, once a second, for lossy lines: none at first; more than 3 count
     /// as 3 (M-91).

@@ -1,7 +1,7 @@
 //! What a firmware implements: a few small traits.
 //!
-//! The stack calls them from inside [`poll`](crate::Stack::poll) and [`poll_link`](crate::Stack::poll_link), with the vehicle
-//! borrowed; none of them may block, and none can call back into the stack.
+//! The stack calls them from inside its own calls that get the vehicle, so that none of them can call back into the stack;
+//! none may block.
 
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
@@ -234,9 +234,10 @@ pub trait Plans {
     }
 
     /// MAV_CMD_MISSION_START: flies the mission, from item `first` to item `last` where they are given; both exist, and
-    /// `first` is not behind `last` (M-95).
-    fn start_mission(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
-        let _ = (first, last);
+    /// `first` is not behind `last` (M-95). A `last` of 0 counts as not given, since clients that leave it out send 0; a
+    /// `first` of 0 is the first item. `command` says who asks, and whether he asks every vehicle in reach (C-1).
+    fn start_mission(&mut self, command: &Command, first: Option<u16>, last: Option<u16>) -> MavResult {
+        let _ = (command, first, last);
         MavResult::UNSUPPORTED
     }
 }

@@ -8,7 +8,8 @@ use all::{Visit, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::{
     Common, Heartbeat, HighLatency2, MavCmd, MavMissionResult, MavModeFlag, MavResult, MavType, MissionItemInt,
 };
-use mavstack::{Dialect, Message, Text};
+// `CommandRule` and `ParamRule` for the text that `all` compiles.
+use mavstack::{CommandRule, Dialect, Message, ParamRule, Text};
 use std::fmt::Debug;
 
 const TABLE: &str = include_str!("../dialect/tests/definitions/wire.csv");

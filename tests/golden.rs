@@ -6,7 +6,9 @@ mod all;
 
 use all::{Visit, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::Common;
+// What the generated file asks the crate root for.
 use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, Text, Version, encode};
+use mavstack::{CommandRule, ParamRule};
 use std::{collections::BTreeMap, fmt::Debug};
 
 const STREAM: &[u8] = include_bytes!("golden/common.bin");

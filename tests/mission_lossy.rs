@@ -35,8 +35,12 @@ const CLIENTS: [Client; 2] = [Client::Mavsdk, Client::QGroundControl];
 
 /// A radio on link 0, a perfect line on link 1; the vehicle has the 7 items of [`old`].
 fn world(seed: u64, radio: LineConfig) -> TestWorld {
+    world_of(Setup { seed, ..Setup::new() }, radio)
+}
+
+fn world_of(setup: Setup<2>, radio: LineConfig) -> TestWorld {
     let links = [LinkConfig::uart(57_600); 2];
-    let mut world = World::with_plans(Setup { seed, links, lines: [radio, LineConfig::default()], ..Setup::new() });
+    let mut world = World::with_plans(Setup { links, lines: [radio, LineConfig::default()], ..setup });
     world.gcs[1].address = OTHER_STATION;
     upload(&mut world, 1, Client::Mavsdk, &old()).expect("the first plan is taken");
     world
@@ -142,8 +146,9 @@ struct Tally {
 }
 
 /// An upload over link 0, which has these faults.
-fn upload_over(faults: Faults, seed: u64, name: Client, tally: &mut Tally) {
-    let mut world = world(seed, telemetry());
+fn upload_over(setup: Setup<2>, faults: Faults, name: Client, tally: &mut Tally) {
+    let seed = setup.seed;
+    let mut world = world_of(setup, telemetry());
     let new = plan(LEN, 2);
     set_faults(&world, 0, faults);
     let began = world.now();
@@ -181,7 +186,8 @@ fn upload_over(faults: Faults, seed: u64, name: Client, tally: &mut Tally) {
 /// without a request as one; QGroundControl's does not wait longer than a second and a half.
 fn a_thousand_uploads(name: Client) {
     let mut tally = Tally::default();
-    (1..=1_000).for_each(|seed| upload_over(Faults::frames(0.2, 0.05), seed, name, &mut tally));
+    (1..=1_000)
+        .for_each(|seed| upload_over(Setup { seed, ..Setup::new() }, Faults::frames(0.2, 0.05), name, &mut tally));
     println!("{name:?}: {tally:?}");
     assert!(tally.longest <= secs(60), "{tally:?}");
     assert!(tally.completed >= 740 && tally.failed <= 80, "{tally:?}");
@@ -200,6 +206,21 @@ fn qgroundcontrol_uploads_over_a_bad_line_complete_or_fail_clean() {
     a_thousand_uploads(Client::QGroundControl);
 }
 
+/// M-31: a second copy of the final ACK saves four fifths of those that lost the first.
+#[test]
+fn a_second_ack_is_worth_having_on_a_bad_line() {
+    for name in CLIENTS {
+        let mut tally = Tally::default();
+        for seed in 1..=200 {
+            let mut setup = Setup { seed, ..Setup::new() };
+            setup.config.second_mission_ack = true;
+            upload_over(setup, Faults::frames(0.2, 0.05), name, &mut tally);
+        }
+        println!("{name:?}: {tally:?}");
+        assert!(tally.completed >= 174 && tally.unconfirmed <= 14, "{name:?}: {tally:?}");
+    }
+}
+
 /// The same where bytes are lost, flipped and doubled, so that pieces of frames arrive: what comes of it is no item.
 #[test]
 fn uploads_over_a_noisy_line_complete_or_fail_clean() {
@@ -213,7 +234,7 @@ fn uploads_over_a_noisy_line_complete_or_fail_clean() {
     };
     for name in CLIENTS {
         let mut tally = Tally::default();
-        (1..=100).for_each(|seed| upload_over(faults, seed, name, &mut tally));
+        (1..=100).for_each(|seed| upload_over(Setup { seed, ..Setup::new() }, faults, name, &mut tally));
         println!("{name:?}: {tally:?}");
         assert!(tally.completed >= 70, "{name:?}: {tally:?}");
     }

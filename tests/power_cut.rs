@@ -99,13 +99,23 @@ fn change(world: &mut TestWorld, store: &mut Store<'_>, change: Change) -> Optio
             None => clear.poll(now, gcs).is_some(),
         };
         if is_answered && !is_busy {
+            settle(world, store);
             break;
         }
     }
     assert!(is_answered || store.flash().is_off(), "no answer");
     // What has reached the ground, looked at or not.
-    let acks = world.gcs[0].received.iter().filter_map(Received::decode::<MissionAck>);
-    acks.filter(|ack| ack.mission_type == plan).last().map(|ack| ack.r#type)
+    let mut acks = world.gcs[0].received.iter().rev().filter_map(Received::decode::<MissionAck>);
+    acks.find(|ack| ack.mission_type == plan).map(|ack| ack.r#type)
+}
+
+/// Until the room for the next plan is erased, which lets the answer go first.
+fn settle(world: &mut TestWorld, store: &mut Store<'_>) {
+    let mut quiet = 0;
+    while quiet < 250 && !store.flash().is_off() {
+        world.step();
+        quiet = if world.stack.persist(world.now(), store, &mut world.vehicle) { 0 } else { quiet + 1 };
+    }
 }
 
 /// Flash of a vehicle with three plans.
@@ -115,12 +125,12 @@ fn with_plans() -> Flash {
     let mut world = start(&mut store, Durability::Durable);
     for (plan, len) in [(MISSION, 9), (FENCE, 2), (RALLY, 2)] {
         let mut upload = Upload::new(&world.gcs[0], &items(plan, len, 3));
-        let mut is_busy = true;
-        while is_busy || upload.result().is_none() {
+        while upload.result().is_none() {
             world.step();
-            is_busy = world.stack.persist(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             upload.poll(world.now(), &mut world.gcs[0]);
         }
+        settle(&mut world, &mut store);
         assert!(upload.result().is_some_and(|result| result.is_ok()));
     }
     flash

@@ -3,8 +3,8 @@
 mod support;
 
 use mavstack::dialect::{
-    CommandAck, MavCmd, MavMissionType, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent, MissionState,
-    Statustext,
+    CommandAck, CommandLong, MavCmd, MavMissionType, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent,
+    MissionState, Statustext,
 };
 use mavstack::{Item, LinkClass, LinkConfig, Message, PlanFault, PlanType, plan_memory};
 use support::*;
@@ -48,6 +48,7 @@ fn do_set_mission_current() {
         (-1.0, 0.0, R::ACCEPTED, Some((1, false))),
         (3.0, 0.0, R::FAILED, None),
         (70_000.0, 0.0, R::FAILED, None),
+        (1e20, 0.0, R::FAILED, None),
         (1.5, 0.0, R::DENIED, None),
         (-2.0, 0.0, R::DENIED, None),
         (NAN, 0.0, R::DENIED, None),
@@ -120,6 +121,11 @@ fn mission_start() {
         let call = call.map(|(first, last)| Call::StartMission(first, last));
         assert_eq!(world.vehicle.calls, Vec::from_iter(call), "{p1} {p2}");
     }
+    // The vehicle sees who asks: a start that is sent to every vehicle in reach may be refused (C-1).
+    let start = world.gcs[0].long(MavCmd::MISSION_START, [0.0; 7]);
+    world.gcs[0].send(&CommandLong { target_system: 0, ..start });
+    world.vehicle.refuses_broadcast = true;
+    assert_eq!(world.expect::<CommandAck>(0, millis(50)).result, R::DENIED);
     world.clear(0, MavMissionType::MISSION).expect("cleared");
     assert_eq!(command(&mut world, MavCmd::MISSION_START, 0.0, 0.0), R::FAILED);
 }

@@ -48,6 +48,8 @@ fn what_ground_stations_send_passes() {
         item(2, MavCmd::DO_CHANGE_SPEED, [1.0, 5.0, -1.0, 0.0], 0, 0, NAN),
         item(2, MavCmd::NAV_DELAY, [1.5, -1.0, -1.0, -1.0], 0, 0, 0.0),
         item(2, MavCmd::NAV_RETURN_TO_LAUNCH, [NAN; 4], 0, 0, 0.0),
+        // MAVSDK's mission plugin: NaN for all that it does not use.
+        item(6, MavCmd::NAV_LAND, [NAN; 4], X, Y, 0.0),
         // QGroundControl: frame 3 with integers, yaw NaN, a loop for ever.
         item(3, MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, NAN], X, Y, 50.0),
         item(3, MavCmd::NAV_TAKEOFF, [15.0, NAN, NAN, NAN], NONE, NONE, 50.0),
@@ -84,6 +86,9 @@ fn a_firmware_has_the_last_word() {
     ];
     let waypoint = item(6, MavCmd::NAV_WAYPOINT, [600.0, 0.0, 0.0, NAN], 0, 0, 10.0);
     let land = item(3, MavCmd::NAV_LAND, [0.0; 4], 0, 0, NAN);
+    // How QGroundControl begins a landing pattern: no position, whatever the definitions say.
+    let pattern = item(2, MavCmd::DO_LAND_START, [0.0; 4], 0, 0, 0.0);
+    assert_eq!(check(&[DO_LAND_START], &pattern), Ok(()));
     let own = item(2, MavCmd(31_010), [NAN, -1e30, 0.5, NAN], -7, NONE, NAN);
     for (item, expected) in [
         (waypoint, Ok(())),
@@ -92,6 +97,8 @@ fn a_firmware_has_the_last_word() {
         (Item { params: [0.0, -1.0, 0.0, NAN], ..waypoint }, Err(MavMissionResult::INVALID_PARAM2)),
         (Item { params: [0.0, 0.0, 0.0, 361.0], ..waypoint }, Err(MavMissionResult::INVALID_PARAM4)),
         (land, Ok(())),
+        (Item { z: 1e6, ..land }, Ok(())),
+        (Item { z: -1.1e6, ..land }, Err(MavMissionResult::INVALID_PARAM7)),
         (Item { x: NONE, y: NONE, ..land }, Err(MavMissionResult::INVALID_PARAM5_X)),
         (own, Ok(())),
         (Item { params: [f32::INFINITY; 4], ..own }, Err(MavMissionResult::INVALID_PARAM1)),

@@ -163,6 +163,7 @@ fn what_is_wrong_is_told_with_line_and_column() {
         ("47.5 8.5", 1, Fault::Number),
         ("RALLY -35.3618 149.1649 40 40 0 0", 1, Fault::Number),
         ("QGC WPL 110", 1, Fault::Number),
+        ("1#0 0 3 16 0 0 0 0 47.5 8.5 10 1", 1, Fault::Number),
         (". 0 3 16 0 0 0 0 47.5 8.5 10 1", 1, Fault::Number),
         ("-1 0 3 16 0 0 0 0 47.5 8.5 10 1", 1, Fault::Number),
         ("65536 0 3 16 0 0 0 0 47.5 8.5 10 1", 1, Fault::Range),
@@ -235,6 +236,7 @@ fn a_file_of_another_kind_is_refused_at_its_header() {
         ("RALLY -35.3618\t149.1649\t40\t40\t0\t0\n", 1, Fault::Header),
         ("\n\n0 0 3 16 0 0 0 0 47.5 8.5 10 1\n", 3, Fault::Header),
         ("\n\u{FEFF}QGC WPL 110\n", 2, Fault::Header),
+        ("QGC \u{FEFF}WPL 110\n", 1, Fault::Header),
         (&"QGC".repeat(30), 1, Fault::Header),
     ] {
         assert_eq!(read(file, HomeRow::None), Err(Error { line, column: 0, fault }), "{file:?}");
@@ -289,6 +291,9 @@ fn jumps_count_rows_in_the_file_and_items_in_the_plan() {
     let file = write(&plan, Some(&home)).unwrap();
     assert_eq!(read(&file, HomeRow::First), Ok((plan.to_vec(), Some(home))));
     assert_eq!(read(&file, HomeRow::None).map(targets), Ok(vec![0.0, 2.0, 1.0]));
+    // Home is no item, whatever its command.
+    let home = jump(0.0, 0.0);
+    assert_eq!(read(write(&[], Some(&home)).unwrap(), HomeRow::First), Ok((Vec::new(), Some(home))));
 }
 
 #[test]

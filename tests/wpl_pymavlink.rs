@@ -1,5 +1,5 @@
-//! Plan files and pymavlink, the reader and writer behind MAVProxy: what we write it loads as the same plan, and what it
-//! saves we read, to the six decimals that it keeps (T-W2).
+//! Plan files and pymavlink, the reader and writer behind MAVProxy: what we write it loads as the same plan, and what
+//! it saves we read, to the six decimals that it keeps (T-W2).
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};

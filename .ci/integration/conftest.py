@@ -24,7 +24,7 @@ FIGURES = []
 def pytest_addoption(parser):
     parser.addoption("--target", choices=CAPACITY, required=True)
     parser.addoption("--port-base", type=int, required=True, help="the vehicle's first link; the others follow")
-    parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a vehicle of a test's own")
+    parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a test to use")
     parser.addoption("--qmp-port", type=int, help="where QEMU is told to reset the processor")
     parser.addoption("--program", type=pathlib.Path, help="the program that is the vehicle in sitl")
 
@@ -125,6 +125,10 @@ class Gcs:
         assert ack, f"no answer to command {command}"
         assert (ack.target_system, ack.target_component) == self.address
         return ack.result
+
+
+def is_armed(heartbeat):
+    return bool(heartbeat.base_mode & mavutil.mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from transfer import (
     ids,
     next_word,
     plan_id,
-    send_item,
     upload,
     upload_part,
 )
@@ -109,7 +108,7 @@ def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehi
         vehicle.cut()
         stored[kind], took = store(vehicle.gcs, kind, make(count, variant))
         times.append(took)
-    duration = max(times)
+    duration = sorted(times)[1]
     outcomes = Counter()
     for variant, moment in enumerate(spread(POSITIONS[target], duration), 1):
         gcs, new = vehicle.gcs, make(count, variant)
@@ -141,15 +140,16 @@ def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind
     stored = {}
     times = []
     for _ in range(3):
-        vehicle.cut()
         for each, items in plans.items():
             if not stored.get(each) or each in meant:
                 stored[each], _ = store(vehicle.gcs, each, items)
+        # What is measured begins as what follows: with a vehicle that was just switched on.
+        vehicle.cut()
         began = time.monotonic()
         begin()
         assert next_word(vehicle.gcs, kind, 10).type == ACCEPTED
         times.append(time.monotonic() - began)
-    duration = max(times)
+    duration = sorted(times)[1]
     cleared = [0 if each in meant else stored[each] for each in plans]
     whole = list(stored.values())
     outcomes = Counter()

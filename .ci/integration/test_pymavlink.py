@@ -1,26 +1,15 @@
 """The vehicle as pymavlink sees it: message by message."""
 
-import math
 import socket
 import time
 
 import pytest
-from plans import HOME, MISSION, NAV_LAND, NAV_WAYPOINT, differences, plan
+from conftest import is_armed
+from plans import MISSION, differences, plan
 from pymavlink import mavutil
 from transfer import clear, download, send_item, upload
 
 mavlink = mavutil.mavlink
-
-def wait_until(gcs, condition, timeout):
-    """Follows the heartbeats until one fits."""
-    heartbeat = gcs.wait("HEARTBEAT", timeout, condition)
-    assert heartbeat, f"it does not happen within {timeout} s"
-    return heartbeat
-
-
-def is_armed(heartbeat):
-    return bool(heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-
 
 def test_heartbeat_says_what_it_is_once_a_second(gcs, figure):
     """H-1 to H-4: identity and rate."""
@@ -187,27 +176,3 @@ def test_all_three_links_at_once(gcs, other, port):
         assert gcs.wait("HEARTBEAT") and other.wait("HEARTBEAT")
     finally:
         satellite.close()
-
-
-def test_it_flies_a_mission_and_lands(gcs):
-    """Arm, take-off, plan, landing, as a ground station sees them."""
-    waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
-    near = [(HOME[0] + 900, HOME[1]), (HOME[0] + 900, HOME[1] + 900)]
-    items = [dict(waypoint, seq=seq, x=x, y=y) for seq, (x, y) in enumerate(near)]
-    items.append(dict(waypoint, seq=2, command=NAV_LAND, x=HOME[0], y=HOME[1]))
-    assert [item["command"] for item in items] == [NAV_WAYPOINT, NAV_WAYPOINT, NAV_LAND]
-    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
-
-    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
-    wait_until(gcs, is_armed, 3)
-    assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5) == mavlink.MAV_RESULT_ACCEPTED
-    # In the air it is not disarmed by a plain request.
-    time.sleep(2)
-    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_DENIED
-    assert gcs.command(mavlink.MAV_CMD_MISSION_START, 0, 0) == mavlink.MAV_RESULT_ACCEPTED
-    # Three messages say how it goes on: the item that is flown, a text at the end, the heartbeat after landing.
-    assert gcs.wait("MISSION_CURRENT", 20, lambda current: current.seq == 1 and current.mission_state == 3)
-    assert gcs.wait("STATUSTEXT", 60, lambda text: text.text == "Mission complete")
-    wait_until(gcs, lambda heartbeat: not is_armed(heartbeat), 3)
-    assert gcs.wait("MISSION_CURRENT", 3, lambda current: current.mission_state == 5), "it does not say COMPLETE"
-    assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED

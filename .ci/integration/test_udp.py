@@ -5,8 +5,9 @@ import time
 
 from conftest import Gcs, found_by_mavsdk
 from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
-from plans import differences, plan
+from plans import FENCE, MISSION, PLANS, RALLY, differences, plan
 from pymavlink import mavutil
+from transfer import ACCEPTED, DENIED, as_dict, download, next_word, send_item, upload, upload_part
 
 V2 = 0xFD
 
@@ -48,13 +49,54 @@ def test_only_the_peer_is_heard(port):
     gcs.close()
 
 
-def test_a_plan_goes_up_and_comes_down(port, figure):
-    items = plan(100)
+def test_plans_go_up_and_come_down(port, figure):
     with found_by_mavsdk(f"udpin://127.0.0.1:{port}") as system:
         missions = MissionRaw(system)
+        items = plan(100)
         began = time.monotonic()
         missions.upload_mission([MissionItem(**item) for item in items])
         uploaded = time.monotonic()
-        back = [{field: getattr(item, field) for field in items[0]} for item in missions.download_mission()]
+        back = [as_dict(item) for item in missions.download_mission()]
         figure(f"MAVSDK over UDP: 100 items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
-    assert differences(items, back) == []
+        assert differences(items, back) == []
+        for kind, up, down in [
+            (FENCE, missions.upload_geofence, missions.download_geofence),
+            (RALLY, missions.upload_rally_points, missions.download_rallypoints),
+        ]:
+            items = PLANS[kind](16)
+            up([MissionItem(**item, mission_type=kind) for item in items])
+            assert differences(items, [as_dict(item) for item in down()]) == []
+        missions.clear_mission()
+        assert missions.download_mission() == []
+
+
+def test_two_clients(port, other):
+    """One over UDP, one over TCP."""
+    gcs = Gcs(port, "udpin")
+    try:
+        upload_part(gcs, plan(20), 10)
+        assert upload(other, plan(5, 1)).type == DENIED
+        for item in plan(20)[10:]:
+            assert next_word(gcs, MISSION).seq == item["seq"]
+            send_item(gcs, item)
+        assert next_word(gcs, MISSION).type == ACCEPTED
+        assert differences(plan(20), download(other).items) == []
+        bad = plan(5, 1)
+        bad[3]["x"] = 900_000_001
+        assert upload(gcs, bad).type == mavutil.mavlink.MAV_MISSION_INVALID_PARAM5_X
+        assert differences(plan(20), download(gcs).items) == []
+    finally:
+        gcs.close()
+
+
+def test_a_client_that_dies(port, other):
+    """PX4/PX4-Autopilot#27132"""
+    gcs = Gcs(port, "udpin")
+    try:
+        upload_part(gcs, plan(20), 10)
+    finally:
+        gcs.close()
+    died = time.monotonic()
+    while upload(other, plan(5, 1)).type == DENIED:
+        assert time.monotonic() - died < 10, "nobody else can upload"
+        time.sleep(0.1)

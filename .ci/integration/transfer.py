@@ -31,10 +31,10 @@ def send_item(gcs, item, kind=MISSION):
 
 
 def next_word(gcs, kind, timeout=3.0):
-    """What the vehicle says next about an upload, or None."""
-    message = gcs.wait(["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"], timeout)
+    """What the vehicle says to this client next about an upload, or None."""
+    kinds = ["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"]
+    message = gcs.wait(kinds, timeout, lambda word: (word.target_system, word.target_component) == gcs.address)
     if message:
-        assert (message.target_system, message.target_component) == gcs.address
         assert message.mission_type == kind
         assert message.get_type() != "MISSION_REQUEST", "a GENERIC autopilot asks for MISSION_ITEM_INT"
     return message
@@ -95,7 +95,12 @@ def download(gcs, kind=MISSION):
 
 def ids(gcs):
     """The ids of the three plans, 0 where there is none."""
-    return [plan_id(ask_count(gcs, kind)) for kind in (MISSION, FENCE, RALLY)]
+    found = []
+    for kind in (MISSION, FENCE, RALLY):
+        found.append(plan_id(ask_count(gcs, kind)))
+        # That was all.
+        gcs.mav.mission_ack_send(1, 1, ACCEPTED, kind)
+    return found
 
 
 def clear(gcs, kind=MISSION):

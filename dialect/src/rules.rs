@@ -51,7 +51,8 @@ const ALTITUDE_OPTIONAL: [&str; 5] = [
 
 /// Parameters with a range or an enumeration that may be NaN: "default", "ignore", or of no use until lately, so that
 /// clients still send NaN.
-const NAN: [(&str, &[u8]); 8] = [
+const NAN: [(&str, &[u8]); 9] = [
+    ("MAV_CMD_NAV_LAND", &[2]),
     ("MAV_CMD_NAV_TAKEOFF", &[3]),
     ("MAV_CMD_DO_ORBIT", &[3, 4]),
     ("MAV_CMD_DO_SET_HOME", &[2, 3, 4]),
@@ -62,7 +63,10 @@ const NAN: [(&str, &[u8]); 8] = [
     ("MAV_CMD_VIDEO_START_CAPTURE", &[2]),
 ];
 
-/// The same, by label, in every command.
+/// Commands whose position says nothing to many: QGroundControl sends a landing pattern's start in the frame MISSION.
+const ANY_FRAME: [&str; 1] = ["MAV_CMD_DO_LAND_START"];
+
+/// The same as `NAN`, by label, in every command.
 const NAN_LABELS: [&str; 1] = ["Target Camera ID"];
 
 /// Parameters whose least value is another than the attribute says: −1 repeats a jump for ever, 0 is a picture without
@@ -121,6 +125,9 @@ fn command(out: &mut String, dialect: &Dialect, entry: &Entry, constant: &str) {
         let has_altitude = entry.params.iter().any(|param| param.index == 7 && is_used(param));
         if named(&POSITION_OPTIONAL) {
             out.push_str(".position_optional()");
+        }
+        if named(&ANY_FRAME) {
+            out.push_str(".any_frame()");
         }
         if !has_altitude || named(&ALTITUDE_OPTIONAL) {
             out.push_str(".altitude_optional()");

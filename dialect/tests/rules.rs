@@ -37,6 +37,7 @@ fn prose_allows_nan(command: &str, param: &Param) -> bool {
         "NAV_TAKEOFF" => param.index == 3,
         "DO_ORBIT" => matches!(param.index, 3 | 4),
         "DO_SET_HOME" => matches!(param.index, 2..=4),
+        "NAV_LAND" => param.index == 2,
         "DO_SET_ACTUATOR" => param.index <= 4,
         "DO_GIMBAL_MANAGER_PITCHYAW" => param.index <= 2,
         "ACTUATOR_TEST" => param.index == 1,
@@ -146,6 +147,7 @@ fn every_rule_says_what_the_attributes_say() {
         // With a position, 5 and 6 are 0 here, and 7 must be a number where it is used.
         let allowed = |param: &Param, value: f32| match param.index {
             7 if is_located && value.is_nan() => param.label.is_empty() || altitude_is_optional(name),
+            7 if is_located && value.abs() > 1e6 => false,
             _ => allows(&dialect, name, param, value),
         };
         let is_position = |param: &Param| is_located && matches!(param.index, 5 | 6);
@@ -186,7 +188,7 @@ fn every_rule_knows_frames_and_positions() {
         let is_located = entry.has_location == Some(true);
         for frame in 0..=u8::MAX {
             let verdict = rule.check(&item(rule.command().0, frame, [0.0; 7]));
-            let is_taken = FRAMES.contains(&frame) && !(is_located && frame == 2);
+            let is_taken = FRAMES.contains(&frame) && !(is_located && frame == 2 && name != "DO_LAND_START");
             assert_eq!(verdict == Err(MavMissionResult::UNSUPPORTED_FRAME), !is_taken, "{name} in frame {frame}");
         }
         if !is_located {
@@ -236,7 +238,8 @@ fn rules_are_written_as_constants() {
         ),
         ("NAV_RETURN_TO_LAUNCH", "CommandRule::without_position(20, &[])"),
         // An enumeration in a row.
-        ("NAV_LAND", "CommandRule::at_position(21, &[ ParamRule::integers(2, 0, 2), ]).position_optional()"),
+        ("NAV_LAND", "CommandRule::at_position(21, &[ ParamRule::integers(2, 0, 2).or_nan(), ]).position_optional()"),
+        ("DO_LAND_START", "CommandRule::at_position(189, &[]).position_optional().any_frame()"),
         // Bits, not in use until lately.
         ("NAV_TAKEOFF", "CommandRule::at_position(22, &[ ParamRule::bits(3, 0x1).or_nan(), ]).position_optional()"),
         // −1 is for ever (M-72), whatever the attribute says.

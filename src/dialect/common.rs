@@ -2951,7 +2951,7 @@ pub mod command_rules {
     ]).position_optional();
     pub const NAV_RETURN_TO_LAUNCH: CommandRule = CommandRule::without_position(20, &[]);
     pub const NAV_LAND: CommandRule = CommandRule::at_position(21, &[
-        ParamRule::integers(2, 0, 2),
+        ParamRule::integers(2, 0, 2).or_nan(),
     ]).position_optional();
     pub const NAV_TAKEOFF: CommandRule = CommandRule::at_position(22, &[
         ParamRule::bits(3, 0x1).or_nan(),
@@ -3084,7 +3084,7 @@ pub mod command_rules {
         ParamRule::integers(7, 0, i32::MAX),
     ]);
     pub const DO_RETURN_PATH_START: CommandRule = CommandRule::at_position(188, &[]);
-    pub const DO_LAND_START: CommandRule = CommandRule::at_position(189, &[]).position_optional();
+    pub const DO_LAND_START: CommandRule = CommandRule::at_position(189, &[]).position_optional().any_frame();
     pub const DO_RALLY_LAND: CommandRule = CommandRule::without_position(190, &[]);
     pub const DO_GO_AROUND: CommandRule = CommandRule::without_position(191, &[]);
     pub const DO_REPOSITION: CommandRule = CommandRule::at_position(192, &[

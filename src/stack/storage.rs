@@ -37,7 +37,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         missions.attach_storage(durability);
         let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
         let result = store.open().and_then(|stored| {
-            let Some(stored) = stored else { return Ok(()) };
+            let Some(stored) = stored else {
+                if store.is_foreign() {
+                    missions.stored_differs();
+                }
+                return Ok(());
+            };
             for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
                 let mut failure = None;
                 let item = |seq| {
@@ -51,14 +56,18 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                     return Err(error);
                 }
                 if let Err(fault) = loaded {
+                    missions.stored_differs();
                     missions.tell_refused(&mut cx, plan, fault);
                 }
             }
             Ok(())
         });
         if result.is_err() {
+            missions.stored_differs();
+        }
+        if result.is_err() || store.is_impaired() {
             event!("plans: storage cannot be read");
-            cx.texts.push(now, cx.normal, MavSeverity::ERROR, &Text::new("Stored plans cannot be read"));
+            cx.texts.push(now, cx.normal, MavSeverity::ERROR, &Text::new("Stored plans cannot all be read"));
         }
         result
     }

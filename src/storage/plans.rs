@@ -188,12 +188,17 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 pub struct PlanStore<F> {
     record: Record<F>,
     stored: Stored,
+    is_foreign: bool,
 }
 
 impl<F: NorFlash> PlanStore<F> {
     /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { record: Record::new(flash, region, KIND), stored: Stored { counts: [0; 3], ids: [0; 3] } }
+        Self {
+            record: Record::new(flash, region, KIND),
+            stored: Stored { counts: [0; 3], ids: [0; 3] },
+            is_foreign: false,
+        }
     }
 
     /// How long the region has to be for plans of so many items, in bytes: a multiple of two erase units. It has to begin
@@ -227,11 +232,27 @@ impl<F: NorFlash> PlanStore<F> {
     /// There is no whole record, and a part of the storage could not be read.
     pub(crate) fn open(&mut self) -> Result<Option<Stored>, F::Error> {
         self.stored = Stored::default();
-        let Some(header) = self.record.open()?.filter(|header| header.schema == SCHEMA) else { return Ok(None) };
+        self.is_foreign = false;
+        let Some(header) = self.record.open()? else { return Ok(None) };
+        self.is_foreign = true;
+        if header.schema != SCHEMA {
+            return Ok(None);
+        }
         let row = self.record.row(0)?;
         let stored = row.and_then(|row| Stored::from_row(&row)).filter(|stored| stored.len() == header.len);
+        self.is_foreign = stored.is_none();
         self.stored = stored.unwrap_or_default();
         Ok(stored)
+    }
+
+    /// Whether there is a whole record that this version cannot read.
+    pub(crate) const fn is_foreign(&self) -> bool {
+        self.is_foreign
+    }
+
+    /// Whether a slot could not be read: perhaps the one with the newer record.
+    pub(crate) const fn is_impaired(&self) -> bool {
+        self.record.is_impaired()
     }
 
     /// An item that [`open`](Self::open) has found, or that was written since.

@@ -152,6 +152,8 @@ pub(crate) struct Record<F> {
     spare: Spare,
     /// The job that is done, as long as it is asked for.
     done: Option<u32>,
+    /// A slot could not be read.
+    impaired: bool,
 }
 
 impl<F: NorFlash> Record<F> {
@@ -175,7 +177,17 @@ impl<F: NorFlash> Record<F> {
             Some(rest) => half.saturating_sub(rest),
             None => 0,
         };
-        Self { flash, start, slot_len, kind, newest: None, spare_slot: start, spare: Spare::Unknown, done: None }
+        Self {
+            flash,
+            start,
+            slot_len,
+            kind,
+            newest: None,
+            spare_slot: start,
+            spare: Spare::Unknown,
+            done: None,
+            impaired: false,
+        }
     }
 
     /// Length of a slot whose body has `len` bytes.
@@ -194,6 +206,7 @@ impl<F: NorFlash> Record<F> {
         let first = self.examine(self.start);
         let second = self.examine(second_slot);
         self.done = None;
+        self.impaired = first.is_err() || second.is_err();
         self.newest = match (&first, &second) {
             (Ok(Some(first)), Ok(Some(second))) if is_newer(second.header.sequence, first.header.sequence) => {
                 Some(*second)
@@ -201,18 +214,15 @@ impl<F: NorFlash> Record<F> {
             (Ok(Some(found)), _) | (_, Ok(Some(found))) => Some(*found),
             _ => None,
         };
-        self.spare = Spare::Dirty(0);
+        // What cannot be read now may be what is wanted later: it is left alone until there is something to write.
+        self.spare = if self.impaired { Spare::Failing } else { Spare::Dirty(0) };
         self.spare_slot = match self.newest {
             Some(newest) if newest.slot == self.start => second_slot,
             None if second.is_err() && first.is_ok() => second_slot,
             _ => self.start,
         };
         match (first, second) {
-            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => {
-                // What cannot be read now may be what is wanted later.
-                self.spare = Spare::Failing;
-                Err(error)
-            }
+            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => Err(error),
             _ => Ok(self.newest.map(|newest| newest.header)),
         }
     }
@@ -257,6 +267,11 @@ impl<F: NorFlash> Record<F> {
         Ok(true)
     }
 
+    /// Whether a slot could not be read.
+    pub(crate) const fn is_impaired(&self) -> bool {
+        self.impaired
+    }
+
     /// A row of the newest record's body.
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<[u8; ROW]>, F::Error> {
         let Some(Newest { slot, header }) = self.newest else { return Ok(None) };
@@ -286,7 +301,14 @@ impl<F: NorFlash> Record<F> {
                 Step::Busy
             }
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
-            (Spare::Failing, Some(_)) => self.clear(0),
+            (Spare::Failing, Some(_)) => {
+                // What could not be read may be by now, and then says which sequence is the newest; else it is given up.
+                if self.impaired {
+                    let _ = self.open();
+                }
+                self.spare = Spare::Dirty(0);
+                Step::Busy
+            }
             (Spare::Dirty(done), _) => self.clear(done),
             (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
             (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {

@@ -1,128 +1,7 @@
-//! Decimal text to numbers and back, exactly, by integers.
-//!
-//! The parser of `core` takes 20 kB of flash with its tables, and `core::fmt` can panic. Plans are read now and then and
-//! not in the control loop, so this is small rather than quick: numbers wide enough to hold any `f32` and its halves
-//! exactly, multiplied and divided by ten.
+//! Decimal text to numbers, exactly, by integers.
 
 use super::Fault;
-
-/// The magnitude of any `f32`, exactly: 128 bits before the point and 160 behind it, in words of 16 bits, the highest
-/// first. The lowest bit of a subnormal is 2^-149, and half of it decides how to round.
-#[derive(Clone)]
-struct Wide {
-    words: [u16; 18],
-    /// Whether a division dropped something below the last word.
-    inexact: bool,
-}
-
-/// How far the lowest bit of a subnormal is above the lowest bit of a [`Wide`].
-const LOWEST: u32 = 160 - 149;
-/// How many words stand before the point.
-const WHOLE: usize = 8;
-const FRACTION_BITS: u32 = 23;
-const INFINITY: u32 = 0xFF << FRACTION_BITS;
-
-fn low(value: u32) -> u16 {
-    let [a, b, ..] = value.to_le_bytes();
-    u16::from_le_bytes([a, b])
-}
-
-/// Multiplies by ten and adds; returns what did not fit.
-fn multiply(words: &mut [u16], mut carry: u32) -> u32 {
-    for word in words.iter_mut().rev() {
-        let value = u32::from(*word).wrapping_mul(10).wrapping_add(carry);
-        *word = low(value);
-        carry = value >> 16;
-    }
-    carry
-}
-
-/// Divides by ten what stands here with `rest` before it; returns the rest.
-fn divide(words: &mut [u16], mut rest: u32) -> u32 {
-    for word in words {
-        let value = (rest << 16) | u32::from(*word);
-        *word = low(value / 10);
-        rest = value % 10;
-    }
-    rest
-}
-
-impl Wide {
-    const ZERO: Self = Self { words: [0; 18], inexact: false };
-
-    fn from_integer(value: u32) -> Self {
-        let mut wide = Self::ZERO;
-        if let [.., high, lowest] = wide.whole() {
-            (*high, *lowest) = (low(value >> 16), low(value));
-        }
-        wide
-    }
-
-    fn whole(&mut self) -> &mut [u16] {
-        self.words.get_mut(..WHOLE).unwrap_or_default()
-    }
-
-    fn fraction(&mut self) -> &mut [u16] {
-        self.words.get_mut(WHOLE..).unwrap_or_default()
-    }
-
-    /// From the bits of a positive, finite `f32`.
-    fn from_bits(bits: u32) -> Self {
-        let exponent = bits >> FRACTION_BITS;
-        let hidden = if exponent == 0 { 0 } else { 1 << FRACTION_BITS };
-        let at = LOWEST.wrapping_add(exponent.saturating_sub(1));
-        let mut rest = u64::from((bits & ((1 << FRACTION_BITS) - 1)) | hidden).wrapping_shl(at % 16);
-        let mut wide = Self::ZERO;
-        // At most 18 words lie there.
-        let skipped = usize::try_from(at / 16).unwrap_or(18);
-        for word in wide.words.iter_mut().rev().skip(skipped).take(3) {
-            let [a, b, ..] = rest.to_le_bytes();
-            *word = u16::from_le_bytes([a, b]);
-            rest >>= 16;
-        }
-        wide
-    }
-
-    /// Ten times this, plus a digit; false when it is 2^128 or more. There must be nothing behind the point.
-    fn push(&mut self, digit: u8) -> bool {
-        multiply(self.whole(), digit.into()) == 0
-    }
-
-    /// A tenth of this with `digit` added first. Divided down to the last word and cut there, any number of such steps
-    /// gives what one division by a power of ten would.
-    fn push_behind_point(&mut self, digit: u8) {
-        if let Some(lowest) = self.whole().last_mut() {
-            *lowest |= u16::from(digit);
-        }
-        self.divide();
-    }
-
-    fn divide(&mut self) {
-        self.inexact |= divide(&mut self.words, 0) != 0;
-    }
-
-    /// The bits of the nearest `f32`, of two that are as near the even one; nothing when that is infinity.
-    fn round(&self) -> Option<u32> {
-        // Three words, of which the first is not zero unless they are the last: at least 33 bits of significance.
-        let skipped = self.words.iter().take(15).take_while(|word| **word == 0).count();
-        let base = 16u32.wrapping_mul(u32::try_from(15usize.wrapping_sub(skipped)).unwrap_or(0));
-        let [high, middle, lowest, rest @ ..] = self.words.get(skipped..)? else { return None };
-        let window = u64::from(*high) << 32 | u64::from(*middle) << 16 | u64::from(*lowest);
-        let inexact = self.inexact || rest.iter().any(|word| *word != 0);
-        // Where the bits that are kept begin: 24 of them, or fewer of a subnormal.
-        let length = 64u32.wrapping_sub(window.leading_zeros());
-        let lowest = base.wrapping_add(length).saturating_sub(24).max(LOWEST);
-        let shift = lowest.wrapping_sub(base);
-        let [a, b, c, d, ..] = window.wrapping_shr(shift).to_le_bytes();
-        let kept = u32::from_le_bytes([a, b, c, d]);
-        let dropped = window.wrapping_shl(64u32.wrapping_sub(shift)) | u64::from(inexact);
-        let half = 1u64 << 63;
-        let up = dropped > half || (dropped == half && kept % 2 == 1);
-        // The highest kept bit counts as one exponent more, and so does a carry.
-        let bits = (lowest.wrapping_sub(LOWEST) << FRACTION_BITS).wrapping_add(kept).wrapping_add(up.into());
-        (bits < INFINITY).then_some(bits)
-    }
-}
+use super::wide::{INFINITY, Wide};
 
 /// A number as it is written: digits before and behind the point, to be multiplied by a power of ten.
 struct Decimal<'a> {
@@ -158,7 +37,7 @@ impl Decimal<'_> {
         for digit in self.digits().take(before) {
             wide.push(digit).then_some(())?;
         }
-        if wide.words != [0; 18] {
+        if !wide.is_zero() {
             for _ in count..before {
                 wide.push(0).then_some(())?;
             }
@@ -276,187 +155,11 @@ pub(super) fn parse_integer(text: &[u8]) -> Result<u16, Fault> {
     }
     Decimal { whole: digits, fraction: &[], exponent: 0 }.scaled(0)?.try_into().map_err(|_| Fault::Range)
 }
-
-/// A line that is being written; what does not fit is cut off.
-#[derive(Clone, Debug)]
-pub(super) struct Line {
-    bytes: [u8; Self::LEN],
-    len: usize,
-}
-
-impl Line {
-    /// The longest row: 5 + 1 + 3 + 5 digits, five floats of 16 characters, x and y of 12, 3 digits, and what ends each.
-    const LEN: usize = 6 + 2 + 4 + 6 + 5 * 17 + 2 * 13 + 4;
-
-    pub(super) const fn new() -> Self {
-        Self { bytes: [0; Self::LEN], len: 0 }
-    }
-
-    pub(super) fn clear(&mut self) {
-        self.len = 0;
-    }
-
-    pub(super) fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(..self.len).unwrap_or_default()
-    }
-
-    pub(super) fn push(&mut self, byte: u8) {
-        if let Some(end) = self.bytes.get_mut(self.len) {
-            *end = byte;
-            self.len = self.len.wrapping_add(1);
-        }
-    }
-
-    fn push_all(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.push(byte);
-        }
-    }
-
-    pub(super) fn push_integer(&mut self, value: u32) {
-        self.push_all(Digits::new(value).as_bytes());
-    }
-
-    /// `value`/10^`decimals`, with all its decimals; `nan` for `i32::MAX`, "not given".
-    pub(super) fn push_scaled(&mut self, value: i32, decimals: u8) {
-        if value == i32::MAX {
-            return self.push_all(b"nan");
-        }
-        if value < 0 {
-            self.push(b'-');
-        }
-        self.push_plain(value.unsigned_abs(), i32::from(decimals).wrapping_neg());
-    }
-
-    /// The shortest number that reads back as `value`, and of those the nearest; at most 16 characters.
-    pub(super) fn push_f32(&mut self, value: f32) {
-        if value.is_nan() {
-            return self.push_all(b"nan");
-        }
-        if value.is_sign_negative() {
-            self.push(b'-');
-        }
-        if value.is_infinite() {
-            return self.push_all(b"inf");
-        }
-        let (digits, exponent) = shortest(value.to_bits() & (u32::MAX >> 1));
-        let count = i32::try_from(Digits::new(digits).as_bytes().len()).unwrap_or(0);
-        let point = count.wrapping_add(exponent);
-        if (-4..=10).contains(&point) {
-            return self.push_plain(digits, exponent);
-        }
-        self.push_plain(digits, 1i32.wrapping_sub(count));
-        self.push(b'e');
-        let power = point.wrapping_sub(1);
-        if power < 0 {
-            self.push(b'-');
-        }
-        self.push_integer(power.unsigned_abs());
-    }
-
-    /// `value`·10^`exponent` without an exponent.
-    fn push_plain(&mut self, value: u32, exponent: i32) {
-        let digits = Digits::new(value);
-        let digits = digits.as_bytes();
-        let count = i32::try_from(digits.len()).unwrap_or(0);
-        let point = count.wrapping_add(exponent);
-        for at in point.wrapping_sub(1).min(0)..point.max(count) {
-            if at == point {
-                self.push(b'.');
-            }
-            let digit = usize::try_from(at).ok().and_then(|at| digits.get(at));
-            self.push(digit.copied().unwrap_or(b'0'));
-        }
-    }
-}
-
-/// A number's digits, at the end of the array.
-struct Digits {
-    bytes: [u8; 10],
-    count: usize,
-}
-
-impl Digits {
-    fn new(mut value: u32) -> Self {
-        let mut digits = Self { bytes: [0; 10], count: 0 };
-        for digit in digits.bytes.iter_mut().rev() {
-            let [rest, ..] = (value % 10).to_le_bytes();
-            *digit = b'0'.wrapping_add(rest);
-            digits.count = digits.count.wrapping_add(1);
-            value /= 10;
-            if value == 0 {
-                break;
-            }
-        }
-        digits
-    }
-
-    fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(self.bytes.len().saturating_sub(self.count)..).unwrap_or_default()
-    }
-}
-
-/// The bits of the `f32` nearest to `digits`·10^`exponent`.
-fn nearest(digits: u32, exponent: i32) -> Option<u32> {
-    let mut wide = Wide::from_integer(digits);
-    for _ in 0..exponent {
-        wide.push(0).then_some(())?;
-    }
-    for _ in exponent..0 {
-        wide.divide();
-    }
-    wide.round()
-}
-
-/// The fewest digits, and their power of ten, that are read as the positive, finite `f32` with these bits; of several as
-/// short the nearest, of two as near the larger.
-fn shortest(bits: u32) -> (u32, i32) {
-    if bits == 0 {
-        return (0, 0);
-    }
-    // The first nine digits, cut off: the number is `digits`·10^exponent and a bit, `next` being the tenth digit.
-    let mut wide = Wide::from_bits(bits);
-    let mut exponent = 0i32;
-    let mut next = 0;
-    let mut digits = loop {
-        if let [0, 0, 0, 0, 0, 0, high, lowest] = wide.whole() {
-            let whole = u32::from(*high) << 16 | u32::from(*lowest);
-            if whole < 1_000_000_000 {
-                break whole;
-            }
-        }
-        next = divide(wide.whole(), 0);
-        exponent = exponent.wrapping_add(1);
-    };
-    if exponent == 0 {
-        while digits < 100_000_000 {
-            digits = digits.wrapping_mul(10).wrapping_add(multiply(wide.fraction(), 0));
-            exponent = exponent.wrapping_sub(1);
-        }
-        next = multiply(wide.fraction(), 0);
-    }
-    // What is shorter and is read as this number, if anything is, is the number cut off or one more. Nine digits do.
-    let mut unit = 100_000_000u32;
-    exponent = exponent.wrapping_add(8);
-    loop {
-        let cut = digits.checked_div(unit).unwrap_or(digits);
-        let rest = digits.wrapping_sub(cut.wrapping_mul(unit));
-        let up = rest.wrapping_mul(10).wrapping_add(next) >= unit.wrapping_mul(5);
-        for up in [up, !up] {
-            let candidate = cut.wrapping_add(up.into());
-            if unit <= 1 || nearest(candidate, exponent) == Some(bits) {
-                // Of nine and one more.
-                return if candidate == 10 { (1, exponent.wrapping_add(1)) } else { (candidate, exponent) };
-            }
-        }
-        unit /= 10;
-        exponent = exponent.wrapping_sub(1);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wpl::line::Line;
+    use crate::wpl::wide::shortest;
     use proptest::prelude::*;
     use std::format;
     use std::string::{String, ToString};
@@ -508,6 +211,13 @@ mod tests {
         let middle = format!("{:.150}", (half(bits) + next) / 2.0);
         assert_reads(&middle);
         assert_reads(&format!("{middle}000000000000000000000000001"));
+        // A half, which the words hold exactly, and what they cannot hold; 150 digits stand behind the point.
+        for (place, digit) in [(150, b'5'), (130, b'1'), (100, b'1')] {
+            let mut above = middle.clone().into_bytes();
+            let at = above.len() - place;
+            above[at] = above[at].max(digit);
+            assert_reads(&String::from_utf8(above).unwrap());
+        }
         let mut below = middle.into_bytes();
         for digit in below.iter_mut().rev().filter(|byte| byte.is_ascii_digit()) {
             *digit = if *digit == b'0' { b'9' } else { *digit - 1 };
@@ -571,10 +281,10 @@ mod tests {
             "1e99999999999",
             "1e-99999999999",
             "1e+000000000038",
-            "16777217.000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000001",
+            "16777217.000000000000000000000000000000000000000000000000000000000000000000000000000000001",
             "340282356779733661637539395458142568447.99999999999999999999999999999999999999999999999999999999999999999",
             "340282356779733661637539395458142568448",
-            "0.00000000000000000000000000000000000000000000070064923216240853546186479164495806564013097093825788587853",
+            "0.000000000000000000000000000000000000000000000700649232162408535461864791644958065640130970938257885",
             "7.0064923216240853546186479164495806564013097093825788587853E-46",
         ] {
             assert_reads(text);
@@ -647,6 +357,8 @@ mod tests {
             ("-0.00000005", 7, Ok(-1)),
             ("0.0000000499999999999999999999999999", 7, Ok(0)),
             ("0.000000005", 7, Ok(0)),
+            ("5e-8", 7, Ok(1)),
+            ("9e-9", 7, Ok(0)),
             ("4.73977420e+01", 7, Ok(473_977_420)),
             ("473977420e-7", 7, Ok(473_977_420)),
             ("1e-100000000000", 7, Ok(0)),

@@ -163,8 +163,8 @@ impl Reader {
         self.home
     }
 
-    /// Reads on to the end of the next item's line. What was read is taken off the front of `bytes`; nothing is returned
-    /// when all of it was.
+    /// Reads on to the end of the next item's line. What was read is taken off the front of `bytes`; nothing is
+    /// returned when all of it was.
     ///
     /// # Errors
     ///

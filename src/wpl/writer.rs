@@ -1,6 +1,6 @@
 //! From items to lines.
 
-use super::decimal::Line;
+use super::line::Line;
 use super::{Fault, HomeRow, decimals, jump_target};
 use crate::service::mission::Item;
 
@@ -16,8 +16,8 @@ impl Writer {
     /// The first line of the file.
     pub const HEADER: &'static [u8] = b"QGC WPL 110\n";
 
-    /// A writer of one file. With [`HomeRow::First`] the first item that it is given is the home position; QGroundControl
-    /// takes the first row for that in any case.
+    /// A writer of one file. With [`HomeRow::First`] the first item that it is given is the home position;
+    /// QGroundControl takes the first row for that in any case.
     pub const fn new(home_row: HomeRow) -> Self {
         Self { home_row, rows: 0, line: Line::new() }
     }
@@ -27,8 +27,8 @@ impl Writer {
     /// # Errors
     ///
     /// [`Frame`](Fault::Frame) when it is not known what x and y are; [`Jump`](Fault::Jump) when the target of a
-    /// [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is no sequence number; [`TooMany`](Fault::TooMany) for more rows than
-    /// those.
+    /// [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is no sequence number; [`TooMany`](Fault::TooMany) for more rows
+    /// than those.
     pub fn row(&mut self, item: &Item) -> Result<&[u8], Fault> {
         let decimals = decimals(item.frame).ok_or(Fault::Frame)?;
         let rows = self.rows.checked_add(1).ok_or(Fault::TooMany)?;

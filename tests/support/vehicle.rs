@@ -38,6 +38,8 @@ pub struct TestVehicle {
     pub may_persist: bool,
     /// What it answers to who sets the current item, or starts the mission.
     pub progress_verdict: MavResult,
+    /// Whether it starts no mission that every vehicle is to start.
+    pub refuses_broadcast: bool,
     /// Where it is in its mission; a new mission sets it to the mission's first item.
     pub progress: Progress,
     /// Every call, in order, but for [`Vehicle::state`] and [`Plans::progress`].
@@ -60,6 +62,7 @@ impl TestVehicle {
             plan_verdict: Ok(()),
             may_persist: true,
             progress_verdict: MavResult::ACCEPTED,
+            refuses_broadcast: false,
             progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
             calls: Vec::new(),
         }
@@ -162,7 +165,10 @@ impl Plans for TestVehicle {
         self.progress_verdict
     }
 
-    fn start_mission(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
+    fn start_mission(&mut self, command: &Command, first: Option<u16>, last: Option<u16>) -> MavResult {
+        if command.is_broadcast && self.refuses_broadcast {
+            return MavResult::DENIED;
+        }
         self.calls.push(Call::StartMission(first, last));
         self.progress_verdict
     }

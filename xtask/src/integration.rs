@@ -2,9 +2,10 @@
 
 use std::ffi::OsString;
 use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -34,50 +35,71 @@ const PORTS: u16 = 7;
 const QMP: u16 = 3;
 const SPARE: u16 = 4;
 
-const OVER_TCP: &[&str] = &["test_pymavlink.py", "test_mavsdk.py", "test_mavproxy.py", "test_power.py"];
+const OVER_TCP: &[&str] =
+    &["test_pymavlink.py", "test_plans.py", "test_progress.py", "test_mavsdk.py", "test_mavproxy.py", "test_power.py"];
 const OVER_UDP: &[&str] = &["test_udp.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
     let stop = system::stop_signal()?;
     let python = environment()?;
-    let mut failed = Vec::new();
+    let mut programs = Vec::new();
     for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
-        if target != Target::All && target != this {
-            continue;
+        if target == Target::All || target == this {
+            programs.push((name, if this == Target::Qemu { Program::for_qemu(choice)? } else { Program::for_sitl()? }));
         }
-        for (over, files) in [("TCP", OVER_TCP), ("UDP", OVER_UDP)] {
+    }
+    let mut failed = Vec::new();
+    for (over, files) in [("TCP", OVER_TCP), ("UDP", OVER_UDP)] {
+        // Side by side: most of the time the tests wait.
+        let mut runs = Vec::new();
+        for &(name, ref program) in &programs {
             println!("\n==== The vehicle in {name}, telemetry over {over}");
             let port = free_ports()?;
             let udp = (over == "UDP").then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
             let log = target_dir().join(format!("integration-{name}-{}.log", over.to_lowercase()));
             println!("The vehicle's log: {}", log.display());
             let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
-            let vehicle = match this {
-                Target::Qemu => Vehicle::in_qemu(port, udp, choice, log)?,
-                _ => Vehicle::in_sitl(port, udp, log)?,
-            };
+            let vehicle = program.start(port, udp, log)?;
             // The companion's port, to leave telemetry to the tests.
             wait_for(port + 1)?;
             let mut clients = Command::new(&python);
             clients
-                .args(["-m", "pytest", "-v", "--color=auto", "-p", "no:cacheprovider"])
+                .args(["-m", "pytest", "-v", "-p", "no:cacheprovider"])
                 .args(["--target", name, "--port-base", &port.to_string()])
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
-                .args(vehicle.options())
+                .args(program.options(port))
                 .args(files)
                 .env("PYTHONDONTWRITEBYTECODE", "1")
+                .env("PYTHONUNBUFFERED", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.
                 .env("MAVLINK20", "1")
                 .env("MAVLINK_DIALECT", "common")
-                .current_dir(root().join(TESTS));
-            let clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
-            if !wait(Process(clients), &stop)? {
+                .current_dir(root().join(TESTS))
+                .stdout(Stdio::piped());
+            let mut clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
+            let printer = clients.stdout.take().map(|output| thread::spawn(move || print(name, output)));
+            runs.push((name, Process(clients), printer, vehicle));
+        }
+        for (name, clients, printer, _vehicle) in runs {
+            let succeeds = wait(clients, &stop)?;
+            if let Some(printer) = printer {
+                // It has printed everything then.
+                let _ = printer.join();
+            }
+            if !succeeds {
                 failed.push(format!("{name} over {over}"));
             }
         }
     }
     if failed.is_empty() { Ok(()) } else { Err(format!("tests failed in {}", failed.join(" and "))) }
+}
+
+/// Prints what the tests say, with their name before each line.
+fn print(name: &str, output: ChildStdout) {
+    for line in BufReader::new(output).lines().map_while(std::result::Result::ok) {
+        println!("{name}: {line}");
+    }
 }
 
 /// A child that does not outlive us.
@@ -103,45 +125,59 @@ fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
     }
 }
 
-/// A running vehicle, ended when dropped.
-enum Vehicle {
-    Qemu { _emulator: Emulator, qmp: u16 },
-    Sitl { _process: Process, program: PathBuf },
+/// A vehicle that can be started.
+enum Program {
+    Qemu { firmware: PathBuf },
+    Sitl { program: PathBuf },
 }
 
-impl Vehicle {
-    fn in_qemu(port: u16, udp: Option<SocketAddr>, choice: Option<Choice>, log: File) -> Result<Self> {
+/// A running vehicle, ended when dropped.
+enum Vehicle {
+    Qemu { _emulator: Emulator },
+    Sitl { _process: Process },
+}
+
+impl Program {
+    fn for_qemu(choice: Option<Choice>) -> Result<Self> {
         qemu::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
         let path = firmware::build(choice, true)?;
-        let elf = firmware::read(&path)?;
-        firmware::print_size("Firmware", &elf)?;
-        let table = crate::log::table(&elf)?;
-        let qmp = port + QMP;
-        let (emulator, output) = Emulator::start(&path, port, udp, Some(qmp))?;
-        thread::spawn(move || crate::log::print(&table, output, log));
-        Ok(Self::Qemu { _emulator: emulator, qmp })
+        firmware::print_size("Firmware", &firmware::read(&path)?)?;
+        Ok(Self::Qemu { firmware: path })
     }
 
-    fn in_sitl(port: u16, udp: Option<SocketAddr>, log: File) -> Result<Self> {
+    fn for_sitl() -> Result<Self> {
         const PACKAGE: &str = "mavstack-sitl";
         run(Command::new(cargo()).args(["build", "--package", PACKAGE]).current_dir(root()))?;
-        let program = target_dir().join("debug").join(PACKAGE);
-        let child = Command::new(&program)
-            .args(["--port-base", &port.to_string()])
-            .args(udp.map(|peer| format!("--udp={peer}")))
-            .stdin(Stdio::null())
-            .stdout(log)
-            .spawn()
-            .map_err(|error| format!("{}: {error}", program.display()))?;
-        Ok(Self::Sitl { _process: Process(child), program })
+        Ok(Self::Sitl { program: target_dir().join("debug").join(PACKAGE) })
     }
 
-    /// How a test resets it, or starts another one that it may kill.
-    fn options(&self) -> [OsString; 2] {
+    fn start(&self, port: u16, udp: Option<SocketAddr>, log: File) -> Result<Vehicle> {
         match self {
-            Self::Qemu { qmp, .. } => ["--qmp-port".into(), qmp.to_string().into()],
-            Self::Sitl { program, .. } => ["--program".into(), program.into()],
+            Self::Qemu { firmware } => {
+                let table = crate::log::table(&firmware::read(firmware)?)?;
+                let (emulator, output) = Emulator::start(firmware, port, udp, Some(port + QMP))?;
+                thread::spawn(move || crate::log::print(&table, output, log));
+                Ok(Vehicle::Qemu { _emulator: emulator })
+            }
+            Self::Sitl { program } => {
+                let child = Command::new(program)
+                    .args(["--port-base", &port.to_string()])
+                    .args(udp.map(|peer| format!("--udp={peer}")))
+                    .stdin(Stdio::null())
+                    .stdout(log)
+                    .spawn()
+                    .map_err(|error| format!("{}: {error}", program.display()))?;
+                Ok(Vehicle::Sitl { _process: Process(child) })
+            }
+        }
+    }
+
+    /// How a test resets the vehicle at `port`, or starts another one that it may kill.
+    fn options(&self, port: u16) -> [OsString; 2] {
+        match self {
+            Self::Qemu { .. } => ["--qmp-port".into(), (port + QMP).to_string().into()],
+            Self::Sitl { program } => ["--program".into(), program.into()],
         }
     }
 }

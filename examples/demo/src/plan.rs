@@ -17,6 +17,8 @@ use crate::geo::Home;
 pub const CRUISE: f32 = 8.0;
 /// A waypoint counts as reached within so many metres, unless it says otherwise.
 const RADIUS: f32 = 2.0;
+/// It comes no closer to one for sure, m.
+const MIN_RADIUS: f32 = 0.5;
 /// It flies to no place lower than this, m.
 const LOWEST: f32 = CLEARANCE + 0.5;
 /// Longer than any battery lasts.
@@ -109,7 +111,9 @@ pub fn order(item: &Item, now: &Situation) -> Order {
         Order::Fly { maneuver, stay, yaw: Some(p4.to_radians()).filter(|yaw| is_at_a_heading && yaw.is_finite()) }
     };
     match item.command {
-        MavCmd::NAV_WAYPOINT => fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2 } else { RADIUS } }, seconds(p1)),
+        MavCmd::NAV_WAYPOINT => {
+            fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2.max(MIN_RADIUS) } else { RADIUS } }, seconds(p1))
+        }
         MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: RADIUS }, seconds(p1)),
         MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: RADIUS }, FOREVER),
         MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),

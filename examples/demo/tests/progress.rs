@@ -55,7 +55,6 @@ fn a_loop_without_a_leg_ends() {
     for plan in [
         vec![waypoint(0.0, 0.0), jump(1, -1.0)],
         vec![waypoint(0.0, 0.0), speed, jump(3, -1.0), speed, jump(1, -1.0), waypoint(9.0, 0.0)],
-        vec![waypoint(0.0, 0.0), act(MavCmd::CONDITION_DELAY, [0.0; 4]), jump(1, 60_000.0)],
     ] {
         let mut flight = Flight::flying(&plan);
         flight.until_end(10);
@@ -63,6 +62,28 @@ fn a_loop_without_a_leg_ends() {
         assert_eq!((flight.mission().1, flight.reached()), (MissionState::COMPLETE, vec![0]));
         assert!(flight.vehicle.is_armed());
     }
+}
+
+/// A loop that comes to an end does, with or without anything to fly in it (M-73): what is behind it is flown.
+#[test]
+fn a_loop_of_conditions_is_gone_round() {
+    let wait = act(MavCmd::CONDITION_DELAY, [0.5, 0.0, 0.0, 0.0]);
+    let mut flight = Flight::flying(&[waypoint(0.0, 0.0), wait, jump(1, 3.0), waypoint(9.0, 0.0)]);
+    flight.until_end(20);
+    assert_eq!(flight.reached(), [0, 3]);
+    // The way behind it leads elsewhere than it seemed to from before it.
+    let mut flight =
+        Flight::flying(&[waypoint(0.0, 0.0), wait, jump(1, 3.0), jump(5, 1.0), waypoint(9.0, 0.0), waypoint(0.0, 9.0)]);
+    flight.until_end(30);
+    assert_eq!(flight.reached(), [0, 5]);
+}
+
+/// A waypoint whose radius is smaller than it flies exactly is reached nevertheless.
+#[test]
+fn a_tiny_radius_is_reached() {
+    let mut flight = Flight::flying(&[Item { params: [0.0, 0.001, 0.0, 0.0], ..waypoint(9.0, 0.0) }]);
+    flight.until_end(20);
+    assert_eq!(flight.reached(), [0]);
 }
 
 /// There are counters for so many jumps, and a plan with more names the first without one.

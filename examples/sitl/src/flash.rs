@@ -24,11 +24,13 @@ impl FileFlash {
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(failed)?;
         let expected = usize::try_from(len).map_err(|error| error.to_string())?;
-        if bytes.is_empty() {
-            bytes = vec![0xFF; expected];
-            file.write_all(&bytes).map_err(failed)?;
-        } else if bytes.len() != expected {
+        if bytes.len() > expected {
             return Err(format!("{} is not a file of this program: it has {} bytes", path.display(), bytes.len()));
+        }
+        // A new file, or one that was not made to its end.
+        if bytes.len() < expected {
+            bytes.resize(expected, 0xFF);
+            file.rewind().and_then(|()| file.write_all(&bytes)).map_err(failed)?;
         }
         Ok(Self { file, bytes })
     }

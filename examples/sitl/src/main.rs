@@ -92,7 +92,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         Some(path) => {
             let len = Store::region_len(MISSION, FENCE, RALLY);
             let mut store = Store::new(FileFlash::open(path, len)?, 0..len);
-            app.restore(Instant::ZERO, &mut store, Durability::Durable).map_err(|error| format!("{error:?}"))?;
+            if let Err(error) = app.restore(Instant::ZERO, &mut store, Durability::Durable) {
+                eprintln!("{}: not all plans could be read ({error:?})", path.display());
+            }
             Some(store)
         }
         None => None,

@@ -9,7 +9,7 @@ use mavstack_demo::App;
 /// Reads the whole file.
 pub fn read(path: &Path, home_row: HomeRow) -> Result<Vec<Item>, String> {
     let text = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    let failed = |error| format!("{}: {error:?}", path.display());
+    let failed = |error| format!("{}: {error}", path.display());
     let (mut reader, mut rest, mut items) = (Reader::new(home_row), &text[..], Vec::new());
     while let Some(item) = reader.next(&mut rest).map_err(failed)? {
         items.push(item);

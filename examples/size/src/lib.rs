@@ -8,8 +8,7 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::command_rules::NAV_WAYPOINT;
 use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Vehicle,
-    VehicleState,
+    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Vehicle, VehicleState,
 };
 #[cfg(feature = "panic-never")]
 use panic_never as _;
@@ -127,6 +126,80 @@ impl Plans for Rover {
 
     fn progress(&self) -> Progress {
         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+/// Stand-ins for what plans are kept in: registers that take and give words.
+#[cfg(feature = "storage")]
+pub mod storage {
+    use core::convert::Infallible;
+
+    use embedded_hal::spi::{self, Operation, SpiDevice};
+    use embedded_storage::nor_flash::{self, NorFlash, ReadNorFlash};
+
+    use super::{DATA, load, store};
+
+    /// A flash that is written in words.
+    #[derive(Debug)]
+    pub struct Flash;
+
+    impl nor_flash::ErrorType for Flash {
+        type Error = Infallible;
+    }
+
+    impl ReadNorFlash for Flash {
+        const READ_SIZE: usize = 4;
+
+        fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+            store(DATA, offset);
+            for word in bytes.as_chunks_mut().0 {
+                *word = load(DATA).to_le_bytes();
+            }
+            Ok(())
+        }
+
+        fn capacity(&self) -> usize {
+            0x1_0000
+        }
+    }
+
+    impl NorFlash for Flash {
+        const WRITE_SIZE: usize = 4;
+        const ERASE_SIZE: usize = 0x1000;
+
+        fn erase(&mut self, from: u32, _: u32) -> Result<(), Infallible> {
+            store(DATA, from);
+            Ok(())
+        }
+
+        fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+            store(DATA, offset);
+            for word in bytes.as_chunks().0 {
+                store(DATA, u32::from_le_bytes(*word));
+            }
+            Ok(())
+        }
+    }
+
+    /// A bus with an FRAM on it.
+    #[derive(Debug)]
+    pub struct Spi;
+
+    impl spi::ErrorType for Spi {
+        type Error = Infallible;
+    }
+
+    impl SpiDevice for Spi {
+        fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+            for operation in operations {
+                match operation {
+                    Operation::Read(bytes) => bytes.iter_mut().for_each(|byte| [*byte, ..] = load(DATA).to_le_bytes()),
+                    Operation::Write(bytes) => bytes.iter().for_each(|byte| store(DATA, u32::from(*byte))),
+                    _ => {}
+                }
+            }
+            Ok(())
+        }
     }
 }
 

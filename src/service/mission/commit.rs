@@ -16,7 +16,7 @@ use super::memory::{PlanType, PlanView, PlansMut};
 use super::replies::{Reply, What};
 use super::upload::{Done, check_plan};
 use super::validate;
-use super::{Context, Missions};
+use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::link::{LinkId, Peer};
 use crate::time::{Duration, Instant};
@@ -38,6 +38,9 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// So long after a failure it is tried again to write what is live already.
 const RETRY: Duration = Duration::from_secs(10);
+
+/// So long after a change is stored nothing is erased ahead: its answer goes out first.
+const GRACE: Duration = Duration::from_millis(200);
 
 /// So long after the final answer of an upload it is sent once more, where that is wanted: within QGroundControl's
 /// patience of 1.5 s (M-31).
@@ -70,28 +73,46 @@ pub(super) enum Change {
 }
 
 impl Commit {
-    pub(super) fn is_by(&self, peer: Peer) -> bool {
-        self.to.address == peer.address
+    /// Whether `caller` is who waits. Where he was heard last he will be answered, if that link can owe it (M-11).
+    pub(super) fn is_by(&mut self, caller: &Caller<'_>) -> bool {
+        let is_by = self.to.address == caller.from.address;
+        if is_by && !caller.replies.owes_result() {
+            self.to.link = caller.from.link;
+        }
+        is_by
+    }
+
+    /// Whether it clears what a MISSION_CLEAR_ALL with this type does.
+    pub(super) fn clears(&self, mission_type: MavMissionType) -> bool {
+        matches!(self.change, Change::Clear(_)) && self.mission_type == mission_type
     }
 }
 
-/// What is on the storage.
+/// What is on the storage, compared with what is live.
 #[derive(Clone, Debug)]
 pub(super) struct Saving {
     policy: Option<Durability>,
-    /// Counts what was to be written.
-    wanted: u32,
-    /// The one that is written, or given up.
-    done: u32,
-    /// Not before: the last attempt failed.
-    retry_at: Instant,
+    /// Counts what is to be written: another number is another content.
+    job: u32,
+    /// What is live is to be written, though nobody waits for it.
+    owed: bool,
+    /// Something else than what is live may be stored: it could not be read, or cannot be flown. It stays there until there
+    /// is something to be written; but nobody is told that his change, which changes nothing here, is durable.
+    differs: bool,
+    /// Not before: the last attempt failed, or an answer is on its way that an erase would hold up.
+    rests_until: Instant,
     /// Whether it was said that the last attempt failed.
     told: bool,
 }
 
 impl Saving {
     pub(super) const fn new() -> Self {
-        Self { policy: None, wanted: 0, done: 0, retry_at: Instant::ZERO, told: false }
+        Self { policy: None, job: 0, owed: false, differs: false, rests_until: Instant::ZERO, told: false }
+    }
+
+    /// Something else is to be written from now on.
+    fn next_job(&mut self) {
+        self.job = self.job.wrapping_add(1);
     }
 }
 
@@ -99,6 +120,11 @@ impl Missions {
     /// What waits for storage. Without the feature nothing can, and the compiler knows.
     pub(super) fn committing(&self) -> Option<&Commit> {
         if cfg!(any(feature = "storage", test)) { self.commit.as_ref() } else { None }
+    }
+
+    /// The same, for whoever talks about it.
+    pub(super) fn committing_mut(&mut self) -> Option<&mut Commit> {
+        if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
     /// Whether ACCEPTED waits for storage.
@@ -109,8 +135,20 @@ impl Missions {
     /// Something live is to be written, sooner or later.
     fn want_saved(&mut self) {
         if cfg!(any(feature = "storage", test)) {
-            self.saving.wanted = self.saving.wanted.wrapping_add(1);
+            self.saving.owed = true;
+            self.saving.next_job();
         }
+    }
+
+    /// Whether all that is live is stored too, or there is no storage.
+    fn is_saved(&self) -> bool {
+        !cfg!(any(feature = "storage", test)) || !(self.saving.owed || self.saving.differs)
+    }
+
+    /// Whether a clear would clear nothing, here or on the storage (M-52).
+    pub(super) fn is_clear(&self, cx: &Context<'_, '_>, only: Option<PlanType>) -> bool {
+        let is_empty = |plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0;
+        PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
     }
 
     /// Makes `change` live, or has it written first. The answer, when it is known at once.
@@ -124,16 +162,13 @@ impl Missions {
     ) -> Option<Reply> {
         let changes_nothing = match change {
             // M-39, SEC-11: also when it is being flown, and the storage is not worn by it.
-            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id),
-            // M-52
-            Change::Clear(only) => {
-                PlanType::ALL.into_iter().all(|plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0)
-            }
+            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
+            Change::Clear(only) => self.is_clear(cx, only),
         };
         let commit = Commit { to: from, mission_type, change, since: cx.now };
         if self.is_durable() && !changes_nothing {
             event!("plans: change by {}: to be written", from);
-            self.want_saved();
+            self.saving.next_job();
             self.commit = Some(commit);
             return None;
         }
@@ -147,6 +182,8 @@ impl Missions {
     /// In one step.
     fn make_live<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, change: Change) {
         match change {
+            // It is, where only the storage lacked it.
+            Change::Upload { plan, id, .. } if cx.plans.is_live(plan, id) => {}
             Change::Upload { plan, id, first, .. } => self.replace(cx, vehicle, plan, id, first),
             Change::Clear(only) => {
                 cx.plans.staging.clear();
@@ -277,15 +314,19 @@ impl Missions {
         self.saving.policy = Some(policy);
     }
 
-    /// Whether the storage, which failed a moment ago, is left alone. Whoever waits for an answer gets another attempt.
+    /// What is stored is not what is live: it could not be read, or cannot be flown.
+    pub(crate) fn stored_differs(&mut self) {
+        self.saving.differs = true;
+    }
+
+    /// Whether the storage is left alone for a moment. Whoever waits for an answer gets another attempt.
     pub(crate) fn storage_rests(&self, now: Instant) -> bool {
-        self.commit.is_none() && now < self.saving.retry_at
+        self.commit.is_none() && now < self.saving.rests_until
     }
 
     /// What is to be on the storage, when it is not: a number that changes with the content, and the three plans.
     pub(crate) fn unsaved<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        let Saving { wanted, done, .. } = self.saving;
-        if wanted == done {
+        if self.commit.is_none() && !self.saving.owed {
             return None;
         }
         let change = self.commit.as_ref().map(|commit| commit.change);
@@ -294,30 +335,31 @@ impl Missions {
             Some(Change::Clear(only)) if only.is_none_or(|only| only == plan) => PlanView::EMPTY,
             _ => plans.live(plan),
         };
-        Some((wanted, PlanType::ALL.map(view)))
+        Some((self.saving.job, PlanType::ALL.map(view)))
     }
 
     /// What [`unsaved`](Self::unsaved) gave is durable: it goes live, where it is not. The answer, and where it is owed.
     pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
-        self.saving.done = self.saving.wanted;
-        self.saving.told = false;
+        let Saving { policy, job, .. } = self.saving;
+        self.saving = Saving { policy, job, rests_until: cx.now.after(GRACE), ..Saving::new() };
         let commit = self.commit.take()?;
         self.make_live(cx, vehicle, commit.change);
         Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ACCEPTED)))
     }
 
-    /// It could not be written, or the room for it not be erased. What was to go live does not; the rest is tried again
-    /// later.
+    /// It could not be written, or the room for it not be erased. What was to go live does not; what is live already is
+    /// tried again later.
     pub(crate) fn not_saved(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
         self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
-        self.saving.retry_at = cx.now.after(RETRY);
+        let was_told = core::mem::replace(&mut self.saving.told, true);
         let Some(commit) = self.commit.take() else {
-            if !core::mem::replace(&mut self.saving.told, true) {
+            self.saving.rests_until = cx.now.after(RETRY);
+            if !was_told {
                 cx.tell(&validate::not_saved(None));
             }
             return None;
         };
-        self.saving.done = self.saving.wanted;
+        self.saving.next_job();
         event!("plans: change by {}: not written", commit.to);
         cx.tell(&validate::not_saved(Some(&commit.change)));
         Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ERROR)))

@@ -1,6 +1,7 @@
 //! Downloads: stateless, from the live plan, for any number of clients (M-60 to M-67).
 //!
-//! Any item can be asked for at any time, so a repeated or lost request needs no care. The one thing that is remembered is
+//! Any item can be asked for at any time, so a repeated or lost request needs no care. What is sent stands in memory, so no
+//! storage can fail to be read here (M-66). The one thing that is remembered is
 //! who asked for a plan's count before the plan was replaced: such a client would mix the items of two plans, and gets
 //! OPERATION_CANCELLED until it asks for the count again (M-63).
 //!

@@ -8,7 +8,7 @@
 //!     ▲                                             │  ITEM of the next number: stored, the next one asked for
 //!     │                                             │  no ITEM in time: asked for again
 //!     │                                             │  another client's COUNT, ITEM, CLEAR_ALL: ACK DENIED
-//!     ├── last ITEM: live in one step, ACK ACCEPTED ┤
+//!     ├── last ITEM: live in one step, ACK ACCEPTED ┤ by way of storage, where there is one (`commit`)
 //!     ├── bad ITEM, bad plan: ACK with the fault ───┤
 //!     ├── COUNT, CLEAR_ALL, ACK of the partner ─────┤
 //!     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
@@ -244,9 +244,8 @@ impl Missions {
             }
             id @ (MissionItemInt::ID | MissionItem::ID) => {
                 let message = MissionItemInt::decode(payload);
-                let item = Item::from_int(&message);
-                let item = if id == MissionItem::ID { Item::from_float(item) } else { Ok(item) };
-                let arrival = Arrival { mission_type, seq: message.seq, current: message.current, item };
+                let (item, is_float) = (Item::from_int(&message), id == MissionItem::ID);
+                let arrival = Arrival { mission_type, seq: message.seq, current: message.current, item, is_float };
                 self.on_item(cx, vehicle, caller, arrival);
             }
             MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),

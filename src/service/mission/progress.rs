@@ -134,6 +134,8 @@ fn set_current<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavR
     let seq = match num::integer::<i32>(item) {
         Some(-1) => Some(vehicle.progress().current),
         Some(seq) if seq >= 0 => u16::try_from(seq).ok(),
+        // Whole numbers, and no item of any plan.
+        None if item > 1e9 && item.is_finite() => None,
         _ => return MavResult::DENIED,
     };
     match seq.filter(|&seq| seq < count) {
@@ -157,6 +159,6 @@ fn start<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavResult 
     let last_item = last_item.filter(|&seq| seq > 0);
     match (first_item, last_item) {
         (Some(first), Some(last)) if first > last => MavResult::DENIED,
-        (first, last) => vehicle.start_mission(first, last),
+        (first, last) => vehicle.start_mission(command, first, last),
     }
 }

@@ -10,7 +10,9 @@ use crate::frame::Address;
 use crate::link::Outbox;
 use crate::time::{Duration, Instant};
 
-const SLOTS: usize = 4;
+/// MAVProxy has five requests of a download on their way, and repeats one that was dropped only after two seconds. And one
+/// for somebody else.
+const SLOTS: usize = 6;
 
 /// Items that belong to no upload are answered at most once in this time (M-31, M-36).
 const STRAY_PAUSE: Duration = Duration::from_secs(1);

@@ -14,6 +14,8 @@ const _: () = assert!(size_of::<CommandRule>() == 5 * size_of::<usize>());
 const _: () = assert!(size_of::<ParamRule>() == 4 * size_of::<usize>());
 
 /// Greatest latitude, deg·1e7.
+/// Farther up or down is no place for a vehicle, m (section 8.6: "absurd").
+const MAX_ALTITUDE: f32 = 1e6;
 const MAX_LATITUDE: u32 = 900_000_000;
 /// Greatest longitude, deg·1e7.
 const MAX_LONGITUDE: u32 = 1_800_000_000;
@@ -267,8 +269,9 @@ impl CommandRule {
         refuse(is_x_bad, MavMissionResult::INVALID_PARAM5_X)?;
         refuse(is_y_bad, MavMissionResult::INVALID_PARAM6_Y)?;
         // Without a position z is a parameter like others, and clients send NaN for one that the command does not use.
-        let needs_altitude = self.has(LOCATED) && is_global && !self.has(ALTITUDE_OPTIONAL);
-        let is_z_bad = !self.admits(7, item.z) || (needs_altitude && item.z.is_nan());
+        let is_altitude = self.has(LOCATED) && is_global;
+        let is_absent = item.z.is_nan() && !self.has(ALTITUDE_OPTIONAL);
+        let is_z_bad = !self.admits(7, item.z) || (is_altitude && (is_absent || item.z.abs() > MAX_ALTITUDE));
         refuse(is_z_bad, MavMissionResult::INVALID_PARAM7)
     }
 }

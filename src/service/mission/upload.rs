@@ -37,6 +37,9 @@ pub(super) struct Upload {
     owes_request: bool,
     /// Whether the partner wants to be asked by MISSION_REQUEST (M-37).
     asks_legacy: bool,
+    /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
+    /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
+    may_be_echo: bool,
 }
 
 /// How the last upload ended, so that a lost final ACK can be sent again (M-31).
@@ -94,9 +97,9 @@ impl Missions {
             Ok(plan) => plan,
             Err(result) => return caller.ack(mission_type, result, 0),
         };
-        if let Some(commit) = self.committing() {
+        if let Some(commit) = self.committing_mut() {
             // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
-            return if commit.is_by(caller.from) { self.out_of_place() } else { caller.deny(mission_type) };
+            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
         if let Some(upload) = &mut self.upload {
             if !upload.is_by(caller.from.address) {
@@ -108,6 +111,7 @@ impl Missions {
             {
                 // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
                 upload.partner = caller.from;
+                upload.owes_request |= upload.may_be_echo && cx.plans.staged() == 0;
                 return;
             }
         }
@@ -121,6 +125,11 @@ impl Missions {
         if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
             return;
         }
+        let may_be_echo = self.done.as_ref().is_some_and(|done| {
+            (done.partner, done.plan) == (caller.from.address, plan)
+                && done.seq.checked_add(1) == Some(count)
+                && cx.now.since(done.at) < ECHO
+        });
         self.done = None;
         if count == 0 {
             return self.clear(cx, vehicle, caller, mission_type, Some(plan));
@@ -135,10 +144,11 @@ impl Missions {
             pace: Pace::new(cx.now),
             owes_request: true,
             asks_legacy: false,
+            may_be_echo,
         });
     }
 
-    /// MISSION_ITEM_INT or MISSION_ITEM. `item` is an error when the float form has no integer one.
+    /// MISSION_ITEM_INT or MISSION_ITEM.
     pub(super) fn on_item<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
@@ -146,11 +156,11 @@ impl Missions {
         caller: &mut Caller<'_>,
         arrival: Arrival,
     ) {
-        let Arrival { mission_type, seq, current, item } = arrival;
+        let Arrival { mission_type, seq, current, item, is_float } = arrival;
         let from = caller.from;
         let is_guided = matches!(current, 2 | 3);
-        if let Some(commit) = self.committing() {
-            return if commit.is_by(from) { self.out_of_place() } else { caller.deny(mission_type) };
+        if let Some(commit) = self.committing_mut() {
+            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
         let Some(upload) = &mut self.upload else {
             return self.on_stray_item(cx, caller, mission_type, seq, is_guided);
@@ -175,8 +185,10 @@ impl Missions {
             // Asked for again, when there is room to answer for the whole plan.
             return;
         }
-        let checked = item.and_then(|item| {
-            validate::check_item(plan, V::MISSION_COMMANDS, &item)?;
+        // The command comes first, as the order of section 8.6 has it: of an unknown one the frame says nothing.
+        let checked = validate::rule(plan, V::MISSION_COMMANDS, item.command).and_then(|rule| {
+            let item = if is_float { Item::from_float(item)? } else { item };
+            rule.check(&item)?;
             vehicle.check_item(plan, seq, &item)?;
             Ok(item)
         });
@@ -310,13 +322,21 @@ impl Missions {
                 Err(result) => return caller.ack(mission_type, result, 0),
             },
         };
-        if self.committing().is_some() || self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address))
-        {
+        if let Some(commit) = self.committing_mut() {
+            // The same again is answered when it is done (M-52); anything else comes too late.
+            let is_repeated = commit.clears(mission_type) && commit.is_by(caller);
+            return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
+        }
+        if self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address)) {
             // M-51
             return caller.deny(mission_type);
         }
         caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
+        if self.is_clear(cx, only) {
+            // M-52: also where nothing may be changed.
+            return self.clear(cx, vehicle, caller, mission_type, only);
+        }
         // All or none: first everything is asked, then everything is done.
         for plan in PlanType::ALL {
             let is_meant = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
@@ -360,7 +380,7 @@ impl Missions {
             return None;
         }
         if !upload.pace.is_over(cx.now) {
-            upload.owes_request = true;
+            upload.owes_request = !(upload.may_be_echo && cx.plans.staged() == 0);
             upload.pace.retry(cx.now);
             return None;
         }
@@ -412,7 +432,9 @@ pub(super) struct Arrival {
     pub(super) mission_type: MavMissionType,
     pub(super) seq: u16,
     pub(super) current: u8,
-    pub(super) item: Result<Item, MavMissionResult>,
+    /// As MISSION_ITEM_INT has it, also when it is the other form (M-37).
+    pub(super) item: Item,
+    pub(super) is_float: bool,
 }
 
 /// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.

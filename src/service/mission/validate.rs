@@ -9,7 +9,7 @@ use crate::dialect::command_rules::{
     NAV_FENCE_CIRCLE_EXCLUSION, NAV_FENCE_CIRCLE_INCLUSION, NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     NAV_FENCE_POLYGON_VERTEX_INCLUSION, NAV_FENCE_RETURN_POINT, NAV_RALLY_POINT,
 };
-use crate::dialect::{MavFrame, MavMissionResult};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
 use crate::message::Text;
 use crate::service::statustext::MAX_TEXT_LEN;
 use crate::vehicle::PlanFault;
@@ -42,16 +42,24 @@ const fn circle(rule: CommandRule) -> CommandRule {
     rule.with_frames(FENCE_FRAMES).with_params(RADIUS)
 }
 
-/// Checks one item: that the plan takes its command, then frame, parameters and position, by the command's rule. `mission`
-/// has the commands that the vehicle flies; fences and rally points have their own.
-pub(super) fn check_item(plan: PlanType, mission: &[CommandRule], item: &Item) -> Result<(), MavMissionResult> {
+/// The rule of a command that this plan takes. `mission` has those that the vehicle flies; fences and rally points have
+/// their own.
+pub(super) fn rule(
+    plan: PlanType,
+    mission: &'static [CommandRule],
+    command: MavCmd,
+) -> Result<&'static CommandRule, MavMissionResult> {
     let rules = match plan {
         PlanType::Mission => mission,
         PlanType::Fence => FENCE,
         PlanType::Rally => RALLY,
     };
-    let rule = rules.iter().find(|rule| rule.command() == item.command);
-    rule.ok_or(MavMissionResult::UNSUPPORTED)?.check(item)
+    rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
+}
+
+/// Checks one item by the rule of its command.
+pub(super) fn check_item(plan: PlanType, mission: &'static [CommandRule], item: &Item) -> Result<(), MavMissionResult> {
+    rule(plan, mission, item.command)?.check(item)
 }
 
 /// A text for the operator.

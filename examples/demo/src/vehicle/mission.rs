@@ -123,16 +123,20 @@ impl Mission {
         self.waiting = None;
     }
 
-    /// The next leg. A plan has no more items than this looks at, unless it goes round without anything to fly.
+    /// The next leg. A plan has no more items than this looks at, unless it goes round without anything to fly: then
+    /// once more, behind the jumps that come to an end.
     fn ahead(&self, items: &[Item]) -> Ahead {
         let (mut seq, mut jumps) = (self.current, self.jumps);
-        for _ in 0..=items.len() {
-            let Some(item) = items.get(usize::from(seq)) else { return Ahead::End };
-            seq = match item.command {
-                command if plan::is_flown(command) => return Ahead::Leg(seq),
-                MavCmd::DO_JUMP => jumps.pass(seq, item),
-                _ => seq.saturating_add(1),
-            };
+        for is_round in [false, true] {
+            for _ in 0..=items.len() {
+                let Some(item) = items.get(usize::from(seq)) else { return Ahead::End };
+                let [_, repeat, ..] = item.params;
+                seq = match item.command {
+                    command if plan::is_flown(command) => return Ahead::Leg(seq),
+                    MavCmd::DO_JUMP if !is_round || repeat < 0.0 => jumps.pass(seq, item),
+                    _ => seq.saturating_add(1),
+                };
+            }
         }
         Ahead::Loop
     }
@@ -237,7 +241,7 @@ impl Quadrotor {
             },
         };
         let is_next = self.carry_out(&leg, items);
-        if self.mode != Mode::Mission {
+        if self.mode != Mode::Mission || self.mission.leg.is_none() {
             return;
         }
         let is_done = self.perform(leg.maneuver, live);
@@ -303,6 +307,11 @@ impl Quadrotor {
         for _ in 0..=items.len() {
             let seq = self.mission.current;
             let Some(item) = items.get(usize::from(seq)).filter(|_| leg.seq != Some(seq)) else { return true };
+            if plan::is_flown(item.command) {
+                // Behind a way round, it is another leg than was seen from before it.
+                self.mission.leg = None;
+                return false;
+            }
             match plan::order(item, &self.situation()) {
                 Order::Speed(speed) => self.speed = speed,
                 Order::Wait(condition) if !self.is_met(condition, leg) => return false,

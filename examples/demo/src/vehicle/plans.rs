@@ -2,7 +2,7 @@
 
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
-use mavstack::{CommandRule, Item, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
+use mavstack::{Command, CommandRule, Item, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
 
 use super::{FENCE_MARGIN, Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
@@ -91,7 +91,10 @@ impl Plans for Quadrotor {
         self.go_to_item(seq, reset)
     }
 
-    fn start_mission(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
+    fn start_mission(&mut self, command: &Command, first: Option<u16>, last: Option<u16>) -> MavResult {
+        if command.is_broadcast {
+            return self.refuse(MavResult::DENIED, "Mission refused: sent to all vehicles");
+        }
         self.fly_from_to(first, last)
     }
 }

@@ -118,7 +118,7 @@ impl Flight {
 
     /// MAV_CMD_MISSION_START, as the stack hands it on.
     pub fn start(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
-        let result = self.vehicle.start_mission(first, last);
+        let result = self.vehicle.start_mission(&command(MavCmd::MISSION_START, [0.0; 4]), first, last);
         self.listen();
         result
     }

@@ -81,7 +81,6 @@ fn the_same_plan_again_is_not_written() {
     upload_to_storage(&mut bench, A, MISSION, &items);
     bench.saved();
     bench.drain();
-    bench.vehicle.may_persist = true;
     assert_eq!(bench.upload(B, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
     assert_eq!(bench.unsaved(), None);
     assert_eq!(bench.vehicle.changes.len(), 1);
@@ -164,6 +163,84 @@ fn deferred_plans_are_live_first() {
     bench.saved();
     assert_eq!(bench.unsaved(), None);
     assert_eq!(bench.drain(), []);
+}
+
+impl Bench {
+    /// The firmware brings a plan.
+    fn load(&mut self, plan: PlanType, items: &[Item]) {
+        let (missions, mut plans) = self.memory.parts(&mut self.missions).unwrap();
+        let (now, texts) = (self.now, &mut self.texts);
+        let mut cx = Context { now, plans: &mut plans, texts, normal: both_links(), second_ack: false };
+        let read = |seq| items.get(usize::from(seq)).copied();
+        missions.load(&mut cx, &mut self.vehicle, plan, None, read).expect("a good plan");
+    }
+}
+
+/// A plan of the firmware's own is written, also when an upload meanwhile is not.
+#[test]
+fn what_is_owed_to_storage_stays_owed() {
+    let mut bench = durable();
+    let fence = fence(2, 2);
+    bench.load(PlanType::Fence, &fence);
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    let (with_mission, _) = bench.unsaved().unwrap();
+    bench.not_saved();
+    bench.drain();
+    let (without, content) = bench.unsaved().unwrap();
+    assert_ne!(without, with_mission, "another content");
+    assert_eq!(content, [(Vec::new(), 0), (fence.clone(), id_of(&fence)), (Vec::new(), 0)]);
+    bench.saved();
+    assert_eq!((bench.unsaved(), bench.drain()), (None, Vec::new()));
+}
+
+/// M-44: what is live without being stored is accepted when it is stored, and its progress goes on.
+#[test]
+fn accepted_means_stored_also_of_what_is_live() {
+    let mut bench = durable();
+    let items = plan(1, 3);
+    bench.load(PlanType::Mission, &items);
+    upload_to_storage(&mut bench, A, MISSION, &items);
+    bench.saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&items)))]);
+    assert_eq!(bench.live(PlanType::Mission), (&items[..], id_of(&items)));
+    assert_eq!(bench.vehicle.changes.len(), 1, "it was live");
+
+    // Nothing is live, but something may be stored, which is to be gone for good after a clear.
+    let mut bench = durable();
+    bench.missions.stored_differs();
+    assert_eq!(bench.unsaved(), None, "nothing by itself");
+    assert_eq!(bench.ask(A, &clear(MISSION)), []);
+    assert!(bench.unsaved().is_some());
+    bench.saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+}
+
+/// M-52: a clear that is repeated while the first is being stored has one answer; any other is refused.
+#[test]
+fn a_repeated_clear_waits_for_the_first() {
+    let mut bench = durable();
+    bench.load(PlanType::Mission, &plan(1, 2));
+    bench.saved();
+    assert_eq!(bench.ask(A, &clear(MISSION)), []);
+    assert_eq!(bench.ask(A, &clear(MISSION)), []);
+    assert_eq!(bench.ask(A, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
+    assert_eq!(bench.ask(B, &clear(MISSION)), [to_b(Ack(DENIED, 0))]);
+    // M-11: he is answered where he was heard last.
+    assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), []);
+    bench.saved();
+    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (Vec::new(), [to_a(Ack(ACCEPTED, 0))].to_vec()));
+}
+
+/// M-52: what is empty may be cleared always.
+#[test]
+fn nothing_may_be_cleared_always() {
+    let mut bench = durable();
+    bench.vehicle.may_persist = false;
+    bench.vehicle.may_change = Err(DENIED);
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+    bench.load(PlanType::Mission, &plan(1, 2));
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(DENIED, 0))]);
 }
 
 /// D-3: a request is taken only while the link can owe what storage will answer, and what it owes is not lost.

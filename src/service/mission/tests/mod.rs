@@ -3,6 +3,7 @@
 mod collision;
 mod commit;
 mod download;
+mod model;
 mod random;
 mod table;
 mod upload;
@@ -60,7 +61,7 @@ fn to_b(out: Out) -> Sent {
     (B.address, MISSION, out)
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Vehicle {
     may_change: Result<(), MavMissionResult>,
     bad_item: Option<(u16, MavMissionResult)>,
@@ -104,6 +105,10 @@ impl Plans for Vehicle {
     }
 }
 
+/// Its items and its id.
+type OwnedPlan = (Vec<Item>, u32);
+
+#[derive(Clone)]
 struct Bench {
     missions: Missions,
     memory: Memory,
@@ -189,7 +194,7 @@ impl Bench {
     }
 
     /// What storage is to hold, when it does not: the number of the job, and each plan with its id.
-    fn unsaved(&mut self) -> Option<(u32, [(Vec<Item>, u32); 3])> {
+    fn unsaved(&mut self) -> Option<(u32, [OwnedPlan; 3])> {
         let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
         let (job, content) = missions.unsaved(&plans)?;
         Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))

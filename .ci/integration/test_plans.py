@@ -1,0 +1,352 @@
+"""Missions, fences and rally points as pymavlink sees them, from one client and from two."""
+
+import math
+import random
+import time
+
+import pytest
+from plans import ALL, EXCLUSION, FENCE, MISSION, NAV_WAYPOINT, PLANS, RALLY, RETURN_POINT, differences, plan
+from pymavlink import mavutil
+from transfer import (
+    ACCEPTED,
+    CANCELLED,
+    DENIED,
+    as_dict,
+    ask_count,
+    ask_item,
+    clear,
+    clear_all,
+    download,
+    ids,
+    next_word,
+    plan_id,
+    send_item,
+    upload,
+    upload_part,
+)
+
+mavlink = mavutil.mavlink
+
+KINDS = pytest.mark.parametrize("kind", PLANS, ids=["mission", "fence", "rally"])
+UNKNOWN = 77
+
+
+@pytest.fixture
+def client(other):
+    """Where one client is enough: the one that is connected already."""
+    return other
+
+
+@KINDS
+def test_a_full_plan_of_each_kind(client, capacities, kind):
+    """M-1, M-3, M-5, M-26: field by field; its id is the same wherever it is named, and as long as the content is."""
+    items = PLANS[kind](capacities[kind])
+    ack = upload(client, items, kind)
+    assert ack.type == ACCEPTED and plan_id(ack) != 0
+    current = client.wait("MISSION_CURRENT")
+    assert [plan_id(current, each) for each in PLANS] == [plan_id(ack) if each == kind else 0 for each in PLANS]
+    back = download(client, kind)
+    assert differences(items, back.items) == []
+    assert back.id == plan_id(ack)
+    assert clear(client, kind) == ACCEPTED
+    assert ids(client) == [0, 0, 0]
+    assert plan_id(upload(client, items, kind)) == back.id
+    assert plan_id(upload(client, PLANS[kind](capacities[kind], 1), kind)) not in (0, back.id)
+
+
+def test_the_kinds_are_independent(client):
+    """M-1, M-50"""
+    plans = {kind: make(10) for kind, make in PLANS.items()}
+    stored = [plan_id(upload(client, items, kind)) for kind, items in plans.items()]
+    assert ids(client) == stored
+    assert clear(client, FENCE) == ACCEPTED
+    assert ids(client) == [stored[MISSION], 0, stored[RALLY]]
+    assert differences(plans[RALLY], download(client, RALLY).items) == []
+    clear_all(client)
+    assert ids(client) == [0, 0, 0]
+
+
+@KINDS
+def test_one_item_too_many(client, capacities, kind):
+    """M-21: before the first item."""
+    stored = plan_id(upload(client, PLANS[kind](10), kind))
+    client.mav.mission_count_send(1, 1, capacities[kind] + 1, kind)
+    message = next_word(client, kind)
+    assert message.get_type() == "MISSION_ACK" and message.type == mavlink.MAV_MISSION_NO_SPACE
+    assert ids(client)[kind] == stored
+
+
+SPEED = dict(command=mavlink.MAV_CMD_DO_CHANGE_SPEED, param1=1.0, param2=5.0, param3=-1.0)
+JUMP = dict(command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0)
+OUT_OF_RANGE = "parameter {} out of range"
+
+
+# What is wrong with an item of an otherwise good plan, the code, and the reason that a text gives.
+BAD_ITEMS = {
+    MISSION: [
+        (dict(command=mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT), "UNSUPPORTED", "command not supported"),
+        (dict(command=RETURN_POINT), "UNSUPPORTED", "command not supported"),
+        (dict(frame=mavlink.MAV_FRAME_LOCAL_NED), "UNSUPPORTED_FRAME", "frame not supported"),
+        (SPEED | dict(param1=0.5), "INVALID_PARAM1", OUT_OF_RANGE.format(1)),
+        (SPEED | dict(param2=math.nan), "INVALID_PARAM2", OUT_OF_RANGE.format(2)),
+        (SPEED | dict(param3=-3.0), "INVALID_PARAM3", OUT_OF_RANGE.format(3)),
+        (dict(param4=math.inf), "INVALID_PARAM4", OUT_OF_RANGE.format(4)),
+        (dict(x=900_000_001), "INVALID_PARAM5_X", OUT_OF_RANGE.format(5)),
+        (dict(y=-1_800_000_001), "INVALID_PARAM6_Y", OUT_OF_RANGE.format(6)),
+        (dict(z=math.nan), "INVALID_PARAM7", OUT_OF_RANGE.format(7)),
+        (JUMP | dict(param1=12.0), "INVALID_PARAM1", OUT_OF_RANGE.format(1)),
+        (JUMP | dict(param2=-2.0), "INVALID_PARAM2", OUT_OF_RANGE.format(2)),
+    ],
+    FENCE: [
+        (dict(command=NAV_WAYPOINT), "UNSUPPORTED", "command not supported"),
+        (dict(frame=mavlink.MAV_FRAME_MISSION), "UNSUPPORTED_FRAME", "frame not supported"),
+        (dict(param1=2.0), "INVALID_PARAM1", OUT_OF_RANGE.format(1)),
+        (dict(param1=4.0), "INVALID_PARAM1", OUT_OF_RANGE.format(1)),
+        (dict(param2=2.0), "INVALID_PARAM2", OUT_OF_RANGE.format(2)),
+        (dict(y=2**31 - 1), "INVALID_PARAM6_Y", OUT_OF_RANGE.format(6)),
+        # A polygon with something in between.
+        (dict(command=RETURN_POINT), "INVALID", "not consistent"),
+        (dict(command=EXCLUSION), "INVALID", "not consistent"),
+    ],
+    RALLY: [
+        (dict(command=NAV_WAYPOINT), "UNSUPPORTED", "command not supported"),
+        (dict(frame=mavlink.MAV_FRAME_MISSION), "UNSUPPORTED_FRAME", "frame not supported"),
+        (dict(x=2**31 - 1), "INVALID_PARAM5_X", OUT_OF_RANGE.format(5)),
+        (dict(z=math.inf), "INVALID_PARAM7", OUT_OF_RANGE.format(7)),
+    ],
+}
+
+
+@KINDS
+def test_a_bad_item_is_refused_with_its_code_and_named(client, kind):
+    """M-1, M-38, section 8.6: and the old plan stays."""
+    name = ("Mission", "Fence", "Rally")[kind]
+    old = PLANS[kind](11)
+    assert upload(client, old, kind).type == ACCEPTED
+    for case, (fields, result, reason) in enumerate(BAD_ITEMS[kind]):
+        # Another one each time: a text that is repeated is not sent twice.
+        seq = 1 + case % 4
+        new = PLANS[kind](12, 1)
+        new[seq] |= fields
+        ack = upload(client, new, kind)
+        assert mavlink.enums["MAV_MISSION_RESULT"][ack.type].name == f"MAV_MISSION_{result}", fields
+        text = client.wait("STATUSTEXT")
+        assert text and text.text == f"{name} item {seq}: {reason}", fields
+        assert differences(old, download(client, kind).items) == [], fields
+
+
+def test_what_is_not_a_plan_is_refused(client):
+    """M-25: with the type that was asked for, so that the client knows what the answer is about."""
+    for kind in (ALL, UNKNOWN):
+        client.mav.mission_count_send(1, 1, 3, kind)
+        assert next_word(client, kind).type == mavlink.MAV_MISSION_INVALID
+        client.mav.mission_request_list_send(1, 1, kind)
+        assert next_word(client, kind).type == mavlink.MAV_MISSION_INVALID
+    assert clear(client, UNKNOWN) == mavlink.MAV_MISSION_INVALID
+
+
+def test_partial_lists_are_refused(client):
+    """M-68"""
+    stored = plan_id(upload(client, plan(5)))
+    client.mav.mission_write_partial_list_send(1, 1, 1, 2, MISSION)
+    assert next_word(client, MISSION).type == mavlink.MAV_MISSION_UNSUPPORTED
+    client.mav.mission_request_partial_list_send(1, 1, 1, 2, MISSION)
+    assert next_word(client, MISSION).type == mavlink.MAV_MISSION_UNSUPPORTED
+    assert ids(client)[MISSION] == stored
+
+
+@KINDS
+def test_items_that_are_not_there(client, kind):
+    """M-64: a download beyond the end."""
+    assert upload(client, PLANS[kind](10), kind).type == ACCEPTED
+    assert ask_count(client, kind).count == 10
+    assert ask_item(client, 9, kind).get_type() == "MISSION_ITEM_INT"
+    for seq in (10, 65535):
+        assert ask_item(client, seq, kind).type == mavlink.MAV_MISSION_INVALID_SEQUENCE
+
+
+def test_items_that_nobody_asked_for(client):
+    """M-31, M-36"""
+    for _ in range(5):
+        send_item(client, plan(10)[3])
+    assert next_word(client, MISSION).type == mavlink.MAV_MISSION_ERROR
+    assert next_word(client, MISSION, 0.5) is None, "one answer a second is enough"
+
+
+def test_the_float_forms_are_understood(client):
+    """M-37, M-61: MISSION_ITEM for MISSION_ITEM_INT, MISSION_REQUEST for MISSION_REQUEST_INT."""
+    items = plan(12)
+    client.mav.mission_count_send(1, 1, len(items), MISSION)
+    while (word := next_word(client, MISSION)).get_type() == "MISSION_REQUEST_INT":
+        item = dict(items[word.seq])
+        item["x"], item["y"] = item["x"] / 1e7, item["y"] / 1e7
+        client.mav.mission_item_send(1, 1, *item.values(), MISSION)
+    assert word.type == ACCEPTED
+    back = download(client).items
+    for item, received in zip(items, back):
+        # What is left of degrees in 32 bits.
+        for axis in ("x", "y"):
+            assert abs(item[axis] - received[axis]) < 20
+            received[axis] = item[axis]
+    assert differences(items, back) == []
+    client.mav.mission_request_send(1, 1, 3, MISSION)
+    assert client.wait("MISSION_ITEM_INT").seq == 3
+
+
+def test_a_repeated_item_is_no_reason_to_ask_again(client):
+    """M-30: two requests for the items that are sent twice would double the traffic."""
+    items = plan(20)
+    client.mav.mission_count_send(1, 1, len(items), MISSION)
+    requests = 0
+    while (word := next_word(client, MISSION)).get_type() == "MISSION_REQUEST_INT":
+        requests += 1
+        send_item(client, items[word.seq])
+        send_item(client, items[word.seq])
+    assert word.type == ACCEPTED and requests == len(items)
+    assert differences(items, download(client).items) == []
+
+
+def test_who_comes_second_waits_until_the_first_is_done(gcs, other):
+    """M-23, M-33, M-51, T-M6: over two links, with two ids."""
+    old, first, second = plan(6), plan(30, 1), plan(8, 2)
+    assert upload(gcs, old).type == ACCEPTED
+    upload_part(gcs, first, 20)
+    assert upload(other, second).type == DENIED
+    assert upload(other, PLANS[FENCE](10), FENCE).type == DENIED
+    assert clear(other) == DENIED
+    assert clear(other, ALL) == DENIED
+    send_item(other, first[20])
+    assert next_word(other, MISSION).type == DENIED
+    for seq in range(20, 30):
+        assert next_word(gcs, MISSION).seq == seq
+        send_item(gcs, first[seq])
+    assert next_word(gcs, MISSION).type == ACCEPTED
+    assert differences(first, download(other).items) == []
+    assert upload(other, second).type == ACCEPTED
+    assert differences(second, download(gcs).items) == []
+
+
+def test_two_download_at_once(gcs, other):
+    """M-60: each in its own order, a different plan too, and nothing is mixed up."""
+    plans = {gcs: (MISSION, plan(40)), other: (FENCE, PLANS[FENCE](40))}
+    for kind, items in plans.values():
+        assert upload(gcs, items, kind).type == ACCEPTED
+    orders = {client: random.Random(client.address[0]).sample(range(40), 40) for client in plans}
+    for kinds in ((MISSION, FENCE), (MISSION, MISSION)):
+        received = {client: {} for client in plans}
+        for client, kind in zip(plans, kinds):
+            assert ask_count(client, kind).count == 40
+        for step in range(40):
+            for client, kind in zip(plans, kinds):
+                client.mav.mission_request_int_send(1, 1, orders[client][step], kind)
+            for client, kind in zip(plans, kinds):
+                item = client.wait("MISSION_ITEM_INT")
+                assert (item.mission_type, item.target_system) == (kind, client.address[0])
+                received[client][item.seq] = as_dict(item)
+        for client, kind in zip(plans, kinds):
+            expected = plans[gcs][1] if kind == MISSION else plans[other][1]
+            assert differences(expected, [received[client][seq] for seq in range(40)]) == []
+
+
+def test_the_old_plan_is_served_during_an_upload(gcs, other):
+    """M-62"""
+    old, new = plan(10), plan(15, 1)
+    stored = plan_id(upload(gcs, old))
+    upload_part(gcs, new, 14)
+    back = download(other)
+    assert back.id == stored and differences(old, back.items) == []
+    send_item(gcs, new[14])
+    assert next_word(gcs, MISSION).seq == 14
+    assert next_word(gcs, MISSION).type == ACCEPTED
+    assert differences(new, download(other).items) == []
+
+
+@KINDS
+@pytest.mark.parametrize("by", ["upload", "clear"])
+def test_a_plan_that_is_replaced_during_a_download(gcs, other, kind, by):
+    """M-63: the client is told; it never gets items of two plans."""
+    old, new = PLANS[kind](10), PLANS[kind](12, 1)
+    assert upload(gcs, old, kind).type == ACCEPTED
+    assert ask_count(other, kind).count == 10
+    for seq in range(4):
+        assert differences([old[seq]], [as_dict(ask_item(other, seq, kind))]) == []
+    # What is equal changes nothing.
+    assert upload(gcs, old, kind).type == ACCEPTED
+    assert differences([old[4]], [as_dict(ask_item(other, 4, kind))]) == []
+    if by == "upload":
+        assert upload(gcs, new, kind).type == ACCEPTED
+    else:
+        assert clear(gcs, kind) == ACCEPTED
+    for seq in (5, 5, 0):
+        assert ask_item(other, seq, kind).type == CANCELLED
+    assert differences(new if by == "upload" else [], download(other, kind).items) == []
+
+
+def test_a_client_may_cancel(gcs, other):
+    """M-35: without a word from the vehicle, and another one may upload at once."""
+    old, new = plan(10), plan(12, 1)
+    assert upload(gcs, old).type == ACCEPTED
+    upload_part(gcs, new, 5)
+    assert next_word(gcs, MISSION).seq == 5
+    gcs.mav.mission_ack_send(1, 1, CANCELLED, MISSION)
+    assert next_word(gcs, MISSION, 0.7) is None
+    assert differences(old, download(gcs).items) == []
+    assert upload(other, new).type == ACCEPTED
+
+
+@pytest.mark.parametrize("sent", [0, 19])
+def test_a_client_that_dies_does_not_block_the_others(connect, other, sent, figure):
+    """M-41: PX4/PX4-Autopilot#27132. On its own link as on the other."""
+    gcs = connect()
+    old = plan(7)
+    assert upload(gcs, old).type == ACCEPTED
+    upload_part(gcs, plan(20, 1), sent)
+    assert next_word(gcs, MISSION).seq == sent
+    died = time.monotonic()
+    gcs.close()
+    new = PLANS[FENCE](12, 2)
+    while upload(other, new, FENCE).type == DENIED:
+        assert time.monotonic() - died < 10, "nobody else can upload"
+        time.sleep(0.1)
+    free = time.monotonic() - died
+    assert differences(new, download(other, FENCE).items) == []
+    successor = connect(system=253)
+    assert differences(old, download(successor).items) == []
+    assert upload(successor, plan(9, 3)).type == ACCEPTED
+    assert time.monotonic() - died < 10, "nobody else can upload"
+    figure(f"a client that died after {sent} items: another one could upload {free:.1f} s later")
+
+
+def test_the_successor_of_a_client_that_died(connect):
+    """As above, with the next client on the same link, and for the same plan."""
+    gcs = connect()
+    upload_part(gcs, plan(20), 11)
+    assert next_word(gcs, MISSION).seq == 11
+    died = time.monotonic()
+    gcs.close()
+    successor = connect(system=253)
+    while upload(successor, plan(9, 3)).type == DENIED:
+        assert time.monotonic() - died < 10, "nobody else can upload"
+        time.sleep(0.1)
+    assert differences(plan(9, 3), download(successor).items) == []
+
+
+def test_how_fast_a_long_plan_is(gcs, other, target, figure):
+    """No more than figures: the links carry 115,200 and 921,600 bits a second by their configuration, and no more."""
+    items = plan(500 if target == "sitl" else 250)
+    for name, client in (("telemetry", gcs), ("companion", other)):
+        began = time.monotonic()
+        assert upload(client, items).type == ACCEPTED
+        uploaded = time.monotonic()
+        assert differences(items, download(client).items) == []
+        up, down = (len(items) / taken for taken in (uploaded - began, time.monotonic() - uploaded))
+        figure(f"{len(items)} items over the {name} link: up {up:.0f} items/s, down {down:.0f} items/s")
+        clear_all(client)
+
+
+def test_a_position_is_kept_to_the_last_digit(client):
+    """M-3: the ends of the globe, and what is beyond floats."""
+    corners = [(900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000), (1, -1), (0, 0), (899_999_999, 16_777_217)]
+    items = [dict(item, x=x, y=y) for item, (x, y) in zip(PLANS[RALLY](len(corners)), corners)]
+    assert upload(client, items, RALLY).type == ACCEPTED
+    assert differences(items, download(client, RALLY).items) == []

@@ -1,0 +1,28 @@
+//! The vehicle of `plans`, whose missions are kept in flash.
+#![no_std]
+#![no_main]
+
+use core::mem::MaybeUninit;
+
+use mavstack::{Durability, Instant, LinkConfig, LinkId, PlanStore, Stack, plan_memory};
+use mavstack_size::storage::Flash;
+use mavstack_size::{CONFIG, PULSE, Rover, Uart, now_micros};
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    // A static, so that its RAM is counted.
+    static mut STACK: MaybeUninit<Stack<1, plan_memory!(mission: 100)>> = MaybeUninit::uninit();
+
+    let mut uart = Uart;
+    let mut rover = Rover::default();
+    let stack = STACK.write(Stack::new(CONFIG, [LinkConfig::uart(57_600)]));
+    let mut store = PlanStore::new(Flash, 0..PlanStore::<Flash>::region_len(100, 0, 0));
+    let _ = stack.restore(Instant::ZERO, &mut store, Durability::Durable, &mut rover);
+    loop {
+        let now = Instant::from_micros(now_micros());
+        PULSE.tick();
+        stack.poll(now, &mut rover);
+        let _ = stack.poll_link(now, LinkId(0), &mut uart, &mut rover);
+        stack.persist(now, &mut store, &mut rover);
+    }
+}
