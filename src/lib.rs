@@ -154,7 +154,7 @@ pub use service::mission::{
     PlanView,
 };
 pub use service::param::{
-    MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamInfo, ParamTable, ParamType, Parameters,
+    MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType, Parameters,
 };
 #[doc(hidden)]
 pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};

@@ -41,7 +41,7 @@ impl Hash {
             self.done = self.done.saturating_add(1);
             if !info.is_volatile() {
                 let size = value::size(info.param_type());
-                self.crc.add(info.name().as_bytes());
+                self.crc.add(info.name_bytes());
                 self.crc.add(bits.to_le_bytes().get(..size).unwrap_or_default());
             }
         }

@@ -12,6 +12,7 @@ mod replies;
 mod saving;
 mod table;
 mod value;
+mod vehicle;
 
 #[cfg(test)]
 mod tests;
@@ -19,12 +20,13 @@ mod tests;
 pub(crate) use replies::Replies;
 pub use table::{MAX_PARAMS, NoParams, Param, ParamChange, ParamInfo, ParamMemory, ParamTable, TableMut};
 pub use value::{ParamEncoding, ParamType};
+pub use vehicle::{ParamHash, Parameters};
 
 use core::marker::PhantomData;
 
 use crate::dialect::{
-    MavCmd, MavModeFlag, MavParamError, MavParamType, MavResult, MavSeverity, ParamRequestList, ParamRequestRead,
-    ParamSet, ParamValue,
+    MavCmd, MavModeFlag, MavParamError, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
+    ParamRequestRead, ParamSet, ParamValue,
 };
 use crate::frame::{Frame, Version};
 use crate::link::{LinkMask, Outbox, Peer};
@@ -42,78 +44,6 @@ const NO_INDEX: u16 = u16::MAX;
 
 /// One refusal in this time is told as a text too (P-32).
 const TEXT_PAUSE: Duration = Duration::from_secs(1);
-
-/// Parameters: the vehicle owns their values, and has its say when somebody sets one.
-///
-/// A vehicle without any writes `impl Parameters for Rover { type Table = NoParams; }`.
-///
-/// ```
-/// use mavstack::dialect::MavParamError;
-/// use mavstack::{ParamChange, Parameters, parameters};
-///
-/// parameters! {
-///     /// What can be tuned on this rover.
-///     pub struct Tuning {
-///         /// Voltage under which it goes home.
-///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
-///         /// System id.
-///         SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
-///     }
-/// }
-///
-/// struct Rover { armed: bool, tuning: Tuning }
-///
-/// impl Parameters for Rover {
-///     type Table = Tuning;
-///
-///     fn parameters_mut(&mut self) -> Option<&mut Tuning> {
-///         Some(&mut self.tuning)
-///     }
-///
-///     fn may_set(&mut self, change: &ParamChange<Tuning>) -> Result<(), MavParamError> {
-///         if self.armed && change.is(Tuning::SYS_ID) { Err(MavParamError::PERMISSION_DENIED) } else { Ok(()) }
-///     }
-/// }
-///
-/// let mut rover = Rover { armed: false, tuning: Tuning::new() };
-/// assert_eq!(rover.tuning.get(Tuning::BAT_LOW), 10.5);
-/// assert!(rover.tuning.set(Tuning::BAT_LOW, 11.0));
-/// assert!(!rover.tuning.set(Tuning::BAT_LOW, 20.0));
-/// assert_eq!(rover.tuning.get(Tuning::BAT_LOW), 11.0);
-/// ```
-pub trait Parameters {
-    /// The table, made by [`parameters!`](crate::parameters), or [`NoParams`].
-    type Table: ParamTable;
-
-    /// How integers stand on the wire: the same for all of them, and announced by AUTOPILOT_VERSION (P-2).
-    const PARAM_ENCODING: ParamEncoding = ParamEncoding::Bytewise;
-
-    /// Whether every list begins with `_HASH_CHECK` (P-20). It can be read by its name in any case. For a vehicle that calls
-    /// itself PX4: with any other one QGroundControl and MAVProxy take it for a parameter. Byte-wise encoding only.
-    const PARAM_HASH_IN_LIST: bool = false;
-
-    /// The table. `None`, as at first, for a vehicle without parameters: the service is not linked, and nobody is answered.
-    /// QGroundControl never gets ready with such a vehicle (P-18).
-    fn parameters_mut(&mut self) -> Option<&mut Self::Table> {
-        None
-    }
-
-    /// Whether a parameter may be set from outside now, to a value that its type and range allow and that is not the one it
-    /// has. Not asked when the stored values are read back or all are reset, which is refused while the vehicle is armed.
-    ///
-    /// # Errors
-    ///
-    /// What PARAM_ERROR says (P-14); [`MavParamError::PERMISSION_DENIED`] for a matter of policy.
-    fn may_set(&mut self, change: &ParamChange<Self::Table>) -> Result<(), MavParamError> {
-        let _ = change;
-        Ok(())
-    }
-
-    /// A parameter has got another value, from outside or from storage. Not called for what the vehicle sets itself.
-    fn parameter_changed(&mut self, change: &ParamChange<Self::Table>) {
-        let _ = change;
-    }
-}
 
 /// What the service works with beside the table.
 pub(crate) struct Context<'a> {
@@ -141,21 +71,34 @@ pub(crate) enum Taken {
     OutOfPlace,
 }
 
+/// What AUTOPILOT_VERSION says of a vehicle's parameters (Q-9).
+pub(crate) const fn capability<V: Parameters>() -> MavProtocolCapability {
+    match V::PARAM_ENCODING {
+        _ if V::Table::INFO.is_empty() => MavProtocolCapability::EMPTY,
+        ParamEncoding::Bytewise => MavProtocolCapability::PARAM_ENCODE_BYTEWISE,
+        ParamEncoding::CCast => MavProtocolCapability::PARAM_ENCODE_C_CAST,
+    }
+}
+
 /// How the service does things for this vehicle.
 #[derive(Clone, Copy)]
 struct Ways {
     encoding: ParamEncoding,
-    hash_in_list: bool,
+    hash: ParamHash,
 }
 
 impl Ways {
     const fn of<V: Parameters>() -> Self {
-        Self { encoding: V::PARAM_ENCODING, hash_in_list: V::PARAM_HASH_IN_LIST }
+        let hash = match V::PARAM_ENCODING {
+            ParamEncoding::Bytewise => V::PARAM_HASH,
+            ParamEncoding::CCast => ParamHash::Never,
+        };
+        Self { encoding: V::PARAM_ENCODING, hash }
     }
 
-    /// Whether there is a hash: it is all bits, which a cast would lose.
-    fn has_hash(self) -> bool {
-        self.encoding == ParamEncoding::Bytewise
+    /// Whether this is the hash's name, and there is one.
+    fn is_hash(self, name: &[u8; 16]) -> bool {
+        self.hash != ParamHash::Never && *name == HASH_NAME
     }
 }
 
@@ -220,7 +163,7 @@ impl Params {
             ParamRequestList::ID => {
                 let is_first = caller.replies.list(cx.now);
                 // Who begins again did not want the hash (P-10).
-                caller.replies.hash |= is_first && ways.hash_in_list && ways.has_hash();
+                caller.replies.hash |= is_first && ways.hash == ParamHash::InList;
                 Ok(Taken::Yes)
             }
             ParamRequestRead::ID => {
@@ -242,15 +185,15 @@ impl Params {
         let name = wire_name(&read.param_id);
         let found = match u16::try_from(read.param_index) {
             Ok(index) => table.get(index).map(|_| index),
-            Err(_) if name == HASH_NAME && ways.has_hash() => {
+            Err(_) if ways.is_hash(&name) => {
                 caller.replies.hash = true;
                 return Taken::Yes;
             }
             Err(_) => table.find(&name),
         };
         let Some(index) = found else {
-            let (to, index) = (caller.from.address, read.param_index.max(-1));
-            return self.refuse(cx, caller, false, Refusal { to, error: MavParamError::DOES_NOT_EXIST, index, name });
+            let index = read.param_index.max(-1);
+            return self.refuse(cx, caller, false, MavParamError::DOES_NOT_EXIST, index, &name);
         };
         self.tell(table, index, LinkMask::of(caller.from.link));
         Taken::Yes
@@ -270,7 +213,7 @@ impl Params {
             return Ok(Taken::OutOfPlace);
         }
         let name = wire_name(&set.param_id);
-        if name == HASH_NAME && ways.has_hash() {
+        if ways.is_hash(&name) {
             // Who has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it again.
             caller.replies.end_list();
             caller.replies.hash = false;
@@ -280,13 +223,7 @@ impl Params {
             return Ok(Taken::NoRoom);
         }
         let Some((index, (info, old))) = table.find(&name).and_then(|index| Some((index, table.get(index)?))) else {
-            let to = caller.from.address;
-            return Ok(self.refuse(
-                cx,
-                caller,
-                true,
-                Refusal { to, error: MavParamError::DOES_NOT_EXIST, index: -1, name },
-            ));
+            return Ok(self.refuse(cx, caller, true, MavParamError::DOES_NOT_EXIST, -1, &name));
         };
         match check(info, ways.encoding, set) {
             Ok(bits) if bits != old => return Err((index, bits)),
@@ -308,13 +245,12 @@ impl Params {
         let Some((info, _)) = table.get(index) else { return };
         match verdict {
             Ok(()) => {
-                event!("parameter {=str} set by {}", info.name(), caller.from);
+                event!("parameter {=u16} set by {}", index, caller.from);
                 table.put(index, bits);
                 self.saving.notice(cx.now, table.generation());
             }
             Err(error) => {
-                let to = caller.from.address;
-                self.refuse(cx, caller, true, Refusal { to, error, index: -1, name: *info.wire_name() });
+                self.refuse(cx, caller, true, error, -1, info.wire_name());
             }
         }
         self.tell(table, index, cx.normal);
@@ -327,17 +263,28 @@ impl Params {
     }
 
     /// Owes a PARAM_ERROR. For clients that do not know it there is a text too: when something was to be set, and where
-    /// MAVLink 1 has nothing else (P-31, P-32).
-    fn refuse(&mut self, cx: &mut Context<'_>, caller: &mut Caller<'_>, is_set: bool, refusal: Refusal) -> Taken {
+    /// MAVLink 1 has nothing else (P-31, P-32). Not inlined: a second copy would cost 300 bytes.
+    #[inline(never)]
+    fn refuse(
+        &mut self,
+        cx: &mut Context<'_>,
+        caller: &mut Caller<'_>,
+        is_set: bool,
+        error: MavParamError,
+        index: i16,
+        name: &[u8; 16],
+    ) -> Taken {
         let is_v1 = caller.version == Version::V1;
-        if !is_v1 && !caller.replies.refuse(refusal) {
+        if !is_v1 && !caller.replies.refuse(Refusal { to: caller.from.address, error, index, name: *name }) {
             return Taken::NoRoom;
         }
-        event!("parameter of {} refused: {=u8}", caller.from, refusal.error.0);
-        if (is_set || is_v1) && cx.now >= self.texts_from {
+        event!("parameter of {} refused: {=u8}", caller.from, error.0);
+        if cfg!(feature = "plan-texts") && (is_set || is_v1) && cx.now >= self.texts_from {
             self.texts_from = cx.now.after(TEXT_PAUSE);
-            let mut text = Text::from_wire(refusal.name).front::<MAX_TEXT_LEN>();
-            text.push_str(reason(refusal.error));
+            let mut text = [0; MAX_TEXT_LEN];
+            crate::message::zero_extend(name, &mut text);
+            let mut text = Text::from_wire(text);
+            text.push_str(reason(error));
             cx.texts.push(cx.now, LinkMask::of(caller.from.link), MavSeverity::WARNING, &text);
         }
         Taken::Yes
@@ -351,14 +298,15 @@ impl Params {
         command: &Command,
     ) -> Option<MavResult> {
         /// Neither read nor written.
-        const NOTHING: i8 = -1;
+        const NOTHING: i32 = -1;
 
         if command.id != MavCmd::PREFLIGHT_STORAGE {
             return None;
         }
         let count = vehicle.parameters_mut()?.table_mut().count();
-        let [parameters, missions, ..] =
-            command.params.map(|param| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) });
+        let [parameters, missions, ..] = command.params;
+        let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
+        let (parameters, missions) = (action(parameters), action(missions));
         // Missions are read and written by themselves; to reset them there is MISSION_CLEAR_ALL.
         if !matches!(missions, Some(NOTHING..=1)) {
             return Some(MavResult::DENIED);
@@ -436,17 +384,12 @@ impl Params {
         if replies.next_refusal(tx) {
             return true;
         }
-        if replies.hash
+        if ways.hash != ParamHash::Never
+            && replies.hash
             && let Some(hash) = self.hash.step(table)
         {
             replies.hash = false;
-            return tx.send(&ParamValue {
-                param_value: f32::from_bits(hash),
-                param_count: table.count(),
-                param_index: NO_INDEX,
-                param_id: Text::from_wire(HASH_NAME),
-                param_type: MavParamType::UINT32,
-            });
+            return send_as(table, NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(hash), tx);
         }
         let link = LinkMask::of(tx.link());
         if !self.untold.contains(link) {
@@ -485,7 +428,11 @@ impl Params {
     pub(crate) fn deadline(&self) -> Instant {
         self.saving.deadline()
     }
+}
 
+/// What storage is asked for, and what comes back from it.
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
+impl Params {
     /// A parameter comes back from storage (P-17): the stored value, or the default of this firmware when the stored one was
     /// the default too. It stays as it is when there is none of that name and type, or when it cannot have the value.
     pub(crate) fn load<V: Parameters>(&mut self, vehicle: &mut V, stored: &Stored, links: LinkMask) {
@@ -532,6 +479,7 @@ impl Params {
 }
 
 /// A parameter as storage has it.
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Stored {
     pub(crate) name: [u8; 16],
@@ -541,6 +489,7 @@ pub(crate) struct Stored {
     pub(crate) is_default: bool,
 }
 
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl TableMut<'_> {
     /// A parameter as it is to be stored; `None` behind the last one. A volatile one is its default.
     pub(crate) fn stored(&self, index: u16) -> Option<Stored> {
@@ -570,13 +519,20 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
 fn send_value(table: &mut TableMut<'_>, ways: Ways, index: u16, tx: &mut Outbox) -> bool {
     let Some((info, bits)) = table.get(index) else { return false };
     table.told(index, LinkMask::of(tx.link()));
-    tx.send(&ParamValue {
-        param_value: value::to_wire(ways.encoding, info.param_type(), bits),
-        param_count: table.count(),
-        param_index: index,
-        param_id: Text::from_wire(*info.wire_name()),
-        param_type: info.param_type(),
-    })
+    let value = value::to_wire(ways.encoding, info.param_type(), bits);
+    send_as(table, index, info.wire_name(), info.param_type(), value, tx)
+}
+
+fn send_as(
+    table: &TableMut<'_>,
+    param_index: u16,
+    name: &[u8; 16],
+    param_type: MavParamType,
+    param_value: f32,
+    tx: &mut Outbox,
+) -> bool {
+    let (param_count, param_id) = (table.count(), Text::from_wire(*name));
+    tx.send(&ParamValue { param_value, param_count, param_index, param_id, param_type })
 }
 
 /// A name with zeros behind it, whatever stood there.

@@ -2,7 +2,7 @@
 //!
 //! Values that are owed need no memory here: the table has a mark for each parameter and link (P-12).
 
-use heapless::Deque;
+use heapless::Vec;
 
 use crate::dialect::{MavParamError, ParamError};
 use crate::frame::Address;
@@ -19,7 +19,7 @@ const PACE: u32 = 92_500_000;
 const CATCH_UP: Duration = Duration::from_millis(100);
 
 /// A request that is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Refusal {
     pub(super) to: Address,
     pub(super) error: MavParamError,
@@ -31,7 +31,7 @@ pub(super) struct Refusal {
 /// What a link owes about parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Replies {
-    refusals: Deque<Refusal, SLOTS>,
+    refusals: Vec<Refusal, SLOTS, u8>,
     /// Whether a list is under way, which value is next in it, and when.
     listing: bool,
     next: u16,
@@ -44,7 +44,7 @@ pub(crate) struct Replies {
 
 impl Replies {
     pub(crate) const fn new() -> Self {
-        Self { refusals: Deque::new(), listing: false, next: 0, due: Instant::ZERO, hash: false, from: 0 }
+        Self { refusals: Vec::new(), listing: false, next: 0, due: Instant::ZERO, hash: false, from: 0 }
     }
 
     /// Whether a refusal would have no room.
@@ -52,14 +52,15 @@ impl Replies {
         self.refusals.is_full()
     }
 
-    /// Owes a refusal, once: a repeated request shares the slot. False when it has no room.
+    /// Owes a refusal. False when it has no room.
     pub(super) fn refuse(&mut self, refusal: Refusal) -> bool {
-        self.refusals.iter().any(|owed| *owed == refusal) || self.refusals.push_back(refusal).is_ok()
+        self.refusals.push(refusal).is_ok()
     }
 
-    /// Sends the oldest refusal. False when none is owed.
+    /// Sends a refusal, the newest one: to take out the oldest of four would cost more flash than their order is worth. False when
+    /// none is owed.
     pub(super) fn next_refusal(&mut self, tx: &mut Outbox) -> bool {
-        let Some(refusal) = self.refusals.pop_front() else { return false };
+        let Some(refusal) = self.refusals.pop() else { return false };
         tx.send(&ParamError {
             param_index: refusal.index,
             target_system: refusal.to.system.0,

@@ -11,6 +11,7 @@ const COLLECT: Duration = Duration::from_secs(1);
 const REST: Duration = Duration::from_secs(10);
 
 /// What is to be written, and when.
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Saving {
     /// Whether there is storage.
@@ -31,6 +32,7 @@ pub(super) struct Saving {
     rested: Instant,
 }
 
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
     pub(super) const fn new() -> Self {
         Self {
@@ -55,6 +57,7 @@ impl Saving {
     }
 
     /// Looks whether there is something to write.
+    #[inline(never)]
     pub(super) fn notice(&mut self, now: Instant, generation: u32) {
         if self.attached && !self.dirty && !self.busy && generation != self.stored {
             self.dirty = true;

@@ -144,8 +144,7 @@ impl ParamInfo {
 
     /// The name.
     pub fn name(&self) -> &str {
-        let len = self.name.iter().position(|byte| *byte == 0).unwrap_or(self.name.len());
-        self.name.get(..len).and_then(|name| core::str::from_utf8(name).ok()).unwrap_or_default()
+        core::str::from_utf8(self.name_bytes()).unwrap_or_default()
     }
 
     /// The type as messages name it.
@@ -176,6 +175,11 @@ impl ParamInfo {
     /// Whether it is not stored, and no part of the hash.
     pub const fn is_volatile(&self) -> bool {
         self.flags & VOLATILE != 0
+    }
+
+    /// The name without the zeros behind it.
+    pub(super) fn name_bytes(&self) -> &[u8] {
+        self.name.split(|byte| *byte == 0).next().unwrap_or_default()
     }
 
     /// All 16 bytes of the name as they stand on the wire.
@@ -314,6 +318,7 @@ impl<const N: usize> ParamMemory<N> {
         clippy::arithmetic_side_effects,
         reason = "const fn: there are no iterators; the index is below both lengths"
     )]
+    #[inline(never)]
     pub const fn new(table: &'static [ParamInfo]) -> Self {
         let mut values = [0; N];
         let mut i = 0;
@@ -375,10 +380,6 @@ impl TableMut<'_> {
         true
     }
 
-    pub(super) const fn info(&self) -> &'static [ParamInfo] {
-        self.info
-    }
-
     /// How many parameters there are.
     pub(crate) fn count(&self) -> u16 {
         u16::try_from(self.info.len()).unwrap_or(u16::MAX)
@@ -392,7 +393,7 @@ impl TableMut<'_> {
 
     /// The parameter of this name: at most 16 comparisons.
     pub(super) fn find(&self, name: &[u8; 16]) -> Option<u16> {
-        let index = self.info.binary_search_by(|info| info.name.cmp(name)).ok()?;
+        let index = self.info.binary_search_by(|info| info.name.iter().cmp(name)).ok()?;
         u16::try_from(index).ok()
     }
 

@@ -69,7 +69,7 @@ struct Vehicle<const CAST: bool, const HASH: bool> {
 impl<const CAST: bool, const HASH: bool> Parameters for Vehicle<CAST, HASH> {
     type Table = Table;
     const PARAM_ENCODING: ParamEncoding = if CAST { ParamEncoding::CCast } else { ParamEncoding::Bytewise };
-    const PARAM_HASH_IN_LIST: bool = HASH;
+    const PARAM_HASH: ParamHash = if HASH { ParamHash::InList } else { ParamHash::ByName };
 
     fn parameters_mut(&mut self) -> Option<&mut Table> {
         Some(&mut self.table)

@@ -76,11 +76,14 @@ impl Clients {
                 Wanted::ValueOf(index)
             }
             Error(_, error, index, name) => {
-                let refusal = Wanted::Refusal(index, name);
-                let Wanted::Refusal(_, name) = &refusal else { unreachable!() };
-                let is_known = error != DOES_NOT_EXIST && self.set[link].contains(name);
-                assert!(is_known || self.wanted[link].contains(&refusal), "{refusal:?}: nobody asked");
-                refusal
+                if error == DOES_NOT_EXIST {
+                    let refusal = Wanted::Refusal(index, name);
+                    let place = self.wanted[link].iter().position(|wanted| *wanted == refusal);
+                    self.wanted[link].remove(place.expect("one for each who asked"));
+                } else {
+                    assert!(self.set[link].contains(&name), "{name}: nobody set it");
+                }
+                return;
             }
         };
         self.wanted[link].retain(|wanted| *wanted != answers);
