@@ -146,6 +146,7 @@ pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS
 pub use message::*;
 pub use network::PeerInfo;
 pub use pulse::Pulse;
+pub use service::command::{CommandMemory, CommandPolicy, CommandSlot, CommandSlots};
 pub use service::identity::Identity;
 #[doc(hidden)]
 pub use service::mission::__largest;

@@ -10,6 +10,7 @@
 //!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
 //! ```
 
+mod commands;
 mod plans;
 #[cfg(feature = "storage")]
 mod storage;
@@ -22,7 +23,7 @@ use crate::config::{Config, RxAllowance};
 use crate::dialect::{
     CommandInt, CommandLong, Common, Heartbeat, ManualControl, MavComponent, MavProtocolCapability, MavSeverity,
 };
-use crate::frame::{Frame, RxCounters};
+use crate::frame::{Address, Frame, RxCounters};
 use crate::link::{
     Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Peer, Port, Transport,
 };
@@ -128,6 +129,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let core = &mut self.core;
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
+        command::poll(now, vehicle);
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
             let mut context = core.plan_context(now, &mut plans, &mut self.texts);
             let owed = missions.poll(&mut context, vehicle);
@@ -480,6 +482,8 @@ impl Core {
             self.on_command(context, port, &command::from_long(&command, from));
         } else if let Some(command) = frame.decode::<CommandInt>() {
             self.on_command(context, port, &command::from_int(&command, from));
+        } else if self.on_command_frame(context, port, frame, Address::new(target_system, target_component)) {
+            // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
             count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
         } else if is_plan {
@@ -514,6 +518,10 @@ impl Core {
             count(&mut port.counters.no_answer_slot);
             return;
         }
+        if let Some(answer) = command::answered(context.now, command, context.vehicle) {
+            port.acks.push(command.from.address, command.id, answer);
+            return;
+        }
         let Context { now, texts, vehicle, .. } = context;
         let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
             let mut context = self.plan_context(*now, &mut plans, texts);
@@ -523,6 +531,7 @@ impl Core {
             Some(result) => result.into(),
             None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
         };
+        command::carried_out(context.now, command, outcome, context.vehicle);
         port.acks.push(command.from.address, command.id, outcome);
     }
 
@@ -532,7 +541,7 @@ impl Core {
         port.bucket.fill(now);
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
-            || port.acks.next(&mut port.outbox)
+            || command::next(now, port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox) || (port.bucket.has_room() && self.transfer(context, port))));
         if sent {

@@ -3,9 +3,10 @@
 //! The stack calls them from inside its own calls that get the vehicle, so that none of them can call back into the stack;
 //! none may block.
 
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, SetMode};
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
+use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::mission::{CommandRule, Item, PlanType};
 
 /// What the heartbeat says of the vehicle (H-4).
@@ -102,6 +103,14 @@ impl CommandPosition {
             Self::Int { x, y, .. } => (Some(x).filter(|&x| x != i32::MAX), Some(y).filter(|&y| y != i32::MAX)),
         }
     }
+
+    /// Parameters 5 and 6 of a command without a location; NaN for one that is not given (C-7).
+    pub fn params(&self) -> (f32, f32) {
+        match *self {
+            Self::Long { param5, param6 } => (param5, param6),
+            Self::Int { x, y, .. } => (crate::num::from_i32(x), crate::num::from_i32(y)),
+        }
+    }
 }
 
 /// What became of a command: goes out as its COMMAND_ACK.
@@ -122,10 +131,47 @@ impl From<MavResult> for Outcome {
 
 /// Commands that reach the vehicle.
 pub trait Commands {
-    /// Carries out `command`, or starts to, or refuses. A command that the vehicle does not know is
+    /// Commands whose form, frame and parameters the stack checks before the vehicle hears of them (C-5), and those that
+    /// must not be carried out twice. Others come to [`command`](Self::command) as they are.
+    const COMMANDS: &'static [CommandPolicy] = &[];
+
+    /// Carries out `command`, or [starts](CommandMemory::start) to, or refuses. A command that the vehicle does not know is
     /// [`MavResult::UNSUPPORTED`]. Called once for each copy of a command that arrives, so repeating must do no harm
-    /// (C-11). Every call is answered by exactly one COMMAND_ACK (C-3).
+    /// (C-11), unless it is declared [`once`](CommandPolicy::once). Every call is answered by exactly one COMMAND_ACK
+    /// (C-3), and a command that was started by one more when it has ended.
+    ///
+    /// A reboot is answered before it happens (C-30): return ACCEPTED, take no more commands, and reset when
+    /// [`Stack::has_answered`](crate::Stack::has_answered) says that the answer has left.
     fn command(&mut self, command: &Command) -> Outcome;
+
+    /// Whether who sent `command`, one of [`COMMANDS`](Self::COMMANDS), may give it; if not it is answered
+    /// NOT_IN_CONTROL.
+    fn is_in_control(&self, command: &Command) -> bool {
+        let _ = command;
+        true
+    }
+
+    /// The vehicle's memory for commands that take their time and for those that must not be carried out twice; `None`, as
+    /// at first, for a vehicle that has neither.
+    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+        None
+    }
+
+    /// `from` asks for `command`, which runs, to be given up (COMMAND_CANCEL): true when it was, and then who asked for it
+    /// gets CANCELLED; false when it goes on (C-23).
+    fn cancel_command(&mut self, command: MavCmd, from: Peer) -> bool {
+        let _ = (command, from);
+        false
+    }
+
+    /// Whether [`set_mode`](Self::set_mode) is there; if not, as at first, SET_MODE comes to [`Vehicle::message`].
+    const TAKES_SET_MODE: bool = false;
+
+    /// SET_MODE, the message from before MAV_CMD_DO_SET_MODE: answered by a COMMAND_ACK for command 11 (C-32).
+    fn set_mode(&mut self, message: &SetMode, from: Peer) -> MavResult {
+        let _ = (message, from);
+        MavResult::UNSUPPORTED
+    }
 }
 
 /// A plan that is live from now on.

@@ -1,15 +1,13 @@
 //! The answers that a link owes.
 
-use crate::dialect::{CommandAck, MavCmd};
+use super::memory::NO_PROGRESS;
+use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
 use crate::link::Outbox;
 use crate::vehicle::Outcome;
 
 /// Answers that one link can owe.
 const SLOTS: usize = 4;
-
-/// COMMAND_ACK.progress when there is none to tell.
-const NO_PROGRESS: u8 = 255;
 
 /// The answers that a link owes, in the order of the questions.
 #[derive(Clone, Debug)]
@@ -42,13 +40,13 @@ impl Acks {
         let _ = self.0.push_back(Ack { to, command, outcome });
     }
 
-    /// Sends the oldest answer. False when none is owed.
-    pub(crate) fn next(&mut self, tx: &mut Outbox) -> bool {
+    /// Sends the oldest answer. False when none is owed. `progress` says how far a command is that runs.
+    pub(crate) fn next(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
         let Some(ack) = self.0.pop_front() else { return false };
         tx.send(&CommandAck {
             command: ack.command,
             result: ack.outcome.result,
-            progress: NO_PROGRESS,
+            progress: if ack.outcome.result == MavResult::IN_PROGRESS { progress(ack.command) } else { NO_PROGRESS },
             result_param2: ack.outcome.result_param2,
             target_system: ack.to.system.0,
             target_component: ack.to.component.0,

@@ -1,16 +1,27 @@
 //! The command protocol: COMMAND_LONG and COMMAND_INT in, exactly one COMMAND_ACK out.
 //!
-//! Implements <https://mavlink.io/en/services/command.html>, rules C-1 to C-4 and the commands that a stack answers by
+//! Implements <https://mavlink.io/en/services/command.html>, rules C-1 to C-24 and the commands that a stack answers by
 //! itself (§6.4 in part). A command is taken only while there is a free slot to owe its answer in; else it is dropped
 //! unexecuted and counted, which to the sender is a lost frame that it repeats.
+//!
+//! ```text
+//!   COMMAND_LONG ─┐                                                       ┌─▶ plans ───┐
+//!                 ├─▶ declared? form, control, frame, parameters ─▶ known? ┼─▶ requests ┼─▶ COMMAND_ACK
+//!   COMMAND_INT ──┘                  (policy)                    (memory) └─▶ vehicle ─┘      (acks)
+//! ```
 
 mod acks;
+mod memory;
+mod policy;
 
 pub(crate) use acks::Acks;
+pub use memory::{CommandMemory, CommandSlot, CommandSlots};
+pub use policy::CommandPolicy;
 
 use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
-use crate::link::{LinkClass, Peer};
+use crate::link::{LinkClass, Peer, Port};
 use crate::service::identity::Owed;
+use crate::time::Instant;
 use crate::vehicle::{Command, CommandPosition, Commands, Outcome};
 
 /// The command of a COMMAND_LONG.
@@ -37,6 +48,55 @@ pub(crate) fn from_int(message: &CommandInt, from: Peer) -> Command {
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }
+}
+
+/// The answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12, C-21,
+/// C-24). Nothing is left of this for a vehicle that declares nothing and has no memory for commands.
+pub(crate) fn answered<V: Commands>(now: Instant, command: &Command, vehicle: &mut V) -> Option<Outcome> {
+    if let Err(result) = policy::check(command, vehicle) {
+        return Some(result.into());
+    }
+    let once = policy::is_once::<V>(command.id);
+    vehicle.command_memory().and_then(|memory| memory.recall(now, command, once))
+}
+
+/// A command was carried out.
+pub(crate) fn carried_out<V: Commands>(now: Instant, command: &Command, outcome: Outcome, vehicle: &mut V) {
+    let once = policy::is_once::<V>(command.id);
+    if let Some(memory) = vehicle.command_memory() {
+        memory.settle(now, command, outcome, once);
+    }
+}
+
+/// COMMAND_CANCEL (C-23): without an answer of its own.
+pub(crate) fn cancel<V: Commands>(command: MavCmd, from: Peer, vehicle: &mut V) {
+    let is_running = vehicle.command_memory().is_some_and(|memory| memory.is_running(command));
+    if is_running
+        && vehicle.cancel_command(command, from)
+        && let Some(memory) = vehicle.command_memory()
+    {
+        memory.finish(command, MavResult::CANCELLED);
+    }
+}
+
+/// Runs the timers.
+pub(crate) fn poll(now: Instant, vehicle: &mut impl Commands) {
+    if let Some(memory) = vehicle.command_memory() {
+        memory.poll(now);
+    }
+}
+
+/// Sends one answer: to a command that came, or of one that has ended, or of one that runs. The last waits for the link's
+/// byte rate, and does not travel by satellite. False when none is owed.
+pub(crate) fn next(now: Instant, port: &mut Port, vehicle: &mut impl Commands) -> bool {
+    let sent = port.acks.next(&mut port.outbox, |command| {
+        let memory = vehicle.command_memory();
+        memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
+    });
+    sent || vehicle.command_memory().is_some_and(|memory| {
+        let may_wait = port.config.class == LinkClass::Normal && port.bucket.has_room();
+        memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(now, &mut port.outbox))
+    })
 }
 
 /// Carries out a command: the stack's own, or the vehicle's.

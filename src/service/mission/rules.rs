@@ -237,8 +237,13 @@ impl CommandRule {
         self.flags & flag != 0
     }
 
+    /// Whether parameters 5, 6, 7 are a position.
+    pub(crate) const fn is_located(&self) -> bool {
+        self.has(LOCATED)
+    }
+
     /// Whether parameter `index` may be `value`: never infinite.
-    fn admits(&self, index: u8, value: f32) -> bool {
+    pub(crate) fn admits(&self, index: u8, value: f32) -> bool {
         let of = |rules: &'static [ParamRule]| rules.iter().find(|rule| rule.index == index);
         !value.is_infinite() && of(self.own).or_else(|| of(self.params)).is_none_or(|rule| rule.admits(value))
     }

@@ -1,0 +1,352 @@
+//! Commands that outlast their first answer: those that still run, and those that must not be carried out twice.
+//!
+//! Rules C-12 and C-20 to C-24. One fixed table for both, kept by the vehicle that has such commands, so that one that has
+//! none pays nothing for it:
+//!
+//! ```text
+//!            start                         finish, COMMAND_CANCEL             every final ACK sent, and 3 s passed
+//!   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ free
+//!     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a repetition gets the final ACK again
+//!     └────────────── not idempotent, carried out ────────────────┘
+//! ```
+
+use crate::dialect::{CommandAck, MavCmd, MavResult};
+use crate::frame::Address;
+use crate::link::{LinkId, LinkMask, Outbox};
+use crate::time::{Duration, Instant};
+use crate::vehicle::{Command, CommandPosition, Outcome};
+
+/// From one IN_PROGRESS to the next (C-20).
+const REPEAT_EVERY: Duration = Duration::from_secs(1);
+
+/// For so long the result of a command is remembered (C-12, C-24).
+const REMEMBER: Duration = Duration::from_secs(3);
+
+/// A final ACK that a link has not taken for so long is given up: its place is needed, and nobody waits for it any longer.
+const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
+
+/// COMMAND_ACK.progress when there is none to tell.
+pub(super) const NO_PROGRESS: u8 = 255;
+
+/// Room for `N` commands that run, or ran within the last three seconds, or must not be carried out twice: see
+/// [`CommandMemory`].
+pub type CommandSlots<const N: usize> = CommandMemory<[CommandSlot; N]>;
+
+/// One place of a [`CommandMemory`].
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CommandSlot {
+    key: Key,
+    from: Address,
+    confirmation: u8,
+    state: State,
+    /// `at` is not known yet: the vehicle, which changed the slot, has no clock here.
+    is_new: bool,
+    /// It answered IN_PROGRESS once (C-24), and is not only to be carried out once (C-12).
+    is_long: bool,
+    progress: u8,
+    /// Where it was asked for, since its last repetition with another confirmation.
+    links: LinkMask,
+    /// Where the next ACK is to be sent.
+    owed: LinkMask,
+    outcome: Outcome,
+    /// When its last IN_PROGRESS was sent; for one that is done, when it was.
+    at: Instant,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum State {
+    Free,
+    Running,
+    Done,
+}
+
+/// All that makes two commands of one sender the same: number, form, frame, and the bits of the parameters.
+type Key = [u32; 8];
+
+fn key(command: &Command) -> Key {
+    let [id0, id1] = command.id.0.to_le_bytes();
+    let (form, p5, p6) = match command.position {
+        CommandPosition::Long { param5, param6 } => ([0, 0], param5.to_bits(), param6.to_bits()),
+        CommandPosition::Int { frame, x, y } => ([1, frame.0], x.cast_unsigned(), y.cast_unsigned()),
+    };
+    let [form, frame] = form;
+    let [p1, p2, p3, p4] = command.params.map(f32::to_bits);
+    [u32::from_le_bytes([id0, id1, form, frame]), p1, p2, p3, p4, p5, p6, command.z.to_bits()]
+}
+
+impl CommandSlot {
+    /// All zero bits.
+    const FREE: Self = Self {
+        key: [0; 8],
+        from: Address::new(0, 0),
+        confirmation: 0,
+        state: State::Free,
+        is_new: false,
+        is_long: false,
+        progress: 0,
+        links: LinkMask::NONE,
+        owed: LinkMask::NONE,
+        outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
+        at: Instant::ZERO,
+    };
+
+    fn new(command: &Command, state: State) -> Self {
+        Self {
+            key: key(command),
+            from: command.from.address,
+            confirmation: command.confirmation,
+            state,
+            links: LinkMask::of(command.from.link),
+            ..Self::FREE
+        }
+    }
+
+    fn command(&self) -> MavCmd {
+        let [head, ..] = self.key;
+        let [id0, id1, ..] = head.to_le_bytes();
+        MavCmd(u16::from_le_bytes([id0, id1]))
+    }
+
+    fn is_running(&self, command: MavCmd) -> bool {
+        self.state == State::Running && self.command() == command
+    }
+
+    fn is_same(&self, command: &Command) -> bool {
+        self.from == command.from.address && self.key == key(command)
+    }
+
+    /// Takes what is owed on `link`.
+    fn take(&mut self, state: State, link: LinkId) -> bool {
+        let link = LinkMask::of(link);
+        let is_owed = self.state == state && self.owed.contains(link);
+        if is_owed {
+            self.owed = self.owed.without(link);
+        }
+        is_owed
+    }
+
+    fn ack(&self, outcome: Outcome, progress: u8) -> CommandAck {
+        CommandAck {
+            command: self.command(),
+            result: outcome.result,
+            progress,
+            result_param2: outcome.result_param2,
+            target_system: self.from.system.0,
+            target_component: self.from.component.0,
+        }
+    }
+}
+
+/// The vehicle's memory for commands that take their time, and for those that must not be carried out twice. The vehicle
+/// keeps it and hands it to the stack by [`Commands::command_memory`](crate::Commands::command_memory).
+///
+/// A command that takes its time is [started](Self::start) when it comes, and [finished](Self::finish) by the flight loop;
+/// nothing in between calls back:
+///
+/// ```
+/// use mavstack::dialect::{MavCmd, MavResult};
+/// use mavstack::{Command, CommandMemory, CommandSlots, Commands, Outcome};
+///
+/// struct Copter { commands: CommandSlots<2>, samples: u8 }
+///
+/// impl Commands for Copter {
+///     fn command(&mut self, command: &Command) -> Outcome {
+///         match command.id {
+///             MavCmd::PREFLIGHT_CALIBRATION => self.commands.start(command),
+///             _ => MavResult::UNSUPPORTED.into(),
+///         }
+///     }
+///
+///     fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+///         Some(&mut self.commands)
+///     }
+///
+///     fn cancel_command(&mut self, command: MavCmd, _: mavstack::Peer) -> bool {
+///         command == MavCmd::PREFLIGHT_CALIBRATION
+///     }
+/// }
+///
+/// impl Copter {
+///     /// A part of the flight loop.
+///     fn calibrate(&mut self) {
+///         if !self.commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
+///             self.samples = 0;
+///             return;
+///         }
+///         self.samples += 1;
+///         self.commands.progress(MavCmd::PREFLIGHT_CALIBRATION, self.samples);
+///         if self.samples == 100 {
+///             self.commands.finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
+///         }
+///     }
+/// }
+/// ```
+///
+/// The stack answers the rest: IN_PROGRESS once a second and when the progress changes (not over a high-latency link), the
+/// final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to others while it runs, a repetition without
+/// running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until three seconds after the command is done;
+/// without a free one a command is `TEMPORARILY_REJECTED` (C-22).
+///
+/// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
+/// heartbeat asks for anyway.
+#[derive(Clone, Debug)]
+pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
+    slots: S,
+}
+
+impl<const N: usize> CommandMemory<[CommandSlot; N]> {
+    /// Nothing runs. All zero bits.
+    pub const fn new() -> Self {
+        Self { slots: [CommandSlot::FREE; N] }
+    }
+}
+
+impl<const N: usize> Default for CommandMemory<[CommandSlot; N]> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CommandMemory {
+    /// `command`, which is being handed to the vehicle, takes its time: IN_PROGRESS, to be returned as it is; or
+    /// `TEMPORARILY_REJECTED` when no place is free (C-22), and then it must not be begun.
+    pub fn start(&mut self, command: &Command) -> Outcome {
+        let Some(slot) = self.slots.iter_mut().find(|slot| slot.state == State::Free) else {
+            return MavResult::TEMPORARILY_REJECTED.into();
+        };
+        let started = CommandSlot::new(command, State::Running);
+        *slot = CommandSlot { is_new: true, is_long: true, progress: NO_PROGRESS, ..started };
+        MavResult::IN_PROGRESS.into()
+    }
+
+    /// How far `command` is, in percent; more than 100 is "not known". Nothing happens when it does not run.
+    pub fn progress(&mut self, command: MavCmd, percent: u8) {
+        let percent = if percent > 100 { NO_PROGRESS } else { percent };
+        if let Some(slot) = self.running(command)
+            && slot.progress != percent
+        {
+            slot.progress = percent;
+            slot.owed = slot.links;
+        }
+    }
+
+    /// `command` has ended: its final ACK goes out as soon as its links are polled. False when it does not run, and for
+    /// IN_PROGRESS, which is no end.
+    pub fn finish(&mut self, command: MavCmd, outcome: impl Into<Outcome>) -> bool {
+        let outcome = outcome.into();
+        let slot = self.running(command).filter(|_| outcome.result != MavResult::IN_PROGRESS);
+        let Some(slot) = slot else { return false };
+        event!("command {=u16} done: {=u8}", command.0, outcome.result.0);
+        slot.state = State::Done;
+        slot.is_new = true;
+        slot.outcome = outcome;
+        slot.owed = slot.links;
+        true
+    }
+
+    /// Whether `command` runs.
+    pub fn is_running(&self, command: MavCmd) -> bool {
+        self.slots.iter().any(|slot| slot.is_running(command))
+    }
+
+    fn running(&mut self, command: MavCmd) -> Option<&mut CommandSlot> {
+        self.slots.iter_mut().find(|slot| slot.is_running(command))
+    }
+
+    /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
+    pub(crate) fn recall(&mut self, now: Instant, command: &Command, once: bool) -> Option<Outcome> {
+        self.poll(now);
+        let link = LinkMask::of(command.from.link);
+        if let Some(slot) = self.running(command.id) {
+            if !slot.is_same(command) {
+                return Some(MavResult::TEMPORARILY_REJECTED.into());
+            }
+            slot.links = slot.links.with(link);
+            return Some(MavResult::IN_PROGRESS.into());
+        }
+        let is_known = |slot: &&mut CommandSlot| slot.state == State::Done && slot.is_same(command);
+        if let Some(slot) = self.slots.iter_mut().find(is_known)
+            && now.since(slot.at) < REMEMBER
+        {
+            // A command pressed twice comes twice on each link, with the same confirmation (C-12).
+            let is_repetition = command.confirmation > slot.confirmation;
+            let is_copy = !slot.links.contains(link);
+            if is_repetition {
+                slot.confirmation = command.confirmation;
+                slot.links = link;
+            }
+            slot.links = slot.links.with(link);
+            return (slot.is_long || is_repetition || is_copy).then_some(slot.outcome);
+        }
+        let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
+        (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
+    }
+
+    /// `command` was handed to the vehicle, which answered `outcome`.
+    pub(crate) fn settle(&mut self, now: Instant, command: &Command, outcome: Outcome, once: bool) {
+        let is_started = |slot: &&mut CommandSlot| slot.is_new && slot.is_long && slot.command() == command.id;
+        if let Some(slot) = self.slots.iter_mut().find(is_started) {
+            slot.is_new = false;
+            slot.at = now;
+            if outcome.result == MavResult::IN_PROGRESS {
+                return;
+            }
+            // It thought better of it.
+            slot.state = State::Free;
+        }
+        if !once {
+            return;
+        }
+        let done = CommandSlot { outcome, at: now, ..CommandSlot::new(command, State::Done) };
+        let is_known = |slot: &CommandSlot| slot.state == State::Done && !slot.is_long && slot.is_same(command);
+        let known = self.slots.iter().position(is_known);
+        let place = known.or_else(|| self.slots.iter().position(|slot| slot.state == State::Free));
+        if let Some(slot) = place.and_then(|place| self.slots.get_mut(place)) {
+            *slot = done;
+        }
+    }
+
+    /// Runs the timers.
+    pub(crate) fn poll(&mut self, now: Instant) {
+        for slot in &mut self.slots {
+            if core::mem::take(&mut slot.is_new) {
+                slot.at = now;
+            }
+            let age = now.since(slot.at);
+            match slot.state {
+                State::Running if age >= REPEAT_EVERY => slot.owed = slot.links,
+                State::Done if age >= GIVE_UP_AFTER || (age >= REMEMBER && slot.owed.is_empty()) => {
+                    slot.state = State::Free;
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Sends a final ACK on this link (C-20). False when none is owed.
+    pub(crate) fn next_final(&mut self, tx: &mut Outbox) -> bool {
+        let link = tx.link();
+        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take(State::Done, link).then_some(slot)) else {
+            return false;
+        };
+        tx.send(&slot.ack(slot.outcome, NO_PROGRESS))
+    }
+
+    /// Sends an IN_PROGRESS on this link (C-20). False when none is due.
+    pub(crate) fn next_progress(&mut self, now: Instant, tx: &mut Outbox) -> bool {
+        let link = tx.link();
+        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take(State::Running, link).then_some(slot)) else {
+            return false;
+        };
+        slot.at = now;
+        tx.send(&slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
+    }
+
+    /// How far `command` is, for its first IN_PROGRESS.
+    pub(crate) fn progress_of(&self, command: MavCmd) -> u8 {
+        let slot = self.slots.iter().find(|slot| slot.is_running(command));
+        slot.map_or(NO_PROGRESS, |slot| slot.progress)
+    }
+}

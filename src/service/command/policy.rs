@@ -1,0 +1,149 @@
+//! What a vehicle declares of a command, so that the stack refuses what it never takes.
+//!
+//! Rules C-1 and C-5 to C-9. The declaration is data; only what a vehicle declares costs flash.
+
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
+use crate::service::mission::{CommandRule, Item};
+use crate::vehicle::{Command, CommandPosition, Commands};
+
+/// Only COMMAND_INT.
+const INT_ONLY: u8 = 1;
+/// Only COMMAND_LONG.
+const LONG_ONLY: u8 = 2;
+/// Not to every system at once.
+const NO_BROADCAST: u8 = 4;
+/// Not to be carried out twice.
+const ONCE: u8 = 8;
+
+/// A command that a vehicle takes, and how: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
+///
+/// ```
+/// use mavstack::dialect::MavFrame;
+/// use mavstack::dialect::command_rules::{COMPONENT_ARM_DISARM, DO_REPEAT_SERVO, DO_REPOSITION, NAV_TAKEOFF};
+/// use mavstack::{CommandPolicy, ParamRule};
+///
+/// const COMMANDS: &[CommandPolicy] = &[
+///     // Not by somebody who means every vehicle in reach.
+///     CommandPolicy::new(COMPONENT_ARM_DISARM).no_broadcast(),
+///     // MAVSDK and QGroundControl send NaN for "as high as configured".
+///     CommandPolicy::new(NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
+///     // A float's degrees are a metre apart.
+///     CommandPolicy::new(DO_REPOSITION).int_only(),
+///     // A copy that comes by another link must not do it again.
+///     CommandPolicy::new(DO_REPEAT_SERVO).once(),
+/// ];
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CommandPolicy {
+    rule: CommandRule,
+    long_frame: MavFrame,
+    flags: u8,
+}
+
+impl CommandPolicy {
+    /// A command in both forms, whose frame, parameters and position are as `rule` has them: one of
+    /// [`dialect::command_rules`](crate::dialect::command_rules), or made from it.
+    pub const fn new(rule: CommandRule) -> Self {
+        Self { rule, long_frame: MavFrame::GLOBAL, flags: 0 }
+    }
+
+    const fn with(self, flag: u8) -> Self {
+        Self { flags: self.flags | flag, ..self }
+    }
+
+    const fn has(&self, flag: u8) -> bool {
+        self.flags & flag != 0
+    }
+
+    /// A COMMAND_LONG is answered COMMAND_INT_ONLY.
+    #[must_use]
+    pub const fn int_only(self) -> Self {
+        self.with(INT_ONLY)
+    }
+
+    /// A COMMAND_INT is answered COMMAND_LONG_ONLY.
+    #[must_use]
+    pub const fn long_only(self) -> Self {
+        self.with(LONG_ONLY)
+    }
+
+    /// The frame of its position in a COMMAND_LONG, which names none (C-6): [`MavFrame::GLOBAL`] at first.
+    #[must_use]
+    pub const fn long_frame(self, frame: MavFrame) -> Self {
+        Self { long_frame: frame, ..self }
+    }
+
+    /// A copy that was sent to every system is DENIED (C-1).
+    #[must_use]
+    pub const fn no_broadcast(self) -> Self {
+        self.with(NO_BROADCAST)
+    }
+
+    /// Doing it twice does harm: a copy that comes by another link, or with a higher `confirmation`, within three seconds
+    /// gets the first one's answer and is not carried out (C-12). It needs a place in
+    /// [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none is free.
+    #[must_use]
+    pub const fn once(self) -> Self {
+        self.with(ONCE)
+    }
+
+    /// Which command.
+    pub const fn command(&self) -> MavCmd {
+        self.rule.command()
+    }
+
+    /// Checks what does not depend on the vehicle's state, in the order of C-5.
+    fn check(&self, command: &Command, is_in_control: impl FnOnce() -> bool) -> Result<(), MavResult> {
+        let is_int = matches!(command.position, CommandPosition::Int { .. });
+        refuse(is_int && self.has(LONG_ONLY), MavResult::COMMAND_LONG_ONLY)?;
+        refuse(!is_int && self.has(INT_ONLY), MavResult::COMMAND_INT_ONLY)?;
+        refuse(!is_in_control(), MavResult::NOT_IN_CONTROL)?;
+        refuse(command.is_broadcast && self.has(NO_BROADCAST), MavResult::DENIED)?;
+        if !self.rule.is_located() {
+            // Without a position a frame says nothing (C-7).
+            let [p1, p2, p3, p4] = command.params;
+            let (p5, p6) = command.position.params();
+            let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
+            return refuse(!params.all(|(index, value)| self.rule.admits(index, value)), MavResult::DENIED);
+        }
+        let frame = match command.position {
+            CommandPosition::Int { frame, .. } => frame,
+            CommandPosition::Long { .. } => self.long_frame,
+        };
+        // A float that is no number is "not given"; one that is off the globe is not.
+        let (x, y) = match command.position {
+            CommandPosition::Int { x, y, .. } => (x, y),
+            CommandPosition::Long { param5, param6 } => (scaled(param5)?, scaled(param6)?),
+        };
+        let item = Item { frame, command: command.id, autocontinue: 0, params: command.params, x, y, z: command.z };
+        self.rule.check(&item).map_err(|fault| match fault {
+            MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
+            _ => MavResult::DENIED,
+        })
+    }
+}
+
+fn scaled(degrees: f32) -> Result<i32, MavResult> {
+    if degrees.is_nan() { Ok(i32::MAX) } else { crate::num::scale_1e7(degrees).ok_or(MavResult::DENIED) }
+}
+
+fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
+    if bad { Err(result) } else { Ok(()) }
+}
+
+/// The vehicle's declaration of `command`, if there is one.
+fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
+    V::COMMANDS.iter().find(|policy| policy.command() == command)
+}
+
+/// Whether the vehicle declares that `command` must not be carried out twice.
+pub(super) fn is_once<V: Commands>(command: MavCmd) -> bool {
+    declared::<V>(command).is_some_and(|policy| policy.has(ONCE))
+}
+
+/// Checks a command by its declaration, if there is one.
+pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), MavResult> {
+    let policy = declared::<V>(command.id);
+    policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(command)))
+}
