@@ -77,6 +77,9 @@ pub struct Config {
     pub peer_timeout: Duration,
     /// After how long without a new byte the front of a frame is dropped: 500 ms (SEC-4).
     pub stale_after: Duration,
+    /// Whether a link's streams wait until a peer on it is alive (H-8); heartbeats never do. False at first: ground stations
+    /// that find telemetry need not ask for it.
+    pub streams_wait_for_peer: bool,
     /// Whether frames with source component 0 are taken. They are illegal, and dropped at first (S-11); but pymavlink's
     /// `mavlink_connection` sends them unless its user names a `source_component`.
     pub accepts_component_0: bool,
@@ -139,6 +142,7 @@ impl Config {
             max_loop_gap: Duration::from_millis(500),
             peer_timeout: Duration::from_secs(5),
             stale_after: Decoder::STALE_AFTER,
+            streams_wait_for_peer: false,
             accepts_component_0: false,
             budget: PollBudget::DEFAULT,
             float_mission_items: false,

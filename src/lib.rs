@@ -54,6 +54,9 @@
 //!     }
 //! }
 //!
+//! // Nothing to tell but the heartbeat.
+//! impl Telemetry for Rover {}
+//!
 //! let mut vehicle = Rover { armed: false };
 //! let mut stack: Stack<1, plan_memory!(mission: 100)> = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
 //! loop {
@@ -78,10 +81,10 @@
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
 //! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
 //! | [`LinkConfig`], [`PeerInfo`] | what is kept of each line, and of each sender |
-//! | the services | heartbeat, commands, plans, texts, identity |
+//! | the services | heartbeat, commands, plans, streams, texts, identity |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //!
-//! A firmware implements [`Vehicle`], [`Commands`] and [`Plans`]. For UARTs it hands over anything that is
+//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`] and [`Telemetry`]. For UARTs it hands over anything that is
 //! `embedded_io::{Read, Write, ReadReady, WriteReady}`; interrupts and DMA use the byte-level calls
 //! ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin).
 //!
@@ -160,13 +163,14 @@ pub use service::param::{
 #[doc(hidden)]
 pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
 pub use service::statustext::MAX_TEXT_LEN;
+pub use service::stream::{Fill, MAX_STREAMS, Stream, StreamProfile};
 pub use stack::Stack;
 #[cfg(feature = "storage")]
 pub use storage::{Fram, FramError, ParamStore, PlanStore};
 pub use time::{Duration, Instant};
 pub use vehicle::{
-    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress, Vehicle,
-    VehicleState,
+    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress,
+    Telemetry, Vehicle, VehicleState,
 };
 
 #[cfg(feature = "defmt")]

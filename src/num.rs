@@ -78,6 +78,12 @@ pub(crate) fn unsigned(value: f32) -> Option<u32> {
     (integer as f32 == value && integer != u32::MAX).then_some(integer)
 }
 
+/// The integer next to `value` towards 0, within what a `u32` can hold; 0 for NaN.
+#[allow(clippy::as_conversions, reason = "float to integer is total: it saturates")]
+pub(crate) fn saturated(value: f32) -> u32 {
+    value as u32
+}
+
 /// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
 #[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
 pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {

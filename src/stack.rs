@@ -8,12 +8,14 @@
 //!
 //!   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
 //!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
+//!            ◀── streams                                                          while the line is idle
 //! ```
 
 mod commands;
 mod plans;
 #[cfg(feature = "storage")]
 mod storage;
+mod streams;
 
 use core::marker::PhantomData;
 
@@ -502,7 +504,7 @@ impl Core {
             let Context { now, texts, vehicle, .. } = context;
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);
-        } else if frame.id() != Heartbeat::ID {
+        } else if frame.id() != Heartbeat::ID && !streams::on_frame::<V>(context.now, port, frame) {
             context.vehicle.message(frame, port.id);
         }
     }
@@ -527,7 +529,7 @@ impl Core {
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_command(&mut context, *vehicle, command)
         });
-        let outcome = match progress {
+        let outcome = match progress.or_else(|| self.on_message_command(context, port, command)) {
             Some(result) => result.into(),
             None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
         };
@@ -543,7 +545,9 @@ impl Core {
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || command::next(now, port, context.vehicle)
             || (is_normal
-                && (port.plans.next_ack(&mut port.outbox) || (port.bucket.has_room() && self.transfer(context, port))));
+                && (port.plans.next_ack(&mut port.outbox)
+                    || (port.bucket.has_room() && self.transfer(context, port))
+                    || self.stream(context, port)));
         if sent {
             count(&mut port.counters.tx_frames);
         }
@@ -571,10 +575,10 @@ impl Core {
 
     /// What can wait for the link's byte rate.
     fn transfer<V: Autopilot, P: PlanStorage>(&self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
-        let Context { now, texts, missions, plans, vehicle, .. } = context;
-        if port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox) {
+        if port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox) || self.answer(context, port) {
             return true;
         }
+        let Context { now, texts, missions, plans, vehicle, .. } = context;
         let Some((missions, plans)) = plans.parts(missions) else {
             return texts.next(&mut port.text, &mut port.outbox);
         };
@@ -608,10 +612,12 @@ impl Core {
         }
         let waits = is_normal
             && (!port.owed.is_empty()
+                || port.streams.is_asked()
                 || texts.is_pending(LinkMask::of(port.id))
                 || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
         let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
-        transfer.min(heartbeat)
+        let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
+        transfer.min(stream).min(heartbeat)
     }
 }
 

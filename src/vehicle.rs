@@ -8,6 +8,7 @@ use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::mission::{CommandRule, Item, PlanType};
+use crate::service::stream::{Fill, Stream};
 
 /// What the heartbeat says of the vehicle (H-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +71,14 @@ pub struct Command {
     pub is_broadcast: bool,
     /// 0 at first, rising with each repetition; COMMAND_INT has none. Many clients never raise it (C-10).
     pub confirmation: u8,
+}
+
+impl Command {
+    /// Whether parameter 7 is a response target, as in the commands that ask for a message: 0 default, 1 the requester, 2
+    /// broadcast; NaN is "not used" (C-8, Q-3).
+    pub(crate) fn has_response_target(&self) -> bool {
+        self.z.is_nan() || matches!(crate::num::integer(self.z), Some(0..=2))
+    }
 }
 
 /// Parameters 5 and 6 of a command.
@@ -288,7 +297,51 @@ pub trait Plans {
     }
 }
 
-/// A vehicle with all that the stack needs: the bound of [`Stack::poll`](crate::Stack::poll). Implemented by itself.
-pub trait Autopilot: Vehicle + Commands + Plans {}
+/// Telemetry: the messages in which the vehicle tells of itself, when it is asked to and in streams.
+///
+/// ```
+/// use mavstack::dialect::{Attitude, BatteryStatus, MavDataStream};
+/// use mavstack::{Duration, Fill, Message, Stream, Telemetry};
+///
+/// struct Rover { yaw: f32, cells: [u16; 4] }
+///
+/// impl Telemetry for Rover {
+///     const STREAMS: &'static [Stream] = &[
+///         Stream::of::<Attitude>().every(Duration::from_millis(250)).onboard(Duration::from_millis(20)),
+///         Stream::of::<BatteryStatus>().every(Duration::from_secs(2)).in_group(MavDataStream::EXTRA3),
+///     ];
+///
+///     fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+///         let time_boot_ms = out.now().as_millis() as u32;
+///         match id {
+///             Attitude::ID => out.put(&Attitude { time_boot_ms, yaw: self.yaw, ..Default::default() }),
+///             // The second pack is not measured.
+///             BatteryStatus::ID if out.index() == 0 => {
+///                 let mut voltages = [u16::MAX; 10];
+///                 voltages[..4].copy_from_slice(&self.cells);
+///                 out.put(&BatteryStatus { voltages, ..Default::default() })
+///             }
+///             _ => false,
+///         }
+///     }
+/// }
+/// ```
+pub trait Telemetry {
+    /// The messages that the vehicle can fill, with the intervals at which it sends them unasked: at most
+    /// [`MAX_STREAMS`](crate::MAX_STREAMS), none of them one that the stack sends itself, or it does not compile. With none,
+    /// as at first, the service is not linked.
+    const STREAMS: &'static [Stream] = &[];
 
-impl<T: Vehicle + Commands + Plans> Autopilot for T {}
+    /// Fills message `id` of [`STREAMS`](Self::STREAMS) and hands it to [`Fill::put`], whose result is this one's. False
+    /// when there is no such message now, no position without a fix for example: then a request is refused (Q-1), and a
+    /// stream leaves one out. Also called to find out which of the two, so it must change nothing that matters.
+    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+        let _ = (id, out);
+        false
+    }
+}
+
+/// A vehicle with all that the stack needs: the bound of [`Stack::poll`](crate::Stack::poll). Implemented by itself.
+pub trait Autopilot: Vehicle + Commands + Plans + Telemetry {}
+
+impl<T: Vehicle + Commands + Plans + Telemetry> Autopilot for T {}

@@ -12,13 +12,15 @@ pub(crate) struct Bucket {
     rate: u32,
     level: i64,
     filled: Instant,
+    /// What flowed in from one call to the next, at the last two different times: what the line takes between two polls.
+    gap: i64,
 }
 
 impl Bucket {
     const SCALE: i64 = 1_000_000;
 
     /// An empty bucket into which nothing flows.
-    pub(crate) const VACANT: Self = Self { rate: 0, level: 0, filled: Instant::ZERO };
+    pub(crate) const VACANT: Self = Self { rate: 0, level: 0, filled: Instant::ZERO, gap: 0 };
 
     pub(crate) const fn configure(&mut self, bytes_per_second: u32) {
         self.rate = bytes_per_second;
@@ -41,11 +43,20 @@ impl Bucket {
         self.filled = now;
         let flown = elapsed.wrapping_mul(u64::from(self.rate)).cast_signed();
         self.level = self.level.saturating_add(flown).min(self.capacity());
+        if elapsed > 0 {
+            self.gap = flown.min(self.capacity() / 2);
+        }
     }
 
     /// Whether what can wait may be sent now. A rate of 0 is no limit.
     pub(crate) fn has_room(&self) -> bool {
         self.level >= 0 || self.rate == 0
+    }
+
+    /// Whether the line will be idle before the next poll: then a frame that is not urgent delays an urgent one by no more
+    /// than itself (D-4).
+    pub(crate) fn is_idle(&self) -> bool {
+        self.level >= self.capacity().saturating_sub(self.gap) || self.rate == 0
     }
 
     /// `bytes` went out; the level may fall below zero, for what could not wait.
@@ -56,11 +67,17 @@ impl Bucket {
 
     /// Microseconds until [`has_room`](Self::has_room), rounded up to a millisecond's worth.
     pub(crate) fn ready_at(&self) -> Instant {
-        if self.has_room() {
-            return self.filled;
-        }
-        // A division only for those who sleep.
-        let missing = self.level.saturating_neg();
+        if self.has_room() { self.filled } else { self.at(0) }
+    }
+
+    /// When the line [is idle](Self::is_idle).
+    pub(crate) fn idle_at(&self) -> Instant {
+        if self.is_idle() { self.filled } else { self.at(self.capacity()) }
+    }
+
+    /// When the level will be so high. A division only for those who sleep.
+    fn at(&self, level: i64) -> Instant {
+        let missing = level.saturating_sub(self.level);
         let micros = missing.checked_div(i64::from(self.rate)).unwrap_or(0).saturating_add(1);
         self.filled.after(crate::time::Duration::from_micros(u64::try_from(micros).unwrap_or(0)))
     }

@@ -16,6 +16,7 @@ use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
 use crate::service::statustext::TextCursor;
+use crate::service::stream::{StreamProfile, Streams};
 
 /// A link of a stack: an index into its configuration, 0 first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,18 +66,32 @@ pub struct LinkConfig {
     /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average; heartbeats and answers go out at
     /// once, and are charged.
     pub bytes_per_second: u32,
+    /// Which messages it gets unasked, and how often, if it is a normal link.
+    pub streams: StreamProfile,
 }
 
 impl LinkConfig {
     /// A normal MAVLink 2 link over a UART of `baud` bit/s: ten bits a byte.
     pub const fn uart(baud: u32) -> Self {
-        Self { class: LinkClass::Normal, version: TxVersion::V2, bytes_per_second: baud / 10 }
+        Self {
+            class: LinkClass::Normal,
+            version: TxVersion::V2,
+            bytes_per_second: baud / 10,
+            streams: StreamProfile::Radio,
+        }
     }
 
     /// The same link, of another class.
     #[must_use]
     pub const fn with_class(mut self, class: LinkClass) -> Self {
         self.class = class;
+        self
+    }
+
+    /// The same link, with another set of default streams.
+    #[must_use]
+    pub const fn with_streams(mut self, streams: StreamProfile) -> Self {
+        self.streams = streams;
         self
     }
 
@@ -181,6 +196,7 @@ pub(crate) struct Port {
     pub(crate) owed: Owed,
     pub(crate) plans: Replies,
     pub(crate) text: TextCursor,
+    pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
@@ -214,6 +230,7 @@ impl Link {
             owed: Owed::NONE,
             plans: Replies::new(),
             text: TextCursor::new(),
+            streams: Streams::new(),
             counters: LinkCounters::ZERO,
             strangers: 0,
             transport: Transport::Unknown,

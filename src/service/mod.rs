@@ -11,3 +11,4 @@ pub mod mission;
 #[allow(dead_code, reason = "until the stack asks it")]
 pub mod param;
 pub(crate) mod statustext;
+pub(crate) mod stream;

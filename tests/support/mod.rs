@@ -29,6 +29,7 @@ pub mod reference;
 mod rng;
 mod serial;
 pub mod stream;
+mod telemetry;
 mod transfer;
 mod vehicle;
 mod world;

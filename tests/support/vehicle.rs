@@ -42,7 +42,9 @@ pub struct TestVehicle {
     pub refuses_broadcast: bool,
     /// Where it is in its mission; a new mission sets it to the mission's first item.
     pub progress: Progress,
-    /// Every call, in order, but for [`Vehicle::state`] and [`Plans::progress`].
+    /// Whether it knows where home is, and so can fill HOME_POSITION.
+    pub has_home: bool,
+    /// Every call, in order, but for [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
     pub calls: Vec<Call>,
 }
 
@@ -64,6 +66,7 @@ impl TestVehicle {
             progress_verdict: MavResult::ACCEPTED,
             refuses_broadcast: false,
             progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
+            has_home: false,
             calls: Vec::new(),
         }
     }

@@ -4,7 +4,7 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::{
     Address, Config, Durability, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore, Pulse,
-    Stack,
+    Stack, StreamProfile,
 };
 
 use crate::vehicle::Quadrotor;
@@ -24,8 +24,11 @@ static PULSE: Pulse = Pulse::new();
 /// Scripts with pymavlink's defaults are to get an answer.
 const CONFIG: Config = Config { accepts_component_0: true, ..Config::new(Address::new(1, 1), &PULSE) };
 
-const LINK_CONFIGS: [LinkConfig; LINKS] =
-    [LinkConfig::uart(115_200), LinkConfig::uart(921_600), LinkConfig::uart(2_400).with_class(LinkClass::HighLatency)];
+const LINK_CONFIGS: [LinkConfig; LINKS] = [
+    LinkConfig::uart(115_200),
+    LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard),
+    LinkConfig::uart(2_400).with_class(LinkClass::HighLatency),
+];
 
 /// The vehicle and its stack, with plans in a memory of type `P`. There is one in a program: they would share the pulse.
 #[derive(Debug)]

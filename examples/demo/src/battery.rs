@@ -14,8 +14,10 @@ pub struct Battery {
 
 impl Battery {
     pub(crate) const FULL: Self = Self { remaining: 1.0, voltage: 12.6, current: 0.0 };
+    /// How many cells it has.
+    pub(crate) const CELLS: f32 = 3.0;
     /// A·s
-    const CAPACITY: f32 = 5.0 * 3_600.0;
+    pub(crate) const CAPACITY: f32 = 5.0 * 3_600.0;
     const LOW: f32 = 0.15;
 
     pub(crate) fn is_low(&self) -> bool {

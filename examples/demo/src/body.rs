@@ -58,6 +58,8 @@ pub struct Body {
     acceleration: (f32, f32),
     /// Where the nose points, north and east, of length 1.
     heading: (f32, f32),
+    /// How fast it turns to the right, rad/s.
+    pub yaw_rate: f32,
     pub nose: Nose,
 }
 
@@ -67,6 +69,7 @@ impl Body {
         velocity: Vector::ZERO,
         acceleration: (0.0, 0.0),
         heading: (1.0, 0.0),
+        yaw_rate: 0.0,
         nose: Nose::Course,
     };
 
@@ -120,6 +123,7 @@ impl Body {
         self.velocity.north += change.0 * share;
         self.velocity.east += change.1 * share;
         self.acceleration = (change.0 * share / dt, change.1 * share / dt);
+        self.yaw_rate = 0.0;
         if !self.is_on_ground() {
             self.turn((distance > 2.0 && speed > 0.0).then_some(wanted), dt);
         }
@@ -131,6 +135,7 @@ impl Body {
     /// `dt` seconds with the motors off.
     pub fn fall(&mut self, dt: f32) {
         self.acceleration = (0.0, 0.0);
+        self.yaw_rate = 0.0;
         self.velocity.down += GRAVITY * dt;
         self.travel(dt);
     }
@@ -144,6 +149,7 @@ impl Body {
             (Nose::Course, None) => return,
         };
         let angle = left.clamp(-rate * dt, rate * dt);
+        self.yaw_rate = angle / dt;
         if let Nose::Turn { left, .. } = &mut self.nose {
             *left -= angle;
         }

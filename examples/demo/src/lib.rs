@@ -12,6 +12,7 @@ mod fence;
 mod geo;
 mod plan;
 mod queue;
+mod telemetry;
 mod vehicle;
 
 pub use app::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};

@@ -8,7 +8,8 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::command_rules::NAV_WAYPOINT;
 use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Vehicle, VehicleState,
+    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Telemetry, Vehicle,
+    VehicleState,
 };
 #[cfg(feature = "panic-never")]
 use panic_never as _;
@@ -118,6 +119,8 @@ impl Commands for Rover {
         MavResult::ACCEPTED.into()
     }
 }
+
+impl Telemetry for Rover {}
 
 impl Plans for Rover {
     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT];

@@ -5,8 +5,9 @@ use heapless::Vec;
 use super::memory::{PlanType, PlansMut};
 use super::validate;
 use super::{Context, Missions};
-use crate::dialect::{MavCmd, MavResult, MissionItemReached};
+use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached};
 use crate::link::{LinkMask, Outbox};
+use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Plans, Progress};
@@ -113,12 +114,24 @@ impl Missions {
         let result = match command.id {
             MavCmd::DO_SET_MISSION_CURRENT => set_current(vehicle, command, count),
             MavCmd::MISSION_START => start(vehicle, command, count),
+            MavCmd::REQUEST_MESSAGE => return self.request_current(cx.normal, command),
             _ => return None,
         };
         if result == MavResult::ACCEPTED {
             self.current.announce_progress(vehicle.progress(), cx.normal);
         }
         Some(result)
+    }
+
+    /// MISSION_CURRENT, where it may be sent, and if it is what is asked for.
+    fn request_current(&mut self, links: LinkMask, command: &Command) -> Option<MavResult> {
+        let [id, ..] = command.params;
+        let link = LinkMask::of(command.from.link);
+        if num::integer(id) != Some(MissionCurrent::ID) || !links.contains(link) || !command.has_response_target() {
+            return None;
+        }
+        self.current.announce(link);
+        Some(MavResult::ACCEPTED)
     }
 }
 

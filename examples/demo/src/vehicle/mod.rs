@@ -148,6 +148,16 @@ impl Quadrotor {
         self.body.attitude()
     }
 
+    /// How fast it turns to the right, rad/s.
+    pub(crate) fn yaw_rate(&self) -> f32 {
+        self.body.yaw_rate
+    }
+
+    /// Where home is.
+    pub(crate) fn home(&self) -> Home {
+        self.home
+    }
+
     /// The battery.
     pub fn battery(&self) -> Battery {
         self.battery

@@ -1,0 +1,277 @@
+//! What the vehicle tells of itself: the messages that it fills, and how often.
+
+use libm::{atan2f, cosf, roundf, sinf, sqrtf};
+use mavstack::dialect::{
+    Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, GlobalPositionInt, GpsFixType, GpsRawInt,
+    HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream,
+    MavLandedState, MavSysStatusSensor as Sensor, SysStatus, SystemTime, VfrHud,
+};
+use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
+
+use crate::battery::Battery;
+use crate::body::Vector;
+use crate::vehicle::{Mode, Quadrotor};
+
+/// All of it on a radio is 890 bytes/s: a sixth of what 57,600 bit/s carry.
+const STREAMS: &[Stream] = &[
+    stream::<SysStatus>(1_000, 500).in_group(MavDataStream::EXTENDED_STATUS),
+    stream::<SystemTime>(1_000, 1_000).in_group(MavDataStream::EXTRA3),
+    stream::<GpsRawInt>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
+    stream::<Attitude>(250, 20).in_group(MavDataStream::EXTRA1),
+    // For those who ask: the radio has the angles already.
+    Stream::of::<AttitudeQuaternion>().onboard(millis(20)).in_group(MavDataStream::EXTRA1),
+    stream::<LocalPositionNed>(500, 33).in_group(MavDataStream::POSITION),
+    stream::<GlobalPositionInt>(250, 33).in_group(MavDataStream::POSITION),
+    stream::<VfrHud>(250, 100).in_group(MavDataStream::EXTRA2),
+    stream::<BatteryStatus>(2_000, 1_000).in_group(MavDataStream::EXTRA3),
+    stream::<HomePosition>(5_000, 2_000),
+    stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
+];
+
+const fn stream<M: Message>(radio: u64, onboard: u64) -> Stream {
+    Stream::of::<M>().every(millis(radio)).onboard(millis(onboard))
+}
+
+const fn millis(n: u64) -> Duration {
+    Duration::from_millis(n)
+}
+
+impl Telemetry for Quadrotor {
+    const STREAMS: &'static [Stream] = STREAMS;
+
+    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+        let now = out.now();
+        match id {
+            SysStatus::ID => out.put(&self.sys_status()),
+            // It has no clock but the one that begins at boot.
+            SystemTime::ID => out.put(&SystemTime { time_unix_usec: 0, time_boot_ms: boot_ms(now) }),
+            GpsRawInt::ID => out.put(&self.gps_raw(now)),
+            Attitude::ID => out.put(&self.attitude_angles(now)),
+            AttitudeQuaternion::ID => out.put(&self.attitude_quaternion(now)),
+            LocalPositionNed::ID => out.put(&self.local_position_ned(now)),
+            GlobalPositionInt::ID => match self.global_position_int(now) {
+                Some(message) => out.put(&message),
+                None => false,
+            },
+            VfrHud::ID => out.put(&self.vfr_hud()),
+            // There is one battery.
+            BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
+            HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
+            ExtendedSysState::ID => {
+                out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })
+            }
+            _ => false,
+        }
+    }
+}
+
+impl Quadrotor {
+    fn sys_status(&self) -> SysStatus {
+        let battery = self.battery();
+        let present = Sensor::SENSOR_3D_GYRO
+            | Sensor::SENSOR_3D_ACCEL
+            | Sensor::SENSOR_3D_MAG
+            | Sensor::SENSOR_ABSOLUTE_PRESSURE
+            | Sensor::SENSOR_GPS
+            | Sensor::SENSOR_ANGULAR_RATE_CONTROL
+            | Sensor::SENSOR_ATTITUDE_STABILIZATION
+            | Sensor::SENSOR_YAW_POSITION
+            | Sensor::SENSOR_Z_ALTITUDE_CONTROL
+            | Sensor::SENSOR_XY_POSITION_CONTROL
+            | Sensor::SENSOR_MOTOR_OUTPUTS
+            | Sensor::GEOFENCE
+            | Sensor::AHRS
+            | Sensor::SENSOR_BATTERY
+            | Sensor::PREARM_CHECK;
+        let enabled = if self.is_armed() { present } else { present.without(Sensor::SENSOR_MOTOR_OUTPUTS) };
+        let needs_fix = Sensor::SENSOR_GPS | Sensor::SENSOR_XY_POSITION_CONTROL | Sensor::PREARM_CHECK;
+        let mut health = if self.has_fix() { present } else { present.without(needs_fix) };
+        if battery.is_low() {
+            health = health.without(Sensor::SENSOR_BATTERY);
+        }
+        SysStatus {
+            onboard_control_sensors_present: present,
+            onboard_control_sensors_enabled: enabled,
+            onboard_control_sensors_health: health,
+            // 2 ms of work in 10.
+            load: 200,
+            voltage_battery: scaled(battery.voltage, 1e3) as u16,
+            current_battery: scaled(battery.current, 1e2) as i16,
+            battery_remaining: percent(battery),
+            ..SysStatus::default()
+        }
+    }
+
+    fn gps_raw(&self, now: Instant) -> GpsRawInt {
+        const UNKNOWN: u16 = u16::MAX;
+        let Some(position) = self.global_position() else {
+            return GpsRawInt {
+                time_usec: now.as_micros(),
+                eph: UNKNOWN,
+                epv: UNKNOWN,
+                vel: UNKNOWN,
+                cog: UNKNOWN,
+                fix_type: GpsFixType::NO_FIX,
+                satellites_visible: 3,
+                ..GpsRawInt::default()
+            };
+        };
+        let Vector { north, east, .. } = self.velocity();
+        let speed = self.ground_speed();
+        GpsRawInt {
+            time_usec: now.as_micros(),
+            lat: position.latitude,
+            lon: position.longitude,
+            alt: scaled(position.altitude, 1e3),
+            eph: 80,
+            epv: 120,
+            vel: scaled(speed, 1e2) as u16,
+            // Standing still it has no course.
+            cog: if speed > 0.1 { compass(atan2f(east, north)) } else { UNKNOWN },
+            fix_type: GpsFixType::_3D_FIX,
+            satellites_visible: 14,
+            // The geoid is 47 m above the ellipsoid there.
+            alt_ellipsoid: scaled(position.altitude + 47.0, 1e3),
+            h_acc: 900,
+            v_acc: 1_400,
+            vel_acc: 100,
+            ..GpsRawInt::default()
+        }
+    }
+
+    fn attitude_angles(&self, now: Instant) -> Attitude {
+        let [roll, pitch, yaw] = self.attitude();
+        Attitude { time_boot_ms: boot_ms(now), roll, pitch, yaw, yawspeed: self.yaw_rate(), ..Attitude::default() }
+    }
+
+    fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {
+        let [roll, pitch, yaw] = self.attitude().map(|angle| (cosf(angle / 2.0), sinf(angle / 2.0)));
+        AttitudeQuaternion {
+            time_boot_ms: boot_ms(now),
+            q1: roll.0 * pitch.0 * yaw.0 + roll.1 * pitch.1 * yaw.1,
+            q2: roll.1 * pitch.0 * yaw.0 - roll.0 * pitch.1 * yaw.1,
+            q3: roll.0 * pitch.1 * yaw.0 + roll.1 * pitch.0 * yaw.1,
+            q4: roll.0 * pitch.0 * yaw.1 - roll.1 * pitch.1 * yaw.0,
+            yawspeed: self.yaw_rate(),
+            ..AttitudeQuaternion::default()
+        }
+    }
+
+    fn local_position_ned(&self, now: Instant) -> LocalPositionNed {
+        let (position, velocity) = (self.local_position(), self.velocity());
+        LocalPositionNed {
+            time_boot_ms: boot_ms(now),
+            x: position.north,
+            y: position.east,
+            z: position.down,
+            vx: velocity.north,
+            vy: velocity.east,
+            vz: velocity.down,
+        }
+    }
+
+    fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
+        let position = self.global_position()?;
+        let velocity = self.velocity();
+        let [_, _, yaw] = self.attitude();
+        Some(GlobalPositionInt {
+            time_boot_ms: boot_ms(now),
+            lat: position.latitude,
+            lon: position.longitude,
+            alt: scaled(position.altitude, 1e3),
+            relative_alt: scaled(-self.local_position().down, 1e3),
+            vx: scaled(velocity.north, 1e2) as i16,
+            vy: scaled(velocity.east, 1e2) as i16,
+            vz: scaled(velocity.down, 1e2) as i16,
+            hdg: compass(yaw),
+        })
+    }
+
+    fn vfr_hud(&self) -> VfrHud {
+        let [_, _, yaw] = self.attitude();
+        VfrHud {
+            // There is no wind.
+            airspeed: self.ground_speed(),
+            groundspeed: self.ground_speed(),
+            alt: self.home().altitude - self.local_position().down,
+            climb: -self.velocity().down,
+            heading: (compass(yaw) / 100) as i16,
+            throttle: match self.is_armed() {
+                false => 0,
+                true if self.is_landed() => 10,
+                true => 50,
+            },
+        }
+    }
+
+    fn battery_status(&self) -> BatteryStatus {
+        let battery = self.battery();
+        let mut voltages = [u16::MAX; 10];
+        for cell in &mut voltages[..Battery::CELLS as usize] {
+            *cell = scaled(battery.voltage / Battery::CELLS, 1e3) as u16;
+        }
+        let seconds = if battery.current > 0.0 { battery.remaining * Battery::CAPACITY / battery.current } else { 0.0 };
+        BatteryStatus {
+            // 1 mAh is 3.6 A·s.
+            current_consumed: scaled((1.0 - battery.remaining) * Battery::CAPACITY, 1.0 / 3.6),
+            energy_consumed: -1,
+            temperature: i16::MAX,
+            voltages,
+            current_battery: scaled(battery.current, 1e2) as i16,
+            battery_function: MavBatteryFunction::ALL,
+            r#type: MavBatteryType::LIPO,
+            battery_remaining: percent(battery),
+            time_remaining: seconds as i32,
+            charge_state: if battery.is_low() { MavBatteryChargeState::LOW } else { MavBatteryChargeState::OK },
+            ..BatteryStatus::default()
+        }
+    }
+
+    fn home_position(&self, now: Instant) -> HomePosition {
+        let home = self.home();
+        HomePosition {
+            latitude: home.latitude,
+            longitude: home.longitude,
+            altitude: scaled(home.altitude, 1e3),
+            // On level ground, the nose to the north; it comes down from straight above.
+            q: [1.0, 0.0, 0.0, 0.0],
+            approach_z: -1.0,
+            time_usec: now.as_micros(),
+            ..HomePosition::default()
+        }
+    }
+
+    fn landed_state(&self) -> MavLandedState {
+        match self.mode() {
+            _ if self.is_landed() => MavLandedState::ON_GROUND,
+            Mode::Takeoff => MavLandedState::TAKEOFF,
+            Mode::Land => MavLandedState::LANDING,
+            _ => MavLandedState::IN_AIR,
+        }
+    }
+
+    /// m/s, horizontally.
+    fn ground_speed(&self) -> f32 {
+        let Vector { north, east, .. } = self.velocity();
+        sqrtf(north * north + east * east)
+    }
+}
+
+/// time_boot_ms: wraps after 49 days (D-1).
+fn boot_ms(now: Instant) -> u32 {
+    now.as_millis() as u32
+}
+
+/// In a field's own unit, rounded.
+fn scaled(value: f32, scale: f32) -> i32 {
+    roundf(value * scale) as i32
+}
+
+fn percent(battery: Battery) -> i8 {
+    scaled(battery.remaining, 100.0) as i8
+}
+
+/// An angle from north (rad) in hundredths of degrees, 0 to 35,999.
+fn compass(angle: f32) -> u16 {
+    scaled(angle.to_degrees(), 100.0).rem_euclid(36_000) as u16
+}

@@ -1,0 +1,180 @@
+//! Who asks for a message, or for another interval: commands, and the older REQUEST_DATA_STREAM.
+
+use super::schedule::Streams;
+use super::{Fill, Stream, clamped};
+use crate::dialect::{
+    Heartbeat, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent, RadioStatus, RequestDataStream,
+};
+use crate::frame::Frame;
+use crate::link::{LinkClass, Outbox, Port};
+use crate::message::Message;
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::vehicle::{Command, Telemetry};
+
+/// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
+const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
+
+/// The messages that the stack sends by itself, at intervals that nobody changes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fixed {
+    /// Of HEARTBEAT, which may never be stopped.
+    pub(crate) heartbeat: Duration,
+    /// Whether there is MISSION_CURRENT.
+    pub(crate) has_missions: bool,
+}
+
+impl Fixed {
+    fn interval(self, id: u32) -> Option<u32> {
+        match id {
+            Heartbeat::ID => Some(clamped(self.heartbeat.as_micros())),
+            MissionCurrent::ID if self.has_missions => Some(MISSION_CURRENT_INTERVAL),
+            _ => None,
+        }
+    }
+}
+
+/// A command about messages; `None` for all others, and for messages of others.
+pub(crate) fn on_command<V: Telemetry>(
+    now: Instant,
+    fixed: Fixed,
+    port: &mut Port,
+    vehicle: &mut V,
+    command: &Command,
+) -> Option<MavResult> {
+    let request = Request::of(command)?;
+    if port.config.class == LinkClass::HighLatency || !request.is_valid {
+        return Some(MavResult::DENIED);
+    }
+    if command.id != MavCmd::REQUEST_MESSAGE || request.id == Some(MessageInterval::ID) {
+        return Some(on_interval(now, fixed, port, V::STREAMS, command, request));
+    }
+    let id = request.id?;
+    let number = position(V::STREAMS, id)?;
+    let Some(index) = request.index else { return Some(MavResult::DENIED) };
+    // What cannot be filled now is refused now, or the client would wait for it.
+    if !vehicle.fill(id, Fill::new(now, id, index, &mut port.outbox, true)) {
+        return Some(MavResult::DENIED);
+    }
+    let number = u8::try_from(number).unwrap_or(0);
+    Some(if port.streams.ask(number, index) { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED })
+}
+
+/// What the commands about messages have in common.
+#[derive(Clone, Copy, Debug)]
+struct Request {
+    /// Parameter 1; `None` when it is no message id.
+    id: Option<u32>,
+    /// Parameter 2 as an index; not given is 0 (C-8).
+    index: Option<u16>,
+    /// Whether the response target is one.
+    is_valid: bool,
+}
+
+impl Request {
+    fn of(command: &Command) -> Option<Self> {
+        if !matches!(command.id, MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL)
+        {
+            return None;
+        }
+        let [id, index, ..] = command.params;
+        let is_valid = command.has_response_target();
+        let index = if index.is_nan() { Some(0) } else { num::integer(index) };
+        Some(Self { id: num::integer(id), index, is_valid })
+    }
+}
+
+/// A command about intervals. Not generic, so that it is compiled once.
+fn on_interval(
+    now: Instant,
+    fixed: Fixed,
+    port: &mut Port,
+    table: &[Stream],
+    command: &Command,
+    request: Request,
+) -> MavResult {
+    if command.id != MavCmd::SET_MESSAGE_INTERVAL {
+        let id = if command.id == MavCmd::REQUEST_MESSAGE {
+            request.index
+        } else {
+            request.id.and_then(|id| u16::try_from(id).ok())
+        };
+        // MESSAGE_INTERVAL has 16 bits for the id.
+        return match id {
+            Some(id) if port.streams.question(id) => MavResult::ACCEPTED,
+            Some(_) => MavResult::TEMPORARILY_REJECTED,
+            None => MavResult::DENIED,
+        };
+    }
+    let [_, micros, instance, _] = command.params;
+    let is_valid = (micros >= 0.0 || micros == -1.0) && (instance == 0.0 || instance.is_nan());
+    let Some(id) = request.id.filter(|_| is_valid) else { return MavResult::DENIED };
+    let is_off = micros < 0.0;
+    if fixed.interval(id).is_some() {
+        // Clamped to what it is; but it does not stop.
+        return if is_off { MavResult::DENIED } else { MavResult::ACCEPTED };
+    }
+    let Some(number) = position(table, id) else { return MavResult::DENIED };
+    let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
+    port.streams.set_interval(now, number, (!is_off).then_some(interval));
+    MavResult::ACCEPTED
+}
+
+/// What else came in about streams; true when nobody else needs to see it.
+pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], frame: &Frame<'_>) -> bool {
+    if let Some(status) = frame.decode::<RadioStatus>() {
+        port.streams.on_radio(now, status.txbuf);
+        return false;
+    }
+    let Some(request) = frame.decode::<RequestDataStream>() else { return false };
+    // A rate of 0 is off, as in ArduPilot.
+    let micros = match request.start_stop {
+        0 => None,
+        1 => 1_000_000u32.checked_div(u32::from(request.req_message_rate)),
+        _ => return true,
+    };
+    let interval = micros.map(|micros| clamped(u64::from(micros)));
+    let group = request.req_stream_id;
+    for (number, stream) in table.iter().enumerate() {
+        if stream.group != MavDataStream::ALL && (group == MavDataStream::ALL || group == stream.group) {
+            port.streams.set_interval(now, number, interval);
+        }
+    }
+    true
+}
+
+/// Sends MESSAGE_INTERVAL, when it was asked for. False when it was not.
+pub(crate) fn next_interval(fixed: Fixed, port: &mut Port, table: &[Stream]) -> bool {
+    let Port { streams, outbox, config, .. } = port;
+    let Some(message_id) = streams.take_question() else { return false };
+    let id = u32::from(message_id);
+    let stream = || {
+        let number = position(table, id)?;
+        let stream = table.get(number)?;
+        Some(streams.interval(number, stream, config.streams).map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
+    };
+    let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
+    // 0: there is no such stream.
+    let interval_us = fixed.or_else(stream).unwrap_or(0);
+    outbox.send(&MessageInterval { interval_us, message_id })
+}
+
+/// Asks the vehicle for the next of the messages that were asked for. False when none is owed, or none can be filled.
+pub(crate) fn next_asked<V: Telemetry>(
+    now: Instant,
+    streams: &mut Streams,
+    outbox: &mut Outbox,
+    vehicle: &mut V,
+) -> bool {
+    while let Some((number, index)) = streams.take_asked() {
+        let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
+        if vehicle.fill(id, Fill::new(now, id, index, outbox, false)) {
+            return true;
+        }
+    }
+    false
+}
+
+fn position(table: &[Stream], id: u32) -> Option<usize> {
+    table.iter().position(|stream| stream.id == id)
+}
