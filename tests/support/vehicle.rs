@@ -1,11 +1,13 @@
 //! A vehicle that does as it is told and remembers what it was asked.
 
-use mavstack::dialect::{MavCmd, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules};
-use mavstack::{
-    Address, Command, CommandRule, Commands, Frame, Item, LinkId, Outcome, Peer, PeerEvent, PlanChange, PlanFault,
-    PlanType, Plans, Progress, Vehicle, VehicleState,
+use mavstack::dialect::{
+    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, SetMode, command_rules,
 };
-use std::collections::BTreeMap;
+use mavstack::{
+    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId, Outcome,
+    Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, Vehicle, VehicleState,
+};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One call of the stack to the vehicle.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +21,8 @@ pub enum Call {
     PlanChanged { plan: PlanType, items: Vec<Item>, first: u16 },
     SetCurrent(u16, bool),
     StartMission(Option<u16>, Option<u16>),
+    CancelCommand(MavCmd, Peer),
+    SetMode(SetMode, Peer),
 }
 
 /// Implements all of the stack's traits; what it answers stands in its fields.
@@ -28,6 +32,14 @@ pub struct TestVehicle {
     pub state: Option<VehicleState>,
     /// Answers to commands by number; a command that is not here is UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
+    /// Commands that it starts and leaves to the test to finish.
+    pub long: BTreeSet<u16>,
+    /// Its memory for those, and for DO_REPEAT_SERVO, which it does not do twice.
+    pub memory: CommandSlots<3>,
+    /// Whether it gives up a command when it is asked to.
+    pub cancels: bool,
+    /// Who may give it the commands that it declares; everybody at first.
+    pub controller: Option<Address>,
     /// Whether plans may be changed.
     pub may_change: Result<(), MavMissionResult>,
     /// Refusals of single items.
@@ -59,6 +71,10 @@ impl TestVehicle {
                 system_status: MavState::STANDBY,
             }),
             outcomes: known.into_iter().map(|id| (id.0, MavResult::ACCEPTED.into())).collect(),
+            long: BTreeSet::new(),
+            memory: CommandSlots::new(),
+            cancels: true,
+            controller: None,
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
@@ -115,8 +131,39 @@ impl Vehicle for TestVehicle {
 }
 
 impl Commands for TestVehicle {
+    const COMMANDS: &'static [CommandPolicy] = &[
+        CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
+        CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
+        CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
+        CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))
+            .long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
+    ];
+
+    fn is_in_control(&self, command: &Command) -> bool {
+        self.controller.is_none_or(|controller| controller == command.from.address)
+    }
+
+    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+        Some(&mut self.memory)
+    }
+
+    fn cancel_command(&mut self, command: MavCmd, from: Peer) -> bool {
+        self.calls.push(Call::CancelCommand(command, from));
+        self.cancels
+    }
+
+    const TAKES_SET_MODE: bool = true;
+
+    fn set_mode(&mut self, message: &SetMode, from: Peer) -> MavResult {
+        self.calls.push(Call::SetMode(*message, from));
+        if message.custom_mode == 99 { MavResult::DENIED } else { MavResult::ACCEPTED }
+    }
+
     fn command(&mut self, command: &Command) -> Outcome {
         self.calls.push(Call::Command(*command));
+        if self.long.contains(&command.id.0) {
+            return self.memory.start(command);
+        }
         self.outcomes.get(&command.id.0).copied().unwrap_or(MavResult::UNSUPPORTED.into())
     }
 }

@@ -10,6 +10,8 @@
 //!     └────────────── not idempotent, carried out ────────────────┘
 //! ```
 
+use core::ops::{Deref, DerefMut};
+
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
 use crate::link::{LinkId, LinkMask, Outbox};
@@ -206,6 +208,21 @@ impl<const N: usize> CommandMemory<[CommandSlot; N]> {
 impl<const N: usize> Default for CommandMemory<[CommandSlot; N]> {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The logic works on the unsized form, so the number of places is compiled once.
+impl<const N: usize> Deref for CommandMemory<[CommandSlot; N]> {
+    type Target = CommandMemory;
+
+    fn deref(&self) -> &CommandMemory {
+        self
+    }
+}
+
+impl<const N: usize> DerefMut for CommandMemory<[CommandSlot; N]> {
+    fn deref_mut(&mut self) -> &mut CommandMemory {
+        self
     }
 }
 

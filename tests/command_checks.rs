@@ -1,0 +1,229 @@
+//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9; and the answers that have their own
+//! ways: C-30, C-32; test T-C5.
+
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{Address, LinkId, Peer};
+use support::*;
+
+const NAN: f32 = f32::NAN;
+/// Of both forms, at a position; its frame is GLOBAL_RELATIVE_ALT.
+const PLACE: MavCmd = MavCmd::NAV_VTOL_TAKEOFF;
+/// Of COMMAND_LONG only, not for everyone.
+const MOTOR: MavCmd = MavCmd::DO_MOTOR_TEST;
+/// Of COMMAND_INT only.
+const FLY: MavCmd = MavCmd::DO_REPOSITION;
+
+/// A vehicle that takes whatever passes.
+fn world() -> World<1> {
+    let mut world = World::new(Setup::new());
+    for command in [PLACE, MOTOR, FLY, MavCmd::DO_REPEAT_SERVO] {
+        world.vehicle.outcomes.insert(command.0, MavResult::ACCEPTED.into());
+    }
+    world
+}
+
+/// The one answer to what was sent; and that the vehicle heard of the command if, and only if, it was accepted.
+fn answer(world: &mut World<1>) -> MavResult {
+    let before = world.vehicle.commands().len();
+    let ack: CommandAck = world.expect(0, millis(10));
+    world.expect_no::<CommandAck>(0, millis(5));
+    let heard = world.vehicle.commands().len() - before;
+    assert_eq!(heard, usize::from(ack.result == MavResult::ACCEPTED), "{:?}", ack.result);
+    ack.result
+}
+
+fn long(world: &mut World<1>, command: MavCmd, params: [f32; 7]) -> MavResult {
+    world.gcs[0].command_long(command, params);
+    answer(world)
+}
+
+fn int(world: &mut World<1>, message: CommandInt) -> MavResult {
+    world.gcs[0].send(&CommandInt { target_system: 1, target_component: 1, ..message });
+    answer(world)
+}
+
+fn at(command: MavCmd, frame: MavFrame, x: i32, y: i32, z: f32) -> CommandInt {
+    CommandInt { command, frame, x, y, z, ..CommandInt::default() }
+}
+
+/// T-C5, C-4: each form where the command has it.
+#[test]
+fn form_is_checked() {
+    let mut world = world();
+    let motor = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(long(&mut world, MOTOR, motor), MavResult::ACCEPTED);
+    let message = CommandInt { param1: 1.0, command: MOTOR, ..CommandInt::default() };
+    assert_eq!(int(&mut world, message), MavResult::COMMAND_LONG_ONLY);
+    assert_eq!(long(&mut world, FLY, [0.0; 7]), MavResult::COMMAND_INT_ONLY);
+    assert_eq!(int(&mut world, at(FLY, MavFrame::GLOBAL, 0, 0, 5.0)), MavResult::ACCEPTED);
+}
+
+/// T-C5, C-7: the frame of a command with a position is one that the vehicle knows; of another it says nothing.
+#[test]
+fn frame_is_checked_where_there_is_a_position() {
+    let mut world = world();
+    for frame in 0..=30 {
+        let frame = MavFrame(frame);
+        let knows = matches!(frame, MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT);
+        let expected = if knows { MavResult::ACCEPTED } else { MavResult::COMMAND_UNSUPPORTED_MAV_FRAME };
+        assert_eq!(int(&mut world, at(PLACE, frame, 473_977_418, 85_455_938, 20.0)), expected, "{frame:?}");
+        // Each with a number of its own, since it is not carried out twice.
+        let servo =
+            CommandInt { param1: f32::from(frame.0), param3: 1.0, ..at(MavCmd::DO_REPEAT_SERVO, frame, 0, 0, 0.0) };
+        assert_eq!(int(&mut world, servo), MavResult::ACCEPTED, "{frame:?}");
+        world.run_for(secs(4));
+    }
+    // A COMMAND_LONG names none.
+    assert_eq!(long(&mut world, PLACE, [0.0, 0.0, 0.0, NAN, 47.4, 8.5, 20.0]), MavResult::ACCEPTED);
+}
+
+/// C-6, C-7, C-8, SEC-14: positions on the globe or, where the command may do without, none; a NaN's bits in an integer are
+/// garbage.
+#[test]
+fn position_is_checked() {
+    let mut world = world();
+    let frame = MavFrame::GLOBAL_RELATIVE_ALT;
+    let none = i32::MAX;
+    let nan = f32::NAN.to_bits().cast_signed();
+    for (x, y, z, good) in [
+        (900_000_000, -1_800_000_000, 0.0, true),
+        (none, none, 10.0, true),
+        (none, 0, 10.0, false),
+        (0, none, 10.0, false),
+        (900_000_001, 0, 0.0, false),
+        (0, 1_800_000_001, 0.0, false),
+        (nan, nan, 0.0, false),
+        (i32::MIN, 0, 0.0, false),
+        (0, 0, NAN, false),
+        (0, 0, f32::INFINITY, false),
+    ] {
+        let expected = if good { MavResult::ACCEPTED } else { MavResult::DENIED };
+        assert_eq!(int(&mut world, at(PLACE, frame, x, y, z)), expected, "{x}, {y}, {z}");
+    }
+    for (lat, lon, good) in [
+        (90.0, -180.0, true),
+        (NAN, NAN, true),
+        (NAN, 8.0, false),
+        (90.001, 0.0, false),
+        (0.0, 180.1, false),
+        (300.0, 0.0, false),
+        (f32::NEG_INFINITY, 0.0, false),
+    ] {
+        let expected = if good { MavResult::ACCEPTED } else { MavResult::DENIED };
+        assert_eq!(long(&mut world, PLACE, [0.0, 0.0, 0.0, 0.0, lat, lon, 1.0]), expected, "{lat}, {lon}");
+    }
+}
+
+/// C-8, C-9: parameters are what the definitions say: integers whole and in range, enums listed, NaN where it means
+/// something.
+#[test]
+fn parameters_are_checked() {
+    let mut world = world();
+    let good = [1.0, 2.0, 55.5, 0.0, 1.0, 2.0, NAN];
+    assert_eq!(long(&mut world, MOTOR, good), MavResult::ACCEPTED);
+    for (index, value) in [
+        (0, 0.0),
+        (0, 1.5),
+        (0, NAN),
+        (0, 1e10),
+        (1, 4.0),
+        (1, -1.0),
+        (2, f32::INFINITY),
+        (3, -0.5),
+        (4, 0.5),
+        (5, 3.0),
+        (5, NAN),
+        (6, f32::NEG_INFINITY),
+    ] {
+        let mut params = good;
+        params[index] = value;
+        assert_eq!(long(&mut world, MOTOR, params), MavResult::DENIED, "parameter {} of {value}", index + 1);
+    }
+}
+
+/// C-5: form before control, control before frame, frame before parameters; parameters before the vehicle's own verdict.
+#[test]
+fn checks_have_an_order() {
+    let mut world = world();
+    world.vehicle.controller = Some(OTHER_STATION);
+    world.vehicle.outcomes.insert(PLACE.0, MavResult::FAILED.into());
+    let mut wrong = at(PLACE, MavFrame::LOCAL_NED, i32::MIN, 0, NAN);
+    let in_form = CommandInt { command: MOTOR, ..wrong };
+    assert_eq!(int(&mut world, in_form), MavResult::COMMAND_LONG_ONLY);
+    assert_eq!(int(&mut world, wrong), MavResult::NOT_IN_CONTROL);
+    world.vehicle.controller = Some(STATION);
+    assert_eq!(int(&mut world, wrong), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME);
+    wrong.frame = MavFrame::GLOBAL_RELATIVE_ALT;
+    assert_eq!(int(&mut world, wrong), MavResult::DENIED);
+    (wrong.x, wrong.z) = (0, 0.0);
+    world.gcs[0].send(&CommandInt { target_system: 1, target_component: 1, ..wrong });
+    assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, MavResult::FAILED);
+    // What the vehicle does not declare is its own business.
+    world.vehicle.controller = Some(OTHER_STATION);
+    assert_eq!(long(&mut world, MavCmd::NAV_LAND, [f32::INFINITY; 7]), MavResult::ACCEPTED);
+}
+
+/// C-1: a command that is not for everyone is refused to who means everyone.
+#[test]
+fn broadcast_is_refused_where_declared() {
+    let mut world = world();
+    let motor = CommandLong { target_system: 0, ..world.gcs[0].long(MOTOR, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) };
+    world.gcs[0].send(&motor);
+    assert_eq!(answer(&mut world), MavResult::DENIED);
+    let place = CommandLong { target_system: 0, ..world.gcs[0].long(PLACE, [0.0; 7]) };
+    world.gcs[0].send(&place);
+    assert_eq!(answer(&mut world), MavResult::ACCEPTED);
+    assert!(world.vehicle.commands()[0].is_broadcast);
+}
+
+/// C-32: SET_MODE is answered like a command with its own number, each copy once, while there is room for the answer.
+#[test]
+fn set_mode_is_answered() {
+    let mut world = World::new(Setup::<2>::new());
+    let message = SetMode { custom_mode: 7, target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED };
+    world.gcs[1].send_from(OTHER_STATION, &message);
+    let ack: CommandAck = world.expect(1, millis(10));
+    let to = Address::new(ack.target_system, ack.target_component);
+    assert_eq!((ack.command, ack.result, to), (MavCmd(11), MavResult::ACCEPTED, OTHER_STATION));
+    let from = Peer { address: OTHER_STATION, link: LinkId(1) };
+    assert_eq!(world.vehicle.calls, [Call::SetMode(message, from)]);
+    world.gcs[0].send(&SetMode { custom_mode: 99, ..message });
+    assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, MavResult::DENIED);
+    world.gcs[0].send(&SetMode { target_system: 2, ..message });
+    world.expect_no::<CommandAck>(0, millis(20));
+    world.expect_no::<CommandAck>(1, millis(20));
+    world.uarts[0].stall_writes_until(world.now().after(millis(100)));
+    for custom_mode in 0..6 {
+        world.gcs[0].send(&SetMode { custom_mode, ..message });
+    }
+    world.run_for(millis(300));
+    assert_eq!(world.vehicle.calls.len(), 2 + 4, "no room, no mode");
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1 + 4);
+    assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().no_answer_slot, 2);
+}
+
+/// C-30: the vehicle can tell when its answer has left, to the last byte, and reboots then.
+#[test]
+fn reboot_is_answered_first() {
+    let lines = [LineConfig::radio(9_600, millis(0))];
+    let mut world = World::new(Setup { lines, ..Setup::<1>::new() });
+    world.vehicle.outcomes.insert(246, MavResult::ACCEPTED.into());
+    world.run_for(millis(100));
+    assert!(world.stack.has_answered(LinkId(0)));
+    world.uarts[0].stall_writes_until(world.now().after(secs(1)));
+    world.gcs[0].command_long(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert!(world.run_until(millis(500), |world| !world.vehicle.commands().is_empty()));
+    let asked = world.now();
+    assert!(!world.stack.has_answered(LinkId(0)));
+    assert!(world.run_until(secs(3), |world| world.stack.has_answered(LinkId(0))));
+    assert!(world.now().since(asked) >= millis(500), "not while the line takes nothing");
+    assert!(world.stack.has_answered(LinkId(9)), "a link that is not there owes nothing");
+    // From here on the vehicle is gone; what its UART took still arrives.
+    let later = world.now().after(millis(100));
+    world.clock.set(later);
+    world.gcs[0].poll(later);
+    let (_, ack) = world.gcs[0].take::<CommandAck>().unwrap();
+    assert_eq!(ack.result, MavResult::ACCEPTED);
+}
