@@ -53,13 +53,12 @@ impl Stored {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ParamStore<F> {
     record: Record<F>,
-    rows: u32,
 }
 
 impl<F: NorFlash> ParamStore<F> {
     /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { record: Record::new(flash, region, KIND), rows: 0 }
+        Self { record: Record::new(flash, region, KIND) }
     }
 
     /// How long the region has to be for so many parameters, in bytes: a multiple of two erase units. It has to begin where
@@ -91,18 +90,12 @@ impl<F: NorFlash> ParamStore<F> {
     ///
     /// There is no whole record, and a part of the storage could not be read.
     pub(crate) fn open(&mut self) -> Result<u32, F::Error> {
-        self.rows = 0;
-        if let Some(header) = self.record.open()?.filter(|header| header.schema == SCHEMA) {
-            self.rows = header.len / 32;
-        }
-        Ok(self.rows)
+        let header = self.record.open()?.filter(|header| header.schema == SCHEMA);
+        Ok(header.map_or(0, |header| header.len / 32))
     }
 
-    /// A row that [`open`](Self::open) has found, or that was written since.
+    /// A row of those that [`open`](Self::open) has found.
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
-        if index >= self.rows {
-            return Ok(None);
-        }
         Ok(self.record.row(index)?.map(|row| Stored::from_row(&row)))
     }
 
@@ -110,12 +103,8 @@ impl<F: NorFlash> ParamStore<F> {
     /// for its content. What changes between two steps is in the record or not. Without a number, towards the next record
     /// having an erased slot.
     pub(crate) fn step(&mut self, table: &TableMut<'_>, job: Option<u32>) -> Step {
-        let rows = u32::from(table.count());
-        let job = job.map(|id| Job { id, schema: SCHEMA, len: rows.saturating_mul(32) });
-        let step = self.record.step(job, |index| Some(table.stored(u16::try_from(index).ok()?)?.to_row()));
-        if step == Step::Done {
-            self.rows = rows;
-        }
-        step
+        let len = u32::from(table.count()).saturating_mul(32);
+        let job = job.map(|id| Job { id, schema: SCHEMA, len });
+        self.record.step(job, |index| Some(table.stored(u16::try_from(index).ok()?)?.to_row()))
     }
 }

@@ -17,24 +17,18 @@ pub(super) struct Hash {
     crc: Crc32,
     /// Parameters that are in it.
     done: u16,
-    /// Of the table when it was begun.
-    generation: u32,
 }
 
 impl Hash {
     pub(super) const fn new() -> Self {
-        Self { crc: Crc32::ZERO, done: 0, generation: 0 }
+        Self { crc: Crc32::ZERO, done: 0 }
     }
 
-    /// The hash of the table, when it is there; else a step towards it. A value that changes between two steps is in it as it
+    /// A step towards the hash of the table, and the hash when it was the last one; the next step begins anew. A value that changes between two steps is in it as it
     /// is when its turn comes: whoever asks is told of the change in any case (P-16).
     pub(super) fn step(&mut self, table: &TableMut<'_>) -> Option<u32> {
-        let generation = table.generation();
-        if self.done >= table.count() && self.generation != generation {
+        if self.done >= table.count() {
             *self = Self::new();
-        }
-        if self.done == 0 {
-            self.generation = generation;
         }
         for _ in 0..STEP {
             let Some((info, bits)) = table.get(self.done) else { break };

@@ -412,8 +412,8 @@ impl Params {
         bytes_per_second: u32,
         tx: &mut Outbox,
     ) -> bool {
-        let Some(index) = replies.listed(now) else { return false };
         let Some(table) = vehicle.parameters_mut() else { return false };
+        let Some(index) = replies.listed(now) else { return false };
         let mut table = table.table_mut();
         replies.list_on(now, table.count(), bytes_per_second);
         send_value(&mut table, Ways::of::<V>(), index, tx)

@@ -87,8 +87,9 @@ impl Replies {
         self.listing = false;
     }
 
-    /// Whether a list is under way, which slows down what is sent all the time.
-    pub(crate) const fn is_listing(&self) -> bool {
+    /// Whether a list is under way.
+    #[cfg(test)]
+    pub(super) const fn is_listing(&self) -> bool {
         self.listing
     }
 

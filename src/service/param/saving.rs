@@ -67,7 +67,6 @@ impl Saving {
 
     /// The operator wants it written now.
     pub(super) fn hurry(&mut self, now: Instant, generation: u32) {
-        self.rested = now;
         self.notice(now, generation);
         self.due = now;
     }

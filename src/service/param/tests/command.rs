@@ -176,6 +176,12 @@ fn a_failure_is_told_once_and_tried_again() {
     assert_eq!(bench.begins(), Some(10_000));
     bench.params.saved(bench.now);
     assert_eq!((bench.begins(), bench.vehicle.table.get(Table::BYTE)), (None, 9));
+    // After a success the next failure is news.
+    bench.set_byte(10);
+    assert!(bench.begins().is_some());
+    let mut cx = Context { now: bench.now, texts: &mut bench.texts, normal: both_links() };
+    bench.params.not_saved(&mut cx);
+    assert_eq!(bench.texts(0), ["Parameters not saved"]);
 }
 
 /// P-17: the stored values come back.
