@@ -35,6 +35,7 @@ use crate::service::command;
 use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
+use crate::service::time;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
 
@@ -504,7 +505,10 @@ impl Core {
             let Context { now, texts, vehicle, .. } = context;
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);
-        } else if frame.id() != Heartbeat::ID && !streams::on_frame::<V>(context.now, port, frame) {
+        } else if frame.id() != Heartbeat::ID
+            && !streams::on_frame::<V>(context.now, port, frame)
+            && !time::on_frame(context.now, port, frame, context.vehicle)
+        {
             context.vehicle.message(frame, port.id);
         }
     }
@@ -546,6 +550,7 @@ impl Core {
             || command::next(now, port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
+                    || time::next(now, port, context.vehicle)
                     || (port.bucket.has_room() && self.transfer(context, port))
                     || self.stream(context, port)));
         if sent {

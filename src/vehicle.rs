@@ -9,6 +9,7 @@ use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::mission::{CommandRule, Item, PlanType};
 use crate::service::stream::{Fill, Stream};
+use crate::service::time::TimeSync;
 
 /// What the heartbeat says of the vehicle (H-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +45,12 @@ pub trait Vehicle {
     /// A peer was found, lost, regained. For the failsafe that watches the ground station.
     fn peer(&mut self, event: PeerEvent) {
         let _ = event;
+    }
+
+    /// The vehicle's memory for PING and TIMESYNC; `None`, as at first, when the stack is not to answer them: then they come
+    /// to [`message`](Self::message).
+    fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        None
     }
 
     /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. Its

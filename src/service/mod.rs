@@ -12,3 +12,4 @@ pub mod mission;
 pub mod param;
 pub(crate) mod statustext;
 pub(crate) mod stream;
+pub mod time;

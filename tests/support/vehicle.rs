@@ -5,7 +5,7 @@ use mavstack::dialect::{
 };
 use mavstack::{
     Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId, Outcome,
-    Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, Vehicle, VehicleState,
+    Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -40,6 +40,8 @@ pub struct TestVehicle {
     pub cancels: bool,
     /// Who may give it the commands that it declares; everybody at first.
     pub controller: Option<Address>,
+    /// Answers PING and TIMESYNC; `None` when it does not.
+    pub time: Option<TimeSlots<2>>,
     /// Whether plans may be changed.
     pub may_change: Result<(), MavMissionResult>,
     /// Refusals of single items.
@@ -75,6 +77,7 @@ impl TestVehicle {
             memory: CommandSlots::new(),
             cancels: true,
             controller: None,
+            time: None,
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
@@ -118,6 +121,10 @@ impl Default for TestVehicle {
 impl Vehicle for TestVehicle {
     fn state(&self) -> Option<VehicleState> {
         self.state
+    }
+
+    fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        self.time.as_mut().map(|time| time as &mut TimeSync)
     }
 
     fn peer(&mut self, event: PeerEvent) {
