@@ -57,6 +57,10 @@
 //! // Nothing to tell but the heartbeat.
 //! impl Telemetry for Rover {}
 //!
+//! impl Parameters for Rover {
+//!     type Table = NoParams;
+//! }
+//!
 //! let mut vehicle = Rover { armed: false };
 //! let mut stack: Stack<1, plan_memory!(mission: 100)> = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
 //! loop {

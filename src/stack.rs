@@ -34,6 +34,7 @@ use crate::network::{self, Booking, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
+use crate::service::param::{self, Params, Taken};
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::service::time;
 use crate::time::{Duration, Instant};
@@ -69,6 +70,7 @@ struct Core {
     /// The links that everything may be sent on.
     normal: LinkMask,
     capabilities: MavProtocolCapability,
+    params: Params,
 }
 
 /// What a call works with beside the core and its link.
@@ -117,7 +119,13 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             i += 1;
         }
         Self {
-            core: Core { config, credit: Credit::new(), normal, capabilities: capabilities::<P>() },
+            core: Core {
+                config,
+                credit: Credit::new(),
+                normal,
+                capabilities: capabilities::<P>(),
+                params: Params::new(),
+            },
             links,
             peers: heapless::Vec::new(),
             texts: StatusTexts::<[TextEntry; TEXTS]>::new(),
@@ -133,6 +141,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
+        core.params.poll(now, vehicle, core.normal);
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
             let mut context = core.plan_context(now, &mut plans, &mut self.texts);
             let owed = missions.poll(&mut context, vehicle);
@@ -317,6 +326,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             link.port.transport = Transport::Unknown;
             link.port.outbox.restart();
             link.port.plans.restart();
+            link.port.params.restart();
         }
     }
 
@@ -354,7 +364,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let core = &self.core;
         let missions = P::engine(&self.missions);
         let mut deadline = network::deadline(&self.peers, core.config.peer_timeout);
-        deadline = deadline.min(missions.map_or(Instant::NEVER, Missions::deadline));
+        deadline = deadline.min(missions.map_or(Instant::NEVER, Missions::deadline)).min(core.params.deadline());
         for link in &self.links {
             deadline =
                 deadline.min(link.decoder.deadline()).min(core.tx_deadline(now, &link.port, &self.texts, missions));
@@ -505,6 +515,15 @@ impl Core {
             let Context { now, texts, vehicle, .. } = context;
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_frame(&mut context, *vehicle, &mut caller, frame);
+        } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
+            let Context { now, texts, vehicle, .. } = context;
+            let mut context = param::Context { now: *now, texts, normal: self.normal };
+            let mut caller = param::Caller { from, version: port.outbox.version(), replies: &mut port.params };
+            match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
+                Taken::Yes => {}
+                Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),
+                Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
+            }
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame::<V>(context.now, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
@@ -533,7 +552,11 @@ impl Core {
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_command(&mut context, *vehicle, command)
         });
-        let outcome = match progress.or_else(|| self.on_message_command(context, port, command)) {
+        let stored = progress.or_else(|| {
+            let mut context = param::Context { now: *now, texts, normal: self.normal };
+            self.params.on_command(&mut context, *vehicle, command)
+        });
+        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
             Some(result) => result.into(),
             None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
         };
@@ -579,18 +602,24 @@ impl Core {
     }
 
     /// What can wait for the link's byte rate.
-    fn transfer<V: Autopilot, P: PlanStorage>(&self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
-        if port.owed.next(&self.config.identity, self.capabilities, &mut port.outbox) || self.answer(context, port) {
+    fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let capabilities = self.capabilities | param::capability::<V>();
+        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox) || self.answer(context, port) {
             return true;
         }
         let Context { now, texts, missions, plans, vehicle, .. } = context;
+        let rate = port.config.bytes_per_second;
         let Some((missions, plans)) = plans.parts(missions) else {
-            return texts.next(&mut port.text, &mut port.outbox);
+            return self.params.next(*vehicle, &mut port.params, &mut port.outbox)
+                || texts.next(&mut port.text, &mut port.outbox)
+                || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox);
         };
         let progress = vehicle.progress();
         missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
+            || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
             || texts.next(&mut port.text, &mut port.outbox)
             || missions.next_progress(&plans, &progress, &mut port.outbox)
+            || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox)
     }
 
     /// When something is to be sent on a link.
@@ -618,9 +647,11 @@ impl Core {
         let waits = is_normal
             && (!port.owed.is_empty()
                 || port.streams.is_asked()
+                || self.params.is_pending(&port.params, &port.outbox)
                 || texts.is_pending(LinkMask::of(port.id))
                 || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
-        let transfer = if waits { port.bucket.ready_at() } else { Instant::NEVER };
+        let transfer = if waits { now } else { Params::list_due(&port.params) };
+        let transfer = if is_normal { transfer.max(port.bucket.ready_at()) } else { Instant::NEVER };
         let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
         transfer.min(stream).min(heartbeat)
     }

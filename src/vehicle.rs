@@ -8,6 +8,7 @@ use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::mission::{CommandRule, Item, PlanType};
+use crate::service::param::Parameters;
 use crate::service::stream::{Fill, Stream};
 use crate::service::time::TimeSync;
 
@@ -349,6 +350,6 @@ pub trait Telemetry {
 }
 
 /// A vehicle with all that the stack needs: the bound of [`Stack::poll`](crate::Stack::poll). Implemented by itself.
-pub trait Autopilot: Vehicle + Commands + Plans + Telemetry {}
+pub trait Autopilot: Vehicle + Commands + Plans + Telemetry + Parameters {}
 
-impl<T: Vehicle + Commands + Plans + Telemetry> Autopilot for T {}
+impl<T: Vehicle + Commands + Plans + Telemetry + Parameters> Autopilot for T {}

@@ -232,7 +232,9 @@ fn capabilities_are_honest() {
     let mut world = World::new(setup);
     world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let version: AutopilotVersion = world.expect(0, millis(10));
-    let own = MavProtocolCapability::MAVLINK2 | MavProtocolCapability::COMMAND_INT;
+    let own = MavProtocolCapability::MAVLINK2
+        | MavProtocolCapability::COMMAND_INT
+        | MavProtocolCapability::PARAM_ENCODE_BYTEWISE;
     let expected = AutopilotVersion {
         capabilities: own | MavProtocolCapability::SET_ATTITUDE_TARGET,
         uid: identity.uid,

@@ -235,9 +235,9 @@ fn messages_for_others_do_not_reach_the_vehicle() {
         (0, 2, false),
         (1, 190, false),
     ] {
-        let set = ParamSet { target_system: system, target_component: component, ..ParamSet::default() };
-        world.gcs[0].send(&set);
-        assert_eq!(seen(&mut world), ours, "PARAM_SET to {system}/{component}");
+        let tune = PlayTune { target_system: system, target_component: component, ..PlayTune::default() };
+        world.gcs[0].send(&tune);
+        assert_eq!(seen(&mut world), ours, "PLAY_TUNE to {system}/{component}");
     }
     for (system, ours) in [(1, true), (0, true), (2, false)] {
         // A target system and no component, in MANUAL_CONTROL under another name.

@@ -149,7 +149,7 @@ fn the_end_comes_by_every_link_it_was_asked_by() {
 #[test]
 fn no_place_is_busy() {
     let mut world = world::<1>();
-    let commands = [241, 242, 243, 245].map(MavCmd);
+    let commands = [241, 242, 243, 252].map(MavCmd);
     for command in commands {
         world.vehicle.long.insert(command.0);
         send(&mut world, 0, command, PARAMS, 0);

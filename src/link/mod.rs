@@ -15,6 +15,7 @@ use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
+use crate::service::param;
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
 
@@ -195,6 +196,7 @@ pub(crate) struct Port {
     pub(crate) acks: Acks,
     pub(crate) owed: Owed,
     pub(crate) plans: Replies,
+    pub(crate) params: param::Replies,
     pub(crate) text: TextCursor,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
@@ -229,6 +231,7 @@ impl Link {
             acks: Acks::new(),
             owed: Owed::NONE,
             plans: Replies::new(),
+            params: param::Replies::new(),
             text: TextCursor::new(),
             streams: Streams::new(),
             counters: LinkCounters::ZERO,

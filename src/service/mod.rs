@@ -8,7 +8,6 @@ pub mod command;
 pub(crate) mod heartbeat;
 pub(crate) mod identity;
 pub mod mission;
-#[allow(dead_code, reason = "until the stack asks it")]
 pub mod param;
 pub(crate) mod statustext;
 pub(crate) mod stream;

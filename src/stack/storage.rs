@@ -9,7 +9,10 @@ use super::{Stack, owe};
 use crate::dialect::MavSeverity;
 use crate::message::{Dialect, Text};
 use crate::service::mission::{Durability, PlanStorage, PlanType};
-use crate::storage::{PlanStore, Step};
+use crate::service::param;
+use crate::service::param::ParamTable;
+use crate::service::statustext::StatusTexts;
+use crate::storage::{ParamStore, PlanStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
@@ -98,6 +101,73 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             Step::Failed => missions.not_saved(&mut cx),
         };
         owe(&mut self.links, owed);
+        true
+    }
+}
+
+/// The parameters, in the same way (P-17).
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, D>
+{
+    /// Reads the parameters back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads
+    /// all of the record, which blocks for as long as the flash takes. The vehicle is told of each value that is not the
+    /// default.
+    ///
+    /// # Errors
+    ///
+    /// What the flash reported when it could not be read. The parameters that were not read have their defaults then; the store
+    /// is in use nevertheless.
+    pub fn restore_parameters<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut ParamStore<F>,
+        vehicle: &mut V,
+    ) -> Result<(), F::Error> {
+        let core = &mut self.core;
+        let result = store.open().and_then(|rows| {
+            for index in 0..rows {
+                if let Some(stored) = store.row(index)? {
+                    core.params.load(vehicle, &stored, core.normal);
+                }
+            }
+            Ok(())
+        });
+        core.params.loaded(vehicle);
+        if result.is_err() {
+            event!("parameters: storage cannot be read");
+            let texts: &mut StatusTexts = &mut self.texts;
+            texts.push(now, core.normal, MavSeverity::ERROR, &Text::new("Stored parameters cannot be read"));
+        }
+        result
+    }
+
+    /// Writes parameters that have changed, one step at a time, as [`persist`](Self::persist) does with plans: about a second
+    /// behind a change, not more often than every ten seconds, and only while the vehicle
+    /// [permits](crate::Plans::may_persist). True when there is more to do at once.
+    pub fn persist_parameters<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut ParamStore<F>,
+        vehicle: &mut V,
+    ) -> bool {
+        if !vehicle.may_persist() {
+            return false;
+        }
+        if self.core.params.wants_reload() {
+            let _ = self.restore_parameters(now, store, vehicle);
+        }
+        let params = &mut self.core.params;
+        let job = params.unsaved(now, vehicle);
+        let Some(table) = vehicle.parameters_mut() else { return false };
+        match store.step(&table.table_mut(), job) {
+            Step::Idle => return false,
+            Step::Busy => {}
+            Step::Done => params.saved(now),
+            Step::Failed => {
+                let texts: &mut StatusTexts = &mut self.texts;
+                params.not_saved(&mut param::Context { now, texts, normal: self.core.normal });
+            }
+        }
         true
     }
 }

@@ -5,7 +5,7 @@
 //! the power goes, the restarted vehicle has exactly what was complete before, or exactly the new.
 
 mod fram;
-#[allow(dead_code, reason = "until the stack calls it")]
+
 mod params;
 mod plans;
 mod record;

@@ -39,7 +39,7 @@ pub use receiver::{Receiver, decode};
 pub use rng::Rng;
 pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
 pub use transfer::{Clear, Download, TransferError, Upload, plan};
-pub use vehicle::{Call, TestVehicle};
+pub use vehicle::{Call, TestVehicle, Tuning};
 pub use world::{Setup, World};
 
 use mavstack::{Address, Duration};

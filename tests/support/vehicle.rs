@@ -5,9 +5,25 @@ use mavstack::dialect::{
 };
 use mavstack::{
     Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId, Outcome,
-    Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState,
+    ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync,
+    Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
+
+mavstack::parameters! {
+    /// What can be tuned on the vehicle of the tests.
+    pub struct Tuning {
+        BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
+        CRUISE: f32 = 5.0, 0.5..=20.0, "m/s";
+        FENCE_ACT: i32 = 1, 0..=4, "";
+        LAND_SPEED: f32 = 0.7, 0.1..=3.0, "m/s";
+        RTL_ALT: f32 = 30.0, 0.0..=120.0, "m";
+        STAT_STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
+        SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        TRIM_ROLL: i8 = -3, -20..=20, "deg";
+        YAW_NOW: f32 = 0.0, -180.0..=180.0, "deg", [volatile];
+    }
+}
 
 /// One call of the stack to the vehicle.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +32,7 @@ pub enum Call {
     Message { id: u32, from: Address, link: LinkId, payload: Vec<u8> },
     Command(Command),
     MayChange(PlanType, Peer),
+    ParameterChanged(u16),
     CheckItem(PlanType, u16, Item),
     CheckPlan(PlanType, Vec<Item>),
     PlanChanged { plan: PlanType, items: Vec<Item>, first: u16 },
@@ -42,6 +59,8 @@ pub struct TestVehicle {
     pub controller: Option<Address>,
     /// Answers PING and TIMESYNC; `None` when it does not.
     pub time: Option<TimeSlots<2>>,
+    /// Its parameters.
+    pub tuning: Tuning,
     /// Whether plans may be changed.
     pub may_change: Result<(), MavMissionResult>,
     /// Refusals of single items.
@@ -78,6 +97,7 @@ impl TestVehicle {
             cancels: true,
             controller: None,
             time: None,
+            tuning: Tuning::new(),
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
@@ -172,6 +192,18 @@ impl Commands for TestVehicle {
             return self.memory.start(command);
         }
         self.outcomes.get(&command.id.0).copied().unwrap_or(MavResult::UNSUPPORTED.into())
+    }
+}
+
+impl Parameters for TestVehicle {
+    type Table = Tuning;
+
+    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
+        Some(&mut self.tuning)
+    }
+
+    fn parameter_changed(&mut self, change: &ParamChange<Tuning>) {
+        self.calls.push(Call::ParameterChanged(change.index()));
     }
 }
 

@@ -8,7 +8,8 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::command_rules::NAV_WAYPOINT;
 use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Address, Command, CommandRule, Commands, Config, Outcome, PlanChange, Plans, Progress, Pulse, Telemetry, Vehicle,
+    Address, Command, CommandRule, Commands, Config, NoParams, Outcome, Parameters, PlanChange, Plans, Progress, Pulse,
+    Telemetry, Vehicle,
     VehicleState,
 };
 #[cfg(feature = "panic-never")]
@@ -204,6 +205,10 @@ pub mod storage {
             Ok(())
         }
     }
+}
+
+impl Parameters for Rover {
+    type Table = NoParams;
 }
 
 #[cfg(not(feature = "panic-never"))]

@@ -10,6 +10,10 @@ use crate::fence::{self, GROUPS};
 /// It has no model of the terrain.
 const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
 
+impl mavstack::Parameters for Quadrotor {
+    type Table = mavstack::NoParams;
+}
+
 impl Plans for Quadrotor {
     const MISSION_COMMANDS: &'static [CommandRule] = &[
         rules::NAV_WAYPOINT
