@@ -36,12 +36,14 @@ use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::param::{self, Params, Taken};
 use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
+use crate::service::stream::Slot;
 use crate::service::time;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Autopilot, Command, PeerEvent};
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
-/// texts, the messages of dialect `D` known. All memory is inside. [The crate's page](crate) shows the loop around it.
+/// texts, room for `STREAMS` messages that the vehicle fills, the messages of dialect `D` known. All memory is inside.
+/// [The crate's page](crate) shows the loop around it.
 ///
 /// Most firmware names the first two and calls [`new`](Self::new); [`with_capacities`](Self::with_capacities) is for one
 /// that names the others too.
@@ -51,10 +53,12 @@ pub struct Stack<
     P: PlanStorage = NoPlans,
     const PEERS: usize = 8,
     const TEXTS: usize = 4,
+    const STREAMS: usize = 24,
     D = Common,
 > {
     core: Core,
     links: [Link; LINKS],
+    slots: [[Slot; STREAMS]; LINKS],
     peers: heapless::Vec<PeerInfo, PEERS>,
     texts: StatusTexts<[TextEntry; TEXTS]>,
     missions: P::Engine,
@@ -81,6 +85,8 @@ struct Context<'a, V, P: PlanStorage> {
     missions: &'a mut P::Engine,
     plans: &'a mut P,
     vehicle: &'a mut V,
+    /// The link's streams.
+    slots: &'a mut [Slot],
     /// The next sequence number of each link; only for received frames.
     seqs: &'a [u8],
 }
@@ -95,10 +101,10 @@ impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
     }
 }
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
 {
-    /// A stack at rest, with capacities or a dialect of your own. `TEXTS` may be 0: then there are no texts.
+    /// A stack at rest, with capacities or a dialect of your own. `TEXTS` and `STREAMS` may be 0: then there are none.
     #[allow(
         clippy::indexing_slicing,
         clippy::arithmetic_side_effects,
@@ -127,6 +133,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 params: Params::new(),
             },
             links,
+            slots: [[Slot::NEW; STREAMS]; LINKS],
             peers: heapless::Vec::new(),
             texts: StatusTexts::<[TextEntry; TEXTS]>::new(),
             missions: P::ENGINE,
@@ -297,12 +304,14 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// The bytes to be sent next on a link, at most the rest of one frame; then call
     /// [`transmitted`](Self::transmitted). Empty when there is nothing to say.
     pub fn transmit<V: Autopilot>(&mut self, now: Instant, link: LinkId, vehicle: &mut V) -> &[u8] {
+        const { streams::check::<V>(STREAMS) };
+        let slots = slots_of(&mut self.slots, link);
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return &[] };
         let port = &mut link.port;
         if port.outbox.is_empty() {
             let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
-            self.core
-                .fill(&mut Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, seqs: &[] }, port);
+            let peers = &mut self.peers;
+            self.core.fill(&mut Context { now, peers, texts, missions, plans, vehicle, slots, seqs: &[] }, port);
         }
         port.outbox.pending()
     }
@@ -389,14 +398,20 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         for (seq, link) in seqs.iter_mut().zip(&self.links) {
             *seq = link.port.outbox.seq();
         }
+        let slots = slots_of(&mut self.slots, link);
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return };
         if len > 0 {
             link.decoder.commit(len, now);
         }
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
-        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, seqs: &seqs };
+        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
         self.core.drain(&mut context, link, D::MESSAGES, allowance);
     }
+}
+
+/// The streams of a link.
+fn slots_of<const STREAMS: usize>(slots: &mut [[Slot; STREAMS]], link: LinkId) -> &mut [Slot] {
+    slots.get_mut(usize::from(link.0)).map(<[Slot; STREAMS]>::as_mut_slice).unwrap_or_default()
 }
 
 /// What a stack with this plan memory can do, exactly.
@@ -525,7 +540,7 @@ impl Core {
                 Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
             }
         } else if frame.id() != Heartbeat::ID
-            && !streams::on_frame::<V>(context.now, port, frame)
+            && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
         {
             context.vehicle.message(frame, port.id);

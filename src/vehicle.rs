@@ -336,8 +336,8 @@ pub trait Plans {
 /// ```
 pub trait Telemetry {
     /// The messages that the vehicle can fill, with the intervals at which it sends them unasked: at most
-    /// [`MAX_STREAMS`](crate::MAX_STREAMS), none of them one that the stack sends itself, or it does not compile. With none,
-    /// as at first, the service is not linked.
+    /// [`MAX_STREAMS`](crate::MAX_STREAMS) and what the [`Stack`](crate::Stack) has room for, none of them one that the stack
+    /// sends itself, or it does not compile. With none, as at first, the service is not linked.
     const STREAMS: &'static [Stream] = &[];
 
     /// Fills message `id` of [`STREAMS`](Self::STREAMS) and hands it to [`Fill::put`], whose result is this one's. False

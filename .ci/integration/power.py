@@ -70,8 +70,8 @@ class InQemu:
 class InSitl:
     """A vehicle of its own, which keeps its plans in a file."""
 
-    def __init__(self, program, port, file):
-        self.command = [program, "--port-base", str(port), "--storage", file]
+    def __init__(self, program, port, file, *options):
+        self.command = [program, "--port-base", str(port), "--storage", file, *options]
         self.port = port
         self._start()
 

@@ -80,9 +80,9 @@ def test_set_current_by_command(client):
 def test_set_current_by_message(client):
     """M-93: the answer is MISSION_CURRENT, and a text where it fails."""
     assert upload(client, plan(12)).type == ACCEPTED
-    client.drain()
+    # What the upload changed may still be on its way.
     client.mav.mission_set_current_send(1, 1, 7)
-    assert current(client, 0.3).seq == 7
+    assert client.wait("MISSION_CURRENT", 0.5, lambda message: message.seq == 7)
     client.mav.mission_set_current_send(1, 1, 12)
     told = {}
     while len(told) < 2:

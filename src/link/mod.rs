@@ -282,6 +282,7 @@ pub const MAX_LINKS: usize = 16;
 
 /// A set of links.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct LinkMask(u16);
 
 impl LinkMask {

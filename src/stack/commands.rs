@@ -10,8 +10,8 @@ use crate::service::command;
 use crate::service::mission::PlanStorage;
 use crate::vehicle::Autopilot;
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
 {
     /// Whether every command that came by `link` has got its answer, down to the last byte that the transport takes. What is
     /// still in the UART's own buffers the stack does not see.

@@ -6,8 +6,8 @@ use crate::service::mission::{Item, PlanCounters, PlanStorage, PlanType, PlanVie
 use crate::time::Instant;
 use crate::vehicle::{Autopilot, PlanFault};
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
 {
     /// The live mission.
     pub fn mission(&self) -> PlanView<'_> {

@@ -16,8 +16,8 @@ use crate::storage::{ParamStore, PlanStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
 {
     /// Reads the plans back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads all
     /// of the record, which blocks for as long as the flash takes.

@@ -7,7 +7,6 @@ use crate::frame::Frame;
 use crate::link::Port;
 use crate::service::mission::PlanStorage;
 use crate::service::stream::{self, Fill, Fixed, Stream};
-use crate::time::Instant;
 use crate::vehicle::{Autopilot, Command};
 
 impl Core {
@@ -25,11 +24,10 @@ impl Core {
         port: &mut Port,
         command: &Command,
     ) -> Option<MavResult> {
-        const { Stream::check(V::STREAMS) };
         if V::STREAMS.is_empty() {
             return None;
         }
-        stream::on_command(context.now, self.fixed(), port, context.vehicle, command)
+        stream::on_command(context.now, self.fixed(), port, context.slots, context.vehicle, command)
     }
 
     /// A message that somebody asked for. False when none is owed.
@@ -39,7 +37,7 @@ impl Core {
         port: &mut Port,
     ) -> bool {
         !V::STREAMS.is_empty()
-            && (stream::next_interval(self.fixed(), port, V::STREAMS)
+            && (stream::next_interval(self.fixed(), port, V::STREAMS, context.slots)
                 || stream::next_asked(context.now, &mut port.streams, &mut port.outbox, context.vehicle))
     }
 
@@ -61,7 +59,7 @@ impl Core {
         if !bucket.is_idle() {
             return false;
         }
-        while let Some(number) = streams.next_due(context.now, V::STREAMS, config.streams) {
+        while let Some(number) = streams.next_due(context.now, V::STREAMS, context.slots, config.streams) {
             let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
             if context.vehicle.fill(id, Fill::new(context.now, id, 0, outbox, false)) {
                 return true;
@@ -72,6 +70,16 @@ impl Core {
 }
 
 /// A frame about streams came in; true when that was all that was to be done about it.
-pub(super) fn on_frame<V: Autopilot>(now: Instant, port: &mut Port, frame: &Frame<'_>) -> bool {
-    !V::STREAMS.is_empty() && stream::on_frame(now, port, V::STREAMS, frame)
+pub(super) fn on_frame<V: Autopilot, P: PlanStorage>(
+    context: &mut Context<'_, V, P>,
+    port: &mut Port,
+    frame: &Frame<'_>,
+) -> bool {
+    !V::STREAMS.is_empty() && stream::on_frame(context.now, port, V::STREAMS, context.slots, frame)
+}
+
+/// Whether a stack with room for `slots` streams can serve this vehicle: a compile error where not.
+pub(super) const fn check<V: Autopilot>(slots: usize) {
+    Stream::check(V::STREAMS);
+    assert!(V::STREAMS.len() <= slots, "the vehicle has more streams than the stack has room for: see `STREAMS`");
 }

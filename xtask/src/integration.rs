@@ -35,8 +35,15 @@ const PORTS: u16 = 7;
 const QMP: u16 = 3;
 const SPARE: u16 = 4;
 
-const OVER_TCP: &[&str] =
-    &["test_pymavlink.py", "test_plans.py", "test_progress.py", "test_mavsdk.py", "test_mavproxy.py", "test_power.py"];
+const OVER_TCP: &[&str] = &[
+    "test_pymavlink.py",
+    "test_plans.py",
+    "test_progress.py",
+    "test_mavsdk.py",
+    "test_mavproxy.py",
+    "test_power.py",
+    "test_plan_file.py",
+];
 const OVER_UDP: &[&str] = &["test_udp.py"];
 
 /// `cargo xtask integration`.

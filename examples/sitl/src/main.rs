@@ -52,10 +52,11 @@ struct Arguments {
     /// it plans are forgotten.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
-    /// Start with this mission: a text file as QGroundControl, Mission Planner and MAVProxy save it ("QGC WPL").
+    /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
+    /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
-    /// The first row of the plan is a mission item; else, as in what ground stations save, it is the home position.
+    /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
     #[arg(long, requires = "plan")]
     no_home: bool,
 }

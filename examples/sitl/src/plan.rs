@@ -1,7 +1,8 @@
-//! A mission from a text file.
+//! A plan from a text file.
 
 use std::path::Path;
 
+use mavstack::dialect::MavCmd;
 use mavstack::wpl::{HomeRow, Reader};
 use mavstack::{Instant, Item, PlanStorage, PlanType};
 use mavstack_demo::App;
@@ -18,10 +19,15 @@ pub fn read(path: &Path, home_row: HomeRow) -> Result<Vec<Item>, String> {
     Ok(items)
 }
 
-/// Makes it the vehicle's mission.
+/// Makes it the vehicle's mission, geofence or rally points: the file does not say which, its commands do.
 pub fn load<P: PlanStorage>(app: &mut App<P>, items: Vec<Item>) -> Result<(), String> {
+    let plan = match items.first().map(|item| item.command) {
+        Some(MavCmd(5000..=5004)) => PlanType::Fence,
+        Some(MavCmd::NAV_RALLY_POINT) => PlanType::Rally,
+        _ => PlanType::Mission,
+    };
     let (stack, vehicle) = app.parts();
-    stack.load_plan(Instant::ZERO, PlanType::Mission, items, vehicle).map_err(|fault| match fault.seq {
+    stack.load_plan(Instant::ZERO, plan, items, vehicle).map_err(|fault| match fault.seq {
         Some(seq) => format!("item {seq} is refused: MAV_MISSION_RESULT {}", fault.result.0),
         None => format!("the plan is refused: MAV_MISSION_RESULT {}", fault.result.0),
     })

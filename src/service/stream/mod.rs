@@ -12,7 +12,7 @@ mod schedule;
 mod tests;
 
 pub(crate) use requests::{Fixed, next_asked, next_interval, on_command, on_frame};
-pub(crate) use schedule::Streams;
+pub(crate) use schedule::{Slot, Streams};
 
 use crate::dialect::{AutopilotVersion, Heartbeat, MavDataStream, MessageInterval, MissionCurrent, ProtocolVersion};
 use crate::frame::Version;
@@ -20,8 +20,8 @@ use crate::link::{LinkId, Outbox};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 
-/// The most messages that a vehicle can declare: 8 bytes of RAM each on every link.
-pub const MAX_STREAMS: usize = 24;
+/// The most messages that a vehicle can declare.
+pub const MAX_STREAMS: usize = 32;
 
 /// Bounds of an interval (µs): what is asked for beyond them is moved to them.
 const MIN_INTERVAL: u32 = 1_000;
@@ -98,7 +98,7 @@ impl Stream {
     /// At most [`MAX_STREAMS`], each message once, and none that the stack sends itself.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
     pub(crate) const fn check(table: &[Self]) {
-        assert!(table.len() <= MAX_STREAMS, "a vehicle declares at most 24 messages");
+        assert!(table.len() <= MAX_STREAMS, "a vehicle declares at most 32 messages");
         let own = [Heartbeat::ID, MissionCurrent::ID, AutopilotVersion::ID, ProtocolVersion::ID, MessageInterval::ID];
         let mut i = 0;
         while i < table.len() {

@@ -1,6 +1,6 @@
 //! Who asks for a message, or for another interval: commands, and the older REQUEST_DATA_STREAM.
 
-use super::schedule::Streams;
+use super::schedule::{Slot, Streams};
 use super::{Fill, Stream, clamped};
 use crate::dialect::{
     Heartbeat, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent, RadioStatus, RequestDataStream,
@@ -39,6 +39,7 @@ pub(crate) fn on_command<V: Telemetry>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
+    slots: &mut [Slot],
     vehicle: &mut V,
     command: &Command,
 ) -> Option<MavResult> {
@@ -47,7 +48,7 @@ pub(crate) fn on_command<V: Telemetry>(
         return Some(MavResult::DENIED);
     }
     if command.id != MavCmd::REQUEST_MESSAGE || request.id == Some(MessageInterval::ID) {
-        return Some(on_interval(now, fixed, port, V::STREAMS, command, request));
+        return Some(on_interval(now, fixed, port, (V::STREAMS, slots), command, request));
     }
     let id = request.id?;
     let number = position(V::STREAMS, id)?;
@@ -89,7 +90,7 @@ fn on_interval(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
-    table: &[Stream],
+    (table, slots): (&[Stream], &mut [Slot]),
     command: &Command,
     request: Request,
 ) -> MavResult {
@@ -114,14 +115,14 @@ fn on_interval(
         // Clamped to what it is; but it does not stop.
         return if is_off { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
-    let Some(number) = position(table, id) else { return MavResult::DENIED };
+    let Some(slot) = position(table, id).and_then(|number| slots.get_mut(number)) else { return MavResult::DENIED };
     let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
-    port.streams.set_interval(now, number, (!is_off).then_some(interval));
+    port.streams.set_interval(now, slot, (!is_off).then_some(interval));
     MavResult::ACCEPTED
 }
 
 /// What else came in about streams; true when nobody else needs to see it.
-pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], frame: &Frame<'_>) -> bool {
+pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], slots: &mut [Slot], frame: &Frame<'_>) -> bool {
     if let Some(status) = frame.decode::<RadioStatus>() {
         port.streams.on_radio(now, status.txbuf);
         return false;
@@ -135,23 +136,23 @@ pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], frame: &
     };
     let interval = micros.map(|micros| clamped(u64::from(micros)));
     let group = request.req_stream_id;
-    for (number, stream) in table.iter().enumerate() {
+    for (stream, slot) in table.iter().zip(slots) {
         if stream.group != MavDataStream::ALL && (group == MavDataStream::ALL || group == stream.group) {
-            port.streams.set_interval(now, number, interval);
+            port.streams.set_interval(now, slot, interval);
         }
     }
     true
 }
 
 /// Sends MESSAGE_INTERVAL, when it was asked for. False when it was not.
-pub(crate) fn next_interval(fixed: Fixed, port: &mut Port, table: &[Stream]) -> bool {
+pub(crate) fn next_interval(fixed: Fixed, port: &mut Port, table: &[Stream], slots: &[Slot]) -> bool {
     let Port { streams, outbox, config, .. } = port;
     let Some(message_id) = streams.take_question() else { return false };
     let id = u32::from(message_id);
     let stream = || {
         let number = position(table, id)?;
-        let stream = table.get(number)?;
-        Some(streams.interval(number, stream, config.streams).map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
+        let (stream, slot) = (table.get(number)?, slots.get(number)?);
+        Some(slot.interval(stream, config.streams).map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
     };
     let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
     // 0: there is no such stream.

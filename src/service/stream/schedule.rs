@@ -5,7 +5,7 @@
 
 use heapless::Deque;
 
-use super::{MAX_INTERVAL, MAX_STREAMS, Stream, StreamProfile};
+use super::{MAX_INTERVAL, Stream, StreamProfile};
 use crate::time::{Duration, Instant};
 
 /// The interval of a stream that is off.
@@ -29,7 +29,7 @@ const QUESTIONS: usize = 4;
 
 /// One stream on one link.
 #[derive(Clone, Copy, Debug)]
-struct Slot {
+pub(crate) struct Slot {
     /// µs; 0 is the stream's default.
     interval: u32,
     /// The low half of the time (µs); compared by difference, so it may wrap.
@@ -37,6 +37,18 @@ struct Slot {
 }
 
 impl Slot {
+    /// The default, due at once. Zero bits.
+    pub(crate) const NEW: Self = Self { interval: 0, due: 0 };
+
+    /// The interval (µs) of `stream`, whose slot it is; `None` when it is off.
+    pub(super) fn interval(&self, stream: &Stream, profile: StreamProfile) -> Option<u32> {
+        match self.interval {
+            0 => Some(stream.default_interval(profile)).filter(|&interval| interval != 0),
+            OFF => None,
+            interval => Some(interval),
+        }
+    }
+
     /// How late it is (µs); `None` when it is not due yet.
     fn late(&self, time: u32) -> Option<u32> {
         let ahead = self.due.wrapping_sub(time);
@@ -44,10 +56,9 @@ impl Slot {
     }
 }
 
-/// The streams of a link. Initially zero bits.
+/// The streams of a link, but for their slots, of which there are as many as the stack has room for. Initially zero bits.
 #[derive(Clone, Debug)]
 pub(crate) struct Streams {
-    slots: [Slot; MAX_STREAMS],
     /// A bit for each stream that was asked for once.
     asked: u32,
     /// The one that was asked for with an index: its number in the table and 1, or 0; and the index.
@@ -69,7 +80,6 @@ pub(crate) struct Streams {
 impl Streams {
     pub(crate) const fn new() -> Self {
         Self {
-            slots: [Slot { interval: 0, due: 0 }; MAX_STREAMS],
             asked: 0,
             indexed: 0,
             index: 0,
@@ -83,22 +93,11 @@ impl Streams {
         }
     }
 
-    /// The interval of stream `number` (µs); `None` when it is off.
-    pub(super) fn interval(&self, number: usize, stream: &Stream, profile: StreamProfile) -> Option<u32> {
-        match self.slots.get(number)?.interval {
-            0 => Some(stream.default_interval(profile)).filter(|&interval| interval != 0),
-            OFF => None,
-            interval => Some(interval),
-        }
-    }
-
-    /// Sends stream `number` every `interval` µs from now on; 0 is its default, `None` stops it.
-    pub(super) fn set_interval(&mut self, now: Instant, number: usize, interval: Option<u32>) {
-        if let Some(slot) = self.slots.get_mut(number) {
-            slot.interval = interval.unwrap_or(OFF);
-            slot.due = low_half(now);
-            self.wake = now;
-        }
+    /// Sends a stream every `interval` µs from now on; 0 is its default, `None` stops it.
+    pub(super) fn set_interval(&mut self, now: Instant, slot: &mut Slot, interval: Option<u32>) {
+        slot.interval = interval.unwrap_or(OFF);
+        slot.due = low_half(now);
+        self.wake = now;
     }
 
     /// Owes stream `number` once. False when there is no room to remember another index.
@@ -163,13 +162,19 @@ impl Streams {
     }
 
     /// The number of the next stream that is to be sent, which then is due an interval after it was *due* now.
-    pub(crate) fn next_due(&mut self, now: Instant, table: &[Stream], profile: StreamProfile) -> Option<usize> {
+    pub(crate) fn next_due(
+        &mut self,
+        now: Instant,
+        table: &[Stream],
+        slots: &mut [Slot],
+        profile: StreamProfile,
+    ) -> Option<usize> {
         // The rest of a sweep that found no room before, and then a new one.
         for _ in 0..2 {
-            if !self.is_sweeping && !self.begin_sweep(now) {
+            if !self.is_sweeping && !self.begin_sweep(now, slots) {
                 return None;
             }
-            if let Some(number) = self.sweep(now, table, profile) {
+            if let Some(number) = self.sweep(now, table, slots, profile) {
                 return Some(number);
             }
             self.is_sweeping = false;
@@ -178,10 +183,10 @@ impl Streams {
     }
 
     /// False when it is too early for another sweep.
-    fn begin_sweep(&mut self, now: Instant) -> bool {
+    fn begin_sweep(&mut self, now: Instant, slots: &mut [Slot]) -> bool {
         if self.wake == Instant::ZERO {
             // Nobody listened up to here.
-            self.slots.iter_mut().for_each(|slot| slot.due = low_half(now));
+            slots.iter_mut().for_each(|slot| slot.due = low_half(now));
         } else if now < self.wake || now == self.swept {
             return false;
         }
@@ -194,13 +199,12 @@ impl Streams {
     }
 
     /// Goes on through the table to the next stream that is due.
-    fn sweep(&mut self, now: Instant, table: &[Stream], profile: StreamProfile) -> Option<usize> {
+    fn sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
         let time = low_half(now);
-        while let Some(stream) = table.get(usize::from(self.cursor)) {
-            let number = usize::from(self.cursor);
+        let rest = table.iter().zip(slots).enumerate().skip(usize::from(self.cursor));
+        for (number, (stream, slot)) in rest {
             self.cursor = self.cursor.saturating_add(1);
-            let Some(interval) = self.interval(number, stream, profile) else { continue };
-            let Some(slot) = self.slots.get_mut(number) else { continue };
+            let Some(interval) = slot.interval(stream, profile) else { continue };
             let late = slot.late(time);
             if let Some(late) = late {
                 let next = time.wrapping_sub(late.min(CATCH_UP));

@@ -1,6 +1,6 @@
 //! The schedule by itself: rates, bounds, back-pressure, fairness.
 
-use super::schedule::Streams;
+use super::schedule::{Slot, Streams};
 use super::{Stream, StreamProfile};
 use crate::dialect::{Attitude, GlobalPositionInt, SysStatus};
 use crate::time::{Duration, Instant};
@@ -13,13 +13,30 @@ const TABLE: &[Stream] = &[
     Stream::of::<SysStatus>(),
 ];
 
+/// The streams of one link, with their slots.
+struct Line(Streams, [Slot; TABLE.len()]);
+
+impl Line {
+    fn new() -> Self {
+        Self(Streams::new(), [Slot::NEW; TABLE.len()])
+    }
+
+    fn next_due(&mut self, now: Instant, profile: StreamProfile) -> Option<usize> {
+        self.0.next_due(now, TABLE, &mut self.1, profile)
+    }
+
+    fn set_interval(&mut self, now: Instant, number: usize, micros: u32) {
+        self.0.set_interval(now, &mut self.1[number], Some(micros));
+    }
+}
+
 /// How often each stream is sent in `seconds` when polled at these gaps (µs), over and over.
-fn counts(streams: &mut Streams, start: u64, seconds: u64, profile: StreamProfile, gaps: &[u64]) -> [u32; 3] {
+fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, gaps: &[u64]) -> [u32; 3] {
     let mut counts = [0; 3];
     let mut at = start;
     let mut gaps = gaps.iter().cycle();
     while at < start + seconds * 1_000_000 {
-        while let Some(number) = streams.next_due(Instant::from_micros(at), TABLE, profile) {
+        while let Some(number) = streams.next_due(Instant::from_micros(at), profile) {
             counts[number] += 1;
         }
         at += gaps.next().unwrap();
@@ -29,7 +46,7 @@ fn counts(streams: &mut Streams, start: u64, seconds: u64, profile: StreamProfil
 
 #[test]
 fn profiles_have_their_own_defaults() {
-    let run = |profile| counts(&mut Streams::new(), 0, 10, profile, &[1_000]);
+    let run = |profile| counts(&mut Line::new(), 0, 10, profile, &[1_000]);
     assert_eq!(run(StreamProfile::Radio), [500, 100, 0]);
     assert_eq!(run(StreamProfile::Onboard), [500, 200, 0]);
     assert_eq!(run(StreamProfile::Off), [0, 0, 0]);
@@ -39,7 +56,7 @@ fn profiles_have_their_own_defaults() {
 #[test]
 fn rates_hold_across_the_wrap_of_the_low_half() {
     for start in [(1 << 32) - 5_000_000, 123 << 32, u64::from(u32::MAX)] {
-        let [fast, slow, _] = counts(&mut Streams::new(), start, 10, StreamProfile::Radio, &[1_000]);
+        let [fast, slow, _] = counts(&mut Line::new(), start, 10, StreamProfile::Radio, &[1_000]);
         assert!((499..=501).contains(&fast) && (99..=101).contains(&slow), "{start}: {fast} {slow}");
     }
 }
@@ -47,14 +64,14 @@ fn rates_hold_across_the_wrap_of_the_low_half() {
 /// After a stall there is no burst: a tenth of a second is made up for, one message a poll.
 #[test]
 fn stall_is_not_made_up_for() {
-    let mut streams = Streams::new();
+    let mut streams = Line::new();
     counts(&mut streams, 0, 1, StreamProfile::Radio, &[1_000]);
     let [fast, ..] = counts(&mut streams, 60_000_000, 1, StreamProfile::Radio, &[1_000]);
     assert!((50..=56).contains(&fast), "{fast}");
-    let mut streams = Streams::new();
+    let mut streams = Line::new();
     counts(&mut streams, 0, 1, StreamProfile::Radio, &[1_000]);
     let mut first = Vec::new();
-    while let Some(number) = streams.next_due(Instant::from_millis(2_000), TABLE, StreamProfile::Radio) {
+    while let Some(number) = streams.next_due(Instant::from_millis(2_000), StreamProfile::Radio) {
         first.push(number);
     }
     assert_eq!(first, [0, 1], "each once");
@@ -63,11 +80,11 @@ fn stall_is_not_made_up_for() {
 /// a line that takes one message each 40 ms, where 15 a second are asked for and more: who is slow keeps its rate.
 #[test]
 fn too_slow_a_line_starves_nobody() {
-    let mut streams = Streams::new();
-    streams.set_interval(Instant::ZERO, 2, Some(1_000));
+    let mut streams = Line::new();
+    streams.set_interval(Instant::ZERO, 2, 1_000);
     let mut counts = [0u32; 3];
     for at in (0..10_000).step_by(40).map(Instant::from_millis) {
-        if let Some(number) = streams.next_due(at, TABLE, StreamProfile::Radio) {
+        if let Some(number) = streams.next_due(at, StreamProfile::Radio) {
             counts[number] += 1;
         }
     }
@@ -78,26 +95,26 @@ fn too_slow_a_line_starves_nobody() {
 /// nothing for five seconds is forgotten.
 #[test]
 fn radio_stretches_the_intervals() {
-    let mut streams = Streams::new();
-    let rate = |streams: &mut Streams, start| counts(streams, start, 4, StreamProfile::Radio, &[1_000])[0];
+    let mut streams = Line::new();
+    let rate = |streams: &mut Line, start| counts(streams, start, 4, StreamProfile::Radio, &[1_000])[0];
     assert_eq!(rate(&mut streams, 0), 200);
-    streams.on_radio(Instant::from_millis(4_000), 19);
+    streams.0.on_radio(Instant::from_millis(4_000), 19);
     // 20 ms and 60.
     assert!((49..=52).contains(&rate(&mut streams, 4_000_000)));
-    streams.on_radio(Instant::from_millis(8_000), 49);
+    streams.0.on_radio(Instant::from_millis(8_000), 49);
     assert!((39..=42).contains(&rate(&mut streams, 8_000_000)), "and 20 more");
     for (second, free) in [(12, 50), (16, 90)] {
-        streams.on_radio(Instant::from_millis(second * 1_000), free);
+        streams.0.on_radio(Instant::from_millis(second * 1_000), free);
         assert!((39..=42).contains(&rate(&mut streams, second * 1_000_000)), "neither");
     }
-    streams.on_radio(Instant::from_millis(20_000), 96);
+    streams.0.on_radio(Instant::from_millis(20_000), 96);
     assert!((65..=68).contains(&rate(&mut streams, 20_000_000)), "40 less");
-    streams.on_radio(Instant::from_millis(24_000), 91);
+    streams.0.on_radio(Instant::from_millis(24_000), 91);
     assert!((99..=102).contains(&rate(&mut streams, 24_000_000)), "20 less");
     // The last word was at 24 s.
     assert!((199..=206).contains(&rate(&mut streams, 29_001_000)));
     for _ in 0..100 {
-        streams.on_radio(Instant::from_millis(34_000), 0);
+        streams.0.on_radio(Instant::from_millis(34_000), 0);
     }
     assert!(rate(&mut streams, 34_000_000) <= 3, "two seconds, at most");
 }
@@ -114,8 +131,8 @@ proptest! {
         let mean = gaps.iter().sum::<u64>() / gaps.len() as u64;
         // A fifth of slack for what is late; at least 1 ms.
         let interval = (mean as u32 * 6 / 5).saturating_mul(stretch).max(1_000);
-        let mut streams = Streams::new();
-        streams.set_interval(Instant::from_micros(start), 2, Some(interval));
+        let mut streams = Line::new();
+        streams.set_interval(Instant::from_micros(start), 2, interval);
         let count = f64::from(counts(&mut streams, start, 100, StreamProfile::Off, &gaps)[2]);
         let wanted = 100e6 / f64::from(interval);
         prop_assert!((count - wanted).abs() <= wanted * 0.01 + 1.0, "{count}, not {wanted}");
@@ -124,13 +141,13 @@ proptest! {
     /// Whatever the interval, the stack is woken when it is due and not before.
     #[test]
     fn deadline_is_when_the_next_is_due(interval in 1_000u32..60_000_000, start in 0u64..1 << 40) {
-        let mut streams = Streams::new();
+        let mut streams = Line::new();
         let at = Instant::from_micros(start);
-        streams.set_interval(at, 2, Some(interval));
-        while streams.next_due(at, TABLE, StreamProfile::Off).is_some() {}
-        let due = streams.deadline(Instant::ZERO);
+        streams.set_interval(at, 2, interval);
+        while streams.next_due(at, StreamProfile::Off).is_some() {}
+        let due = streams.0.deadline(Instant::ZERO);
         prop_assert_eq!(due.since(at), Duration::from_micros(interval.into()));
-        prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), TABLE, StreamProfile::Off), None);
-        prop_assert_eq!(streams.next_due(due, TABLE, StreamProfile::Off), Some(2));
+        prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), StreamProfile::Off), None);
+        prop_assert_eq!(streams.next_due(due, StreamProfile::Off), Some(2));
     }
 }

@@ -1,4 +1,4 @@
-//! The smallest vehicle: heartbeat, commands and peers on one link, no texts, no plans.
+//! The smallest vehicle: heartbeat, commands and peers on one link, no texts, no streams, no plans.
 #![no_std]
 #![no_main]
 
@@ -10,7 +10,7 @@ use mavstack_size::{CONFIG, PULSE, Rover, Uart, now_micros};
 #[cortex_m_rt::entry]
 fn main() -> ! {
     // A static, so that its RAM is counted.
-    static mut STACK: MaybeUninit<Stack<1, NoPlans, 8, 0>> = MaybeUninit::uninit();
+    static mut STACK: MaybeUninit<Stack<1, NoPlans, 8, 0, 0>> = MaybeUninit::uninit();
 
     let mut uart = Uart;
     let mut rover = Rover::default();

@@ -1,0 +1,136 @@
+"""Messages on request and streams, as ground stations ask for them (Q-1 to Q-7)."""
+
+import time
+
+import pytest
+from mavsdk.plugins.telemetry import Telemetry
+from pymavlink import mavutil
+
+mavlink = mavutil.mavlink
+
+ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+DENIED = mavlink.MAV_RESULT_DENIED
+
+STREAMED = [
+    "SYS_STATUS",
+    "SYSTEM_TIME",
+    "GPS_RAW_INT",
+    "ATTITUDE",
+    "LOCAL_POSITION_NED",
+    "GLOBAL_POSITION_INT",
+    "VFR_HUD",
+    "BATTERY_STATUS",
+    "HOME_POSITION",
+    "EXTENDED_SYS_STATE",
+    "MISSION_CURRENT",
+]
+
+
+def message_id(name):
+    return getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+
+
+def set_interval(gcs, name, micros):
+    return gcs.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), micros)
+
+
+def interval(gcs, name):
+    """What the vehicle says its interval is, in microseconds."""
+    assert gcs.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, message_id(name)) == ACCEPTED
+    told = gcs.wait("MESSAGE_INTERVAL", where=lambda message: message.message_id == message_id(name))
+    assert told, f"nothing said of {name}"
+    return told.interval_us
+
+
+@pytest.fixture
+def client(gcs):
+    """A ground station that leaves the streams as they were."""
+    yield gcs
+    for name in STREAMED:
+        if name != "MISSION_CURRENT":
+            set_interval(gcs, name, 0)
+
+
+def test_a_vehicle_tells_of_itself_unasked(client):
+    """§16: nobody has to ask for what a ground station shows."""
+    missing, deadline = set(STREAMED), time.monotonic() + 8
+    while missing and time.monotonic() < deadline:
+        message = client.wait(list(missing), 1)
+        missing -= {message.get_type()} if message else set()
+    assert not missing
+
+
+@pytest.mark.parametrize("name", [*STREAMED, "ATTITUDE_QUATERNION", "AUTOPILOT_VERSION"])
+def test_request_message(client, name):
+    """Q-1, Q-2"""
+    for each in STREAMED:
+        if each != "MISSION_CURRENT":
+            set_interval(client, each, -1)
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message_id(name)) == ACCEPTED
+    assert client.wait(name, 0.5), f"no {name}"
+
+
+@pytest.mark.parametrize("number", [42_000, -1, 1.5, float("nan"), message_id("COMMAND_ACK")])
+def test_what_is_not_there_is_denied(client, number):
+    """Q-1: denied, so that nobody waits for it."""
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == DENIED
+
+
+@pytest.mark.parametrize("micros", [100_000, 50_000])
+def test_the_rate_is_the_one_that_was_asked_for(client, micros, figure, target):
+    """Q-4, Q-5: within 5 % over 40 intervals, by the vehicle's own clock."""
+    assert set_interval(client, "ATTITUDE", micros) == ACCEPTED
+    assert interval(client, "ATTITUDE") == micros
+    client.drain()
+    times = []
+    while len(times) < 42:
+        message = client.wait("ATTITUDE", 2)
+        assert message, "the stream stopped"
+        times.append(message.time_boot_ms)
+    # The first may have been on its way before.
+    mean = 1000 * (times[-1] - times[1]) / (len(times) - 2)
+    figure(f"ATTITUDE every {micros} us: {mean:.0f} us on average of 40")
+    assert abs(mean / micros - 1) < 0.05
+
+
+def test_a_stream_can_be_stopped_and_goes_back_to_its_default(client):
+    """Q-4, Q-6"""
+    usual = interval(client, "VFR_HUD")
+    assert usual > 0
+    assert set_interval(client, "VFR_HUD", -1) == ACCEPTED
+    assert interval(client, "VFR_HUD") == -1
+    client.drain()
+    assert not client.wait("VFR_HUD", 1)
+    assert set_interval(client, "VFR_HUD", 0) == ACCEPTED
+    assert interval(client, "VFR_HUD") == usual
+    assert client.wait("VFR_HUD", 2)
+    for micros in (-2, float("nan")):
+        assert set_interval(client, "VFR_HUD", micros) == DENIED
+
+
+def test_request_data_stream(client):
+    """Q-7: as MAVProxy and Mission Planner still do."""
+    client.mav.request_data_stream_send(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 10, 1)
+    client.wait("HEARTBEAT", 2)
+    assert interval(client, "ATTITUDE") == 100_000
+    client.mav.request_data_stream_send(1, 1, mavlink.MAV_DATA_STREAM_ALL, 4, 1)
+    client.wait("HEARTBEAT", 2)
+    assert interval(client, "ATTITUDE") == interval(client, "GLOBAL_POSITION_INT") == 250_000
+    client.mav.request_data_stream_send(1, 1, mavlink.MAV_DATA_STREAM_ALL, 4, 0)
+    client.wait("HEARTBEAT", 2)
+    assert interval(client, "ATTITUDE") == -1
+
+
+def test_mavsdk_reads_the_telemetry(system):
+    telemetry = Telemetry(system)
+    telemetry.set_rate_position(10.0)
+    telemetry.set_rate_attitude_euler(10.0)
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        position, battery = telemetry.position(), telemetry.battery()
+        if abs(position.latitude_deg - 47.397742) < 1e-3 and battery.remaining_percent > 1:
+            break
+        time.sleep(0.1)
+    assert abs(position.latitude_deg - 47.397742) < 1e-3
+    assert abs(position.longitude_deg - 8.545594) < 1e-3
+    assert not telemetry.in_air() and not telemetry.armed()

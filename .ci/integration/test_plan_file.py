@@ -1,0 +1,37 @@
+"""sitl starts with a plan from a text file, and keeps it."""
+
+import pathlib
+
+import pytest
+from plans import FENCE, MISSION
+from power import InSitl
+from transfer import download
+
+SAMPLES = pathlib.Path(__file__).parents[2] / "tests" / "wpl"
+
+
+@pytest.mark.parametrize(
+    "file, options, kind, commands",
+    [
+        # Its jump goes to row 3 of the file, home counted, which is item 2.
+        ("qgroundcontrol.waypoints", [], MISSION, [22, 178, 16, 16, 177, 21]),
+        ("mavproxy_fence.txt", ["--no-home"], FENCE, [5000, 5001, 5001, 5001, 5004]),
+    ],
+)
+def test_sitl_starts_with_a_plan_from_a_file(request, target, tmp_path, file, options, kind, commands):
+    if target != "sitl":
+        pytest.skip("sitl alone reads files")
+    option = request.config.getoption
+    program, port = option("program"), option("spare_port_base")
+    vehicle = InSitl(program, port, tmp_path / "plans.bin", "--plan", SAMPLES / file, *options)
+    try:
+        plan = download(vehicle.gcs, kind)
+        assert [item["command"] for item in plan.items] == commands
+        if kind == MISSION:
+            assert (plan.items[0]["x"], plan.items[0]["y"], plan.items[4]["param1"]) == (473977420, 85455940, 2.0)
+        # It was stored in the meantime.
+        del vehicle.command[vehicle.command.index("--plan") :]
+        vehicle.cut()
+        assert download(vehicle.gcs, kind).id == plan.id != 0
+    finally:
+        vehicle.end()
