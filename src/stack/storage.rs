@@ -106,8 +106,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 }
 
 /// The parameters, in the same way (P-17).
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
 {
     /// Reads the parameters back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads
     /// all of the record, which blocks for as long as the flash takes. The vehicle is told of each value that is not the
