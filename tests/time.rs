@@ -110,7 +110,7 @@ fn the_vehicle_asks_too() {
     assert_eq!(sample.from, Peer { address: STATION, link: LinkId(1) });
     assert!(sample.at > answered && sample.at <= world.now());
     let round_trip = sample.at.as_micros() - asked as u64;
-    assert_eq!(sample.round_trip.as_micros(), round_trip);
+    assert_eq!(sample.round_trip_ns, round_trip as i64 * 1_000);
     assert_eq!(sample.offset_ns, his - (question.ts1 + round_trip as i64 * 500));
     assert_eq!(world.vehicle.time.as_mut().unwrap().take_sample(), None);
     world.expect_no::<Timesync>(1, secs(2));

@@ -9,7 +9,7 @@ use core::ops::{Deref, DerefMut};
 use crate::dialect::{Ping, Timesync};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Outbox, Peer, Port};
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 use crate::vehicle::Vehicle;
 
 /// Questions that can wait on one link.
@@ -66,10 +66,10 @@ pub struct TimeSample {
     /// When the answer came, by our clock.
     pub at: Instant,
     /// What his clock is ahead of ours (ns), if the question took as long as the answer; wrong by half of
-    /// [`round_trip`](Self::round_trip) at most.
+    /// [`round_trip_ns`](Self::round_trip_ns) at most.
     pub offset_ns: i64,
-    /// From the question to the answer.
-    pub round_trip: Duration,
+    /// From the question to the answer (ns).
+    pub round_trip_ns: i64,
 }
 
 /// The vehicle's memory for PING and TIMESYNC. The vehicle keeps it and hands it to the stack by
@@ -97,7 +97,7 @@ pub struct TimeSample {
 /// // Now and then, by the flight loop:
 /// rover.time.ask(LinkId(1));
 /// if let Some(sample) = rover.time.take_sample() {
-///     let _ = (sample.offset_ns, sample.round_trip);
+///     let _ = (sample.offset_ns, sample.round_trip_ns);
 /// }
 /// ```
 #[derive(Clone, Debug)]
@@ -183,16 +183,15 @@ impl TimeSync {
     /// Somebody's answer: to us, when it bears the time that we asked at (T-2).
     fn on_answer(&mut self, now: Instant, from: Peer, sync: &Timesync) {
         let asked = self.links.get(usize::from(from.link.0)).map_or(0, |slot| slot.asked);
-        let round_trip = nanos(now).saturating_sub(asked);
-        if asked == 0 || sync.ts1 != asked || round_trip < 0 {
+        if asked == 0 || sync.ts1 != asked {
             return;
         }
-        let round_trip_micros = u64::try_from(round_trip / 1_000).unwrap_or(0);
+        let round_trip_ns = nanos(now).wrapping_sub(asked);
         self.sample = Some(TimeSample {
             from,
             at: now,
-            offset_ns: sync.tc1.saturating_sub(asked.saturating_add(round_trip / 2)),
-            round_trip: Duration::from_micros(round_trip_micros),
+            offset_ns: sync.tc1.wrapping_sub(asked.wrapping_add(round_trip_ns / 2)),
+            round_trip_ns,
         });
     }
 
@@ -215,9 +214,9 @@ impl TimeSync {
     }
 }
 
-/// Nanoseconds since boot; never 0, which would make an answer a question.
+/// Nanoseconds since boot, which last 292 years; never 0, which would make an answer a question.
 fn nanos(now: Instant) -> i64 {
-    i64::try_from(now.as_micros().saturating_mul(1_000)).unwrap_or(i64::MAX).max(1)
+    now.as_micros().wrapping_mul(1_000).cast_signed().max(1)
 }
 
 /// Takes PING and TIMESYNC, where the vehicle has a memory for them. False for other messages, and where it has none.

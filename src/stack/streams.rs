@@ -61,7 +61,7 @@ impl Core {
         }
         while let Some(number) = streams.next_due(context.now, V::STREAMS, context.slots, config.streams) {
             let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
-            if context.vehicle.fill(id, Fill::new(context.now, id, 0, outbox, false)) {
+            if stream::fill(context.vehicle, id, Fill::new(context.now, id, 0, outbox, false)) {
                 return true;
             }
         }

@@ -3,8 +3,8 @@
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::{
-    Address, Config, Durability, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore, Pulse,
-    Stack, StreamProfile,
+    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore,
+    Pulse, Stack, StreamProfile,
 };
 
 use crate::vehicle::Quadrotor;
@@ -22,7 +22,17 @@ pub const LINKS: usize = 3;
 static PULSE: Pulse = Pulse::new();
 
 /// Scripts with pymavlink's defaults are to get an answer.
-const CONFIG: Config = Config { accepts_component_0: true, ..Config::new(Address::new(1, 1), &PULSE) };
+const CONFIG: Config =
+    Config { accepts_component_0: true, identity: IDENTITY, ..Config::new(Address::new(1, 1), &PULSE) };
+
+/// Version 0.1.0, in development, of the only vehicle of its kind.
+const IDENTITY: Identity = Identity {
+    flight_sw_version: 0x0001_0000,
+    board_version: 1,
+    uid: 0x6D61_7673_7461_636B,
+    uid2: *b"mavstack demo 0001",
+    ..Identity::NONE
+};
 
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
     LinkConfig::uart(115_200),

@@ -11,7 +11,7 @@ mod schedule;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use requests::{Fixed, next_asked, next_interval, on_command, on_frame};
+pub(crate) use requests::{Fixed, fill, next_asked, next_interval, on_command, on_frame};
 pub(crate) use schedule::{Slot, Streams};
 
 use crate::dialect::{AutopilotVersion, Heartbeat, MavDataStream, MessageInterval, MissionCurrent, ProtocolVersion};

@@ -54,7 +54,7 @@ pub(crate) fn on_command<V: Telemetry>(
     let number = position(V::STREAMS, id)?;
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
     // What cannot be filled now is refused now, or the client would wait for it.
-    if !vehicle.fill(id, Fill::new(now, id, index, &mut port.outbox, true)) {
+    if !fill(vehicle, id, Fill::new(now, id, index, &mut port.outbox, true)) {
         return Some(MavResult::DENIED);
     }
     let number = u8::try_from(number).unwrap_or(0);
@@ -169,11 +169,17 @@ pub(crate) fn next_asked<V: Telemetry>(
 ) -> bool {
     while let Some((number, index)) = streams.take_asked() {
         let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
-        if vehicle.fill(id, Fill::new(now, id, index, outbox, false)) {
+        if fill(vehicle, id, Fill::new(now, id, index, outbox, false)) {
             return true;
         }
     }
     false
+}
+
+/// Asks the vehicle. Not inlined: all its messages would stand at each of the three places that ask.
+#[inline(never)]
+pub(crate) fn fill<V: Telemetry>(vehicle: &mut V, id: u32, out: Fill<'_>) -> bool {
+    vehicle.fill(id, out)
 }
 
 fn position(table: &[Stream], id: u32) -> Option<usize> {

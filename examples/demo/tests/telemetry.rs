@@ -1,0 +1,221 @@
+//! What the ground sees of a flight: every message of the vehicle, in agreement with the vehicle and with each other.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans, Peer,
+};
+use mavstack_demo::{App, COMPANION, SATELLITE, TELEMETRY};
+
+const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
+
+/// A line that takes everything and brings nothing; what was sent stays in it.
+#[derive(Default)]
+struct Line(VecDeque<u8>);
+
+impl ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(false)
+    }
+}
+
+impl Read for Line {
+    fn read(&mut self, _: &mut [u8]) -> Result<usize, Infallible> {
+        unreachable!("it is never ready")
+    }
+}
+
+impl WriteReady for Line {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+impl Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.0.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// The vehicle, and what came down each line: the last of each message, and how many.
+struct Flight {
+    app: Box<App<NoPlans>>,
+    millis: u64,
+    lines: [Line; 3],
+    decoders: [Decoder; 3],
+    last: [BTreeMap<u32, Vec<u8>>; 3],
+    counts: [BTreeMap<u32, u32>; 3],
+    bytes: [usize; 3],
+}
+
+impl Flight {
+    fn new() -> Self {
+        Self {
+            app: Box::new(App::new()),
+            millis: 0,
+            lines: Default::default(),
+            decoders: [(); 3].map(|()| Decoder::new(Duration::from_secs(1))),
+            last: Default::default(),
+            counts: Default::default(),
+            bytes: [0; 3],
+        }
+    }
+
+    /// Passes of the flight loop a millisecond apart; after each, `check`.
+    fn run(&mut self, millis: u64, mut check: impl FnMut(&Self)) {
+        for _ in 0..millis {
+            self.millis += 1;
+            let now = Instant::from_millis(self.millis);
+            self.app.control(now);
+            for (index, link) in [TELEMETRY, COMPANION, SATELLITE].into_iter().enumerate() {
+                self.app.serve(now, link, &mut self.lines[index]).unwrap();
+                self.listen(index, now);
+            }
+            check(self);
+        }
+    }
+
+    fn listen(&mut self, index: usize, now: Instant) {
+        let (line, decoder) = (&mut self.lines[index], &mut self.decoders[index]);
+        self.bytes[index] += line.0.len();
+        loop {
+            let pushed = decoder.push(line.0.make_contiguous(), now);
+            line.0.drain(..pushed);
+            while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                *self.counts[index].entry(frame.id()).or_default() += 1;
+                self.last[index].insert(frame.id(), frame.payload().to_vec());
+            }
+            if line.0.is_empty() {
+                return;
+            }
+        }
+    }
+
+    fn command(&mut self, id: MavCmd, first: f32, z: f32) {
+        let position = CommandPosition::Long { param5: 0.0, param6: 0.0 };
+        let params = [first, 0.0, 0.0, 0.0];
+        let command = Command { id, params, position, z, from: STATION, is_broadcast: false, confirmation: 0 };
+        let (_, vehicle) = self.app.parts();
+        assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED, "{id:?}");
+    }
+
+    /// The last `M` on a link.
+    fn get<M: Message>(&self, link: LinkId) -> M {
+        let payload = self.last[usize::from(link.0)].get(&M::ID);
+        M::decode(payload.unwrap_or_else(|| panic!("no {} on link {}", M::NAME, link.0)))
+    }
+
+    fn has<M: Message>(&self, link: LinkId) -> bool {
+        self.last[usize::from(link.0)].contains_key(&M::ID)
+    }
+}
+
+/// Before the receiver has a fix there is no position and no home, and the health says so; then there are.
+#[test]
+fn nothing_is_said_of_a_position_before_there_is_one() {
+    let mut flight = Flight::new();
+    flight.run(1_500, |_| {});
+    assert!(!flight.has::<GlobalPositionInt>(TELEMETRY) && !flight.has::<HomePosition>(COMPANION));
+    let gps: GpsRawInt = flight.get(TELEMETRY);
+    assert_eq!((gps.fix_type, gps.lat, gps.eph), (GpsFixType::NO_FIX, 0, u16::MAX));
+    let has_gps = |status: SysStatus| {
+        let sensor = MavSysStatusSensor::SENSOR_GPS;
+        (
+            status.onboard_control_sensors_present.contains(sensor),
+            status.onboard_control_sensors_health.contains(sensor),
+        )
+    };
+    assert_eq!(has_gps(flight.get(TELEMETRY)), (true, false));
+    flight.run(6_000, |_| {});
+    assert_eq!(has_gps(flight.get(TELEMETRY)), (true, true));
+    let (home, gps): (HomePosition, GpsRawInt) = (flight.get(TELEMETRY), flight.get(TELEMETRY));
+    assert_eq!((home.latitude, home.longitude, home.altitude), (473_977_420, 85_455_940, 488_000));
+    assert_eq!(
+        (gps.lat, gps.lon, gps.alt, gps.fix_type),
+        (home.latitude, home.longitude, 488_000, GpsFixType::_3D_FIX)
+    );
+    assert_eq!(gps.cog, u16::MAX, "standing still it has no course");
+}
+
+/// A take-off, a flight and a landing as the messages tell it.
+#[test]
+fn flight_is_what_the_messages_say() {
+    let mut flight = Flight::new();
+    flight.run(3_000, |_| {});
+    assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::ON_GROUND);
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
+    flight.command(MavCmd::NAV_TAKEOFF, 0.0, 20.0);
+    flight.run(3_000, |_| {});
+    assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::TAKEOFF);
+    let hud: VfrHud = flight.get(TELEMETRY);
+    assert!(hud.climb > 1.0 && hud.throttle > 0 && hud.alt > 489.0, "{hud:?}");
+    flight.run(10_000, |flight| {
+        // Within what it moves between two messages.
+        let position = flight.get::<GlobalPositionInt>(COMPANION);
+        let local: LocalPositionNed = flight.get(COMPANION);
+        assert!((position.relative_alt as f32 / 1e3 + local.z).abs() < 0.4, "{position:?} {local:?}");
+        assert_eq!(position.alt - position.relative_alt, 488_000);
+        let (angles, q): (Attitude, AttitudeQuaternion) = (flight.get(COMPANION), flight.get(COMPANION));
+        let length = [q.q1, q.q2, q.q3, q.q4].iter().map(|part| part * part).sum::<f32>();
+        assert!((length - 1.0).abs() < 1e-4);
+        assert_eq!(angles.time_boot_ms, q.time_boot_ms, "they go out together");
+        let yaw = (2.0 * (q.q1 * q.q4 + q.q2 * q.q3)).atan2(1.0 - 2.0 * (q.q3 * q.q3 + q.q4 * q.q4));
+        assert!((yaw - angles.yaw).abs() < 1e-3, "{angles:?} {q:?}");
+    });
+    assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::IN_AIR);
+    let local: LocalPositionNed = flight.get(COMPANION);
+    assert!((local.z + 20.0).abs() < 0.5, "{local:?}");
+    let (status, battery): (SysStatus, BatteryStatus) = (flight.get(COMPANION), flight.get(COMPANION));
+    assert!((10_500..12_600).contains(&status.voltage_battery), "{status:?}");
+    assert_eq!(status.current_battery, 1_800);
+    assert_eq!(battery.voltages[3], u16::MAX, "three cells");
+    let cells: u16 = battery.voltages[..3].iter().sum();
+    assert!(cells.abs_diff(status.voltage_battery) <= 3 && battery.current_consumed > 0, "{battery:?}");
+    assert_eq!(battery.battery_remaining, status.battery_remaining);
+    flight.command(MavCmd::NAV_LAND, 0.0, 0.0);
+    flight.run(1_000, |_| {});
+    assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::LANDING);
+    flight.run(20_000, |_| {});
+    assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::ON_GROUND);
+    assert_eq!(flight.get::<VfrHud>(COMPANION).throttle, 0);
+}
+
+/// Unasked, every message comes on both normal links but the one that only a companion wants; nothing comes by satellite.
+#[test]
+fn telemetry_flows_by_default() {
+    let mut flight = Flight::new();
+    flight.run(10_000, |_| {});
+    let before = flight.counts.clone();
+    let bytes = flight.bytes;
+    flight.run(60_000, |_| {});
+    let rate = |link: LinkId, id| {
+        let index = usize::from(link.0);
+        let count = |counts: &[BTreeMap<u32, u32>; 3]| counts[index].get(&id).copied().unwrap_or(0);
+        count(&flight.counts) - count(&before)
+    };
+    let ids =
+        [SysStatus::ID, SystemTime::ID, GpsRawInt::ID, Attitude::ID, AttitudeQuaternion::ID, LocalPositionNed::ID];
+    let more = [GlobalPositionInt::ID, VfrHud::ID, BatteryStatus::ID, HomePosition::ID, ExtendedSysState::ID];
+    let rates = |link| ids.into_iter().chain(more).map(|id| rate(link, id)).collect::<Vec<_>>();
+    assert_eq!(rates(TELEMETRY), [60, 60, 60, 240, 0, 120, 240, 240, 30, 12, 60]);
+    // 33 ms are 1,818 in a minute.
+    let companion = [120, 60, 300, 3_000, 3_000, 1_818, 1_818, 600, 60, 30, 300];
+    for (rate, wanted) in rates(COMPANION).into_iter().zip(companion) {
+        assert!(rate.abs_diff(wanted) <= 1, "{:?}", rates(COMPANION));
+    }
+    let per_second = (flight.bytes[0] - bytes[0]) / 60;
+    assert!(per_second < 5_760 / 7, "{per_second} bytes/s: a seventh of 57,600 bit/s");
+    assert_eq!(flight.bytes[2], 0);
+}
