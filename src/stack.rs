@@ -585,7 +585,7 @@ impl Core {
         port.bucket.fill(now);
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
-            || command::next(now, port, context.vehicle)
+            || command::next(port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
                     || time::next(now, port, context.vehicle)

@@ -65,12 +65,12 @@ fn a_long_command_tells_how_far_it_is() {
     assert_eq!(results(&mut world, 0), [running(255); 3]);
     for percent in [0, 40, 40, 40, 100] {
         world.vehicle.memory.progress(CALIBRATE, percent);
-        world.run_for(millis(50));
+        world.run_for(millis(120));
     }
     assert_eq!(results(&mut world, 0), [running(0), running(40), running(100)]);
     // More than all is not known.
     world.vehicle.memory.progress(CALIBRATE, 101);
-    world.run_for(millis(50));
+    world.run_for(millis(120));
     assert_eq!(results(&mut world, 0), [running(255)]);
     assert!(world.vehicle.memory.is_running(CALIBRATE));
     assert!(!world.vehicle.memory.finish(CALIBRATE, MavResult::IN_PROGRESS), "no end");
@@ -82,6 +82,26 @@ fn a_long_command_tells_how_far_it_is() {
     assert_eq!((last.result_param2, last.target_system, last.target_component), (-5, 255, 190));
     assert_eq!(results(&mut world, 0), [ended(MavResult::FAILED)]);
     assert_eq!(world.vehicle.commands().len(), 1);
+}
+
+/// C-20, D-4: a flight loop that tells its progress in every pass does not fill the line; the newest is told.
+#[test]
+fn progress_leaves_room_for_others() {
+    let mut world = world::<2>();
+    for link in [0, 1] {
+        send(&mut world, link, CALIBRATE, PARAMS, 0);
+    }
+    for pass in 0..10_000u32 {
+        world.vehicle.memory.progress(CALIBRATE, (pass % 100) as u8);
+        world.run_for(millis(1));
+    }
+    world.vehicle.memory.progress(CALIBRATE, 77);
+    world.run_for(millis(200));
+    for link in [0, 1] {
+        let told = results(&mut world, link);
+        assert!((90..=103).contains(&told.len()), "{} times in 10 s", told.len());
+        assert_eq!(told.last(), Some(&running(77)));
+    }
 }
 
 /// C-20: a command that is over before its first answer has left is still answered twice, in order.
@@ -102,7 +122,7 @@ fn a_running_command_is_busy() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     world.vehicle.memory.progress(CALIBRATE, 30);
-    world.run_for(millis(10));
+    world.run_for(millis(120));
     acks(&mut world, 0);
     for confirmation in [0, 0, 1, 7] {
         send(&mut world, 0, CALIBRATE, PARAMS, confirmation);
@@ -233,6 +253,40 @@ fn a_lost_final_ack_comes_again() {
     assert_eq!(world.vehicle.commands().len(), 3);
 }
 
+/// C-20: a command that was refused after all does not run, and takes no place.
+#[test]
+fn a_start_can_be_taken_back() {
+    let mut world = world::<1>();
+    world.vehicle.outcomes.insert(CALIBRATE.0, MavResult::DENIED.into());
+    for _ in 0..5 {
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        assert_eq!(results(&mut world, 0), [ended(MavResult::DENIED)]);
+        assert!(!world.vehicle.memory.is_running(CALIBRATE));
+    }
+    assert_eq!(world.vehicle.commands().len(), 5);
+    world.vehicle.outcomes.remove(&CALIBRATE.0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [running(255)]);
+}
+
+/// C-3: a final ACK that is still owed is not lost to the same command, given anew by another link.
+#[test]
+fn a_final_ack_that_is_owed_is_kept() {
+    let mut world = world::<2>();
+    world.vehicle.outcomes.remove(&ONCE.0);
+    world.vehicle.long.insert(ONCE.0);
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    world.uarts[0].stall_writes_until(world.now().after(secs(6)));
+    world.vehicle.memory.finish(ONCE, MavResult::FAILED);
+    world.run_for(secs(4));
+    world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
+    world.vehicle.long.clear();
+    send(&mut world, 1, ONCE, PARAMS, 0);
+    assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
+    world.run_for(secs(4));
+    assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::FAILED)]);
+}
+
 /// A final ACK waits for a link that takes nothing, but not for ever: its place is needed.
 #[test]
 fn a_dead_link_gives_its_place_back() {
@@ -307,15 +361,21 @@ fn what_differs_is_carried_out() {
     world.run_for(millis(5));
     assert_eq!(world.vehicle.commands().len(), 4, "somebody else");
     world.run_for(secs(4));
-    send(&mut world, 0, ONCE, PARAMS, 0);
+    // The same bits in another form, and in another frame.
+    send(&mut world, 0, ONCE, [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, 0.0], 0);
     world.gcs[1].command_int(ONCE, [1.0, 0.0, 3.0, 0.5]);
     world.run_for(millis(5));
     assert_eq!(world.vehicle.commands().len(), 6, "another form");
+    let int = CommandInt { target_system: 1, target_component: 1, command: ONCE, param1: 1.0, ..CommandInt::default() };
+    let int = CommandInt { param3: 3.0, param4: 0.5, frame: MavFrame::LOCAL_NED, ..int };
+    world.gcs[0].send(&int);
+    world.run_for(millis(5));
+    assert_eq!(world.vehicle.commands().len(), 7, "another frame");
     // A command that is not declared so is carried out each time.
     for link in [0, 1] {
         send(&mut world, link, MavCmd::NAV_LAND, [0.0; 7], 0);
     }
-    assert_eq!(world.vehicle.commands().len(), 8);
+    assert_eq!(world.vehicle.commands().len(), 9);
 }
 
 /// L-4: over a satellite every byte costs: the first answer and the last.
@@ -367,32 +427,38 @@ fn any_step() -> impl Strategy<Value = Step> {
 /// Who was promised a final ACK, by link.
 type Promises = BTreeMap<u16, (Address, BTreeSet<usize>)>;
 
-/// Runs, and requires that what came beside progress is `expected`, in any order.
+/// Runs, and requires that what came beside progress is `expected`, in any order; with `may_run` an IN_PROGRESS will do for
+/// an answer.
 fn expect_only(
     world: &mut World<2>,
     promises: &Promises,
     time: Duration,
     expected: &[(usize, u16, Address)],
+    may_run: bool,
 ) -> Vec<(usize, u16, MavResult)> {
     world.run_for(time);
     let mut left = expected.to_vec();
     let mut came = Vec::new();
     for link in [0, 1] {
-        for (command, result, progress, to) in acks(world, link) {
-            came.push((link, command.0, result));
-            if let Some(at) = left.iter().position(|wanted| *wanted == (link, command.0, to)) {
-                left.swap_remove(at);
-            } else {
-                // An unasked one can only be the progress of what runs, to who asked for it, where he did.
-                assert_eq!(result, MavResult::IN_PROGRESS, "{command:?} on link {link}: one too many");
-                let (station, links) = &promises[&command.0];
-                assert!(*station == to && links.contains(&link));
-            }
-            assert!(progress == 255 || (result == MavResult::IN_PROGRESS && progress <= 100));
+        came.extend(acks(world, link).into_iter().map(|ack| (link, ack)));
+    }
+    // Answers that are final first: what was on its way before them is no substitute.
+    came.sort_by_key(|(_, (_, result, ..))| *result == MavResult::IN_PROGRESS);
+    for &(link, (command, result, progress, to)) in &came {
+        let runs = result == MavResult::IN_PROGRESS;
+        assert!(progress == 255 || (runs && progress <= 100));
+        let wanted = left.iter().position(|wanted| *wanted == (link, command.0, to));
+        if let Some(at) = wanted.filter(|_| may_run || !runs) {
+            left.swap_remove(at);
+        } else {
+            // An unasked one can only be the progress of what runs, to who asked for it, where he did.
+            assert!(runs, "{command:?} on link {link}: {result:?} is one too many");
+            let (station, links) = &promises[&command.0];
+            assert!(*station == to && links.contains(&link));
         }
     }
     assert_eq!(left, [], "answers that did not come");
-    came
+    came.into_iter().map(|(link, (command, result, ..))| (link, command.0, result)).collect()
 }
 
 proptest! {
@@ -407,7 +473,7 @@ proptest! {
         let mut promises = Promises::new();
         for step in steps {
             // What is due by now comes in between and is progress only.
-            expect_only(&mut world, &promises, millis(3), &[]);
+            expect_only(&mut world, &promises, millis(3), &[], false);
             match step {
                 Step::Command { link, other, command, form, param, confirmation } => {
                     let from = if other { OTHER_STATION } else { STATION };
@@ -421,7 +487,7 @@ proptest! {
                     let before = world.vehicle.commands().len();
                     let wanted = (link, command.0, from);
                     // A repetition of what runs may be answered by a repetition of the answer that is due anyway.
-                    let came = expect_only(&mut world, &promises_with(&promises, wanted), millis(3), &[wanted]);
+                    let came = expect_only(&mut world, &promises_with(&promises, wanted), millis(3), &[wanted], true);
                     prop_assert!(world.vehicle.commands().len() <= before + 1);
                     let is_final = |&&(_, id, result): &&(usize, u16, MavResult)| id == command.0 && result != MavResult::IN_PROGRESS;
                     match came.iter().filter(is_final).count() {
@@ -435,22 +501,25 @@ proptest! {
                 }
                 Step::Cancel { link, command } => {
                     world.gcs[link].send(&CommandCancel { command: MavCmd(command), target_system: 1, target_component: 1 });
+                    let before = promises.clone();
                     let finals = take_promise(&mut promises, command);
-                    expect_only(&mut world, &promises, millis(3), &finals);
+                    expect_only(&mut world, &before, millis(3), &finals, false);
                 }
                 Step::SetMode { link } => {
                     world.gcs[link].send(&SetMode { target_system: 1, ..SetMode::default() });
-                    expect_only(&mut world, &promises, millis(3), &[(link, 11, STATION)]);
+                    expect_only(&mut world, &promises, millis(3), &[(link, 11, STATION)], false);
                 }
                 Step::Progress { command, percent } => world.vehicle.memory.progress(MavCmd(command), percent),
                 Step::Finish { command } => {
+                    let before = promises.clone();
                     let finals = take_promise(&mut promises, command);
                     let was_running = world.vehicle.memory.finish(MavCmd(command), MavResult::ACCEPTED);
                     prop_assert_eq!(was_running, !finals.is_empty());
-                    let came = expect_only(&mut world, &promises, millis(3), &finals);
-                    prop_assert!(came.iter().filter(|(_, id, _)| *id == command).all(|(_, _, result)| *result == MavResult::ACCEPTED));
+                    let came = expect_only(&mut world, &before, millis(3), &finals, false);
+                    let of_it = came.iter().filter(|(_, id, result)| *id == command && *result != MavResult::IN_PROGRESS);
+                    prop_assert!(of_it.cloned().all(|(_, _, result)| result == MavResult::ACCEPTED));
                 }
-                Step::Wait { millis: time } => { expect_only(&mut world, &promises, millis(time), &[]); }
+                Step::Wait { millis: time } => { expect_only(&mut world, &promises, millis(time), &[], false); }
             }
         }
     }

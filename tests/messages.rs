@@ -68,6 +68,11 @@ fn what_cannot_be_filled_now_is_refused() {
     world.vehicle.has_home = true;
     assert_eq!(request(&mut world, HomePosition::ID, f32::NAN), MavResult::ACCEPTED);
     assert_eq!(world.expect::<HomePosition>(0, millis(100)).z, 3.0);
+    // The command from before REQUEST_MESSAGE .
+    assert_eq!(ask(&mut world, 0, MavCmd::GET_HOME_POSITION, [f32::NAN; 7]), MavResult::ACCEPTED);
+    assert_eq!(world.expect::<HomePosition>(0, millis(100)).z, 3.0);
+    world.vehicle.has_home = false;
+    assert_eq!(ask(&mut world, 0, MavCmd::GET_HOME_POSITION, [0.0; 7]), MavResult::DENIED);
     for (index, id) in [(0.0, Some(0)), (1.0, Some(1)), (f32::NAN, Some(0)), (2.0, None), (-1.0, None), (0.5, None)] {
         let expected = if id.is_some() { MavResult::ACCEPTED } else { MavResult::DENIED };
         assert_eq!(request(&mut world, BatteryStatus::ID, index), expected, "index {index}");

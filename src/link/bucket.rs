@@ -12,7 +12,8 @@ pub(crate) struct Bucket {
     rate: u32,
     level: i64,
     filled: Instant,
-    /// What flowed in from one call to the next, at the last two different times: what the line takes between two polls.
+    /// What flowed in from one call to the next, at the last two different times: what the line takes between two polls, for
+    /// polls no more than 20 ms apart.
     gap: i64,
 }
 
@@ -44,7 +45,7 @@ impl Bucket {
         let flown = elapsed.wrapping_mul(u64::from(self.rate)).cast_signed();
         self.level = self.level.saturating_add(flown).min(self.capacity());
         if elapsed > 0 {
-            self.gap = flown.min(self.capacity() / 2);
+            self.gap = flown.min(Self::scaled(self.rate / 50));
         }
     }
 
@@ -99,6 +100,32 @@ mod tests {
             }
         }
         assert!((57_500..=57_700).contains(&sent), "{sent} bytes in 10 s");
+    }
+
+    /// D-4: what waits for an idle line uses all of it, and never has more under way than the line takes between two polls
+    /// and a frame: of twenty milliseconds at most.
+    #[test]
+    fn line_is_full_and_yet_soon_free() {
+        for (rate, gap, frame) in [(5_760, 1, 40), (5_760, 20, 54), (92_160, 1, 40), (92_160, 10, 267), (960, 5, 12)] {
+            let mut bucket = Bucket { rate, ..Bucket::VACANT };
+            // In thousandths of a byte.
+            let per_poll = u64::from(rate) * gap;
+            let (mut under_way, mut sent) = (0u64, 0u64);
+            for ms in (1_000..21_000).step_by(gap as usize) {
+                bucket.fill(Instant::from_millis(ms));
+                under_way = under_way.saturating_sub(per_poll);
+                while bucket.is_idle() {
+                    bucket.spend(frame as usize);
+                    under_way += frame * 1_000;
+                    sent += frame;
+                }
+                assert!(under_way <= per_poll.max(u64::from(rate) * 20) + frame * 1_000, "{rate}, {gap}: {under_way}");
+                let next = bucket.idle_at().since(Instant::from_millis(ms)).as_micros();
+                assert!(next <= (frame * 1_000_000 / u64::from(rate)) + 20_000, "{rate}, {gap}: {next} µs");
+            }
+            let wanted = u64::from(rate) * 20;
+            assert!(sent.abs_diff(wanted) <= wanted / 50 + frame, "{rate}, {gap}: {sent} of {wanted}");
+        }
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub struct TestVehicle {
     pub state: Option<VehicleState>,
     /// Answers to commands by number; a command that is not here is UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
-    /// Commands that it starts and leaves to the test to finish.
+    /// Commands that it starts and leaves to the test to finish, unless it has another answer.
     pub long: BTreeSet<u16>,
     /// Its memory for those, and for DO_REPEAT_SERVO, which it does not do twice.
     pub memory: CommandSlots<3>,
@@ -189,7 +189,8 @@ impl Commands for TestVehicle {
     fn command(&mut self, command: &Command) -> Outcome {
         self.calls.push(Call::Command(*command));
         if self.long.contains(&command.id.0) {
-            return self.memory.start(command);
+            let started = self.memory.start(command);
+            return self.outcomes.get(&command.id.0).copied().unwrap_or(started);
         }
         self.outcomes.get(&command.id.0).copied().unwrap_or(MavResult::UNSUPPORTED.into())
     }

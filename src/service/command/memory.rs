@@ -21,6 +21,9 @@ use crate::vehicle::{Command, CommandPosition, Outcome};
 /// From one IN_PROGRESS to the next (C-20).
 const REPEAT_EVERY: Duration = Duration::from_secs(1);
 
+/// And when the progress changes, not sooner than this: a flight loop may tell it in every pass, and others use the line too.
+const CHANGE_EVERY: Duration = Duration::from_millis(100);
+
 /// For so long the result of a command is remembered (C-12, C-24).
 const REMEMBER: Duration = Duration::from_secs(3);
 
@@ -47,12 +50,14 @@ pub struct CommandSlot {
     /// It answered IN_PROGRESS once (C-24), and is not only to be carried out once (C-12).
     is_long: bool,
     progress: u8,
+    /// The progress is another one than was told last.
+    has_changed: bool,
     /// Where it was asked for, since its last repetition with another confirmation.
     links: LinkMask,
     /// Where the next ACK is to be sent.
     owed: LinkMask,
     outcome: Outcome,
-    /// When its last IN_PROGRESS was sent; for one that is done, when it was.
+    /// When its last IN_PROGRESS was due; for one that is done, when it was.
     at: Instant,
 }
 
@@ -88,6 +93,7 @@ impl CommandSlot {
         is_new: false,
         is_long: false,
         progress: 0,
+        has_changed: false,
         links: LinkMask::NONE,
         owed: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
@@ -186,8 +192,8 @@ impl CommandSlot {
 /// }
 /// ```
 ///
-/// The stack answers the rest: IN_PROGRESS once a second and when the progress changes (not over a high-latency link), the
-/// final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to others while it runs, a repetition without
+/// The stack answers the rest: IN_PROGRESS once a second and when the progress changes, though not more than ten times a
+/// second and not over a high-latency link, the final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to others while it runs, a repetition without
 /// running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until three seconds after the command is done;
 /// without a free one a command is `TEMPORARILY_REJECTED` (C-22).
 ///
@@ -245,7 +251,7 @@ impl CommandMemory {
             && slot.progress != percent
         {
             slot.progress = percent;
-            slot.owed = slot.links;
+            slot.has_changed = true;
         }
     }
 
@@ -333,7 +339,11 @@ impl CommandMemory {
             }
             let age = now.since(slot.at);
             match slot.state {
-                State::Running if age >= REPEAT_EVERY => slot.owed = slot.links,
+                State::Running if age >= REPEAT_EVERY || (slot.has_changed && age >= CHANGE_EVERY) => {
+                    slot.has_changed = false;
+                    slot.owed = slot.links;
+                    slot.at = now;
+                }
                 State::Done if age >= GIVE_UP_AFTER || (age >= REMEMBER && slot.owed.is_empty()) => {
                     slot.state = State::Free;
                 }
@@ -352,12 +362,11 @@ impl CommandMemory {
     }
 
     /// Sends an IN_PROGRESS on this link (C-20). False when none is due.
-    pub(crate) fn next_progress(&mut self, now: Instant, tx: &mut Outbox) -> bool {
+    pub(crate) fn next_progress(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
         let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take(State::Running, link).then_some(slot)) else {
             return false;
         };
-        slot.at = now;
         tx.send(&slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
     }
 

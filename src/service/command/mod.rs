@@ -88,14 +88,14 @@ pub(crate) fn poll(now: Instant, vehicle: &mut impl Commands) {
 
 /// Sends one answer: to a command that came, or of one that has ended, or of one that runs. The last waits for the link's
 /// byte rate, and does not travel by satellite. False when none is owed.
-pub(crate) fn next(now: Instant, port: &mut Port, vehicle: &mut impl Commands) -> bool {
+pub(crate) fn next(port: &mut Port, vehicle: &mut impl Commands) -> bool {
     let sent = port.acks.next(&mut port.outbox, |command| {
         let memory = vehicle.command_memory();
         memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
     });
     sent || vehicle.command_memory().is_some_and(|memory| {
         let may_wait = port.config.class == LinkClass::Normal && port.bucket.has_room();
-        memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(now, &mut port.outbox))
+        memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(&mut port.outbox))
     })
 }
 

@@ -3,7 +3,8 @@
 use super::schedule::{Slot, Streams};
 use super::{Fill, Stream, clamped};
 use crate::dialect::{
-    Heartbeat, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent, RadioStatus, RequestDataStream,
+    Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent, RadioStatus,
+    RequestDataStream,
 };
 use crate::frame::Frame;
 use crate::link::{LinkClass, Outbox, Port};
@@ -47,7 +48,8 @@ pub(crate) fn on_command<V: Telemetry>(
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
-    if command.id != MavCmd::REQUEST_MESSAGE || request.id == Some(MessageInterval::ID) {
+    let is_interval = matches!(command.id, MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL);
+    if is_interval || request.id == Some(MessageInterval::ID) {
         return Some(on_interval(now, fixed, port, (V::STREAMS, slots), command, request));
     }
     let id = request.id?;
@@ -74,14 +76,19 @@ struct Request {
 
 impl Request {
     fn of(command: &Command) -> Option<Self> {
-        if !matches!(command.id, MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL)
-        {
-            return None;
+        match command.id {
+            MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL => {}
+            // From before REQUEST_MESSAGE, without parameters.
+            MavCmd::GET_HOME_POSITION => {
+                return Some(Self { id: Some(HomePosition::ID), index: Some(0), is_valid: true });
+            }
+            _ => return None,
         }
         let [id, index, ..] = command.params;
         let is_valid = command.has_response_target();
-        let index = if index.is_nan() { Some(0) } else { num::integer(index) };
-        Some(Self { id: num::integer(id), index, is_valid })
+        let index =
+            if index.is_nan() { Some(0) } else { num::unsigned(index).and_then(|index| u16::try_from(index).ok()) };
+        Some(Self { id: num::unsigned(id), index, is_valid })
     }
 }
 
