@@ -1,6 +1,7 @@
 """sitl starts with a plan from a text file, and keeps it."""
 
 import pathlib
+import time
 
 import pytest
 from plans import FENCE, MISSION
@@ -23,13 +24,18 @@ def test_sitl_starts_with_a_plan_from_a_file(request, target, tmp_path, file, op
         pytest.skip("sitl alone reads files")
     option = request.config.getoption
     program, port = option("program"), option("spare_port_base")
-    vehicle = InSitl(program, port, tmp_path / "plans.bin", "--plan", SAMPLES / file, *options)
+    storage = tmp_path / "plans.bin"
+    vehicle = InSitl(program, port, storage, "--plan", SAMPLES / file, *options)
     try:
         plan = download(vehicle.gcs, kind)
         assert [item["command"] for item in plan.items] == commands
         if kind == MISSION:
             assert (plan.items[0]["x"], plan.items[0]["y"], plan.items[4]["param1"]) == (473977420, 85455940, 2.0)
-        # It was stored in the meantime.
+        # Nobody waits for it to be stored but this: a record's header comes last.
+        deadline = time.monotonic() + 5
+        while b"MVSR" not in storage.read_bytes():
+            assert time.monotonic() < deadline, "it is not stored"
+            time.sleep(0.01)
         del vehicle.command[vehicle.command.index("--plan") :]
         vehicle.cut()
         assert download(vehicle.gcs, kind).id == plan.id != 0
