@@ -13,33 +13,30 @@
 
 mod commands;
 mod plans;
+mod receive;
 #[cfg(feature = "storage")]
 mod storage;
 mod streams;
+mod transmit;
 
 use core::marker::PhantomData;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance};
-use crate::dialect::{
-    CommandInt, CommandLong, Common, Heartbeat, ManualControl, MavComponent, MavProtocolCapability, MavSeverity,
-};
-use crate::frame::{Address, Frame, RxCounters};
-use crate::link::{
-    Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Peer, Port, Transport,
-};
-use crate::message::{Dialect, Message, MessageTable, Text};
-use crate::network::{self, Booking, PeerInfo, Peers};
+use crate::dialect::{Common, MavProtocolCapability, MavSeverity};
+use crate::frame::{Frame, RxCounters};
+use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Transport};
+use crate::message::{Dialect, Text};
+use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
-use crate::service::mission::{self, Caller, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
-use crate::service::param::{self, Params, Taken};
-use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
+use crate::service::mission::{self, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
+use crate::service::param::Params;
+use crate::service::statustext::{Entry as TextEntry, StatusTexts};
 use crate::service::stream::Slot;
-use crate::service::time;
-use crate::time::{Duration, Instant};
-use crate::vehicle::{Autopilot, Command, PeerEvent};
+use crate::time::Instant;
+use crate::vehicle::Autopilot;
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
 /// texts, room for `STREAMS` messages that the vehicle fills, the messages of dialect `D` known. All memory is inside.
@@ -443,243 +440,7 @@ impl Core {
     fn has_credit(&mut self, now: Instant) -> bool {
         self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
     }
-
-    /// Handles the frames that the decoder finds.
-    fn drain<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        link: &mut Link,
-        messages: MessageTable,
-        allowance: &mut RxAllowance,
-    ) {
-        let Link { decoder, port } = link;
-        while allowance.frames > 0 {
-            let is_known = |address| network::is_known(context.peers, address);
-            let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
-            allowance.frames = allowance.frames.saturating_sub(1);
-            self.on_frame(context, port, &frame);
-        }
-    }
-
-    /// A frame came in on a link.
-    fn on_frame<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        frame: &Frame<'_>,
-    ) {
-        let own = self.config.address.get();
-        if frame.source() == own {
-            count_drop(&mut port.counters.own_address, frame, "our own address");
-            if port.is_conflict(frame.header().seq, context.seqs) {
-                context.vehicle.peer(PeerEvent::AddressConflict(port.id));
-                let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
-                text.push_number(u32::from(own.system.0));
-                context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
-            }
-            return;
-        }
-        let Some(info) = frame.info() else {
-            count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
-            let peer = Peer { address: frame.source(), link: port.id };
-            network::on_unchecked(context.peers, peer, frame.header().seq);
-            return;
-        };
-        port.heard(frame.header().version);
-        match network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
-            Booking::Kept => {}
-            Booking::Evicted => count(&mut port.counters.evicted_peers),
-            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
-        }
-        // A field that was cut off, or is not there, reads as 0: for everyone.
-        // MANUAL_CONTROL alone calls the system that it means otherwise.
-        let offset = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
-        let target_system = offset.map_or(0, |offset| frame.byte(offset));
-        let target_component = info.target_component().map_or(0, |offset| frame.byte(offset));
-        let is_plan = Missions::handles(frame.id());
-        // Old ground stations address plans to component 190 (M-10).
-        let is_our_component = target_component == 0
-            || target_component == own.component.0
-            || (is_plan && target_component == MavComponent::MISSIONPLANNER.0);
-        if (target_system != 0 && target_system != own.system.0) || !is_our_component {
-            count_drop(&mut port.counters.not_ours, frame, "for somebody else");
-            return;
-        }
-        let from = Peer { address: frame.source(), link: port.id };
-        if let Some(command) = frame.decode::<CommandLong>() {
-            self.on_command(context, port, &command::from_long(&command, from));
-        } else if let Some(command) = frame.decode::<CommandInt>() {
-            self.on_command(context, port, &command::from_int(&command, from));
-        } else if self.on_command_frame(context, port, frame, Address::new(target_system, target_component)) {
-            // That was all.
-        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
-            count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
-        } else if is_plan {
-            if target_system == 0 {
-                // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
-                count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");
-                return;
-            }
-            let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
-            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
-                if !caller.refuse(frame) {
-                    count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
-                }
-                return;
-            };
-            let Context { now, texts, vehicle, .. } = context;
-            let mut context = self.plan_context(*now, &mut plans, texts);
-            missions.on_frame(&mut context, *vehicle, &mut caller, frame);
-        } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
-            let Context { now, texts, vehicle, .. } = context;
-            let mut context = param::Context { now: *now, texts, normal: self.normal };
-            let mut caller = param::Caller { from, version: port.outbox.version(), replies: &mut port.params };
-            match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
-                Taken::Yes => {}
-                Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),
-                Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
-            }
-        } else if frame.id() != Heartbeat::ID
-            && !streams::on_frame(context, port, frame)
-            && !time::on_frame(context.now, port, frame, context.vehicle)
-        {
-            context.vehicle.message(frame, port.id);
-        }
-    }
-
-    fn on_command<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        command: &Command,
-    ) {
-        if port.acks.is_full() {
-            event!("command {=u16} dropped: no room for its answer", command.id.0);
-            count(&mut port.counters.no_answer_slot);
-            return;
-        }
-        if let Some(answer) = command::answered(context.now, command, context.vehicle) {
-            port.acks.push(command.from.address, command.id, answer);
-            return;
-        }
-        let Context { now, texts, vehicle, .. } = context;
-        let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
-            let mut context = self.plan_context(*now, &mut plans, texts);
-            missions.on_command(&mut context, *vehicle, command)
-        });
-        let stored = progress.or_else(|| {
-            let mut context = param::Context { now: *now, texts, normal: self.normal };
-            self.params.on_command(&mut context, *vehicle, command)
-        });
-        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
-            Some(result) => result.into(),
-            None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
-        };
-        command::carried_out(context.now, command, outcome, context.vehicle);
-        port.acks.push(command.from.address, command.id, outcome);
-    }
-
-    /// Puts the next frame into the link's outbound buffer, which is empty.
-    fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
-        let now = context.now;
-        port.bucket.fill(now);
-        let is_normal = port.config.class == LinkClass::Normal;
-        let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
-            || command::next(port, context.vehicle)
-            || (is_normal
-                && (port.plans.next_ack(&mut port.outbox)
-                    || time::next(now, port, context.vehicle)
-                    || (port.bucket.has_room() && self.transfer(context, port))
-                    || self.stream(context, port)));
-        if sent {
-            count(&mut port.counters.tx_frames);
-        }
-    }
-
-    /// The heartbeat, when it is due and the flight loop is well (H-1, H-5).
-    fn heartbeat<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
-        if !port.heartbeat.is_due(now) || !self.has_credit(now) {
-            return false;
-        }
-        let Some(state) = vehicle.state() else {
-            port.heartbeat.postpone(now.after(RETRY));
-            return false;
-        };
-        port.heartbeat.sent(now, self.config.heartbeat_period);
-        port.outbox.send(&Heartbeat {
-            custom_mode: state.custom_mode,
-            r#type: self.config.r#type,
-            autopilot: self.config.autopilot,
-            base_mode: state.base_mode,
-            system_status: state.system_status,
-            mavlink_version: MAVLINK_VERSION,
-        })
-    }
-
-    /// What can wait for the link's byte rate.
-    fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
-        let capabilities = self.capabilities | param::capability::<V>();
-        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox) || self.answer(context, port) {
-            return true;
-        }
-        let Context { now, texts, missions, plans, vehicle, .. } = context;
-        let rate = port.config.bytes_per_second;
-        let Some((missions, plans)) = plans.parts(missions) else {
-            return self.params.next(*vehicle, &mut port.params, &mut port.outbox)
-                || texts.next(&mut port.text, &mut port.outbox)
-                || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox);
-        };
-        let progress = vehicle.progress();
-        missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
-            || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
-            || texts.next(&mut port.text, &mut port.outbox)
-            || missions.next_progress(&plans, &progress, &mut port.outbox)
-            || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox)
-    }
-
-    /// When something is to be sent on a link.
-    fn tx_deadline(&self, now: Instant, port: &Port, texts: &StatusTexts, missions: Option<&Missions>) -> Instant {
-        let is_normal = port.config.class == LinkClass::Normal;
-        let heartbeat = match port.heartbeat.due() {
-            _ if !is_normal => Instant::NEVER,
-            due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
-            due if self.credit.is_good(now, self.config.max_loop_gap) => due,
-            // It waits for the flight loop, of which the stack hears only when it looks.
-            _ => now.after(RETRY),
-        };
-        match port.transport {
-            // The rest of a frame waits for the next poll's budget.
-            Transport::Ready if !port.outbox.is_empty() => return now,
-            // It has to become ready first, of which the stack hears nothing.
-            Transport::Full | Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
-            // The same; but by the time of the next heartbeat it may be ready, though nobody is waiting for that.
-            Transport::Full => return if heartbeat > now { heartbeat } else { Instant::NEVER },
-            _ => {}
-        }
-        if !port.acks.is_empty() || (is_normal && port.plans.has_ack()) {
-            return now;
-        }
-        let waits = is_normal
-            && (!port.owed.is_empty()
-                || port.streams.is_asked()
-                || self.params.is_pending(&port.params, &port.outbox)
-                || texts.is_pending(LinkMask::of(port.id))
-                || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
-        let transfer = if waits { now } else { Params::list_due(&port.params) };
-        let transfer = if is_normal { transfer.max(port.bucket.ready_at()) } else { Instant::NEVER };
-        let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
-        transfer.min(stream).min(heartbeat)
-    }
 }
-
-/// How soon to look again whether heartbeats may go on.
-const RETRY: Duration = Duration::from_millis(100);
-
-/// Where MANUAL_CONTROL.target stands.
-const MANUAL_CONTROL_TARGET: u8 = 10;
-
-/// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
-const MAVLINK_VERSION: u8 = 3;
 
 /// What somebody is to be told about plans, on the link where he was heard last.
 fn owe(links: &mut [Link], owed: Option<(LinkId, mission::Reply)>) {

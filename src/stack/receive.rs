@@ -1,0 +1,155 @@
+//! From a decoded frame to the service that it is for: the address filter, then the services one by one.
+
+use super::{Context, Core, count, count_drop, streams};
+use crate::config::RxAllowance;
+use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
+use crate::frame::{Address, Frame};
+use crate::link::{Link, LinkClass, Peer, Port};
+use crate::message::{Message, MessageTable, Text};
+use crate::network::{self, Booking};
+use crate::service::command;
+use crate::service::mission::{Caller, Missions, PlanStorage};
+use crate::service::param::{self, Params, Taken};
+use crate::service::statustext::MAX_TEXT_LEN;
+use crate::service::time;
+use crate::vehicle::{Autopilot, Command, PeerEvent};
+
+impl Core {
+    /// Handles the frames that the decoder finds.
+    pub(super) fn drain<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        link: &mut Link,
+        messages: MessageTable,
+        allowance: &mut RxAllowance,
+    ) {
+        let Link { decoder, port } = link;
+        while allowance.frames > 0 {
+            let is_known = |address| network::is_known(context.peers, address);
+            let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
+            allowance.frames = allowance.frames.saturating_sub(1);
+            self.on_frame(context, port, &frame);
+        }
+    }
+
+    /// A frame came in on a link.
+    fn on_frame<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        frame: &Frame<'_>,
+    ) {
+        let own = self.config.address.get();
+        if frame.source() == own {
+            count_drop(&mut port.counters.own_address, frame, "our own address");
+            if port.is_conflict(frame.header().seq, context.seqs) {
+                context.vehicle.peer(PeerEvent::AddressConflict(port.id));
+                let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
+                text.push_number(u32::from(own.system.0));
+                context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
+            }
+            return;
+        }
+        let Some(info) = frame.info() else {
+            count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
+            let peer = Peer { address: frame.source(), link: port.id };
+            network::on_unchecked(context.peers, peer, frame.header().seq);
+            return;
+        };
+        port.heard(frame.header().version);
+        match network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
+            Booking::Kept => {}
+            Booking::Evicted => count(&mut port.counters.evicted_peers),
+            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
+        }
+        // A field that was cut off, or is not there, reads as 0: for everyone.
+        // MANUAL_CONTROL alone calls the system that it means otherwise.
+        let offset = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
+        let target_system = offset.map_or(0, |offset| frame.byte(offset));
+        let target_component = info.target_component().map_or(0, |offset| frame.byte(offset));
+        let is_plan = Missions::handles(frame.id());
+        // Old ground stations address plans to component 190 (M-10).
+        let is_our_component = target_component == 0
+            || target_component == own.component.0
+            || (is_plan && target_component == MavComponent::MISSIONPLANNER.0);
+        if (target_system != 0 && target_system != own.system.0) || !is_our_component {
+            count_drop(&mut port.counters.not_ours, frame, "for somebody else");
+            return;
+        }
+        let from = Peer { address: frame.source(), link: port.id };
+        if let Some(command) = frame.decode::<CommandLong>() {
+            self.on_command(context, port, &command::from_long(&command, from));
+        } else if let Some(command) = frame.decode::<CommandInt>() {
+            self.on_command(context, port, &command::from_int(&command, from));
+        } else if self.on_command_frame(context, port, frame, Address::new(target_system, target_component)) {
+            // That was all.
+        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
+            count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
+        } else if is_plan {
+            if target_system == 0 {
+                // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
+                count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");
+                return;
+            }
+            let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
+            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
+                if !caller.refuse(frame) {
+                    count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
+                }
+                return;
+            };
+            let Context { now, texts, vehicle, .. } = context;
+            let mut context = self.plan_context(*now, &mut plans, texts);
+            missions.on_frame(&mut context, *vehicle, &mut caller, frame);
+        } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
+            let Context { now, texts, vehicle, .. } = context;
+            let mut context = param::Context { now: *now, texts, normal: self.normal };
+            let mut caller = param::Caller { from, version: port.outbox.version(), replies: &mut port.params };
+            match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
+                Taken::Yes => {}
+                Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),
+                Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
+            }
+        } else if frame.id() != Heartbeat::ID
+            && !streams::on_frame(context, port, frame)
+            && !time::on_frame(context.now, port, frame, context.vehicle)
+        {
+            context.vehicle.message(frame, port.id);
+        }
+    }
+
+    fn on_command<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        command: &Command,
+    ) {
+        if port.acks.is_full() {
+            event!("command {=u16} dropped: no room for its answer", command.id.0);
+            count(&mut port.counters.no_answer_slot);
+            return;
+        }
+        if let Some(answer) = command::answered(context.now, command, context.vehicle) {
+            port.acks.push(command.from.address, command.id, answer);
+            return;
+        }
+        let Context { now, texts, vehicle, .. } = context;
+        let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
+            let mut context = self.plan_context(*now, &mut plans, texts);
+            missions.on_command(&mut context, *vehicle, command)
+        });
+        let stored = progress.or_else(|| {
+            let mut context = param::Context { now: *now, texts, normal: self.normal };
+            self.params.on_command(&mut context, *vehicle, command)
+        });
+        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
+            Some(result) => result.into(),
+            None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
+        };
+        command::carried_out(context.now, command, outcome, context.vehicle);
+        port.acks.push(command.from.address, command.id, outcome);
+    }
+}
+
+/// Where MANUAL_CONTROL.target stands.
+const MANUAL_CONTROL_TARGET: u8 = 10;

@@ -1,0 +1,117 @@
+//! What a link sends next: the services in a fixed order (D-4), one frame at a time, and when there is something to send.
+
+use super::{Context, Core, count};
+use crate::dialect::Heartbeat;
+use crate::link::{LinkClass, LinkMask, Port, Transport};
+use crate::service::mission::{Missions, PlanStorage};
+use crate::service::param::{self, Params};
+use crate::service::statustext::StatusTexts;
+use crate::service::{command, time};
+use crate::time::{Duration, Instant};
+use crate::vehicle::Autopilot;
+
+impl Core {
+    /// Puts the next frame into the link's outbound buffer, which is empty.
+    pub(super) fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
+        let now = context.now;
+        port.bucket.fill(now);
+        let is_normal = port.config.class == LinkClass::Normal;
+        let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
+            || command::next(port, context.vehicle)
+            || (is_normal
+                && (port.plans.next_ack(&mut port.outbox)
+                    || time::next(now, port, context.vehicle)
+                    || (port.bucket.has_room() && self.transfer(context, port))
+                    || self.stream(context, port)));
+        if sent {
+            count(&mut port.counters.tx_frames);
+        }
+    }
+
+    /// The heartbeat, when it is due and the flight loop is well (H-1, H-5).
+    fn heartbeat<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
+        if !port.heartbeat.is_due(now) || !self.has_credit(now) {
+            return false;
+        }
+        let Some(state) = vehicle.state() else {
+            port.heartbeat.postpone(now.after(RETRY));
+            return false;
+        };
+        port.heartbeat.sent(now, self.config.heartbeat_period);
+        port.outbox.send(&Heartbeat {
+            custom_mode: state.custom_mode,
+            r#type: self.config.r#type,
+            autopilot: self.config.autopilot,
+            base_mode: state.base_mode,
+            system_status: state.system_status,
+            mavlink_version: MAVLINK_VERSION,
+        })
+    }
+
+    /// What can wait for the link's byte rate.
+    fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let capabilities = self.capabilities | param::capability::<V>();
+        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox) || self.answer(context, port) {
+            return true;
+        }
+        let Context { now, texts, missions, plans, vehicle, .. } = context;
+        let rate = port.config.bytes_per_second;
+        let Some((missions, plans)) = plans.parts(missions) else {
+            return self.params.next(*vehicle, &mut port.params, &mut port.outbox)
+                || texts.next(&mut port.text, &mut port.outbox)
+                || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox);
+        };
+        let progress = vehicle.progress();
+        missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
+            || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
+            || texts.next(&mut port.text, &mut port.outbox)
+            || missions.next_progress(&plans, &progress, &mut port.outbox)
+            || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox)
+    }
+
+    /// When something is to be sent on a link.
+    pub(super) fn tx_deadline(
+        &self,
+        now: Instant,
+        port: &Port,
+        texts: &StatusTexts,
+        missions: Option<&Missions>,
+    ) -> Instant {
+        let is_normal = port.config.class == LinkClass::Normal;
+        let heartbeat = match port.heartbeat.due() {
+            _ if !is_normal => Instant::NEVER,
+            due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
+            due if self.credit.is_good(now, self.config.max_loop_gap) => due,
+            // It waits for the flight loop, of which the stack hears only when it looks.
+            _ => now.after(RETRY),
+        };
+        match port.transport {
+            // The rest of a frame waits for the next poll's budget.
+            Transport::Ready if !port.outbox.is_empty() => return now,
+            // It has to become ready first, of which the stack hears nothing.
+            Transport::Full | Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
+            // The same; but by the time of the next heartbeat it may be ready, though nobody is waiting for that.
+            Transport::Full => return if heartbeat > now { heartbeat } else { Instant::NEVER },
+            _ => {}
+        }
+        if !port.acks.is_empty() || (is_normal && port.plans.has_ack()) {
+            return now;
+        }
+        let waits = is_normal
+            && (!port.owed.is_empty()
+                || port.streams.is_asked()
+                || self.params.is_pending(&port.params, &port.outbox)
+                || texts.is_pending(LinkMask::of(port.id))
+                || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
+        let transfer = if waits { now } else { Params::list_due(&port.params) };
+        let transfer = if is_normal { transfer.max(port.bucket.ready_at()) } else { Instant::NEVER };
+        let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
+        transfer.min(stream).min(heartbeat)
+    }
+}
+
+/// How soon to look again whether heartbeats may go on.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// HEARTBEAT.mavlink_version: of the definitions, for both wire versions (V-5).
+const MAVLINK_VERSION: u8 = 3;
