@@ -17,6 +17,8 @@ pub struct Battery {
     /// A·s
     pub(crate) capacity: f32,
     pub(crate) charge: Charge,
+    /// What was drawn and is not taken from `remaining` yet, A·s: a step's alone would be rounded away.
+    drawn: f32,
 }
 
 /// How much is left in it.
@@ -29,8 +31,15 @@ pub(crate) enum Charge {
 }
 
 impl Battery {
-    pub(crate) const FULL: Self =
-        Self { remaining: 1.0, voltage: 12.6, current: 0.0, cells: 3, capacity: 18_000.0, charge: Charge::Good };
+    pub(crate) const FULL: Self = Self {
+        remaining: 1.0,
+        voltage: 12.6,
+        current: 0.0,
+        cells: 3,
+        capacity: 18_000.0,
+        charge: Charge::Good,
+        drawn: 0.0,
+    };
 
     pub(crate) fn is_low(&self) -> bool {
         self.charge <= Charge::Low
@@ -40,7 +49,11 @@ impl Battery {
         self.current = current;
         // 1 mAh is 3.6 A·s.
         self.capacity = 3.6 * tuning.get(Tuning::BAT_CAPACITY);
-        self.remaining = (self.remaining - current * dt / self.capacity).max(0.0);
+        self.drawn += current * dt;
+        if self.drawn >= 1e-4 * self.capacity {
+            self.remaining = (self.remaining - self.drawn / self.capacity).max(0.0);
+            self.drawn = 0.0;
+        }
         self.cells = tuning.get(Tuning::BAT_N_CELLS);
         let (empty, charged) = (tuning.get(Tuning::BAT_V_EMPTY), tuning.get(Tuning::BAT_V_CHARGED));
         let cells = f32::from(self.cells) * (empty + (charged - empty) * self.remaining);

@@ -368,8 +368,10 @@ impl Quadrotor {
         is_within(far, high, from) && is_within(far, high, to) && fence::allows(self.home, live.fence, from, to)
     }
 
+    /// How far from the fence it stops, m. On its way home it is there already where it has turned back.
     fn fence_margin(&self) -> f32 {
-        self.tuning.get(Tuning::GF_MARGIN)
+        let has_turned_back = self.mode == Mode::Return && self.tuning.get(Tuning::GF_ACTION) == 3;
+        if has_turned_back { 0.0 } else { self.tuning.get(Tuning::GF_MARGIN) }
     }
 
     /// To land at the nearest of home and the rally points within the fence, from no lower than where it is, and than the
