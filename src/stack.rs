@@ -23,7 +23,7 @@ use core::marker::PhantomData;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
-use crate::config::{Config, RxAllowance};
+use crate::config::{Config, RxAllowance, VehicleAddress};
 use crate::dialect::{Common, MavProtocolCapability, MavSeverity};
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Transport};
@@ -333,6 +333,15 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             link.port.outbox.restart();
             link.port.plans.restart();
             link.port.params.restart();
+        }
+    }
+
+    /// Gives the vehicle another address, for a system id that is stored. Call it once, before the loop: who knows the vehicle
+    /// by its address takes it for another one then.
+    pub fn set_address(&mut self, address: VehicleAddress) {
+        self.core.config.address = address;
+        for link in &mut self.links {
+            link.port.outbox.set_source(address.get());
         }
     }
 

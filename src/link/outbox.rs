@@ -42,6 +42,11 @@ impl Outbox {
         self.version = version;
     }
 
+    /// Sends as another one from the next frame on.
+    pub(crate) const fn set_source(&mut self, source: Address) {
+        self.source = source;
+    }
+
     /// Which link this is.
     pub(crate) const fn link(&self) -> LinkId {
         self.link

@@ -3,10 +3,11 @@
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::{
-    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, PlanStorage, PlanStore,
-    Pulse, Stack, StreamProfile,
+    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, ParamStore, PlanStorage,
+    PlanStore, Pulse, Stack, StreamProfile, VehicleAddress,
 };
 
+use crate::tuning::Tuning;
 use crate::vehicle::Quadrotor;
 
 /// The link to the ground station.
@@ -23,7 +24,10 @@ static PULSE: Pulse = Pulse::new();
 
 /// Scripts with pymavlink's defaults are to get an answer.
 const CONFIG: Config =
-    Config { accepts_component_0: true, identity: IDENTITY, ..Config::new(Address::new(1, 1), &PULSE) };
+    Config { accepts_component_0: true, identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
+
+/// The vehicle's component id; its system id is a parameter.
+const COMPONENT: u8 = 1;
 
 /// Version 0.1.0, in development, of the only vehicle of its kind.
 const IDENTITY: Identity = Identity {
@@ -84,6 +88,27 @@ impl<P: PlanStorage> App<P> {
     /// Writes plans that are to be durable, a step at a time; as [`Stack::persist`]. True when there is more to do at once.
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut PlanStore<F>) -> bool {
         self.stack.persist(now, store, &mut self.vehicle)
+    }
+
+    /// Reads the parameters back, once after a start and before everything else, for some have their effect only then; as
+    /// [`Stack::restore_parameters`].
+    ///
+    /// # Errors
+    ///
+    /// What the flash reported when it could not be read; a text says so too.
+    pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), F::Error> {
+        let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
+        let id = self.vehicle.tuning().get(Tuning::MAV_SYS_ID);
+        if let Some(address) = VehicleAddress::new(Address::new(id, COMPONENT)) {
+            self.stack.set_address(address);
+        }
+        result
+    }
+
+    /// Writes parameters that have changed, a step at a time; as [`Stack::persist_parameters`]. True when there is more to do
+    /// at once.
+    pub fn persist_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> bool {
+        self.stack.persist_parameters(now, store, &mut self.vehicle)
     }
 
     /// Moves bytes between a link and its transport; never waits.

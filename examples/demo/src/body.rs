@@ -2,6 +2,8 @@
 
 use libm::{atan2f, fabsf, sqrtf};
 
+use crate::tuning::Tuning;
+
 /// Metres (or m/s) north, east and down of home. The ground is at down = 0, everywhere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -26,19 +28,45 @@ impl Vector {
 }
 
 const GRAVITY: f32 = 9.81;
-/// Horizontal acceleration, m/s²: a lean of 17°.
-const ACCELERATION: f32 = 3.0;
-const CLIMB: f32 = 3.0;
-const SINK: f32 = 2.0;
-/// Below [`FLARE`] metres, m/s.
-const TOUCH_DOWN: f32 = 0.7;
-const FLARE: f32 = 4.0;
 /// Lower than this it only moves up and down.
 pub const CLEARANCE: f32 = 1.0;
 /// What is slower than this has no course, m/s.
 const DRIFT: f32 = 0.05;
-/// It turns no faster than this, rad/s.
-pub const TURN: f32 = 1.5;
+
+/// What it can do.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Horizontally, m/s²: 3 is a lean of 17°.
+    pub acceleration: f32,
+    /// m/s
+    pub climb: f32,
+    /// m/s
+    pub sink: f32,
+    /// Below `flare` metres, m/s.
+    pub touch_down: f32,
+    pub flare: f32,
+    /// Speed for each metre that is left, 1/s.
+    pub approach: f32,
+    /// How fast it turns, rad/s.
+    pub turn: f32,
+    /// Whether the nose points along the course, where it is not told otherwise.
+    pub has_course: bool,
+}
+
+impl Limits {
+    pub fn of(tuning: &Tuning) -> Self {
+        Self {
+            acceleration: tuning.get(Tuning::MPC_ACC_HOR),
+            climb: tuning.get(Tuning::MPC_Z_VEL_MAX_UP),
+            sink: tuning.get(Tuning::MPC_Z_VEL_MAX_DN),
+            touch_down: tuning.get(Tuning::MPC_LAND_SPEED),
+            flare: tuning.get(Tuning::MPC_LAND_ALT),
+            approach: tuning.get(Tuning::MPC_XY_P),
+            turn: tuning.get(Tuning::MPC_YAWRAUTO_MAX).to_radians(),
+            has_course: tuning.get(Tuning::MPC_YAW_MODE) == 0,
+        }
+    }
+}
 
 /// Where the nose is to point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +89,7 @@ pub struct Body {
     /// How fast it turns to the right, rad/s.
     pub yaw_rate: f32,
     pub nose: Nose,
+    pub limits: Limits,
 }
 
 impl Body {
@@ -71,6 +100,16 @@ impl Body {
         heading: (1.0, 0.0),
         yaw_rate: 0.0,
         nose: Nose::Course,
+        limits: Limits {
+            acceleration: 3.0,
+            climb: 3.0,
+            sink: 2.0,
+            touch_down: 0.7,
+            flare: 4.0,
+            approach: 2.0,
+            turn: 1.5,
+            has_course: true,
+        },
     };
 
     pub fn is_on_ground(&self) -> bool {
@@ -104,7 +143,7 @@ impl Body {
     pub fn ahead(&self, margin: f32) -> Vector {
         let Vector { north, east, .. } = self.velocity;
         let speed = sqrtf(north * north + east * east);
-        let seconds = speed / (2.0 * ACCELERATION) + if speed > DRIFT { margin / speed } else { 0.0 };
+        let seconds = speed / (2.0 * self.limits.acceleration) + if speed > DRIFT { margin / speed } else { 0.0 };
         let Vector { north: at_north, east: at_east, down } = self.position;
         Vector { north: at_north + north * seconds, east: at_east + east * seconds, down }
     }
@@ -112,14 +151,16 @@ impl Body {
     /// `dt` seconds of flight towards `goal`, at most at `cruise` m/s.
     pub fn fly(&mut self, goal: Vector, cruise: f32, dt: f32) {
         let distance = self.position.distance(goal);
+        let Limits { acceleration, climb, sink, touch_down, flare, approach, .. } = self.limits;
         let is_clear = -self.position.down >= CLEARANCE;
         // As fast as it can still brake from, and gently at the end.
-        let speed = if is_clear { cruise.min(sqrtf(2.0 * ACCELERATION * distance)).min(2.0 * distance) } else { 0.0 };
+        let speed =
+            if is_clear { cruise.min(sqrtf(2.0 * acceleration * distance)).min(approach * distance) } else { 0.0 };
         let scale = if distance > 0.01 { speed / distance } else { 0.0 };
         let wanted = ((goal.north - self.position.north) * scale, (goal.east - self.position.east) * scale);
         let change = (wanted.0 - self.velocity.north, wanted.1 - self.velocity.east);
         let size = sqrtf(change.0 * change.0 + change.1 * change.1);
-        let share = if size > ACCELERATION * dt { ACCELERATION * dt / size } else { 1.0 };
+        let share = if size > acceleration * dt { acceleration * dt / size } else { 1.0 };
         self.velocity.north += change.0 * share;
         self.velocity.east += change.1 * share;
         self.acceleration = (change.0 * share / dt, change.1 * share / dt);
@@ -127,8 +168,8 @@ impl Body {
         if !self.is_on_ground() {
             self.turn((distance > 2.0 && speed > 0.0).then_some(wanted), dt);
         }
-        let sink = if -self.position.down < FLARE { TOUCH_DOWN } else { SINK };
-        self.velocity.down = (goal.down - self.position.down).clamp(-CLIMB, sink);
+        let sink = if -self.position.down < flare { touch_down } else { sink };
+        self.velocity.down = (goal.down - self.position.down).clamp(-climb, sink);
         self.travel(dt);
     }
 
@@ -145,8 +186,10 @@ impl Body {
         let (left, rate) = match (self.nose, course) {
             (Nose::Turn { left, rate }, _) => (left, rate),
             // Exactly astern there is no shorter way round: to the right.
-            (Nose::Course, Some(to)) => (atan2f(north * to.1 - east * to.0, north * to.0 + east * to.1), TURN),
-            (Nose::Course, None) => return,
+            (Nose::Course, Some(to)) if self.limits.has_course => {
+                (atan2f(north * to.1 - east * to.0, north * to.0 + east * to.1), self.limits.turn)
+            }
+            (Nose::Course, _) => return,
         };
         let angle = left.clamp(-rate * dt, rate * dt);
         self.yaw_rate = angle / dt;

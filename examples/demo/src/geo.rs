@@ -1,5 +1,6 @@
 //! Latitude and longitude to metres around home and back, on a sphere that is flat near home.
 
+use libm::cosf;
 use mavstack::dialect::MavFrame;
 
 /// Metres in 1e-7 degrees of latitude.
@@ -25,6 +26,12 @@ impl Home {
     /// A meadow north of Zürich.
     pub const DEMO: Self =
         Self { latitude: 473_977_420, longitude: 85_455_940, altitude: 488.0, cos_latitude: 0.676_890 };
+
+    /// At a latitude and longitude (deg·1e7) and an altitude (m above mean sea level).
+    pub fn at(latitude: i32, longitude: i32, altitude: f32) -> Self {
+        let cos_latitude = cosf((latitude as f32 * 1e-7).to_radians());
+        Self { latitude, longitude, altitude, cos_latitude }
+    }
 
     /// Metres north and east of home of a place (deg·1e7), the short way round.
     pub fn to_local(self, latitude: i32, longitude: i32) -> (f32, f32) {

@@ -13,9 +13,11 @@ mod geo;
 mod plan;
 mod queue;
 mod telemetry;
+mod tuning;
 mod vehicle;
 
 pub use app::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
 pub use battery::Battery;
 pub use body::Vector;
+pub use tuning::Tuning;
 pub use vehicle::{GlobalPosition, Mode, Quadrotor};

@@ -10,13 +10,9 @@ use libm::remainderf;
 use mavstack::dialect::MavCmd;
 use mavstack::{Duration, Instant, Item};
 
-use crate::body::{CLEARANCE, Nose, TURN, Vector};
+use crate::body::{CLEARANCE, Nose, Vector};
 use crate::geo::Home;
 
-/// Cruise speed, m/s.
-pub const CRUISE: f32 = 8.0;
-/// A waypoint counts as reached within so many metres, unless it says otherwise.
-const RADIUS: f32 = 2.0;
 /// It comes no closer to one for sure, m.
 const MIN_RADIUS: f32 = 0.5;
 /// It flies to no place lower than this, m.
@@ -57,8 +53,8 @@ pub enum Condition {
 pub enum Order {
     /// A maneuver, how long to stay when it is done, and where to point the nose then (rad).
     Fly { maneuver: Maneuver, stay: Duration, yaw: Option<f32> },
-    /// Another cruise speed (m/s).
-    Speed(f32),
+    /// Another cruise speed (m/s); `None` for the vehicle's own.
+    Speed(Option<f32>),
     /// To wait for something.
     Wait(Condition),
     /// To go on elsewhere in the plan.
@@ -74,8 +70,12 @@ pub struct Situation {
     pub position: Vector,
     /// rad
     pub yaw: f32,
-    /// m/s
-    pub speed: f32,
+    /// A waypoint counts as reached within so many metres, unless it says otherwise.
+    pub radius: f32,
+    /// It turns no faster than this, rad/s.
+    pub turn: f32,
+    /// As in [`Order::Speed`].
+    pub speed: Option<f32>,
     pub time: Instant,
 }
 
@@ -112,10 +112,10 @@ pub fn order(item: &Item, now: &Situation) -> Order {
     };
     match item.command {
         MavCmd::NAV_WAYPOINT => {
-            fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2.max(MIN_RADIUS) } else { RADIUS } }, seconds(p1))
+            fly(Maneuver::Reach { to, radius: if p2 > 0.0 { p2.max(MIN_RADIUS) } else { now.radius } }, seconds(p1))
         }
-        MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: RADIUS }, seconds(p1)),
-        MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: RADIUS }, FOREVER),
+        MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: now.radius }, seconds(p1)),
+        MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: now.radius }, FOREVER),
         MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),
         MavCmd::NAV_LAND => fly(Maneuver::Land(Vector { down, ..to }), Duration::ZERO),
         MavCmd::NAV_RETURN_TO_LAUNCH => fly(Maneuver::Return, Duration::ZERO),
@@ -123,8 +123,8 @@ pub fn order(item: &Item, now: &Situation) -> Order {
             fly(Maneuver::Wait { at: now.position, until: now.time.after(seconds(p1)) }, Duration::ZERO)
         }
         // Without wind the speed through the air is that over the ground. -1 keeps it, -2 is the default.
-        MavCmd::DO_CHANGE_SPEED if p2 > 0.0 => Order::Speed(p2),
-        MavCmd::DO_CHANGE_SPEED if p2 == -2.0 => Order::Speed(CRUISE),
+        MavCmd::DO_CHANGE_SPEED if p2 > 0.0 => Order::Speed(Some(p2)),
+        MavCmd::DO_CHANGE_SPEED if p2 == -2.0 => Order::Speed(None),
         MavCmd::DO_CHANGE_SPEED => Order::Speed(now.speed),
         MavCmd::DO_JUMP => Order::Jump,
         MavCmd::CONDITION_DELAY => Order::Wait(Condition::Delay(seconds(p1))),
@@ -138,16 +138,16 @@ pub fn order(item: &Item, now: &Situation) -> Order {
                 (false, 0.0) => shorter(angle - now.yaw),
                 (false, _) => rightward(angle - now.yaw),
             };
-            let rate = if p2 > 0.0 { p2.to_radians().min(TURN) } else { TURN };
+            let rate = if p2 > 0.0 { p2.to_radians().min(now.turn) } else { now.turn };
             Order::Wait(Condition::Turn(Nose::Turn { left, rate }))
         }
         _ => Order::Unknown,
     }
 }
 
-/// The shorter way from `yaw` to `to` (rad).
-pub fn turn_to(to: f32, yaw: f32) -> Nose {
-    Nose::Turn { left: shorter(to - yaw), rate: TURN }
+/// The shorter way to `to` (rad).
+pub fn turn_to(to: f32, now: &Situation) -> Nose {
+    Nose::Turn { left: shorter(to - now.yaw), rate: now.turn }
 }
 
 /// The same direction, from -π to π.
@@ -178,7 +178,9 @@ mod tests {
         home: Home::DEMO,
         position: Vector { north: 3.0, east: 4.0, down: -7.0 },
         yaw: 0.0,
-        speed: 5.0,
+        radius: 2.0,
+        turn: 1.5,
+        speed: Some(5.0),
         time: Instant::from_millis(1_000),
     };
 
@@ -206,7 +208,7 @@ mod tests {
         let to = Vector { down: -12.0, ..Vector::ZERO };
         assert_eq!(order(waypoint), fly(Maneuver::Reach { to, radius: 2.0 }));
         let speed = |speed| order(item(MavCmd::DO_CHANGE_SPEED, [1.0, speed, -1.0, 0.0]));
-        assert_eq!([speed(-1.0), speed(-2.0), speed(3.5)], [5.0, CRUISE, 3.5].map(Order::Speed));
+        assert_eq!([speed(-1.0), speed(-2.0), speed(3.5)], [Some(5.0), None, Some(3.5)].map(Order::Speed));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
 use crate::battery::Battery;
 use crate::body::Vector;
+use crate::tuning::Tuning;
 use crate::vehicle::{Mode, Quadrotor};
 
 /// All of it on a radio, heartbeats included, is less than 800 bytes/s: a seventh of what 57,600 bit/s carry.
@@ -129,9 +130,8 @@ impl Quadrotor {
             // Standing still it has no course.
             cog: if speed > 0.1 { compass(atan2f(east, north)) } else { UNKNOWN },
             fix_type: GpsFixType::_3D_FIX,
-            satellites_visible: 14,
-            // The geoid is 47 m above the ellipsoid there.
-            alt_ellipsoid: scaled(position.altitude + 47.0, 1e3),
+            satellites_visible: self.tuning().get(Tuning::SIM_GPS_SATS),
+            alt_ellipsoid: scaled(position.altitude + f32::from(self.tuning().get(Tuning::SIM_GEOID_SEP)), 1e3),
             h_acc: 900,
             v_acc: 1_400,
             vel_acc: 100,
@@ -207,13 +207,13 @@ impl Quadrotor {
     fn battery_status(&self) -> BatteryStatus {
         let battery = self.battery();
         let mut voltages = [u16::MAX; 10];
-        for cell in &mut voltages[..Battery::CELLS as usize] {
-            *cell = scaled(battery.voltage / Battery::CELLS, 1e3) as u16;
+        for cell in voltages.iter_mut().take(usize::from(battery.cells)) {
+            *cell = scaled(battery.voltage / f32::from(battery.cells), 1e3) as u16;
         }
-        let seconds = if battery.current > 0.0 { battery.remaining * Battery::CAPACITY / battery.current } else { 0.0 };
+        let seconds = if battery.current > 0.0 { battery.remaining * battery.capacity / battery.current } else { 0.0 };
         BatteryStatus {
             // 1 mAh is 3.6 A·s.
-            current_consumed: scaled((1.0 - battery.remaining) * Battery::CAPACITY, 1.0 / 3.6),
+            current_consumed: scaled((1.0 - battery.remaining) * battery.capacity, 1.0 / 3.6),
             energy_consumed: -1,
             temperature: i16::MAX,
             voltages,

@@ -1,4 +1,4 @@
-//! A stand-in for the flash that a real flight controller keeps its plans in: a piece of the board's PSRAM, which the
+//! A stand-in for the flash that a real flight controller keeps its plans and parameters in: a piece of the board's PSRAM, which the
 //! emulator leaves alone when the processor is reset, and which behaves as NOR flash does. Memory is memory: `unsafe`.
 #![allow(unsafe_code)]
 
@@ -9,21 +9,24 @@ use embedded_storage::nor_flash::{
 /// The PSRAM, which nothing else uses: `memory.x` does not name it.
 const BASE: usize = 0x2100_0000;
 
-/// 64 KiB in erase units of 4 KiB, written in words: like a serial NOR flash, or a microcontroller's own.
-pub struct PsramFlash(());
+/// A part of it: 64 KiB in erase units of 4 KiB, written in words: like a serial NOR flash, or a microcontroller's own.
+pub struct PsramFlash {
+    /// Which of the parts that lie behind one another.
+    part: usize,
+}
 
 impl PsramFlash {
-    /// How large it is, in bytes.
+    /// How large a part is, in bytes.
     pub const LEN: u32 = 64 * 1024;
 
-    /// Whoever has it is the only user of that memory; [`Board::take`](crate::board::Board::take) sees to that.
-    pub(crate) const fn new() -> Self {
-        Self(())
+    /// Part 0 or 1. Whoever has it is the only user of that memory; [`Board::take`](crate::board::Board::take) sees to that.
+    pub(crate) const fn new(part: u8) -> Self {
+        Self { part: part as usize }
     }
 
     /// The byte at `offset`, which is less than [`LEN`](Self::LEN).
     fn byte(&self, offset: u32) -> *mut u8 {
-        core::ptr::with_exposed_provenance_mut(BASE + offset as usize)
+        core::ptr::with_exposed_provenance_mut(BASE + self.part * Self::LEN as usize + offset as usize)
     }
 }
 

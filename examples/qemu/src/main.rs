@@ -12,8 +12,8 @@ use core::mem::MaybeUninit;
 use board::Board;
 use cortex_m_rt::entry;
 use flash::PsramFlash;
-use mavstack::{Durability, LinkId, PlanStore, plan_memory};
-use mavstack_demo::App;
+use mavstack::{Durability, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
+use mavstack_demo::{App, Tuning};
 
 /// What a microcontroller can afford: 32 bytes an item, and room for the largest plan once more, for uploads.
 type DemoPlans = plan_memory!(mission: MISSION, fence: FENCE, rally: RALLY);
@@ -26,6 +26,11 @@ type Store = PlanStore<PsramFlash>;
 const STORE_LEN: u32 = Store::region_len(MISSION, FENCE, RALLY);
 const _: () = assert!(STORE_LEN <= PsramFlash::LEN);
 
+/// The parameters' part of the flash.
+type Settings = ParamStore<PsramFlash>;
+const SETTINGS_LEN: u32 = Settings::region_len(Tuning::INFO.len());
+const _: () = assert!(SETTINGS_LEN <= PsramFlash::LEN);
+
 #[entry]
 fn main() -> ! {
     // Not on the stack: it is larger than that should be. And not made by the compiler: its initial value, plan memory
@@ -33,11 +38,15 @@ fn main() -> ! {
     static mut APP: MaybeUninit<App<DemoPlans>> = MaybeUninit::uninit();
 
     let app = APP.write(App::new());
-    let Some((mut board, flash)) = Board::take() else { unreachable!("the entry point is entered once") };
+    let Some((mut board, [plan_flash, settings_flash])) = Board::take() else {
+        unreachable!("the entry point is entered once")
+    };
     #[cfg(feature = "defmt")]
     log::begin();
-    let mut store = Store::new(flash, 0..STORE_LEN);
-    // An error was told by text; the vehicle flies without the plans then.
+    let mut settings = Settings::new(settings_flash, 0..SETTINGS_LEN);
+    let mut store = Store::new(plan_flash, 0..STORE_LEN);
+    // An error was told by text; the vehicle flies with the defaults and without the plans then.
+    let _ = app.restore_parameters(board.clock.now(), &mut settings);
     let _ = app.restore(board.clock.now(), &mut store, Durability::Durable);
     loop {
         let now = board.clock.now();
@@ -52,6 +61,7 @@ fn main() -> ! {
         }
         // The stand-in takes microseconds. Where an erase stops the processor the vehicle's `may_persist` says when.
         is_busy |= app.persist(now, &mut store);
+        is_busy |= app.persist_parameters(now, &mut settings);
         if !is_busy {
             board.sleep();
         }

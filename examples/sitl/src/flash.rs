@@ -1,5 +1,5 @@
-//! Plans in a file: what a flight controller has in flash. The file is written at once, so that plans survive also the
-//! end of this program by force.
+//! Plans, or parameters, in a file: what a flight controller has in flash. The file is written at once, so that they survive
+//! also the end of this program by force.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};

@@ -15,9 +15,9 @@ use std::time::{self, Duration};
 
 use clap::Parser;
 use mavstack::wpl::HomeRow;
-use mavstack::{Durability, Instant, LinkError, LinkId, PlanStore, plan_memory};
+use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
 use mavstack_demo::connect::HowToConnect;
-use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY, Tuning};
 
 use flash::FileFlash;
 use tcp::Port;
@@ -30,6 +30,7 @@ const FENCE: usize = 256;
 const RALLY: usize = 64;
 
 type Store = PlanStore<FileFlash>;
+type Settings = ParamStore<FileFlash>;
 
 /// How often the flight loop goes round.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -48,8 +49,8 @@ struct Arguments {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Keep the plans in this file, as a flight controller does in flash: they are there again at the next start. Without
-    /// it plans are forgotten.
+    /// Keep the plans in this file, and the parameters in one beside it whose name ends in ".params", as a flight controller
+    /// does in flash: they are there again at the next start. Without it they are forgotten.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
@@ -89,6 +90,20 @@ fn run(arguments: &Arguments) -> Result<(), String> {
 
     // Large for a stack frame, and there is one.
     let mut app = Box::new(App::<SitlPlans>::new());
+    let mut settings = match &arguments.storage {
+        Some(path) => {
+            let mut name = path.clone().into_os_string();
+            name.push(".params");
+            let path = PathBuf::from(name);
+            let len = Settings::region_len(Tuning::INFO.len());
+            let mut settings = Settings::new(FileFlash::open(&path, len)?, 0..len);
+            if let Err(error) = app.restore_parameters(Instant::ZERO, &mut settings) {
+                eprintln!("{}: not all parameters could be read ({error:?})", path.display());
+            }
+            Some(settings)
+        }
+        None => None,
+    };
     let mut store = match &arguments.storage {
         Some(path) => {
             let len = Store::region_len(MISSION, FENCE, RALLY);
@@ -133,6 +148,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         if let Some(store) = &mut store {
             app.persist(now, store);
+        }
+        if let Some(settings) = &mut settings {
+            app.persist_parameters(now, settings);
         }
         thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
     }

@@ -9,8 +9,7 @@ use mavstack::dialect::command_rules::NAV_WAYPOINT;
 use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
     Address, Command, CommandRule, Commands, Config, NoParams, Outcome, Parameters, PlanChange, Plans, Progress, Pulse,
-    Telemetry, Vehicle,
-    VehicleState,
+    Telemetry, Vehicle, VehicleState,
 };
 #[cfg(feature = "panic-never")]
 use panic_never as _;

@@ -6,9 +6,8 @@ use mavstack::{Command, CommandPosition, Commands, Outcome};
 use super::{Mode, Quadrotor};
 use crate::body::Vector;
 use crate::plan::Maneuver;
+use crate::tuning::Tuning;
 
-/// Where a take-off without an altitude ends, m.
-const TAKEOFF_HEIGHT: f32 = 10.0;
 /// MAV_CMD_COMPONENT_ARM_DISARM: parameter 2 that forces it (C-31).
 const FORCE: f32 = 21_196.0;
 
@@ -43,11 +42,15 @@ impl Quadrotor {
             if is_broadcast {
                 return self.refuse(MavResult::DENIED, "Arming refused: sent to all vehicles");
             }
-            if !self.has_fix() && !is_forced {
+            if !self.has_fix() && self.tuning.get(Tuning::COM_ARM_WO_GPS) == 0 && !is_forced {
                 return self.refuse(MavResult::TEMPORARILY_REJECTED, "Arming refused: no GPS fix yet");
             }
             if !self.armed && self.is_outside && !is_forced {
                 return self.refuse(MavResult::TEMPORARILY_REJECTED, "Arming refused: outside the fence");
+            }
+            let least = f32::from(self.tuning.get(Tuning::COM_ARM_BAT_MIN)) / 100.0;
+            if !self.armed && self.battery.remaining < least && !is_forced {
+                return self.refuse(MavResult::TEMPORARILY_REJECTED, "Arming refused: battery low");
             }
             self.armed = true;
         } else {
@@ -65,7 +68,8 @@ impl Quadrotor {
         if self.home.to_height(frame, 0.0).is_none() {
             return MavResult::COMMAND_UNSUPPORTED_MAV_FRAME;
         }
-        let height = if is_default(command.z) { Some(TAKEOFF_HEIGHT) } else { self.home.to_height(frame, command.z) };
+        let height =
+            if is_default(command.z) { Some(self.takeoff_height()) } else { self.home.to_height(frame, command.z) };
         match height {
             Some(height) if height > 0.0 => {
                 self.start(Mode::Takeoff, Maneuver::Climb(Vector { down: -height, ..self.place(command) }))
@@ -86,7 +90,10 @@ impl Quadrotor {
                 self.hold();
                 MavResult::ACCEPTED
             }
-            Mode::Takeoff => self.start(mode, Maneuver::Climb(Vector { down: here.down.min(-TAKEOFF_HEIGHT), ..here })),
+            Mode::Takeoff => {
+                let down = here.down.min(-self.takeoff_height());
+                self.start(mode, Maneuver::Climb(Vector { down, ..here }))
+            }
             Mode::Mission => self.fly_on(),
             Mode::Return => self.start(mode, Maneuver::Return),
             Mode::Land => self.start(mode, Maneuver::Land(here)),
@@ -102,6 +109,10 @@ impl Quadrotor {
         }
         self.enter(mode, maneuver);
         MavResult::ACCEPTED
+    }
+
+    fn takeoff_height(&self) -> f32 {
+        self.tuning.get(Tuning::MIS_TAKEOFF_ALT)
     }
 
     /// The place that a command names, at our height; where we come to rest, when it names none.

@@ -15,7 +15,8 @@ use mavstack::{Duration, Instant, Item, PlanFault};
 
 use super::{Live, Mode, Quadrotor};
 use crate::body::{Nose, Vector};
-use crate::plan::{self, CRUISE, Condition, Maneuver, Order, Situation};
+use crate::plan::{self, Condition, Maneuver, Order, Situation};
+use crate::tuning::Tuning;
 
 /// How many DO_JUMP items a plan may have.
 pub const JUMPS: usize = 16;
@@ -183,7 +184,7 @@ impl Quadrotor {
                 self.mission = Mission::of(self.mission.count, 0);
             }
             if self.mission.state == MissionState::NOT_STARTED {
-                self.speed = CRUISE;
+                self.speed = None;
             }
             self.mission.state = MissionState::ACTIVE;
         }
@@ -269,10 +270,11 @@ impl Quadrotor {
             && let Order::Fly { maneuver, stay, yaw } = plan::order(item, &self.situation())
         {
             let maneuver = if maneuver == Maneuver::Return { self.way_home(live) } else { maneuver };
+            let stay = if matches!(maneuver, Maneuver::Land(_)) { self.rest_on_ground() } else { stay };
             leg = Leg { maneuver, stay, yaw, ..leg };
         }
         self.body.nose = match (leg.maneuver, leg.yaw) {
-            (Maneuver::Land(_), Some(yaw)) => plan::turn_to(yaw, self.body.yaw()),
+            (Maneuver::Land(_), Some(yaw)) => plan::turn_to(yaw, &self.situation()),
             _ => Nose::Course,
         };
         self.mission.leg = Some(leg);
@@ -296,6 +298,8 @@ impl Quadrotor {
             home: self.home,
             position: self.body.rest(),
             yaw: self.body.yaw(),
+            radius: self.tuning.get(Tuning::NAV_ACC_RAD),
+            turn: self.body.limits.turn,
             speed: self.speed,
             time: self.time,
         }
@@ -356,7 +360,7 @@ impl Quadrotor {
             self.reached.push(seq);
         }
         if let Some(yaw) = leg.yaw {
-            self.body.nose = plan::turn_to(yaw, self.body.yaw());
+            self.body.nose = plan::turn_to(yaw, &self.situation());
         }
     }
 

@@ -2,17 +2,19 @@
 
 mod commands;
 mod mission;
+mod params;
 mod plans;
 
 use mavstack::dialect::{MavModeFlag, MavSeverity, MavState};
 use mavstack::{Duration, Instant, Item, Vehicle, VehicleState};
 
-use crate::battery::Battery;
-use crate::body::{Body, Nose, Vector};
+use crate::battery::{Battery, Charge};
+use crate::body::{Body, Limits, Nose, Vector};
 use crate::fence;
 use crate::geo::Home;
-use crate::plan::{CRUISE, Maneuver};
+use crate::plan::Maneuver;
 use crate::queue::Queue;
+use crate::tuning::Tuning;
 use mission::Mission;
 
 /// Its physics go in steps of 10 ms.
@@ -20,12 +22,6 @@ const STEP: Duration = Duration::from_millis(10);
 const DT: f32 = 0.01;
 /// A flight loop that stood still is not made up for beyond so many steps.
 const MAX_STEPS: usize = 10;
-/// The receiver needs so long to find its position.
-const GPS_FIX: Instant = Instant::from_millis(2_000);
-/// It flies home no lower than this, m.
-const RETURN_HEIGHT: f32 = 15.0;
-/// It stops so far from a fence, m: more than it is wrong about where it comes to rest.
-const FENCE_MARGIN: f32 = 0.5;
 
 /// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are beyond those of the well-known autopilots, so that
 /// a client that takes us for one of them is refused and not misunderstood.
@@ -70,8 +66,9 @@ struct Live<'a> {
 }
 
 /// The vehicle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Quadrotor {
+    tuning: Tuning,
     home: Home,
     body: Body,
     battery: Battery,
@@ -81,11 +78,18 @@ pub struct Quadrotor {
     mode: Mode,
     /// What is flown in every mode but [`Mode::Mission`].
     maneuver: Maneuver,
-    /// m/s
-    speed: f32,
+    /// m/s; `None` for the parameter's.
+    speed: Option<f32>,
     mission: Mission,
     /// It stands outside its fence.
     is_outside: bool,
+    /// It has warned of the fence that it is at.
+    is_warned: bool,
+    is_in_air: bool,
+    /// When it took off, or landed.
+    since: Instant,
+    /// It has been in the air for longer than it is to be.
+    is_overdue: bool,
     may_persist: bool,
     /// A step reaches no more than one item.
     reached: Queue<u16, MAX_STEPS>,
@@ -96,6 +100,7 @@ impl Quadrotor {
     /// On the ground at home, disarmed, with a full battery.
     pub const fn new() -> Self {
         Self {
+            tuning: Tuning::new(),
             home: Home::DEMO,
             body: Body::AT_HOME,
             battery: Battery::FULL,
@@ -103,9 +108,13 @@ impl Quadrotor {
             armed: false,
             mode: Mode::Hold,
             maneuver: Maneuver::Stay(Vector::ZERO),
-            speed: CRUISE,
+            speed: None,
             mission: Mission::NONE,
             is_outside: false,
+            is_warned: false,
+            is_in_air: false,
+            since: Instant::ZERO,
+            is_overdue: false,
             may_persist: true,
             reached: Queue::new(),
             texts: Queue::new(),
@@ -116,6 +125,10 @@ impl Quadrotor {
     /// the live plans.
     pub fn control_step(&mut self, now: Instant, mission: &[Item], fence: &[Item], rally: &[Item]) {
         let live = Live { mission, fence, rally };
+        if self.time == Instant::ZERO {
+            self.switch_on();
+        }
+        self.body.limits = Limits::of(&self.tuning);
         for _ in 0..MAX_STEPS {
             if self.time.after(STEP) > now {
                 return;
@@ -165,7 +178,7 @@ impl Quadrotor {
 
     /// Whether the receiver has found its position.
     pub fn has_fix(&self) -> bool {
-        self.time >= GPS_FIX
+        self.time >= Instant::from_millis(self.tuning.get(Tuning::SIM_GPS_FIX_TIME).into())
     }
 
     /// Whether the motors may turn.
@@ -201,16 +214,9 @@ impl Quadrotor {
     }
 
     fn step(&mut self, live: &Live<'_>) {
-        let was_low = self.battery.is_low();
-        let current = match self.armed {
-            false => 0.3,
-            true if self.is_landed() => 2.0,
-            true => 18.0,
-        };
-        self.battery.drain(current, DT);
-        if !was_low && self.battery.is_low() {
-            self.say(MavSeverity::WARNING, "Battery low");
-        }
+        self.watch_ground();
+        self.watch_battery();
+        self.watch_time();
         if !self.armed {
             self.is_outside = !self.allows(live, self.body.position, self.body.position);
             return self.body.fall(DT);
@@ -223,11 +229,78 @@ impl Quadrotor {
         }
         if self.perform(self.maneuver, live) {
             match self.mode {
-                Mode::Takeoff => self.hold(),
-                Mode::Return | Mode::Land => self.touch_down(),
+                Mode::Takeoff => {
+                    self.hold();
+                    if self.tuning.get(Tuning::COM_TAKEOFF_ACT) == 1 {
+                        self.fly_on();
+                    }
+                }
+                Mode::Return | Mode::Land if self.time.since(self.since) >= self.rest_on_ground() => self.touch_down(),
+                Mode::Return | Mode::Land => {}
                 Mode::Hold | Mode::Mission => {}
             }
         }
+    }
+
+    fn watch_ground(&mut self) {
+        let is_in_air = !self.is_landed();
+        if is_in_air == self.is_in_air {
+            return;
+        }
+        let flown = self.time.since(self.since).as_millis() / 1_000;
+        (self.is_in_air, self.since, self.is_overdue) = (is_in_air, self.time, false);
+        if is_in_air {
+            let count = self.tuning.get(Tuning::STAT_FLIGHTS).saturating_add(1);
+            self.tuning.set(Tuning::STAT_FLIGHTS, count);
+        } else {
+            let flown = u32::try_from(flown).unwrap_or(u32::MAX);
+            let sum = self.tuning.get(Tuning::STAT_FLIGHT_TIME).saturating_add(flown);
+            self.tuning.set(Tuning::STAT_FLIGHT_TIME, sum);
+        }
+    }
+
+    fn watch_battery(&mut self) {
+        let current = self.tuning.get(match self.armed {
+            false => Tuning::SIM_AMP_OFF,
+            true if self.is_landed() => Tuning::SIM_AMP_IDLE,
+            true => Tuning::SIM_AMP_FLIGHT,
+        });
+        let before = self.battery.charge;
+        self.battery.drain(&self.tuning, current, DT);
+        if self.battery.charge >= before {
+            return;
+        }
+        if self.battery.charge == Charge::Low {
+            return self.say(MavSeverity::WARNING, "Battery low");
+        }
+        self.say(MavSeverity::CRITICAL, "Battery critical");
+        if self.armed && self.is_in_air {
+            match self.tuning.get(Tuning::COM_LOW_BAT_ACT) {
+                1 => self.enter(Mode::Return, Maneuver::Return),
+                2 => self.enter(Mode::Land, Maneuver::Land(self.body.rest())),
+                _ => {}
+            }
+        }
+    }
+
+    fn watch_time(&mut self) {
+        let most = self.tuning.get(Tuning::COM_FLT_TIME_MAX);
+        let is_over = most > 0 && self.time.since(self.since) >= Duration::from_secs(most.into());
+        if self.armed && self.is_in_air && is_over && !self.is_overdue {
+            self.is_overdue = true;
+            self.say(MavSeverity::WARNING, "Returning: time is up");
+            self.enter(Mode::Return, Maneuver::Return);
+        }
+    }
+
+    /// How long it stands on the ground until the motors are off.
+    fn rest_on_ground(&self) -> Duration {
+        Duration::from_micros((self.tuning.get(Tuning::COM_DISARM_LAND) * 1e6) as u64)
+    }
+
+    /// m/s
+    fn speed(&self) -> f32 {
+        self.speed.unwrap_or(self.tuning.get(Tuning::MPC_XY_CRUISE))
     }
 
     /// Flies a step of `maneuver`; true when it is done. At the fence the mode becomes [`Mode::Hold`].
@@ -249,34 +322,64 @@ impl Quadrotor {
             Maneuver::Return => (here, false),
         };
         let mut next = self.body;
-        next.fly(goal, self.speed, DT);
-        if self.mode != Mode::Hold && !self.allows(live, next.position, next.ahead(FENCE_MARGIN)) {
+        next.fly(goal, self.speed(), DT);
+        if self.mode != Mode::Hold && !self.allows(live, next.position, next.ahead(self.fence_margin())) {
             let is_outside = !self.allows(live, here, here);
             // From outside it may come back and come down.
             if !(is_outside && matches!(self.mode, Mode::Return | Mode::Land)) {
-                self.hold();
-                self.say(
-                    MavSeverity::WARNING,
-                    if is_outside { "Holding: outside the fence" } else { "Holding at the fence" },
-                );
-                self.body.fly(self.body.rest(), self.speed, DT);
-                return false;
+                return self.stop_at_fence(next, is_outside) && done;
             }
+        } else {
+            self.is_warned = false;
         }
         self.body = next;
         done
     }
 
+    /// What the parameters say of a step out of the fence; true when it is taken.
+    fn stop_at_fence(&mut self, next: Body, is_outside: bool) -> bool {
+        let (is_warned, action) = (core::mem::replace(&mut self.is_warned, true), self.tuning.get(Tuning::GF_ACTION));
+        if action == 1 {
+            self.body = next;
+            if !is_warned {
+                self.say(MavSeverity::WARNING, "Leaving the fence");
+            }
+            return true;
+        }
+        // From the way home there is no other.
+        if action == 3 && self.mode != Mode::Return {
+            self.enter(Mode::Return, Maneuver::Return);
+            self.say(MavSeverity::WARNING, "Returning from the fence");
+        } else {
+            self.hold();
+            let why = if is_outside { "Holding: outside the fence" } else { "Holding at the fence" };
+            self.say(MavSeverity::WARNING, why);
+        }
+        self.body.fly(self.body.rest(), self.speed(), DT);
+        false
+    }
+
     /// Whether the fence allows to fly straight from one place to another. A step asks this once, and twice at the border.
     fn allows(&self, live: &Live<'_>, from: Vector, to: Vector) -> bool {
-        fence::allows(self.home, live.fence, from, to)
+        if self.tuning.get(Tuning::GF_ACTION) == 0 {
+            return true;
+        }
+        let (far, high) = (self.tuning.get(Tuning::GF_MAX_HOR_DIST), self.tuning.get(Tuning::GF_MAX_VER_DIST));
+        is_within(far, high, from) && is_within(far, high, to) && fence::allows(self.home, live.fence, from, to)
+    }
+
+    /// How far from the fence it stops, m. On its way home it is there already where it has turned back.
+    fn fence_margin(&self) -> f32 {
+        let has_turned_back = self.mode == Mode::Return && self.tuning.get(Tuning::GF_ACTION) == 3;
+        if has_turned_back { 0.0 } else { self.tuning.get(Tuning::GF_MARGIN) }
     }
 
     /// To land at the nearest of home and the rally points within the fence, from no lower than where it is, and than the
     /// rally point says.
     fn way_home(&self, live: &Live<'_>) -> Maneuver {
         let here = self.body.position;
-        let rally = live.rally.iter().map(|item| {
+        let rally = if self.tuning.get(Tuning::RTL_TYPE) == 0 { live.rally } else { &[] };
+        let rally = rally.iter().map(|item| {
             let (north, east) = self.home.to_local(item.x, item.y);
             let height = self.home.to_height(item.frame, item.z).unwrap_or(0.0);
             Vector { north, east, down: -height }
@@ -286,7 +389,10 @@ impl Quadrotor {
             .filter(|&spot| self.allows(live, spot, spot))
             .min_by(|a, b| here.distance(*a).total_cmp(&here.distance(*b)))
             .unwrap_or(Vector::ZERO);
-        Maneuver::Land(Vector { down: spot.down.min(here.down).min(-RETURN_HEIGHT), ..spot })
+        let down = spot.down.min(here.down).min(-self.tuning.get(Tuning::RTL_RETURN_ALT));
+        // No higher than it may fly.
+        let highest = self.tuning.get(Tuning::GF_MAX_VER_DIST);
+        Maneuver::Land(Vector { down: if highest > 0.0 { down.max(-highest) } else { down }, ..spot })
     }
 
     /// Stops, and stays there.
@@ -340,6 +446,11 @@ impl Vehicle for Quadrotor {
         };
         Some(VehicleState { base_mode, custom_mode: self.mode as u32, system_status })
     }
+}
+
+/// Whether a place is not further from home than `far`, nor higher than `high` (m); 0 is no limit.
+fn is_within(far: f32, high: f32, place: Vector) -> bool {
+    (far == 0.0 || place.distance(Vector::ZERO) <= far) && (high == 0.0 || -place.down <= high)
 }
 
 /// Where to fly to land on `spot`, at `spot`'s height as long as it is far; and whether it has landed.

@@ -4,15 +4,11 @@ use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
 use mavstack::{Command, CommandRule, Item, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
 
-use super::{FENCE_MARGIN, Mode, Quadrotor, mission};
+use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
 
 /// It has no model of the terrain.
 const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
-
-impl mavstack::Parameters for Quadrotor {
-    type Table = mavstack::NoParams;
-}
 
 impl Plans for Quadrotor {
     const MISSION_COMMANDS: &'static [CommandRule] = &[
@@ -66,7 +62,7 @@ impl Plans for Quadrotor {
         match plan {
             PlanType::Mission => mission::check(items),
             PlanType::Fence if self.armed => {
-                let (from, to) = (self.body.position, self.body.ahead(FENCE_MARGIN));
+                let (from, to) = (self.body.position, self.body.ahead(self.fence_margin()));
                 if fence::allows(self.home, items, from, to) {
                     return Ok(());
                 }

@@ -1,0 +1,95 @@
+//! What can be tuned: the parameters. Those that PX4 has too bear its names and mean the same, for ground stations know them.
+
+use mavstack::parameters;
+
+parameters! {
+    /// The vehicle's parameters, each of which changes what it does.
+    pub struct Tuning {
+        /// Charge of a full battery.
+        BAT_CAPACITY: f32 = 5_000.0, 100.0..=100_000.0, "mAh";
+        /// It is critical with less of it: see `COM_LOW_BAT_ACT`.
+        BAT_CRIT_THR: f32 = 0.07, 0.01..=0.5, "norm";
+        /// The operator is warned below this.
+        BAT_LOW_THR: f32 = 0.15, 0.01..=0.5, "norm";
+        /// Cells in series.
+        BAT_N_CELLS: u8 = 3, 1..=10, "";
+        /// Resistance of all cells together: what the voltage loses under load.
+        BAT_R_INTERNAL: f32 = 0.02, 0.0..=0.2, "Ohm";
+        /// A full cell.
+        BAT_V_CHARGED: f32 = 4.2, 4.0..=4.4, "V";
+        /// An empty cell.
+        BAT_V_EMPTY: f32 = 3.5, 2.5..=3.9, "V";
+        /// It does not arm with less in the battery; 0: with any.
+        COM_ARM_BAT_MIN: i8 = 0, 0..=100, "%";
+        /// 1: it arms without a position too.
+        COM_ARM_WO_GPS: u8 = 0, 0..=1, "";
+        /// How long it stands on the ground until the motors are off.
+        COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
+        /// It flies home after so long in the air; 0: never.
+        COM_FLT_TIME_MAX: u32 = 0, 0..=86_400, "s";
+        /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands.
+        COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
+        /// After a take-off. 0: it holds, 1: it flies the mission.
+        COM_TAKEOFF_ACT: i32 = 0, 0..=1, "";
+        /// At the fence. 0: nothing, 1: a warning, 2: it holds, 3: it flies home.
+        GF_ACTION: i32 = 2, 0..=3, "";
+        /// It stops so far from the fence: more than it is wrong about where it comes to rest.
+        GF_MARGIN: f32 = 0.5, 0.0..=50.0, "m";
+        /// A fence around home; 0: none.
+        GF_MAX_HOR_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
+        /// The highest above home; 0: no limit.
+        GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
+        /// System id.
+        MAV_SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        /// Where a take-off without an altitude ends.
+        MIS_TAKEOFF_ALT: f32 = 10.0, 1.0..=500.0, "m";
+        /// Horizontal acceleration.
+        MPC_ACC_HOR: f32 = 3.0, 0.5..=15.0, "m/s^2";
+        /// Lower than this it comes down with `MPC_LAND_SPEED`.
+        MPC_LAND_ALT: f32 = 4.0, 1.0..=50.0, "m";
+        /// How fast it touches down.
+        MPC_LAND_SPEED: f32 = 0.7, 0.2..=5.0, "m/s";
+        /// Cruise speed.
+        MPC_XY_CRUISE: f32 = 8.0, 0.5..=25.0, "m/s";
+        /// Speed for each metre that is left to fly, for gentle stops.
+        MPC_XY_P: f32 = 2.0, 0.1..=4.0, "1/s";
+        /// It turns no faster than this.
+        MPC_YAWRAUTO_MAX: f32 = 86.0, 5.0..=360.0, "deg/s";
+        /// On a way without a heading of its own. 0: the nose points along the course, 1: it stays.
+        MPC_YAW_MODE: i8 = 0, 0..=1, "";
+        /// It goes down no faster than this.
+        MPC_Z_VEL_MAX_DN: f32 = 2.0, 0.5..=8.0, "m/s";
+        /// It goes up no faster than this.
+        MPC_Z_VEL_MAX_UP: f32 = 3.0, 0.5..=8.0, "m/s";
+        /// A waypoint counts as reached within so many metres, unless it says otherwise.
+        NAV_ACC_RAD: f32 = 2.0, 0.5..=200.0, "m";
+        /// It flies home no lower than this.
+        RTL_RETURN_ALT: f32 = 15.0, 0.0..=500.0, "m";
+        /// Where it returns to. 0: home or a rally point, whichever is nearest, 1: home.
+        RTL_TYPE: i32 = 0, 0..=1, "";
+        /// Where it is switched on: altitude above mean sea level.
+        SIH_LOC_H0: f32 = 488.0, -400.0..=8_000.0, "m", [reboot_required];
+        /// Latitude.
+        SIH_LOC_LAT0: i32 = 473_977_420, -850_000_000..=850_000_000, "deg*1e7", [reboot_required];
+        /// Longitude.
+        SIH_LOC_LON0: i32 = 85_455_940, -1_800_000_000..=1_799_999_999, "deg*1e7", [reboot_required];
+        /// What it draws in the air.
+        SIM_AMP_FLIGHT: f32 = 18.0, 1.0..=200.0, "A";
+        /// What it draws armed on the ground.
+        SIM_AMP_IDLE: f32 = 2.0, 0.1..=50.0, "A";
+        /// What it draws disarmed.
+        SIM_AMP_OFF: f32 = 0.3, 0.0..=5.0, "A";
+        /// What the battery has when it is switched on.
+        SIM_BAT_START: u8 = 100, 1..=100, "%", [reboot_required];
+        /// How far the geoid is above the ellipsoid.
+        SIM_GEOID_SEP: i16 = 47, -110..=90, "m";
+        /// The receiver needs so long from the start to find its position.
+        SIM_GPS_FIX_TIME: u16 = 2_000, 0..=60_000, "ms";
+        /// Satellites that it sees then.
+        SIM_GPS_SATS: u8 = 14, 4..=40, "";
+        /// How often it took off.
+        STAT_FLIGHTS: u16 = 0, 0..=u16::MAX, "", [read_only];
+        /// How long it was in the air, all flights together.
+        STAT_FLIGHT_TIME: u32 = 0, 0..=u32::MAX, "s", [read_only];
+    }
+}

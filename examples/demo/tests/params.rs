@@ -1,0 +1,426 @@
+//! The demo vehicle's parameters: each changes what it does.
+
+mod support;
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack::dialect::*;
+use mavstack::{Address, Decoder, Dialect, Duration, Instant, Message, NoPlans, Version, encode};
+use mavstack::{Commands, Param, ParamTable, ParamType, Parameters, Vehicle};
+use mavstack_demo::{App, Mode, TELEMETRY, Tuning};
+use support::{Flight, HOME, command, waypoint};
+
+fn set<T: ParamType>(flight: &mut Flight, param: Param<Tuning, T>, value: T) {
+    let tuning = flight.vehicle.parameters_mut().expect("it has parameters");
+    assert!(tuning.set(param, value), "out of range");
+}
+
+fn get<T: ParamType>(flight: &Flight, param: Param<Tuning, T>) -> T {
+    flight.vehicle.tuning().get(param)
+}
+
+/// Armed, with parameters of the test's own.
+fn ready(tune: impl FnOnce(&mut Flight)) -> Flight {
+    let mut flight = Flight::new();
+    tune(&mut flight);
+    flight.run(2_500);
+    assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    flight
+}
+
+/// The same, up in the air.
+fn airborne(tune: impl FnOnce(&mut Flight)) -> Flight {
+    let mut flight = ready(tune);
+    assert_eq!(flight.command(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
+    flight.until("up", 60, |vehicle| vehicle.mode() == Mode::Hold);
+    flight
+}
+
+/// Seconds until it has landed.
+fn landing(flight: &mut Flight) -> f32 {
+    assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
+    let start = flight.millis;
+    flight.until("down", 120, |vehicle| vehicle.is_landed());
+    (flight.millis - start) as f32 / 1_000.0
+}
+
+/// Every type that the wire allows, names that clients can show.
+#[test]
+fn the_table_is_worth_its_name() {
+    assert!(Tuning::INFO.len() >= 30);
+    for r#type in [
+        MavParamType::UINT8,
+        MavParamType::INT8,
+        MavParamType::UINT16,
+        MavParamType::INT16,
+        MavParamType::UINT32,
+        MavParamType::INT32,
+        MavParamType::REAL32,
+    ] {
+        assert!(Tuning::INFO.iter().any(|info| info.param_type() == r#type), "{type:?}");
+    }
+}
+
+#[test]
+fn heights_and_speeds_are_those_of_the_parameters() {
+    let mut flight = airborne(|flight| {
+        set(flight, Tuning::MIS_TAKEOFF_ALT, 24.0);
+        set(flight, Tuning::MPC_Z_VEL_MAX_UP, 6.0);
+    });
+    assert!((flight.height() - 24.0).abs() < 0.6, "{}", flight.height());
+    let usual = landing(&mut airborne(|flight| set(flight, Tuning::MIS_TAKEOFF_ALT, 24.0)));
+    set(&mut flight, Tuning::MPC_Z_VEL_MAX_DN, 4.0);
+    set(&mut flight, Tuning::MPC_LAND_SPEED, 2.0);
+    set(&mut flight, Tuning::MPC_LAND_ALT, 2.0);
+    let quick = landing(&mut flight);
+    assert!((quick - 6.5).abs() < 1.0 && usual > 14.0, "{quick} {usual}");
+}
+
+#[test]
+fn climbing_takes_as_long_as_it_may() {
+    let climb = |speed: f32| {
+        let mut flight = ready(|flight| set(flight, Tuning::MPC_Z_VEL_MAX_UP, speed));
+        flight.command(MavCmd::NAV_TAKEOFF, &[]);
+        flight.run(2_000);
+        flight.height()
+    };
+    assert!((climb(1.0) - 2.0).abs() < 0.1 && (climb(4.0) - 7.5).abs() < 0.6, "{} {}", climb(1.0), climb(4.0));
+}
+
+#[test]
+fn a_mission_is_flown_as_the_parameters_say() {
+    let fly = |tune: &dyn Fn(&mut Flight)| {
+        let mut flight = airborne(|_| ());
+        tune(&mut flight);
+        flight.upload(&[waypoint(100.0, 0.0), waypoint(100.0, 100.0)]);
+        assert_eq!(flight.start(None, None), MavResult::ACCEPTED);
+        flight.run(8_000);
+        let speed = flight.speed();
+        let end = flight.until_current(1, 120);
+        (speed, end, flight.distance(100.0, 0.0))
+    };
+    let (speed, usual, short) = fly(&|_| ());
+    assert!((speed - 8.0).abs() < 0.1 && short > 1.5 && short < 2.1, "{speed} {short}");
+    let (speed, slow, _) = fly(&|flight| set(flight, Tuning::MPC_XY_CRUISE, 4.0));
+    assert!((speed - 4.0).abs() < 0.1 && slow > usual + 8.0, "{speed} {slow} {usual}");
+    let (_, _, short) = fly(&|flight| set(flight, Tuning::NAV_ACC_RAD, 20.0));
+    assert!(short > 15.0 && short < 20.1, "{short}");
+    let (speed, _, _) = fly(&|flight| set(flight, Tuning::MPC_ACC_HOR, 0.5));
+    assert!((speed - 4.0).abs() < 0.2, "{speed}");
+    let (_, gentle, _) = fly(&|flight| set(flight, Tuning::MPC_XY_P, 0.1));
+    assert!(gentle > usual + 10.0, "{gentle} {usual}");
+}
+
+#[test]
+fn the_nose_turns_as_the_parameters_say() {
+    let turn = |tune: &dyn Fn(&mut Flight)| {
+        let mut flight = airborne(|_| ());
+        tune(&mut flight);
+        flight.upload(&[waypoint(0.0, 100.0)]);
+        assert_eq!(flight.start(None, None), MavResult::ACCEPTED);
+        flight.run(2_000);
+        flight.heading()
+    };
+    assert!((turn(&|_| ()) - 90.0).abs() < 1.0);
+    let slow = turn(&|flight| set(flight, Tuning::MPC_YAWRAUTO_MAX, 20.0));
+    assert!((slow - 40.0).abs() < 2.0, "{slow}");
+    assert_eq!(turn(&|flight| set(flight, Tuning::MPC_YAW_MODE, 1)), 0.0);
+}
+
+#[test]
+fn it_returns_where_and_how_high_the_parameters_say() {
+    let fly = |tune: &dyn Fn(&mut Flight)| {
+        let mut flight = airborne(|_| ());
+        tune(&mut flight);
+        let rally = support::at(MavCmd::NAV_RALLY_POINT, [0.0; 4], 30.0, 0.0, 5.0);
+        flight.change(mavstack::PlanType::Rally, &[rally], 0).unwrap();
+        flight.upload(&[waypoint(40.0, 0.0)]);
+        flight.start(None, None);
+        flight.until_end(60);
+        assert_eq!(flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::ACCEPTED);
+        let mut highest: f32 = 0.0;
+        while flight.vehicle.is_armed() {
+            flight.run(100);
+            highest = highest.max(flight.height());
+        }
+        (flight.distance(30.0, 0.0) < 2.0, highest)
+    };
+    let (at_rally, highest) = fly(&|_| ());
+    assert!(at_rally && (highest - 15.0).abs() < 0.6, "{highest}");
+    let (at_rally, highest) = fly(&|flight| {
+        set(flight, Tuning::RTL_TYPE, 1);
+        set(flight, Tuning::RTL_RETURN_ALT, 40.0);
+    });
+    assert!(!at_rally && (highest - 40.0).abs() < 0.6, "{highest}");
+    let (_, highest) = fly(&|flight| set(flight, Tuning::GF_MAX_VER_DIST, 12.0));
+    assert!(highest <= 12.0, "{highest}");
+}
+
+#[test]
+fn the_fence_is_that_of_the_parameters() {
+    let fly = |tune: &dyn Fn(&mut Flight)| {
+        let mut flight = airborne(|_| ());
+        set(&mut flight, Tuning::GF_MAX_HOR_DIST, 50.0);
+        tune(&mut flight);
+        flight.upload(&[waypoint(80.0, 0.0)]);
+        assert_eq!(flight.start(None, None), MavResult::ACCEPTED);
+        flight.until_end(60);
+        flight.run(5_000);
+        (flight.vehicle.mode(), flight.distance(0.0, 0.0), flight.said())
+    };
+    let (mode, distance, said) = fly(&|_| ());
+    assert_eq!((mode, &said[..]), (Mode::Hold, &["Holding at the fence"][..]));
+    assert!(distance > 48.5 && distance < 50.0, "{distance}");
+    let (_, distance, _) = fly(&|flight| set(flight, Tuning::GF_MARGIN, 10.0));
+    assert!(distance > 38.5 && distance < 40.5, "{distance}");
+    let (_, distance, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 0));
+    assert!(distance > 75.0 && said == ["Mission complete"], "{distance} {said:?}");
+    let (_, distance, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 1));
+    assert!(distance > 75.0 && said == ["Leaving the fence", "Mission complete"], "{distance} {said:?}");
+    let (mode, _, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 3));
+    assert_eq!((mode, &said[..]), (Mode::Return, &["Returning from the fence"][..]));
+    let mut flight = ready(|flight| set(flight, Tuning::GF_MAX_VER_DIST, 8.0));
+    flight.command(MavCmd::NAV_TAKEOFF, &[]);
+    flight.run(20_000);
+    assert!(flight.height() > 7.0 && flight.height() <= 8.0, "{}", flight.height());
+}
+
+#[test]
+fn the_battery_is_that_of_the_parameters() {
+    let mut flight = Flight::new();
+    set(&mut flight, Tuning::BAT_N_CELLS, 4);
+    set(&mut flight, Tuning::BAT_V_CHARGED, 4.3);
+    set(&mut flight, Tuning::BAT_R_INTERNAL, 0.0);
+    set(&mut flight, Tuning::SIM_BAT_START, 50);
+    set(&mut flight, Tuning::BAT_V_EMPTY, 3.3);
+    flight.run(100);
+    let battery = flight.vehicle.battery();
+    assert!((battery.voltage - 15.2).abs() < 0.01 && (battery.remaining - 0.5).abs() < 0.01, "{battery:?}");
+    let drawn = |tune: &dyn Fn(&mut Flight)| {
+        let mut flight = ready(|flight| tune(flight));
+        let before = flight.vehicle.battery();
+        flight.run(60_000);
+        let idle = flight.vehicle.battery();
+        flight.command(MavCmd::NAV_TAKEOFF, &[]);
+        flight.run(10_000);
+        (before.current, idle.current, flight.vehicle.battery().current, before.remaining - idle.remaining)
+    };
+    let (off, idle, air, used) = drawn(&|_| ());
+    assert_eq!((off, idle, air), (0.3, 2.0, 18.0));
+    let (off, idle, air, _) = drawn(&|flight| {
+        set(flight, Tuning::SIM_AMP_OFF, 1.0);
+        set(flight, Tuning::SIM_AMP_IDLE, 5.0);
+        set(flight, Tuning::SIM_AMP_FLIGHT, 30.0);
+    });
+    assert_eq!((off, idle, air), (1.0, 5.0, 30.0));
+    let (_, _, _, twice) = drawn(&|flight| set(flight, Tuning::BAT_CAPACITY, 2_500.0));
+    assert!((twice / used - 2.0).abs() < 0.05, "{twice} {used}");
+}
+
+#[test]
+fn a_critical_battery_does_what_the_parameters_say() {
+    for (action, mode) in [(0, Mode::Hold), (1, Mode::Return), (2, Mode::Land)] {
+        let mut flight = airborne(|flight| {
+            set(flight, Tuning::COM_LOW_BAT_ACT, action);
+            set(flight, Tuning::BAT_CAPACITY, 200.0);
+            set(flight, Tuning::BAT_LOW_THR, 0.5);
+            set(flight, Tuning::BAT_CRIT_THR, 0.4);
+        });
+        flight.until("critical", 60, |vehicle| vehicle.battery().remaining < 0.4);
+        flight.run(20);
+        assert_eq!(flight.vehicle.mode(), mode);
+        assert_eq!(flight.said(), ["Battery low", "Battery critical"]);
+        assert_eq!(flight.vehicle.state().unwrap().system_status, MavState::CRITICAL);
+    }
+}
+
+#[test]
+fn arming_and_disarming_are_as_the_parameters_say() {
+    let arm = |tune: &dyn Fn(&mut Flight), millis| {
+        let mut flight = Flight::new();
+        tune(&mut flight);
+        flight.run(millis);
+        flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0])
+    };
+    assert_eq!(arm(&|_| (), 500), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(arm(&|flight| set(flight, Tuning::COM_ARM_WO_GPS, 1), 500), MavResult::ACCEPTED);
+    assert_eq!(arm(&|flight| set(flight, Tuning::SIM_GPS_FIX_TIME, 300), 500), MavResult::ACCEPTED);
+    let weak = |flight: &mut Flight| {
+        set(flight, Tuning::SIM_BAT_START, 20);
+        set(flight, Tuning::COM_ARM_BAT_MIN, 30);
+    };
+    assert_eq!(arm(&weak, 3_000), MavResult::TEMPORARILY_REJECTED);
+
+    let mut flight = airborne(|flight| set(flight, Tuning::COM_DISARM_LAND, 3.0));
+    landing(&mut flight);
+    flight.run(2_900);
+    assert!(flight.vehicle.is_armed());
+    flight.run(200);
+    assert!(!flight.vehicle.is_armed());
+}
+
+/// P-16: what the vehicle counts the ground cannot set.
+#[test]
+fn flights_are_counted_and_may_be_bounded() {
+    let mut flight = airborne(|flight| set(flight, Tuning::COM_FLT_TIME_MAX, 30));
+    assert_eq!((get(&flight, Tuning::STAT_FLIGHTS), get(&flight, Tuning::STAT_FLIGHT_TIME)), (1, 0));
+    flight.until("on its way home", 31, |vehicle| vehicle.mode() == Mode::Return);
+    assert_eq!(flight.said(), ["Returning: time is up"]);
+    flight.until("down", 60, |vehicle| !vehicle.is_armed());
+    let time = get(&flight, Tuning::STAT_FLIGHT_TIME);
+    assert!((35..60).contains(&time), "{time}");
+    assert_eq!(get(&flight, Tuning::STAT_FLIGHTS), 1);
+}
+
+#[test]
+fn after_a_take_off_it_may_fly_the_mission() {
+    for (action, mode) in [(0, Mode::Hold), (1, Mode::Mission)] {
+        let mut flight = ready(|flight| set(flight, Tuning::COM_TAKEOFF_ACT, action));
+        flight.upload(&[waypoint(100.0, 0.0)]);
+        flight.command(MavCmd::NAV_TAKEOFF, &[]);
+        flight.until("up", 20, |vehicle| vehicle.mode() != Mode::Takeoff);
+        assert_eq!(flight.vehicle.mode(), mode);
+    }
+}
+
+#[test]
+fn home_is_where_it_is_switched_on() {
+    let mut flight = Flight::new();
+    set(&mut flight, Tuning::SIH_LOC_LAT0, -HOME.0);
+    set(&mut flight, Tuning::SIH_LOC_LON0, 1_799_999_999);
+    set(&mut flight, Tuning::SIH_LOC_H0, -3.5);
+    flight.run(2_500);
+    // A change has its effect after the next start.
+    set(&mut flight, Tuning::SIH_LOC_LAT0, 0);
+    flight.run(500);
+    let position = flight.vehicle.global_position().unwrap();
+    assert_eq!((position.latitude, position.longitude, position.altitude), (-HOME.0, 1_799_999_999, -3.5));
+}
+
+/// A line between the vehicle and the test.
+#[derive(Default)]
+struct Line {
+    up: VecDeque<u8>,
+    down: VecDeque<u8>,
+}
+
+impl ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.up.is_empty())
+    }
+}
+
+impl Read for Line {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        let len = bytes.len().min(self.up.len());
+        bytes.iter_mut().zip(self.up.drain(..len)).for_each(|(to, from)| *to = from);
+        Ok(len)
+    }
+}
+
+impl WriteReady for Line {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+impl Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.down.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// The vehicle with its stack, and a ground station at the other end of the line.
+struct World {
+    app: Box<App<NoPlans>>,
+    line: Line,
+    decoder: Decoder,
+    now: Instant,
+}
+
+impl World {
+    /// Sets a parameter; what the vehicle answers.
+    fn set(&mut self, name: &str, r#type: MavParamType, bits: u32) -> Result<u32, MavParamError> {
+        let set = ParamSet {
+            target_system: 1,
+            target_component: 1,
+            param_id: mavstack::Text::new(name),
+            param_type: r#type,
+            param_value: f32::from_bits(bits),
+        };
+        let mut frame = [0; 280];
+        let len = encode(&set, Version::V2, Address::new(255, 190), 0, &mut frame).unwrap();
+        self.line.up.extend(&frame[..len]);
+        for _ in 0..200 {
+            self.now = self.now.after(Duration::from_millis(1));
+            self.app.control(self.now);
+            self.app.serve(self.now, TELEMETRY, &mut self.line).unwrap();
+            self.decoder.push(self.line.down.make_contiguous(), self.now);
+            self.line.down.clear();
+            while let Some(frame) = self.decoder.next(self.now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                match frame.id() {
+                    ParamValue::ID => {
+                        let value = ParamValue::decode(frame.payload());
+                        // After a refusal the value comes too.
+                        if value.param_id.as_str() == Some(name) {
+                            return Ok(value.param_value.to_bits());
+                        }
+                    }
+                    ParamError::ID => return Err(ParamError::decode(frame.payload()).error),
+                    _ => {}
+                }
+            }
+        }
+        panic!("no answer about {name}");
+    }
+
+    fn real(&mut self, name: &str, value: f32) -> Result<f32, MavParamError> {
+        self.set(name, MavParamType::REAL32, value.to_bits()).map(f32::from_bits)
+    }
+
+    fn command(&mut self, id: MavCmd, first: f32) {
+        let (_, vehicle) = self.app.parts();
+        assert_eq!(vehicle.command(&command(id, [first, 0.0, 0.0, 0.0])).result, MavResult::ACCEPTED);
+    }
+}
+
+/// P-14: from outside, and what is refused.
+#[test]
+fn what_makes_no_sense_is_refused() {
+    const DENIED: MavParamError = MavParamError::PERMISSION_DENIED;
+    let mut world = World {
+        app: Box::new(App::new()),
+        line: Line::default(),
+        decoder: Decoder::new(Duration::from_secs(1)),
+        now: Instant::ZERO,
+    };
+    assert_eq!(world.real("BAT_LOW_THR", 0.3), Ok(0.3));
+    assert_eq!(world.real("BAT_CRIT_THR", 0.31), Err(MavParamError::VALUE_OUT_OF_RANGE));
+    assert_eq!(world.real("BAT_LOW_THR", 0.06), Err(MavParamError::VALUE_OUT_OF_RANGE));
+    assert_eq!(world.real("BAT_CAPACITY", 4_000.0), Ok(4_000.0));
+    assert_eq!(world.set("STAT_FLIGHTS", MavParamType::UINT16, 9), Err(MavParamError::READ_ONLY));
+    let south = (-123_456_789_i32).cast_unsigned();
+    assert_eq!(world.set("SIH_LOC_LAT0", MavParamType::INT32, south), Ok(south));
+    while !world.app.vehicle().has_fix() {
+        world.real("MPC_XY_CRUISE", 7.5).unwrap();
+    }
+    world.command(MavCmd::COMPONENT_ARM_DISARM, 1.0);
+    world.command(MavCmd::NAV_TAKEOFF, 0.0);
+    while world.app.vehicle().local_position().down > -5.0 {
+        assert_eq!(world.set("MAV_SYS_ID", MavParamType::UINT8, 3), Err(DENIED));
+    }
+    assert_eq!(world.real("GF_MAX_VER_DIST", 4.5), Err(DENIED));
+    assert_eq!(world.real("BAT_CAPACITY", 3_000.0), Err(DENIED));
+    assert_eq!(world.real("GF_MAX_VER_DIST", 60.0), Ok(60.0));
+}
