@@ -259,6 +259,24 @@ def test_parameters_survive(target, other, request, tmp_path):
         vehicle.end()
 
 
+def test_the_system_id_is_that_of_the_parameter_after_a_start(target, request, tmp_path):
+    if target != "sitl":
+        pytest.skip("the vehicle that all tests use keeps its id")
+    option = request.config.getoption
+    vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
+    try:
+        assert write_and_read(vehicle.gcs, "MAV_SYS_ID", UINT8, 77) == 77
+        assert vehicle.gcs.wait("HEARTBEAT").get_srcSystem() == 1
+        assert vehicle.gcs.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1, -1) == mavlink.MAV_RESULT_ACCEPTED
+        time.sleep(1)
+        vehicle.cut()
+        assert vehicle.gcs.wait("HEARTBEAT").get_srcSystem() == 77
+        vehicle.gcs.mav.param_request_read_send(77, 1, b"MAV_SYS_ID", -1)
+        assert next_answer(vehicle.gcs, "MAV_SYS_ID").value == 77
+    finally:
+        vehicle.end()
+
+
 def write_and_read(gcs, name, kind, value):
     write(gcs, name, kind, value)
     return read(gcs, name).value

@@ -38,7 +38,9 @@ fn main() -> ! {
     static mut APP: MaybeUninit<App<DemoPlans>> = MaybeUninit::uninit();
 
     let app = APP.write(App::new());
-    let Some((mut board, [plan_flash, settings_flash])) = Board::take() else { unreachable!("the entry point is entered once") };
+    let Some((mut board, [plan_flash, settings_flash])) = Board::take() else {
+        unreachable!("the entry point is entered once")
+    };
     #[cfg(feature = "defmt")]
     log::begin();
     let mut settings = Settings::new(settings_flash, 0..SETTINGS_LEN);
