@@ -9,7 +9,7 @@ use mavstack::dialect::{
     AutopilotVersion, CommandAck, Heartbeat, MavCmd, MavParamError, MavParamType, MavProtocolCapability, MavResult,
     ParamError, ParamRequestList, ParamRequestRead, ParamSet, ParamValue,
 };
-use mavstack::{Duration, LinkConfig, ParamTable, Text, TxVersion};
+use mavstack::{Address, Duration, LinkConfig, ParamTable, Text, TxVersion, VehicleAddress};
 use std::collections::BTreeMap;
 use support::*;
 
@@ -146,6 +146,23 @@ fn the_encoding_is_announced() {
     let version: AutopilotVersion = world.expect(0, millis(50));
     assert!(version.capabilities.contains(MavProtocolCapability::PARAM_ENCODE_BYTEWISE));
     assert!(!version.capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
+}
+
+/// A system id that is a parameter: the vehicle is called so after a start, by itself and by others.
+#[test]
+fn the_address_can_be_a_stored_one() {
+    let mut world = World::new(Setup::<2>::new());
+    let address = VehicleAddress::new(Address::new(77, 2)).expect("a vehicle can have it");
+    world.stack.set_address(address);
+    for (link, target_system) in [(0, 1), (1, 77)] {
+        world.gcs[link].send(&ParamRequestList { target_system, ..LIST });
+    }
+    world.run_for(secs(3));
+    assert!((3..=4).contains(&world.gcs[0].count_of::<Heartbeat>()));
+    for gcs in &world.gcs {
+        assert!(gcs.received.iter().all(|frame| frame.header.source == Address::new(77, 2)));
+    }
+    assert_eq!((known(&world, 0).len(), known(&world, 1).len()), (0, COUNT));
 }
 
 /// Nobody is set by a broadcast; somebody else's request is not ours.

@@ -67,7 +67,7 @@ def is_close(a, b):
 class MavProxy:
     """A running MAVProxy: commands in, lines out."""
 
-    def __init__(self, port, folder):
+    def __init__(self, port, folder, modules="wp,fence,rally,arm"):
         program = pathlib.Path(sys.executable).parent / "mavproxy.py"
         self.process = subprocess.Popen(
             [
@@ -76,7 +76,7 @@ class MavProxy:
                 program,
                 f"--master=tcp:127.0.0.1:{port}",
                 f"--state-basedir={folder}",
-                "--default-modules=wp,fence,rally,arm",
+                f"--default-modules={modules}",
             ],
             cwd=folder,
             text=True,
