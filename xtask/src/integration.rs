@@ -39,6 +39,7 @@ const OVER_TCP: &[&str] = &[
     "test_pymavlink.py",
     "test_plans.py",
     "test_progress.py",
+    "test_messages.py",
     "test_params.py",
     "test_mavsdk.py",
     "test_mavproxy.py",

@@ -42,7 +42,7 @@ use crate::dialect::MavParamError;
 /// assert_eq!(rover.tuning.get(Tuning::BAT_LOW), 11.0);
 /// ```
 pub trait Parameters {
-    /// The table, made by [`parameters!`](crate::parameters), or [`NoParams`].
+    /// The table, made by [`parameters!`](crate::parameters), or [`NoParams`](crate::NoParams).
     type Table: ParamTable;
 
     /// How integers stand on the wire: the same for all of them, and announced by AUTOPILOT_VERSION (P-2).
