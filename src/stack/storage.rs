@@ -1,7 +1,9 @@
-//! Plans that survive a power cut: what joins the stack and a [`PlanStore`] (M-44, SEC-11, SEC-12).
+//! Plans and parameters that survive a power cut: what joins the stack, a [`PlanStore`] and a [`ParamStore`] (M-44, P-17,
+//! SEC-11, SEC-12).
 //!
 //! Apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more, so the firmware
-//! chooses when [`persist`](Stack::persist) runs, and the vehicle is asked before each step. Nothing else here blocks.
+//! chooses when [`persist`](Stack::persist) and [`persist_parameters`](Stack::persist_parameters) run, and the vehicle is
+//! asked before each step.
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -9,8 +11,7 @@ use super::{Stack, owe};
 use crate::dialect::MavSeverity;
 use crate::message::{Dialect, Text};
 use crate::service::mission::{Durability, PlanStorage, PlanType};
-use crate::service::param;
-use crate::service::param::ParamTable;
+use crate::service::param::{self, ParamTable};
 use crate::service::statustext::StatusTexts;
 use crate::storage::{ParamStore, PlanStore, Step};
 use crate::time::Instant;
@@ -76,8 +77,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 
     /// Writes plans that are to be durable, one step at a time: at most one erase unit is erased, or 256 bytes are written,
-    /// and only while the vehicle [permits](crate::Plans::may_persist). The one call that may block, for as long as that
-    /// takes. True when there is more to do at once.
+    /// and only while the vehicle [permits](crate::Plans::may_persist). May block for as long as that takes. True when there
+    /// is more to do at once.
     ///
     /// With [`Durability::Durable`] an upload's final answer waits for this: call it in every pass of the loop, or from an
     /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where

@@ -1,11 +1,11 @@
 //! Records that survive power loss, in NOR flash and in FRAM.
 //!
-//! [`PlanStore`] keeps the plans over anything that is [`NorFlash`](embedded_storage::nor_flash::NorFlash): the
-//! microcontroller's own flash, a chip beside it, or an FRAM by [`Fram`]. Writing goes in bounded steps; whatever moment
-//! the power goes, the restarted vehicle has exactly what was complete before, or exactly the new.
+//! [`PlanStore`] keeps the plans, [`ParamStore`] the parameters, over anything that is
+//! [`NorFlash`](embedded_storage::nor_flash::NorFlash): the microcontroller's own flash, a chip beside it, or an FRAM by
+//! [`Fram`]. Writing goes in bounded steps; whatever moment the power goes, the restarted vehicle has exactly what was
+//! complete before, or exactly the new.
 
 mod fram;
-
 mod params;
 mod plans;
 mod record;

@@ -127,14 +127,19 @@ impl Missions {
         if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
+    /// What is asked of the storage, when there is one.
+    fn policy(&self) -> Option<Durability> {
+        if cfg!(any(feature = "storage", test)) { self.saving.policy } else { None }
+    }
+
     /// Whether ACCEPTED waits for storage.
     pub(super) fn is_durable(&self) -> bool {
-        cfg!(any(feature = "storage", test)) && self.saving.policy == Some(Durability::Durable)
+        self.policy() == Some(Durability::Durable)
     }
 
     /// Something live is to be written, sooner or later.
     fn want_saved(&mut self) {
-        if cfg!(any(feature = "storage", test)) {
+        if self.policy().is_some() {
             self.saving.owed = true;
             self.saving.next_job();
         }
@@ -142,7 +147,7 @@ impl Missions {
 
     /// Whether all that is live is stored too, or there is no storage.
     fn is_saved(&self) -> bool {
-        !cfg!(any(feature = "storage", test)) || !(self.saving.owed || self.saving.differs)
+        self.policy().is_none() || !(self.saving.owed || self.saving.differs)
     }
 
     /// Whether a clear would clear nothing, here or on the storage (M-52).

@@ -168,11 +168,9 @@ fn deferred_plans_are_live_first() {
 impl Bench {
     /// The firmware brings a plan.
     fn load(&mut self, plan: PlanType, items: &[Item]) {
-        let (missions, mut plans) = self.memory.parts(&mut self.missions).unwrap();
-        let (now, texts) = (self.now, &mut self.texts);
-        let mut cx = Context { now, plans: &mut plans, texts, normal: both_links(), second_ack: false };
         let read = |seq| items.get(usize::from(seq)).copied();
-        missions.load(&mut cx, &mut self.vehicle, plan, None, read).expect("a good plan");
+        let loaded = self.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, plan, None, read));
+        loaded.expect("a good plan");
     }
 }
 
@@ -232,9 +230,16 @@ fn a_repeated_clear_waits_for_the_first() {
     assert_eq!((bench.drain_link(0), bench.drain_link(1)), (Vec::new(), [to_a(Ack(ACCEPTED, 0))].to_vec()));
 }
 
-/// M-52: what is empty may be cleared always.
+/// M-52: what is empty may be cleared always, also where storage could be and is not.
 #[test]
 fn nothing_may_be_cleared_always() {
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 2));
+    assert_eq!(bench.unsaved(), None, "there is nowhere to write it");
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+    bench.vehicle.may_change = Err(DENIED);
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+
     let mut bench = durable();
     bench.vehicle.may_persist = false;
     bench.vehicle.may_change = Err(DENIED);
@@ -295,16 +300,9 @@ fn plans_come_back_from_storage() {
     let read = |items: &[Item], count: u16, id: u32, bad: Option<(u16, MavMissionResult)>| {
         let mut bench = durable();
         bench.vehicle.bad_item = bad;
-        let (missions, mut plans) = bench.memory.parts(&mut bench.missions).unwrap();
-        let mut cx = Context {
-            now: bench.now,
-            plans: &mut plans,
-            texts: &mut bench.texts,
-            normal: both_links(),
-            second_ack: false,
-        };
         let read = |seq| items.get(usize::from(seq)).copied();
-        let loaded = missions.load(&mut cx, &mut bench.vehicle, PlanType::Mission, Some((count, id)), read);
+        let (plan, expected) = (PlanType::Mission, Some((count, id)));
+        let loaded = bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, plan, expected, read));
         assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
         let (live, live_id) = bench.live(PlanType::Mission);
         (live.to_vec(), live_id, bench.vehicle.changes.len(), loaded)

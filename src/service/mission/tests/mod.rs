@@ -159,17 +159,11 @@ impl Bench {
         with_frame(&bytes[..len], |frame| {
             assert!(Missions::handles(frame.id()));
             let link = usize::from(from.link.0);
-            let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-            let mut cx = Context {
-                now: self.now,
-                plans: &mut plans,
-                texts: &mut self.texts,
-                normal: both_links(),
-                second_ack: self.second_ack,
-            };
             let version = self.boxes[link].version();
-            let mut caller = Caller { from, version, replies: &mut self.replies[link] };
-            missions.on_frame(&mut cx, &mut self.vehicle, &mut caller, frame);
+            self.with(|missions, cx, vehicle, replies| {
+                let mut caller = Caller { from, version, replies: &mut replies[link] };
+                missions.on_frame(cx, vehicle, &mut caller, frame);
+            });
         });
     }
 
@@ -179,18 +173,31 @@ impl Bench {
         self.drain()
     }
 
-    fn poll(&mut self) {
+    /// The engine with all that it works with.
+    fn with<R>(
+        &mut self,
+        act: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
+    ) -> R {
         let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let mut cx = Context {
-            now: self.now,
-            plans: &mut plans,
-            texts: &mut self.texts,
-            normal: both_links(),
-            second_ack: self.second_ack,
-        };
-        if let Some((link, reply)) = missions.poll(&mut cx, &self.vehicle) {
-            self.replies[usize::from(link.0)].owe_result(reply);
-        }
+        let (now, second_ack) = (self.now, self.second_ack);
+        let mut cx = Context { now, plans: &mut plans, texts: &mut self.texts, normal: both_links(), second_ack };
+        act(missions, &mut cx, &mut self.vehicle, &mut self.replies)
+    }
+
+    /// The same, for what comes of no frame and may have an answer.
+    fn owing(
+        &mut self,
+        act: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
+    ) {
+        self.with(|missions, cx, vehicle, replies| {
+            if let Some((link, reply)) = act(missions, cx, vehicle) {
+                replies[usize::from(link.0)].owe_result(reply);
+            }
+        });
+    }
+
+    fn poll(&mut self) {
+        self.owing(|missions, cx, vehicle| missions.poll(cx, vehicle));
     }
 
     /// What storage is to hold, when it does not: the number of the job, and each plan with its id.
@@ -202,29 +209,12 @@ impl Bench {
 
     /// Storage holds it.
     fn saved(&mut self) {
-        self.storage_answers(|missions, cx, vehicle| missions.saved(cx, vehicle));
+        self.owing(Missions::saved);
     }
 
     /// Storage failed.
     fn not_saved(&mut self) {
-        self.storage_answers(|missions, cx, _| missions.not_saved(cx));
-    }
-
-    fn storage_answers(
-        &mut self,
-        answer: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
-    ) {
-        let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let mut cx = Context {
-            now: self.now,
-            plans: &mut plans,
-            texts: &mut self.texts,
-            normal: both_links(),
-            second_ack: self.second_ack,
-        };
-        if let Some((link, reply)) = answer(missions, &mut cx, &mut self.vehicle) {
-            self.replies[usize::from(link.0)].owe_result(reply);
-        }
+        self.owing(|missions, cx, _| missions.not_saved(cx));
     }
 
     /// Lets `millis` ms go by in steps of 10 ms; what goes out meanwhile, and after how many ms.
