@@ -82,7 +82,7 @@ macro_rules! parameters {
         $(#[$meta:meta])*
         $vis:vis struct $name:ident {
             $(
-                $(#[$param_meta:meta])*
+                $(#[doc = $doc:literal])*
                 $param:ident: $ty:ident = $default:expr, $range:expr, $unit:literal $(, [$($flag:ident),* $(,)?])?;
             )+
         }
@@ -97,7 +97,7 @@ macro_rules! parameters {
         #[allow(dead_code, reason = "some parameters are only for the ground")]
         impl $name {
             $(
-                $(#[$param_meta])*
+                $(#[doc = $doc])*
                 pub const $param: $crate::Param<Self, $ty> = $crate::Param::__at($crate::ParamInfo::position(
                     &Self::__TABLE,
                     &$crate::ParamInfo::$ty(stringify!($param), $default, &($range)),
@@ -136,6 +136,7 @@ macro_rules! parameters {
         impl $crate::ParamTable for $name {
             const INFO: &'static [$crate::ParamInfo] = &Self::__TABLE;
             const UNITS: &'static [&'static str] = &[$($unit),+];
+            const DESCRIPTIONS: &'static [&'static str] = &[$(concat!($($doc),*)),+];
 
             fn table_mut(&mut self) -> $crate::__ParamTableMut<'_> {
                 self.memory.table_mut(Self::INFO)

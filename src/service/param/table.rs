@@ -450,6 +450,8 @@ pub trait ParamTable: Sized {
     /// The unit of each; empty for one that has none. For tools on a host; a firmware that does not look at it has none
     /// of it in its flash.
     const UNITS: &'static [&'static str];
+    /// What each is, its doc comment in one line; the same holds for it.
+    const DESCRIPTIONS: &'static [&'static str];
 
     #[doc(hidden)]
     fn table_mut(&mut self) -> TableMut<'_>;
@@ -463,6 +465,7 @@ pub enum NoParams {}
 impl ParamTable for NoParams {
     const INFO: &'static [ParamInfo] = &[];
     const UNITS: &'static [&'static str] = &[];
+    const DESCRIPTIONS: &'static [&'static str] = &[];
 
     fn table_mut(&mut self) -> TableMut<'_> {
         match *self {}
