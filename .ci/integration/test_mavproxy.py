@@ -10,6 +10,8 @@ import pytest
 from plans import FENCE, FIELDS, MISSION, RALLY, differences, plan, same
 from transfer import ACCEPTED, download, ids, upload
 
+# The vehicle's number of its mode when it holds: PX4's 4 and 3.
+HOLD = 4 << 16 | 3 << 24
 MISSION_FILE = """\
 QGC WPL 110
 0	1	3	22	0	0	0	0	47.397742	8.545594	10	1
@@ -129,7 +131,7 @@ def mavproxy(port, tmp_path):
 def test_connect_load_list_arm(mavproxy, tmp_path):
     (tmp_path / "plan.txt").write_text(MISSION_FILE)
     mavproxy.expect("Detected vehicle 1:1")
-    mavproxy.expect("Mode(100)")
+    mavproxy.expect(f"Mode({HOLD})")
     mavproxy.say("wp load plan.txt")
     mavproxy.expect("MISSION_ACK: TYPE_MISSION: ACCEPTED")
     mavproxy.say("wp list")

@@ -98,11 +98,26 @@ fn what_needs_an_armed_vehicle_waits_for_one() {
     assert_eq!(flight.command(MavCmd::DO_REPEAT_SERVO, &[]), MavResult::UNSUPPORTED);
 }
 
-/// Other autopilots' mode numbers, as MAVSDK sends them to all but ArduPilot, are refused and not misunderstood.
+/// DO_SET_MODE as MAVSDK sends it, a main mode and a sub-mode; and as pymavlink does, a whole `custom_mode`.
 #[test]
-fn modes_of_other_autopilots_are_denied() {
+fn modes_are_set_by_two_numbers_or_by_one() {
+    let nan = f32::NAN;
     let mut flight = Flight::airborne();
-    for params in [[1.0, 4.0, 4.0], [1.0, 4.0, 0.0], [1.0, 100.0, 3.0], [0.0, 100.0, 0.0], [1.0, f32::NAN, 0.0]] {
+    for (params, mode) in [
+        ([129.0, 4.0, 5.0, nan], Mode::Return),
+        ([1.0, Mode::Hold.number() as f32, 0.0, 0.0], Mode::Hold),
+        ([129.0, 4.0, 6.0, nan], Mode::Land),
+        ([1.0, Mode::Takeoff.number() as f32, nan, nan], Mode::Takeoff),
+        ([129.0, 4.0, 3.0, nan], Mode::Hold),
+    ] {
+        assert_eq!(flight.command(MavCmd::DO_SET_MODE, &params), MavResult::ACCEPTED, "{params:?}");
+        assert_eq!(flight.vehicle.mode(), mode);
+        assert_eq!(flight.vehicle.state().unwrap().custom_mode, mode.number());
+    }
+    // None of ours: a base mode, an acrobatic mode, no such sub-mode, half a number, a whole number and a sub-mode.
+    for params in
+        [[0.0, 4.0, 5.0], [1.0, 5.0, 0.0], [1.0, 4.0, 9.0], [1.0, 4.5, 5.0], [1.0, 262_144.0, 5.0], [1.0, nan, 5.0]]
+    {
         assert_eq!(flight.command(MavCmd::DO_SET_MODE, &params), MavResult::DENIED, "{params:?}");
     }
     assert_eq!(flight.vehicle.mode(), Mode::Hold);

@@ -78,12 +78,18 @@ impl Quadrotor {
         }
     }
 
-    /// MAV_CMD_DO_SET_MODE: our modes have no sub-modes.
+    /// MAV_CMD_DO_SET_MODE: a main mode and a sub-mode, or a whole `custom_mode` in the first of them.
     fn set_mode(&mut self, command: &Command) -> MavResult {
         let [base, custom, sub, _] = command.params;
         let is_custom = whole(base).is_some_and(|base| base & 1 != 0);
-        let mode = Mode::ALL.into_iter().find(|&mode| whole(custom) == Some(mode as u16));
-        let Some(mode) = mode.filter(|_| is_custom && is_default(sub)) else { return MavResult::DENIED };
+        let sub = if sub.is_nan() { Some(0) } else { whole(sub) };
+        let number = match (whole(custom), sub) {
+            (Some(main @ ..=255), Some(sub @ ..=255)) => Some(main << 16 | sub << 24),
+            (whole, Some(0)) => whole,
+            _ => None,
+        };
+        let mode = Mode::ALL.into_iter().find(|mode| Some(mode.number()) == number);
+        let Some(mode) = mode.filter(|_| is_custom) else { return MavResult::DENIED };
         let here = self.body.rest();
         match mode {
             Mode::Hold => {
@@ -140,7 +146,7 @@ fn is_default(parameter: f32) -> bool {
 }
 
 /// The whole number that a parameter holds, if it is one (C-9).
-fn whole(parameter: f32) -> Option<u16> {
-    let whole = parameter as u16;
-    (f32::from(whole) == parameter).then_some(whole)
+fn whole(parameter: f32) -> Option<u32> {
+    let whole = parameter as u32;
+    (whole as f32 == parameter).then_some(whole)
 }

@@ -23,26 +23,36 @@ const DT: f32 = 0.01;
 /// A flight loop that stood still is not made up for beyond so many steps.
 const MAX_STEPS: usize = 10;
 
-/// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are beyond those of the well-known autopilots, so that
-/// a client that takes us for one of them is refused and not misunderstood.
+/// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are PX4's, main mode and sub-mode: MAVSDK sends those to
+/// every autopilot that it does not know, and reads them so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
+#[repr(u32)]
 pub enum Mode {
-    /// Stays where it is.
-    Hold = 100,
     /// Goes up.
-    Takeoff = 101,
+    Takeoff = auto(2),
+    /// Stays where it is, or flies where it was sent and stays there.
+    Hold = auto(3),
     /// Flies the live plan.
-    Mission = 102,
+    Mission = auto(4),
     /// Flies home or to a rally point, whichever is nearest, and lands.
-    Return = 103,
+    Return = auto(5),
     /// Lands.
-    Land = 104,
+    Land = auto(6),
+}
+
+/// A sub-mode of PX4's main mode 4, in which the vehicle flies by itself.
+const fn auto(sub: u32) -> u32 {
+    4 << 16 | sub << 24
 }
 
 impl Mode {
-    const ALL: [Self; 5] = [Self::Hold, Self::Takeoff, Self::Mission, Self::Return, Self::Land];
+    const ALL: [Self; 5] = [Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
+
+    /// `HEARTBEAT.custom_mode`.
+    pub const fn number(self) -> u32 {
+        self as u32
+    }
 }
 
 /// A position on the globe.
@@ -444,7 +454,7 @@ impl Vehicle for Quadrotor {
             true if self.battery.is_low() => MavState::CRITICAL,
             true => MavState::ACTIVE,
         };
-        Some(VehicleState { base_mode, custom_mode: self.mode as u32, system_status })
+        Some(VehicleState { base_mode, custom_mode: self.mode.number(), system_status })
     }
 }
 

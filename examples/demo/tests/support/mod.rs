@@ -113,7 +113,8 @@ impl Flight {
 
     pub fn set_mode(&mut self, mode: Mode) -> MavResult {
         let custom = f32::from(MavModeFlag::CUSTOM_MODE_ENABLED.0);
-        self.command(MavCmd::DO_SET_MODE, &[custom, f32::from(mode as u8)])
+        let [_, _, main, sub] = mode.number().to_le_bytes();
+        self.command(MavCmd::DO_SET_MODE, &[custom, main.into(), sub.into()])
     }
 
     /// MAV_CMD_MISSION_START, as the stack hands it on.
