@@ -158,6 +158,7 @@ pub use network::PeerInfo;
 pub use pulse::Pulse;
 pub use service::command::{CommandMemory, CommandPolicy, CommandSlot, CommandSlots};
 pub use service::identity::Identity;
+pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
 #[doc(hidden)]
 pub use service::mission::__largest;
 pub use service::mission::{

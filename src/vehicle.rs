@@ -7,6 +7,7 @@ use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult,
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
+use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
 use crate::service::param::Parameters;
 use crate::service::stream::{Fill, Stream};
@@ -51,6 +52,12 @@ pub trait Vehicle {
     /// The vehicle's memory for PING and TIMESYNC; `None`, as at first, when the stack is not to answer them: then they come
     /// to [`message`](Self::message).
     fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        None
+    }
+
+    /// The vehicle's memory for MANUAL_CONTROL and RC_CHANNELS_OVERRIDE; `None`, as at first, when nobody steers it by hand
+    /// over MAVLink: then they come to [`message`](Self::message).
+    fn manual_input(&mut self) -> Option<&mut ManualInput> {
         None
     }
 

@@ -7,6 +7,7 @@
 pub mod command;
 pub(crate) mod heartbeat;
 pub(crate) mod identity;
+pub mod manual_control;
 pub mod mission;
 pub mod param;
 pub(crate) mod statustext;

@@ -8,6 +8,7 @@ use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
 use crate::network::{self, Booking};
 use crate::service::command;
+use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
 use crate::service::param::{self, Params, Taken};
 use crate::service::statustext::MAX_TEXT_LEN;
@@ -113,6 +114,7 @@ impl Core {
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
+            && !manual_control::on_frame(context.now, port.id, frame, target_system == 0, context.peers, context.vehicle)
         {
             context.vehicle.message(frame, port.id);
         }
