@@ -20,7 +20,7 @@
 
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::{Frame, SystemId};
-use crate::link::{LinkId, Peer};
+use crate::link::Peer;
 use crate::message::Message;
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
@@ -387,7 +387,7 @@ fn count(counter: &mut u32) {
 /// where it has none.
 pub(crate) fn on_frame(
     now: Instant,
-    link: LinkId,
+    from: Peer,
     frame: &Frame<'_>,
     is_broadcast: bool,
     peers: &Peers,
@@ -397,6 +397,6 @@ pub(crate) fn on_frame(
         return false;
     }
     let Some(input) = vehicle.manual_input() else { return false };
-    input.on_frame(now, Peer { address: frame.source(), link }, frame, is_broadcast, peers);
+    input.on_frame(now, from, frame, is_broadcast, peers);
     true
 }

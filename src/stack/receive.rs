@@ -114,7 +114,14 @@ impl Core {
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
-            && !manual_control::on_frame(context.now, port.id, frame, target_system == 0, context.peers, context.vehicle)
+            && !manual_control::on_frame(
+                context.now,
+                from,
+                frame,
+                target_system == 0,
+                context.peers,
+                context.vehicle,
+            )
         {
             context.vehicle.message(frame, port.id);
         }

@@ -4,9 +4,9 @@ use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, SetMode, command_rules,
 };
 use mavstack::{
-    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId, Outcome,
-    ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync,
-    Vehicle, VehicleState,
+    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId,
+    ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress,
+    TimeSlots, TimeSync, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -59,6 +59,8 @@ pub struct TestVehicle {
     pub controller: Option<Address>,
     /// Answers PING and TIMESYNC; `None` when it does not.
     pub time: Option<TimeSlots<2>>,
+    /// Steered by hand; `None` when it is not.
+    pub manual: Option<ManualInput>,
     /// Its parameters.
     pub tuning: Tuning,
     /// Whether plans may be changed.
@@ -97,6 +99,7 @@ impl TestVehicle {
             cancels: true,
             controller: None,
             time: None,
+            manual: None,
             tuning: Tuning::new(),
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
@@ -145,6 +148,10 @@ impl Vehicle for TestVehicle {
 
     fn time_sync(&mut self) -> Option<&mut TimeSync> {
         self.time.as_mut().map(|time| time as &mut TimeSync)
+    }
+
+    fn manual_input(&mut self) -> Option<&mut ManualInput> {
+        self.manual.as_mut()
     }
 
     fn peer(&mut self, event: PeerEvent) {
