@@ -1,4 +1,4 @@
-//! Messages on request: rules, L-4, S-10, D-3.
+//! Messages on request: rules, O-6, L-4, S-10, D-3.
 
 mod support;
 
@@ -215,4 +215,40 @@ fn mission_current_can_be_asked_for() {
     world.expect::<MissionCurrent>(0, millis(50));
     let mut world = World::<1, NoPlans>::new(Setup::new());
     assert_eq!(ask(&mut world, 0, MavCmd::REQUEST_MESSAGE, params), MavResult::DENIED);
+}
+
+/// O-6: what has changed goes out at once and once on every normal link, streamed there or not; not by satellite, and not when
+/// there is no such message now.
+#[test]
+fn what_is_announced_comes_once_on_every_normal_link() {
+    let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
+    let links = [LinkConfig::uart(57_600), LinkConfig::uart(57_600), satellite];
+    let mut world = World::new(Setup { links, ..Setup::new() });
+    world.run_for(millis(500));
+    for (has_home, count) in [(false, 0), (true, 1), (true, 2)] {
+        world.vehicle.has_home = has_home;
+        let now = world.now();
+        world.stack.announce::<HomePosition, TestVehicle>();
+        world.stack.announce::<HomePosition, TestVehicle>();
+        assert_eq!(world.stack.next_deadline(now), now, "who sleeps is woken for it");
+        world.run_for(millis(20));
+        let counts = [0, 1, 2].map(|link| world.gcs[link].count_of::<HomePosition>());
+        assert_eq!(counts, [count, count, 0]);
+    }
+}
+
+/// the interval that is told is the real one: longer while a radio's buffer is full.
+#[test]
+fn interval_that_is_told_is_the_real_one() {
+    let links = [LinkConfig::uart(115_200).with_streams(mavstack::StreamProfile::Onboard)];
+    let mut world = World::new(Setup { links, ..Setup::new() });
+    let radio = mavstack::Address::new(51, 68);
+    for (txbuf, slower) in [(10, 60_000), (40, 80_000), (70, 80_000), (95, 60_000), (99, 20_000)] {
+        world.gcs[0].send_from(radio, &RadioStatus { txbuf, ..RadioStatus::default() });
+        assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000 + slower, "txbuf {txbuf}");
+        assert_eq!(interval(&mut world, 0, Heartbeat::ID), 1_000_000, "it is not held back");
+        assert_eq!(interval(&mut world, 0, BatteryStatus::ID), -1, "off is off");
+    }
+    world.run_for(secs(6));
+    assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000, "the radio says nothing any more");
 }

@@ -1,13 +1,44 @@
 //! Streams and messages on request, joined to the rest. All of it ends at once for a vehicle that has none, so that nothing
 //! of the service is linked for it.
 
-use super::{Context, Core};
+use super::{Context, Core, Stack};
 use crate::dialect::{MavProtocolCapability, MavResult};
 use crate::frame::Frame;
-use crate::link::Port;
+use crate::link::{LinkClass, Port};
+use crate::message::{Dialect, Message};
 use crate::service::mission::PlanStorage;
 use crate::service::stream::{self, Fill, Fixed, Stream};
-use crate::vehicle::{Autopilot, Command};
+use crate::vehicle::{Autopilot, Command, Telemetry};
+
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+{
+    /// Sends message `M` once on every normal link, whatever its interval there is: for what has changed and is not to wait
+    /// for its turn, as HOME_POSITION when home is set (O-6). It is filled when the link has room, and left out if the vehicle
+    /// cannot [fill](Telemetry::fill) it then; announced again before that it still goes out once.
+    ///
+    /// `M` has to be one of the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`, or this does not compile:
+    ///
+    /// ```
+    /// # use mavstack::dialect::HomePosition;
+    /// # use mavstack::{Fill, NoPlans, Stack, Stream, Telemetry};
+    /// # struct Rover;
+    /// impl Telemetry for Rover {
+    ///     const STREAMS: &'static [Stream] = &[Stream::of::<HomePosition>()];
+    /// #   fn fill(&mut self, _: u32, out: Fill<'_>) -> bool { out.put(&HomePosition::default()) }
+    /// }
+    ///
+    /// fn on_home_set(stack: &mut Stack<2, NoPlans>) {
+    ///     stack.announce::<HomePosition, Rover>();
+    /// }
+    /// ```
+    pub fn announce<M: Message, V: Telemetry>(&mut self) {
+        let number = const { Stream::number_of::<M>(V::STREAMS) };
+        for link in self.links.iter_mut().filter(|link| link.port.config.class == LinkClass::Normal) {
+            link.port.streams.ask(number, 0);
+        }
+    }
+}
 
 impl Core {
     fn fixed(&self) -> Fixed {
@@ -37,7 +68,7 @@ impl Core {
         port: &mut Port,
     ) -> bool {
         !V::STREAMS.is_empty()
-            && (stream::next_interval(self.fixed(), port, V::STREAMS, context.slots)
+            && (stream::next_interval(context.now, self.fixed(), port, V::STREAMS, context.slots)
                 || stream::next_asked(context.now, &mut port.streams, &mut port.outbox, context.vehicle))
     }
 

@@ -95,6 +95,22 @@ impl Stream {
         }
     }
 
+    /// Which row of the table `M` has.
+    #[allow(
+        clippy::indexing_slicing,
+        clippy::arithmetic_side_effects,
+        clippy::as_conversions,
+        reason = "const-evaluated; a table has at most 32 rows"
+    )]
+    pub(crate) const fn number_of<M: Message>(table: &[Self]) -> u8 {
+        let mut number = 0;
+        while number < table.len() && table[number].id != M::ID {
+            number += 1;
+        }
+        assert!(number < table.len(), "the vehicle does not declare this message in `STREAMS`");
+        number as u8
+    }
+
     /// At most [`MAX_STREAMS`], each message once, and none that the stack sends itself.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
     pub(crate) const fn check(table: &[Self]) {

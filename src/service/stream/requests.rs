@@ -151,15 +151,18 @@ pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], slots: &
     true
 }
 
-/// Sends MESSAGE_INTERVAL, when it was asked for. False when it was not.
-pub(crate) fn next_interval(fixed: Fixed, port: &mut Port, table: &[Stream], slots: &[Slot]) -> bool {
+/// Sends MESSAGE_INTERVAL, when it was asked for: the interval as it is now, with what a radio's full buffer adds to it. False
+/// when it was not.
+pub(crate) fn next_interval(now: Instant, fixed: Fixed, port: &mut Port, table: &[Stream], slots: &[Slot]) -> bool {
     let Port { streams, outbox, config, .. } = port;
     let Some(message_id) = streams.take_question() else { return false };
     let id = u32::from(message_id);
     let stream = || {
         let number = position(table, id)?;
         let (stream, slot) = (table.get(number)?, slots.get(number)?);
-        Some(slot.interval(stream, config.streams).map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
+        let interval = slot.interval(stream, config.streams);
+        let interval = interval.map(|micros| micros.saturating_add(streams.slowdown(now)));
+        Some(interval.map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
     };
     let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
     // 0: there is no such stream.

@@ -101,7 +101,7 @@ impl Streams {
     }
 
     /// Owes stream `number` once. False when there is no room to remember another index.
-    pub(super) fn ask(&mut self, number: u8, index: u16) -> bool {
+    pub(crate) fn ask(&mut self, number: u8, index: u16) -> bool {
         if index == 0 {
             self.asked |= 1u32.wrapping_shl(u32::from(number));
             return true;
@@ -156,9 +156,12 @@ impl Streams {
     }
 
     fn forget_radio(&mut self, now: Instant) {
-        if now.since(self.radio) > RADIO_STALE {
-            self.slowdown = 0;
-        }
+        self.slowdown = self.slowdown(now);
+    }
+
+    /// What a radio's full buffer adds to each interval now (µs).
+    pub(super) fn slowdown(&self, now: Instant) -> u32 {
+        if now.since(self.radio) > RADIO_STALE { 0 } else { self.slowdown }
     }
 
     /// The number of the next stream that is to be sent, which then is due an interval after it was *due* now.
