@@ -41,6 +41,7 @@ const OVER_TCP: &[&str] = &[
     "test_progress.py",
     "test_messages.py",
     "test_params.py",
+    "test_qgc_connect.py",
     "test_mavsdk.py",
     "test_mavproxy.py",
     "test_power.py",

@@ -1,0 +1,91 @@
+"""QGroundControl finds the vehicle, loads what it wants to know of it, and works with it (§16.1)."""
+
+import math
+
+import pytest
+from conftest import is_armed
+from plans import FENCE, MISSION, RALLY, differences, fence, plan, rally
+from pymavlink import mavutil
+from qgc import Qgc, Thinned
+from test_params import REAL32, fetch, write
+from transfer import ACCEPTED, upload
+
+mavlink = mavutil.mavlink
+
+PLANS = {MISSION: plan(12), FENCE: fence(12), RALLY: rally(5)}
+GIMBAL_MANAGER_INFORMATION = mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
+
+
+@pytest.fixture
+def planned(other):
+    """There is something to load."""
+    for kind, items in PLANS.items():
+        assert upload(other, items, kind).type == ACCEPTED
+
+
+@pytest.fixture
+def line(request, gcs, other):
+    """The radio to the ground station, or the line of a companion: fast, as USB is."""
+    return {"telemetry": gcs, "companion": other}[request.param]
+
+
+@pytest.mark.parametrize("line", ["telemetry", "companion"], indirect=True)
+def test_it_connects(planned, line, figure, request):
+    """Every step is answered: with what was asked for, or by a refusal at once."""
+    qgc = Qgc(line)
+    qgc.connect()
+    assert qgc.is_ready and all(step.is_answered for step in qgc.steps), qgc.steps
+    steps = ", ".join(f"{step.name} {step.duration:.2f}" for step in qgc.steps[:-1])
+    figure(f"QGroundControl on {request.node.callspec.id}: {steps} s; {qgc.retries} asked again")
+    for kind, items in PLANS.items():
+        assert differences(items, qgc.plans[kind]) == []
+    line.drain()
+    assert {value.param_id: value.param_index for value in qgc.parameters.values()} == {
+        value.name: value.index for value in fetch(line)
+    }
+
+
+def test_it_connects_over_a_bad_line(planned, other, figure):
+    """What is lost is asked for again until it is there."""
+    qgc = Qgc(other, Thinned)
+    qgc.connect()
+    # A mode whose message was lost is not asked for again, and the others not at all: so it is made.
+    missed = [step.name for step in qgc.steps if not step.is_answered]
+    assert qgc.is_ready and set(missed) <= {"modes"}, qgc.steps
+    duration = sum(step.duration for step in qgc.steps)
+    figure(f"QGroundControl over a bad line: {duration:.1f} s, {qgc.retries} asked again")
+    assert qgc.retries
+    assert len(qgc.parameters) == qgc.parameter_count
+    for kind, items in PLANS.items():
+        assert differences(items, qgc.plans[kind]) == []
+
+
+def test_what_it_does_then(gcs):
+    """Once it is connected: gimbals looked for, rates, home, round trips; the vehicle answers all of it."""
+    qgc = Qgc(gcs)
+    qgc.connect()
+    assert qgc.is_ready
+    # There is none, and it says so: six requests less.
+    assert qgc.request_message(GIMBAL_MANAGER_INFORMATION) is None
+    home = qgc.request_message(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+    assert (home.latitude, home.longitude) == (473_977_420, 85_455_940)
+    # As its MAVLink inspector does: a rate, what became of it, and the default again.
+    attitude = mavlink.MAVLINK_MSG_ID_ATTITUDE
+    for micros, expected in [(100_000, lambda told: told == 100_000), (0, lambda told: told > 100_000)]:
+        assert qgc.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, micros) == mavlink.MAV_RESULT_ACCEPTED
+        told = qgc.request_message(mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL, attitude)
+        assert told.message_id == attitude and expected(told.interval_us)
+
+
+def test_its_take_off_and_landing(gcs):
+    """As for every autopilot that it does not know: armed, then all parameters NaN, so that the height is the vehicle's."""
+    write(gcs, "MIS_TAKEOFF_ALT", REAL32, 4.0)
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
+    assert gcs.wait("HEARTBEAT", 3, is_armed)
+    assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 7) == mavlink.MAV_RESULT_ACCEPTED
+    in_air = mavlink.MAV_LANDED_STATE_IN_AIR
+    assert gcs.wait("EXTENDED_SYS_STATE", 20, lambda told: told.landed_state == in_air)
+    assert gcs.wait("GLOBAL_POSITION_INT", 20, lambda told: 3_400 < told.relative_alt < 4_200)
+    assert gcs.command(mavlink.MAV_CMD_NAV_LAND) == mavlink.MAV_RESULT_ACCEPTED
+    assert gcs.wait("HEARTBEAT", 40, lambda beat: not is_armed(beat)), "it does not land"
+    write(gcs, "MIS_TAKEOFF_ALT", REAL32, 10.0)
