@@ -165,6 +165,7 @@ pub use service::mission::{
     CommandRule, Durability, Item, MAX_ITEMS, NoPlans, ParamRule, PlanCounters, PlanMemory, PlanStorage, PlanType,
     PlanView,
 };
+pub use service::mode::{CustomMode, FlightMode, MAX_MODES, ModeRequest};
 pub use service::param::{
     MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType, Parameters,
 };

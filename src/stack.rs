@@ -32,6 +32,7 @@ use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
+use crate::service::mode::{self, FlightMode};
 use crate::service::param::Params;
 use crate::service::statustext::{Entry as TextEntry, StatusTexts};
 use crate::service::stream::Slot;
@@ -72,6 +73,8 @@ struct Core {
     normal: LinkMask,
     capabilities: MavProtocolCapability,
     params: Params,
+    /// The vehicle's mode, as it was told last.
+    mode: u32,
 }
 
 /// What a call works with beside the core and its link.
@@ -128,6 +131,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 normal,
                 capabilities: capabilities::<P>(),
                 params: Params::new(),
+                mode: 0,
             },
             links,
             slots: [[Slot::NEW; STREAMS]; LINKS],
@@ -146,6 +150,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
         core.params.poll(now, vehicle, core.normal);
+        if !V::MODES.is_empty() {
+            mode::poll(&mut core.mode, &mut self.links, vehicle);
+        }
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
             let mut context = core.plan_context(now, &mut plans, &mut self.texts);
             let owed = missions.poll(&mut context, vehicle);
@@ -302,6 +309,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// [`transmitted`](Self::transmitted). Empty when there is nothing to say.
     pub fn transmit<V: Autopilot>(&mut self, now: Instant, link: LinkId, vehicle: &mut V) -> &[u8] {
         const { streams::check::<V>(STREAMS) };
+        const { FlightMode::check(V::MODES) };
         let slots = slots_of(&mut self.slots, link);
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return &[] };
         let port = &mut link.port;

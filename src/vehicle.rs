@@ -3,12 +3,13 @@
 //! The stack calls them from inside its own calls that get the vehicle, so that none of them can call back into the stack;
 //! none may block.
 
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, SetMode};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
+use crate::service::mode::{CustomMode, FlightMode, ModeRequest};
 use crate::service::param::Parameters;
 use crate::service::stream::{Fill, Stream};
 use crate::service::time::TimeSync;
@@ -188,13 +189,72 @@ pub trait Commands {
         false
     }
 
-    /// Whether [`set_mode`](Self::set_mode) is there; if not, as at first, SET_MODE comes to [`Vehicle::message`].
-    const TAKES_SET_MODE: bool = false;
+    /// The flight modes, those that may be asked for and those that the vehicle only enters by itself: at most
+    /// [`MAX_MODES`](crate::MAX_MODES), with names of 1 to 34 bytes, no `custom_mode` and no standard mode twice, or it does
+    /// not compile. The stack tells them to who asks (AVAILABLE_MODES), tells which one the vehicle is in with every second
+    /// HEARTBEAT and at once when it changes (CURRENT_MODE, Q-10), and turns MAV_CMD_DO_SET_MODE, its old message SET_MODE
+    /// and MAV_CMD_DO_SET_STANDARD_MODE into [`set_mode`](Self::set_mode). Which one the vehicle is in, its
+    /// [`custom_mode`](VehicleState::custom_mode) says; its `base_mode` should have
+    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED) then, or ground stations do not look at the number.
+    ///
+    /// With none, as at first, the service is not linked: the two commands come to [`command`](Self::command), SET_MODE to
+    /// [`Vehicle::message`].
+    ///
+    /// ```
+    /// use mavstack::dialect::{MavModeProperty, MavResult, MavStandardMode};
+    /// use mavstack::{Command, Commands, CustomMode, FlightMode, ModeRequest, Outcome};
+    ///
+    /// const HOLD: u32 = 0x0304_0000;
+    /// const RETURN: u32 = 0x0504_0000;
+    /// const AFLOAT: u32 = 0x0009_0000;
+    ///
+    /// struct Copter { mode: u32, has_fix: bool }
+    ///
+    /// impl Commands for Copter {
+    ///     const MODES: &'static [FlightMode] = &[
+    ///         FlightMode::new(HOLD, "Hold"),
+    ///         FlightMode::new(RETURN, "Return").standard(MavStandardMode::SAFE_RECOVERY),
+    ///         // Told, when it is so, but nobody can ask for it.
+    ///         FlightMode::new(AFLOAT, "Afloat").properties(MavModeProperty::NOT_USER_SELECTABLE),
+    ///     ];
+    ///     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
+    ///
+    ///     fn set_mode(&mut self, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+    ///         if mode.custom_mode == RETURN && !self.has_fix {
+    ///             return MavResult::TEMPORARILY_REJECTED.into();
+    ///         }
+    ///         self.mode = mode.custom_mode;
+    ///         MavResult::ACCEPTED.into()
+    ///     }
+    ///
+    ///     fn command(&mut self, _: &Command) -> Outcome {
+    ///         MavResult::UNSUPPORTED.into()
+    ///     }
+    /// }
+    /// ```
+    const MODES: &'static [FlightMode] = &[];
 
-    /// SET_MODE, the message from before MAV_CMD_DO_SET_MODE: answered by a COMMAND_ACK for command 11 (C-32).
-    fn set_mode(&mut self, message: &SetMode, from: Peer) -> MavResult {
-        let _ = (message, from);
-        MavResult::UNSUPPORTED
+    /// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE make a `custom_mode`.
+    const CUSTOM_MODE: CustomMode = CustomMode::Whole;
+
+    /// Enters `mode`, one of [`MODES`](Self::MODES) that may be asked for, or refuses; the answer goes out at once and is the
+    /// only one, so not IN_PROGRESS. Being asked for the mode that it is in must do no harm (C-11). What is no such mode was
+    /// DENIED before: a number or a standard mode that the table has not, NaN, a fraction, flags without
+    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is not looked at: nobody arms or disarms
+    /// this way.
+    ///
+    /// Where MAV_CMD_DO_SET_MODE is one of [`COMMANDS`](Self::COMMANDS), what is declared of it holds for SET_MODE too
+    /// (C-5); MAV_CMD_DO_SET_STANDARD_MODE is declared by itself. SET_MODE is answered by a COMMAND_ACK for command 11
+    /// (C-32), but not taken from a high-latency link.
+    fn set_mode(&mut self, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
+        let _ = (mode, request);
+        MavResult::UNSUPPORTED.into()
+    }
+
+    /// The `custom_mode` that was asked for last, by whoever it was; it differs from the vehicle's mode after a failsafe. 0, as
+    /// at first, when that is not known. Goes into CURRENT_MODE.
+    fn intended_mode(&self) -> u32 {
+        0
     }
 }
 

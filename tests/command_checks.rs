@@ -1,10 +1,10 @@
 //! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9; and the answers that have their own
-//! ways: C-30, C-32; test T-C5.
+//! ways: C-30; test T-C5.
 
 mod support;
 
+use mavstack::LinkId;
 use mavstack::dialect::*;
-use mavstack::{Address, LinkId, Peer};
 use support::*;
 
 const NAN: f32 = f32::NAN;
@@ -176,32 +176,6 @@ fn broadcast_is_refused_where_declared() {
     world.gcs[0].send(&place);
     assert_eq!(answer(&mut world), MavResult::ACCEPTED);
     assert!(world.vehicle.commands()[0].is_broadcast);
-}
-
-/// C-32: SET_MODE is answered like a command with its own number, each copy once, while there is room for the answer.
-#[test]
-fn set_mode_is_answered() {
-    let mut world = World::new(Setup::<2>::new());
-    let message = SetMode { custom_mode: 7, target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED };
-    world.gcs[1].send_from(OTHER_STATION, &message);
-    let ack: CommandAck = world.expect(1, millis(10));
-    let to = Address::new(ack.target_system, ack.target_component);
-    assert_eq!((ack.command, ack.result, to), (MavCmd(11), MavResult::ACCEPTED, OTHER_STATION));
-    let from = Peer { address: OTHER_STATION, link: LinkId(1) };
-    assert_eq!(world.vehicle.calls, [Call::SetMode(message, from)]);
-    world.gcs[0].send(&SetMode { custom_mode: 99, ..message });
-    assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, MavResult::DENIED);
-    world.gcs[0].send(&SetMode { target_system: 2, ..message });
-    world.expect_no::<CommandAck>(0, millis(20));
-    world.expect_no::<CommandAck>(1, millis(20));
-    world.uarts[0].stall_writes_until(world.now().after(millis(100)));
-    for custom_mode in 0..6 {
-        world.gcs[0].send(&SetMode { custom_mode, ..message });
-    }
-    world.run_for(millis(300));
-    assert_eq!(world.vehicle.calls.len(), 2 + 4, "no room, no mode");
-    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1 + 4);
-    assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().no_answer_slot, 2);
 }
 
 /// C-30: the vehicle can tell when its answer has left, to the last byte, and reboots then.

@@ -364,8 +364,7 @@ proptest! {
             for at in [row.target_system(), row.target_component()].into_iter().flatten() {
                 payload[usize::from(at)] = target.min(1);
             }
-            // SET_MODE is a command in all but form, and not for satellites.
-            if id == 76 || id == 75 || (id == 11 && link == 1) {
+            if id == 76 || id == 75 {
                 commands[link] += 1;
             }
             let frame = reference::v2(id, [0, 0], [255, 190], &payload, row.crc_extra());

@@ -399,7 +399,6 @@ fn no_progress_by_satellite() {
 enum Step {
     Command { link: usize, other: bool, command: u16, form: bool, param: bool, confirmation: u8 },
     Cancel { link: usize, command: u16 },
-    SetMode { link: usize },
     Progress { command: u16, percent: u8 },
     Finish { command: u16 },
     Wait { millis: u64 },
@@ -417,7 +416,6 @@ fn any_step() -> impl Strategy<Value = Step> {
             }
         ),
         1 => (0usize..2, command()).prop_map(|(link, command)| Step::Cancel { link, command }),
-        1 => (0usize..2).prop_map(|link| Step::SetMode { link }),
         1 => (command(), any::<u8>()).prop_map(|(command, percent)| Step::Progress { command, percent }),
         3 => command().prop_map(|command| Step::Finish { command }),
         2 => (0u64..3_500).prop_map(|millis| Step::Wait { millis }),
@@ -504,10 +502,6 @@ proptest! {
                     let before = promises.clone();
                     let finals = take_promise(&mut promises, command);
                     expect_only(&mut world, &before, millis(3), &finals, false);
-                }
-                Step::SetMode { link } => {
-                    world.gcs[link].send(&SetMode { target_system: 1, ..SetMode::default() });
-                    expect_only(&mut world, &promises, millis(3), &[(link, 11, STATION)], false);
                 }
                 Step::Progress { command, percent } => world.vehicle.memory.progress(MavCmd(command), percent),
                 Step::Finish { command } => {

@@ -15,6 +15,7 @@ use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
+use crate::service::mode;
 use crate::service::param;
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
@@ -196,6 +197,7 @@ pub(crate) struct Port {
     pub(crate) acks: Acks,
     pub(crate) owed: Owed,
     pub(crate) plans: Replies,
+    pub(crate) modes: mode::Replies,
     pub(crate) params: param::Replies,
     pub(crate) text: TextCursor,
     pub(crate) streams: Streams,
@@ -231,6 +233,7 @@ impl Link {
             acks: Acks::new(),
             owed: Owed::NONE,
             plans: Replies::new(),
+            modes: mode::Replies::new(),
             params: param::Replies::new(),
             text: TextCursor::new(),
             streams: Streams::new(),

@@ -55,6 +55,10 @@ impl Owed {
     pub(crate) const NONE: Self = Self(0);
     pub(crate) const AUTOPILOT_VERSION: Self = Self(1);
     pub(crate) const PROTOCOL_VERSION: Self = Self(2);
+    /// Of the modes; also when the mode has changed.
+    pub(crate) const CURRENT_MODE: Self = Self(4);
+    pub(crate) const AVAILABLE_MODES: Self = Self(8);
+    pub(crate) const AVAILABLE_MODES_MONITOR: Self = Self(16);
 
     pub(crate) fn add(&mut self, other: Self) {
         self.0 |= other.0;
@@ -64,13 +68,13 @@ impl Owed {
         self.0 == 0
     }
 
-    fn take(&mut self, other: Self) -> bool {
+    pub(crate) fn take(&mut self, other: Self) -> bool {
         let had = self.0 & other.0 != 0;
         self.0 &= !other.0;
         had
     }
 
-    /// Sends one of the messages. False when none is owed.
+    /// Sends one of the messages that say who we are. False when none is owed.
     pub(crate) fn next(&mut self, identity: &Identity, own: MavProtocolCapability, tx: &mut Outbox) -> bool {
         if self.take(Self::AUTOPILOT_VERSION) {
             return tx.send(&AutopilotVersion {

@@ -9,6 +9,7 @@ pub(crate) mod heartbeat;
 pub(crate) mod identity;
 pub mod manual_control;
 pub mod mission;
+pub mod mode;
 pub mod param;
 pub(crate) mod statustext;
 pub(crate) mod stream;

@@ -6,8 +6,8 @@ use crate::dialect::{CommandCancel, MavCmd, SetMode};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkClass, LinkId, Peer, Port};
 use crate::message::{Dialect, Message};
-use crate::service::command;
 use crate::service::mission::PlanStorage;
+use crate::service::{command, mode};
 use crate::vehicle::Autopilot;
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
@@ -27,7 +27,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 }
 
 impl Core {
-    /// Takes a message that is a command in all but form: COMMAND_CANCEL, and SET_MODE where the vehicle takes it. False
+    /// Takes a message that is a command in all but form: COMMAND_CANCEL, and SET_MODE where the vehicle has modes. False
     /// when it is neither.
     pub(super) fn on_command_frame<V: Autopilot, P: PlanStorage>(
         &self,
@@ -48,7 +48,7 @@ impl Core {
             }
             return true;
         }
-        if !V::TAKES_SET_MODE || port.config.class == LinkClass::HighLatency {
+        if V::MODES.is_empty() || port.config.class == LinkClass::HighLatency {
             return false;
         }
         let Some(message) = frame.decode::<SetMode>() else { return false };
@@ -56,9 +56,9 @@ impl Core {
             count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
             return true;
         }
-        let result = context.vehicle.set_mode(&message, from);
+        let outcome = mode::on_set_mode(context.now, context.vehicle, &message, from);
         // Its number is that of no command (C-32).
-        port.acks.push(from.address, MavCmd(SET_MODE), result.into());
+        port.acks.push(from.address, MavCmd(SET_MODE), outcome);
         true
     }
 }

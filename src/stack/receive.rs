@@ -10,10 +10,11 @@ use crate::network::{self, Booking};
 use crate::service::command;
 use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
+use crate::service::mode;
 use crate::service::param::{self, Params, Taken};
 use crate::service::statustext::MAX_TEXT_LEN;
 use crate::service::time;
-use crate::vehicle::{Autopilot, Command, PeerEvent};
+use crate::vehicle::{Autopilot, Command, Outcome, PeerEvent};
 
 impl Core {
     /// Handles the frames that the decoder finds.
@@ -114,14 +115,7 @@ impl Core {
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
-            && !manual_control::on_frame(
-                context.now,
-                from,
-                frame,
-                target_system == 0,
-                context.peers,
-                context.vehicle,
-            )
+            && !manual_control::on_frame(context.now, from, frame, target_system == 0, context.peers, context.vehicle)
         {
             context.vehicle.message(frame, port.id);
         }
@@ -151,10 +145,11 @@ impl Core {
             let mut context = param::Context { now: *now, texts, normal: self.normal };
             self.params.on_command(&mut context, *vehicle, command)
         });
-        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
-            Some(result) => result.into(),
-            None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
-        };
+        let stored = stored.or_else(|| self.on_message_command(context, port, command)).map(Outcome::from);
+        let has_modes = const { !V::MODES.is_empty() };
+        let known = stored.or_else(|| has_modes.then(|| mode::on_command(port, context.vehicle, command)).flatten());
+        let outcome =
+            known.unwrap_or_else(|| command::execute(command, port.config.class, &mut port.owed, context.vehicle));
         command::carried_out(context.now, command, outcome, context.vehicle);
         port.acks.push(command.from.address, command.id, outcome);
     }

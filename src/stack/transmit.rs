@@ -6,7 +6,7 @@ use crate::link::{LinkClass, LinkMask, Port, Transport};
 use crate::service::mission::{Missions, PlanStorage};
 use crate::service::param::{self, Params};
 use crate::service::statustext::StatusTexts;
-use crate::service::{command, time};
+use crate::service::{command, mode, time};
 use crate::time::{Duration, Instant};
 use crate::vehicle::Autopilot;
 
@@ -38,6 +38,9 @@ impl Core {
             return false;
         };
         port.heartbeat.sent(now, self.config.heartbeat_period);
+        if !V::MODES.is_empty() {
+            mode::on_heartbeat(port);
+        }
         port.outbox.send(&Heartbeat {
             custom_mode: state.custom_mode,
             r#type: self.config.r#type,
@@ -51,7 +54,11 @@ impl Core {
     /// What can wait for the link's byte rate.
     fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
         let capabilities = self.capabilities | param::capability::<V>();
-        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox) || self.answer(context, port) {
+        let has_modes = const { !V::MODES.is_empty() };
+        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox)
+            || self.answer(context, port)
+            || (has_modes && mode::next_current(port, context.vehicle))
+        {
             return true;
         }
         let Context { now, texts, missions, plans, vehicle, .. } = context;
@@ -59,12 +66,14 @@ impl Core {
         let Some((missions, plans)) = plans.parts(missions) else {
             return self.params.next(*vehicle, &mut port.params, &mut port.outbox)
                 || texts.next(&mut port.text, &mut port.outbox)
+                || (has_modes && mode::next_listed(port, V::MODES))
                 || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox);
         };
         let progress = vehicle.progress();
         missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
             || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
             || texts.next(&mut port.text, &mut port.outbox)
+            || (has_modes && mode::next_listed(port, V::MODES))
             || missions.next_progress(&plans, &progress, &mut port.outbox)
             || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox)
     }

@@ -1,7 +1,7 @@
 //! A vehicle that does as it is told and remembers what it was asked.
 
 use mavstack::dialect::{
-    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, SetMode, command_rules,
+    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
 };
 use mavstack::{
     Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId,
@@ -39,7 +39,6 @@ pub enum Call {
     SetCurrent(u16, bool),
     StartMission(Option<u16>, Option<u16>),
     CancelCommand(MavCmd, Peer),
-    SetMode(SetMode, Peer),
 }
 
 /// Implements all of the stack's traits; what it answers stands in its fields.
@@ -184,13 +183,6 @@ impl Commands for TestVehicle {
     fn cancel_command(&mut self, command: MavCmd, from: Peer) -> bool {
         self.calls.push(Call::CancelCommand(command, from));
         self.cancels
-    }
-
-    const TAKES_SET_MODE: bool = true;
-
-    fn set_mode(&mut self, message: &SetMode, from: Peer) -> MavResult {
-        self.calls.push(Call::SetMode(*message, from));
-        if message.custom_mode == 99 { MavResult::DENIED } else { MavResult::ACCEPTED }
     }
 
     fn command(&mut self, command: &Command) -> Outcome {

@@ -5,7 +5,9 @@ use super::{
     VEHICLE, millis,
 };
 use mavstack::dialect::{MavMissionType, MissionAck, MissionItemInt};
-use mavstack::{Config, Duration, Instant, LinkConfig, LinkError, LinkId, Message, NoPlans, PlanStorage, Pulse, Stack};
+use mavstack::{
+    Autopilot, Config, Duration, Instant, LinkConfig, LinkError, LinkId, Message, NoPlans, PlanStorage, Pulse, Stack,
+};
 
 /// What a [`World`] is made from; change what matters by struct update.
 #[derive(Clone, Copy, Debug)]
@@ -40,10 +42,10 @@ impl<const N: usize> Setup<N> {
     }
 }
 
-/// A stack with `N` links, plan memory `P` and `PEERS` places in the peer table, and everything around it.
-pub struct World<const N: usize, P: PlanStorage = NoPlans, const PEERS: usize = 8> {
+/// A stack with `N` links, plan memory `P` and `PEERS` places in the peer table, the vehicle `V`, and everything around them.
+pub struct World<const N: usize, P: PlanStorage = NoPlans, const PEERS: usize = 8, V = TestVehicle> {
     pub stack: Box<Stack<N, P, PEERS>>,
-    pub vehicle: TestVehicle,
+    pub vehicle: V,
     /// The lines, by link.
     pub lines: Vec<SimSerial>,
     /// The vehicle's ends of the lines, by link.
@@ -69,8 +71,8 @@ impl<const N: usize> World<N> {
     }
 }
 
-impl<const N: usize, P: PlanStorage, const PEERS: usize> World<N, P, PEERS> {
-    /// A world with plan memory and peer table of its own size.
+impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default> World<N, P, PEERS, V> {
+    /// A world with plan memory, peer table and vehicle of its own.
     pub fn with_plans(setup: Setup<N>) -> Self {
         let clock = Clock::new(setup.start);
         let line = |(i, config): (usize, LineConfig)| SimSerial::new(&clock, config, setup.seed ^ ((i as u64) << 32));
@@ -78,7 +80,7 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize> World<N, P, PEERS> {
         let (uarts, far): (Vec<_>, Vec<_>) = lines.iter().map(SimSerial::ends).unzip();
         Self {
             stack: Box::new(Stack::with_capacities(setup.config, setup.links)),
-            vehicle: TestVehicle::new(),
+            vehicle: V::default(),
             lines,
             uarts,
             gcs: far.into_iter().map(Gcs::new).collect(),

@@ -1,0 +1,302 @@
+//! Flight modes: which ones there are, which one the vehicle is in, and who asks for another.
+//!
+//! Implements <https://mavlink.io/en/services/standard_modes.html>, MAV_CMD_DO_SET_MODE and the SET_MODE from before it:
+//! rules C-32, Q-3, Q-10. The modes are a constant of the firmware
+//! ([`Commands::MODES`](crate::Commands::MODES)); a request for one of them reaches the vehicle as that row of the table,
+//! whichever way it came, and any other is DENIED. Which modes a link was asked for and not told yet is a bit each. Nothing
+//! but answers goes to a high-latency link, and nothing at all to one that sends MAVLink 1, which has no room for these
+//! messages' ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent to who asks for it.
+
+use super::command;
+use super::identity::Owed;
+use crate::dialect::{
+    AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
+    MavStandardMode, SetMode,
+};
+use crate::frame::Version;
+use crate::link::{Link, LinkClass, Peer, Port};
+use crate::message::{Message, Text};
+use crate::num;
+use crate::time::Instant;
+use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle};
+
+/// The most modes that a vehicle can declare.
+pub const MAX_MODES: usize = 32;
+
+/// The longest name: AVAILABLE_MODES ends it with a NUL.
+const MAX_NAME: usize = 34;
+
+/// A flight mode: a row of [`Commands::MODES`](crate::Commands::MODES).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FlightMode {
+    /// What [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is in this mode. No other mode has the same.
+    pub custom_mode: u32,
+    /// What people call it: 1 to 34 bytes.
+    pub name: &'static str,
+    /// The mode that means the same on all vehicles, if it is one; no other mode is the same one.
+    pub standard_mode: MavStandardMode,
+    /// What a ground station should know of it. One that is
+    /// [`NOT_USER_SELECTABLE`](MavModeProperty::NOT_USER_SELECTABLE) is DENIED to who asks for it.
+    pub properties: MavModeProperty,
+}
+
+impl FlightMode {
+    /// A mode of this vehicle only, which anybody may ask for.
+    ///
+    /// A `custom_mode` of more than 24 significant bits is no `f32`: then SET_MODE can ask for it and MAV_CMD_DO_SET_MODE
+    /// cannot.
+    pub const fn new(custom_mode: u32, name: &'static str) -> Self {
+        let (standard_mode, properties) = (MavStandardMode::NON_STANDARD, MavModeProperty::EMPTY);
+        Self { custom_mode, name, standard_mode, properties }
+    }
+
+    /// The same, as the standard mode that MAV_CMD_DO_SET_STANDARD_MODE asks for.
+    #[must_use]
+    pub const fn standard(self, standard_mode: MavStandardMode) -> Self {
+        Self { standard_mode, ..self }
+    }
+
+    /// The same, with properties.
+    #[must_use]
+    pub const fn properties(self, properties: MavModeProperty) -> Self {
+        Self { properties, ..self }
+    }
+
+    /// At most [`MAX_MODES`], each number and each standard mode once, names within bounds.
+    #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
+    pub(crate) const fn check(table: &[Self]) {
+        assert!(table.len() <= MAX_MODES, "a vehicle has at most 32 modes");
+        let mut i = 0;
+        while i < table.len() {
+            let FlightMode { custom_mode, name, standard_mode, .. } = table[i];
+            assert!(!name.is_empty() && name.len() <= MAX_NAME, "a mode's name has 1 to 34 bytes");
+            let mut j = 0;
+            while j < i {
+                assert!(custom_mode != table[j].custom_mode, "two modes with the same custom_mode");
+                let is_same = standard_mode.0 == table[j].standard_mode.0;
+                assert!(
+                    !is_same || standard_mode.0 == MavStandardMode::NON_STANDARD.0,
+                    "two modes that are the same standard mode"
+                );
+                j += 1;
+            }
+            i += 1;
+        }
+    }
+}
+
+/// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE make a `custom_mode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CustomMode {
+    /// Parameter 2 is all of it, and parameter 3 says nothing: ArduPilot's way.
+    Whole,
+    /// Parameter 2 is the main mode, parameter 3 the sub-mode, each 0 to 255: `main << 16 | sub << 24`, PX4's way, which
+    /// MAVSDK uses with every autopilot but ArduPilot. Without a sub-mode a parameter 2 above 255 is all of it, as with
+    /// [`Whole`](Self::Whole).
+    MainSub,
+}
+
+/// Who asks for a mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ModeRequest {
+    /// The sender, and the link.
+    pub from: Peer,
+    /// Whether every system was asked (C-1).
+    pub is_broadcast: bool,
+}
+
+/// What a link keeps of the modes, beside what it owes. Initially zero bits.
+#[derive(Clone, Debug)]
+pub(crate) struct Replies {
+    /// A bit for each row of the table that is to be sent.
+    asked: u32,
+    /// CURRENT_MODE goes with every second HEARTBEAT: not with the next one.
+    rests: bool,
+}
+
+impl Replies {
+    pub(crate) const fn new() -> Self {
+        Self { asked: 0, rests: false }
+    }
+}
+
+/// A command about modes; `None` for all others.
+pub(crate) fn on_command<V: Vehicle + Commands>(
+    port: &mut Port,
+    vehicle: &mut V,
+    command: &Command,
+) -> Option<Outcome> {
+    let [first, ..] = command.params;
+    let mode = match command.id {
+        MavCmd::DO_SET_MODE => custom_mode(V::CUSTOM_MODE, command.params).and_then(|mode| find(V::MODES, mode)),
+        MavCmd::DO_SET_STANDARD_MODE => num::integer(first).and_then(|mode| find_standard(V::MODES, mode)),
+        MavCmd::REQUEST_MESSAGE => {
+            return request(V::MODES.len(), port, command, || vehicle.state().is_some()).map(Outcome::from);
+        }
+        _ => return None,
+    };
+    Some(enter(vehicle, mode, command.from, command.is_broadcast))
+}
+
+/// SET_MODE: allowed to whom a MAV_CMD_DO_SET_MODE would be, and carried out like one. Whether to arm it does not say, whatever
+/// its flags.
+pub(crate) fn on_set_mode<V: Vehicle + Commands>(
+    now: Instant,
+    vehicle: &mut V,
+    message: &SetMode,
+    from: Peer,
+) -> Outcome {
+    let command = Command {
+        id: MavCmd::DO_SET_MODE,
+        params: [f32::from(message.base_mode.0), num::f32_from_u32(message.custom_mode), 0.0, 0.0],
+        position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
+        z: 0.0,
+        from,
+        is_broadcast: message.target_system == 0,
+        confirmation: 0,
+    };
+    if let Some(answer) = command::answered(now, &command, vehicle) {
+        return answer;
+    }
+    let is_custom = message.base_mode.contains(MavModeFlag::CUSTOM_MODE_ENABLED);
+    let mode = find(V::MODES, message.custom_mode).filter(|_| is_custom);
+    let outcome = enter(vehicle, mode, from, command.is_broadcast);
+    command::carried_out(now, &command, outcome, vehicle);
+    outcome
+}
+
+fn enter(vehicle: &mut impl Commands, mode: Option<&'static FlightMode>, from: Peer, is_broadcast: bool) -> Outcome {
+    match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
+        Some(mode) => vehicle.set_mode(mode, &ModeRequest { from, is_broadcast }),
+        None => MavResult::DENIED.into(),
+    }
+}
+
+/// The `custom_mode` that the parameters of a MAV_CMD_DO_SET_MODE are (C-8, C-9).
+fn custom_mode(way: CustomMode, [base, mode, sub, _]: [f32; 4]) -> Option<u32> {
+    let base = num::integer::<u8>(base)?;
+    // The other flags name no mode that a vehicle would know.
+    if !MavModeFlag(base).contains(MavModeFlag::CUSTOM_MODE_ENABLED) {
+        return None;
+    }
+    let mode = num::unsigned(mode)?;
+    let sub = if sub.is_nan() { 0 } else { num::integer::<u8>(sub)? };
+    match (way, u8::try_from(mode)) {
+        (CustomMode::MainSub, Ok(main)) => Some(u32::from_le_bytes([0, 0, main, sub])),
+        _ => (sub == 0).then_some(mode),
+    }
+}
+
+fn find(table: &'static [FlightMode], custom_mode: u32) -> Option<&'static FlightMode> {
+    table.iter().find(|mode| mode.custom_mode == custom_mode)
+}
+
+fn find_standard(table: &'static [FlightMode], standard_mode: u8) -> Option<&'static FlightMode> {
+    let is_it = |mode: &&FlightMode| mode.standard_mode.0 == standard_mode;
+    table.iter().find(is_it).filter(|mode| mode.standard_mode != MavStandardMode::NON_STANDARD)
+}
+
+/// A request for one of the messages about modes; `None` for other messages. `count` is how many modes there are.
+fn request(count: usize, port: &mut Port, command: &Command, knows_mode: impl FnOnce() -> bool) -> Option<MavResult> {
+    let [id, index, ..] = command.params;
+    let id = num::unsigned(id).filter(|id| matches!(*id, AvailableModes::ID..=AvailableModesMonitor::ID))?;
+    if !takes(port) || !command.has_response_target() {
+        return Some(MavResult::DENIED);
+    }
+    let message = match id {
+        AvailableModes::ID => {
+            let index = if index.is_nan() { Some(0) } else { num::integer::<u8>(index) };
+            let Some(modes) = index.and_then(|index| bits(count, index)) else { return Some(MavResult::DENIED) };
+            port.modes.asked |= modes;
+            Owed::AVAILABLE_MODES
+        }
+        CurrentMode::ID if knows_mode() => Owed::CURRENT_MODE,
+        CurrentMode::ID => return Some(MavResult::DENIED),
+        _ => Owed::AVAILABLE_MODES_MONITOR,
+    };
+    port.owed.add(message);
+    Some(MavResult::ACCEPTED)
+}
+
+const _: () = assert!(CurrentMode::ID == AvailableModes::ID + 1 && AvailableModesMonitor::ID == CurrentMode::ID + 1);
+
+/// The modes that index `index` of AVAILABLE_MODES means: 0 is all of the `count`, others count from 1.
+fn bits(count: usize, index: u8) -> Option<u32> {
+    let count = u32::try_from(count).ok()?;
+    let index = u32::from(index);
+    if index == 0 {
+        return u32::MAX.checked_shr(u32::BITS.wrapping_sub(count));
+    }
+    1u32.checked_shl(index.wrapping_sub(1)).filter(|_| index <= count)
+}
+
+/// Whether the messages about modes may go out on a link.
+fn takes(port: &Port) -> bool {
+    port.config.class == LinkClass::Normal && port.outbox.version() == Version::V2
+}
+
+/// CURRENT_MODE is to be sent.
+fn tell(port: &mut Port) {
+    if takes(port) {
+        port.owed.add(Owed::CURRENT_MODE);
+    }
+}
+
+/// Looks whether the vehicle is in another mode than `told`, the one that was told last.
+pub(crate) fn poll(told: &mut u32, links: &mut [Link], vehicle: &impl Vehicle) {
+    let Some(state) = vehicle.state().filter(|state| state.custom_mode != *told) else { return };
+    *told = state.custom_mode;
+    event!("mode {=u32}", state.custom_mode);
+    links.iter_mut().for_each(|link| tell(&mut link.port));
+}
+
+/// A HEARTBEAT was sent.
+pub(crate) fn on_heartbeat(port: &mut Port) {
+    if !port.modes.rests {
+        tell(port);
+    }
+    port.modes.rests = !port.modes.rests;
+}
+
+/// Sends CURRENT_MODE or AVAILABLE_MODES_MONITOR. False when neither is owed, or can be sent.
+pub(crate) fn next_current<V: Vehicle + Commands>(port: &mut Port, vehicle: &V) -> bool {
+    let Port { owed, outbox, .. } = port;
+    if owed.take(Owed::CURRENT_MODE)
+        && let Some(state) = vehicle.state()
+    {
+        let mode = find(V::MODES, state.custom_mode);
+        return outbox.send(&CurrentMode {
+            custom_mode: state.custom_mode,
+            intended_custom_mode: vehicle.intended_mode(),
+            standard_mode: mode.map_or(MavStandardMode::NON_STANDARD, |mode| mode.standard_mode),
+        });
+    }
+    owed.take(Owed::AVAILABLE_MODES_MONITOR) && outbox.send(&AvailableModesMonitor { seq: 0 })
+}
+
+/// Sends the next row of `table` that somebody asked for. False when none is owed, or can be sent.
+pub(crate) fn next_listed(port: &mut Port, table: &[FlightMode]) -> bool {
+    let Port { owed, modes, outbox, .. } = port;
+    if !owed.take(Owed::AVAILABLE_MODES) {
+        return false;
+    }
+    // In the table's order: QGroundControl takes the last one for the end of the list.
+    let index = usize::try_from(modes.asked.trailing_zeros()).unwrap_or(MAX_MODES);
+    modes.asked &= modes.asked.wrapping_sub(1);
+    if modes.asked != 0 {
+        owed.add(Owed::AVAILABLE_MODES);
+    }
+    table.get(index).is_some_and(|mode| {
+        outbox.send(&AvailableModes {
+            custom_mode: mode.custom_mode,
+            properties: mode.properties,
+            number_modes: u8::try_from(table.len()).unwrap_or(0),
+            mode_index: u8::try_from(index).unwrap_or(0).saturating_add(1),
+            standard_mode: mode.standard_mode,
+            mode_name: Text::new(mode.name),
+        })
+    })
+}
