@@ -107,7 +107,8 @@
 //! # Features
 //!
 //! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
-//! - `fmt`: what needs `core::fmt`: `write!` into a `Text`, and the files of component metadata (`metadata`).
+//! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
+//!   (`metadata`).
 //! - `plan-texts` (default): a STATUSTEXT for every plan and item that is refused, with the reason.
 //! - `storage`: plans that survive power loss, in NOR flash or FRAM.
 #![no_std]

@@ -34,7 +34,7 @@ use crate::service::heartbeat::Credit;
 use crate::service::mission::{self, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::mode::{self, FlightMode};
 use crate::service::param::Params;
-use crate::service::statustext::{Entry as TextEntry, StatusTexts};
+use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
 use crate::service::stream::Slot;
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
@@ -353,11 +353,27 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
     }
 
-    /// Tells the operators something: a STATUSTEXT on every normal link (T-5). At most 120 bytes, the rest is cut off; the
-    /// same text again within five seconds is dropped. When four wait, the least severe goes.
-    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &str) {
+    /// Tells the operators something: a STATUSTEXT on every normal link (T-5). Takes any text: a `&str`, or a
+    /// [`Text`](crate::Text) that numbers were put into. At most [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes, the rest is cut
+    /// off; the same text again within five seconds is dropped. When four wait, the least severe goes.
+    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: impl AsRef<[u8]>) {
+        self.push_text(now, severity, &Text::from_bytes(text.as_ref()));
+    }
+
+    /// The same, formatted by `core::fmt`, which costs some kilobytes of flash:
+    /// `stack.send_fmt(now, MavSeverity::INFO, format_args!("Wind {wind:.1} m/s"))`. What is beyond
+    /// [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes is cut off.
+    #[cfg(feature = "fmt")]
+    pub fn send_fmt(&mut self, now: Instant, severity: MavSeverity, text: core::fmt::Arguments<'_>) {
+        let mut built = Text::EMPTY;
+        // An error is a text that was cut off.
+        let _ = core::fmt::Write::write_fmt(&mut built, text);
+        self.push_text(now, severity, &built);
+    }
+
+    fn push_text(&mut self, now: Instant, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
         let texts: &mut StatusTexts = &mut self.texts;
-        texts.push(now, self.core.normal, severity, &Text::new(text));
+        texts.push(now, self.core.normal, severity, text);
     }
 
     /// Who was heard, and how well. At most `PEERS`; see H-12 for who has to go when the table is full.

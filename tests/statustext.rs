@@ -3,7 +3,7 @@
 mod support;
 
 use mavstack::dialect::{Heartbeat, MavSeverity, Statustext};
-use mavstack::{LinkClass, LinkConfig, LinkId, TxVersion};
+use mavstack::{LinkClass, LinkConfig, LinkId, MAX_TEXT_LEN, Text, TxVersion};
 use proptest::prelude::*;
 use support::*;
 
@@ -87,7 +87,8 @@ fn texts_do_not_mix() {
     assert_eq!(texts(&world, 0), [text(120), text(70)]);
 }
 
-/// T-5: a text is cut between code points.
+/// T-5: a text is cut between code points, and so are its chunks: MAVProxy and QGroundControl make a string of each. A chunk
+/// is full all the same, or it would be the last one: a blank fills it.
 #[test]
 fn cut_falls_between_code_points() {
     let links = [LinkConfig::uart(57_600), LinkConfig::uart(57_600).with_version(TxVersion::V1)];
@@ -96,7 +97,7 @@ fn cut_falls_between_code_points() {
     let long = format!("a{}", "é".repeat(60));
     world.stack.send_text(world.now(), MavSeverity::INFO, &long);
     world.run_for(secs(1));
-    assert_eq!(texts(&world, 0), [format!("a{}", "é".repeat(59))]);
+    assert_eq!(texts(&world, 0), [format!("a{} {}", "é".repeat(24), "é".repeat(35))]);
     assert_eq!(texts(&world, 1), [format!("a{}", "é".repeat(24))], "49 bytes, in v1");
 }
 
@@ -258,8 +259,72 @@ fn satellite_gets_no_text() {
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().tx_frames, 0);
 }
 
+/// T-5: any text can be sent that is made of bytes: a string, or one that was built; and with `fmt` one that was formatted.
+#[test]
+fn texts_of_all_kinds_are_sent() {
+    let mut world = World::new(Setup::<1>::new());
+    let mut built = Text::<MAX_TEXT_LEN>::new("Home moved by ");
+    built.push_decimal(-125, 1);
+    world.stack.send_text(world.now(), MavSeverity::INFO, "plain");
+    world.stack.send_text(world.now(), MavSeverity::INFO, String::from("owned"));
+    world.stack.send_text(world.now(), MavSeverity::INFO, built);
+    world.run_for(millis(100));
+    assert_eq!(texts(&world, 0), ["plain", "owned", "Home moved by -12.5"]);
+    world.gcs[0].forget();
+    // What is not UTF-8 is sent as it is.
+    world.stack.send_text(world.now(), MavSeverity::INFO, [0xFF; 130]);
+    #[cfg(feature = "fmt")]
+    {
+        world.stack.send_fmt(world.now(), MavSeverity::INFO, format_args!("{:.1} m/s", 2.25));
+        world.stack.send_fmt(world.now(), MavSeverity::INFO, format_args!("{:>200}", 1));
+    }
+    world.run_for(millis(500));
+    let mut expected = vec![(MavSeverity::INFO, vec![0xFF; 120])];
+    if cfg!(feature = "fmt") {
+        expected.extend([(MavSeverity::INFO, b"2.2 m/s".to_vec()), (MavSeverity::INFO, vec![b' '; 120])]);
+    }
+    assert_eq!(assemble(&chunks(&world, 0)), expected);
+}
+
+/// The chunks of a text, by its characters.
+fn chunks_of(text: &str) -> Vec<String> {
+    let mut chunks = vec![String::new()];
+    let mut len = 0;
+    for char in text.chars() {
+        len += char.len_utf8();
+        if len > 120 {
+            break;
+        }
+        let last = chunks.last_mut().unwrap();
+        if last.len() + char.len_utf8() > 50 {
+            last.push_str(&" ".repeat(50 - last.len()));
+            chunks.push(String::new());
+        }
+        chunks.last_mut().unwrap().push(char);
+    }
+    if chunks.len() > 1 && chunks.last().unwrap().len() == 50 {
+        chunks.push(String::new());
+    }
+    chunks
+}
+
 proptest! {
     #![proptest_config(cases(128))]
+
+    /// T-5: whatever the characters, each chunk is UTF-8 by itself, and of each but the last all 50 bytes are there.
+    #[test]
+    fn chunks_are_whole_characters(text in "[ -~é€𝄞]{1,125}") {
+        let mut world = World::new(Setup::<1>::new());
+        world.stack.send_text(world.now(), MavSeverity::INFO, &text);
+        world.run_for(millis(500));
+        let got: Vec<_> = chunks(&world, 0).iter().map(|chunk| chunk.text.as_str().map(String::from)).collect();
+        let mut expected = chunks_of(&text);
+        if expected.len() == 2 && expected[1].is_empty() {
+            // One of 50 bytes needs no second one.
+            expected.pop();
+        }
+        prop_assert_eq!(got, expected.into_iter().map(Some).collect::<Vec<_>>());
+    }
 
     /// T-5: whatever is said, at whatever pace: what arrives are whole texts that were said, in order, and no more are
     /// missing than were dropped.

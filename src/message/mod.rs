@@ -13,6 +13,7 @@ mod text;
 pub use field::{Char, Field, FieldReader, FieldWriter};
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;
+pub(crate) use text::cut;
 
 /// A MAVLink message: its numbers, and how it stands in a payload.
 ///

@@ -4,14 +4,22 @@ use super::Field;
 
 /// A `char[N]` field: bytes up to the first NUL, or all `N` when there is none (S-18). Need not be UTF-8.
 ///
-/// Also the place where the stack builds its own short texts, without `core::fmt`:
+/// Also the place where short texts are built, the stack's own and the vehicle's, without `core::fmt`:
 ///
 /// ```
-/// let mut text = mavstack::Text::<20>::new("item ");
-/// text.push_number(12);
-/// text.push_str(": no such command");
-/// assert_eq!(text.as_bytes(), b"item 12: no such com");
+/// let mut text = mavstack::Text::<40>::new("Battery 2: ");
+/// text.push_decimal(1_184, 2);
+/// text.push_str(" V at ");
+/// text.push_signed(-7);
+/// text.push_str("°C, error 0x");
+/// text.push_hex(0x2F, 4);
+/// assert_eq!(text.as_str(), Some("Battery 2: 11.84 V at -7°C, error 0x002F"));
+/// // What has no room is cut off, between code points.
+/// text.push_str(", replace it");
+/// assert_eq!(text.len(), 40);
 /// ```
+///
+/// With the feature `fmt` it implements `core::fmt::Write`, for `write!`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Text<const N: usize>([u8; N]);
 
@@ -22,8 +30,13 @@ impl<const N: usize> Text<N> {
     /// The front of `text`, as much of it as fits, cut between code points; a NUL in it ends it.
     #[must_use]
     pub fn new(text: &str) -> Self {
+        Self::from_bytes(text.as_bytes())
+    }
+
+    /// The same of bytes that need not be UTF-8.
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Self {
         let mut new = Self::EMPTY;
-        new.push_str(text);
+        append(&mut new.0, bytes);
         new
     }
 
@@ -59,54 +72,123 @@ impl<const N: usize> Text<N> {
         self.0.first().is_none_or(|&byte| byte == 0)
     }
 
-    /// Appends as much of `text` as fits, cut between code points.
+    /// Appends as much of `text` as fits, cut between code points; a NUL in it ends it.
     pub fn push_str(&mut self, text: &str) {
-        let at = self.len();
-        let Some(room) = self.0.get_mut(at..) else { return };
-        let mut len = room.len().min(text.len());
-        while !text.is_char_boundary(len) {
-            len = len.saturating_sub(1);
-        }
-        for (to, &from) in room.iter_mut().zip(text.as_bytes().iter().take(len)) {
-            *to = from;
-        }
+        append(&mut self.0, text.as_bytes());
+    }
+
+    /// Appends a number in decimal.
+    pub fn push_number(&mut self, number: u32) {
+        Digits::new(number, 10).end(false, &mut self.0);
+    }
+
+    /// Appends a number in decimal, with a minus sign where it is negative.
+    pub fn push_signed(&mut self, number: i32) {
+        self.push_decimal(number, 0);
+    }
+
+    /// Appends a decimal fraction: `number` with `places` digits behind the point, so a voltage in mV is shown in volts by
+    /// `push_decimal(millivolts, 3)`, a latitude in deg·1e7 in degrees by `push_decimal(latitude, 7)`. 0 to 9 places; more
+    /// count as 9.
+    pub fn push_decimal(&mut self, number: i32, places: u8) {
+        let mut digits = Digits::new(number.unsigned_abs(), 10);
+        digits.point = places.min(9);
+        digits.end(number < 0, &mut self.0);
+    }
+
+    /// Appends a number in hexadecimal, with zeros before it up to `digits` digits, of which there are at most 8.
+    pub fn push_hex(&mut self, number: u32, digits: u8) {
+        let mut hex = Digits::new(number, 16);
+        hex.least = digits.min(8);
+        hex.end(false, &mut self.0);
     }
 
     /// The front of the text as a shorter field, cut between code points when it is UTF-8.
     #[must_use]
     pub fn front<const M: usize>(&self) -> Text<M> {
-        let bytes = self.as_bytes();
-        let mut len = bytes.len().min(M);
-        // A byte 0b10xx_xxxx goes on with the code point before it.
-        while len > 0 && bytes.get(len).is_some_and(|&byte| byte & 0xC0 == 0x80) {
-            len = len.saturating_sub(1);
-        }
-        let mut front = [0; M];
-        for (to, &from) in front.iter_mut().zip(bytes.iter().take(len)) {
-            *to = from;
-        }
-        Text(front)
+        Text::from_bytes(self.as_bytes())
+    }
+}
+
+/// Appends what fits of `text`, up to a NUL, to the text in `field`. Whether that is all of it. Not generic, so it is compiled
+/// once.
+fn append(field: &mut [u8], text: &[u8]) -> bool {
+    let text = text.split(|&byte| byte == 0).next().unwrap_or_default();
+    let room = match field.iter().position(|&byte| byte == 0) {
+        Some(end) => field.get_mut(end..).unwrap_or_default(),
+        None => &mut [],
+    };
+    let front = text.get(..cut(text, room.len())).unwrap_or_default();
+    // Behind the NUL something else may have stood.
+    for (to, from) in room.iter_mut().zip(front.iter().chain(core::iter::repeat(&0))) {
+        *to = *from;
+    }
+    front.len() == text.len()
+}
+
+/// How many of the first `max` bytes of a text are whole code points; `max`, where it is not UTF-8.
+pub(crate) fn cut(text: &[u8], max: usize) -> usize {
+    if text.len() <= max {
+        return text.len();
+    }
+    // A byte 0b10xx_xxxx goes on with the code point before it, which has four bytes at most.
+    let is_start = |&len: &usize| text.get(len).is_none_or(|&byte| byte & 0xC0 != 0x80);
+    let least = max.saturating_sub(3);
+    (least..=max).rev().find(is_start).unwrap_or(max)
+}
+
+/// A number on its way into a text.
+struct Digits {
+    rest: u32,
+    radix: u32,
+    /// How many digits stand behind the point; with none there is no point.
+    point: u8,
+    /// How many digits there are at least.
+    least: u8,
+}
+
+impl Digits {
+    fn new(number: u32, radix: u32) -> Self {
+        Self { rest: number, radix, point: 0, least: 0 }
     }
 
-    /// Appends a number in decimal; what does not fit is cut off.
-    pub fn push_number(&mut self, number: u32) {
-        let mut digits = [0; 10];
-        let mut rest = number;
-        let mut used = 0usize;
-        for digit in digits.iter_mut().rev() {
-            // The remainder is below ten, so nothing is lost.
-            *digit = b'0'.wrapping_add(u8::try_from(rest % 10).unwrap_or(0));
-            rest /= 10;
-            used = used.saturating_add(1);
-            if rest == 0 {
-                break;
+    /// Appends the number to the text in `field`.
+    fn end(mut self, is_negative: bool, field: &mut [u8]) {
+        // A sign, ten digits and a point, from behind.
+        let mut text = [0; 12];
+        let mut free = text.iter_mut().rev();
+        let mut put = |byte: u8| free.next().map_or((), |place| *place = byte);
+        let mut count = 0u8;
+        while count == 0 || self.rest != 0 || count <= self.point && self.point > 0 || count < self.least {
+            if count == self.point && count > 0 {
+                put(b'.');
             }
+            let digit = self.rest.checked_rem(self.radix).unwrap_or(0);
+            self.rest = self.rest.checked_div(self.radix).unwrap_or(0);
+            let digit = u8::try_from(digit).unwrap_or(0);
+            put(digit.wrapping_add(if digit < 10 { b'0' } else { b'A'.wrapping_sub(10) }));
+            count = count.saturating_add(1);
         }
-        let at = self.len();
-        let free = self.0.get_mut(at..).unwrap_or_default();
-        for (to, &from) in free.iter_mut().zip(digits.iter().skip(digits.len().saturating_sub(used))) {
-            *to = from;
+        if is_negative {
+            put(b'-');
         }
+        let start = text.iter().position(|&byte| byte != 0).unwrap_or(0);
+        append(field, text.get(start..).unwrap_or_default());
+    }
+}
+
+/// For what takes any text, as [`Stack::send_text`](crate::Stack::send_text) does.
+impl<const N: usize> AsRef<[u8]> for Text<N> {
+    fn as_ref(&self) -> &[u8] {
+        self.as_bytes()
+    }
+}
+
+/// An error is a text that was cut off; what fitted is there.
+#[cfg(feature = "fmt")]
+impl<const N: usize> core::fmt::Write for Text<N> {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        if append(&mut self.0, text.as_bytes()) { Ok(()) } else { Err(core::fmt::Error) }
     }
 }
 
@@ -170,16 +252,94 @@ mod tests {
         assert_eq!(Text::<2>::new("€").as_str(), Some(""));
     }
 
+    /// A text that is UTF-8 stays UTF-8, wherever it is cut; and what is not loses no more than that.
+    #[test]
+    fn cut_is_a_code_point_at_most() {
+        for text in ["aé€𝄞", "é", "€uro", "𝄞𝄞𝄞", "abcdefg", ""] {
+            for max in 0..12 {
+                let len = cut(text.as_bytes(), max);
+                assert!(len <= max && text.is_char_boundary(len), "{text} at {max}: {len}");
+                assert!(len + 3 >= max.min(text.len()));
+            }
+        }
+        assert_eq!(cut(&[0x80; 9], 5), 5);
+    }
+
+    #[test]
+    fn what_stands_behind_the_nul_does_not_come_back() {
+        let mut text = Text::from_wire(*b"ab\0cdefg");
+        text.push_str("xy\0z");
+        assert_eq!(text.as_bytes(), b"abxy");
+        assert_eq!(Text::<8>::new("ab\0cd").wire(), b"ab\0\0\0\0\0\0");
+        assert_eq!(Text::<2>::from_wire(*b"ab").as_ref(), b"ab");
+    }
+
+    fn built(push: impl FnOnce(&mut Text<20>)) -> std::string::String {
+        let mut text = Text::EMPTY;
+        push(&mut text);
+        text.as_str().expect("UTF-8").into()
+    }
+
     #[test]
     fn numbers_append_in_decimal() {
         for (number, text) in [(0, "0"), (10, "10"), (4_294_967_295, "4294967295")] {
-            let mut built = Text::<10>::EMPTY;
-            built.push_number(number);
-            assert_eq!(built.as_str(), Some(text));
+            assert_eq!(built(|built| built.push_number(number)), text);
         }
         assert_eq!(Text::<9>::new("abcdé").front::<5>().as_str(), Some("abcd"));
         let mut full = Text::<3>::new("a");
         full.push_number(123);
         assert_eq!(full.as_str(), Some("a12"));
+        for (number, places, text) in [
+            (0, 0, "0"),
+            (-1, 0, "-1"),
+            (i32::MIN, 0, "-2147483648"),
+            (0, 1, "0.0"),
+            (5, 1, "0.5"),
+            (-5, 2, "-0.05"),
+            (1_184, 2, "11.84"),
+            (-473_977_418, 7, "-47.3977418"),
+            (i32::MAX, 9, "2.147483647"),
+            (i32::MIN, 9, "-2.147483648"),
+            (1, 200, "0.000000001"),
+        ] {
+            assert_eq!(built(|built| built.push_decimal(number, places)), text);
+        }
+        for (number, digits, text) in [
+            (0, 0, "0"),
+            (0, 2, "00"),
+            (0xBEEF, 0, "BEEF"),
+            (0xA, 4, "000A"),
+            (u32::MAX, 2, "FFFFFFFF"),
+            (1, 99, "00000001"),
+        ] {
+            assert_eq!(built(|built| built.push_hex(number, digits)), text);
+        }
+    }
+
+    proptest::proptest! {
+        /// Without `core::fmt` it is written as with it.
+        #[test]
+        fn numbers_are_written_as_by_fmt(number: i32, places in 0usize..10, digits in 0usize..9) {
+            let power = 10i64.pow(places as u32);
+            let (whole, part) = (i64::from(number).abs() / power, i64::from(number).abs() % power);
+            let sign = if number < 0 { "-" } else { "" };
+            let expected = if places == 0 { std::format!("{number}") } else { std::format!("{sign}{whole}.{part:0places$}") };
+            proptest::prop_assert_eq!(built(|text| text.push_decimal(number, places as u8)), expected);
+            proptest::prop_assert_eq!(built(|text| text.push_signed(number)), std::format!("{number}"));
+            let number = number.cast_unsigned();
+            proptest::prop_assert_eq!(built(|text| text.push_number(number)), std::format!("{number}"));
+            proptest::prop_assert_eq!(built(|text| text.push_hex(number, digits as u8)), std::format!("{number:0digits$X}"));
+        }
+    }
+
+    #[cfg(feature = "fmt")]
+    #[test]
+    fn fmt_writes_what_fits_and_says_when_that_is_not_all() {
+        use core::fmt::Write;
+        let mut text = Text::<10>::EMPTY;
+        assert_eq!(write!(text, "{:.1} m, {}", 2.25, 7), Ok(()));
+        assert_eq!(text.as_str(), Some("2.2 m, 7"));
+        assert_eq!(write!(text, " €"), Err(core::fmt::Error));
+        assert_eq!(text.as_str(), Some("2.2 m, 7 "), "no half of it");
     }
 }

@@ -1,7 +1,8 @@
 //! STATUSTEXT: short texts for the operator.
 //!
 //! Implements T-5 of the field's practice and the message's own chunking: a text longer than 50 bytes goes out in chunks
-//! that share an id, and ends with the first chunk that has a NUL. Texts wait in a fixed queue; each link sends them at its
+//! that share an id, and ends with the first chunk that has a NUL. No chunk ends within a code point, as ground stations turn
+//! each into a string by itself: where one would, blanks take the place of its first bytes. Texts wait in a fixed queue; each link sends them at its
 //! own pace, in the order they came. When the queue is full the least severe of the oldest goes, and is counted.
 
 use crate::dialect::{MavSeverity, Statustext};
@@ -45,11 +46,13 @@ impl Entry {
 pub(crate) struct TextCursor {
     number: u16,
     chunk: u8,
+    /// Bytes of the text that were sent.
+    sent: u8,
 }
 
 impl TextCursor {
     pub(crate) const fn new() -> Self {
-        Self { number: 0, chunk: 0 }
+        Self { number: 0, chunk: 0, sent: 0 }
     }
 }
 
@@ -124,7 +127,7 @@ impl StatusTexts {
         });
         let Some(entry) = entry else { return false };
         if cursor.number != entry.number {
-            *cursor = TextCursor { number: entry.number, chunk: 0 };
+            *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
         }
         let bytes = entry.text.as_bytes();
         let mut message = Statustext { severity: entry.severity, ..Default::default() };
@@ -133,18 +136,20 @@ impl StatusTexts {
             message.text = entry.text.front();
             entry.pending = entry.pending.without(link);
         } else {
-            let mut chunk = [0; CHUNK];
-            let from = usize::from(cursor.chunk).saturating_mul(CHUNK);
-            let rest = bytes.get(from..).unwrap_or_default();
-            crate::message::zero_extend(rest, &mut chunk);
+            let rest = bytes.get(usize::from(cursor.sent)..).unwrap_or_default();
+            let front = rest.get(..crate::message::cut(rest, CHUNK)).unwrap_or_default();
+            // A chunk without a NUL promises another one, even an empty one.
+            let is_last = rest.len() < CHUNK;
+            let mut chunk = [if is_last { 0 } else { b' ' }; CHUNK];
+            let len = crate::message::zero_extend(front, &mut chunk);
             message.text = Text::from_wire(chunk);
             message.id = entry.number;
             message.chunk_seq = cursor.chunk;
             cursor.chunk = cursor.chunk.saturating_add(1);
-            // A chunk without a NUL promises another one, even an empty one.
-            if rest.len() < CHUNK {
+            cursor.sent = cursor.sent.saturating_add(u8::try_from(len).unwrap_or(0));
+            if is_last {
                 entry.pending = entry.pending.without(link);
-                cursor.chunk = 0;
+                *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
             }
         }
         tx.send(&message)
