@@ -335,12 +335,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// The line of a link was opened anew: forgets what was received of an unfinished frame, and sends the frame that was
     /// cut off from its start, unless it is a heartbeat, which would be of yesterday.
     pub fn restart_link(&mut self, link: LinkId) {
-        if let Some(link) = self.link_mut(link) {
-            link.decoder.clear();
-            link.port.transport = Transport::Unknown;
-            link.port.outbox.restart();
-            link.port.plans.restart();
-            link.port.params.restart();
+        if let Some(Link { decoder, port }) = self.links.get_mut(usize::from(link.0)) {
+            decoder.clear();
+            port.transport = Transport::Unknown;
+            port.outbox.restart();
+            port.plans.restart();
+            self.core.params.restart(link, &mut port.params);
         }
     }
 

@@ -106,7 +106,7 @@ impl Core {
         } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
             let Context { now, texts, vehicle, .. } = context;
             let mut context = param::Context { now: *now, texts, normal: self.normal };
-            let mut caller = param::Caller { from, version: port.outbox.version(), replies: &mut port.params };
+            let mut caller = param::Caller { from, version: port.outbox.version(), list: &mut port.params };
             match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
                 Taken::Yes => {}
                 Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),

@@ -154,7 +154,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         if !vehicle.may_persist() {
             return false;
         }
-        if self.core.params.wants_reload() {
+        if self.core.params.wants_reload(vehicle) {
             let _ = self.restore_parameters(now, store, vehicle);
         }
         let params = &mut self.core.params;
@@ -163,10 +163,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         match store.step(&table.table_mut(), job) {
             Step::Idle => return false,
             Step::Busy => {}
-            Step::Done => params.saved(now),
+            Step::Done => params.saved(now, vehicle),
             Step::Failed => {
                 let texts: &mut StatusTexts = &mut self.texts;
-                params.not_saved(&mut param::Context { now, texts, normal: self.core.normal });
+                params.not_saved(&mut param::Context { now, texts, normal: self.core.normal }, vehicle);
             }
         }
         true

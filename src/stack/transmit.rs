@@ -4,7 +4,7 @@ use super::{Context, Core, count};
 use crate::dialect::Heartbeat;
 use crate::link::{LinkClass, LinkMask, Port, Transport};
 use crate::service::mission::{Missions, PlanStorage};
-use crate::service::param::{self, Params};
+use crate::service::param;
 use crate::service::statustext::StatusTexts;
 use crate::service::{command, mode, time};
 use crate::time::{Duration, Instant};
@@ -109,10 +109,10 @@ impl Core {
         let waits = is_normal
             && (!port.owed.is_empty()
                 || port.streams.is_asked()
-                || self.params.is_pending(&port.params, &port.outbox)
+                || self.params.is_pending(port.id)
                 || texts.is_pending(LinkMask::of(port.id))
                 || missions.is_some_and(|missions| missions.is_pending(&port.plans, &port.outbox)));
-        let transfer = if waits { now } else { Params::list_due(&port.params) };
+        let transfer = if waits { now } else { port.params.due() };
         let transfer = if is_normal { transfer.max(port.bucket.ready_at()) } else { Instant::NEVER };
         let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
         transfer.min(stream).min(heartbeat)

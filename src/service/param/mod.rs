@@ -3,13 +3,16 @@
 //! Implements <https://mavlink.io/en/services/parameter.html>, rules P-1 to P-32: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and
 //! PARAM_SET in, PARAM_VALUE and PARAM_ERROR out, `_HASH_CHECK`, and MAV_CMD_PREFLIGHT_STORAGE. The values are the vehicle's; the
 //! table has a mark for every parameter and link that has not been told of its value, so a list, any number of reads and
-//! every change cost no memory beside one cursor a link. No parameter by FTP, and no PARAM_EXT.
+//! every change cost no memory beside one cursor a link. What else the service keeps stands in the table too: a vehicle
+//! without parameters has none of it. No parameter by FTP, and no PARAM_EXT.
 
 mod hash;
 #[macro_use]
 mod macros;
 mod replies;
+mod requests;
 mod saving;
+mod state;
 mod table;
 mod value;
 mod vehicle;
@@ -17,7 +20,7 @@ mod vehicle;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use replies::Replies;
+pub(crate) use replies::List;
 pub use table::{MAX_PARAMS, NoParams, Param, ParamChange, ParamInfo, ParamMemory, ParamTable, TableMut};
 pub use value::{ParamEncoding, ParamType};
 pub use vehicle::{ParamHash, Parameters};
@@ -25,17 +28,15 @@ pub use vehicle::{ParamHash, Parameters};
 use core::marker::PhantomData;
 
 use crate::dialect::{
-    MavCmd, MavModeFlag, MavParamError, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
+    MavCmd, MavModeFlag, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
     ParamRequestRead, ParamSet, ParamValue,
 };
 use crate::frame::{Frame, Version};
-use crate::link::{LinkMask, Outbox, Peer};
+use crate::link::{LinkId, LinkMask, Outbox, Peer};
 use crate::message::{Message, Text};
-use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
+use crate::service::statustext::StatusTexts;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Vehicle};
-use hash::Hash;
-use replies::Refusal;
 use saving::Saving;
 use table::HASH_NAME;
 
@@ -57,7 +58,7 @@ pub(crate) struct Context<'a> {
 pub(crate) struct Caller<'a> {
     pub(crate) from: Peer,
     pub(crate) version: Version,
-    pub(crate) replies: &'a mut Replies,
+    pub(crate) list: &'a mut List,
 }
 
 /// What became of a request.
@@ -85,6 +86,7 @@ pub(crate) const fn capability<V: Parameters>() -> MavProtocolCapability {
 struct Ways {
     encoding: ParamEncoding,
     hash: ParamHash,
+    has_errors: bool,
 }
 
 impl Ways {
@@ -93,7 +95,7 @@ impl Ways {
             ParamEncoding::Bytewise => V::PARAM_HASH,
             ParamEncoding::CCast => ParamHash::Never,
         };
-        Self { encoding: V::PARAM_ENCODING, hash }
+        Self { encoding: V::PARAM_ENCODING, hash, has_errors: V::PARAM_ERROR }
     }
 
     /// Whether this is the hash's name, and there is one.
@@ -102,20 +104,42 @@ impl Ways {
     }
 }
 
-/// The parameter service of a vehicle, for all links.
+/// What of the parameter service must be known where the vehicle is not at hand. The rest stands in the vehicle's table.
 #[derive(Debug)]
 pub(crate) struct Params {
-    /// Links that may not have been told of every value.
-    untold: LinkMask,
-    hash: Hash,
-    saving: Saving,
-    /// Before this moment a refusal is told by no text.
-    texts_from: Instant,
+    /// Links that an answer is owed on.
+    owed: LinkMask,
+    /// Links whose lines were opened anew, of which the table does not know yet.
+    restarted: LinkMask,
+    /// When there is something to write.
+    write_due: Instant,
 }
 
 impl Params {
     pub(crate) const fn new() -> Self {
-        Self { untold: LinkMask::NONE, hash: Hash::new(), saving: Saving::new(), texts_from: Instant::ZERO }
+        Self { owed: LinkMask::NONE, restarted: LinkMask::NONE, write_due: Instant::NEVER }
+    }
+
+    /// The vehicle's table.
+    fn table<'v, V: Parameters>(&mut self, vehicle: &'v mut V) -> Option<TableMut<'v>> {
+        let table = vehicle.parameters_mut()?.table_mut();
+        if !self.restarted.is_empty() {
+            table.state.forget(core::mem::take(&mut self.restarted));
+        }
+        Some(table)
+    }
+
+    /// The table was worked with.
+    fn note(&mut self, table: &TableMut<'_>) {
+        self.owed = table.state.owed();
+        self.write_due = table.state.saving.deadline();
+    }
+
+    /// The line of a link was opened anew: nobody is there any more who asked.
+    pub(crate) fn restart(&mut self, link: LinkId, list: &mut List) {
+        list.end();
+        self.restarted = self.restarted.with(LinkMask::of(link));
+        self.owed = self.owed.without(LinkMask::of(link));
     }
 
     /// Whether a message is one of ours.
@@ -132,160 +156,22 @@ impl Params {
         frame: &Frame<'_>,
     ) -> Taken {
         let ways = Ways::of::<V>();
-        let Some(table) = vehicle.parameters_mut() else { return Taken::Yes };
-        let (index, bits) = match self.on_request(cx, &mut table.table_mut(), ways, caller, frame) {
+        let Some(mut table) = self.table(vehicle) else { return Taken::Yes };
+        let request = table.on_request(cx, ways, caller, frame);
+        self.note(&table);
+        let (index, bits) = match request {
             Ok(taken) => return taken,
             Err(change) => change,
         };
         // All but the vehicle's own word is said, and there is room for a refusal.
         let change = ParamChange { index, bits, from: Some(caller.from), table: PhantomData };
         let verdict = vehicle.may_set(&change);
-        if let Some(table) = vehicle.parameters_mut() {
-            self.set(cx, &mut table.table_mut(), caller, (index, bits), verdict);
+        if let Some(mut table) = self.table(vehicle) {
+            table.set_for(cx, ways, caller, (index, bits), verdict);
+            self.note(&table);
         }
         if verdict.is_ok() {
             vehicle.parameter_changed(&change);
-        }
-        Taken::Yes
-    }
-
-    /// Takes a request, but for setting a parameter to another value that it can have, which is left: its index and the
-    /// value.
-    fn on_request(
-        &mut self,
-        cx: &mut Context<'_>,
-        table: &mut TableMut<'_>,
-        ways: Ways,
-        caller: &mut Caller<'_>,
-        frame: &Frame<'_>,
-    ) -> Result<Taken, (u16, u32)> {
-        match frame.id() {
-            ParamRequestList::ID => {
-                let is_first = caller.replies.list(cx.now);
-                // Who begins again did not want the hash (P-10).
-                caller.replies.hash |= is_first && ways.hash == ParamHash::InList;
-                Ok(Taken::Yes)
-            }
-            ParamRequestRead::ID => {
-                Ok(self.on_read(cx, table, ways, caller, &ParamRequestRead::decode(frame.payload())))
-            }
-            _ => self.on_set(cx, table, ways, caller, &ParamSet::decode(frame.payload())),
-        }
-    }
-
-    /// P-13.
-    fn on_read(
-        &mut self,
-        cx: &mut Context<'_>,
-        table: &mut TableMut<'_>,
-        ways: Ways,
-        caller: &mut Caller<'_>,
-        read: &ParamRequestRead,
-    ) -> Taken {
-        let name = wire_name(&read.param_id);
-        let found = match u16::try_from(read.param_index) {
-            Ok(index) => table.get(index).map(|_| index),
-            Err(_) if ways.is_hash(&name) => {
-                caller.replies.hash = true;
-                return Taken::Yes;
-            }
-            Err(_) => table.find(&name),
-        };
-        let Some(index) = found else {
-            let index = read.param_index.max(-1);
-            return self.refuse(cx, caller, false, MavParamError::DOES_NOT_EXIST, index, &name);
-        };
-        self.tell(table, index, LinkMask::of(caller.from.link));
-        Taken::Yes
-    }
-
-    /// P-14, up to the vehicle's own word.
-    fn on_set(
-        &mut self,
-        cx: &mut Context<'_>,
-        table: &mut TableMut<'_>,
-        ways: Ways,
-        caller: &mut Caller<'_>,
-        set: &ParamSet,
-    ) -> Result<Taken, (u16, u32)> {
-        if set.target_system == 0 {
-            // Every vehicle in reach would be set to the same.
-            return Ok(Taken::OutOfPlace);
-        }
-        let name = wire_name(&set.param_id);
-        if ways.is_hash(&name) {
-            // Who has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it again.
-            caller.replies.end_list();
-            caller.replies.hash = false;
-            return Ok(Taken::Yes);
-        }
-        if caller.replies.is_full() {
-            return Ok(Taken::NoRoom);
-        }
-        let Some((index, (info, old))) = table.find(&name).and_then(|index| Some((index, table.get(index)?))) else {
-            return Ok(self.refuse(cx, caller, true, MavParamError::DOES_NOT_EXIST, -1, &name));
-        };
-        match check(info, ways.encoding, set) {
-            Ok(bits) if bits != old => return Err((index, bits)),
-            Ok(_) => self.tell(table, index, cx.normal),
-            Err(error) => self.set(cx, table, caller, (index, old), Err(error)),
-        }
-        Ok(Taken::Yes)
-    }
-
-    /// Sets a parameter, or refuses to, for which there is room. Everybody is told of the value that it has now (P-14).
-    fn set(
-        &mut self,
-        cx: &mut Context<'_>,
-        table: &mut TableMut<'_>,
-        caller: &mut Caller<'_>,
-        (index, bits): (u16, u32),
-        verdict: Result<(), MavParamError>,
-    ) {
-        let Some((info, _)) = table.get(index) else { return };
-        match verdict {
-            Ok(()) => {
-                event!("parameter {=u16} set by {}", index, caller.from);
-                table.put(index, bits);
-                self.saving.notice(cx.now, table.generation());
-            }
-            Err(error) => {
-                self.refuse(cx, caller, true, error, -1, info.wire_name());
-            }
-        }
-        self.tell(table, index, cx.normal);
-    }
-
-    /// The links of the mask are to be told of a value.
-    fn tell(&mut self, table: &mut TableMut<'_>, index: u16, links: LinkMask) {
-        table.tell(index, links);
-        self.untold = self.untold.with(links);
-    }
-
-    /// Owes a PARAM_ERROR. For clients that do not know it there is a text too: when something was to be set, and where
-    /// MAVLink 1 has nothing else (P-31, P-32). Not inlined: a second copy would cost 300 bytes.
-    #[inline(never)]
-    fn refuse(
-        &mut self,
-        cx: &mut Context<'_>,
-        caller: &mut Caller<'_>,
-        is_set: bool,
-        error: MavParamError,
-        index: i16,
-        name: &[u8; 16],
-    ) -> Taken {
-        let is_v1 = caller.version == Version::V1;
-        if !is_v1 && !caller.replies.refuse(Refusal { to: caller.from.address, error, index, name: *name }) {
-            return Taken::NoRoom;
-        }
-        event!("parameter of {} refused: {=u8}", caller.from, error.0);
-        if cfg!(feature = "plan-texts") && (is_set || is_v1) && cx.now >= self.texts_from {
-            self.texts_from = cx.now.after(TEXT_PAUSE);
-            let mut text = [0; MAX_TEXT_LEN];
-            crate::message::zero_extend(name, &mut text);
-            let mut text = Text::from_wire(text);
-            text.push_str(reason(error));
-            cx.texts.push(cx.now, LinkMask::of(caller.from.link), MavSeverity::WARNING, &text);
         }
         Taken::Yes
     }
@@ -303,7 +189,8 @@ impl Params {
         if command.id != MavCmd::PREFLIGHT_STORAGE {
             return None;
         }
-        let count = vehicle.parameters_mut()?.table_mut().count();
+        let table = self.table(vehicle)?;
+        let (count, is_stored) = (table.count(), table.state.saving.is_attached());
         let [parameters, missions, ..] = command.params;
         let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
         let (parameters, missions) = (action(parameters), action(missions));
@@ -316,11 +203,13 @@ impl Params {
         }
         let resets_all = match parameters {
             Some(NOTHING) => return Some(MavResult::ACCEPTED),
-            Some(0) if self.saving.is_attached() => {
-                self.saving.reload();
+            Some(0) if is_stored => {
+                let table = self.table(vehicle)?;
+                table.state.saving.reload();
+                self.note(&table);
                 return Some(MavResult::ACCEPTED);
             }
-            Some(1) if self.saving.is_attached() => {
+            Some(1) if is_stored => {
                 self.hurry(cx.now, vehicle);
                 return Some(MavResult::ACCEPTED);
             }
@@ -329,7 +218,7 @@ impl Params {
             _ => return Some(MavResult::DENIED),
         };
         for index in 0..count {
-            let info = vehicle.parameters_mut()?.table_mut().get(index)?.0;
+            let info = self.table(vehicle)?.get(index)?.0;
             if resets_all || !info.is_read_only() {
                 self.change(vehicle, index, info.default_bits(), cx.normal, Some(command.from));
             }
@@ -340,67 +229,51 @@ impl Params {
 
     /// What is not stored yet is to be written now.
     fn hurry<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
-        if let Some(table) = vehicle.parameters_mut() {
-            self.saving.hurry(now, table.table_mut().generation());
+        if let Some(mut table) = self.table(vehicle) {
+            table.notice(now);
+            table.state.saving.hurry(now);
+            self.note(&table);
         }
     }
 
     /// Gives a parameter another value that it can have, if it has not, and tells everybody.
     fn change<V: Parameters>(&mut self, vehicle: &mut V, index: u16, bits: u32, links: LinkMask, from: Option<Peer>) {
-        let Some(table) = vehicle.parameters_mut() else { return };
-        let mut table = table.table_mut();
+        let Some(mut table) = self.table(vehicle) else { return };
         if table.get(index).is_none_or(|(_, old)| old == bits) {
             return;
         }
         table.put(index, bits);
-        self.tell(&mut table, index, links);
+        table.tell(index, links);
+        self.note(&table);
         vehicle.parameter_changed(&ParamChange { index, bits, from, table: PhantomData });
     }
 
     /// Looks what the vehicle set since the last time (P-16).
     pub(crate) fn poll<V: Parameters>(&mut self, now: Instant, vehicle: &mut V, normal: LinkMask) {
-        let Some(table) = vehicle.parameters_mut() else { return };
-        let mut table = table.table_mut();
-        if table.take_news() {
-            self.untold = self.untold.with(normal);
+        let Some(mut table) = self.table(vehicle) else { return };
+        if core::mem::take(&mut table.state.news) {
+            table.state.untold = table.state.untold.with(normal);
         }
-        self.saving.notice(now, table.generation());
+        table.notice(now);
+        self.note(&table);
     }
 
     /// Whether an answer is owed on a link.
-    pub(crate) fn is_pending(&self, replies: &Replies, tx: &Outbox) -> bool {
-        replies.has_any() || self.untold.contains(LinkMask::of(tx.link()))
+    pub(crate) const fn is_pending(&self, link: LinkId) -> bool {
+        self.owed.contains(LinkMask::of(link))
     }
 
     /// Sends an answer: a refusal, the hash, or a value that somebody asked for or that has changed. False when none is
     /// ready.
-    pub(crate) fn next<V: Parameters>(&mut self, vehicle: &mut V, replies: &mut Replies, tx: &mut Outbox) -> bool {
-        let Some(table) = vehicle.parameters_mut() else { return false };
-        self.next_answer(&mut table.table_mut(), Ways::of::<V>(), replies, tx)
-    }
-
-    fn next_answer(&mut self, table: &mut TableMut<'_>, ways: Ways, replies: &mut Replies, tx: &mut Outbox) -> bool {
+    pub(crate) fn next<V: Parameters>(&mut self, vehicle: &mut V, list: &mut List, tx: &mut Outbox) -> bool {
+        if !self.is_pending(tx.link()) {
+            return false;
+        }
+        let Some(mut table) = self.table(vehicle) else { return false };
         // Before the value: MAVSDK sets again when it sees the old one, and gives up when it sees this.
-        if replies.next_refusal(tx) {
-            return true;
-        }
-        if ways.hash != ParamHash::Never
-            && replies.hash
-            && let Some(hash) = self.hash.step(table)
-        {
-            replies.hash = false;
-            return send_as(table, NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(hash), tx);
-        }
-        let link = LinkMask::of(tx.link());
-        if !self.untold.contains(link) {
-            return false;
-        }
-        let Some(index) = table.next_untold(link, replies.from) else {
-            self.untold = self.untold.without(link);
-            return false;
-        };
-        replies.from = index.saturating_add(1);
-        send_value(table, ways, index, tx)
+        let sent = (V::PARAM_ERROR && table.state.refusals.next(tx)) || table.next_answer(Ways::of::<V>(), list, tx);
+        self.note(&table);
+        sent
     }
 
     /// Sends the next value of the list, when its turn has come on a link of so many bytes/s (P-11). False when it has not.
@@ -408,25 +281,23 @@ impl Params {
         &mut self,
         now: Instant,
         vehicle: &mut V,
-        replies: &mut Replies,
+        list: &mut List,
         bytes_per_second: u32,
         tx: &mut Outbox,
     ) -> bool {
-        let Some(table) = vehicle.parameters_mut() else { return false };
-        let Some(index) = replies.listed(now) else { return false };
-        let mut table = table.table_mut();
-        replies.list_on(now, table.count(), bytes_per_second);
-        send_value(&mut table, Ways::of::<V>(), index, tx)
-    }
-
-    /// When the list of a link goes on; never, when there is none.
-    pub(crate) const fn list_due(replies: &Replies) -> Instant {
-        replies.list_due()
+        let Some(index) = list.listed(now) else { return false };
+        let Some(mut table) = self.table(vehicle) else { return false };
+        // The hash goes before it.
+        if table.state.hash_owed.contains(LinkMask::of(tx.link())) {
+            return false;
+        }
+        list.go_on(now, table.count(), bytes_per_second);
+        table.send_value(Ways::of::<V>(), index, tx)
     }
 
     /// When there is something to write: see [`unsaved`](Self::unsaved).
-    pub(crate) fn deadline(&self) -> Instant {
-        self.saving.deadline()
+    pub(crate) const fn deadline(&self) -> Instant {
+        self.write_due
     }
 }
 
@@ -436,8 +307,7 @@ impl Params {
     /// A parameter comes back from storage (P-17): the stored value, or the default of this firmware when the stored one was
     /// the default too. It stays as it is when there is none of that name and type, or when it cannot have the value.
     pub(crate) fn load<V: Parameters>(&mut self, vehicle: &mut V, stored: &Stored, links: LinkMask) {
-        let Some(table) = vehicle.parameters_mut() else { return };
-        let table = table.table_mut();
+        let Some(table) = self.table(vehicle) else { return };
         let Some((index, (info, _))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
         else {
             return;
@@ -448,31 +318,38 @@ impl Params {
         }
     }
 
+    /// Works with what is known of the storage.
+    fn saving<V: Parameters, R>(&mut self, vehicle: &mut V, work: impl FnOnce(&mut Saving, u32) -> R) -> Option<R> {
+        let table = self.table(vehicle)?;
+        let generation = table.generation();
+        let result = work(&mut table.state.saving, generation);
+        self.note(&table);
+        Some(result)
+    }
+
     /// All that storage had came back; from now on it is kept up.
     pub(crate) fn loaded<V: Parameters>(&mut self, vehicle: &mut V) {
-        if let Some(table) = vehicle.parameters_mut() {
-            self.saving.loaded(table.table_mut().generation());
-        }
+        self.saving(vehicle, Saving::loaded);
     }
 
     /// Whether the operator wants the stored values back: [`load`](Self::load) them and say [`loaded`](Self::loaded).
-    pub(crate) const fn wants_reload(&self) -> bool {
-        self.saving.wants_reload()
+    pub(crate) fn wants_reload<V: Parameters>(&mut self, vehicle: &mut V) -> bool {
+        self.saving(vehicle, |saving, _| saving.wants_reload()) == Some(true)
     }
 
     /// The number of the write that is under way, or begins now; `None` when there is nothing to write.
     pub(crate) fn unsaved<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) -> Option<u32> {
-        self.saving.job(now, vehicle.parameters_mut()?.table_mut().generation())
+        self.saving(vehicle, |saving, generation| saving.job(now, generation)).flatten()
     }
 
     /// Storage holds it.
-    pub(crate) fn saved(&mut self, now: Instant) {
-        self.saving.saved(now);
+    pub(crate) fn saved<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
+        self.saving(vehicle, |saving, _| saving.saved(now));
     }
 
     /// Storage failed; it is tried again (P-14, last row).
-    pub(crate) fn not_saved(&mut self, cx: &mut Context<'_>) {
-        if self.saving.not_saved(cx.now) {
+    pub(crate) fn not_saved<V: Parameters>(&mut self, cx: &mut Context<'_>, vehicle: &mut V) {
+        if self.saving(vehicle, |saving, _| saving.not_saved(cx.now)) == Some(true) {
             cx.texts.push(cx.now, cx.normal, MavSeverity::ERROR, &Text::new("Parameters not saved"));
         }
     }
@@ -500,55 +377,52 @@ impl TableMut<'_> {
     }
 }
 
-/// The value that a PARAM_SET asks for, or why not.
-fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, MavParamError> {
-    // Who casts need not know the type, and pymavlink says REAL32 of everything.
-    let is_ours = set.param_type == info.param_type() || encoding == ParamEncoding::CCast;
-    if !value::is_supported(set.param_type) {
-        return Err(MavParamError::TYPE_UNSUPPORTED);
-    } else if !is_ours {
-        return Err(MavParamError::TYPE_MISMATCH);
-    } else if info.is_read_only() {
-        return Err(MavParamError::READ_ONLY);
+impl TableMut<'_> {
+    /// Sees whether there is something to write.
+    fn notice(&mut self, now: Instant) {
+        let generation = self.generation();
+        self.state.saving.notice(now, generation);
     }
-    let bits = value::from_wire(encoding, info.param_type(), set.param_value);
-    // Not clamped: a client that reads something else back sets it again, and fails (P-14).
-    bits.filter(|bits| info.has_room(*bits)).ok_or(MavParamError::VALUE_OUT_OF_RANGE)
-}
 
-fn send_value(table: &mut TableMut<'_>, ways: Ways, index: u16, tx: &mut Outbox) -> bool {
-    let Some((info, bits)) = table.get(index) else { return false };
-    table.told(index, LinkMask::of(tx.link()));
-    let value = value::to_wire(ways.encoding, info.param_type(), bits);
-    send_as(table, index, info.wire_name(), info.param_type(), value, tx)
-}
+    /// Sends the hash, or a value that is owed. False when neither is ready.
+    fn next_answer(&mut self, ways: Ways, list: &mut List, tx: &mut Outbox) -> bool {
+        let link = LinkMask::of(tx.link());
+        if ways.hash != ParamHash::Never && self.state.hash_owed.contains(link) {
+            let mut hash = self.state.hash;
+            let sum = hash.step(self);
+            self.state.hash = hash;
+            if let Some(sum) = sum {
+                self.state.hash_owed = self.state.hash_owed.without(link);
+                return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(sum), tx);
+            }
+        }
+        if !self.state.untold.contains(link) {
+            return false;
+        }
+        let Some(index) = self.next_untold(link, list.from) else {
+            self.state.untold = self.state.untold.without(link);
+            return false;
+        };
+        list.from = index.saturating_add(1);
+        self.send_value(ways, index, tx)
+    }
 
-fn send_as(
-    table: &TableMut<'_>,
-    param_index: u16,
-    name: &[u8; 16],
-    param_type: MavParamType,
-    param_value: f32,
-    tx: &mut Outbox,
-) -> bool {
-    let (param_count, param_id) = (table.count(), Text::from_wire(*name));
-    tx.send(&ParamValue { param_value, param_count, param_index, param_id, param_type })
-}
+    fn send_value(&mut self, ways: Ways, index: u16, tx: &mut Outbox) -> bool {
+        let Some((info, bits)) = self.get(index) else { return false };
+        self.told(index, LinkMask::of(tx.link()));
+        let value = value::to_wire(ways.encoding, info.param_type(), bits);
+        self.send_as(index, info.wire_name(), info.param_type(), value, tx)
+    }
 
-/// A name with zeros behind it, whatever stood there.
-fn wire_name(text: &Text<16>) -> [u8; 16] {
-    let mut name = [0; 16];
-    crate::message::zero_extend(text.as_bytes(), &mut name);
-    name
-}
-
-/// Why a parameter is refused.
-fn reason(error: MavParamError) -> &'static str {
-    match error {
-        MavParamError::DOES_NOT_EXIST => ": no such parameter",
-        MavParamError::VALUE_OUT_OF_RANGE => ": out of range",
-        MavParamError::READ_ONLY => ": read-only",
-        MavParamError::TYPE_UNSUPPORTED | MavParamError::TYPE_MISMATCH => ": wrong type",
-        _ => ": not now",
+    fn send_as(
+        &self,
+        param_index: u16,
+        name: &[u8; 16],
+        param_type: MavParamType,
+        param_value: f32,
+        tx: &mut Outbox,
+    ) -> bool {
+        let (param_count, param_id) = (self.count(), Text::from_wire(*name));
+        tx.send(&ParamValue { param_value, param_count, param_index, param_id, param_type })
     }
 }

@@ -1,15 +1,13 @@
-//! What one link owes to those who talk about parameters: a list under way, the hash, and a few refusals.
+//! What is owed to those who talk about parameters, beside values: a list under way on each link, and a few refusals.
 //!
 //! Values that are owed need no memory here: the table has a mark for each parameter and link (P-12).
 
-use heapless::Vec;
-
 use crate::dialect::{MavParamError, ParamError};
-use crate::frame::Address;
-use crate::link::Outbox;
+use crate::link::{LinkId, LinkMask, Outbox, Peer};
 use crate::message::Text;
 use crate::time::{Duration, Instant};
 
+/// Refusals that all links together can owe.
 const SLOTS: usize = 4;
 
 /// Bytes of a PARAM_VALUE in MAVLink 2, times 10^6 for microseconds, times 5/2 for a share of 40 % of the link (P-11).
@@ -21,101 +19,131 @@ const CATCH_UP: Duration = Duration::from_millis(100);
 /// A request that is refused.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Refusal {
-    pub(super) to: Address,
+    pub(super) to: Peer,
     pub(super) error: MavParamError,
     /// As it was asked for; -1 when it was named (P-30).
     pub(super) index: i16,
     pub(super) name: [u8; 16],
 }
 
-/// What a link owes about parameters.
+/// The refusals that are owed, of all links.
+///
+/// Who has none always gets room, if need be that of another link's: or a line that stalls would hold up the others. To who
+/// waits for that one it is a lost frame; nothing was carried out, and of what was to be set he has the value.
 #[derive(Clone, Debug)]
-pub(crate) struct Replies {
-    refusals: Vec<Refusal, SLOTS, u8>,
-    /// Whether a list is under way, which value is next in it, and when.
-    listing: bool,
-    next: u16,
-    due: Instant,
-    /// Whether the hash is owed.
-    pub(super) hash: bool,
-    /// Where to look for the next value that is owed, so that each has its turn.
-    pub(super) from: u16,
-}
+pub(super) struct Refusals([Option<Refusal>; SLOTS]);
 
-impl Replies {
-    pub(crate) const fn new() -> Self {
-        Self { refusals: Vec::new(), listing: false, next: 0, due: Instant::ZERO, hash: false, from: 0 }
+impl Refusals {
+    pub(super) const fn new() -> Self {
+        Self([None; SLOTS])
     }
 
-    /// Whether a refusal would have no room.
-    pub(super) fn is_full(&self) -> bool {
-        self.refusals.is_full()
+    /// The links that refusals are owed on.
+    pub(super) fn links(&self) -> LinkMask {
+        self.0.iter().flatten().fold(LinkMask::NONE, |links, refusal| links.with(LinkMask::of(refusal.to.link)))
+    }
+
+    /// Whether one more would have no room on a link.
+    pub(super) fn is_full(&self, link: LinkId) -> bool {
+        self.0.iter().all(Option::is_some) && self.links().contains(LinkMask::of(link))
     }
 
     /// Owes a refusal. False when it has no room.
-    pub(super) fn refuse(&mut self, refusal: Refusal) -> bool {
-        self.refusals.push(refusal).is_ok()
+    pub(super) fn push(&mut self, refusal: Refusal) -> bool {
+        if self.is_full(refusal.to.link) {
+            return false;
+        }
+        // Free, or the last one: then it is another link's.
+        let place = self.0.iter().position(Option::is_none).unwrap_or(SLOTS.wrapping_sub(1));
+        if let Some(slot) = self.0.get_mut(place) {
+            *slot = Some(refusal);
+        }
+        true
     }
 
-    /// Sends a refusal, the newest one: to take out the oldest of four would cost more flash than their order is worth. False when
-    /// none is owed.
-    pub(super) fn next_refusal(&mut self, tx: &mut Outbox) -> bool {
-        let Some(refusal) = self.refusals.pop() else { return false };
+    fn slot(&mut self, link: LinkId) -> Option<&mut Option<Refusal>> {
+        self.0.iter_mut().find(|slot| slot.is_some_and(|refusal| refusal.to.link == link))
+    }
+
+    /// Sends one of a link's. False when it owes none.
+    pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
+        let Some(refusal) = self.slot(tx.link()).and_then(Option::take) else { return false };
         tx.send(&ParamError {
             param_index: refusal.index,
-            target_system: refusal.to.system.0,
-            target_component: refusal.to.component.0,
+            target_system: refusal.to.address.system.0,
+            target_component: refusal.to.address.component.0,
             param_id: Text::from_wire(refusal.name),
             error: refusal.error,
         })
     }
 
-    /// Whether a refusal or the hash is owed.
-    pub(super) fn has_any(&self) -> bool {
-        self.hash || !self.refusals.is_empty()
+    /// Forgets those of the links.
+    pub(super) fn forget(&mut self, links: LinkMask) {
+        for slot in &mut self.0 {
+            if slot.is_some_and(|refusal| links.contains(LinkMask::of(refusal.to.link))) {
+                *slot = None;
+            }
+        }
+    }
+
+    /// To whom each is owed, and the name in it.
+    #[cfg(test)]
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Refusal> {
+        self.0.iter().flatten()
+    }
+}
+
+/// What a link keeps of its own: how far its list is. Zero bits at first.
+#[derive(Clone, Debug)]
+pub(crate) struct List {
+    /// When the next value is due.
+    due: Instant,
+    /// Which one it is.
+    next: u16,
+    /// Where to look for the next value that is owed beside the list, so that each has its turn.
+    pub(super) from: u16,
+    is_going_on: bool,
+}
+
+impl List {
+    pub(crate) const fn new() -> Self {
+        Self { due: Instant::ZERO, next: 0, from: 0, is_going_on: false }
     }
 
     /// Begins the list, or begins it again (P-10). True when none was under way.
-    pub(super) fn list(&mut self, now: Instant) -> bool {
+    pub(super) fn begin(&mut self, now: Instant) -> bool {
         self.next = 0;
         self.due = self.due.max(now);
-        !core::mem::replace(&mut self.listing, true)
+        !core::mem::replace(&mut self.is_going_on, true)
     }
 
     /// Ends the list.
-    pub(super) fn end_list(&mut self) {
-        self.listing = false;
+    pub(crate) fn end(&mut self) {
+        self.is_going_on = false;
     }
 
     /// Whether a list is under way.
     #[cfg(test)]
-    pub(super) const fn is_listing(&self) -> bool {
-        self.listing
+    pub(super) const fn is_going_on(&self) -> bool {
+        self.is_going_on
     }
 
-    /// The next value of the list, when it is due. The hash goes before it.
+    /// The next value of the list, when it is due.
     pub(super) fn listed(&self, now: Instant) -> Option<u16> {
-        (self.listing && !self.hash && now >= self.due).then_some(self.next)
+        (self.is_going_on && now >= self.due).then_some(self.next)
     }
 
-    /// When the next value of the list is due.
-    pub(super) const fn list_due(&self) -> Instant {
-        if self.listing && !self.hash { self.due } else { Instant::NEVER }
+    /// When the next value of the list is due; never, when there is no list.
+    pub(crate) const fn due(&self) -> Instant {
+        if self.is_going_on { self.due } else { Instant::NEVER }
     }
 
     /// A value of the list was sent, of `count`, on a link that does so many bytes/s; 0 for one without a limit.
-    pub(super) fn list_on(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
+    pub(super) fn go_on(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
         self.next = self.next.saturating_add(1);
-        self.listing = self.next < count;
+        self.is_going_on = self.next < count;
         let pause = PACE.checked_div(bytes_per_second).unwrap_or(0);
         let earliest = Instant::from_micros(now.as_micros().saturating_sub(CATCH_UP.as_micros()));
         self.due = self.due.max(earliest).after(Duration::from_micros(u64::from(pause)));
-    }
-
-    /// The line was opened anew: nobody is there any more who asked.
-    pub(crate) fn restart(&mut self) {
-        self.refusals.clear();
-        self.listing = false;
-        self.hash = false;
     }
 }

@@ -65,9 +65,8 @@ impl Saving {
         }
     }
 
-    /// The operator wants it written now.
-    pub(super) fn hurry(&mut self, now: Instant, generation: u32) {
-        self.notice(now, generation);
+    /// The operator wants it written now, if there is something that was [noticed](Self::notice).
+    pub(super) fn hurry(&mut self, now: Instant) {
         self.due = now;
     }
 

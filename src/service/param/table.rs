@@ -7,6 +7,7 @@ use core::fmt;
 use core::marker::PhantomData;
 use core::ops::RangeInclusive;
 
+use super::state::State;
 use super::value::{self, ParamType};
 use crate::dialect::MavParamType;
 use crate::link::{LinkId, LinkMask, Peer};
@@ -294,22 +295,14 @@ impl<P> fmt::Debug for ParamChange<P> {
     }
 }
 
-/// Memory for `N` values, six bytes each: a part of what [`parameters!`](crate::parameters) makes.
+/// Memory for `N` values, six bytes each, and for the service: a part of what [`parameters!`](crate::parameters) makes.
 #[doc(hidden)]
 #[derive(Clone, Debug)]
 pub struct ParamMemory<const N: usize> {
     values: [u32; N],
     /// The links that have not been told of a value.
     untold: [LinkMask; N],
-    marks: Marks,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Marks {
-    /// Counts the changes of what is stored. Wraps.
-    generation: u32,
-    /// Whether the vehicle set something since this was last asked.
-    news: bool,
+    state: State,
 }
 
 impl<const N: usize> ParamMemory<N> {
@@ -326,7 +319,7 @@ impl<const N: usize> ParamMemory<N> {
             values[i] = table[i].default;
             i += 1;
         }
-        Self { values, untold: [LinkMask::NONE; N], marks: Marks { generation: 0, news: false } }
+        Self { values, untold: [LinkMask::NONE; N], state: State::new() }
     }
 
     #[inline]
@@ -335,7 +328,7 @@ impl<const N: usize> ParamMemory<N> {
     }
 
     pub fn table_mut(&mut self, info: &'static [ParamInfo]) -> TableMut<'_> {
-        TableMut { info, values: &mut self.values, untold: &mut self.untold, marks: &mut self.marks }
+        TableMut { info, values: &mut self.values, untold: &mut self.untold, state: &mut self.state }
     }
 }
 
@@ -357,7 +350,7 @@ pub struct TableMut<'a> {
     info: &'static [ParamInfo],
     values: &'a mut [u32],
     untold: &'a mut [LinkMask],
-    marks: &'a mut Marks,
+    pub(super) state: &'a mut State,
 }
 
 impl TableMut<'_> {
@@ -374,8 +367,8 @@ impl TableMut<'_> {
         }
         if old != bits {
             self.put(index, bits);
-            self.tell(index, ALL_LINKS);
-            self.marks.news = true;
+            self.mark(index, ALL_LINKS);
+            self.state.news = true;
         }
         true
     }
@@ -403,12 +396,17 @@ impl TableMut<'_> {
         let Some((value, info)) = self.values.get_mut(place).zip(self.info.get(place)) else { return };
         *value = bits;
         if !info.is_volatile() {
-            self.marks.generation = self.marks.generation.wrapping_add(1);
+            self.state.generation = self.state.generation.wrapping_add(1);
         }
     }
 
     /// The links of the mask are to be told of a value.
     pub(super) fn tell(&mut self, index: u16, links: LinkMask) {
+        self.mark(index, links);
+        self.state.untold = self.state.untold.with(links);
+    }
+
+    fn mark(&mut self, index: u16, links: LinkMask) {
         if let Some(untold) = self.untold.get_mut(usize::from(index)) {
             *untold = untold.with(links);
         }
@@ -432,14 +430,9 @@ impl TableMut<'_> {
         u16::try_from(index).ok()
     }
 
-    /// Whether the vehicle set something since this was last asked.
-    pub(super) fn take_news(&mut self) -> bool {
-        core::mem::take(&mut self.marks.news)
-    }
-
     /// Another number when what is stored has changed.
     pub(super) const fn generation(&self) -> u32 {
-        self.marks.generation
+        self.state.generation
     }
 }
 

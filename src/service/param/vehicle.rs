@@ -51,7 +51,11 @@ pub trait Parameters {
     /// When the checksum of all parameters is sent (P-20); only with byte-wise encoding, for a cast would lose the half of it.
     const PARAM_HASH: ParamHash = ParamHash::ByName;
 
-    /// The table. `None`, as at first, for a vehicle without parameters: the service is not linked, and nobody is answered.
+    /// Whether who asks for what cannot be gets PARAM_ERROR (P-30). Without it the message is not linked; a client finds out
+    /// by the value that stays as it was, and by a text.
+    const PARAM_ERROR: bool = true;
+
+    /// The table, which is also the service's memory. `None`, as at first, for a vehicle without parameters: the service is not linked, and nobody is answered.
     /// QGroundControl never gets ready with such a vehicle (P-18).
     fn parameters_mut(&mut self) -> Option<&mut Self::Table> {
         None
@@ -62,7 +66,7 @@ pub trait Parameters {
     ///
     /// # Errors
     ///
-    /// What PARAM_ERROR says (P-14); [`MavParamError::PERMISSION_DENIED`] for a matter of policy.
+    /// What PARAM_ERROR says (P-14), where it is [sent](Self::PARAM_ERROR); [`MavParamError::PERMISSION_DENIED`] for a matter of policy.
     fn may_set(&mut self, change: &ParamChange<Self::Table>) -> Result<(), MavParamError> {
         let _ = change;
         Ok(())

@@ -74,7 +74,7 @@ fn what_is_no_action_is_denied() {
         assert_eq!(bench.command(params), result, "{params:?}");
     }
     assert_eq!(bench.vehicle.table.get(Table::SMALL), 3);
-    assert!(!bench.params.wants_reload() && !bench.is_due());
+    assert!(!bench.params.wants_reload(&mut bench.vehicle) && !bench.is_due());
     assert_eq!(bench.command_of(MavCmd::PREFLIGHT_CALIBRATION, [2.0, 0.0, 0.0, 0.0]), None);
 }
 
@@ -110,7 +110,7 @@ fn changes_are_collected() {
     bench.wait(500);
     bench.set_byte(10);
     assert_eq!(bench.begins(), Some(500));
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     assert!(!bench.is_due());
     bench.wait(2_000);
     bench.vehicle.table.set(Table::SMALL, 3);
@@ -136,7 +136,7 @@ fn a_change_during_a_write_is_written_later() {
     bench.set_byte(10);
     bench.wait(100);
     assert_eq!(bench.params.unsaved(bench.now, &mut bench.vehicle), job);
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     assert_eq!(bench.begins(), Some(10_000));
     assert_ne!(bench.params.unsaved(bench.now, &mut bench.vehicle), job);
 }
@@ -148,15 +148,15 @@ fn a_write_that_was_asked_for_begins_at_once() {
     bench.set_byte(9);
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due());
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     bench.set_byte(10);
     assert!(!bench.is_due());
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due());
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due(), "nor after a reset");
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(!bench.is_due(), "there is nothing to write");
 }
@@ -169,18 +169,18 @@ fn a_failure_is_told_once_and_tried_again() {
     for (attempt, wait) in [1_000, 10_000, 10_000].into_iter().enumerate() {
         assert_eq!(bench.begins(), Some(wait), "attempt {attempt}");
         let mut cx = Context { now: bench.now, texts: &mut bench.texts, normal: both_links() };
-        bench.params.not_saved(&mut cx);
+        bench.params.not_saved(&mut cx, &mut bench.vehicle);
         let told = if attempt == 0 { vec!["Parameters not saved"] } else { vec![] };
         assert_eq!(bench.texts(0), told);
     }
     assert_eq!(bench.begins(), Some(10_000));
-    bench.params.saved(bench.now);
+    bench.params.saved(bench.now, &mut bench.vehicle);
     assert_eq!((bench.begins(), bench.vehicle.table.get(Table::BYTE)), (None, 9));
     // After a success the next failure is news.
     bench.set_byte(10);
     assert!(bench.begins().is_some());
     let mut cx = Context { now: bench.now, texts: &mut bench.texts, normal: both_links() };
-    bench.params.not_saved(&mut cx);
+    bench.params.not_saved(&mut cx, &mut bench.vehicle);
     assert_eq!(bench.texts(0), ["Parameters not saved"]);
 }
 
@@ -192,10 +192,10 @@ fn the_stored_values_come_back() {
     bench.set_byte(9);
     bench.drain();
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
-    assert!(bench.params.wants_reload());
+    assert!(bench.params.wants_reload(&mut bench.vehicle));
     bench.params.load(&mut bench.vehicle, &stored, both_links());
     bench.params.loaded(&mut bench.vehicle);
-    assert!(!bench.params.wants_reload() && !bench.is_due());
+    assert!(!bench.params.wants_reload(&mut bench.vehicle) && !bench.is_due());
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);
     assert_eq!(bench.vehicle.changed, [(1, 9), (1, 7)]);

@@ -19,7 +19,7 @@ fn a_late_poll_is_made_up_for() {
     let mut bench = Bench::new();
     bench.send(A, &LIST);
     let mut polls = Vec::new();
-    while bench.replies[0].is_listing() {
+    while bench.lists[0].is_going_on() {
         polls.push(core::iter::from_fn(|| bench.next_listed(0)).count());
         bench.wait(70);
     }
@@ -90,7 +90,7 @@ fn a_line_that_was_opened_anew_owes_nothing() {
     let mut bench = Bench::<false, true>::of(Version::V2);
     bench.send(A, &LIST);
     bench.send(A, &read(-1, "NOTHING"));
-    bench.replies[0].restart();
+    bench.params.restart(LinkId(0), &mut bench.lists[0]);
     assert_eq!(bench.run(0, 100), []);
 }
 
@@ -138,9 +138,9 @@ fn a_fast_line_gets_a_value_whenever_it_asks() {
     let mut bench = Bench::new();
     bench.send(A, &LIST);
     for index in 0..COUNT {
-        let (replies, tx) = (&mut bench.replies[0], &mut bench.boxes[0]);
-        assert!(bench.params.next_listed(bench.now, &mut bench.vehicle, replies, 0, tx));
+        let (list, tx) = (&mut bench.lists[0], &mut bench.boxes[0]);
+        assert!(bench.params.next_listed(bench.now, &mut bench.vehicle, list, 0, tx));
         assert_eq!(decoded(tx), bench.value(index));
     }
-    assert_eq!(Params::list_due(&bench.replies[0]), Instant::NEVER);
+    assert_eq!(bench.lists[0].due(), Instant::NEVER);
 }

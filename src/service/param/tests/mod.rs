@@ -12,7 +12,7 @@ use std::vec;
 use std::vec::Vec;
 
 use super::*;
-use crate::dialect::{Common, MavState, ParamError, Statustext};
+use crate::dialect::{Common, MavParamError, MavState, ParamError, Statustext};
 use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
 use crate::link::LinkId;
 use crate::message::Dialect;
@@ -56,7 +56,7 @@ enum Out {
 use Out::*;
 
 #[derive(Debug)]
-struct Vehicle<const CAST: bool, const HASH: bool> {
+struct Vehicle<const CAST: bool, const HASH: bool, const ERRORS: bool> {
     table: Table,
     verdict: Result<(), MavParamError>,
     is_armed: bool,
@@ -66,10 +66,11 @@ struct Vehicle<const CAST: bool, const HASH: bool> {
     changed: Vec<(u16, u32)>,
 }
 
-impl<const CAST: bool, const HASH: bool> Parameters for Vehicle<CAST, HASH> {
+impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Parameters for Vehicle<CAST, HASH, ERRORS> {
     type Table = Table;
     const PARAM_ENCODING: ParamEncoding = if CAST { ParamEncoding::CCast } else { ParamEncoding::Bytewise };
     const PARAM_HASH: ParamHash = if HASH { ParamHash::InList } else { ParamHash::ByName };
+    const PARAM_ERROR: bool = ERRORS;
 
     fn parameters_mut(&mut self) -> Option<&mut Table> {
         Some(&mut self.table)
@@ -89,19 +90,19 @@ impl<const CAST: bool, const HASH: bool> Parameters for Vehicle<CAST, HASH> {
     }
 }
 
-impl<const CAST: bool, const HASH: bool> crate::vehicle::Vehicle for Vehicle<CAST, HASH> {
+impl<const CAST: bool, const HASH: bool, const ERRORS: bool> crate::vehicle::Vehicle for Vehicle<CAST, HASH, ERRORS> {
     fn state(&self) -> Option<VehicleState> {
         let base_mode = if self.is_armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
     }
 }
 
-struct Bench<const CAST: bool = false, const HASH: bool = false> {
+struct Bench<const CAST: bool = false, const HASH: bool = false, const ERRORS: bool = true> {
     params: Params,
-    vehicle: Vehicle<CAST, HASH>,
+    vehicle: Vehicle<CAST, HASH, ERRORS>,
     texts: StatusTexts<[Entry; 8]>,
     now: Instant,
-    replies: [Replies; 2],
+    lists: [List; 2],
     boxes: [Outbox; 2],
 }
 
@@ -111,7 +112,7 @@ impl Bench {
     }
 }
 
-impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
+impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, ERRORS> {
     fn of(version: Version) -> Self {
         Self {
             params: Params::new(),
@@ -124,7 +125,7 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
             },
             texts: StatusTexts::new(),
             now: Instant::from_millis(60_000),
-            replies: [const { Replies::new() }; 2],
+            lists: [const { List::new() }; 2],
             boxes: [0, 1].map(|link| outbox(LinkId(link), version)),
         }
     }
@@ -138,7 +139,7 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
             let link = usize::from(from.link.0);
             let mut cx = Context { now: self.now, texts: &mut self.texts, normal: both_links() };
             let version = self.boxes[link].version();
-            let mut caller = Caller { from, version, replies: &mut self.replies[link] };
+            let mut caller = Caller { from, version, list: &mut self.lists[link] };
             self.params.on_frame(&mut cx, &mut self.vehicle, &mut caller, frame)
         })
     }
@@ -156,7 +157,7 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
     fn drain_link(&mut self, link: usize) -> Vec<Out> {
         let mut sent = Vec::new();
         // Steps of the hash that send nothing lie between.
-        while self.params.is_pending(&self.replies[link], &self.boxes[link]) {
+        while self.params.is_pending(LinkId(link as u8)) {
             sent.extend(self.next(link));
         }
         assert_eq!(self.next(link), None, "what is not announced is not sent");
@@ -166,13 +167,13 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
     /// The next answer that a link sends.
     fn next(&mut self, link: usize) -> Option<Out> {
         let tx = &mut self.boxes[link];
-        self.params.next(&mut self.vehicle, &mut self.replies[link], tx).then(|| decoded(tx))
+        self.params.next(&mut self.vehicle, &mut self.lists[link], tx).then(|| decoded(tx))
     }
 
     /// The next value of the list that a link sends.
     fn next_listed(&mut self, link: usize) -> Option<Out> {
         let tx = &mut self.boxes[link];
-        self.params.next_listed(self.now, &mut self.vehicle, &mut self.replies[link], RATE, tx).then(|| decoded(tx))
+        self.params.next_listed(self.now, &mut self.vehicle, &mut self.lists[link], RATE, tx).then(|| decoded(tx))
     }
 
     fn poll(&mut self) {
@@ -222,7 +223,7 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
     /// What a link would say of a parameter.
     fn value(&mut self, index: u16) -> Out {
         let (info, bits) = self.vehicle.table.table_mut().get(index).expect("exists");
-        let wire = value::to_wire(Vehicle::<CAST, HASH>::PARAM_ENCODING, info.param_type(), bits);
+        let wire = value::to_wire(Vehicle::<CAST, HASH, ERRORS>::PARAM_ENCODING, info.param_type(), bits);
         Value(index, info.name().into(), info.param_type(), wire.to_bits())
     }
 

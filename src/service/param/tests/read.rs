@@ -75,7 +75,7 @@ fn each_value_has_its_turn() {
     assert!(sent.contains(&bench.value(6)), "{sent:?}");
 }
 
-/// D-3: a refusal that would have no room is not taken; each link has its own room.
+/// D-3: a refusal that would have no room is not taken.
 #[test]
 fn refusals_are_bounded() {
     let mut bench = Bench::new();
@@ -83,9 +83,61 @@ fn refusals_are_bounded() {
         assert_eq!(bench.send(A, &read(-1, name)), Taken::Yes);
     }
     assert_eq!(bench.send(A, &read(-1, "E")), Taken::NoRoom);
-    assert_eq!(bench.send(B, &read(-1, "E")), Taken::Yes);
-    let sent = ["D", "C", "B", "A"].map(|name| error(DOES_NOT_EXIST, -1, name));
-    assert_eq!(bench.drain(), [sent.to_vec(), vec![Error(B.address, DOES_NOT_EXIST, -1, "E".into())]]);
+    let sent = ["A", "B", "C", "D"].map(|name| error(DOES_NOT_EXIST, -1, name));
+    assert_eq!(bench.drain(), [sent.to_vec(), vec![]]);
+}
+
+/// A link that stalls with all the room for refusals keeps no other one from its own.
+#[test]
+fn a_link_that_stalls_leaves_room() {
+    let mut bench = Bench::new();
+    for name in ["A", "B", "C", "D"] {
+        assert_eq!(bench.send(A, &read(-1, name)), Taken::Yes);
+    }
+    for name in ["E", "F"] {
+        assert_eq!(bench.send(B, &read(-1, name)), Taken::Yes);
+        assert_eq!(bench.send(B, &read(-1, "G")), Taken::NoRoom);
+        assert_eq!(bench.drain_link(1), [Error(B.address, DOES_NOT_EXIST, -1, name.into())]);
+    }
+    // One of its own it has lost: it was a lost frame to who asked.
+    let sent = ["A", "B", "C"].map(|name| error(DOES_NOT_EXIST, -1, name));
+    assert_eq!(bench.drain_link(0), sent);
+}
+
+/// Where nobody is any more who asked, nothing is answered; elsewhere it is.
+#[test]
+fn a_line_that_was_opened_anew_owes_no_refusal() {
+    let mut bench: Bench<false, true> = Bench::of(Version::V2);
+    for from in [A, B] {
+        bench.send(from, &read(-1, "X"));
+        bench.send(from, &read(-1, "_HASH_CHECK"));
+        bench.send(from, &LIST);
+    }
+    bench.params.restart(LinkId(0), &mut bench.lists[0]);
+    assert_eq!(bench.lists[0].due(), Instant::NEVER);
+    let sent = bench.drain();
+    assert_eq!((sent[0].len(), sent[1].len()), (0, 2));
+    // A new client is answered.
+    bench.send(A, &read(-1, "Y"));
+    assert_eq!(bench.drain(), [vec![error(DOES_NOT_EXIST, -1, "Y")], vec![]]);
+}
+
+/// P-30: a vehicle may do without PARAM_ERROR; then a text says it, of reading too.
+#[test]
+fn errors_can_be_switched_off() {
+    let mut bench: Bench<false, false, false> = Bench::of(Version::V2);
+    for _ in 0..9 {
+        assert_eq!(bench.ask(A, &read(-1, "NOTHING")), [vec![], vec![]]);
+        let value = bench.value(1);
+        assert_eq!(bench.ask(A, &set("BYTE", MavParamType::UINT8, 201)), [vec![value.clone()], vec![value]]);
+    }
+    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+    if cfg!(feature = "plan-texts") {
+        assert_eq!(bench.texts(0), ["NOTHING: no such parameter"]);
+        bench.wait(1_000);
+        bench.send(A, &set("BYTE", MavParamType::UINT8, 201));
+        assert_eq!(bench.texts(0), ["BYTE: out of range"]);
+    }
 }
 
 /// P-31, P-32: MAVLink 1 has no PARAM_ERROR, so a text stands for it.
