@@ -174,7 +174,7 @@ pub use service::param::{
 pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use service::stream::{Fill, MAX_STREAMS, Stream, StreamProfile};
-pub use service::time::{TimeSample, TimeSlot, TimeSlots, TimeSync};
+pub use service::time::{ClockFilter, TimeSample, TimeSlot, TimeSlots, TimeSync};
 pub use stack::Stack;
 #[cfg(feature = "storage")]
 pub use storage::{Fram, FramError, ParamStore, PlanStore};

@@ -7,7 +7,7 @@ use super::Field;
 /// Also the place where short texts are built, the stack's own and the vehicle's, without `core::fmt`:
 ///
 /// ```
-/// let mut text = mavstack::Text::<40>::new("Battery 2: ");
+/// let mut text = mavstack::Text::<43>::new("Battery 2: ");
 /// text.push_decimal(1_184, 2);
 /// text.push_str(" V at ");
 /// text.push_signed(-7);
@@ -15,8 +15,8 @@ use super::Field;
 /// text.push_hex(0x2F, 4);
 /// assert_eq!(text.as_str(), Some("Battery 2: 11.84 V at -7°C, error 0x002F"));
 /// // What has no room is cut off, between code points.
-/// text.push_str(", replace it");
-/// assert_eq!(text.len(), 40);
+/// text.push_str(" – replace it");
+/// assert_eq!(text.len(), 42);
 /// ```
 ///
 /// With the feature `fmt` it implements `core::fmt::Write`, for `write!`.

@@ -4,6 +4,7 @@
 //! a link has room. What is owed is remembered as a flag, a cursor or a slot, never as bytes, so a full link delays an
 //! answer and never loses it (D-3).
 
+mod clock;
 pub mod command;
 pub(crate) mod heartbeat;
 pub(crate) mod identity;

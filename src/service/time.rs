@@ -6,6 +6,7 @@
 
 use core::ops::{Deref, DerefMut};
 
+pub use super::clock::ClockFilter;
 use crate::dialect::{Ping, Timesync};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Outbox, Peer, Port};
@@ -152,7 +153,7 @@ impl TimeSync {
         }
     }
 
-    /// The newest answer to a question of ours, once.
+    /// The newest answer to a question of ours, once. A [`ClockFilter`](crate::ClockFilter) makes a clock of many.
     pub fn take_sample(&mut self) -> Option<TimeSample> {
         self.sample.take()
     }

@@ -1,0 +1,277 @@
+//! How another's clock runs, by what TIMESYNC tells of it.
+//!
+//! The filter behind <https://mavlink.io/en/services/timesync.html>, rule T-3. A single [`TimeSample`] is wrong by half of its
+//! round trip at most, and on a radio a round trip is long. So samples that took too long are left out, the others are followed
+//! by a line, offset and drift, and a clock that jumps, as at its reboot, is followed at once. The stack does not use it: a
+//! vehicle that needs another's time keeps one for it. Integers only.
+
+use super::time::TimeSample;
+use crate::time::{Duration, Instant};
+
+/// Samples that the line is drawn through: all at first, later the last of them, the older the less.
+const MEMORY: u8 = 64;
+
+/// After so many samples the line is one.
+const SETTLED: u8 = 8;
+
+/// So many samples in a row that no delay explains are a jump.
+const JUMP: u8 = 3;
+
+/// Two clocks differ by no more than this (ns/s): two quartzes, and a margin.
+const MAX_DRIFT: i64 = 500_000;
+
+/// Samples that come closer together than this count as if so far apart, or noise would look like drift (µs).
+const MIN_GAP: u64 = 50_000;
+
+/// Longer round trips than this (ns) tell nothing.
+const MAX_ROUND_TRIP: u64 = 60_000_000_000;
+
+/// The clock of one peer, compared with ours by the [`TimeSample`]s that it is fed (T-3).
+///
+/// ```
+/// use mavstack::{Address, ClockFilter, Duration, Instant, LinkId, Peer, TimeSlots};
+///
+/// struct Rover { time: TimeSlots<1>, camera: ClockFilter }
+///
+/// /// It sits on a wire: an answer that takes longer than 10 ms says nothing.
+/// const fn rover() -> Rover {
+///     Rover { time: TimeSlots::new(), camera: ClockFilter::new(Duration::from_millis(10)) }
+/// }
+///
+/// impl Rover {
+///     const CAMERA: Peer = Peer { address: Address::new(1, 100), link: LinkId(0) };
+///
+///     /// Once a second.
+///     fn compare_clocks(&mut self) {
+///         if let Some(sample) = self.time.take_sample().filter(|sample| sample.from == Self::CAMERA) {
+///             self.camera.add(&sample);
+///         }
+///         self.time.ask(LinkId(0));
+///     }
+///
+///     /// When the camera took a picture, by our clock.
+///     fn on_picture(&self, time_usec: u64) -> Option<Instant> {
+///         self.camera.to_ours(time_usec)
+///     }
+/// }
+/// # let mut rover = rover();
+/// # rover.compare_clocks();
+/// # assert_eq!(rover.on_picture(5), None);
+/// ```
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ClockFilter {
+    /// ns.
+    max_round_trip: u64,
+    /// Samples that the line is drawn through, of [`MEMORY`].
+    count: u8,
+    /// Samples in a row that were too far from it.
+    strays: u8,
+    /// The line: what the other clock is ahead of ours at a moment (ns), and by how much more each second (ns).
+    at: Instant,
+    offset: i64,
+    drift: i64,
+}
+
+impl ClockFilter {
+    /// Knows nothing. Samples with a longer round trip than this are left out; at most a minute. The shorter the better, as
+    /// long as most samples keep to it: 10 ms for a companion computer on a wire, a few hundred for a radio.
+    pub const fn new(max_round_trip: Duration) -> Self {
+        let nanos = max_round_trip.as_micros().saturating_mul(1_000);
+        let max_round_trip = if nanos < MAX_ROUND_TRIP { nanos } else { MAX_ROUND_TRIP };
+        Self { max_round_trip, count: 0, strays: 0, at: Instant::ZERO, offset: 0, drift: 0 }
+    }
+
+    /// Takes in a sample of the one peer that this is about, newer than those before. False when it is left out: its round
+    /// trip was too long, or it is farther from the others than any delay explains. The third in a row of those begins
+    /// anew.
+    pub fn add(&mut self, sample: &TimeSample) -> bool {
+        if u64::try_from(sample.round_trip_ns).map_or(true, |nanos| nanos > self.max_round_trip) {
+            return false;
+        }
+        let Some(expected) = self.offset_ns(sample.at) else {
+            self.begin(sample);
+            return true;
+        };
+        let gap = sample.at.since(self.at).as_micros();
+        let error = sample.offset_ns.wrapping_sub(expected);
+        // Half of both round trips, and what two clocks drift apart.
+        if error.unsigned_abs() > self.max_round_trip.saturating_add(gap) {
+            self.strays = self.strays.saturating_add(1);
+            if self.strays < JUMP {
+                return false;
+            }
+            self.begin(sample);
+            return true;
+        }
+        self.strays = 0;
+        self.count = self.count.saturating_add(1).min(MEMORY);
+        // The gains of a least-squares line through so many samples.
+        let count = i64::from(self.count);
+        let weight = count.saturating_mul(count.saturating_add(1));
+        let share = |times: i64, of: i64| error.saturating_mul(times).checked_div(of).unwrap_or(0);
+        self.at = sample.at;
+        self.offset = expected.wrapping_add(share(count.saturating_mul(4).saturating_sub(2), weight));
+        let gap = i64::try_from(gap.max(MIN_GAP)).unwrap_or(i64::MAX);
+        let drift = self.drift.saturating_add(share(6_000_000, weight.saturating_mul(gap)));
+        self.drift = drift.clamp(-MAX_DRIFT, MAX_DRIFT);
+        true
+    }
+
+    fn begin(&mut self, sample: &TimeSample) {
+        (self.count, self.strays) = (1, 0);
+        (self.at, self.offset, self.drift) = (sample.at, sample.offset_ns, 0);
+    }
+
+    /// What the other clock is ahead of ours at `now` (ns), negative when it is behind; `None` before the first sample.
+    pub fn offset_ns(&self, now: Instant) -> Option<i64> {
+        if self.count == 0 {
+            return None;
+        }
+        // Before the last sample, or after.
+        let (ahead, back) = (now.since(self.at), self.at.since(now));
+        let micros = |span: Duration| i64::try_from(span.as_micros()).unwrap_or(i64::MAX);
+        let span = micros(ahead).saturating_sub(micros(back));
+        Some(self.offset.wrapping_add(self.drift.saturating_mul(span) / 1_000_000))
+    }
+
+    /// A time of the other clock (µs), as the `time_usec` of many messages, by ours; `None` before the first sample, and for a
+    /// time before our boot.
+    pub fn to_ours(&self, their_micros: u64) -> Option<Instant> {
+        let by =
+            |offset: i64| their_micros.checked_add_signed((offset / 1_000).checked_neg()?).map(Instant::from_micros);
+        // About when that was; then exactly.
+        by(self.offset_ns(by(self.offset_ns(self.at)?)?)?)
+    }
+
+    /// Whether there were enough samples, since the beginning or since the last jump, for the drift to be known.
+    pub const fn is_settled(&self) -> bool {
+        self.count >= SETTLED
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Address;
+    use crate::link::{LinkId, Peer};
+    use proptest::prelude::*;
+
+    const LIMIT: Duration = Duration::from_millis(20);
+
+    fn sample(at: u64, offset_ns: i64, round_trip_ns: i64) -> TimeSample {
+        let from = Peer { address: Address::new(1, 100), link: LinkId(0) };
+        TimeSample { from, at: Instant::from_micros(at), offset_ns, round_trip_ns }
+    }
+
+    /// T-3
+    #[test]
+    fn round_trips_that_are_too_long_tell_nothing() {
+        let mut filter = ClockFilter::new(LIMIT);
+        for round_trip in [20_000_001, i64::MAX, -1, i64::MIN] {
+            assert!(!filter.add(&sample(0, 5, round_trip)));
+        }
+        assert_eq!((filter.offset_ns(Instant::ZERO), filter.to_ours(7)), (None, None));
+        assert!(filter.add(&sample(0, 5, 20_000_000)));
+        assert_eq!(filter.offset_ns(Instant::from_millis(99_000)), Some(5));
+        assert!(!filter.is_settled());
+    }
+
+    /// T-3: two samples that no delay explains are left out; three are the clock's own doing.
+    #[test]
+    fn a_jump_is_followed_and_a_stray_is_not() {
+        let mut filter = ClockFilter::new(LIMIT);
+        for second in 0..20 {
+            assert!(filter.add(&sample(second * 1_000_000, 1_000_000, 1_000)));
+        }
+        assert!(filter.is_settled());
+        for far in [i64::MIN, -3_000_000_000, i64::MAX] {
+            assert!(!filter.add(&sample(20_000_000, far, 1_000)));
+            assert!(!filter.add(&sample(20_100_000, far, 1_000)));
+            assert!(filter.add(&sample(20_200_000, 1_000_000, 1_000)), "there it is again");
+            assert_eq!(filter.offset_ns(Instant::from_micros(20_200_000)), Some(1_000_000));
+            // A long round trip between them is no word for or against it.
+            assert!(!filter.add(&sample(21_000_000, far, 1_000)));
+            assert!(!filter.add(&sample(21_500_000, 1_000_000, i64::MAX)));
+            assert!(!filter.add(&sample(22_000_000, far, 1_000)));
+            assert!(filter.add(&sample(23_000_000, far, 1_000)));
+            assert_eq!(filter.offset_ns(Instant::from_millis(23_000)), Some(far));
+            assert!(!filter.is_settled());
+            filter = ClockFilter::new(LIMIT);
+            filter.add(&sample(0, 1_000_000, 1_000));
+        }
+    }
+
+    #[test]
+    fn their_time_becomes_ours() {
+        let mut filter = ClockFilter::new(LIMIT);
+        // Three seconds behind, and slower by 100 millionths.
+        let offset = |micros: u64| -3_000_000_000 - micros as i64 / 10;
+        for second in 10..100 {
+            filter.add(&sample(second * 1_000_000, offset(second * 1_000_000), 1_000));
+        }
+        for ours in [5_000_000u64, 50_000_000, 99_000_000, 140_000_000] {
+            let theirs = ours.checked_add_signed(offset(ours) / 1_000).unwrap();
+            assert!(filter.to_ours(theirs).unwrap().as_micros().abs_diff(ours) <= 2, "{ours}");
+        }
+        assert_eq!(filter.to_ours(u64::MAX), None);
+        let mut ahead = ClockFilter::new(LIMIT);
+        ahead.add(&sample(0, 3_000_000_000, 1_000));
+        assert_eq!(ahead.to_ours(2_999_999), None, "before our boot");
+        assert_eq!(ahead.to_ours(3_000_001), Some(Instant::from_micros(1)));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        /// T-3: a clock that drifts, over a line whose delays are anything, some of them far too long, and that jumps once. The
+        /// estimate is never farther off than the worst sample that was taken, once it has settled a third of that and far less
+        /// on average; three samples after the jump it is there again.
+        #[test]
+        fn a_drifting_clock_is_followed(
+            seed: u64,
+            start in 0u64..1 << 45,
+            offset in any::<i32>(),
+            ppm in -150i64..150,
+            jitter_us in 1u64..8_000,
+            period_us in 200_000u64..3_000_000,
+            jump_ms in prop_oneof![-100_000i64..-100, 100i64..100_000],
+        ) {
+            let mut state = seed;
+            let mut random = |below: u64| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 33) % below
+            };
+            let mut filter = ClockFilter::new(LIMIT);
+            let mut jump = 0;
+            let truth = |at: u64, jump: i64| i64::from(offset) * 1_000_000 + (at - start) as i64 * ppm / 1_000 + jump;
+            let (mut at, mut errors) = (start, std::vec::Vec::new());
+            for round in 0..400 {
+                at += period_us / 2 + random(period_us);
+                if round == 200 {
+                    jump = jump_ms * 1_000_000;
+                }
+                // 500 µs each way, what comes on top of it, and now and then somebody who is in the way.
+                let late = if random(10) == 0 { 30_000 + random(1 << 20) } else { 0 };
+                let (up, down) = (500 + random(jitter_us) + late, 500 + random(jitter_us));
+                let measured = truth(at, jump) + (up as i64 - down as i64) * 500;
+                let is_taken = filter.add(&sample(at, measured, (up + down) as i64 * 1_000));
+                prop_assert!(late == 0 || !is_taken);
+                if let Some(estimate) = filter.offset_ns(Instant::from_micros(at)) {
+                    let error = (estimate - truth(at, jump)).unsigned_abs();
+                    let is_jump = (200..210).contains(&round);
+                    // And what it drifts before that is known.
+                    prop_assert!(is_jump || error <= jitter_us * 1_000 + 2_000_000, "round {round}: {error} ns");
+                    if (100..200).contains(&round) || round >= 300 {
+                        prop_assert!(filter.is_settled());
+                        prop_assert!(error <= jitter_us * 333 + 20_000, "round {round}: {error} ns");
+                        errors.push(error);
+                    }
+                }
+            }
+            // The samples themselves are off by a sixth of the jitter on average.
+            let mean = errors.iter().sum::<u64>() / errors.len() as u64;
+            prop_assert!(mean <= jitter_us * 120 + 5_000, "{mean} ns, jitter {jitter_us} µs");
+        }
+    }
+}
