@@ -24,6 +24,6 @@ class Meter:
         return all(len(self.times.get(kind, [])) > INTERVALS + 2 for kind in kinds)
 
     def interval(self, kind):
-        """The mean in us. What came first may have been on its way when the interval was set."""
-        times = self.times[kind][2:]
+        """The mean in us, of the last ones: what came first may have been on its way when the interval was set."""
+        times = self.times[kind][-INTERVALS - 1 :]
         return (times[-1] - times[0]) / (len(times) - 1)

@@ -44,6 +44,7 @@ const OVER_TCP: &[&str] = &[
     "test_qgc_connect.py",
     "test_mavsdk.py",
     "test_mavproxy.py",
+    "test_mavproxy_flight.py",
     "test_power.py",
     "test_plan_file.py",
 ];

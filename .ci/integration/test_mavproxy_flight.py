@@ -1,0 +1,87 @@
+"""The vehicle that MAVProxy's user flies: modes, streams, a restart."""
+
+import time
+
+import pytest
+from conftest import Gcs
+from pymavlink import mavutil
+from rates import Meter
+from test_mavproxy import MavProxy
+from test_messages import STREAMS, set_interval
+
+mavlink = mavutil.mavlink
+
+# PX4's numbers: main mode << 16 | sub-mode << 24. MAVProxy knows no names for them.
+HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (3, 5, 6))
+
+
+@pytest.fixture
+def mavproxy(port, tmp_path):
+    mavproxy = MavProxy(port, tmp_path, "arm,mode,cmdlong,misc,rc")
+    mavproxy.expect("Detected vehicle 1:1")
+    yield mavproxy
+    mavproxy.end()
+
+
+def mode_of(gcs, number, timeout=5):
+    """Waits until the vehicle is in this mode."""
+    assert gcs.wait("HEARTBEAT", timeout, lambda beat: beat.custom_mode == number), f"not in mode {number}"
+
+
+def test_modes(mavproxy, other):
+    """By their numbers, in the air. The names that MAVProxy knows are ArduPilot's: refused, and nothing happens."""
+    mavproxy.expect(f"Mode({HOLD})")
+    mavproxy.say("arm throttle")
+    mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
+    mavproxy.say("takeoff 5")
+    mavproxy.expect("COMMAND_ACK: NAV_TAKEOFF: ACCEPTED")
+    assert other.wait("GLOBAL_POSITION_INT", 20, lambda told: told.relative_alt > 2_000)
+    mavproxy.say(f"mode {HOLD}")
+    mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
+    mode_of(other, HOLD)
+    for name in ("RTL", "GUIDED", "LOITER"):
+        mavproxy.say(f"mode {name}")
+        mavproxy.expect("COMMAND_ACK: DO_SET_MODE: DENIED")
+    mode_of(other, HOLD)
+    mavproxy.say(f"mode {RETURN}")
+    mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
+    mavproxy.expect(f"Mode({RETURN})")
+    mode_of(other, RETURN)
+    mavproxy.say(f"mode {LAND}")
+    mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
+    mode_of(other, LAND)
+    mavproxy.say("disarm")
+    mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: DENIED")
+    mavproxy.expect("DISARMED", timeout=40)
+
+
+def logged(log):
+    """How often the vehicle's messages came, from the log that MAVProxy keeps."""
+    meter = Meter()
+    messages = mavutil.mavlink_connection(str(log))
+    while message := messages.recv_match():
+        if message.get_type() != "BAD_DATA" and message.get_srcSystem() == 1:
+            meter.take(message.get_type(), message.to_dict())
+    messages.close()
+    return meter
+
+
+def test_streams(mavproxy, port, tmp_path, figure):
+    """Q-7: MAVProxy asks for one rate of everything; in the log that it keeps, that is what comes."""
+    names = [name for name in STREAMS if name != "HOME_POSITION"]
+    mavproxy.say("set streamrate 10")
+    (log,) = tmp_path.rglob("*.tlog")
+    errors, deadline = {}, time.monotonic() + 60
+    while not errors or max(map(abs, errors.values())) > 0.05:
+        assert time.monotonic() < deadline, f"the rates are not as asked for: {errors}"
+        time.sleep(0.5)
+        meter = logged(log)
+        if meter.has_enough(names):
+            errors = {name: meter.interval(name) / 100_000 - 1 for name in names}
+    worst = max(errors, key=lambda name: abs(errors[name]))
+    figure(f"MAVProxy: {len(names)} streams of 10 Hz within {100 * abs(errors[worst]):.2f} % ({worst})")
+    mavproxy.end()
+    gcs = Gcs(port)
+    for name in names:
+        set_interval(gcs, name, 0)
+    gcs.close()
