@@ -2,6 +2,7 @@
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
+use mavstack::dialect::HomePosition;
 use mavstack::{
     Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, ParamStore, PlanStorage,
     PlanStore, Pulse, Stack, StreamProfile, VehicleAddress,
@@ -68,7 +69,15 @@ impl<P: PlanStorage> App<P> {
         while let Some((severity, text)) = self.vehicle.take_text() {
             self.stack.send_text(now, severity, text);
         }
+        if self.vehicle.take_new_home() {
+            self.stack.announce::<HomePosition, Quadrotor>();
+        }
         self.stack.poll(now, &mut self.vehicle);
+    }
+
+    /// Whether the processor is to be reset now: somebody asked for it, and has his answer (C-30).
+    pub fn wants_reboot(&self) -> bool {
+        self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
     }
 
     /// Reads the plans back, once after a start; as [`Stack::restore`].

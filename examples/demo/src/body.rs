@@ -4,7 +4,7 @@ use libm::{atan2f, fabsf, sqrtf};
 
 use crate::tuning::Tuning;
 
-/// Metres (or m/s) north, east and down of home. The ground is at down = 0, everywhere.
+/// Metres (or m/s) north, east and down of where it was switched on. The ground is at down = 0, everywhere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vector {
@@ -17,7 +17,7 @@ pub struct Vector {
 }
 
 impl Vector {
-    /// Home.
+    /// Where it was switched on.
     pub const ZERO: Self = Self { north: 0.0, east: 0.0, down: 0.0 };
 
     /// Horizontal distance (m).
@@ -32,6 +32,8 @@ const GRAVITY: f32 = 9.81;
 pub const CLEARANCE: f32 = 1.0;
 /// What is slower than this has no course, m/s.
 const DRIFT: f32 = 0.05;
+/// How long it takes to lean, s.
+const LEANING: f32 = 0.15;
 
 /// What it can do.
 #[derive(Clone, Copy, Debug)]
@@ -82,8 +84,11 @@ pub enum Nose {
 pub struct Body {
     pub position: Vector,
     pub velocity: Vector,
-    /// Horizontal, of the last step.
-    acceleration: (f32, f32),
+    /// The horizontal acceleration that it leans into, m/s² north and east: follows the real one.
+    lean: (f32, f32),
+    /// Roll and pitch, rad, and how fast they change, rad/s.
+    tilt: [f32; 2],
+    pub tilt_rate: [f32; 2],
     /// Where the nose points, north and east, of length 1.
     heading: (f32, f32),
     /// How fast it turns to the right, rad/s.
@@ -96,7 +101,9 @@ impl Body {
     pub const AT_HOME: Self = Self {
         position: Vector::ZERO,
         velocity: Vector::ZERO,
-        acceleration: (0.0, 0.0),
+        lean: (0.0, 0.0),
+        tilt: [0.0; 2],
+        tilt_rate: [0.0; 2],
         heading: (1.0, 0.0),
         yaw_rate: 0.0,
         nose: Nose::Course,
@@ -118,10 +125,8 @@ impl Body {
 
     /// Roll, pitch, yaw in rad.
     pub fn attitude(&self) -> [f32; 3] {
-        let (north, east) = self.acceleration;
-        let forward = north * self.heading.0 + east * self.heading.1;
-        let right = east * self.heading.0 - north * self.heading.1;
-        [atan2f(right, GRAVITY), atan2f(-forward, GRAVITY), self.yaw()]
+        let [roll, pitch] = self.tilt;
+        [roll, pitch, self.yaw()]
     }
 
     /// Where the nose points: rad from north, to the right.
@@ -151,34 +156,65 @@ impl Body {
     /// `dt` seconds of flight towards `goal`, at most at `cruise` m/s.
     pub fn fly(&mut self, goal: Vector, cruise: f32, dt: f32) {
         let distance = self.position.distance(goal);
-        let Limits { acceleration, climb, sink, touch_down, flare, approach, .. } = self.limits;
+        let Limits { acceleration, approach, .. } = self.limits;
         let is_clear = -self.position.down >= CLEARANCE;
         // As fast as it can still brake from, and gently at the end.
         let speed =
             if is_clear { cruise.min(sqrtf(2.0 * acceleration * distance)).min(approach * distance) } else { 0.0 };
         let scale = if distance > 0.01 { speed / distance } else { 0.0 };
         let wanted = ((goal.north - self.position.north) * scale, (goal.east - self.position.east) * scale);
+        let course = (distance > 2.0 && speed > 0.0).then_some(wanted);
+        self.travel(wanted, goal.down - self.position.down, course, dt);
+    }
+
+    /// `dt` seconds of flight by hand: so fast forward, to the right and down (m/s), turning at `rate` rad/s.
+    pub fn steer(&mut self, [forward, right, down]: [f32; 3], rate: f32, dt: f32) {
+        let (north, east) = self.heading;
+        let wanted = if -self.position.down >= CLEARANCE {
+            (forward * north - right * east, forward * east + right * north)
+        } else {
+            (0.0, 0.0)
+        };
+        self.nose = Nose::Turn { left: rate * dt, rate: fabsf(rate) };
+        self.travel(wanted, down, None, dt);
+    }
+
+    /// `dt` seconds with a velocity that is wanted, within the limits.
+    fn travel(&mut self, wanted: (f32, f32), down: f32, course: Option<(f32, f32)>, dt: f32) {
+        let Limits { acceleration, climb, sink, touch_down, flare, .. } = self.limits;
         let change = (wanted.0 - self.velocity.north, wanted.1 - self.velocity.east);
         let size = sqrtf(change.0 * change.0 + change.1 * change.1);
         let share = if size > acceleration * dt { acceleration * dt / size } else { 1.0 };
         self.velocity.north += change.0 * share;
         self.velocity.east += change.1 * share;
-        self.acceleration = (change.0 * share / dt, change.1 * share / dt);
         self.yaw_rate = 0.0;
         if !self.is_on_ground() {
-            self.turn((distance > 2.0 && speed > 0.0).then_some(wanted), dt);
+            self.turn(course, dt);
         }
+        self.lean_into((change.0 * share / dt, change.1 * share / dt), dt);
         let sink = if -self.position.down < flare { touch_down } else { sink };
-        self.velocity.down = (goal.down - self.position.down).clamp(-climb, sink);
-        self.travel(dt);
+        self.velocity.down = down.clamp(-climb, sink);
+        self.move_on(dt);
     }
 
     /// `dt` seconds with the motors off.
     pub fn fall(&mut self, dt: f32) {
-        self.acceleration = (0.0, 0.0);
+        self.lean_into((0.0, 0.0), dt);
         self.yaw_rate = 0.0;
         self.velocity.down += GRAVITY * dt;
-        self.travel(dt);
+        self.move_on(dt);
+    }
+
+    /// Roll and pitch follow the acceleration.
+    fn lean_into(&mut self, (north, east): (f32, f32), dt: f32) {
+        let share = dt / LEANING;
+        self.lean.0 += (north - self.lean.0) * share;
+        self.lean.1 += (east - self.lean.1) * share;
+        let forward = self.lean.0 * self.heading.0 + self.lean.1 * self.heading.1;
+        let right = self.lean.1 * self.heading.0 - self.lean.0 * self.heading.1;
+        let [roll, pitch] = self.tilt;
+        self.tilt = [atan2f(right, GRAVITY), atan2f(-forward, GRAVITY)];
+        self.tilt_rate = [(self.tilt[0] - roll) / dt, (self.tilt[1] - pitch) / dt];
     }
 
     fn turn(&mut self, course: Option<(f32, f32)>, dt: f32) {
@@ -202,7 +238,7 @@ impl Body {
         self.heading = (north / length, east / length);
     }
 
-    fn travel(&mut self, dt: f32) {
+    fn move_on(&mut self, dt: f32) {
         self.position.north += self.velocity.north * dt;
         self.position.east += self.velocity.east * dt;
         self.position.down += self.velocity.down * dt;

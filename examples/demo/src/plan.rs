@@ -16,7 +16,7 @@ use crate::geo::Home;
 /// It comes no closer to one for sure, m.
 const MIN_RADIUS: f32 = 0.5;
 /// It flies to no place lower than this, m.
-const LOWEST: f32 = CLEARANCE + 0.5;
+pub const LOWEST: f32 = CLEARANCE + 0.5;
 /// Longer than any battery lasts.
 const FOREVER: Duration = Duration::from_micros(u64::MAX);
 

@@ -4,7 +4,7 @@ use libm::{atan2f, cosf, roundf, sinf, sqrtf};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, GlobalPositionInt, GpsFixType, GpsRawInt,
     HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream,
-    MavLandedState, MavSysStatusSensor as Sensor, SysStatus, SystemTime, VfrHud,
+    MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
@@ -26,6 +26,7 @@ const STREAMS: &[Stream] = &[
     stream::<VfrHud>(250, 100).in_group(MavDataStream::EXTRA2),
     stream::<BatteryStatus>(2_000, 1_000).in_group(MavDataStream::EXTRA3),
     stream::<HomePosition>(5_000, 2_000),
+    stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
     stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
 ];
 
@@ -58,6 +59,7 @@ impl Telemetry for Quadrotor {
             // There is one battery.
             BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
+            RcChannels::ID => out.put(&self.rc_channels(now)),
             ExtendedSysState::ID => {
                 out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })
             }
@@ -85,8 +87,11 @@ impl Quadrotor {
             | Sensor::SENSOR_BATTERY
             | Sensor::PREARM_CHECK;
         let enabled = if self.is_armed() { present } else { present.without(Sensor::SENSOR_MOTOR_OUTPUTS) };
-        let needs_fix = Sensor::SENSOR_GPS | Sensor::SENSOR_XY_POSITION_CONTROL | Sensor::PREARM_CHECK;
+        let needs_fix = Sensor::SENSOR_GPS | Sensor::SENSOR_XY_POSITION_CONTROL;
         let mut health = if self.has_fix() { present } else { present.without(needs_fix) };
+        if !self.is_armed() && self.check_arming().is_err() {
+            health = health.without(Sensor::PREARM_CHECK);
+        }
         if battery.is_low() {
             health = health.without(Sensor::SENSOR_BATTERY);
         }
@@ -141,10 +146,12 @@ impl Quadrotor {
 
     fn attitude_angles(&self, now: Instant) -> Attitude {
         let [roll, pitch, yaw] = self.attitude();
-        Attitude { time_boot_ms: boot_ms(now), roll, pitch, yaw, yawspeed: self.yaw_rate(), ..Attitude::default() }
+        let [rollspeed, pitchspeed, yawspeed] = self.attitude_rates();
+        Attitude { time_boot_ms: boot_ms(now), roll, pitch, yaw, rollspeed, pitchspeed, yawspeed }
     }
 
     fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {
+        let [rollspeed, pitchspeed, yawspeed] = self.attitude_rates();
         let [roll, pitch, yaw] = self.attitude().map(|angle| (cosf(angle / 2.0), sinf(angle / 2.0)));
         AttitudeQuaternion {
             time_boot_ms: boot_ms(now),
@@ -152,7 +159,9 @@ impl Quadrotor {
             q2: roll.1 * pitch.0 * yaw.0 - roll.0 * pitch.1 * yaw.1,
             q3: roll.0 * pitch.1 * yaw.0 + roll.1 * pitch.0 * yaw.1,
             q4: roll.0 * pitch.0 * yaw.1 - roll.1 * pitch.1 * yaw.0,
-            yawspeed: self.yaw_rate(),
+            rollspeed,
+            pitchspeed,
+            yawspeed,
             ..AttitudeQuaternion::default()
         }
     }
@@ -179,7 +188,7 @@ impl Quadrotor {
             lat: position.latitude,
             lon: position.longitude,
             alt: scaled(position.altitude, 1e3),
-            relative_alt: scaled(-self.local_position().down, 1e3),
+            relative_alt: scaled(self.home().spot.down - self.local_position().down, 1e3),
             vx: scaled(velocity.north, 1e2) as i16,
             vy: scaled(velocity.east, 1e2) as i16,
             vz: scaled(velocity.down, 1e2) as i16,
@@ -229,10 +238,15 @@ impl Quadrotor {
 
     fn home_position(&self, now: Instant) -> HomePosition {
         let home = self.home();
+        let Vector { north, east, down } = home.spot;
+        let (latitude, longitude) = home.to_global(north, east);
         HomePosition {
-            latitude: home.latitude,
-            longitude: home.longitude,
-            altitude: scaled(home.altitude, 1e3),
+            latitude,
+            longitude,
+            altitude: scaled(home.altitude - down, 1e3),
+            x: north,
+            y: east,
+            z: down,
             // On level ground, the nose to the north; it comes down from straight above.
             q: [1.0, 0.0, 0.0, 0.0],
             approach_z: -1.0,

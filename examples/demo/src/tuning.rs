@@ -29,6 +29,8 @@ parameters! {
         COM_FLT_TIME_MAX: u32 = 0, 0..=86_400, "s";
         /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands.
         COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
+        /// Sticks that are older do not count.
+        COM_RC_LOSS_T: f32 = 0.5, 0.1..=35.0, "s";
         /// After a take-off. 0: it holds, 1: it flies the mission.
         COM_TAKEOFF_ACT: i32 = 0, 0..=1, "";
         /// At the fence. 0: nothing, 1: a warning, 2: it holds, 3: it flies home.
@@ -39,6 +41,8 @@ parameters! {
         GF_MAX_HOR_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
         /// The highest above home; 0: no limit.
         GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
+        /// The system whose sticks it follows; 0: any ground station's.
+        MAV_GCS_SYSID: u8 = 0, 0..=u8::MAX, "";
         /// System id.
         MAV_SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
         /// Where a take-off without an altitude ends.
@@ -49,6 +53,10 @@ parameters! {
         MPC_LAND_ALT: f32 = 4.0, 1.0..=50.0, "m";
         /// How fast it touches down.
         MPC_LAND_SPEED: f32 = 0.7, 0.2..=5.0, "m/s";
+        /// By hand it turns no faster than this.
+        MPC_MAN_Y_MAX: f32 = 90.0, 5.0..=360.0, "deg/s";
+        /// By hand it flies no faster than this.
+        MPC_VEL_MANUAL: f32 = 8.0, 0.5..=25.0, "m/s";
         /// Cruise speed.
         MPC_XY_CRUISE: f32 = 8.0, 0.5..=25.0, "m/s";
         /// Speed for each metre that is left to fly, for gentle stops.

@@ -293,7 +293,7 @@ impl Quadrotor {
         Leg { seq: None, maneuver, stay: Duration::ZERO, yaw: None, done: None }
     }
 
-    fn situation(&self) -> Situation {
+    pub(super) fn situation(&self) -> Situation {
         Situation {
             home: self.home,
             position: self.body.rest(),

@@ -1,13 +1,18 @@
 //! The vehicle: a quadrotor that exists as a few numbers. The same steps in time give the same flight.
 
 mod commands;
+mod ground;
+mod manual;
 mod mission;
 mod params;
 mod plans;
 
 use mavstack::dialect::{MavModeFlag, MavSeverity, MavState};
-use mavstack::{Duration, Instant, Item, Vehicle, VehicleState};
+use mavstack::{
+    CommandSlots, ControlSource, Duration, Instant, Item, ManualInput, TimeSlots, TimeSync, Vehicle, VehicleState,
+};
 
+use crate::app::LINKS;
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
 use crate::fence;
@@ -15,6 +20,7 @@ use crate::geo::Home;
 use crate::plan::Maneuver;
 use crate::queue::Queue;
 use crate::tuning::Tuning;
+use ground::Reboot;
 use mission::Mission;
 
 /// Its physics go in steps of 10 ms.
@@ -29,6 +35,8 @@ const MAX_STEPS: usize = 10;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u32)]
 pub enum Mode {
+    /// Flown by hand.
+    Position = 3 << 16,
     /// Goes up.
     Takeoff = auto(2),
     /// Stays where it is, or flies where it was sent and stays there.
@@ -47,7 +55,7 @@ const fn auto(sub: u32) -> u32 {
 }
 
 impl Mode {
-    const ALL: [Self; 5] = [Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
+    const ALL: [Self; 6] = [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
 
     /// `HEARTBEAT.custom_mode`.
     pub const fn number(self) -> u32 {
@@ -101,6 +109,16 @@ pub struct Quadrotor {
     /// It has been in the air for longer than it is to be.
     is_overdue: bool,
     may_persist: bool,
+    /// The motors are off for good.
+    is_terminated: bool,
+    /// Sensors are being calibrated, since then.
+    calibration: Option<Instant>,
+    reboot: Option<Reboot>,
+    /// Home is known since a moment ago, or another one.
+    has_new_home: bool,
+    commands: CommandSlots<4>,
+    clocks: TimeSlots<LINKS>,
+    input: ManualInput,
     /// A step reaches no more than one item.
     reached: Queue<u16, MAX_STEPS>,
     texts: Queue<(MavSeverity, &'static str), 4>,
@@ -126,6 +144,13 @@ impl Quadrotor {
             since: Instant::ZERO,
             is_overdue: false,
             may_persist: true,
+            is_terminated: false,
+            calibration: None,
+            reboot: None,
+            has_new_home: true,
+            commands: CommandSlots::new(),
+            clocks: TimeSlots::new(),
+            input: ManualInput::new(ControlSource::Nobody, ManualInput::TIMEOUT),
             reached: Queue::new(),
             texts: Queue::new(),
         }
@@ -139,6 +164,7 @@ impl Quadrotor {
             self.switch_on();
         }
         self.body.limits = Limits::of(&self.tuning);
+        self.tune_sticks();
         for _ in 0..MAX_STEPS {
             if self.time.after(STEP) > now {
                 return;
@@ -156,7 +182,7 @@ impl Quadrotor {
         self.has_fix().then_some(GlobalPosition { latitude, longitude, altitude: self.home.altitude - down })
     }
 
-    /// Where it is, m from home.
+    /// Where it is, m from where it was switched on.
     pub fn local_position(&self) -> Vector {
         self.body.position
     }
@@ -171,14 +197,20 @@ impl Quadrotor {
         self.body.attitude()
     }
 
-    /// How fast it turns to the right, rad/s.
-    pub(crate) fn yaw_rate(&self) -> f32 {
-        self.body.yaw_rate
+    /// How fast roll, pitch, yaw change, rad/s.
+    pub(crate) fn attitude_rates(&self) -> [f32; 3] {
+        let [roll, pitch] = self.body.tilt_rate;
+        [roll, pitch, self.body.yaw_rate]
     }
 
     /// Where home is.
     pub(crate) fn home(&self) -> Home {
         self.home
+    }
+
+    /// Whether home is known now, and was not or was elsewhere when this was asked last.
+    pub(crate) fn take_new_home(&mut self) -> bool {
+        self.has_fix() && core::mem::take(&mut self.has_new_home)
     }
 
     /// The battery.
@@ -227,12 +259,17 @@ impl Quadrotor {
         self.watch_ground();
         self.watch_battery();
         self.watch_time();
+        self.watch_calibration();
+        self.watch_sticks();
         if !self.armed {
             self.is_outside = !self.allows(live, self.body.position, self.body.position);
             return self.body.fall(DT);
         }
         if self.mode == Mode::Mission {
             return self.fly_mission(live);
+        }
+        if self.mode == Mode::Position {
+            return self.follow_sticks(live);
         }
         if self.maneuver == Maneuver::Return {
             self.maneuver = self.way_home(live);
@@ -247,7 +284,7 @@ impl Quadrotor {
                 }
                 Mode::Return | Mode::Land if self.time.since(self.since) >= self.rest_on_ground() => self.touch_down(),
                 Mode::Return | Mode::Land => {}
-                Mode::Hold | Mode::Mission => {}
+                Mode::Hold | Mode::Position | Mode::Mission => {}
             }
         }
     }
@@ -333,17 +370,29 @@ impl Quadrotor {
         };
         let mut next = self.body;
         next.fly(goal, self.speed(), DT);
-        if self.mode != Mode::Hold && !self.allows(live, next.position, next.ahead(self.fence_margin())) {
+        // Where it stops, it stays.
+        if self.mode == Mode::Hold && matches!(maneuver, Maneuver::Stay(_)) {
+            self.is_warned = false;
+            self.body = next;
+            return done;
+        }
+        self.advance(next, live) && done
+    }
+
+    /// Takes a step, unless it leads out of the fence. True when it is taken.
+    fn advance(&mut self, next: Body, live: &Live<'_>) -> bool {
+        let here = self.body.position;
+        if !self.allows(live, next.position, next.ahead(self.fence_margin())) {
             let is_outside = !self.allows(live, here, here);
             // From outside it may come back and come down.
             if !(is_outside && matches!(self.mode, Mode::Return | Mode::Land)) {
-                return self.stop_at_fence(next, is_outside) && done;
+                return self.stop_at_fence(next, is_outside);
             }
         } else {
             self.is_warned = false;
         }
         self.body = next;
-        done
+        true
     }
 
     /// What the parameters say of a step out of the fence; true when it is taken.
@@ -375,7 +424,8 @@ impl Quadrotor {
             return true;
         }
         let (far, high) = (self.tuning.get(Tuning::GF_MAX_HOR_DIST), self.tuning.get(Tuning::GF_MAX_VER_DIST));
-        is_within(far, high, from) && is_within(far, high, to) && fence::allows(self.home, live.fence, from, to)
+        let is_near = |place| self.home.is_near(far, high, place);
+        is_near(from) && is_near(to) && fence::allows(self.home, live.fence, from, to)
     }
 
     /// How far from the fence it stops, m. On its way home it is there already where it has turned back.
@@ -394,15 +444,16 @@ impl Quadrotor {
             let height = self.home.to_height(item.frame, item.z).unwrap_or(0.0);
             Vector { north, east, down: -height }
         });
-        let spot = core::iter::once(Vector::ZERO)
+        let home = self.home.spot;
+        let spot = core::iter::once(home)
             .chain(rally)
             .filter(|&spot| self.allows(live, spot, spot))
             .min_by(|a, b| here.distance(*a).total_cmp(&here.distance(*b)))
-            .unwrap_or(Vector::ZERO);
-        let down = spot.down.min(here.down).min(-self.tuning.get(Tuning::RTL_RETURN_ALT));
+            .unwrap_or(home);
+        let down = spot.down.min(here.down).min(home.down - self.tuning.get(Tuning::RTL_RETURN_ALT));
         // No higher than it may fly.
         let highest = self.tuning.get(Tuning::GF_MAX_VER_DIST);
-        Maneuver::Land(Vector { down: if highest > 0.0 { down.max(-highest) } else { down }, ..spot })
+        Maneuver::Land(Vector { down: if highest > 0.0 { down.max(home.down - highest) } else { down }, ..spot })
     }
 
     /// Stops, and stays there.
@@ -411,8 +462,7 @@ impl Quadrotor {
     }
 
     fn touch_down(&mut self) {
-        self.hold();
-        self.armed = false;
+        self.disarm();
         self.say(MavSeverity::INFO, "Landed, disarmed");
     }
 
@@ -442,13 +492,18 @@ impl Vehicle for Quadrotor {
     fn state(&self) -> Option<VehicleState> {
         let mut base_mode =
             MavModeFlag::CUSTOM_MODE_ENABLED | MavModeFlag::STABILIZE_ENABLED | MavModeFlag::GUIDED_ENABLED;
-        if self.mode != Mode::Hold {
-            base_mode |= MavModeFlag::AUTO_ENABLED;
+        match self.mode {
+            Mode::Hold => {}
+            Mode::Position => base_mode |= MavModeFlag::MANUAL_INPUT_ENABLED,
+            _ => base_mode |= MavModeFlag::AUTO_ENABLED,
         }
         if self.armed {
             base_mode |= MavModeFlag::SAFETY_ARMED;
         }
         let system_status = match self.armed {
+            _ if self.is_terminated => MavState::FLIGHT_TERMINATION,
+            _ if self.is_going_down() => MavState::POWEROFF,
+            _ if self.is_calibrating() => MavState::CALIBRATING,
             _ if !self.has_fix() => MavState::BOOT,
             false => MavState::STANDBY,
             true if self.battery.is_low() => MavState::CRITICAL,
@@ -456,11 +511,14 @@ impl Vehicle for Quadrotor {
         };
         Some(VehicleState { base_mode, custom_mode: self.mode.number(), system_status })
     }
-}
 
-/// Whether a place is not further from home than `far`, nor higher than `high` (m); 0 is no limit.
-fn is_within(far: f32, high: f32, place: Vector) -> bool {
-    (far == 0.0 || place.distance(Vector::ZERO) <= far) && (high == 0.0 || -place.down <= high)
+    fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        Some(&mut self.clocks)
+    }
+
+    fn manual_input(&mut self) -> Option<&mut ManualInput> {
+        Some(&mut self.input)
+    }
 }
 
 /// Where to fly to land on `spot`, at `spot`'s height as long as it is far; and whether it has landed.

@@ -3,7 +3,7 @@
 use mavstack::dialect::MavParamError;
 use mavstack::{ParamChange, Parameters};
 
-use super::{Quadrotor, is_within};
+use super::Quadrotor;
 use crate::geo::Home;
 use crate::tuning::Tuning;
 
@@ -27,7 +27,7 @@ impl Parameters for Quadrotor {
             || change.is(Tuning::SIM_GPS_FIX_TIME);
         let far = change.value(Tuning::GF_MAX_HOR_DIST).unwrap_or(0.0);
         let high = change.value(Tuning::GF_MAX_VER_DIST).unwrap_or(0.0);
-        if self.armed && (is_of_the_frame || !is_within(far, high, self.body.position)) {
+        if self.armed && (is_of_the_frame || !self.home.is_near(far, high, self.body.position)) {
             return Err(MavParamError::PERMISSION_DENIED);
         }
         Ok(())

@@ -8,7 +8,7 @@ use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
 
 /// It has no model of the terrain.
-const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
+pub(super) const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
 
 impl Plans for Quadrotor {
     const MISSION_COMMANDS: &'static [CommandRule] = &[

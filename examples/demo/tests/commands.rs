@@ -1,0 +1,365 @@
+//! Commands as MAVSDK, QGroundControl and MAVProxy send them, over the wire: what each does, and what is refused.
+
+#[path = "support/wire.rs"]
+mod wire;
+
+use mavstack::dialect::*;
+use mavstack_demo::{COMPANION, Mode, TELEMETRY, Vector};
+use wire::{NORMAL, Wire, command_long};
+
+const NAN: f32 = f32::NAN;
+const HOME: (i32, i32) = (473_977_420, 85_455_940);
+/// 1e-7 degrees of latitude in a metre.
+const METRE: f32 = 1.0 / 0.011_131_95;
+
+/// A place so far north of the start.
+fn north(metres: f32) -> (i32, i32) {
+    (HOME.0 + (metres * METRE) as i32, HOME.1)
+}
+
+fn distance(wire: &Wire, north: f32) -> f32 {
+    wire.vehicle().local_position().distance(Vector { north, ..Vector::ZERO })
+}
+
+fn heading(wire: &Wire) -> f32 {
+    let [_, _, yaw] = wire.vehicle().attitude();
+    yaw.to_degrees().rem_euclid(360.0)
+}
+
+/// MAVSDK's goto_location: COMMAND_INT, altitude above the sea, yaw in radians, NaN for what it leaves open. It holds.
+#[test]
+fn mavsdk_sends_it_somewhere() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(40.0);
+    let params = [NAN, 1.0, NAN, 90_f32.to_radians()];
+    let result = wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_INT, params, x, y, 508.0);
+    assert_eq!(result, MavResult::ACCEPTED);
+    wire.run(15_000);
+    assert!(distance(&wire, 40.0) < 0.5 && (wire.height() - 20.0).abs() < 0.3, "{:?}", wire.vehicle());
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
+    assert!((heading(&wire) - 90.0).abs() < 1.0, "{}", heading(&wire));
+}
+
+/// QGroundControl's goto, pause and change of altitude: COMMAND_INT or COMMAND_LONG, -1 for the speed, NaN for the place.
+#[test]
+fn qgroundcontrol_sends_it_somewhere_stops_it_and_changes_its_altitude() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(60.0);
+    let goto = [-1.0, 1.0, 0.0, NAN];
+    assert_eq!(wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, goto, x, y, 498.0), MavResult::ACCEPTED);
+    wire.run(5_000);
+    let stop = [-1.0, 1.0, 0.0, NAN, NAN, NAN, NAN];
+    assert_eq!(wire.long(MavCmd::DO_REPOSITION, &stop), MavResult::ACCEPTED);
+    wire.run(5_000);
+    let place = wire.vehicle().local_position();
+    assert!((10.0..50.0).contains(&place.north) && wire.vehicle().velocity().north.abs() < 0.05, "{place:?}");
+    let climb = [-1.0, 1.0, 0.0, NAN, NAN, NAN, 518.0];
+    assert_eq!(wire.long(MavCmd::DO_REPOSITION, &climb), MavResult::ACCEPTED);
+    wire.run(10_000);
+    assert!((wire.height() - 30.0).abs() < 0.3 && wire.vehicle().local_position().distance(place) < 0.3);
+    // "Not given" in a COMMAND_INT (C-7).
+    let int = wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_RELATIVE_ALT, goto, i32::MAX, i32::MAX, 12.0);
+    assert_eq!(int, MavResult::ACCEPTED);
+    wire.run(12_000);
+    assert!((wire.height() - 12.0).abs() < 0.3 && wire.vehicle().local_position().distance(place) < 0.3);
+}
+
+/// C-5 to C-9: form, frame, parameters, state.
+#[test]
+fn a_place_that_cannot_be_flown_to_is_refused() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(10.0);
+    let denied = MavResult::DENIED;
+    for (frame, params, x, y, z, result) in [
+        (MavFrame::LOCAL_NED, [NAN, 1.0, NAN, NAN], x, y, 500.0, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
+        (MavFrame::GLOBAL_TERRAIN_ALT, [NAN, 1.0, NAN, NAN], x, y, 20.0, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
+        (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], x, y, 400.0, denied),
+        (MavFrame::GLOBAL, [26.0, 1.0, NAN, NAN], x, y, 500.0, denied),
+        // Relative to where the nose is: twice would be twice as far.
+        (MavFrame::GLOBAL, [NAN, 3.0, NAN, 1.0], x, y, 500.0, denied),
+        (MavFrame::GLOBAL, [NAN, 1.0, NAN, f32::INFINITY], x, y, 500.0, denied),
+        // Half a place; the bits of a NaN (C-7).
+        (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], i32::MAX, y, 500.0, denied),
+        (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], 0x7FC0_0000, 0x7FC0_0000, 500.0, denied),
+    ] {
+        assert_eq!(wire.int(MavCmd::DO_REPOSITION, frame, params, x, y, z), result, "{frame:?} {params:?} {x} {y} {z}");
+    }
+    wire.run(2_000);
+    assert!(distance(&wire, 0.0) < 0.1);
+    assert_eq!(wire.said(), ["Goto refused: under the ground"]);
+    let goto =
+        |wire: &mut Wire, flags| wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, flags, NAN, NAN], x, y, 500.0);
+    wire.long(MavCmd::NAV_LAND, &[]);
+    assert_eq!(goto(&mut wire, 0.0), MavResult::TEMPORARILY_REJECTED, "the mode is not to be changed");
+    assert_eq!(goto(&mut wire, 1.0), MavResult::ACCEPTED);
+    wire.long(MavCmd::NAV_LAND, &[]);
+    wire.until("down", 60, |vehicle| !vehicle.is_armed());
+    assert_eq!(goto(&mut wire, 1.0), MavResult::TEMPORARILY_REJECTED);
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    assert_eq!(goto(&mut wire, 1.0), MavResult::TEMPORARILY_REJECTED);
+    let said = ["Goto refused: not holding", "Landed, disarmed", "Refused: not armed", "Goto refused: on the ground"];
+    assert_eq!(wire.said(), said);
+}
+
+/// MAVSDK's set_current_speed, and the speed of a goto.
+#[test]
+fn speed_is_what_was_asked_for() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(400.0);
+    let speed = |wire: &mut Wire, speed| wire.long(MavCmd::DO_CHANGE_SPEED, &[1.0, speed, -1.0, 0.0]);
+    let fly = |wire: &mut Wire, speed| {
+        let result = wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_INT, [speed, 1.0, NAN, NAN], x, y, 498.0);
+        assert_eq!(result, MavResult::ACCEPTED);
+        wire.run(6_000);
+        wire.vehicle().velocity().north
+    };
+    assert!((fly(&mut wire, NAN) - 8.0).abs() < 0.1);
+    assert_eq!(speed(&mut wire, 3.5), MavResult::ACCEPTED);
+    assert!((fly(&mut wire, NAN) - 3.5).abs() < 0.1, "and it stays so");
+    assert!((fly(&mut wire, 6.0) - 6.0).abs() < 0.1);
+    for bad in [0.0, -0.5, -3.0, 26.0, NAN] {
+        assert_eq!(speed(&mut wire, bad), MavResult::DENIED, "{bad}");
+    }
+    assert_eq!(wire.long(MavCmd::DO_CHANGE_SPEED, &[2.0, 3.0, -1.0]), MavResult::DENIED, "no speed of climb");
+    assert_eq!(wire.long(MavCmd::DO_CHANGE_SPEED, &[1.0, 3.0, 50.0]), MavResult::DENIED, "no throttle");
+    assert_eq!(speed(&mut wire, -1.0), MavResult::ACCEPTED);
+    assert!((fly(&mut wire, -1.0) - 6.0).abs() < 0.1);
+    assert_eq!(speed(&mut wire, -2.0), MavResult::ACCEPTED);
+    assert!((fly(&mut wire, -1.0) - 8.0).abs() < 0.1, "the default");
+}
+
+/// MAVSDK's takeoff, land, return_to_launch; C-1: not where every vehicle in reach is meant.
+#[test]
+fn mavsdk_flies_it_up_home_and_down() {
+    let mut wire = Wire::switched_on();
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.long_by(TELEMETRY, 0, MavCmd::NAV_TAKEOFF, &[]), MavResult::DENIED);
+    assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[NAN, NAN, NAN, NAN, NAN, NAN, 7.0]), MavResult::ACCEPTED);
+    wire.until("up", 20, |vehicle| vehicle.mode() == Mode::Hold);
+    assert!((wire.height() - 7.0).abs() < 0.6, "above home: {}", wire.height());
+    let (x, y) = north(20.0);
+    wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_INT, [NAN, 1.0, NAN, NAN], x, y, 500.0);
+    wire.run(10_000);
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 5.0]), MavResult::ACCEPTED);
+    wire.until("home", 60, |vehicle| !vehicle.is_armed());
+    assert!(distance(&wire, 0.0) < 1.0);
+    let mut wire = Wire::airborne();
+    assert_eq!(wire.long(MavCmd::NAV_LAND, &[NAN, 2.0]), MavResult::DENIED, "no beacon");
+    assert_eq!(wire.long(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
+    assert_eq!(wire.vehicle().mode(), Mode::Land);
+}
+
+/// C-31, C-9, C-1: arming takes 0 or 1, and says why not.
+#[test]
+fn arming_says_why_not() {
+    let arm = MavCmd::COMPONENT_ARM_DISARM;
+    let mut wire = Wire::new();
+    wire.run(1_000);
+    assert_eq!(wire.long(arm, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
+    wire.run(2_000);
+    assert_eq!(wire.said(), ["Arming refused: no GPS fix yet"], "once within five seconds");
+    assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
+    for params in [[0.5, 0.0], [2.0, 0.0], [NAN, 0.0], [1.0, 1.0], [1.0, 21_195.0]] {
+        assert_eq!(wire.long(arm, &params), MavResult::DENIED, "{params:?}");
+    }
+    assert_eq!(wire.long_by(TELEMETRY, 0, arm, &[1.0]), MavResult::DENIED);
+    assert_eq!(wire.long(arm, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
+    wire.run(3_000);
+    assert_eq!(wire.long(arm, &[0.0]), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(wire.said(), ["Ready to arm", "Arming refused: sent to all vehicles", "Disarming refused: flying"]);
+    assert_eq!(wire.long(arm, &[0.0, 21_196.0]), MavResult::ACCEPTED, "MAVSDK's kill");
+    wire.run(3_000);
+    assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
+}
+
+/// MAVSDK's terminate: off, and off until it is switched on again.
+#[test]
+fn flight_is_terminated_for_good() {
+    let mut wire = Wire::airborne();
+    assert_eq!(wire.long_by(TELEMETRY, 0, MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::DENIED);
+    assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[0.0]), MavResult::ACCEPTED);
+    assert!(wire.vehicle().is_armed());
+    for _ in 0..2 {
+        assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::ACCEPTED, "also again (C-11)");
+    }
+    wire.run(4_000);
+    assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
+    let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
+    assert_eq!(heartbeat.system_status, MavState::FLIGHT_TERMINATION);
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::FAILED);
+    assert_eq!(wire.said(), ["Flight terminated", "Arming refused: flight terminated"]);
+}
+
+/// O-6: home is told where it is set, and where it is known first; and it counts.
+#[test]
+fn home_is_told_at_once_and_flown_to() {
+    let mut wire = Wire::new();
+    wire.run(1_500);
+    assert_eq!(wire.long(MavCmd::GET_HOME_POSITION, &[]), MavResult::DENIED, "it is not known yet");
+    assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    wire.run(600);
+    for link in NORMAL {
+        assert!(wire.count::<HomePosition>(link) >= 1);
+    }
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    wire.long(MavCmd::NAV_TAKEOFF, &[]);
+    wire.run(6_000);
+    let (x, y) = north(50.0);
+    wire.take::<HomePosition>();
+    let set = |wire: &mut Wire, params, x, y, z| wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, params, x, y, z);
+    assert_eq!(set(&mut wire, [0.0, 0.0, 0.0, NAN], x, y, 485.0), MavResult::ACCEPTED);
+    wire.run(10);
+    let told = wire.take::<HomePosition>();
+    assert_eq!(told.len(), NORMAL.len());
+    let (_, home) = &told[0];
+    assert!((home.latitude.abs_diff(x), home.longitude, home.altitude) <= (10, y, 485_000), "{home:?}");
+    assert!((home.x - 50.0).abs() < 0.1 && home.y.abs() < 0.1 && home.z == 3.0, "{home:?}");
+    wire.run(500);
+    let (_, position) = wire.take::<GlobalPositionInt>().pop().unwrap();
+    assert!((position.alt - position.relative_alt - 485_000).abs() <= 1, "{position:?}");
+    for (params, x, y, z) in [
+        ([0.0, 0.0, 0.0, 0.0], i32::MAX, i32::MAX, 485.0),
+        ([0.0, 0.0, 0.0, 0.0], x, y, NAN),
+        ([0.0, 0.0, 0.0, 0.0], x + 10_000_000, y, 485.0),
+        ([0.0, 10.0, 0.0, 0.0], x, y, 485.0),
+        ([2.0, 0.0, 0.0, 0.0], x, y, 485.0),
+    ] {
+        assert_eq!(set(&mut wire, params, x, y, z), MavResult::DENIED, "{params:?} {x} {y} {z}");
+    }
+    assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::ACCEPTED);
+    wire.until("down", 90, |vehicle| !vehicle.is_armed());
+    assert!(distance(&wire, 50.0) < 1.1);
+    // Where it stands, as MAVProxy's and QGroundControl's buttons do it.
+    assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::ACCEPTED);
+    wire.run(10);
+    let (_, home) = wire.take::<HomePosition>().pop().unwrap();
+    assert!((home.x - 50.0).abs() < 1.1 && home.altitude == 488_000, "{home:?}");
+}
+
+/// C-12: a relative turn that comes by two links is turned once; pressed again it is turned again.
+#[test]
+fn a_relative_turn_is_not_doubled_by_a_second_link() {
+    let mut wire = Wire::airborne();
+    let turn = [40.0, 30.0, 1.0, 1.0];
+    assert_eq!(wire.long_by(TELEMETRY, 1, MavCmd::CONDITION_YAW, &turn), MavResult::ACCEPTED);
+    wire.run(500);
+    assert_eq!(wire.long_by(COMPANION, 1, MavCmd::CONDITION_YAW, &turn), MavResult::ACCEPTED);
+    wire.run(3_000);
+    assert!((heading(&wire) - 40.0).abs() < 1.0, "{}", heading(&wire));
+    assert_eq!(wire.long_by(TELEMETRY, 1, MavCmd::CONDITION_YAW, &turn), MavResult::ACCEPTED);
+    wire.run(3_000);
+    assert!((heading(&wire) - 80.0).abs() < 1.0, "{}", heading(&wire));
+    wire.long(MavCmd::NAV_LAND, &[]);
+    assert_eq!(wire.long(MavCmd::CONDITION_YAW, &turn), MavResult::TEMPORARILY_REJECTED);
+}
+
+/// C-20 to C-24: progress at 1 Hz at least, an end; refused while it is armed, and it does not arm meanwhile.
+#[test]
+fn calibration_takes_its_time_and_says_how_far_it_is() {
+    const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
+    let mut wire = Wire::switched_on();
+    // QGroundControl's and MAVSDK's gyroscope calibration: zeros for the rest.
+    let gyro = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::IN_PROGRESS);
+    let began = wire.millis;
+    assert_eq!(wire.long(CALIBRATE, &[0.0, 1.0, 0.0, 0.0, 0.0]), MavResult::TEMPORARILY_REJECTED, "another one");
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    wire.take::<CommandAck>();
+    wire.run(6_000);
+    let acks = wire.take::<CommandAck>();
+    let ((end, last), progress) = acks.split_last().unwrap();
+    assert_eq!((last.command, last.result), (CALIBRATE, MavResult::ACCEPTED));
+    assert!((4_900..5_200).contains(&(end - began)), "{}", end - began);
+    assert!(progress.iter().all(|(_, ack)| ack.result == MavResult::IN_PROGRESS && ack.progress <= 100));
+    assert!(progress.is_sorted_by_key(|(_, ack)| ack.progress) && progress.last().unwrap().1.progress > 90);
+    assert!(progress.windows(2).all(|pair| pair[1].0 - pair[0].0 <= 1_000));
+    assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::ACCEPTED, "a lost answer is repeated (C-24)");
+    wire.run(4_000);
+    for params in [[2.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 3.0]] {
+        assert_eq!(wire.long(CALIBRATE, &params), MavResult::DENIED, "{params:?}");
+    }
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::TEMPORARILY_REJECTED);
+    let said =
+        ["Calibrating: keep it still", "Arming refused: calibrating", "Calibrated", "Calibration refused: armed"];
+    assert_eq!(wire.said(), said);
+}
+
+/// C-23.
+#[test]
+fn calibration_is_cancelled() {
+    const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
+    let mut wire = Wire::switched_on();
+    assert_eq!(wire.long(CALIBRATE, &[0.0, 0.0, 0.0, 0.0, 1.0]), MavResult::IN_PROGRESS);
+    wire.run(2_000);
+    wire.take::<CommandAck>();
+    wire.send(TELEMETRY, &CommandCancel { target_system: 1, target_component: 1, command: CALIBRATE });
+    wire.run(3_000);
+    let results: Vec<_> = wire.take::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect();
+    assert_eq!(results.last(), Some(&MavResult::CANCELLED));
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.said(), ["Calibrating: keep it still", "Calibration cancelled"]);
+}
+
+/// C-30: answered first, and nothing else is begun; also where the answer cannot leave.
+#[test]
+fn reboot_is_answered_before_it_happens() {
+    const REBOOT: MavCmd = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
+    let mut wire = Wire::switched_on();
+    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED);
+    assert!(!wire.app.wants_reboot(), "the last bytes may be in the UART");
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED, "asked again (C-11)");
+    wire.run(60);
+    assert!(wire.app.wants_reboot());
+
+    let mut wire = Wire::switched_on();
+    wire.lines[0].is_stuck = true;
+    wire.send(TELEMETRY, &command_long(1, REBOOT, &[1.0]));
+    wire.run(900);
+    assert!(!wire.app.wants_reboot());
+    wire.run(200);
+    assert!(wire.app.wants_reboot());
+}
+
+/// C-30, SEC-13, C-1: not in the air, armed by force only, and nothing but the autopilot's own restart.
+#[test]
+fn reboot_is_refused_where_it_does_harm() {
+    const REBOOT: MavCmd = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
+    let force = [1.0, NAN, NAN, NAN, NAN, 20_190_226.0];
+    let mut wire = Wire::switched_on();
+    assert_eq!(wire.long_by(TELEMETRY, 0, REBOOT, &[1.0]), MavResult::DENIED);
+    for params in [[2.0, 0.0], [3.0, 0.0], [1.0, 1.0], [NAN, 0.0], [0.5, 0.0]] {
+        assert_eq!(wire.long(REBOOT, &params), MavResult::DENIED, "{params:?}");
+    }
+    assert_eq!(wire.long(REBOOT, &[0.0]), MavResult::ACCEPTED, "nothing is what it does");
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    wire.long(MavCmd::NAV_TAKEOFF, &[]);
+    wire.run(4_000);
+    assert_eq!(wire.long(REBOOT, &force), MavResult::TEMPORARILY_REJECTED);
+    wire.run(2_000);
+    assert!(!wire.app.wants_reboot());
+    assert_eq!(wire.said(), ["Reboot refused: armed", "Reboot refused: flying"]);
+    let mut wire = Wire::switched_on();
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    assert_eq!(wire.long(REBOOT, &force), MavResult::ACCEPTED);
+    wire.run(100);
+    assert!(wire.app.wants_reboot() && !wire.vehicle().is_armed());
+}
+
+/// T-1, T-2: both questions about time are answered.
+#[test]
+fn time_is_told() {
+    let mut wire = Wire::switched_on();
+    wire.send(TELEMETRY, &Ping { time_usec: 77, seq: 5, ..Ping::default() });
+    wire.send(TELEMETRY, &Timesync { ts1: 99, ..Timesync::default() });
+    wire.run(20);
+    let pings = wire.take::<Ping>();
+    assert!(matches!(pings[..], [(_, Ping { time_usec: 77, seq: 5, target_system: 255, .. })]), "{pings:?}");
+    let answers = wire.take::<Timesync>();
+    let [(_, answer)] = &answers[..] else { panic!("{answers:?}") };
+    assert_eq!((answer.ts1, answer.tc1 / 1_000_000), (99, wire.millis as i64 - 20 + 1));
+}

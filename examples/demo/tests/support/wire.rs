@@ -1,0 +1,234 @@
+//! The vehicle with its stack, and ground stations at the other ends of its lines.
+
+#![allow(dead_code, reason = "each test file uses its part of it")]
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack::dialect::*;
+use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans, Version, encode};
+use mavstack_demo::{App, COMPANION, LINKS, Quadrotor, TELEMETRY};
+
+pub const STATION: Address = Address::new(255, 190);
+
+/// A line between the vehicle and the test.
+#[derive(Default)]
+pub struct Line {
+    up: VecDeque<u8>,
+    down: VecDeque<u8>,
+    /// The vehicle can send nothing.
+    pub is_stuck: bool,
+}
+
+impl ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.up.is_empty())
+    }
+}
+
+impl Read for Line {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
+        let len = bytes.len().min(self.up.len());
+        bytes.iter_mut().zip(self.up.drain(..len)).for_each(|(to, from)| *to = from);
+        Ok(len)
+    }
+}
+
+impl WriteReady for Line {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.is_stuck)
+    }
+}
+
+impl Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.down.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// A message as it came: when (ms), over which link.
+pub struct Received {
+    pub millis: u64,
+    pub link: LinkId,
+    id: u32,
+    payload: Vec<u8>,
+}
+
+/// The vehicle, its lines and the time.
+pub struct Wire {
+    pub app: Box<App<NoPlans>>,
+    pub millis: u64,
+    pub lines: [Line; LINKS],
+    decoders: [Decoder; LINKS],
+    seq: u8,
+    pub received: Vec<Received>,
+}
+
+impl Wire {
+    pub fn new() -> Self {
+        Self {
+            app: Box::new(App::new()),
+            millis: 0,
+            lines: Default::default(),
+            decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
+            seq: 0,
+            received: Vec::new(),
+        }
+    }
+
+    /// With a GPS fix.
+    pub fn switched_on() -> Self {
+        let mut wire = Self::new();
+        wire.run(2_500);
+        wire
+    }
+
+    /// Armed, 10 m up, holding.
+    pub fn airborne() -> Self {
+        let mut wire = Self::switched_on();
+        assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+        assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
+        wire.until("up", 20, |vehicle| vehicle.mode() == mavstack_demo::Mode::Hold);
+        wire
+    }
+
+    /// Passes of the flight loop a millisecond apart.
+    pub fn run(&mut self, millis: u64) {
+        for _ in 0..millis {
+            self.millis += 1;
+            let now = Instant::from_millis(self.millis);
+            self.app.control(now);
+            for (index, (line, decoder)) in self.lines.iter_mut().zip(&mut self.decoders).enumerate() {
+                let link = LinkId(index as u8);
+                self.app.serve(now, link, line).unwrap();
+                while !line.down.is_empty() {
+                    let pushed = decoder.push(line.down.make_contiguous(), now);
+                    line.down.drain(..pushed);
+                    while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                        let (id, payload) = (frame.id(), frame.payload().to_vec());
+                        self.received.push(Received { millis: self.millis, link, id, payload });
+                    }
+                }
+            }
+        }
+    }
+
+    pub fn until(&mut self, what: &str, seconds: u64, condition: impl Fn(&Quadrotor) -> bool) {
+        let deadline = self.millis + seconds * 1_000;
+        while !condition(self.app.vehicle()) {
+            assert!(self.millis < deadline, "not {what} after {seconds} s: {:?}", self.app.vehicle());
+            self.run(10);
+        }
+    }
+
+    pub fn send<M: Message>(&mut self, link: LinkId, message: &M) {
+        let mut frame = [0; 280];
+        self.seq = self.seq.wrapping_add(1);
+        let len = encode(message, Version::V2, STATION, self.seq, &mut frame).unwrap();
+        self.lines[usize::from(link.0)].up.extend(&frame[..len]);
+    }
+
+    /// What came since this was asked last, of one kind.
+    pub fn take<M: Message>(&mut self) -> Vec<(u64, M)> {
+        let (found, rest) = std::mem::take(&mut self.received).into_iter().partition(|frame| frame.id == M::ID);
+        self.received = rest;
+        let found: Vec<Received> = found;
+        found.into_iter().map(|frame| (frame.millis, M::decode(&frame.payload))).collect()
+    }
+
+    /// How many of one kind came by a link, and were not taken.
+    pub fn count<M: Message>(&self, link: LinkId) -> usize {
+        self.received.iter().filter(|frame| frame.link == link && frame.id == M::ID).count()
+    }
+
+    /// The texts that came since this was asked last; those of a moment ago too.
+    pub fn said(&mut self) -> Vec<String> {
+        self.run(20);
+        let told = |frame: &Received| frame.link == TELEMETRY || frame.id != Statustext::ID;
+        self.received.retain(told);
+        self.take::<Statustext>().into_iter().map(|(_, text)| text.text.as_str().unwrap().to_owned()).collect()
+    }
+
+    /// COMMAND_LONG with NaN for what is not given, as MAVSDK does; its first answer.
+    pub fn long(&mut self, command: MavCmd, params: &[f32]) -> MavResult {
+        self.long_by(TELEMETRY, 1, command, params)
+    }
+
+    pub fn long_by(&mut self, link: LinkId, target_system: u8, command: MavCmd, params: &[f32]) -> MavResult {
+        self.send(link, &command_long(target_system, command, params));
+        self.answer(command).result
+    }
+
+    /// COMMAND_INT.
+    pub fn int(&mut self, command: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) -> MavResult {
+        let [param1, param2, param3, param4] = params;
+        let message = CommandInt {
+            target_system: 1,
+            target_component: 1,
+            frame: MavFrame(frame.0),
+            command,
+            param1,
+            param2,
+            param3,
+            param4,
+            x,
+            y,
+            z,
+            ..CommandInt::default()
+        };
+        self.send(TELEMETRY, &message);
+        self.answer(command).result
+    }
+
+    pub fn answer(&mut self, command: MavCmd) -> CommandAck {
+        self.take::<CommandAck>();
+        for _ in 0..200 {
+            self.run(1);
+            if let Some((_, ack)) = self.take::<CommandAck>().pop() {
+                assert_eq!(ack.command, command);
+                return ack;
+            }
+        }
+        panic!("no answer to {command:?}");
+    }
+
+    pub fn vehicle(&self) -> &Quadrotor {
+        self.app.vehicle()
+    }
+
+    pub fn height(&self) -> f32 {
+        -self.vehicle().local_position().down
+    }
+}
+
+pub fn command_long(target_system: u8, command: MavCmd, params: &[f32]) -> CommandLong {
+    let mut all = [f32::NAN; 7];
+    all[..params.len()].copy_from_slice(params);
+    let [param1, param2, param3, param4, param5, param6, param7] = all;
+    CommandLong {
+        target_system,
+        target_component: 1,
+        command,
+        param1,
+        param2,
+        param3,
+        param4,
+        param5,
+        param6,
+        param7,
+        ..CommandLong::default()
+    }
+}
+
+/// All links with streams.
+pub const NORMAL: [LinkId; 2] = [TELEMETRY, COMPANION];
