@@ -85,11 +85,17 @@ pub(crate) fn saturated(value: f32) -> u32 {
 }
 
 /// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
-#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
 pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
+    exact(value).and_then(|integer| T::try_from(integer).ok())
+}
+
+/// Not inlined: there are many who ask.
+#[inline(never)]
+#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
+fn exact(value: f32) -> Option<i32> {
     let integer = value as i32;
     // 2^31 - 1 is no `f32`: where saturation ends, rounding back gives 2^31, which must not pass for equal.
-    (integer as f32 == value && integer != i32::MAX).then(|| T::try_from(integer).ok()).flatten()
+    (integer as f32 == value && integer != i32::MAX).then_some(integer)
 }
 
 #[cfg(test)]

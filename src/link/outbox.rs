@@ -3,7 +3,7 @@
 use super::LinkId;
 use crate::dialect::Heartbeat;
 use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
-use crate::message::Message;
+use crate::message::{Message, MessageInfo};
 
 /// Room for one outbound frame. Services write into it only while it is empty.
 #[derive(Clone, Debug)]
@@ -78,9 +78,13 @@ impl Outbox {
         if payload.and_then(|payload| message.encode(payload)).is_none() {
             return false;
         }
-        let Ok(frame) = wrap(const { &M::INFO }, version, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else {
-            return false;
-        };
+        self.finish(const { &M::INFO }, version)
+    }
+
+    /// Makes the payload that stands in its place a frame. Compiled once for all messages.
+    #[inline(never)]
+    fn finish(&mut self, info: &MessageInfo, version: Version) -> bool {
+        let Ok(frame) = wrap(info, version, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else { return false };
         self.seq = self.seq.wrapping_add(1);
         self.start = frame.start;
         self.sent = frame.start;

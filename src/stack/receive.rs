@@ -46,9 +46,12 @@ impl Core {
             count_drop(&mut port.counters.own_address, frame, "our own address");
             if port.is_conflict(frame.header().seq, context.seqs) {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
-                let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
-                text.push_number(u32::from(own.system.0));
-                context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
+                // Not made where there is no room for texts, and not linked.
+                if context.texts.has_slots() {
+                    let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
+                    text.push_number(u32::from(own.system.0));
+                    context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
+                }
             }
             return;
         }
