@@ -477,6 +477,18 @@ fn without_the_service_the_vehicle_gets_the_messages() {
     assert_eq!(ids.collect::<Vec<_>>(), [69, 70, 69]);
 }
 
+/// With the service it sees all others, and nobody steers by them.
+#[test]
+fn other_messages_are_still_the_vehicles() {
+    let mut world = world::<1>(ONLY_STATION);
+    send(&mut world, 0, STATION, &Attitude::default());
+    send(&mut world, 0, STATION, &PlayTune { target_system: 1, ..PlayTune::default() });
+    let ids = world.vehicle.calls.iter().map(|call| if let Call::Message { id, .. } = call { *id } else { 0 });
+    assert_eq!(ids.collect::<Vec<_>>(), [Attitude::ID, PlayTune::ID]);
+    let now = world.now();
+    assert_eq!((counters(&world), input(&mut world).holder(now)), (ManualCounters::default(), None));
+}
+
 /// RC_CHANNELS as the vehicle takes them: overridden, as received, or unknown.
 #[test]
 fn overrides_and_received_channels_make_one_message() {
