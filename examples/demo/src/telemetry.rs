@@ -2,16 +2,16 @@
 
 use libm::{atan2f, cosf, roundf, sinf, sqrtf};
 use mavstack::dialect::{
-    Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, GlobalPositionInt, GpsFixType, GpsRawInt,
-    HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream,
-    MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
+    Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, FlightInformation, GlobalPositionInt, GpsFixType,
+    GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction, MavBatteryType,
+    MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
 use crate::battery::Battery;
 use crate::body::Vector;
 use crate::tuning::Tuning;
-use crate::vehicle::{Mode, Quadrotor};
+use crate::vehicle::{Mode, Quadrotor, Times};
 
 /// All of it on a radio, heartbeats included, is less than 800 bytes/s: a seventh of what 57,600 bit/s carry.
 const STREAMS: &[Stream] = &[
@@ -27,6 +27,7 @@ const STREAMS: &[Stream] = &[
     stream::<BatteryStatus>(2_000, 1_000).in_group(MavDataStream::EXTRA3),
     stream::<HomePosition>(5_000, 2_000),
     stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
+    Stream::of::<FlightInformation>(),
     stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
 ];
 
@@ -59,6 +60,7 @@ impl Telemetry for Quadrotor {
             // There is one battery.
             BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
+            FlightInformation::ID => out.put(&self.flight_information(now)),
             RcChannels::ID => out.put(&self.rc_channels(now)),
             ExtendedSysState::ID => {
                 out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })
@@ -252,6 +254,18 @@ impl Quadrotor {
             approach_z: -1.0,
             time_usec: now.as_micros(),
             ..HomePosition::default()
+        }
+    }
+
+    /// Its times are of the clock that begins at boot, whatever their names say.
+    fn flight_information(&self, now: Instant) -> FlightInformation {
+        let Times { armed, took_off, landed } = self.times();
+        FlightInformation {
+            time_boot_ms: boot_ms(now),
+            arming_time_utc: armed.as_micros(),
+            takeoff_time_utc: took_off.as_micros(),
+            landing_time: boot_ms(landed),
+            flight_uuid: self.tuning().get(Tuning::STAT_FLIGHTS).into(),
         }
     }
 

@@ -45,7 +45,7 @@ fn it_takes_off_holds_and_lands() {
     );
     flight.until("up", 10, |vehicle| vehicle.mode() == Mode::Hold);
     flight.run(20_000);
-    assert!((flight.height() - 5.0).abs() < 0.6, "{}", flight.height());
+    assert!((flight.height() - 5.0).abs() < 0.05, "{}", flight.height());
     assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
     flight.until("down", 30, |vehicle| !vehicle.is_armed());
     assert!(flight.vehicle.is_landed());
@@ -80,31 +80,6 @@ fn what_needs_an_armed_vehicle_waits_for_one() {
     }
     assert_eq!(flight.start(None, None), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(flight.command(MavCmd::DO_REPEAT_SERVO, &[]), MavResult::UNSUPPORTED);
-}
-
-/// DO_SET_MODE as MAVSDK sends it, a main mode and a sub-mode; and as pymavlink does, a whole `custom_mode`.
-#[test]
-fn modes_are_set_by_two_numbers_or_by_one() {
-    let nan = f32::NAN;
-    let mut flight = Flight::airborne();
-    for (params, mode) in [
-        ([129.0, 4.0, 5.0, nan], Mode::Return),
-        ([1.0, Mode::Hold.number() as f32, 0.0, 0.0], Mode::Hold),
-        ([129.0, 4.0, 6.0, nan], Mode::Land),
-        ([1.0, Mode::Takeoff.number() as f32, nan, nan], Mode::Takeoff),
-        ([129.0, 4.0, 3.0, nan], Mode::Hold),
-    ] {
-        assert_eq!(flight.command(MavCmd::DO_SET_MODE, &params), MavResult::ACCEPTED, "{params:?}");
-        assert_eq!(flight.vehicle.mode(), mode);
-        assert_eq!(flight.vehicle.state().unwrap().custom_mode, mode.number());
-    }
-    // None of ours: a base mode, an acrobatic mode, no such sub-mode, half a number, a whole number and a sub-mode.
-    for params in
-        [[0.0, 4.0, 5.0], [1.0, 5.0, 0.0], [1.0, 4.0, 9.0], [1.0, 4.5, 5.0], [1.0, 262_144.0, 5.0], [1.0, nan, 5.0]]
-    {
-        assert_eq!(flight.command(MavCmd::DO_SET_MODE, &params), MavResult::DENIED, "{params:?}");
-    }
-    assert_eq!(flight.vehicle.mode(), Mode::Hold);
 }
 
 #[test]

@@ -6,11 +6,12 @@
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavResult, MavSeverity};
 use mavstack::{
-    Command, CommandMemory, CommandPolicy, CommandPosition, CommandRule, Commands, Item, Outcome, ParamRule, Peer,
+    Command, CommandMemory, CommandPolicy, CommandPosition, CommandRule, Commands, CustomMode, FlightMode, Item,
+    ModeRequest, Outcome, ParamRule, Peer,
 };
 
 use super::plans::FRAMES;
-use super::{Mode, Quadrotor};
+use super::{Mode, Quadrotor, modes};
 use crate::body::Vector;
 use crate::plan::{self, Condition, LOWEST, Maneuver, Order};
 use crate::tuning::Tuning;
@@ -54,6 +55,8 @@ const COMMANDS: &[CommandPolicy] = &[
         ParamRule::integers(3, 0, 0).or_nan(),
         ParamRule::integers(4, 0, 0).or_nan(),
     ])),
+    CommandPolicy::new(rules::DO_SET_MODE).no_broadcast(),
+    CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
     CommandPolicy::new(rules::RUN_PREARM_CHECKS),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
@@ -66,6 +69,8 @@ const fn located(rule: CommandRule) -> CommandPolicy {
 
 impl Commands for Quadrotor {
     const COMMANDS: &'static [CommandPolicy] = COMMANDS;
+    const MODES: &'static [FlightMode] = modes::TABLE;
+    const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
 
     fn command(&mut self, command: &Command) -> Outcome {
         if self.reboot.is_some() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
@@ -81,7 +86,6 @@ impl Commands for Quadrotor {
             MavCmd::DO_CHANGE_SPEED => self.change_speed(p2),
             MavCmd::CONDITION_YAW => self.turn(command),
             MavCmd::DO_SET_HOME => self.set_home(command, p1 == 1.0),
-            MavCmd::DO_SET_MODE => self.set_mode(command),
             MavCmd::DO_FLIGHTTERMINATION => self.terminate(p1 == 1.0),
             MavCmd::RUN_PREARM_CHECKS => self.run_checks(),
             MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(command),
@@ -93,6 +97,15 @@ impl Commands for Quadrotor {
 
     fn command_memory(&mut self) -> Option<&mut CommandMemory> {
         Some(&mut self.commands)
+    }
+
+    fn set_mode(&mut self, mode: &'static FlightMode, _request: &ModeRequest) -> Outcome {
+        let mode = Mode::ALL.into_iter().find(|ours| ours.number() == mode.custom_mode);
+        mode.map_or(MavResult::UNSUPPORTED, |mode| self.change_mode(mode)).into()
+    }
+
+    fn intended_mode(&self) -> u32 {
+        self.intended.number()
     }
 
     fn cancel_command(&mut self, command: MavCmd, _from: Peer) -> bool {
@@ -120,7 +133,10 @@ impl Quadrotor {
         {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, why);
         }
-        self.armed = true;
+        if !self.armed {
+            self.armed = true;
+            self.times.armed = self.time;
+        }
         MavResult::ACCEPTED
     }
 
@@ -269,40 +285,6 @@ impl Quadrotor {
         MavResult::ACCEPTED
     }
 
-    /// MAV_CMD_DO_SET_MODE: a main mode and a sub-mode, or a whole `custom_mode` in the first of them.
-    fn set_mode(&mut self, command: &Command) -> MavResult {
-        let [base, custom, sub, _] = command.params;
-        let is_custom = whole(base).is_some_and(|base| base & 1 != 0);
-        let sub = if sub.is_nan() { Some(0) } else { whole(sub) };
-        let number = match (whole(custom), sub) {
-            (Some(main @ ..=255), Some(sub @ ..=255)) => Some(main << 16 | sub << 24),
-            (whole, Some(0)) => whole,
-            _ => None,
-        };
-        let mode = Mode::ALL.into_iter().find(|mode| Some(mode.number()) == number);
-        let Some(mode) = mode.filter(|_| is_custom) else { return MavResult::DENIED };
-        self.change_mode(mode)
-    }
-
-    /// Enters a mode that somebody asked for.
-    fn change_mode(&mut self, mode: Mode) -> MavResult {
-        let here = self.body.rest();
-        match mode {
-            Mode::Hold => {
-                self.hold();
-                MavResult::ACCEPTED
-            }
-            Mode::Position => self.fly_by_hand(),
-            Mode::Takeoff => {
-                let height = self.takeoff_altitude() - self.home.spot.down;
-                self.start(mode, Maneuver::Climb(Vector { down: here.down.min(-height), ..here }))
-            }
-            Mode::Mission => self.fly_on(),
-            Mode::Return => self.start(mode, Maneuver::Return),
-            Mode::Land => self.start(mode, Maneuver::Land(here)),
-        }
-    }
-
     pub(super) fn start(&mut self, mode: Mode, maneuver: Maneuver) -> MavResult {
         if mode == Mode::Land && self.is_landed() {
             return MavResult::ACCEPTED;
@@ -311,11 +293,12 @@ impl Quadrotor {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Refused: not armed");
         }
         self.enter(mode, maneuver);
+        self.intended = mode;
         MavResult::ACCEPTED
     }
 
     /// Above home, m.
-    fn takeoff_altitude(&self) -> f32 {
+    pub(super) fn takeoff_altitude(&self) -> f32 {
         self.tuning.get(Tuning::MIS_TAKEOFF_ALT)
     }
 
@@ -364,10 +347,4 @@ fn frame(command: &Command) -> MavFrame {
 /// Whether a parameter is left to us (C-8).
 fn is_default(parameter: f32) -> bool {
     parameter == 0.0 || parameter.is_nan()
-}
-
-/// The whole number that a parameter holds, if it is one (C-9).
-fn whole(parameter: f32) -> Option<u32> {
-    let whole = parameter as u32;
-    (whole as f32 == parameter).then_some(whole)
 }

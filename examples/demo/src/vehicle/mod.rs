@@ -4,6 +4,7 @@ mod commands;
 mod ground;
 mod manual;
 mod mission;
+mod modes;
 mod params;
 mod plans;
 
@@ -22,46 +23,13 @@ use crate::queue::Queue;
 use crate::tuning::Tuning;
 use ground::Reboot;
 use mission::Mission;
+pub use modes::Mode;
 
 /// Its physics go in steps of 10 ms.
 const STEP: Duration = Duration::from_millis(10);
 const DT: f32 = 0.01;
 /// A flight loop that stood still is not made up for beyond so many steps.
 const MAX_STEPS: usize = 10;
-
-/// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are PX4's, main mode and sub-mode: MAVSDK sends those to
-/// every autopilot that it does not know, and reads them so.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u32)]
-pub enum Mode {
-    /// Flown by hand.
-    Position = 3 << 16,
-    /// Goes up.
-    Takeoff = auto(2),
-    /// Stays where it is, or flies where it was sent and stays there.
-    Hold = auto(3),
-    /// Flies the live plan.
-    Mission = auto(4),
-    /// Flies home or to a rally point, whichever is nearest, and lands.
-    Return = auto(5),
-    /// Lands.
-    Land = auto(6),
-}
-
-/// A sub-mode of PX4's main mode 4, in which the vehicle flies by itself.
-const fn auto(sub: u32) -> u32 {
-    4 << 16 | sub << 24
-}
-
-impl Mode {
-    const ALL: [Self; 6] = [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
-
-    /// `HEARTBEAT.custom_mode`.
-    pub const fn number(self) -> u32 {
-        self as u32
-    }
-}
 
 /// A position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,6 +41,15 @@ pub struct GlobalPosition {
     pub longitude: i32,
     /// m above mean sea level
     pub altitude: f32,
+}
+
+/// When it did what last, since it was switched on; zero for never.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
+    pub armed: Instant,
+    pub took_off: Instant,
+    /// Zero in the air too.
+    pub landed: Instant,
 }
 
 /// The plans that are live.
@@ -94,6 +71,8 @@ pub struct Quadrotor {
     time: Instant,
     armed: bool,
     mode: Mode,
+    /// The one that somebody asked for last.
+    intended: Mode,
     /// What is flown in every mode but [`Mode::Mission`].
     maneuver: Maneuver,
     /// m/s; `None` for the parameter's.
@@ -104,8 +83,7 @@ pub struct Quadrotor {
     /// It has warned of the fence that it is at.
     is_warned: bool,
     is_in_air: bool,
-    /// When it took off, or landed.
-    since: Instant,
+    times: Times,
     /// It has been in the air for longer than it is to be.
     is_overdue: bool,
     may_persist: bool,
@@ -135,13 +113,14 @@ impl Quadrotor {
             time: Instant::ZERO,
             armed: false,
             mode: Mode::Hold,
+            intended: Mode::Hold,
             maneuver: Maneuver::Stay(Vector::ZERO),
             speed: None,
             mission: Mission::NONE,
             is_outside: false,
             is_warned: false,
             is_in_air: false,
-            since: Instant::ZERO,
+            times: Times { armed: Instant::ZERO, took_off: Instant::ZERO, landed: Instant::ZERO },
             is_overdue: false,
             may_persist: true,
             is_terminated: false,
@@ -238,6 +217,11 @@ impl Quadrotor {
         self.mode
     }
 
+    /// When it did what.
+    pub(crate) fn times(&self) -> Times {
+        self.times
+    }
+
     /// Something to tell the operator, once.
     pub fn take_text(&mut self) -> Option<(MavSeverity, &'static str)> {
         self.texts.take()
@@ -277,12 +261,15 @@ impl Quadrotor {
         if self.perform(self.maneuver, live) {
             match self.mode {
                 Mode::Takeoff => {
-                    self.hold();
+                    let Maneuver::Climb(to) = self.maneuver else { return };
+                    self.enter(Mode::Hold, Maneuver::Stay(to));
                     if self.tuning.get(Tuning::COM_TAKEOFF_ACT) == 1 {
                         self.fly_on();
                     }
                 }
-                Mode::Return | Mode::Land if self.time.since(self.since) >= self.rest_on_ground() => self.touch_down(),
+                Mode::Return | Mode::Land if self.time.since(self.times.landed) >= self.rest_on_ground() => {
+                    self.touch_down()
+                }
                 Mode::Return | Mode::Land => {}
                 Mode::Hold | Mode::Position | Mode::Mission => {}
             }
@@ -294,12 +281,16 @@ impl Quadrotor {
         if is_in_air == self.is_in_air {
             return;
         }
-        let flown = self.time.since(self.since).as_millis() / 1_000;
-        (self.is_in_air, self.since, self.is_overdue) = (is_in_air, self.time, false);
+        self.is_in_air = is_in_air;
+        self.is_overdue = false;
         if is_in_air {
+            self.times.took_off = self.time;
+            self.times.landed = Instant::ZERO;
             let count = self.tuning.get(Tuning::STAT_FLIGHTS).saturating_add(1);
             self.tuning.set(Tuning::STAT_FLIGHTS, count);
         } else {
+            self.times.landed = self.time;
+            let flown = self.time.since(self.times.took_off).as_millis() / 1_000;
             let flown = u32::try_from(flown).unwrap_or(u32::MAX);
             let sum = self.tuning.get(Tuning::STAT_FLIGHT_TIME).saturating_add(flown);
             self.tuning.set(Tuning::STAT_FLIGHT_TIME, sum);
@@ -332,7 +323,7 @@ impl Quadrotor {
 
     fn watch_time(&mut self) {
         let most = self.tuning.get(Tuning::COM_FLT_TIME_MAX);
-        let is_over = most > 0 && self.time.since(self.since) >= Duration::from_secs(most.into());
+        let is_over = most > 0 && self.time.since(self.times.took_off) >= Duration::from_secs(most.into());
         if self.armed && self.is_in_air && is_over && !self.is_overdue {
             self.is_overdue = true;
             self.say(MavSeverity::WARNING, "Returning: time is up");

@@ -4,11 +4,14 @@
 
 use std::collections::VecDeque;
 
-use mavstack::dialect::{MavCmd, MavFrame, MavModeFlag, MavResult, MissionState};
+use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Instant, Item, LinkId, Peer, PlanChange, PlanFault, PlanType, Plans,
+    Address, Command, CommandPosition, Commands, Instant, Item, LinkId, ModeRequest, Peer, PlanChange, PlanFault,
+    PlanType, Plans,
 };
 use mavstack_demo::{Mode, Quadrotor, Vector};
+
+pub const STATION: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
 
 pub const HOME: (i32, i32) = (473_977_420, 85_455_940);
 
@@ -112,9 +115,11 @@ impl Flight {
     }
 
     pub fn set_mode(&mut self, mode: Mode) -> MavResult {
-        let custom = f32::from(MavModeFlag::CUSTOM_MODE_ENABLED.0);
-        let [_, _, main, sub] = mode.number().to_le_bytes();
-        self.command(MavCmd::DO_SET_MODE, &[custom, main.into(), sub.into()])
+        let request = ModeRequest { from: STATION, is_broadcast: false };
+        let mode = Quadrotor::MODES.iter().find(|row| row.custom_mode == mode.number()).unwrap();
+        let result = self.vehicle.set_mode(mode, &request).result;
+        self.listen();
+        result
     }
 
     /// MAV_CMD_MISSION_START, as the stack hands it on.
@@ -195,7 +200,7 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
         params,
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
-        from: Peer { address: Address::new(255, 190), link: LinkId(0) },
+        from: STATION,
         is_broadcast: false,
         confirmation: 0,
     }

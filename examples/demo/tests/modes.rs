@@ -1,0 +1,83 @@
+//! Flight modes over the wire: by their numbers, by their meaning, and as told.
+
+#[path = "support/wire.rs"]
+mod wire;
+
+use mavstack::dialect::*;
+use mavstack_demo::{Mode, TELEMETRY};
+use wire::Wire;
+
+const NAN: f32 = f32::NAN;
+const SET: MavCmd = MavCmd::DO_SET_MODE;
+
+/// DO_SET_MODE as MAVSDK sends it, a main mode and a sub-mode; and as pymavlink does, a whole `custom_mode`.
+#[test]
+fn modes_are_set_by_two_numbers_or_by_one() {
+    let mut wire = Wire::airborne();
+    for (params, mode) in [
+        ([129.0, 4.0, 5.0, NAN], Mode::Return),
+        ([1.0, Mode::Hold.number() as f32, 0.0, 0.0], Mode::Hold),
+        ([129.0, 4.0, 6.0, NAN], Mode::Land),
+        ([1.0, Mode::Takeoff.number() as f32, NAN, NAN], Mode::Takeoff),
+        ([129.0, 4.0, 3.0, NAN], Mode::Hold),
+    ] {
+        assert_eq!(wire.long(SET, &params), MavResult::ACCEPTED, "{params:?}");
+        assert_eq!(wire.vehicle().mode(), mode);
+    }
+    // None of ours: a base mode, an acrobatic mode, no such sub-mode, half a number, a whole number and a sub-mode.
+    for params in
+        [[0.0, 4.0, 5.0], [1.0, 5.0, 0.0], [1.0, 4.0, 9.0], [1.0, 4.5, 5.0], [1.0, 262_144.0, 5.0], [1.0, NAN, 5.0]]
+    {
+        assert_eq!(wire.long(SET, &params), MavResult::DENIED, "{params:?}");
+    }
+    assert_eq!(wire.long_by(TELEMETRY, 0, SET, &[1.0, 4.0, 6.0]), MavResult::DENIED, "not all in reach (C-1)");
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
+}
+
+/// By what it means; and the old message, answered as command 11 (C-32).
+#[test]
+fn modes_are_set_by_their_meaning_and_by_the_old_message() {
+    let mut wire = Wire::airborne();
+    let standard =
+        |wire: &mut Wire, mode: MavStandardMode| wire.long(MavCmd::DO_SET_STANDARD_MODE, &[f32::from(mode.0)]);
+    for (meaning, mode) in [
+        (MavStandardMode::SAFE_RECOVERY, Mode::Return),
+        (MavStandardMode::TAKEOFF, Mode::Takeoff),
+        (MavStandardMode::LAND, Mode::Land),
+    ] {
+        assert_eq!(standard(&mut wire, meaning), MavResult::ACCEPTED);
+        assert_eq!(wire.vehicle().mode(), mode);
+    }
+    assert_eq!(standard(&mut wire, MavStandardMode::ORBIT), MavResult::DENIED);
+    assert_eq!(standard(&mut wire, MavStandardMode::MISSION), MavResult::FAILED, "there is none");
+    assert_eq!(standard(&mut wire, MavStandardMode::POSITION_HOLD), MavResult::TEMPORARILY_REJECTED, "nobody steers");
+    assert_eq!(wire.said().last().unwrap(), "Position mode refused: no manual control");
+    let message =
+        SetMode { target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED, custom_mode: Mode::Hold.number() };
+    wire.send(TELEMETRY, &message);
+    assert_eq!(wire.answer(MavCmd(11)).result, MavResult::ACCEPTED);
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
+}
+
+/// the list has a name for each; what the vehicle is in is told, and what was asked for.
+#[test]
+fn modes_are_told() {
+    let mut wire = Wire::airborne();
+    assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[435.0, 0.0]), MavResult::ACCEPTED);
+    wire.run(100);
+    let listed = wire.take::<AvailableModes>();
+    let names: Vec<_> = listed.iter().map(|(_, mode)| mode.mode_name.as_str().unwrap()).collect();
+    assert_eq!(names, ["Position", "Takeoff", "Hold", "Mission", "Return", "Land"]);
+    let is_auto = |mode: &AvailableModes| mode.properties.contains(MavModeProperty::AUTO_MODE);
+    assert!(listed.iter().all(|(_, mode)| is_auto(mode) != (mode.custom_mode == Mode::Position.number())));
+    wire.take::<CurrentMode>();
+    wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]);
+    wire.run(20);
+    let (_, told) = wire.take::<CurrentMode>().pop().unwrap();
+    let number = Mode::Return.number();
+    assert_eq!((told.custom_mode, told.intended_custom_mode), (number, number));
+    assert_eq!(told.standard_mode, MavStandardMode::SAFE_RECOVERY);
+    wire.run(1_000);
+    let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
+    assert_eq!((heartbeat.custom_mode, heartbeat.autopilot), (number, MavAutopilot::GENERIC));
+}
