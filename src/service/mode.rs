@@ -300,3 +300,50 @@ pub(crate) fn next_listed(port: &mut Port, table: &[FlightMode]) -> bool {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOLD: FlightMode = FlightMode::new(1, "Hold");
+    const LAND: FlightMode = FlightMode::new(2, "Land").standard(MavStandardMode::LAND);
+
+    #[test]
+    fn tables_within_bounds_are_taken() {
+        FlightMode::check(&[]);
+        FlightMode::check(&[HOLD, LAND, FlightMode::new(0, "a mode whose name is 34 bytes long")]);
+        let mut most = [HOLD; MAX_MODES];
+        (0..).zip(&mut most).for_each(|(number, mode)| mode.custom_mode = number);
+        FlightMode::check(&most);
+    }
+
+    #[test]
+    #[should_panic(expected = "at most 32 modes")]
+    fn too_many_modes_are_not() {
+        FlightMode::check(&[HOLD; MAX_MODES + 1]);
+    }
+
+    #[test]
+    #[should_panic(expected = "same custom_mode")]
+    fn two_modes_with_one_number_are_not() {
+        FlightMode::check(&[HOLD, LAND, FlightMode { name: "Wait", ..HOLD }]);
+    }
+
+    #[test]
+    #[should_panic(expected = "same standard mode")]
+    fn one_standard_mode_twice_is_not() {
+        FlightMode::check(&[LAND, HOLD, FlightMode { custom_mode: 3, ..LAND }]);
+    }
+
+    #[test]
+    #[should_panic(expected = "1 to 34 bytes")]
+    fn a_mode_without_a_name_is_not() {
+        FlightMode::check(&[HOLD, FlightMode { name: "", ..LAND }]);
+    }
+
+    #[test]
+    #[should_panic(expected = "1 to 34 bytes")]
+    fn a_name_without_room_for_its_end_is_not() {
+        FlightMode::check(&[FlightMode { name: "a mode whose name is 35 bytes long.", ..HOLD }]);
+    }
+}

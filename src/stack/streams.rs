@@ -41,10 +41,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 }
 
 impl Core {
-    fn fixed(&self) -> Fixed {
+    fn fixed<V: Autopilot>(&self) -> Fixed {
         Fixed {
             heartbeat: self.config.heartbeat_period,
             has_missions: self.capabilities.contains(MavProtocolCapability::MISSION_INT),
+            has_modes: !V::MODES.is_empty(),
         }
     }
 
@@ -58,7 +59,7 @@ impl Core {
         if V::STREAMS.is_empty() {
             return None;
         }
-        stream::on_command(context.now, self.fixed(), port, context.slots, context.vehicle, command)
+        stream::on_command(context.now, self.fixed::<V>(), port, context.slots, context.vehicle, command)
     }
 
     /// A message that somebody asked for. False when none is owed.
@@ -68,7 +69,7 @@ impl Core {
         port: &mut Port,
     ) -> bool {
         !V::STREAMS.is_empty()
-            && (stream::next_interval(context.now, self.fixed(), port, V::STREAMS, context.slots)
+            && (stream::next_interval(context.now, self.fixed::<V>(), port, V::STREAMS, context.slots)
                 || stream::next_asked(context.now, &mut port.streams, &mut port.outbox, context.vehicle))
     }
 
@@ -111,6 +112,6 @@ pub(super) fn on_frame<V: Autopilot, P: PlanStorage>(
 
 /// Whether a stack with room for `slots` streams can serve this vehicle: a compile error where not.
 pub(super) const fn check<V: Autopilot>(slots: usize) {
-    Stream::check(V::STREAMS);
+    Stream::check(V::STREAMS, !V::MODES.is_empty());
     assert!(V::STREAMS.len() <= slots, "the vehicle has more streams than the stack has room for: see `STREAMS`");
 }

@@ -2,7 +2,7 @@
 //!
 //! - [`SimSerial`]: a serial line whose two ends implement embedded-io; it loses, flips and repeats bytes or frames, stalls,
 //!   and takes and gives a few bytes at a time, all drawn from a seed.
-//! - [`TestVehicle`]: implements the stack's traits, records every call, answers as it is told.
+//! - [`TestVehicle`]: implements the stack's traits, records every call, answers as it is told; [`pilot`] is one with modes.
 //! - [`Gcs`]: the far end of a line: sends any message as anybody, keeps what it received with the time.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as a real client does them, retries included.
 //! - [`Receiver`], [`stream`] and [`reference`]: a decoder by itself, telemetry for it, and a second decoder to compare with.
@@ -24,6 +24,7 @@
 #![allow(dead_code, unused_imports, reason = "each test file uses its own part")]
 
 mod gcs;
+pub mod pilot;
 mod receiver;
 pub mod reference;
 mod rng;

@@ -14,7 +14,10 @@ mod tests;
 pub(crate) use requests::{Fixed, fill, next_asked, next_interval, on_command, on_frame};
 pub(crate) use schedule::{Slot, Streams};
 
-use crate::dialect::{AutopilotVersion, Heartbeat, MavDataStream, MessageInterval, MissionCurrent, ProtocolVersion};
+use crate::dialect::{
+    AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
+    ProtocolVersion,
+};
 use crate::frame::Version;
 use crate::link::{LinkId, Outbox};
 use crate::message::Message;
@@ -111,13 +114,16 @@ impl Stream {
         number as u8
     }
 
-    /// At most [`MAX_STREAMS`], each message once, and none that the stack sends itself.
+    /// At most [`MAX_STREAMS`], each message once, and none that the stack sends itself, those about modes only where the vehicle
+    /// declares modes.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
-    pub(crate) const fn check(table: &[Self]) {
+    pub(crate) const fn check(table: &[Self], has_modes: bool) {
         assert!(table.len() <= MAX_STREAMS, "a vehicle declares at most 32 messages");
         let own = [Heartbeat::ID, MissionCurrent::ID, AutopilotVersion::ID, ProtocolVersion::ID, MessageInterval::ID];
         let mut i = 0;
         while i < table.len() {
+            let is_of_modes = AvailableModes::ID <= table[i].id && table[i].id <= AvailableModesMonitor::ID;
+            assert!(!(has_modes && is_of_modes), "the stack sends this message by itself: see `MODES`");
             let mut j = 0;
             while j < own.len() {
                 assert!(table[i].id != own[j], "the stack sends this message by itself");
@@ -135,6 +141,7 @@ impl Stream {
 
 /// An interval within the bounds.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+#[inline(never)]
 const fn clamped(micros: u64) -> u32 {
     if micros < MIN_INTERVAL as u64 {
         MIN_INTERVAL

@@ -3,8 +3,8 @@
 use super::schedule::{Slot, Streams};
 use super::{Fill, Stream, clamped};
 use crate::dialect::{
-    Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent, RadioStatus,
-    RequestDataStream,
+    CurrentMode, Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent,
+    RadioStatus, RequestDataStream,
 };
 use crate::frame::Frame;
 use crate::link::{LinkClass, Outbox, Port};
@@ -16,6 +16,9 @@ use crate::vehicle::{Command, Telemetry};
 /// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
 const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
 
+/// CURRENT_MODE goes with every second HEARTBEAT.
+const HEARTBEATS_A_MODE: u64 = 2;
+
 /// The messages that the stack sends by itself, at intervals that nobody changes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fixed {
@@ -23,6 +26,8 @@ pub(crate) struct Fixed {
     pub(crate) heartbeat: Duration,
     /// Whether there is MISSION_CURRENT.
     pub(crate) has_missions: bool,
+    /// Whether there is CURRENT_MODE.
+    pub(crate) has_modes: bool,
 }
 
 impl Fixed {
@@ -30,6 +35,9 @@ impl Fixed {
         match id {
             Heartbeat::ID => Some(clamped(self.heartbeat.as_micros())),
             MissionCurrent::ID if self.has_missions => Some(MISSION_CURRENT_INTERVAL),
+            CurrentMode::ID if self.has_modes => {
+                Some(clamped(self.heartbeat.as_micros().saturating_mul(HEARTBEATS_A_MODE)))
+            }
             _ => None,
         }
     }

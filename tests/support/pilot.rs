@@ -1,0 +1,183 @@
+//! A vehicle with flight modes, and how to ask it for them.
+
+use super::{Setup, World, millis, secs};
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Command, CommandPolicy, CommandRule, Commands, CustomMode, Duration, Fill, FlightMode, Frame, LinkId,
+    ModeRequest, NoParams, NoPlans, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle,
+    VehicleState,
+};
+
+pub const POSITION: u32 = 3 << 16;
+pub const HOLD: u32 = 4 << 16 | 3 << 24;
+pub const MISSION: u32 = 4 << 16 | 4 << 24;
+pub const RETURN: u32 = 4 << 16 | 5 << 24;
+pub const TEST: u32 = 7;
+pub const AFLOAT: u32 = 9 << 16;
+/// No `f32` is this number.
+pub const ODD: u32 = 0xFEDC_BA99;
+
+pub const LONGEST: &str = "a mode whose name is 34 bytes long";
+
+pub const MODES: &[FlightMode] = &[
+    FlightMode::new(POSITION, "Position").standard(MavStandardMode::POSITION_HOLD),
+    FlightMode::new(HOLD, "Hold"),
+    FlightMode::new(MISSION, LONGEST).standard(MavStandardMode::MISSION).properties(MavModeProperty::AUTO_MODE),
+    FlightMode::new(RETURN, "Return").standard(MavStandardMode::SAFE_RECOVERY),
+    FlightMode::new(TEST, "Test").properties(MavModeProperty::ADVANCED),
+    FlightMode::new(AFLOAT, "Afloat").standard(MavStandardMode::LAND).properties(MavModeProperty::NOT_USER_SELECTABLE),
+    FlightMode::new(ODD, "Odd"),
+];
+
+/// As many as there can be.
+pub const ALL_32: &[FlightMode] = &{
+    let mut modes = [FlightMode::new(0, "Mode"); 32];
+    let mut i = 0;
+    while i < 32 {
+        modes[i].custom_mode = i as u32;
+        i += 1;
+    }
+    modes
+};
+
+/// The ways to declare modes.
+pub const PX4: u8 = 0;
+pub const ARDUPILOT: u8 = 1;
+/// PX4's, and with a policy for MAV_CMD_DO_SET_MODE.
+pub const DECLARED: u8 = 2;
+pub const MANY: u8 = 3;
+
+/// A vehicle with modes, declared in way `W`.
+pub struct Pilot<const W: u8> {
+    pub state: Option<VehicleState>,
+    pub intended: u32,
+    pub verdict: Outcome,
+    pub controller: Option<Address>,
+    /// What it was asked for.
+    pub asked: Vec<(u32, ModeRequest)>,
+    pub commands: usize,
+    pub messages: Vec<u32>,
+}
+
+impl<const W: u8> Default for Pilot<W> {
+    fn default() -> Self {
+        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
+        Self {
+            state: Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY }),
+            intended: 0,
+            verdict: MavResult::ACCEPTED.into(),
+            controller: None,
+            asked: Vec::new(),
+            commands: 0,
+            messages: Vec::new(),
+        }
+    }
+}
+
+impl<const W: u8> Pilot<W> {
+    pub fn enter(&mut self, custom_mode: u32) {
+        self.state.as_mut().unwrap().custom_mode = custom_mode;
+    }
+}
+
+impl<const W: u8> Vehicle for Pilot<W> {
+    fn state(&self) -> Option<VehicleState> {
+        self.state
+    }
+
+    fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
+        self.messages.push(frame.id());
+    }
+}
+
+impl<const W: u8> Commands for Pilot<W> {
+    const MODES: &'static [FlightMode] = if W == MANY { ALL_32 } else { MODES };
+    const CUSTOM_MODE: CustomMode = if W == ARDUPILOT { CustomMode::Whole } else { CustomMode::MainSub };
+    const COMMANDS: &'static [CommandPolicy] =
+        if W == DECLARED { &[CommandPolicy::new(command_rules::DO_SET_MODE).no_broadcast()] } else { &[] };
+
+    fn is_in_control(&self, command: &Command) -> bool {
+        self.controller.is_none_or(|controller| controller == command.from.address)
+    }
+
+    fn set_mode(&mut self, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
+        assert!(Self::MODES.contains(mode));
+        self.asked.push((mode.custom_mode, *request));
+        self.verdict
+    }
+
+    fn intended_mode(&self) -> u32 {
+        self.intended
+    }
+
+    fn command(&mut self, _: &Command) -> Outcome {
+        self.commands += 1;
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+/// One message that others may ask for at an interval.
+impl<const W: u8> Telemetry for Pilot<W> {
+    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>().onboard(Duration::from_millis(20))];
+
+    fn fill(&mut self, _: u32, out: Fill<'_>) -> bool {
+        out.put(&Attitude { yaw: 1.0, ..Attitude::default() })
+    }
+}
+
+impl<const W: u8> Plans for Pilot<W> {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[];
+
+    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+impl<const W: u8> Parameters for Pilot<W> {
+    type Table = NoParams;
+}
+
+pub type Modes<const N: usize, const W: u8 = PX4> = World<N, NoPlans, 8, Pilot<W>>;
+
+pub fn world<const N: usize, const W: u8>() -> Modes<N, W> {
+    Modes::with_plans(Setup::new())
+}
+
+pub fn seven(params: &[f32]) -> [f32; 7] {
+    let mut all = [0.0; 7];
+    all[..params.len()].copy_from_slice(params);
+    all
+}
+
+/// The answer to a COMMAND_LONG.
+pub fn command<const N: usize, const W: u8>(
+    world: &mut Modes<N, W>,
+    link: usize,
+    id: MavCmd,
+    params: &[f32],
+) -> MavResult {
+    world.gcs[link].command_long(id, seven(params));
+    let ack: CommandAck = world.expect(link, secs(2));
+    assert_eq!(ack.command, id);
+    ack.result
+}
+
+/// The answer to a MAV_CMD_REQUEST_MESSAGE.
+pub fn request<const N: usize, const W: u8>(world: &mut Modes<N, W>, link: usize, id: u32, index: f32) -> MavResult {
+    command(world, link, MavCmd::REQUEST_MESSAGE, &[id as f32, index])
+}
+
+pub const AVAILABLE: u32 = 435;
+pub const CURRENT: u32 = 436;
+pub const MONITOR: u32 = 437;
+
+/// What the vehicle was asked for since the last time.
+pub fn asked<const N: usize, const W: u8>(world: &mut Modes<N, W>) -> Vec<u32> {
+    std::mem::take(&mut world.vehicle.asked).iter().map(|(mode, _)| *mode).collect()
+}
+
+pub fn set_mode(base_mode: u8, custom_mode: u32) -> SetMode {
+    SetMode { custom_mode, target_system: 1, base_mode: MavModeFlag(base_mode) }
+}
