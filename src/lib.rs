@@ -157,7 +157,11 @@ pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS
 pub use message::*;
 pub use network::PeerInfo;
 pub use pulse::Pulse;
-pub use service::command::{CommandMemory, CommandPolicy, CommandSlot, CommandSlots};
+#[doc(hidden)]
+pub use service::command::CommandParams;
+pub use service::command::{
+    CommandMemory, CommandParam, CommandPolicy, CommandSlot, CommandSlots, LatLon, Location, TypedCommand,
+};
 pub use service::identity::Identity;
 pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
 #[doc(hidden)]

@@ -1,8 +1,8 @@
 //! A dialect, or a selection of it, as Rust text: one declaration an enumeration and a message, one line a field. The
-//! macros of `mavstack` do the rest. Rules for commands follow the enumerations. The text is as rustfmt would leave it.
+//! macros of `mavstack` do the rest. Rules for commands and their types follow the enumerations. The text is as rustfmt would leave it.
 
 use crate::{
-    Dialect, Error,
+    Dialect, Error, commands,
     doc::Doc,
     model::{Entry, Enum, Field, Message, Scalar},
     names, rules,
@@ -20,7 +20,7 @@ pub struct Options {
     pub name: String,
     /// Path of the crate that has the macros.
     pub crate_path: String,
-    /// Messages and enumerations to write; all when `None`. What a message's fields name comes with it.
+    /// Messages, enumerations and typed commands to write; all when `None`. What the fields of one name comes with it.
     pub only: Option<Vec<String>>,
 }
 
@@ -55,6 +55,9 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     if let Some(commands) = selection.enums.iter().find(|enumeration| enumeration.name == names::COMMANDS) {
         out.push('\n');
         rules::write(&mut out, dialect, commands, &options.crate_path);
+        let type_of = |name: &str| types.enums[name].0.as_str();
+        let is_selected = |entry: &Entry| selection.commands.as_ref().is_none_or(|only| only.contains(&entry.value));
+        commands::write(&mut out, dialect, commands, &options.crate_path, &type_of, is_selected);
     }
     for message in &selection.messages {
         out.push('\n');
@@ -77,13 +80,18 @@ fn file_name(path: &Path) -> String {
 struct Selection<'a> {
     enums: Vec<&'a Enum>,
     messages: Vec<&'a Message>,
+    /// The commands that have a type, by their numbers; all when `None`.
+    commands: Option<BTreeSet<i128>>,
 }
 
 impl<'a> Selection<'a> {
     fn new(dialect: &'a Dialect, options: &Options) -> Result<Self, Error> {
         let Some(only) = &options.only else {
-            return Ok(Self { enums: dialect.enums.iter().collect(), messages: dialect.messages.iter().collect() });
+            let (enums, messages) = (dialect.enums.iter().collect(), dialect.messages.iter().collect());
+            return Ok(Self { enums, messages, commands: None });
         };
+        let all_commands = dialect.enumeration(names::COMMANDS).map_or(&[][..], |commands| &commands.entries);
+        let mut commands = BTreeSet::new();
         let mut enums: BTreeSet<&str> = BTreeSet::new();
         let mut ids = BTreeSet::new();
         for name in only {
@@ -92,14 +100,20 @@ impl<'a> Selection<'a> {
                 enums.extend(message.fields.iter().map(|field| field.enumeration.as_str()));
             } else if dialect.enumeration(name).is_some() {
                 enums.insert(name);
+            } else if let Some(entry) = all_commands.iter().find(|entry| entry.name == *name) {
+                commands.insert(entry.value);
+                enums.insert(names::COMMANDS);
+                enums.extend(commands::enumerations(dialect, entry).map(|enumeration| enumeration.name.as_str()));
             } else {
-                let problem = "there is no message and no enum of this name; names are MAVLink's, like COMMAND_LONG";
+                let problem =
+                    "there is no message, enum or command of this name; names are MAVLink's, like COMMAND_LONG";
                 return Err(Error::whole(input(dialect), &format!("--only {name}"), problem));
             }
         }
         Ok(Self {
             enums: dialect.enums.iter().filter(|e| enums.contains(e.name.as_str())).collect(),
             messages: dialect.messages.iter().filter(|message| ids.contains(&message.id)).collect(),
+            commands: Some(commands),
         })
     }
 }

@@ -1,9 +1,9 @@
 //! From MAVLink's XML to Rust declarations for [mavstack](https://docs.rs/mavstack).
 //!
 //! [`load`] reads a definition with its includes and checks it; [`generate`] writes it down as `wire_enum!`,
-//! `wire_bitmask!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write()`] replaces a file by the text. The
-//! command line tool of the same name does these three. The model ([`Dialect`]) keeps every fact of the XML, for whoever
-//! wants other tables from it.
+//! `wire_bitmask!`, `command!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write()`] replaces a file by
+//! the text. The command line tool of the same name does these three. The model ([`Dialect`]) keeps every fact of the XML,
+//! for whoever wants other tables from it.
 //!
 //! ```no_run
 //! use mavstack_dialect::{Options, generate, load, write};
@@ -22,8 +22,10 @@
 //! An enumeration has the integer type that most of its fields have, and such fields have its type; other fields remain
 //! integers, and their documentation names the enumeration.
 //!
-//! Rules for commands follow the enumerations, one constant a command: what its parameters may be in a plan.
+//! Rules for commands follow the enumerations, one constant a command: what its parameters may be. Behind them stands a type
+//! for each command that has parameters, whose fields have the names of their labels.
 
+mod commands;
 mod doc;
 mod emit;
 mod error;

@@ -116,7 +116,8 @@ fn command(out: &mut String, dialect: &Dialect, entry: &Entry, constant: &str) {
     if rules.peek().is_some() {
         out.push('\n');
         for rule in rules {
-            let _ = writeln!(out, "        ParamRule::{rule},");
+            let or_nan = if rule.may_be_nan { ".or_nan()" } else { "" };
+            let _ = writeln!(out, "        ParamRule::{}{or_nan},", rule.values);
         }
         out.push_str("    ");
     }
@@ -136,12 +137,29 @@ fn command(out: &mut String, dialect: &Dialect, entry: &Entry, constant: &str) {
     out.push_str(";\n");
 }
 
-fn is_used(param: &Param) -> bool {
+pub(crate) fn is_used(param: &Param) -> bool {
     !param.reserved && !param.label.is_empty()
 }
 
-/// A call of one of `ParamRule`'s constructors; nothing when the parameter may be anything.
-fn rule(dialect: &Dialect, entry: &Entry, param: &Param) -> Option<String> {
+/// What one parameter may be.
+pub(crate) struct Rule<'a> {
+    /// A call of one of `ParamRule`'s constructors.
+    values: String,
+    pub values_are: Values<'a>,
+    /// NaN passes as well.
+    pub may_be_nan: bool,
+}
+
+/// The kind of its values.
+pub(crate) enum Values<'a> {
+    Floats,
+    /// From the least to the greatest, where there are bounds.
+    Integers(Option<f64>, Option<f64>),
+    Enum(&'a Enum),
+}
+
+/// The rule of a parameter; nothing when it may be anything.
+pub(crate) fn rule<'a>(dialect: &'a Dialect, entry: &Entry, param: &Param) -> Option<Rule<'a>> {
     // Latitude and longitude have their own rule.
     if !is_used(param) || (entry.has_location == Some(true) && matches!(param.index, 5 | 6)) {
         return None;
@@ -149,13 +167,13 @@ fn rule(dialect: &Dialect, entry: &Entry, param: &Param) -> Option<String> {
     let own_minimum = MINIMUM.iter().find(|(command, index, _)| *command == entry.name && *index == param.index);
     let minimum = own_minimum.map(|(_, _, minimum)| *minimum).or(param.minimum);
     let index = param.index;
-    let values = match dialect.enumeration(&param.enumeration).filter(|e| !e.entries.is_empty()) {
-        Some(enumeration) => enumerated(index, enumeration),
+    let (values, values_are) = match dialect.enumeration(&param.enumeration).filter(|e| !e.entries.is_empty()) {
+        Some(enumeration) => (enumerated(index, enumeration), Values::Enum(enumeration)),
         None => ranged(param, minimum)?,
     };
     let of_command = NAN.iter().any(|(command, params)| *command == entry.name && params.contains(&index));
     let may_be_nan = of_command || NAN_LABELS.contains(&param.label.as_str()) || param.default.is_some_and(f64::is_nan);
-    Some(if may_be_nan { format!("{values}.or_nan()") } else { values })
+    Some(Rule { values, values_are, may_be_nan })
 }
 
 fn enumerated(index: u8, enumeration: &Enum) -> String {
@@ -178,28 +196,32 @@ fn one_of(index: u8, values: &[i32]) -> String {
     format!("one_of({index}, &[{}])", values.join(", "))
 }
 
-fn ranged(param: &Param, minimum: Option<f64>) -> Option<String> {
+fn ranged<'a>(param: &Param, minimum: Option<f64>) -> Option<(String, Values<'a>)> {
     let index = param.index;
     // Both saturate: what an `f32` or an `i32` cannot be needs no bound.
     let float = |value: f64| format!("{:?}", value.clamp(f32::MIN.into(), f32::MAX.into()) as f32);
     let increment = param.increment.filter(|step| param.units.is_empty() && *step >= 1.0 && step.fract() == 0.0);
     let Some(step) = increment else {
-        return match (minimum, param.maximum) {
-            (None, None) => None,
-            (Some(minimum), None) => Some(format!("at_least({index}, {})", float(minimum))),
-            (None, Some(maximum)) => Some(format!("at_most({index}, {})", float(maximum))),
-            (Some(minimum), Some(maximum)) => Some(format!("range({index}, {}, {})", float(minimum), float(maximum))),
+        let values = match (minimum, param.maximum) {
+            (None, None) => return None,
+            (Some(minimum), None) => format!("at_least({index}, {})", float(minimum)),
+            (None, Some(maximum)) => format!("at_most({index}, {})", float(maximum)),
+            (Some(minimum), Some(maximum)) => format!("range({index}, {}, {})", float(minimum), float(maximum)),
         };
+        return Some((values, Values::Floats));
     };
+    let values_are = Values::Integers(minimum, param.maximum);
     if let (Some(minimum), Some(maximum)) = (minimum, param.maximum)
         && step > 1.0
         && (maximum - minimum) / step < MAX_STEPS
     {
         let values: Vec<_> =
             (0..).map(|n| minimum + f64::from(n) * step).take_while(|value| *value <= maximum).collect();
-        return Some(one_of(index, &values.iter().map(|value| *value as i32).collect::<Vec<_>>()));
+        let values = one_of(index, &values.iter().map(|value| *value as i32).collect::<Vec<_>>());
+        return Some((values, values_are));
     }
     let bound = |bound: Option<f64>, open: &str| bound.map_or(open.to_owned(), |bound| (bound as i32).to_string());
     let least = bound(minimum.map(f64::ceil), "i32::MIN");
-    Some(format!("integers({index}, {least}, {})", bound(param.maximum.map(f64::floor), "i32::MAX")))
+    let values = format!("integers({index}, {least}, {})", bound(param.maximum.map(f64::floor), "i32::MAX"));
+    Some((values, values_are))
 }

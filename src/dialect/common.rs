@@ -3523,6 +3523,1607 @@ pub mod command_rules {
     ];
 }
 
+/// The commands of `MAV_CMD` that have parameters, these under their names. A type costs flash where a firmware decodes
+/// it.
+#[allow(dead_code, reason = "a firmware decodes a few")]
+pub mod commands {
+    use super::command_rules;
+    use crate::Location;
+
+    crate::command! {
+        /// Fly to a position.
+        pub struct NavWaypoint = command_rules::NAV_WAYPOINT {
+            /// (s) Range: ≥ 0.
+            hold: f32 = 1,
+            /// (m) Range: ≥ 0.
+            accept_radius: f32 = 2,
+            /// (m)
+            pass_radius: Option<f32> = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Circle or hover at a position without end.
+        pub struct NavLoiterUnlim = command_rules::NAV_LOITER_UNLIM {
+            /// (m)
+            radius: Option<f32> = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Circle at a position for a number of turns.
+        pub struct NavLoiterTurns = command_rules::NAV_LOITER_TURNS {
+            /// Range: ≥ 0.
+            turns: f32 = 1,
+            heading_required: bool = 2,
+            /// (m)
+            radius: Option<f32> = 3,
+            xtrack_location: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Circle or hover at a position for a time.
+        pub struct NavLoiterTime = command_rules::NAV_LOITER_TIME {
+            /// (s) Range: ≥ 0.
+            time: f32 = 1,
+            heading_required: bool = 2,
+            /// (m)
+            radius: Option<f32> = 3,
+            xtrack_location: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Land at a position.
+        pub struct NavLand = command_rules::NAV_LAND {
+            /// (m)
+            abort_alt: Option<f32> = 1,
+            land_mode: Option<super::PrecisionLandMode> = 2,
+            /// (deg)
+            yaw_angle: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Take off.
+        pub struct NavTakeoff = command_rules::NAV_TAKEOFF {
+            /// (deg)
+            pitch: Option<f32> = 1,
+            flags: Option<super::NavTakeoffFlags> = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_NAV_FOLLOW`.
+        pub struct NavFollow = command_rules::NAV_FOLLOW {
+            following: i32 = 1,
+            /// (m/s)
+            ground_speed: Option<f32> = 2,
+            /// (m)
+            radius: Option<f32> = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Keep the course and change altitude.
+        pub struct NavContinueAndChangeAlt = command_rules::NAV_CONTINUE_AND_CHANGE_ALT {
+            /// Range: 0 to 2.
+            action: u8 = 1,
+            /// (m)
+            altitude: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// Circle at a position until an altitude is reached.
+        pub struct NavLoiterToAlt = command_rules::NAV_LOITER_TO_ALT {
+            heading_required: bool = 1,
+            /// (m)
+            radius: Option<f32> = 2,
+            /// Range: 0 to 1.
+            xtrack_location: u8 = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_FOLLOW`.
+        pub struct DoFollow = command_rules::DO_FOLLOW {
+            /// Range: 0 to 255.
+            system_id: u8 = 1,
+            /// Range: 0 to 2.
+            altitude_mode: u8 = 4,
+            /// (m)
+            altitude: Option<f32> = 5,
+            /// (s) Range: ≥ 0.
+            time_to_land: f32 = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_FOLLOW_REPOSITION`.
+        pub struct DoFollowReposition = command_rules::DO_FOLLOW_REPOSITION {
+            camera_q1: Option<f32> = 1,
+            camera_q2: Option<f32> = 2,
+            camera_q3: Option<f32> = 3,
+            camera_q4: Option<f32> = 4,
+            /// (m)
+            altitude_offset: Option<f32> = 5,
+            /// (m)
+            x_offset: Option<f32> = 6,
+            /// (m)
+            y_offset: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_ORBIT`.
+        pub struct DoOrbit = command_rules::DO_ORBIT {
+            /// (m)
+            radius: Option<f32> = 1,
+            /// (m/s)
+            velocity: Option<f32> = 2,
+            yaw_behavior: Option<super::OrbitYawBehaviour> = 3,
+            /// (rad) Range: ≥ 0. Default: 0.
+            orbits: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_FIGURE_EIGHT`.
+        pub struct DoFigureEight = command_rules::DO_FIGURE_EIGHT {
+            /// (m)
+            major_radius: Option<f32> = 1,
+            /// (m)
+            minor_radius: Option<f32> = 2,
+            /// (rad)
+            orientation: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_NAV_ARC_WAYPOINT`.
+        pub struct NavArcWaypoint = command_rules::NAV_ARC_WAYPOINT {
+            /// (deg) Range: -359 to 359.
+            arc_angle: f32 = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_NAV_ROI`. Superseded since 2018-01: \`MAV_CMD_DO_SET_ROI_\*\`.
+        pub struct NavRoi = command_rules::NAV_ROI {
+            roi_mode: super::MavRoi = 1,
+            /// Range: ≥ 0.
+            wp_index: u32 = 2,
+            /// Range: ≥ 0.
+            roi_index: u32 = 3,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_NAV_PATHPLANNING`.
+        pub struct NavPathplanning = command_rules::NAV_PATHPLANNING {
+            /// Range: 0 to 2.
+            local_ctrl: u8 = 1,
+            /// Range: 0 to 3.
+            global_ctrl: u8 = 2,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Fly to a position on a smooth curve.
+        pub struct NavSplineWaypoint = command_rules::NAV_SPLINE_WAYPOINT {
+            /// (s) Range: ≥ 0.
+            hold: f32 = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Take off hovering, then go over to wings.
+        pub struct NavVtolTakeoff = command_rules::NAV_VTOL_TAKEOFF {
+            transition_heading: super::VtolTransitionHeading = 2,
+            /// (deg)
+            yaw_angle: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Go over to hovering, then land.
+        pub struct NavVtolLand = command_rules::NAV_VTOL_LAND {
+            land_options: super::NavVtolLandOptions = 1,
+            /// (m)
+            approach_altitude: Option<f32> = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Hand the control to a companion computer, or take it back.
+        pub struct NavGuidedEnable = command_rules::NAV_GUIDED_ENABLE {
+            enable: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// Wait for a time, or until a time of day.
+        pub struct NavDelay = command_rules::NAV_DELAY {
+            /// (s) Range: ≥ -1.
+            delay: f32 = 1,
+            /// Range: -1 to 23.
+            hour: i8 = 2,
+            /// Range: -1 to 59.
+            minute: i8 = 3,
+            /// Range: -1 to 59.
+            second: i8 = 4,
+        }
+    }
+
+    crate::command! {
+        /// Come down and set the payload on the ground.
+        pub struct NavPayloadPlace = command_rules::NAV_PAYLOAD_PLACE {
+            /// (m) Range: ≥ 0.
+            max_descent: f32 = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Hold back the next DO commands for a time.
+        pub struct ConditionDelay = command_rules::CONDITION_DELAY {
+            /// (s) Range: ≥ 0.
+            delay: f32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CONDITION_CHANGE_ALT`.
+        pub struct ConditionChangeAlt = command_rules::CONDITION_CHANGE_ALT {
+            /// (m/s)
+            rate: Option<f32> = 1,
+            /// (m)
+            altitude: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// Hold back the next DO commands until the next position is near.
+        pub struct ConditionDistance = command_rules::CONDITION_DISTANCE {
+            /// (m) Range: ≥ 0.
+            distance: f32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// Turn to a heading.
+        pub struct ConditionYaw = command_rules::CONDITION_YAW {
+            /// (deg) Range: 0 to 360.
+            angle: f32 = 1,
+            /// (deg/s) Range: ≥ 0.
+            angular_speed: f32 = 2,
+            /// Range: -1 to 1.
+            direction: i8 = 3,
+            relative: bool = 4,
+        }
+    }
+
+    crate::command! {
+        /// Change the mode.
+        pub struct DoSetMode = command_rules::DO_SET_MODE {
+            mode: super::MavModeFlag = 1,
+            custom_mode: Option<f32> = 2,
+            custom_submode: Option<f32> = 3,
+        }
+    }
+
+    crate::command! {
+        /// Go on with another item of the plan, a number of times.
+        pub struct DoJump = command_rules::DO_JUMP {
+            /// Range: ≥ 0.
+            number: u32 = 1,
+            /// Range: ≥ 0.
+            repeat: i32 = 2,
+        }
+    }
+
+    crate::command! {
+        /// Change speed or throttle.
+        pub struct DoChangeSpeed = command_rules::DO_CHANGE_SPEED {
+            speed_type: super::SpeedType = 1,
+            /// (m/s) Range: ≥ -2.
+            speed: f32 = 2,
+            /// (%) Range: ≥ -2.
+            throttle: f32 = 3,
+        }
+    }
+
+    crate::command! {
+        /// Set home, here or at a position.
+        pub struct DoSetHome = command_rules::DO_SET_HOME {
+            use_current: bool = 1,
+            /// (deg) Range: -180 to 180.
+            roll: Option<f32> = 2,
+            /// (deg) Range: -90 to 90.
+            pitch: Option<f32> = 3,
+            /// (deg) Range: -180 to 180.
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_PARAMETER`. Deprecated since 2024-04: PARAM_SET.
+        pub struct DoSetParameter = command_rules::DO_SET_PARAMETER {
+            /// Range: ≥ 0.
+            number: u32 = 1,
+            value: Option<f32> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_RELAY`.
+        pub struct DoSetRelay = command_rules::DO_SET_RELAY {
+            /// Range: ≥ 0.
+            instance: u32 = 1,
+            /// Range: ≥ 0.
+            setting: u32 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_REPEAT_RELAY`.
+        pub struct DoRepeatRelay = command_rules::DO_REPEAT_RELAY {
+            /// Range: ≥ 0.
+            instance: u32 = 1,
+            /// Range: ≥ 1.
+            count: u32 = 2,
+            /// (s) Range: ≥ 0.
+            time: f32 = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_SERVO`.
+        pub struct DoSetServo = command_rules::DO_SET_SERVO {
+            /// Range: ≥ 0.
+            instance: u32 = 1,
+            /// (us) Range: ≥ 0.
+            pwm: f32 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_REPEAT_SERVO`.
+        pub struct DoRepeatServo = command_rules::DO_REPEAT_SERVO {
+            /// Range: ≥ 0.
+            instance: u32 = 1,
+            /// (us) Range: ≥ 0.
+            pwm: f32 = 2,
+            /// Range: ≥ 1.
+            count: u32 = 3,
+            /// (s) Range: ≥ 0.
+            time: f32 = 4,
+        }
+    }
+
+    crate::command! {
+        /// End the flight at once.
+        pub struct DoFlighttermination = command_rules::DO_FLIGHTTERMINATION {
+            /// Range: 0 to 1.
+            terminate: u8 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_CHANGE_ALTITUDE`.
+        pub struct DoChangeAltitude = command_rules::DO_CHANGE_ALTITUDE {
+            /// (m)
+            altitude: Option<f32> = 1,
+            frame: super::MavFrame = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ACTUATOR`.
+        pub struct DoSetActuator = command_rules::DO_SET_ACTUATOR {
+            /// Range: -1 to 1.
+            actuator_1: Option<f32> = 1,
+            /// Range: -1 to 1.
+            actuator_2: Option<f32> = 2,
+            /// Range: -1 to 1.
+            actuator_3: Option<f32> = 3,
+            /// Range: -1 to 1.
+            actuator_4: Option<f32> = 4,
+            actuator_5: Option<f32> = 5,
+            actuator_6: Option<f32> = 6,
+            /// Range: ≥ 0.
+            index: u32 = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_RETURN_PATH_START`.
+        pub struct DoReturnPathStart = command_rules::DO_RETURN_PATH_START {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Marks where in a plan the landing begins.
+        pub struct DoLandStart = command_rules::DO_LAND_START {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_RALLY_LAND`.
+        pub struct DoRallyLand = command_rules::DO_RALLY_LAND {
+            /// (m)
+            altitude: Option<f32> = 1,
+            /// (m/s)
+            speed: Option<f32> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GO_AROUND`.
+        pub struct DoGoAround = command_rules::DO_GO_AROUND {
+            /// (m)
+            altitude: Option<f32> = 1,
+        }
+    }
+
+    crate::command! {
+        /// Fly to a position now.
+        pub struct DoReposition = command_rules::DO_REPOSITION {
+            /// (m/s) Range: ≥ -1.
+            speed: f32 = 1,
+            bitmask: super::MavDoRepositionFlags = 2,
+            /// (m)
+            radius: Option<f32> = 3,
+            /// (rad)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Pause the mission, or go on with it.
+        pub struct DoPauseContinue = command_rules::DO_PAUSE_CONTINUE {
+            r#continue: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_REVERSE`.
+        pub struct DoSetReverse = command_rules::DO_SET_REVERSE {
+            reverse: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ROI_LOCATION`.
+        pub struct DoSetRoiLocation = command_rules::DO_SET_ROI_LOCATION {
+            gimbal_device_id: Option<f32> = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET`.
+        pub struct DoSetRoiWpnextOffset = command_rules::DO_SET_ROI_WPNEXT_OFFSET {
+            gimbal_device_id: Option<f32> = 1,
+            /// (deg)
+            pitch_offset: Option<f32> = 5,
+            /// (deg)
+            roll_offset: Option<f32> = 6,
+            /// (deg)
+            yaw_offset: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ROI_NONE`.
+        pub struct DoSetRoiNone = command_rules::DO_SET_ROI_NONE {
+            gimbal_device_id: Option<f32> = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ROI_SYSID`.
+        pub struct DoSetRoiSysid = command_rules::DO_SET_ROI_SYSID {
+            /// Range: 1 to 255.
+            system_id: u8 = 1,
+            gimbal_device_id: Option<f32> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_CONTROL_VIDEO`.
+        pub struct DoControlVideo = command_rules::DO_CONTROL_VIDEO {
+            /// Range: ≥ -1.
+            id: i32 = 1,
+            /// Range: 0 to 2.
+            transmission: u8 = 2,
+            /// (s) Range: ≥ 0.
+            interval: f32 = 3,
+            /// Range: 0 to 2.
+            recording: u8 = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_ROI`. Superseded since 2018-01: \`MAV_CMD_DO_SET_ROI_\*\`.
+        pub struct DoSetRoi = command_rules::DO_SET_ROI {
+            roi_mode: super::MavRoi = 1,
+            /// Range: ≥ 0.
+            wp_index: u32 = 2,
+            /// Range: ≥ 0.
+            roi_index: u32 = 3,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_DIGICAM_CONFIGURE`.
+        pub struct DoDigicamConfigure = command_rules::DO_DIGICAM_CONFIGURE {
+            /// Range: ≥ 0.
+            mode: u32 = 1,
+            /// Range: ≥ 0.
+            shutter_speed: u32 = 2,
+            /// Range: ≥ 0.
+            aperture: f32 = 3,
+            /// Range: ≥ 0.
+            iso: u32 = 4,
+            exposure: Option<f32> = 5,
+            command_identity: Option<f32> = 6,
+            /// (ds) Range: ≥ 0.
+            engine_cut_off: f32 = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_DIGICAM_CONTROL`.
+        pub struct DoDigicamControl = command_rules::DO_DIGICAM_CONTROL {
+            session_control: Option<f32> = 1,
+            zoom_absolute: Option<f32> = 2,
+            zoom_relative: Option<f32> = 3,
+            focus: Option<f32> = 4,
+            shoot_command: Option<f32> = 5,
+            command_identity: Option<f32> = 6,
+            shot_id: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_MOUNT_CONFIGURE`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE.
+        pub struct DoMountConfigure = command_rules::DO_MOUNT_CONFIGURE {
+            mode: super::MavMountMode = 1,
+            stabilize_roll: bool = 2,
+            stabilize_pitch: bool = 3,
+            stabilize_yaw: bool = 4,
+            roll_input_mode: Option<f32> = 5,
+            pitch_input_mode: Option<f32> = 6,
+            yaw_input_mode: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_MOUNT_CONTROL`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
+        pub struct DoMountControl = command_rules::DO_MOUNT_CONTROL {
+            pitch: Option<f32> = 1,
+            roll: Option<f32> = 2,
+            yaw: Option<f32> = 3,
+            /// (m)
+            altitude: Option<f32> = 4,
+            latitude: Option<f32> = 5,
+            longitude: Option<f32> = 6,
+            mode: super::MavMountMode = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_CAM_TRIGG_DIST`.
+        pub struct DoSetCamTriggDist = command_rules::DO_SET_CAM_TRIGG_DIST {
+            /// (m) Range: ≥ 0.
+            distance: f32 = 1,
+            /// (ms) Range: ≥ -1.
+            shutter: f32 = 2,
+            trigger: bool = 3,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 4,
+        }
+    }
+
+    crate::command! {
+        /// Switch the fence on or off.
+        pub struct DoFenceEnable = command_rules::DO_FENCE_ENABLE {
+            /// Range: 0 to 2.
+            enable: u8 = 1,
+            types: super::FenceType = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_PARACHUTE`.
+        pub struct DoParachute = command_rules::DO_PARACHUTE {
+            action: super::ParachuteAction = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_MOTOR_TEST`.
+        pub struct DoMotorTest = command_rules::DO_MOTOR_TEST {
+            /// Range: ≥ 1.
+            instance: u32 = 1,
+            throttle_type: super::MotorTestThrottleType = 2,
+            throttle: Option<f32> = 3,
+            /// (s) Range: ≥ 0.
+            timeout: f32 = 4,
+            /// Range: ≥ 0.
+            motor_count: u32 = 5,
+            test_order: super::MotorTestOrder = 6,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_INVERTED_FLIGHT`.
+        pub struct DoInvertedFlight = command_rules::DO_INVERTED_FLIGHT {
+            inverted: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GRIPPER`.
+        pub struct DoGripper = command_rules::DO_GRIPPER {
+            /// Range: ≥ 0.
+            gripper_id: u32 = 1,
+            action: super::GripperActions = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_AUTOTUNE_ENABLE`.
+        pub struct DoAutotuneEnable = command_rules::DO_AUTOTUNE_ENABLE {
+            enable: bool = 1,
+            axis: super::AutotuneAxis = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_NAV_SET_YAW_SPEED`.
+        pub struct NavSetYawSpeed = command_rules::NAV_SET_YAW_SPEED {
+            /// (deg)
+            yaw: Option<f32> = 1,
+            /// (m/s)
+            speed: Option<f32> = 2,
+            angle: bool = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL`.
+        pub struct DoSetCamTriggInterval = command_rules::DO_SET_CAM_TRIGG_INTERVAL {
+            /// (ms) Range: ≥ -1.
+            trigger_cycle: f32 = 1,
+            /// (ms) Range: ≥ -1.
+            shutter_integration: f32 = 2,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_MOUNT_CONTROL_QUAT`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
+        pub struct DoMountControlQuat = command_rules::DO_MOUNT_CONTROL_QUAT {
+            q1: Option<f32> = 1,
+            q2: Option<f32> = 2,
+            q3: Option<f32> = 3,
+            q4: Option<f32> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GUIDED_MASTER`.
+        pub struct DoGuidedMaster = command_rules::DO_GUIDED_MASTER {
+            /// Range: 0 to 255.
+            system_id: u8 = 1,
+            /// Range: 0 to 255.
+            component_id: u8 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GUIDED_LIMITS`.
+        pub struct DoGuidedLimits = command_rules::DO_GUIDED_LIMITS {
+            /// (s) Range: ≥ 0.
+            timeout: f32 = 1,
+            /// (m)
+            min_altitude: Option<f32> = 2,
+            /// (m)
+            max_altitude: Option<f32> = 3,
+            /// (m) Range: ≥ 0.
+            horiz_move_limit: f32 = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_ENGINE_CONTROL`.
+        pub struct DoEngineControl = command_rules::DO_ENGINE_CONTROL {
+            start_engine: bool = 1,
+            cold_start: bool = 2,
+            /// (m) Range: ≥ 0.
+            height_delay: f32 = 3,
+            options: super::EngineControlOptions = 4,
+        }
+    }
+
+    crate::command! {
+        /// Go on with another item of the mission, or restart it.
+        pub struct DoSetMissionCurrent = command_rules::DO_SET_MISSION_CURRENT {
+            /// Range: ≥ -1.
+            number: i32 = 1,
+            reset_mission: bool = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PREFLIGHT_CALIBRATION`.
+        pub struct PreflightCalibration = command_rules::PREFLIGHT_CALIBRATION {
+            /// Range: 0 to 3.
+            gyro_temperature: u8 = 1,
+            magnetometer: super::PreflightCalibrationMagnetometer = 2,
+            ground_pressure: bool = 3,
+            /// Range: 0 to 1.
+            remote_control: u8 = 4,
+            accelerometer: super::PreflightCalibrationAccelerometer = 5,
+            /// Range: 0 to 2.
+            compmot_or_airspeed: u8 = 6,
+            /// Range: 0 to 3.
+            esc_or_baro: u8 = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PREFLIGHT_SET_SENSOR_OFFSETS`.
+        pub struct PreflightSetSensorOffsets = command_rules::PREFLIGHT_SET_SENSOR_OFFSETS {
+            /// Range: 0 to 6.
+            sensor_type: u8 = 1,
+            x_offset: Option<f32> = 2,
+            y_offset: Option<f32> = 3,
+            z_offset: Option<f32> = 4,
+            _4th_dimension: Option<f32> = 5,
+            _5th_dimension: Option<f32> = 6,
+            _6th_dimension: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PREFLIGHT_UAVCAN`.
+        pub struct PreflightUavcan = command_rules::PREFLIGHT_UAVCAN {
+            actuator_id: Option<f32> = 1,
+        }
+    }
+
+    crate::command! {
+        /// Load, save or reset stored parameters; not in flight.
+        pub struct PreflightStorage = command_rules::PREFLIGHT_STORAGE {
+            parameter_storage: super::PreflightStorageParameterAction = 1,
+            mission_storage: super::PreflightStorageMissionAction = 2,
+            /// (Hz) Range: ≥ -1.
+            logging_rate: f32 = 3,
+        }
+    }
+
+    crate::command! {
+        /// Restart or switch off the autopilot or its components; not in flight.
+        pub struct PreflightRebootShutdown = command_rules::PREFLIGHT_REBOOT_SHUTDOWN {
+            autopilot: super::RebootShutdownAction = 1,
+            companion: super::RebootShutdownAction = 2,
+            component_action: super::RebootShutdownAction = 3,
+            /// Range: 0 to 255.
+            component_id: u8 = 4,
+            conditions: super::RebootShutdownConditions = 6,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_OVERRIDE_GOTO`.
+        pub struct OverrideGoto = command_rules::OVERRIDE_GOTO {
+            r#continue: super::MavGoto = 1,
+            position: super::MavGoto = 2,
+            frame: super::MavFrame = 3,
+            /// (deg)
+            yaw: Option<f32> = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_OBLIQUE_SURVEY`.
+        pub struct ObliqueSurvey = command_rules::OBLIQUE_SURVEY {
+            /// (m) Range: ≥ 0.
+            distance: f32 = 1,
+            /// (ms) Range: ≥ 0. Default: 0.
+            shutter: f32 = 2,
+            /// (ms) Range: 0 to 10000. Default: 0.
+            min_interval: f32 = 3,
+            /// Range: ≥ 2.
+            positions: u32 = 4,
+            /// (deg) Range: ≥ 0. Default: 0.
+            roll_angle: f32 = 5,
+            /// (deg) Range: -180 to 180. Default: 0.
+            pitch_angle: f32 = 6,
+        }
+    }
+
+    crate::command! {
+        /// Change to a mode that means the same on all vehicles.
+        pub struct DoSetStandardMode = command_rules::DO_SET_STANDARD_MODE {
+            standard_mode: super::MavStandardMode = 1,
+        }
+    }
+
+    crate::command! {
+        /// Start the mission.
+        pub struct MissionStart = command_rules::MISSION_START {
+            /// Range: ≥ 0.
+            first_item: u32 = 1,
+            /// Range: ≥ 0.
+            last_item: u32 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_ACTUATOR_TEST`.
+        pub struct ActuatorTest = command_rules::ACTUATOR_TEST {
+            /// Range: -1 to 1.
+            value: Option<f32> = 1,
+            /// (s) Range: 0 to 3.
+            timeout: f32 = 2,
+            output_function: super::ActuatorOutputFunction = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CONFIGURE_ACTUATOR`.
+        pub struct ConfigureActuator = command_rules::CONFIGURE_ACTUATOR {
+            configuration: super::ActuatorConfiguration = 1,
+            output_function: super::ActuatorOutputFunction = 5,
+        }
+    }
+
+    crate::command! {
+        /// Arm or disarm the motors.
+        pub struct ComponentArmDisarm = command_rules::COMPONENT_ARM_DISARM {
+            arm: bool = 1,
+            /// Range: 0 to 21196.
+            force: u16 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_ILLUMINATOR_ON_OFF`.
+        pub struct IlluminatorOnOff = command_rules::ILLUMINATOR_ON_OFF {
+            enable: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_ILLUMINATOR_CONFIGURE`.
+        pub struct DoIlluminatorConfigure = command_rules::DO_ILLUMINATOR_CONFIGURE {
+            mode: super::IlluminatorMode = 1,
+            /// (%) Range: 0 to 100.
+            brightness: f32 = 2,
+            /// (s) Range: ≥ 0.
+            strobe_period: f32 = 3,
+            /// (%) Range: 0 to 100.
+            strobe_duty: f32 = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_INJECT_FAILURE`.
+        pub struct InjectFailure = command_rules::INJECT_FAILURE {
+            failure_unit: super::FailureUnit = 1,
+            failure_type: super::FailureType = 2,
+            /// Range: ≥ 0.
+            instance: u32 = 3,
+            /// Range: ≥ 0.
+            instance_bitmask: f32 = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_START_RX_PAIR`.
+        pub struct StartRxPair = command_rules::START_RX_PAIR {
+            rc_type: super::RcType = 1,
+            rc_sub_type: super::RcSubType = 2,
+        }
+    }
+
+    crate::command! {
+        /// Ask for MESSAGE_INTERVAL; the old form of MAV_CMD_REQUEST_MESSAGE. Superseded since 2022-04:
+        /// MAV_CMD_REQUEST_MESSAGE.
+        pub struct GetMessageInterval = command_rules::GET_MESSAGE_INTERVAL {
+            /// Range: 0 to 16777215.
+            message_id: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// Set how often a message is sent on this link.
+        pub struct SetMessageInterval = command_rules::SET_MESSAGE_INTERVAL {
+            /// Range: 0 to 16777215.
+            message_id: u32 = 1,
+            /// (us) Range: ≥ -1.
+            interval: f32 = 2,
+            req_param_3: Option<f32> = 3,
+            req_param_4: Option<f32> = 4,
+            req_param_5: Option<f32> = 5,
+            req_param_6: Option<f32> = 6,
+            /// Range: 0 to 2.
+            response_target: u8 = 7,
+        }
+    }
+
+    crate::command! {
+        /// Ask for one message, once.
+        pub struct RequestMessage = command_rules::REQUEST_MESSAGE {
+            /// Range: 0 to 16777215.
+            message_id: u32 = 1,
+            req_param_1: Option<f32> = 2,
+            req_param_2: Option<f32> = 3,
+            req_param_3: Option<f32> = 4,
+            req_param_4: Option<f32> = 5,
+            req_param_5: Option<f32> = 6,
+            /// Range: 0 to 2.
+            response_target: u8 = 7,
+        }
+    }
+
+    crate::command! {
+        /// Ask for PROTOCOL_VERSION; the old form of MAV_CMD_REQUEST_MESSAGE. Deprecated since 2025-11:
+        /// MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestProtocolVersion = command_rules::REQUEST_PROTOCOL_VERSION {
+            protocol: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// Ask for AUTOPILOT_VERSION; the old form of MAV_CMD_REQUEST_MESSAGE. Superseded since 2019-08:
+        /// MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestAutopilotCapabilities = command_rules::REQUEST_AUTOPILOT_CAPABILITIES {
+            version: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_CAMERA_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestCameraInformation = command_rules::REQUEST_CAMERA_INFORMATION {
+            capabilities: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_CAMERA_SETTINGS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestCameraSettings = command_rules::REQUEST_CAMERA_SETTINGS {
+            settings: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_STORAGE_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestStorageInformation = command_rules::REQUEST_STORAGE_INFORMATION {
+            /// Range: ≥ 0.
+            storage_id: u32 = 1,
+            information: bool = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_STORAGE_FORMAT`.
+        pub struct StorageFormat = command_rules::STORAGE_FORMAT {
+            /// Range: ≥ 0.
+            storage_id: u32 = 1,
+            format: bool = 2,
+            reset_image_log: bool = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestCameraCaptureStatus = command_rules::REQUEST_CAMERA_CAPTURE_STATUS {
+            capture_status: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_FLIGHT_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestFlightInformation = command_rules::REQUEST_FLIGHT_INFORMATION {
+            flight_information: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_RESET_CAMERA_SETTINGS`.
+        pub struct ResetCameraSettings = command_rules::RESET_CAMERA_SETTINGS {
+            reset: bool = 1,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_CAMERA_MODE`.
+        pub struct SetCameraMode = command_rules::SET_CAMERA_MODE {
+            /// Range: 0 to 255.
+            id: u8 = 1,
+            camera_mode: super::CameraMode = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_CAMERA_ZOOM`.
+        pub struct SetCameraZoom = command_rules::SET_CAMERA_ZOOM {
+            zoom_type: super::CameraZoomType = 1,
+            zoom_value: Option<f32> = 2,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_CAMERA_FOCUS`.
+        pub struct SetCameraFocus = command_rules::SET_CAMERA_FOCUS {
+            focus_type: super::SetFocusType = 1,
+            focus_value: Option<f32> = 2,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_STORAGE_USAGE`.
+        pub struct SetStorageUsage = command_rules::SET_STORAGE_USAGE {
+            /// Range: ≥ 0.
+            storage_id: u32 = 1,
+            usage: super::StorageUsageFlag = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_CAMERA_SOURCE`.
+        pub struct SetCameraSource = command_rules::SET_CAMERA_SOURCE {
+            device_id: Option<f32> = 1,
+            primary_source: super::CameraSource = 2,
+            secondary_source: super::CameraSource = 3,
+        }
+    }
+
+    crate::command! {
+        /// A mark in a plan to jump to.
+        pub struct JumpTag = command_rules::JUMP_TAG {
+            /// Range: ≥ 0.
+            tag: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// Go on with the item behind a mark, a number of times.
+        pub struct DoJumpTag = command_rules::DO_JUMP_TAG {
+            /// Range: ≥ 0.
+            tag: u32 = 1,
+            /// Range: ≥ 0.
+            repeat: u32 = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_GLOBAL_ORIGIN`.
+        pub struct DoSetGlobalOrigin = command_rules::DO_SET_GLOBAL_ORIGIN {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW`.
+        pub struct DoGimbalManagerPitchyaw = command_rules::DO_GIMBAL_MANAGER_PITCHYAW {
+            /// (deg) Range: -180 to 180.
+            pitch_angle: Option<f32> = 1,
+            /// (deg) Range: -180 to 180.
+            yaw_angle: Option<f32> = 2,
+            /// (deg/s)
+            pitch_rate: Option<f32> = 3,
+            /// (deg/s)
+            yaw_rate: Option<f32> = 4,
+            gimbal_manager_flags: super::GimbalManagerFlags = 5,
+            gimbal_device_id: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE`.
+        pub struct DoGimbalManagerConfigure = command_rules::DO_GIMBAL_MANAGER_CONFIGURE {
+            sysid_primary_control: Option<f32> = 1,
+            compid_primary_control: Option<f32> = 2,
+            sysid_secondary_control: Option<f32> = 3,
+            compid_secondary_control: Option<f32> = 4,
+            gimbal_device_id: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_IMAGE_START_CAPTURE`.
+        pub struct ImageStartCapture = command_rules::IMAGE_START_CAPTURE {
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 1,
+            /// (s) Range: ≥ 0.
+            interval: f32 = 2,
+            /// Range: ≥ 0.
+            total_images: u32 = 3,
+            /// Range: ≥ 1.
+            sequence_number: Option<u32> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_IMAGE_STOP_CAPTURE`.
+        pub struct ImageStopCapture = command_rules::IMAGE_STOP_CAPTURE {
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestCameraImageCapture = command_rules::REQUEST_CAMERA_IMAGE_CAPTURE {
+            /// Range: ≥ 0.
+            number: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_TRIGGER_CONTROL`.
+        pub struct DoTriggerControl = command_rules::DO_TRIGGER_CONTROL {
+            /// Range: -1 to 1.
+            enable: i8 = 1,
+            /// Range: -1 to 1.
+            reset: i8 = 2,
+            /// Range: -1 to 1.
+            pause: i8 = 3,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CAMERA_TRACK_POINT`.
+        pub struct CameraTrackPoint = command_rules::CAMERA_TRACK_POINT {
+            /// Range: 0 to 1.
+            point_x: f32 = 1,
+            /// Range: 0 to 1.
+            point_y: f32 = 2,
+            /// Range: 0 to 1.
+            radius: f32 = 3,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CAMERA_TRACK_RECTANGLE`.
+        pub struct CameraTrackRectangle = command_rules::CAMERA_TRACK_RECTANGLE {
+            /// Range: 0 to 1.
+            top_left_corner_x: f32 = 1,
+            /// Range: 0 to 1.
+            top_left_corner_y: f32 = 2,
+            /// Range: 0 to 1.
+            bottom_right_corner_x: f32 = 3,
+            /// Range: 0 to 1.
+            bottom_right_corner_y: f32 = 4,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CAMERA_STOP_TRACKING`.
+        pub struct CameraStopTracking = command_rules::CAMERA_STOP_TRACKING {
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_VIDEO_START_CAPTURE`.
+        pub struct VideoStartCapture = command_rules::VIDEO_START_CAPTURE {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+            /// (Hz) Range: ≥ 0.
+            status_frequency: Option<f32> = 2,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_VIDEO_STOP_CAPTURE`.
+        pub struct VideoStopCapture = command_rules::VIDEO_STOP_CAPTURE {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_VIDEO_START_STREAMING`.
+        pub struct VideoStartStreaming = command_rules::VIDEO_START_STREAMING {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_VIDEO_STOP_STREAMING`.
+        pub struct VideoStopStreaming = command_rules::VIDEO_STOP_STREAMING {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestVideoStreamInformation = command_rules::REQUEST_VIDEO_STREAM_INFORMATION {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_REQUEST_VIDEO_STREAM_STATUS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
+        pub struct RequestVideoStreamStatus = command_rules::REQUEST_VIDEO_STREAM_STATUS {
+            /// Range: ≥ 0.
+            stream_id: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_LOGGING_START`.
+        pub struct LoggingStart = command_rules::LOGGING_START {
+            /// Range: ≥ 0.
+            format: u32 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_AIRFRAME_CONFIGURATION`.
+        pub struct AirframeConfiguration = command_rules::AIRFRAME_CONFIGURATION {
+            /// Range: ≥ -1.
+            landing_gear_id: i32 = 1,
+            landing_gear_position: Option<f32> = 2,
+        }
+    }
+
+    crate::command! {
+        /// Start or stop HIGH_LATENCY2 on the links that are made for it.
+        pub struct ControlHighLatency = command_rules::CONTROL_HIGH_LATENCY {
+            enable: bool = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PANORAMA_CREATE`.
+        pub struct PanoramaCreate = command_rules::PANORAMA_CREATE {
+            /// (deg)
+            horizontal_angle: Option<f32> = 1,
+            /// (deg)
+            vertical_angle: Option<f32> = 2,
+            /// (deg/s)
+            horizontal_speed: Option<f32> = 3,
+            /// (deg/s)
+            vertical_speed: Option<f32> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_VTOL_TRANSITION`.
+        pub struct DoVtolTransition = command_rules::DO_VTOL_TRANSITION {
+            state: super::MavVtolState = 1,
+            immediate: Option<f32> = 2,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_ARM_AUTHORIZATION_REQUEST`.
+        pub struct ArmAuthorizationRequest = command_rules::ARM_AUTHORIZATION_REQUEST {
+            /// Range: 0 to 255.
+            system_id: u8 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SET_GUIDED_SUBMODE_CIRCLE`.
+        pub struct SetGuidedSubmodeCircle = command_rules::SET_GUIDED_SUBMODE_CIRCLE {
+            /// (m)
+            radius: Option<f32> = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CONDITION_GATE`. Work in progress.
+        pub struct ConditionGate = command_rules::CONDITION_GATE {
+            /// Range: ≥ 0.
+            geometry: u32 = 1,
+            use_altitude: bool = 2,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// Where to fly when the fence is breached.
+        pub struct NavFenceReturnPoint = command_rules::NAV_FENCE_RETURN_POINT {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// A corner of a polygon to stay inside.
+        pub struct NavFencePolygonVertexInclusion = command_rules::NAV_FENCE_POLYGON_VERTEX_INCLUSION {
+            /// Range: ≥ 3.
+            vertex_count: u32 = 1,
+            /// Range: ≥ 0.
+            inclusion_group: u32 = 2,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// A corner of a polygon to stay outside.
+        pub struct NavFencePolygonVertexExclusion = command_rules::NAV_FENCE_POLYGON_VERTEX_EXCLUSION {
+            /// Range: ≥ 3.
+            vertex_count: u32 = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// A circle to stay inside.
+        pub struct NavFenceCircleInclusion = command_rules::NAV_FENCE_CIRCLE_INCLUSION {
+            /// (m)
+            radius: Option<f32> = 1,
+            /// Range: ≥ 0.
+            inclusion_group: u32 = 2,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// A circle to stay outside.
+        pub struct NavFenceCircleExclusion = command_rules::NAV_FENCE_CIRCLE_EXCLUSION {
+            /// (m)
+            radius: Option<f32> = 1,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// A place to fly to in the place of home.
+        pub struct NavRallyPoint = command_rules::NAV_RALLY_POINT {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_SET_SAFETY_SWITCH_STATE`.
+        pub struct DoSetSafetySwitchState = command_rules::DO_SET_SAFETY_SWITCH_STATE {
+            desired_state: super::SafetySwitchState = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PAYLOAD_PREPARE_DEPLOY`. Superseded since 2021-06.
+        pub struct PayloadPrepareDeploy = command_rules::PAYLOAD_PREPARE_DEPLOY {
+            /// Range: 0 to 2.
+            operation_mode: u8 = 1,
+            /// (deg) Range: -1 to 360.
+            approach_vector: f32 = 2,
+            /// Range: ≥ -1.
+            ground_speed: f32 = 3,
+            /// (m) Range: ≥ -1.
+            altitude_clearance: f32 = 4,
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_PAYLOAD_CONTROL_DEPLOY`. Superseded since 2021-06.
+        pub struct PayloadControlDeploy = command_rules::PAYLOAD_CONTROL_DEPLOY {
+            /// Range: 0 to 101.
+            operation_mode: u8 = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_WAYPOINT_USER_1`.
+        pub struct WaypointUser1 = command_rules::WAYPOINT_USER_1 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_WAYPOINT_USER_2`.
+        pub struct WaypointUser2 = command_rules::WAYPOINT_USER_2 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_WAYPOINT_USER_3`.
+        pub struct WaypointUser3 = command_rules::WAYPOINT_USER_3 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_WAYPOINT_USER_4`.
+        pub struct WaypointUser4 = command_rules::WAYPOINT_USER_4 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_WAYPOINT_USER_5`.
+        pub struct WaypointUser5 = command_rules::WAYPOINT_USER_5 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SPATIAL_USER_1`.
+        pub struct SpatialUser1 = command_rules::SPATIAL_USER_1 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SPATIAL_USER_2`.
+        pub struct SpatialUser2 = command_rules::SPATIAL_USER_2 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SPATIAL_USER_3`.
+        pub struct SpatialUser3 = command_rules::SPATIAL_USER_3 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SPATIAL_USER_4`.
+        pub struct SpatialUser4 = command_rules::SPATIAL_USER_4 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_SPATIAL_USER_5`.
+        pub struct SpatialUser5 = command_rules::SPATIAL_USER_5 {
+            location: Location = 5,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_CAN_FORWARD`.
+        pub struct CanForward = command_rules::CAN_FORWARD {
+            bus: Option<f32> = 1,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_FIXED_MAG_CAL_YAW`.
+        pub struct FixedMagCalYaw = command_rules::FIXED_MAG_CAL_YAW {
+            /// (deg)
+            yaw: Option<f32> = 1,
+            compass_mask: Option<f32> = 2,
+            /// (deg)
+            latitude: Option<f32> = 3,
+            /// (deg)
+            longitude: Option<f32> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_DO_WINCH`.
+        pub struct DoWinch = command_rules::DO_WINCH {
+            /// Range: ≥ 1.
+            instance: u32 = 1,
+            action: super::WinchActions = 2,
+            /// (m)
+            length: Option<f32> = 3,
+            /// (m/s)
+            rate: Option<f32> = 4,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_GUIDED_CHANGE_SPEED`.
+        pub struct GuidedChangeSpeed = command_rules::GUIDED_CHANGE_SPEED {
+            speed_type: super::SpeedType = 1,
+            /// (m/s)
+            speed_target: Option<f32> = 2,
+            /// (m/s/s)
+            speed_rate_of_change: Option<f32> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_GUIDED_CHANGE_ALTITUDE`.
+        pub struct GuidedChangeAltitude = command_rules::GUIDED_CHANGE_ALTITUDE {
+            /// (m/s) Range: ≥ 0.
+            alt_rate_of_change: f32 = 3,
+            /// (m)
+            target_alt: Option<f32> = 7,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_GUIDED_CHANGE_HEADING`.
+        pub struct GuidedChangeHeading = command_rules::GUIDED_CHANGE_HEADING {
+            heading_type: super::HeadingType = 1,
+            /// (deg) Range: 0 to 359.99.
+            heading_target: f32 = 2,
+            /// (deg/s)
+            heading_rate_of_change: Option<f32> = 3,
+        }
+    }
+
+    crate::command! {
+        /// `MAV_CMD_EXTERNAL_POSITION_ESTIMATE`.
+        pub struct ExternalPositionEstimate = command_rules::EXTERNAL_POSITION_ESTIMATE {
+            /// (s)
+            transmission_time: Option<f32> = 1,
+            /// (s)
+            processing_time: Option<f32> = 2,
+            accuracy: Option<f32> = 3,
+            location: Location = 5,
+        }
+    }
+}
+
 crate::message! {
     /// A component is alive: what it is, and in which state and mode.
     pub struct Heartbeat: HEARTBEAT = 0 {

@@ -124,6 +124,73 @@ pub mod command_rules {
     ];
 }
 
+/// The commands of `MAV_CMD` that have parameters, these under their names. A type costs flash where a firmware decodes
+/// it.
+#[allow(dead_code, reason = "a firmware decodes a few")]
+pub mod commands {
+    use super::command_rules;
+    use mavstack::Location;
+
+    mavstack::command! {
+        /// `MAV_CMD_ALL`.
+        pub struct All = command_rules::ALL_ {
+            /// Range: ≥ -0.5.
+            least: f32 = 1,
+            /// Range: ≤
+            /// 1000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000.
+            most: f32 = 2,
+            /// Range: -1 to 0.1. Default: NaN.
+            both: Option<f32> = 3,
+            whole: i32 = 4,
+            /// Range: ≥ 0.5.
+            whole_from: u32 = 5,
+            /// Range: ≤ 2.5.
+            whole_to: i32 = 6,
+            /// Range: -3 to 10000000000.
+            whole_between: i32 = 7,
+        }
+    }
+
+    mavstack::command! {
+        /// `MAV_CMD_STEPS`.
+        pub struct Steps = command_rules::STEPS {
+            /// Range: -7 to 21196.
+            far_apart: i16 = 1,
+            /// (s) Range: ≥ 0.
+            quantity: f32 = 2,
+            /// Range: 0 to 1.
+            fine: f32 = 3,
+            camera_of_next_year: Option<f32> = 4,
+            /// Range: 0 to 255.
+            target_camera_id: Option<u8> = 7,
+        }
+    }
+
+    mavstack::command! {
+        /// `MAV_CMD_PLACE`.
+        pub struct Place = command_rules::PLACE {
+            location: Location = 5,
+        }
+    }
+
+    mavstack::command! {
+        /// `MAV_CMD_CORNER`.
+        pub struct Corner = command_rules::CORNER {
+            location: Location = 5,
+        }
+    }
+
+    mavstack::command! {
+        /// `MAV_CMD_ENUMS`.
+        pub struct Enums = command_rules::ENUMS {
+            in_a_row: super::OptionEnum = 1,
+            with_gaps: super::Signed = 2,
+            bits: super::Bits = 3,
+            of_none: Option<f32> = 4,
+        }
+    }
+}
+
 mavstack::message! {
     /// `OPTION`. Deprecated since 2020-01: SOME.
     pub struct OptionMessage: OPTION = 900 {

@@ -11,12 +11,15 @@
 //! ```
 
 mod acks;
+mod macros;
 mod memory;
 mod policy;
+mod typed;
 
 pub(crate) use acks::Acks;
 pub use memory::{CommandMemory, CommandSlot, CommandSlots};
 pub use policy::CommandPolicy;
+pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
 
 use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::link::{LinkClass, Peer, Port};

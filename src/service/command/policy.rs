@@ -3,7 +3,7 @@
 //! Rules C-1 and C-5 to C-9. The declaration is data; only what a vehicle declares costs flash.
 
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
-use crate::service::mission::{CommandRule, Item};
+use crate::service::mission::{CommandRule, Item, Value};
 use crate::vehicle::{Command, CommandPosition, Commands};
 
 /// Only COMMAND_INT.
@@ -102,33 +102,51 @@ impl CommandPolicy {
         refuse(command.is_broadcast && self.has(NO_BROADCAST), MavResult::DENIED)?;
         if !self.rule.is_located() {
             // Without a position a frame says nothing (C-7).
-            let [p1, p2, p3, p4] = command.params;
-            let (p5, p6) = command.position.params();
-            let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
-            return refuse(!params.all(|(index, value)| self.rule.admits(index, value)), MavResult::DENIED);
+            return check_values(&self.rule, &values(command));
         }
-        let frame = match command.position {
-            CommandPosition::Int { frame, .. } => frame,
-            CommandPosition::Long { .. } => self.long_frame,
-        };
-        // A float that is no number is "not given"; one that is off the globe is not.
-        let (x, y) = match command.position {
-            CommandPosition::Int { x, y, .. } => (x, y),
-            CommandPosition::Long { param5, param6 } => (scaled(param5)?, scaled(param6)?),
-        };
-        let item = Item { frame, command: command.id, autocontinue: 0, params: command.params, x, y, z: command.z };
-        self.rule.check(&item).map_err(|fault| match fault {
-            MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
-            _ => MavResult::DENIED,
-        })
+        check_item(&self.rule, &item(command, self.long_frame)?)
     }
 }
 
+/// The parameters of a command without a location.
+pub(super) fn values(command: &Command) -> [Value; 7] {
+    let [p1, p2, p3, p4] = command.params.map(Value::of_float);
+    let (p5, p6) = match command.position {
+        CommandPosition::Long { param5, param6 } => (Value::of_float(param5), Value::of_float(param6)),
+        CommandPosition::Int { x, y, .. } => (Value::of_integer(x), Value::of_integer(y)),
+    };
+    [p1, p2, p3, p4, p5, p6, Value::of_float(command.z)]
+}
+
+/// Checks them.
+pub(super) fn check_values(rule: &CommandRule, values: &[Value; 7]) -> Result<(), MavResult> {
+    let is_good = (1..).zip(values).all(|(index, value)| rule.admits(index, *value));
+    refuse(!is_good, MavResult::DENIED)
+}
+
+/// The parameters of a command with a location; a COMMAND_LONG's are in `long_frame` (C-6).
+pub(super) fn item(command: &Command, long_frame: MavFrame) -> Result<Item, MavResult> {
+    let (frame, x, y) = match command.position {
+        CommandPosition::Int { frame, x, y } => (frame, x, y),
+        CommandPosition::Long { param5, param6 } => (long_frame, scaled(param5)?, scaled(param6)?),
+    };
+    Ok(Item { frame, command: command.id, autocontinue: 0, params: command.params, x, y, z: command.z })
+}
+
+/// Checks them.
+pub(super) fn check_item(rule: &CommandRule, item: &Item) -> Result<(), MavResult> {
+    rule.check(item).map_err(|fault| match fault {
+        MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
+        _ => MavResult::DENIED,
+    })
+}
+
+/// A float that is no number is "not given"; one that is off the globe is not.
 fn scaled(degrees: f32) -> Result<i32, MavResult> {
     if degrees.is_nan() { Ok(i32::MAX) } else { crate::num::scale_1e7(degrees).ok_or(MavResult::DENIED) }
 }
 
-fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
+pub(super) fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
     if bad { Err(result) } else { Ok(()) }
 }
 

@@ -41,6 +41,7 @@ pub(crate) use memory::PlansMut;
 pub use memory::largest as __largest;
 pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
 pub(crate) use replies::{Replies, Reply};
+pub(crate) use rules::Value;
 pub use rules::{CommandRule, ParamRule};
 
 use self::commit::{Commit, Saving};
@@ -125,6 +126,7 @@ impl Caller<'_> {
         self.replies.push(Reply { to: self.from.address, mission_type, what });
     }
 
+    #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
         self.owe(mission_type, What::Ack(result, id));
     }

@@ -13,9 +13,9 @@ use crate::num;
 const _: () = assert!(size_of::<CommandRule>() == 5 * size_of::<usize>());
 const _: () = assert!(size_of::<ParamRule>() == 4 * size_of::<usize>());
 
-/// Greatest latitude, deg·1e7.
 /// Farther up or down is no place for a vehicle, m (section 8.6: "absurd").
 const MAX_ALTITUDE: f32 = 1e6;
+/// Greatest latitude, deg·1e7.
 const MAX_LATITUDE: u32 = 900_000_000;
 /// Greatest longitude, deg·1e7.
 const MAX_LONGITUDE: u32 = 1_800_000_000;
@@ -91,18 +91,46 @@ impl ParamRule {
 
     /// Whether the parameter may be this.
     pub fn admits(&self, value: f32) -> bool {
-        if value.is_nan() {
+        self.admits_value(Value::of_float(value))
+    }
+
+    fn admits_value(&self, Value { float, integer }: Value) -> bool {
+        if float.is_nan() {
             return self.nan;
         }
-        let integer = || num::integer::<i32>(value);
         match self.values {
-            Values::Range(min, max) => min <= value && value <= max,
-            Values::Integers(min, max) => integer().is_some_and(|value| min <= value && value <= max),
+            Values::Range(min, max) => min <= float && float <= max,
+            Values::Integers(min, max) => integer.is_some_and(|value| min <= value && value <= max),
             Values::Bits(mask) => {
-                integer().and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
+                integer.and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
             }
-            Values::Listed(values) => integer().is_some_and(|value| values.contains(&value)),
+            Values::Listed(values) => integer.is_some_and(|value| values.contains(&value)),
         }
+    }
+}
+
+/// A parameter as it came.
+#[derive(Clone, Copy)]
+pub(crate) struct Value {
+    /// NaN when it is not given.
+    pub float: f32,
+    /// The integer that it is. One that came as an integer may be no float.
+    pub integer: Option<i32>,
+}
+
+impl Value {
+    pub fn of_float(float: f32) -> Self {
+        Self { float, integer: num::integer(float) }
+    }
+
+    /// One that was scaled like degrees.
+    pub fn of_1e7(scaled: i32) -> Self {
+        Self::of_float(num::from_1e7(scaled))
+    }
+
+    /// `i32::MAX` is "not given" (C-7).
+    pub fn of_integer(integer: i32) -> Self {
+        Self { float: num::from_i32(integer), integer: Some(integer).filter(|integer| *integer != i32::MAX) }
     }
 }
 
@@ -243,9 +271,10 @@ impl CommandRule {
     }
 
     /// Whether parameter `index` may be `value`: never infinite.
-    pub(crate) fn admits(&self, index: u8, value: f32) -> bool {
+    pub(crate) fn admits(&self, index: u8, value: Value) -> bool {
         let of = |rules: &'static [ParamRule]| rules.iter().find(|rule| rule.index == index);
-        !value.is_infinite() && of(self.own).or_else(|| of(self.params)).is_none_or(|rule| rule.admits(value))
+        let rule = of(self.own).or_else(|| of(self.params));
+        !value.float.is_infinite() && rule.is_none_or(|rule| rule.admits_value(value))
     }
 
     /// Checks an item of this command.
@@ -256,7 +285,7 @@ impl CommandRule {
     pub fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
         let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
         let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;
-        let [p1, p2, p3, p4] = item.params;
+        let [p1, p2, p3, p4] = item.params.map(Value::of_float);
         refuse(!self.admits(1, p1), MavMissionResult::INVALID_PARAM1)?;
         refuse(!self.admits(2, p2), MavMissionResult::INVALID_PARAM2)?;
         refuse(!self.admits(3, p3), MavMissionResult::INVALID_PARAM3)?;
@@ -268,15 +297,16 @@ impl CommandRule {
             (is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
         } else {
             // Ground stations that write a global frame here have scaled the parameters like degrees.
-            let float = if is_global { num::from_1e7 } else { num::from_i32 };
-            (!self.admits(5, float(item.x)), !self.admits(6, float(item.y)))
+            let value = if is_global { Value::of_1e7 } else { Value::of_integer };
+            (!self.admits(5, value(item.x)), !self.admits(6, value(item.y)))
         };
         refuse(is_x_bad, MavMissionResult::INVALID_PARAM5_X)?;
         refuse(is_y_bad, MavMissionResult::INVALID_PARAM6_Y)?;
         // Without a position z is a parameter like others, and clients send NaN for one that the command does not use.
         let is_altitude = self.has(LOCATED) && is_global;
         let is_absent = item.z.is_nan() && !self.has(ALTITUDE_OPTIONAL);
-        let is_z_bad = !self.admits(7, item.z) || (is_altitude && (is_absent || item.z.abs() > MAX_ALTITUDE));
+        let is_z_bad =
+            !self.admits(7, Value::of_float(item.z)) || (is_altitude && (is_absent || item.z.abs() > MAX_ALTITUDE));
         refuse(is_z_bad, MavMissionResult::INVALID_PARAM7)
     }
 }

@@ -1,0 +1,294 @@
+//! Typed commands: the parameters of a command under their own names, checked and converted.
+//!
+//! Rules C-6 to C-9 and M-70. A type says which parameters there are, its [`CommandRule`] what they may be. Both message
+//! forms, and an item of a plan, give the same value wherever they say the same. The types of the commands that have
+//! parameters are made from the definitions (see [`mod@crate::dialect::commands`]); only what a firmware decodes costs
+//! flash.
+
+use super::policy;
+use crate::dialect::{MavFrame, MavMissionResult, MavResult};
+use crate::message::Field;
+use crate::service::mission::{CommandRule, Item, Value};
+use crate::vehicle::{Command, CommandPosition};
+
+/// A command with named parameters, made by [`command!`](crate::command!).
+pub trait TypedCommand: Sized {
+    /// Which command it is, and what its parameters may be.
+    const RULE: CommandRule;
+
+    /// Takes the fields out of checked parameters.
+    #[doc(hidden)]
+    fn take(params: &mut CommandParams) -> Self;
+
+    /// What [`Command::decode`] checks: also a vehicle that needs less than the definition gets its command.
+    #[doc(hidden)]
+    const LOOSE: CommandRule = Self::RULE.any_frame().position_optional().altitude_optional();
+}
+
+/// A type that a field can have in [`command!`](crate::command!): numbers of up to 32 bits, and types made by
+/// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask), of an integer that they can hold; `f32`;
+/// `bool`, of 0 and 1; an `Option` of one of these, where NaN is `None` (C-8); [`Location`], as parameter 5.
+pub trait CommandParam: Sized {
+    /// The field of parameter `index`.
+    #[doc(hidden)]
+    fn take(params: &mut CommandParams, index: u8) -> Self;
+}
+
+/// A place on the globe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LatLon {
+    /// Latitude (deg·1e7), −90° to 90°.
+    pub latitude: i32,
+    /// Longitude (deg·1e7), −180° to 180°.
+    pub longitude: i32,
+}
+
+/// Parameters 5, 6 and 7 of a command with a location.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Location {
+    /// Where; `None` when it is not given, and in [`MavFrame::MISSION`], which has no positions.
+    pub position: Option<LatLon>,
+    /// Altitude (m) as the frame counts it, where the command has one; `None` for NaN.
+    pub altitude: Option<f32>,
+    /// [`MavFrame::GLOBAL`], [`MavFrame::GLOBAL_RELATIVE_ALT`] or [`MavFrame::GLOBAL_TERRAIN_ALT`], also for their `_INT`
+    /// twins (M-4), or [`MavFrame::MISSION`]. `None` for a COMMAND_LONG, which names no frame (C-6).
+    pub frame: Option<MavFrame>,
+}
+
+impl Location {
+    const NONE: Self = Self { position: None, altitude: None, frame: None };
+
+    /// Of an item that was checked.
+    fn new(item: &Item) -> Self {
+        let frame = match item.frame {
+            MavFrame::GLOBAL_INT => MavFrame::GLOBAL,
+            MavFrame::GLOBAL_RELATIVE_ALT_INT => MavFrame::GLOBAL_RELATIVE_ALT,
+            MavFrame::GLOBAL_TERRAIN_ALT_INT => MavFrame::GLOBAL_TERRAIN_ALT,
+            frame => frame,
+        };
+        let is_given = frame != MavFrame::MISSION && item.x != i32::MAX;
+        let position = LatLon { latitude: item.x, longitude: item.y };
+        Self {
+            position: is_given.then_some(position),
+            altitude: Some(item.z).filter(|z| !z.is_nan()),
+            frame: Some(frame),
+        }
+    }
+}
+
+/// The checked parameters of a command, from which its fields are taken one by one.
+#[doc(hidden)]
+pub struct CommandParams {
+    values: [Value; 7],
+    location: Location,
+    /// A parameter that the type of its field cannot hold, 0 for none.
+    failed: u8,
+}
+
+impl CommandParams {
+    fn of_command(command: &Command, rule: &CommandRule) -> Result<Self, MavResult> {
+        policy::refuse(command.id != rule.command(), MavResult::UNSUPPORTED)?;
+        let values = policy::values(command);
+        if !rule.is_located() {
+            policy::check_values(rule, &values)?;
+            return Ok(Self { values, location: Location::NONE, failed: 0 });
+        }
+        let item = policy::item(command, MavFrame::GLOBAL)?;
+        policy::check_item(rule, &item)?;
+        let mut location = Location::new(&item);
+        if matches!(command.position, CommandPosition::Long { .. }) {
+            location.frame = None;
+        }
+        Ok(Self { values, location, failed: 0 })
+    }
+
+    fn of_item(item: &Item, rule: &CommandRule) -> Result<Self, MavMissionResult> {
+        if item.command != rule.command() {
+            return Err(MavMissionResult::UNSUPPORTED);
+        }
+        rule.check(item)?;
+        let [p1, p2, p3, p4] = item.params.map(Value::of_float);
+        // The rule takes global frames otherwise.
+        let value = if item.frame == MavFrame::MISSION { Value::of_integer } else { Value::of_1e7 };
+        let values = [p1, p2, p3, p4, value(item.x), value(item.y), Value::of_float(item.z)];
+        Ok(Self { values, location: Location::new(item), failed: 0 })
+    }
+
+    /// The field of parameter `index`.
+    #[inline(always)]
+    pub fn take<T: CommandParam>(&mut self, index: u8) -> T {
+        T::take(self, index)
+    }
+
+    #[inline(always)]
+    fn value(&self, index: u8) -> Value {
+        self.values.get(usize::from(index).wrapping_sub(1)).copied().unwrap_or(Value::of_float(f32::NAN))
+    }
+
+    /// What `value` has, or `zero` and a mark that the parameter is refused.
+    #[inline(always)]
+    fn or_fail<T>(&mut self, index: u8, value: Option<T>, zero: T) -> T {
+        value.unwrap_or_else(|| {
+            self.failed = index;
+            zero
+        })
+    }
+}
+
+/// How many low bits of an `i32` such an integer has for what is not its sign.
+#[allow(
+    clippy::arithmetic_side_effects,
+    clippy::as_conversions,
+    reason = "const-evaluated: an overflow is a compile error, and `From` cannot be called"
+)]
+const fn own_bits(size: usize, is_signed: bool) -> u32 {
+    let bits = size as u32 * 8 - is_signed as u32;
+    if bits < 31 { bits } else { 31 }
+}
+
+impl<T: Field> CommandParam for T {
+    #[inline(always)]
+    fn take(params: &mut CommandParams, index: u8) -> Self {
+        // float, intN_t or uintN_t; an array has another type.
+        let kind = const {
+            assert!(!T::IS_ARRAY, "a parameter is one number");
+            match T::WIRE_TYPE.as_bytes() {
+                [kind @ (b'f' | b'i' | b'u'), ..] => *kind,
+                _ => panic!("a parameter is an f32 or an integer"),
+            }
+        };
+        let value = params.value(index);
+        if kind == b'f' {
+            return T::read(&value.float.to_le_bytes(), 0);
+        }
+        let is_signed = kind == b'i';
+        let integer = value.integer.filter(|integer| {
+            let rest = integer.wrapping_shr(own_bits(T::SIZE, is_signed));
+            rest == 0 || (is_signed && rest == -1)
+        });
+        params.or_fail(index, integer.map(|integer| T::read(&i64::from(integer).to_le_bytes(), 0)), T::ZERO)
+    }
+}
+
+impl CommandParam for bool {
+    #[inline(always)]
+    fn take(params: &mut CommandParams, index: u8) -> Self {
+        let value = match params.value(index).integer {
+            Some(0) => Some(false),
+            Some(1) => Some(true),
+            _ => None,
+        };
+        params.or_fail(index, value, false)
+    }
+}
+
+impl<T: CommandParam> CommandParam for Option<T> {
+    #[inline(always)]
+    fn take(params: &mut CommandParams, index: u8) -> Self {
+        if params.value(index).float.is_nan() { None } else { Some(T::take(params, index)) }
+    }
+}
+
+impl CommandParam for Location {
+    #[inline(always)]
+    fn take(params: &mut CommandParams, _: u8) -> Self {
+        params.location
+    }
+}
+
+impl Command {
+    /// The command with its parameters under their names, checked by the definition's rule.
+    ///
+    /// A field is an `Option` where that rule lets NaN pass, which means "default" (C-8). A position and an altitude need not
+    /// be given: to a vehicle that needs them they are what a [`CommandPolicy`](crate::CommandPolicy) declares, or what is
+    /// refused when it is missed.
+    ///
+    /// ```
+    /// use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
+    /// use mavstack::dialect::{MavCmd, MavResult};
+    /// use mavstack::{Command, Commands, Outcome};
+    ///
+    /// struct Copter { armed: bool, climb_to: f32 }
+    ///
+    /// impl Copter {
+    ///     fn carry_out(&mut self, command: &Command) -> Result<Outcome, MavResult> {
+    ///         match command.id {
+    ///             MavCmd::COMPONENT_ARM_DISARM => {
+    ///                 let order: ComponentArmDisarm = command.decode()?;
+    ///                 self.armed = order.arm;
+    ///             }
+    ///             MavCmd::NAV_TAKEOFF => {
+    ///                 let takeoff: NavTakeoff = command.decode()?;
+    ///                 if !self.armed {
+    ///                     return Err(MavResult::TEMPORARILY_REJECTED);
+    ///                 }
+    ///                 self.climb_to = takeoff.location.altitude.unwrap_or(2.5);
+    ///             }
+    ///             _ => return Err(MavResult::UNSUPPORTED),
+    ///         }
+    ///         Ok(MavResult::ACCEPTED.into())
+    ///     }
+    /// }
+    ///
+    /// impl Commands for Copter {
+    ///     fn command(&mut self, command: &Command) -> Outcome {
+    ///         self.carry_out(command).unwrap_or_else(Outcome::from)
+    ///     }
+    /// }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// The COMMAND_ACK's result: DENIED for a parameter that the rule does not admit (C-9), half a position, or one off
+    /// the globe; COMMAND_UNSUPPORTED_MAV_FRAME for the position of a COMMAND_INT in a frame that is neither global nor
+    /// MISSION; UNSUPPORTED when this is another command.
+    pub fn decode<T: TypedCommand>(&self) -> Result<T, MavResult> {
+        self.decode_by(const { &T::LOOSE })
+    }
+
+    /// [`decode`](Self::decode) by a rule of the vehicle's own, in all that it says of frame, position and altitude too. A
+    /// NaN that such a rule admits is a NaN in a field that is no `Option`.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`decode`](Self::decode); DENIED also for a value that its field cannot hold.
+    pub fn decode_by<T: TypedCommand>(&self, rule: &CommandRule) -> Result<T, MavResult> {
+        let mut params = CommandParams::of_command(self, rule)?;
+        let command = T::take(&mut params);
+        if params.failed == 0 { Ok(command) } else { Err(MavResult::DENIED) }
+    }
+}
+
+impl Item {
+    /// The item's command with its parameters under their names, as [`Command::decode`] has it: in a plan that went live
+    /// every item passes, unless the vehicle's own rules admit what the definition does not.
+    ///
+    /// # Errors
+    ///
+    /// The MISSION_ACK's type: INVALID_PARAM1 to 7, UNSUPPORTED_FRAME, UNSUPPORTED when this is another command.
+    pub fn decode<T: TypedCommand>(&self) -> Result<T, MavMissionResult> {
+        self.decode_by(const { &T::LOOSE })
+    }
+
+    /// [`decode`](Self::decode) by a rule of the vehicle's own, as [`Command::decode_by`] has it.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`decode`](Self::decode).
+    pub fn decode_by<T: TypedCommand>(&self, rule: &CommandRule) -> Result<T, MavMissionResult> {
+        let mut params = CommandParams::of_item(self, rule)?;
+        let command = T::take(&mut params);
+        match params.failed {
+            0 => Ok(command),
+            1 => Err(MavMissionResult::INVALID_PARAM1),
+            2 => Err(MavMissionResult::INVALID_PARAM2),
+            3 => Err(MavMissionResult::INVALID_PARAM3),
+            4 => Err(MavMissionResult::INVALID_PARAM4),
+            5 => Err(MavMissionResult::INVALID_PARAM5_X),
+            6 => Err(MavMissionResult::INVALID_PARAM6_Y),
+            _ => Err(MavMissionResult::INVALID_PARAM7),
+        }
+    }
+}
