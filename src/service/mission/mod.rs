@@ -127,6 +127,7 @@ impl Caller<'_> {
     }
 
     #[inline(never)]
+    #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
         self.owe(mission_type, What::Ack(result, id));
     }

@@ -142,6 +142,7 @@ impl Stream {
 /// An interval within the bounds.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
 #[inline(never)]
+#[inline(never)]
 const fn clamped(micros: u64) -> u32 {
     if micros < MIN_INTERVAL as u64 {
         MIN_INTERVAL
