@@ -142,6 +142,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         result
     }
 
+    /// Has parameters that are not stored yet written at once, as MAV_CMD_PREFLIGHT_STORAGE does: before a reboot. From the
+    /// next call of [`persist_parameters`](Self::persist_parameters) on, false says that they are, or cannot be.
+    pub fn save_parameters<V: Autopilot>(&mut self, now: Instant, vehicle: &mut V) {
+        self.core.params.hurry(now, vehicle);
+    }
+
     /// Writes parameters that have changed, one step at a time, as [`persist`](Self::persist) does with plans: about a second
     /// behind a change, not more often than every ten seconds, and only while the vehicle
     /// [permits](crate::Plans::may_persist). True when there is more to do at once.

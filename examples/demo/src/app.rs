@@ -50,12 +50,24 @@ const LINK_CONFIGS: [LinkConfig; LINKS] = [
 pub struct App<P: PlanStorage> {
     stack: Stack<LINKS, P>,
     vehicle: Quadrotor,
+    saving: Saving,
+}
+
+/// Whether parameters are being written before it restarts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saving {
+    /// There is no storage.
+    Never,
+    /// It does not restart.
+    No,
+    Busy,
+    Done,
 }
 
 impl<P: PlanStorage> App<P> {
     /// Switched on at [`Instant::ZERO`].
     pub const fn new() -> Self {
-        Self { stack: Stack::new(CONFIG, LINK_CONFIGS), vehicle: Quadrotor::new() }
+        Self { stack: Stack::new(CONFIG, LINK_CONFIGS), vehicle: Quadrotor::new(), saving: Saving::Never }
     }
 
     /// One pass of the flight loop; to be followed by [`serve`](Self::serve) for each link.
@@ -72,12 +84,17 @@ impl<P: PlanStorage> App<P> {
         if self.vehicle.take_new_home() {
             self.stack.announce::<HomePosition, Quadrotor>();
         }
+        if self.vehicle.is_going_down() && self.saving == Saving::No {
+            self.saving = Saving::Busy;
+            self.stack.save_parameters(now, &mut self.vehicle);
+        }
         self.stack.poll(now, &mut self.vehicle);
     }
 
-    /// Whether the processor is to be reset now: somebody asked for it, and has his answer (C-30).
+    /// Whether the processor is to be reset now: somebody asked for it, has his answer, and parameters that he set are
+    /// stored (C-30).
     pub fn wants_reboot(&self) -> bool {
-        self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
+        self.saving != Saving::Busy && self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
     }
 
     /// Reads the plans back, once after a start; as [`Stack::restore`].
@@ -107,6 +124,7 @@ impl<P: PlanStorage> App<P> {
     /// What the flash reported when it could not be read; a text says so too.
     pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), F::Error> {
         let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
+        self.saving = Saving::No;
         let id = self.vehicle.tuning().get(Tuning::MAV_SYS_ID);
         if let Some(address) = VehicleAddress::new(Address::new(id, COMPONENT)) {
             self.stack.set_address(address);
@@ -117,7 +135,11 @@ impl<P: PlanStorage> App<P> {
     /// Writes parameters that have changed, a step at a time; as [`Stack::persist_parameters`]. True when there is more to do
     /// at once.
     pub fn persist_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> bool {
-        self.stack.persist_parameters(now, store, &mut self.vehicle)
+        let is_busy = self.stack.persist_parameters(now, store, &mut self.vehicle);
+        if !is_busy && self.saving == Saving::Busy {
+            self.saving = Saving::Done;
+        }
+        is_busy
     }
 
     /// Moves bytes between a link and its transport; never waits.

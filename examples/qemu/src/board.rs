@@ -240,6 +240,11 @@ impl Board {
         }
     }
 
+    /// Restarts the processor and the board, as after power-on; the flash keeps what is in it.
+    pub fn reset() -> ! {
+        SCB::sys_reset()
+    }
+
     /// Sleeps until a byte arrives or the millisecond is over.
     pub fn sleep(&mut self) {
         cortex_m::asm::wfi();

@@ -62,6 +62,9 @@ fn main() -> ! {
         // The stand-in takes microseconds. Where an erase stops the processor the vehicle's `may_persist` says when.
         is_busy |= app.persist(now, &mut store);
         is_busy |= app.persist_parameters(now, &mut settings);
+        if app.wants_reboot() {
+            Board::reset();
+        }
         if !is_busy {
             board.sleep();
         }

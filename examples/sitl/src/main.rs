@@ -83,45 +83,75 @@ fn main() -> ExitCode {
     }
 }
 
+/// The vehicle and what it keeps its plans and parameters in.
+struct Device {
+    // Large for a stack frame, and there is one.
+    app: Box<App<SitlPlans>>,
+    settings: Option<Settings>,
+    store: Option<Store>,
+}
+
+impl Device {
+    /// As after power-on.
+    fn switch_on(arguments: &Arguments) -> Result<Self, String> {
+        let mut device = Self { app: Box::new(App::new()), settings: None, store: None };
+        let app = &mut device.app;
+        if let Some(path) = &arguments.storage {
+            let mut name = path.clone().into_os_string();
+            name.push(".params");
+            let name = PathBuf::from(name);
+            let len = Settings::region_len(Tuning::INFO.len());
+            let settings = device.settings.insert(Settings::new(FileFlash::open(&name, len)?, 0..len));
+            if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
+                eprintln!("{}: not all parameters could be read ({error:?})", name.display());
+            }
+            let len = Store::region_len(MISSION, FENCE, RALLY);
+            let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
+            if let Err(error) = app.restore(Instant::ZERO, store, Durability::Durable) {
+                eprintln!("{}: not all plans could be read ({error:?})", path.display());
+            }
+        }
+        if let Some(path) = &arguments.plan {
+            let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
+            let items = plan::read(path, home_row)?;
+            println!("{}: {} items", path.display(), items.len());
+            plan::load(app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
+        }
+        Ok(device)
+    }
+
+    /// Flies until `stop`, which is no reboot, or until somebody asks for one. Time begins anew.
+    fn fly(&mut self, stop: &AtomicBool, telemetry: &mut Telemetry, others: &mut [(LinkId, Port)]) {
+        let app = &mut self.app;
+        let boot = time::Instant::now();
+        while !stop.load(Ordering::Relaxed) && !app.wants_reboot() {
+            let began = boot.elapsed();
+            let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
+            app.control(now);
+            match telemetry {
+                Telemetry::Tcp(port) => serve(app, now, TELEMETRY, port),
+                Telemetry::Udp(datagrams) => datagrams.serve(app, now, TELEMETRY),
+            }
+            for (link, port) in &mut *others {
+                serve(app, now, *link, port);
+            }
+            if let Some(store) = &mut self.store {
+                app.persist(now, store);
+            }
+            if let Some(settings) = &mut self.settings {
+                app.persist_parameters(now, settings);
+            }
+            thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
+        }
+    }
+}
+
 fn run(arguments: &Arguments) -> Result<(), String> {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
-    // Large for a stack frame, and there is one.
-    let mut app = Box::new(App::<SitlPlans>::new());
-    let mut settings = match &arguments.storage {
-        Some(path) => {
-            let mut name = path.clone().into_os_string();
-            name.push(".params");
-            let path = PathBuf::from(name);
-            let len = Settings::region_len(Tuning::INFO.len());
-            let mut settings = Settings::new(FileFlash::open(&path, len)?, 0..len);
-            if let Err(error) = app.restore_parameters(Instant::ZERO, &mut settings) {
-                eprintln!("{}: not all parameters could be read ({error:?})", path.display());
-            }
-            Some(settings)
-        }
-        None => None,
-    };
-    let mut store = match &arguments.storage {
-        Some(path) => {
-            let len = Store::region_len(MISSION, FENCE, RALLY);
-            let mut store = Store::new(FileFlash::open(path, len)?, 0..len);
-            if let Err(error) = app.restore(Instant::ZERO, &mut store, Durability::Durable) {
-                eprintln!("{}: not all plans could be read ({error:?})", path.display());
-            }
-            Some(store)
-        }
-        None => None,
-    };
-    if let Some(path) = &arguments.plan {
-        let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
-        let items = plan::read(path, home_row)?;
-        println!("{}: {} items", path.display(), items.len());
-        plan::load(&mut app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
-    }
-
+    let mut device = Device::switch_on(arguments)?;
     let base = arguments.port_base;
     let mut telemetry = match arguments.udp {
         Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
@@ -134,25 +164,14 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
     println!("Companion computer: TCP port {}; satellite modem: TCP port {}. Ctrl-C ends it.\n", base + 1, base + 2);
 
-    let boot = time::Instant::now();
-    while !stop.load(Ordering::Relaxed) {
-        let began = boot.elapsed();
-        let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
-        app.control(now);
-        match &mut telemetry {
-            Telemetry::Tcp(port) => serve(&mut app, now, TELEMETRY, port),
-            Telemetry::Udp(datagrams) => datagrams.serve(&mut app, now, TELEMETRY),
+    loop {
+        device.fly(&stop, &mut telemetry, &mut others);
+        if stop.load(Ordering::Relaxed) {
+            break;
         }
-        for (link, port) in &mut others {
-            serve(&mut app, now, *link, port);
-        }
-        if let Some(store) = &mut store {
-            app.persist(now, store);
-        }
-        if let Some(settings) = &mut settings {
-            app.persist_parameters(now, settings);
-        }
-        thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
+        // Who is connected stays so, as on a UART.
+        println!("The vehicle restarts.");
+        device = Device::switch_on(arguments)?;
     }
     println!("The vehicle is switched off.");
     Ok(())

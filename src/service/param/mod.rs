@@ -228,7 +228,7 @@ impl Params {
     }
 
     /// What is not stored yet is to be written now.
-    fn hurry<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
+    pub(crate) fn hurry<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
         if let Some(mut table) = self.table(vehicle) {
             table.notice(now);
             table.state.saving.hurry(now);
