@@ -149,7 +149,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
-        core.params.poll(now, vehicle, core.normal);
+        core.params.poll(now, vehicle);
         if !V::MODES.is_empty() {
             mode::poll(&mut core.mode, &mut self.links, vehicle);
         }

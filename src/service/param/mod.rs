@@ -249,11 +249,8 @@ impl Params {
     }
 
     /// Looks what the vehicle set since the last time (P-16).
-    pub(crate) fn poll<V: Parameters>(&mut self, now: Instant, vehicle: &mut V, normal: LinkMask) {
+    pub(crate) fn poll<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
         let Some(mut table) = self.table(vehicle) else { return };
-        if core::mem::take(&mut table.state.news) {
-            table.state.untold = table.state.untold.with(normal);
-        }
         table.notice(now);
         self.note(&table);
     }

@@ -11,8 +11,6 @@ use crate::time::Instant;
 pub(super) struct State {
     /// Counts the changes of what is stored. Wraps.
     pub(super) generation: u32,
-    /// Whether the vehicle set something since this was last asked.
-    pub(super) news: bool,
     /// Links that may not have been told of every value.
     pub(super) untold: LinkMask,
     /// Links that the hash is owed on, and how far it is.
@@ -28,7 +26,6 @@ impl State {
     pub(super) const fn new() -> Self {
         Self {
             generation: 0,
-            news: false,
             untold: LinkMask::NONE,
             hash_owed: LinkMask::NONE,
             hash: Hash::new(),

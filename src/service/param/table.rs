@@ -367,8 +367,7 @@ impl TableMut<'_> {
         }
         if old != bits {
             self.put(index, bits);
-            self.mark(index, ALL_LINKS);
-            self.state.news = true;
+            self.tell(index, ALL_LINKS);
         }
         true
     }
@@ -402,14 +401,10 @@ impl TableMut<'_> {
 
     /// The links of the mask are to be told of a value.
     pub(super) fn tell(&mut self, index: u16, links: LinkMask) {
-        self.mark(index, links);
-        self.state.untold = self.state.untold.with(links);
-    }
-
-    fn mark(&mut self, index: u16, links: LinkMask) {
         if let Some(untold) = self.untold.get_mut(usize::from(index)) {
             *untold = untold.with(links);
         }
+        self.state.untold = self.state.untold.with(links);
     }
 
     /// The link of the mask has been told of a value, or is about to be.

@@ -3,7 +3,7 @@
 //! All streams that are due are sent in sweeps through the table, each at most once a sweep, and a sweep that found no more
 //! room goes on where it stopped. So a line that is too slow for all starves none: the fast ones get slower first.
 
-use heapless::Deque;
+use heapless::Vec;
 
 use super::{MAX_INTERVAL, Stream, StreamProfile};
 use crate::time::{Duration, Instant};
@@ -65,7 +65,7 @@ pub(crate) struct Streams {
     indexed: u8,
     index: u16,
     /// Ids of messages whose interval was asked for.
-    questions: Deque<u16, QUESTIONS>,
+    questions: Vec<u16, QUESTIONS, u8>,
     /// Where the sweep is in the table, and when it began.
     cursor: u8,
     is_sweeping: bool,
@@ -83,7 +83,7 @@ impl Streams {
             asked: 0,
             indexed: 0,
             index: 0,
-            questions: Deque::new(),
+            questions: Vec::new(),
             cursor: 0,
             is_sweeping: false,
             swept: Instant::ZERO,
@@ -128,12 +128,15 @@ impl Streams {
 
     /// Owes the answer to what the interval of message `id` is. False when there is no room for it.
     pub(super) fn question(&mut self, id: u16) -> bool {
-        self.questions.iter().any(|&other| other == id) || self.questions.push_back(id).is_ok()
+        self.questions.iter().any(|&other| other == id) || self.questions.push(id).is_ok()
     }
 
     /// A message whose interval is to be told; it is owed no longer.
     pub(super) fn take_question(&mut self) -> Option<u16> {
-        self.questions.pop_front()
+        // The oldest.
+        let id = self.questions.first().copied()?;
+        self.questions.retain(|&other| other != id);
+        Some(id)
     }
 
     /// Whether an answer is owed.

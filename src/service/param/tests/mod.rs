@@ -177,7 +177,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     }
 
     fn poll(&mut self) {
-        self.params.poll(self.now, &mut self.vehicle, both_links());
+        self.params.poll(self.now, &mut self.vehicle);
     }
 
     fn wait(&mut self, millis: u64) {
