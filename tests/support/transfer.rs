@@ -37,6 +37,8 @@ struct Session {
     /// How often something is sent, or waited for, before the client gives up.
     patience: u32,
     tries: u32,
+    /// What was sent more than once.
+    repeats: u32,
     due: Option<Instant>,
 }
 
@@ -50,6 +52,7 @@ impl Session {
             timeout: Duration::from_millis(500),
             patience: 5,
             tries: 0,
+            repeats: 0,
             due: None,
         }
     }
@@ -141,6 +144,11 @@ impl Upload {
         self.session.due.unwrap_or(Instant::ZERO)
     }
 
+    /// What it sent again, because no answer came or because it was asked to.
+    pub fn repeats(&self) -> u32 {
+        self.session.repeats
+    }
+
     /// Items that were sent, each counted once.
     pub fn items_sent(&self) -> usize {
         self.next
@@ -175,6 +183,7 @@ impl Upload {
             } else {
                 self.session.tries += 1;
                 if !self.is_asked {
+                    self.session.repeats += u32::from(self.session.tries > 1);
                     let count = MissionCount {
                         target_system: self.session.vehicle.system.0,
                         target_component: self.session.vehicle.component.0,
@@ -204,6 +213,7 @@ impl Upload {
         }
         self.session.refresh(now);
         self.session.tries += 1;
+        self.session.repeats += u32::from(seq < self.next);
         self.next = if self.is_qgroundcontrol { self.next.max(seq + 1) } else { seq + 1 };
         let item = MissionItemInt {
             target_system: self.session.vehicle.system.0,
@@ -252,6 +262,11 @@ impl Download {
     /// When it does something though nothing comes.
     pub fn due(&self) -> Instant {
         self.session.due.unwrap_or(Instant::ZERO)
+    }
+
+    /// What it sent again, because no answer came.
+    pub fn repeats(&self) -> u32 {
+        self.session.repeats
     }
 
     /// Takes in what came and sends what is due. Unlike MAVSDK it heeds a refusal, as QGroundControl does.
@@ -314,6 +329,7 @@ impl Download {
 
     fn ask(&mut self, gcs: &mut Gcs) {
         self.session.tries += 1;
+        self.session.repeats += u32::from(self.session.tries > 1);
         let Address { system, component } = self.session.vehicle;
         let (target_system, target_component) = (system.0, component.0);
         let mission_type = self.session.plan;
