@@ -35,6 +35,7 @@ impl Acks {
     }
 
     /// Owes the answer to `to`. The caller asked [`is_full`](Self::is_full) before the command was carried out.
+    /// Not inlined: there are six who push.
     #[inline(never)]
     pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
         event!("command {=u16} from {}: {=u8}", command.0, to, outcome.result.0);

@@ -126,7 +126,7 @@ impl Caller<'_> {
         self.replies.push(Reply { to: self.from.address, mission_type, what });
     }
 
-    #[inline(never)]
+    /// Not inlined: there are many who owe one.
     #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
         self.owe(mission_type, What::Ack(result, id));

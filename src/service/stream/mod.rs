@@ -139,9 +139,8 @@ impl Stream {
     }
 }
 
-/// An interval within the bounds.
+/// An interval within the bounds. Not inlined: a comparison of 64 bits in each of six places.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
-#[inline(never)]
 #[inline(never)]
 const fn clamped(micros: u64) -> u32 {
     if micros < MIN_INTERVAL as u64 {
