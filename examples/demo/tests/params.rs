@@ -1,16 +1,14 @@
 //! The demo vehicle's parameters: each changes what it does.
 
 mod support;
+#[path = "support/wire.rs"]
+mod wire;
 
-use std::collections::VecDeque;
-use std::convert::Infallible;
-
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant, Message, NoPlans, Version, encode};
-use mavstack::{Commands, Param, ParamTable, ParamType, Parameters, Vehicle};
-use mavstack_demo::{App, Mode, TELEMETRY, Tuning};
-use support::{Flight, HOME, command, waypoint};
+use mavstack::{Param, ParamTable, ParamType, Parameters, Vehicle};
+use mavstack_demo::{Mode, TELEMETRY, Tuning};
+use support::{Flight, HOME, waypoint};
+use wire::Wire;
 
 fn set<T: ParamType>(flight: &mut Flight, param: Param<Tuning, T>, value: T) {
     let tuning = flight.vehicle.parameters_mut().expect("it has parameters");
@@ -300,55 +298,8 @@ fn home_is_where_it_is_switched_on() {
     assert_eq!((position.latitude, position.longitude, position.altitude), (-HOME.0, 1_799_999_999, -3.5));
 }
 
-/// A line between the vehicle and the test.
-#[derive(Default)]
-struct Line {
-    up: VecDeque<u8>,
-    down: VecDeque<u8>,
-}
-
-impl ErrorType for Line {
-    type Error = Infallible;
-}
-
-impl ReadReady for Line {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(!self.up.is_empty())
-    }
-}
-
-impl Read for Line {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
-        let len = bytes.len().min(self.up.len());
-        bytes.iter_mut().zip(self.up.drain(..len)).for_each(|(to, from)| *to = from);
-        Ok(len)
-    }
-}
-
-impl WriteReady for Line {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(true)
-    }
-}
-
-impl Write for Line {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.down.extend(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-/// The vehicle with its stack, and a ground station at the other end of the line.
-struct World {
-    app: Box<App<NoPlans>>,
-    line: Line,
-    decoder: Decoder,
-    now: Instant,
-}
+/// The vehicle with its stack, and a ground station.
+struct World(Wire);
 
 impl World {
     /// Sets a parameter; what the vehicle answers.
@@ -360,30 +311,18 @@ impl World {
             param_type: r#type,
             param_value: f32::from_bits(bits),
         };
-        let mut frame = [0; 280];
-        let len = encode(&set, Version::V2, Address::new(255, 190), 0, &mut frame).unwrap();
-        self.line.up.extend(&frame[..len]);
-        for _ in 0..200 {
-            self.now = self.now.after(Duration::from_millis(1));
-            self.app.control(self.now);
-            self.app.serve(self.now, TELEMETRY, &mut self.line).unwrap();
-            self.decoder.push(self.line.down.make_contiguous(), self.now);
-            self.line.down.clear();
-            while let Some(frame) = self.decoder.next(self.now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
-                match frame.id() {
-                    ParamValue::ID => {
-                        let value = ParamValue::decode(frame.payload());
-                        // After a refusal the value comes too.
-                        if value.param_id.as_str() == Some(name) {
-                            return Ok(value.param_value.to_bits());
-                        }
-                    }
-                    ParamError::ID => return Err(ParamError::decode(frame.payload()).error),
-                    _ => {}
-                }
-            }
+        let Self(wire) = self;
+        wire.send(TELEMETRY, &set);
+        wire.run(50);
+        // With a refusal the value comes too.
+        let refusal = wire.take::<ParamError>().pop();
+        let values = wire.take::<ParamValue>();
+        let value = values.iter().find(|(_, value)| value.param_id.as_str() == Some(name));
+        match (refusal, value) {
+            (Some((_, refusal)), _) => Err(refusal.error),
+            (None, Some((_, value))) => Ok(value.param_value.to_bits()),
+            (None, None) => panic!("no answer about {name}"),
         }
-        panic!("no answer about {name}");
     }
 
     fn real(&mut self, name: &str, value: f32) -> Result<f32, MavParamError> {
@@ -391,8 +330,7 @@ impl World {
     }
 
     fn command(&mut self, id: MavCmd, first: f32) {
-        let (_, vehicle) = self.app.parts();
-        assert_eq!(vehicle.command(&command(id, [first, 0.0, 0.0, 0.0])).result, MavResult::ACCEPTED);
+        assert_eq!(self.0.long(id, &[first]), MavResult::ACCEPTED);
     }
 }
 
@@ -400,12 +338,7 @@ impl World {
 #[test]
 fn what_makes_no_sense_is_refused() {
     const DENIED: MavParamError = MavParamError::PERMISSION_DENIED;
-    let mut world = World {
-        app: Box::new(App::new()),
-        line: Line::default(),
-        decoder: Decoder::new(Duration::from_secs(1)),
-        now: Instant::ZERO,
-    };
+    let mut world = World(Wire::new());
     assert_eq!(world.real("BAT_LOW_THR", 0.3), Ok(0.3));
     assert_eq!(world.real("BAT_CRIT_THR", 0.31), Err(MavParamError::VALUE_OUT_OF_RANGE));
     assert_eq!(world.real("BAT_LOW_THR", 0.06), Err(MavParamError::VALUE_OUT_OF_RANGE));
@@ -413,15 +346,15 @@ fn what_makes_no_sense_is_refused() {
     assert_eq!(world.set("STAT_FLIGHTS", MavParamType::UINT16, 9), Err(MavParamError::READ_ONLY));
     let south = (-123_456_789_i32).cast_unsigned();
     assert_eq!(world.set("SIH_LOC_LAT0", MavParamType::INT32, south), Ok(south));
-    while !world.app.vehicle().has_fix() {
+    while !world.0.app.vehicle().has_fix() {
         world.real("MPC_XY_CRUISE", 7.5).unwrap();
-        assert!(world.now < Instant::from_millis(60_000), "it finds no position");
+        assert!(world.0.millis < 60_000, "it finds no position");
     }
     world.command(MavCmd::COMPONENT_ARM_DISARM, 1.0);
     world.command(MavCmd::NAV_TAKEOFF, 0.0);
-    while world.app.vehicle().local_position().down > -5.0 {
+    while world.0.app.vehicle().local_position().down > -5.0 {
         assert_eq!(world.set("MAV_SYS_ID", MavParamType::UINT8, 3), Err(DENIED));
-        assert!(world.now < Instant::from_millis(60_000), "it does not climb");
+        assert!(world.0.millis < 60_000, "it does not climb");
     }
     assert_eq!(world.real("GF_MAX_VER_DIST", 4.5), Err(DENIED));
     assert_eq!(world.real("BAT_CAPACITY", 3_000.0), Err(DENIED));

@@ -1,53 +1,18 @@
 //! What the ground sees of a flight: every message of the vehicle, in agreement with the vehicle and with each other.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::convert::Infallible;
+#[path = "support/wire.rs"]
+mod wire;
 
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use std::collections::BTreeMap;
+
 use mavstack::dialect::*;
 use mavstack::{
     Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans, Peer,
 };
-use mavstack_demo::{App, COMPANION, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, Quadrotor, SATELLITE, TELEMETRY};
+use wire::Line;
 
 const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
-
-/// A line that takes everything and brings nothing; what was sent stays in it.
-#[derive(Default)]
-struct Line(VecDeque<u8>);
-
-impl ErrorType for Line {
-    type Error = Infallible;
-}
-
-impl ReadReady for Line {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(false)
-    }
-}
-
-impl Read for Line {
-    fn read(&mut self, _: &mut [u8]) -> Result<usize, Infallible> {
-        unreachable!("it is never ready")
-    }
-}
-
-impl WriteReady for Line {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(true)
-    }
-}
-
-impl Write for Line {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.0.extend(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
 
 /// The vehicle, and what came down each line: the last of each message, and how many.
 struct Flight {
@@ -89,15 +54,15 @@ impl Flight {
 
     fn listen(&mut self, index: usize, now: Instant) {
         let (line, decoder) = (&mut self.lines[index], &mut self.decoders[index]);
-        self.bytes[index] += line.0.len();
+        self.bytes[index] += line.down.len();
         loop {
-            let pushed = decoder.push(line.0.make_contiguous(), now);
-            line.0.drain(..pushed);
+            let pushed = decoder.push(line.down.make_contiguous(), now);
+            line.down.drain(..pushed);
             while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
                 *self.counts[index].entry(frame.id()).or_default() += 1;
                 self.last[index].insert(frame.id(), frame.payload().to_vec());
             }
-            if line.0.is_empty() {
+            if line.down.is_empty() {
                 return;
             }
         }
@@ -109,6 +74,12 @@ impl Flight {
         let command = Command { id, params, position, z, from: STATION, is_broadcast: false, confirmation: 0 };
         let (_, vehicle) = self.app.parts();
         assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED, "{id:?}");
+    }
+
+    /// Has what is told on request only told on all links.
+    fn stack_announce(&mut self) {
+        self.app.parts().0.announce::<FlightInformation, Quadrotor>();
+        self.run(10, |_| {});
     }
 
     /// The last `M` on a link.
@@ -191,6 +162,67 @@ fn flight_is_what_the_messages_say() {
     flight.run(20_000, |_| {});
     assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::ON_GROUND);
     assert_eq!(flight.get::<VfrHud>(COMPANION).throttle, 0);
+}
+
+/// The rates of roll, pitch and yaw are what makes the angles change, and the vehicle leans no faster than a vehicle can.
+#[test]
+fn rates_are_those_of_the_angles() {
+    let mut flight = Flight::new();
+    flight.run(3_000, |_| {});
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
+    flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
+    flight.run(8_000, |_| {});
+    let (_, vehicle) = flight.app.parts();
+    let position = CommandPosition::Long { param5: 47.398_1, param6: 8.546 };
+    let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
+    let id = MavCmd::DO_REPOSITION;
+    let command = Command { id, params, position, z: f32::NAN, from: STATION, is_broadcast: false, confirmation: 0 };
+    assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
+    let mut angles: Vec<Attitude> = Vec::new();
+    for _ in 0..400 {
+        flight.run(20, |_| {});
+        angles.push(flight.get(COMPANION));
+    }
+    let greatest = |angle: fn(&Attitude) -> f32| angles.iter().map(|at| angle(at).abs()).fold(0.0, f32::max);
+    let lean = greatest(|at| at.pitch).max(greatest(|at| at.roll));
+    let rate = greatest(|at| at.pitchspeed).max(greatest(|at| at.rollspeed));
+    assert!((0.2..0.31).contains(&lean) && (1.0..3.0).contains(&rate), "{lean} rad, {rate} rad/s");
+    for pair in angles.windows(2).filter(|pair| pair[1].time_boot_ms > pair[0].time_boot_ms) {
+        let dt = (pair[1].time_boot_ms - pair[0].time_boot_ms) as f32 / 1_000.0;
+        let changes = [
+            (pair[1].roll - pair[0].roll, pair[1].rollspeed, pair[0].rollspeed),
+            (pair[1].pitch - pair[0].pitch, pair[1].pitchspeed, pair[0].pitchspeed),
+        ];
+        for (change, now, before) in changes {
+            // What is between two messages is seen by one of them.
+            let (least, most) = (now.min(before).min(0.0) * dt, now.max(before).max(0.0) * dt);
+            assert!(least - 0.03 < change && change < most + 0.03, "{pair:?}");
+        }
+    }
+}
+
+/// MAVSDK's info.flight_information: since when it is armed and in the air.
+#[test]
+fn flights_are_told() {
+    let mut flight = Flight::new();
+    flight.run(3_000, |_| {});
+    let (_, vehicle) = flight.app.parts();
+    assert_eq!(vehicle.tuning().get(mavstack_demo::Tuning::STAT_FLIGHTS), 0);
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
+    flight.run(2_000, |_| {});
+    flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
+    flight.run(5_000, |_| {});
+    flight.command(MavCmd::NAV_LAND, 0.0, 0.0);
+    flight.run(100, |_| {});
+    flight.stack_announce();
+    let told: FlightInformation = flight.get(TELEMETRY);
+    assert!(told.arming_time_utc.abs_diff(3_000_000) <= 20_000, "{told:?}");
+    assert!(told.takeoff_time_utc.abs_diff(5_000_000) <= 50_000, "{told:?}");
+    assert_eq!((told.flight_uuid, told.landing_time), (1, 0));
+    flight.run(30_000, |_| {});
+    flight.stack_announce();
+    let told: FlightInformation = flight.get(TELEMETRY);
+    assert!((10_500..25_000).contains(&told.landing_time), "{told:?}");
 }
 
 /// Unasked, every message comes on both normal links but the one that only a companion wants; nothing comes by satellite.

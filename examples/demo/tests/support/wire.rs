@@ -16,7 +16,8 @@ pub const STATION: Address = Address::new(255, 190);
 #[derive(Default)]
 pub struct Line {
     up: VecDeque<u8>,
-    down: VecDeque<u8>,
+    /// What the vehicle has sent.
+    pub down: VecDeque<u8>,
     /// The vehicle can send nothing.
     pub is_stuck: bool,
 }
