@@ -5,7 +5,7 @@ INTERVALS = 40
 
 
 class Meter:
-    """Takes messages in the order in which they come. One without a time of its own has that of the last one before it."""
+    """Takes messages in the order in which they come. One without a time of its own has that of the one before it."""
 
     def __init__(self):
         self.now = None

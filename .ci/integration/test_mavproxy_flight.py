@@ -1,5 +1,6 @@
 """The vehicle that MAVProxy's user flies: modes, streams, a restart."""
 
+import math
 import time
 
 import pytest
@@ -13,6 +14,7 @@ mavlink = mavutil.mavlink
 
 # PX4's numbers: main mode << 16 | sub-mode << 24. MAVProxy knows no names for them.
 HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (3, 5, 6))
+POSITION = 3 << 16
 
 
 @pytest.fixture
@@ -51,8 +53,35 @@ def test_modes(mavproxy, other):
     mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
     mode_of(other, LAND)
     mavproxy.say("disarm")
-    mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: DENIED")
+    mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: TEMPORARILY_REJECTED")
     mavproxy.expect("DISARMED", timeout=40)
+
+
+def test_radio_channels(mavproxy, other):
+    """J-4: overrides fly it as a radio would, and are told as what the radio says; released, it holds."""
+    mavproxy.say("arm throttle")
+    mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
+    mavproxy.say("takeoff 5")
+    mavproxy.expect("COMMAND_ACK: NAV_TAKEOFF: ACCEPTED")
+    assert other.wait("GLOBAL_POSITION_INT", 20, lambda told: told.relative_alt > 3_000)
+    mavproxy.say(f"mode {POSITION}")
+    mavproxy.expect("COMMAND_ACK: DO_SET_MODE: TEMPORARILY_REJECTED")
+    for channel, pulse in [(1, 1500), (2, 1300), (3, 1500), (4, 1500)]:
+        mavproxy.say(f"rc {channel} {pulse}")
+    told = other.wait("RC_CHANNELS", 10, lambda told: told.chan4_raw == 1500)
+    assert (told.chan1_raw, told.chan2_raw, told.chan3_raw) == (1500, 1300, 1500)
+    mavproxy.say(f"mode {POSITION}")
+    mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
+    mode_of(other, POSITION)
+    # Low is forward, wherever that is.
+    begin = other.wait("LOCAL_POSITION_NED")
+    assert other.wait("LOCAL_POSITION_NED", 30, lambda told: math.hypot(told.x - begin.x, told.y - begin.y) > 5)
+    mavproxy.say("rc clear")
+    mavproxy.expect("Manual control lost: holding")
+    mode_of(other, HOLD)
+    assert other.wait("RC_CHANNELS", 10, lambda told: told.chan2_raw != 1300)
+    mavproxy.say(f"mode {LAND}")
+    mavproxy.expect("DISARMED", timeout=60)
 
 
 def logged(log):
@@ -85,3 +114,13 @@ def test_streams(mavproxy, port, tmp_path, figure):
     for name in names:
         set_interval(gcs, name, 0)
     gcs.close()
+
+
+def test_reboot(mavproxy, other):
+    """Answered first; a minute ago and now are different lives."""
+    assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms > 5000)
+    mavproxy.say("reboot")
+    mavproxy.expect("COMMAND_ACK: PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
+    assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms < 5000), "it does not come back"
+    # What comes next is to find it ready.
+    assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms > 4000)

@@ -23,6 +23,7 @@ STREAMED = [
     "BATTERY_STATUS",
     "HOME_POSITION",
     "EXTENDED_SYS_STATE",
+    "RC_CHANNELS",
     "MISSION_CURRENT",
 ]
 # Those whose rates can be set.

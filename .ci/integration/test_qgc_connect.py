@@ -1,6 +1,7 @@
 """QGroundControl finds the vehicle, loads what it wants to know of it, and works with it (§16.1)."""
 
 import math
+import time
 
 import pytest
 from conftest import is_armed
@@ -37,6 +38,7 @@ def test_it_connects(planned, line, figure, request):
     assert qgc.is_ready and all(step.is_answered for step in qgc.steps), qgc.steps
     steps = ", ".join(f"{step.name} {step.duration:.2f}" for step in qgc.steps[:-1])
     figure(f"QGroundControl on {request.node.callspec.id}: {steps} s; {qgc.retries} asked again")
+    assert len(qgc.modes) == qgc.modes[0].number_modes
     for kind, items in PLANS.items():
         assert differences(items, qgc.plans[kind]) == []
     line.drain()
@@ -77,8 +79,30 @@ def test_what_it_does_then(gcs):
         assert told.message_id == attitude and expected(told.interval_us)
 
 
+def test_ping_and_timesync(gcs, other):
+    """T-1, T-2: who asks is answered, on the line that it asked on; an answer is not answered."""
+    gcs.mav.ping_send(123_456_789, 7, 0, 0)
+    pong = gcs.wait("PING")
+    assert (pong.time_usec, pong.seq) == (123_456_789, 7)
+    assert (pong.target_system, pong.target_component) == gcs.address
+    other.drain()
+    gcs.mav.ping_send(123_456_790, 8, 1, 1)
+    assert not gcs.wait("PING", 0.5) and not other.wait("PING", 0.1)
+    offsets = []
+    for _ in range(5):
+        sent = time.monotonic_ns()
+        gcs.mav.timesync_send(0, sent)
+        answer = gcs.wait("TIMESYNC", where=lambda answer: answer.ts1 == sent)
+        assert answer and answer.tc1 > 0
+        offsets.append(answer.tc1 - (sent + time.monotonic_ns()) // 2)
+    boot = gcs.wait("SYSTEM_TIME", 3)
+    # One clock: the same as in the messages, and it runs as fast as ours.
+    assert abs(answer.tc1 / 1e6 - boot.time_boot_ms) < 5000
+    assert max(offsets) - min(offsets) < 1e9
+
+
 def test_its_take_off_and_landing(gcs):
-    """As for every autopilot that it does not know: armed, then all parameters NaN, so that the height is the vehicle's."""
+    """As for every autopilot that it does not know: armed, then all parameters NaN: the height is the vehicle's."""
     write(gcs, "MIS_TAKEOFF_ALT", REAL32, 4.0)
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("HEARTBEAT", 3, is_armed)

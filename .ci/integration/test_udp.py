@@ -7,6 +7,7 @@ from conftest import Gcs, found_by_mavsdk
 from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from plans import FENCE, MISSION, PLANS, RALLY, differences, plan
 from pymavlink import mavutil
+from qgc import Qgc
 from transfer import ACCEPTED, DENIED, as_dict, download, next_word, send_item, upload, upload_part
 
 V2 = 0xFD
@@ -68,6 +69,18 @@ def test_plans_go_up_and_come_down(port, figure):
             assert differences(items, [as_dict(item) for item in down()]) == []
         missions.clear_mission()
         assert missions.download_mission() == []
+
+
+def test_qgroundcontrol_connects(port):
+    """As it comes: over UDP, without a word about it."""
+    gcs = Gcs(port, "udpin")
+    try:
+        qgc = Qgc(gcs)
+        qgc.connect()
+        assert qgc.is_ready and all(step.is_answered for step in qgc.steps), qgc.steps
+        assert len(qgc.parameters) == qgc.parameter_count
+    finally:
+        gcs.close()
 
 
 def test_two_clients(port, other):

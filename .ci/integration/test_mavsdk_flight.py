@@ -1,0 +1,362 @@
+"""The vehicle that an application with MAVSDK flies and watches."""
+
+import json
+import math
+import queue
+import threading
+import time
+
+import pytest
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.action.action import ActionError, ActionResult
+from mavsdk.plugins.info import Info
+from mavsdk.plugins.info.info import InfoError
+from mavsdk.plugins.manual_control import ManualControl
+from mavsdk.plugins.manual_control.manual_control import ManualControlError, ManualControlResult
+from mavsdk.plugins.mavlink_direct import MavlinkDirect
+from mavsdk.plugins.mavlink_direct.mavlink_direct import MavlinkMessage
+from mavsdk.plugins.param import Param
+from mavsdk.plugins.telemetry import Telemetry
+from mavsdk.plugins.telemetry.telemetry import FlightMode, LandedState, TelemetryError, TelemetryResult
+from pymavlink import mavutil
+from rates import Meter
+
+mavlink = mavutil.mavlink
+
+HOME = (47.397742, 8.545594, 488.0)
+# m of latitude in a degree.
+DEGREE = 111_319.5
+
+# What MAVSDK can be told to set the rate of, and the message that it means.
+RATES = {
+    "attitude_euler": "ATTITUDE",
+    "attitude_quaternion": "ATTITUDE_QUATERNION",
+    "battery": "BATTERY_STATUS",
+    "fixedwing_metrics": "VFR_HUD",
+    "gps_info": "GPS_RAW_INT",
+    "health": "SYS_STATUS",
+    "home": "HOME_POSITION",
+    "landed_state": "EXTENDED_SYS_STATE",
+    "position": "GLOBAL_POSITION_INT",
+    "position_velocity_ned": "LOCAL_POSITION_NED",
+    "rc_status": "RC_CHANNELS",
+    "unix_epoch_time": "SYSTEM_TIME",
+}
+
+
+def until(condition, timeout, what):
+    """Waits for it. Only a vehicle that never gets there is to take so long as the limit."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {timeout} s: {what}"
+        time.sleep(0.02)
+
+
+def command_long(command, *params):
+    params = [*params, *[0] * (7 - len(params))]
+    fields = {f"param{n}": value for n, value in enumerate(params, 1)}
+    fields |= dict(target_system=1, target_component=1, command=command, confirmation=0)
+    return MavlinkMessage("COMMAND_LONG", 0, 0, 1, 1, json.dumps(fields))
+
+
+class Watched:
+    """The telemetry of a flight: what it is now, and what it has been."""
+
+    def __init__(self, system):
+        self.telemetry = Telemetry(system)
+        self.modes, self.states = [], []
+        self.telemetry.subscribe_flight_mode(self._remember(self.modes))
+        self.telemetry.subscribe_landed_state(self._remember(self.states))
+        self.telemetry.set_rate_position(10.0)
+        self.telemetry.set_rate_position_velocity_ned(10.0)
+        self.telemetry.set_rate_landed_state(10.0)
+        self.highest = self.fastest = 0.0
+        self.telemetry.subscribe_position_velocity_ned(self._note)
+
+    @staticmethod
+    def _remember(log):
+        def note(value, _):
+            if log[-1:] != [value]:
+                log.append(value)
+
+        return note
+
+    def _note(self, told, _):
+        self.highest = max(self.highest, -told.position.down_m)
+        self.fastest = max(self.fastest, self.speed(told))
+
+    @staticmethod
+    def speed(told):
+        return math.hypot(told.velocity.north_m_s, told.velocity.east_m_s)
+
+    @property
+    def height(self):
+        return self.telemetry.position().relative_altitude_m
+
+    @property
+    def now(self):
+        return self.telemetry.position_velocity_ned()
+
+    def north(self):
+        """m from home."""
+        return self.now.position.north_m
+
+    def way(self, begin, heading):
+        """m ahead and to the right of where it began, for a nose that points there, rad."""
+        north, east = self.now.position.north_m - begin.north_m, self.now.position.east_m - begin.east_m
+        sin, cos = math.sin(heading), math.cos(heading)
+        return north * cos + east * sin, east * cos - north * sin
+
+    def is_still(self):
+        return self.speed(self.now) < 0.1 and abs(self.now.velocity.down_m_s) < 0.1
+
+
+@pytest.fixture
+def action(system, port):
+    """Ready to fly; what a test has set is the default again afterwards."""
+    telemetry, params = Telemetry(system), Param(system)
+    until(telemetry.health_all_ok, 20, "the vehicle is healthy")
+    yield Action(system)
+    params.set_param_float("MIS_TAKEOFF_ALT", 10.0)
+    params.set_param_float("RTL_RETURN_ALT", 15.0)
+    params.set_param_float("MPC_XY_CRUISE", 8.0)
+    for name in RATES.values():
+        MavlinkDirect(system).send_command(command_long(511, getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), 0))
+
+
+def result_of(call, *arguments):
+    with pytest.raises(ActionError) as refusal:
+        call(*arguments)
+    return refusal.value.result
+
+
+def test_a_flight(system, action, figure):
+    """Take-off, a place, another one, a stop on the way there, and home: each to its end, seen in the telemetry."""
+    watched = Watched(system)
+    Param(system).set_param_float("RTL_RETURN_ALT", 8.0)
+    began = time.monotonic()
+    action.set_takeoff_altitude(5.0)
+    assert action.get_takeoff_altitude() == 5.0
+    assert result_of(action.takeoff) == ActionResult.COMMAND_DENIED, "it is not armed"
+    action.arm()
+    until(watched.telemetry.armed, 5, "armed")
+    action.takeoff()
+    until(lambda: FlightMode.TAKEOFF in watched.modes, 5, "it says that it takes off")
+    until(lambda: 4.4 < watched.height < 5.6 and watched.is_still(), 30, "it is where the take-off ends")
+    until(lambda: watched.telemetry.flight_mode() == FlightMode.HOLD, 5, "it holds")
+    until(lambda: watched.telemetry.landed_state() == LandedState.IN_AIR, 5, "it says that it is in the air")
+    assert watched.telemetry.in_air()
+    assert result_of(action.disarm) == ActionResult.COMMAND_DENIED, "it flies"
+
+    action.set_current_speed(4.0)
+    watched.fastest = 0.0
+    action.goto_location(HOME[0] + 20 / DEGREE, HOME[1], HOME[2] + 7, math.nan)
+    until(lambda: abs(watched.north() - 20) < 1 and watched.is_still(), 60, "it is where it was sent")
+    assert 6.4 < watched.height < 7.6
+    assert 3.5 < watched.fastest < 4.5
+
+    action.goto_location(HOME[0] + 200 / DEGREE, HOME[1], HOME[2] + 7, math.nan)
+    until(lambda: watched.north() > 25, 60, "it is on its way")
+    action.hold()
+    until(watched.is_still, 20, "it stops")
+    assert 25 < watched.north() < 60
+    assert watched.telemetry.flight_mode() == FlightMode.HOLD
+
+    watched.modes.clear()
+    action.return_to_launch()
+    until(lambda: not watched.telemetry.armed(), 90, "it lands at home")
+    until(lambda: watched.telemetry.landed_state() == LandedState.ON_GROUND, 5, "it says that it has landed")
+    assert FlightMode.RETURN_TO_LAUNCH in watched.modes
+    assert 7.4 < watched.highest < 8.6, "it flies home as high as it is told to"
+    assert math.hypot(watched.now.position.north_m, watched.now.position.east_m) < 1
+    in_air = watched.states.index(LandedState.IN_AIR)
+    assert LandedState.TAKING_OFF in watched.states[:in_air], watched.states
+    assert watched.states[-1] == LandedState.ON_GROUND, watched.states
+    figure(f"MAVSDK: flown in {time.monotonic() - began:.0f} s")
+
+
+def test_land(system, action):
+    """Where it is."""
+    watched = Watched(system)
+    action.set_takeoff_altitude(3.0)
+    action.arm()
+    action.takeoff()
+    until(lambda: watched.height > 2.3, 30, "it takes off")
+    action.land()
+    until(lambda: FlightMode.LAND in watched.modes, 5, "it says that it lands")
+    until(lambda: not watched.telemetry.armed(), 60, "it lands")
+    until(lambda: watched.states[-1] == LandedState.ON_GROUND, 5, "it says that it has landed")
+    assert LandedState.LANDING in watched.states, watched.states
+    assert abs(watched.height) < 0.2
+
+
+class Sticks:
+    """Held in somebody's hands: sent ten times a second until let go."""
+
+    CENTRED = (0.0, 0.0, 0.5, 0.0)
+
+    def __init__(self, control):
+        self.control = control
+        self.at = self.CENTRED
+        self.is_let_go = threading.Event()
+        self.thread = threading.Thread(target=self._send)
+        self.thread.start()
+
+    def _send(self):
+        while not self.is_let_go.wait(0.1):
+            self.control.set_manual_control_input(*self.at)
+
+    def let_go(self):
+        self.is_let_go.set()
+        self.thread.join()
+
+
+def test_by_hand(system, action):
+    """J-3: forward, up, around; centred it stands still, and when they are let go it holds."""
+    watched, control = Watched(system), ManualControl(system)
+    action.set_takeoff_altitude(3.0)
+    action.arm()
+    action.takeoff()
+    until(lambda: watched.height > 2.3 and watched.is_still(), 30, "it takes off")
+    with pytest.raises(ManualControlError) as refusal:
+        control.start_position_control()
+    assert refusal.value.result != ManualControlResult.SUCCESS, "there are no sticks"
+    sticks = Sticks(control)
+    try:
+        until(lambda: start(control), 10, "it takes the sticks")
+        until(lambda: watched.telemetry.flight_mode() == FlightMode.POSCTL, 5, "it says so")
+        begin, heading = watched.now.position, math.radians(watched.telemetry.attitude_euler().yaw_deg)
+        sticks.at = (0.5, 0.0, 0.5, 0.0)
+        until(lambda: watched.way(begin, heading)[0] > 4, 30, "it flies ahead")
+        sticks.at = sticks.CENTRED
+        until(watched.is_still, 20, "it stands still")
+        assert abs(watched.way(begin, heading)[1]) < 1
+        height = watched.height
+        sticks.at = (0.0, 0.0, 1.0, 0.0)
+        until(lambda: watched.height > height + 2, 30, "it climbs")
+        sticks.at = (0.0, 0.0, 0.5, 1.0)
+        yaw = watched.telemetry.attitude_euler
+        until(lambda: math.cos(math.radians(yaw().yaw_deg) - heading) < 0.8, 30, "it turns")
+        # It goes on turning, but nobody holds the sticks any more.
+    finally:
+        sticks.let_go()
+    until(lambda: watched.telemetry.flight_mode() == FlightMode.HOLD, 5, "it holds")
+    until(watched.is_still, 20, "it stands still")
+    action.land()
+    until(lambda: not watched.telemetry.armed(), 60, "it lands")
+
+
+def start(control):
+    """Whether it takes the sticks: the first ones may not be there yet."""
+    try:
+        control.start_position_control()
+        return True
+    except ManualControlError:
+        return False
+
+
+def known(ask):
+    """What MAVSDK says as soon as it has asked the vehicle itself."""
+    deadline = time.monotonic() + 20
+    while True:
+        try:
+            return ask()
+        except InfoError:
+            assert time.monotonic() < deadline, "it does not get to know"
+            time.sleep(0.1)
+
+
+def test_what_it_is(system):
+    """Q-9: version, product and identity as in AUTOPILOT_VERSION, what it has flown, and how fast its clock goes."""
+    info = Info(system)
+    version = known(info.get_version)
+    assert (version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch) == (0, 1, 0)
+    product = known(info.get_product)
+    assert (product.vendor_id, product.product_id) == (0, 0)
+    identification = known(info.get_identification)
+    assert bytes.fromhex(identification.hardware_uid) == b"mavstack demo 0001"
+    assert identification.legacy_uid == 0x6D61_7673_7461_636B
+    flights = queue.SimpleQueue()
+    info.subscribe_flight_information(lambda told, _: flights.put(told))
+    assert flights.get(timeout=10).time_boot_ms > 0
+    # Not a number until it has watched for a while.
+    until(lambda: abs(known(info.get_speed_factor) - 1) < 0.2, 60, "its second is a second")
+
+
+def test_subscriptions(system):
+    """Everything that the vehicle tells, as MAVSDK hands it on; standing on the ground."""
+    telemetry = Telemetry(system)
+    until(telemetry.health_all_ok, 20, "the vehicle is healthy")
+    found = {}
+    wanted = ["position", "home", "in_air", "landed_state", "armed", "attitude_quaternion", "attitude_euler"]
+    wanted += ["velocity_ned", "gps_info", "raw_gps", "battery", "flight_mode", "health", "position_velocity_ned"]
+    wanted += ["fixedwing_metrics", "heading", "attitude_angular_velocity_body", "health_all_ok"]
+    telemetry.set_rate_attitude_quaternion(5.0)
+    for name in wanted:
+        getattr(telemetry, f"subscribe_{name}")(lambda value, name: found.setdefault(name, value), name)
+    until(lambda: set(wanted) <= set(found), 15, f"all that is subscribed to; now {sorted(found)}")
+    telemetry.set_rate_attitude_quaternion(0.0)
+    place = found["position"]
+    home = found["home"]
+    assert (round(home.latitude_deg, 6), round(home.longitude_deg, 6)) == HOME[:2]
+    assert abs(place.latitude_deg - home.latitude_deg) < 1e-2 and abs(place.longitude_deg - home.longitude_deg) < 1e-2
+    assert abs(place.absolute_altitude_m - HOME[2]) < 1 and abs(place.relative_altitude_m) < 1
+    assert (found["in_air"], found["armed"], found["landed_state"]) == (False, False, LandedState.ON_GROUND)
+    assert found["gps_info"].num_satellites == 14 and found["gps_info"].fix_type >= 3
+    assert 3 * 3.5 <= found["battery"].voltage_v <= 3 * 4.2 and 0 < found["battery"].remaining_percent <= 100
+    assert found["health"].is_armable and found["health"].is_home_position_ok
+    assert abs(found["attitude_euler"].roll_deg) < 5 and abs(found["attitude_quaternion"].w) <= 1
+
+
+def test_rates(system, action, figure):
+    """Q-4, Q-5: whatever rate it sets for whatever it can show, all at once, within 5 % by the vehicle's clock."""
+    telemetry, direct = Telemetry(system), MavlinkDirect(system)
+    for name in RATES:
+        getattr(telemetry, f"set_rate_{name}")(8.0)
+    messages = queue.SimpleQueue()
+    direct.subscribe_message("", lambda message, _: messages.put(message))
+    meter = Meter()
+    while not meter.has_enough(RATES.values()):
+        message = messages.get(timeout=3)
+        meter.take(message.message_name, json.loads(message.fields_json))
+    errors = {name: meter.interval(name) / 125_000 - 1 for name in RATES.values()}
+    worst = max(errors, key=lambda name: abs(errors[name]))
+    figure(f"MAVSDK: {len(RATES)} rates of 8 Hz within {100 * abs(errors[worst]):.2f} % ({worst})")
+    assert all(abs(error) < 0.05 for error in errors.values()), errors
+
+
+def test_a_rate_of_what_is_not_there(system):
+    """Q-4"""
+    with pytest.raises(TelemetryError) as refusal:
+        Telemetry(system).set_rate_odometry(5.0)
+    assert refusal.value.result == TelemetryResult.COMMAND_DENIED
+
+
+def test_raw_messages(system, other):
+    """mavlink_direct: messages there and back, and a command with its answer."""
+    direct = MavlinkDirect(system)
+    answers = queue.SimpleQueue()
+    direct.subscribe_message("PARAM_VALUE", lambda message, _: answers.put(json.loads(message.fields_json)))
+    fields = dict(target_system=1, target_component=1, param_id="NAV_ACC_RAD", param_index=-1)
+    direct.send_message(MavlinkMessage("PARAM_REQUEST_READ", 0, 0, 1, 1, json.dumps(fields)))
+    answer = answers.get(timeout=3)
+    assert (answer["param_id"], answer["param_value"], answer["param_type"]) == ("NAV_ACC_RAD", 2.0, 9)
+    for command, result in [
+        (command_long(512, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION), mavlink.MAV_RESULT_ACCEPTED),
+        (command_long(512, 42_000), mavlink.MAV_RESULT_DENIED),
+        (command_long(42_424), mavlink.MAV_RESULT_UNSUPPORTED),
+    ]:
+        ack = direct.send_command(command)
+        assert (ack.message_name, json.loads(ack.fields_json)["result"]) == ("COMMAND_ACK", result)
+
+
+def test_reboot(system, action):
+    """C-30: the answer comes first, and then the vehicle again."""
+    clock = queue.SimpleQueue()
+    telling = lambda message, _: clock.put(json.loads(message.fields_json)["time_boot_ms"])
+    MavlinkDirect(system).subscribe_message("SYSTEM_TIME", telling)
+    until(lambda: clock.get(timeout=5) > 5000, 20, "it has been there for a while")
+    action.reboot()
+    until(lambda: clock.get(timeout=10) < 5000, 10, "it begins anew")
+    # What comes next is to find it ready.
+    until(lambda: clock.get(timeout=5) > 4000, 20, "it is ready")
