@@ -128,7 +128,7 @@ impl Streams {
 
     /// Owes the answer to what the interval of message `id` is. False when there is no room for it.
     pub(super) fn question(&mut self, id: u16) -> bool {
-        self.questions.iter().any(|&other| other == id) || self.questions.push(id).is_ok()
+        self.questions.contains(&id) || self.questions.push(id).is_ok()
     }
 
     /// A message whose interval is to be told; it is owed no longer.
