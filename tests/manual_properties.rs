@@ -259,7 +259,7 @@ fn run((source, timeout, events): (ControlSource, u64, Vec<Event>)) -> Result<()
 }
 
 proptest! {
-    #![proptest_config(cases(400))]
+    #![proptest_config(cases(200))]
 
     /// J-1 to J-4: what senders send.
     #[test]
