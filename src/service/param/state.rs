@@ -40,7 +40,9 @@ impl State {
         self.untold.with(self.hash_owed).with(self.refusals.links())
     }
 
-    /// The lines of these links were opened anew: nobody is there any more who asked.
+    /// The lines of these links were opened anew: nobody is there any more who asked. Not inlined: it is rare, and would stand
+    /// at each door of the service.
+    #[inline(never)]
     pub(super) fn forget(&mut self, links: LinkMask) {
         self.refusals.forget(links);
         self.hash_owed = self.hash_owed.without(links);
