@@ -354,9 +354,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 
     /// Tells the operators something: a STATUSTEXT on every normal link (T-5). Takes any text: a `&str`, or a
-    /// [`Text`](crate::Text) that numbers were put into. At most [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes, the rest is cut
+    /// [`&Text`](crate::Text) that numbers were put into. At most [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes, the rest is cut
     /// off; the same text again within five seconds is dropped. When four wait, the least severe goes.
-    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: impl AsRef<[u8]>) {
+    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
         self.push_text(now, severity, &Text::from_bytes(text.as_ref()));
     }
 

@@ -266,13 +266,13 @@ fn texts_of_all_kinds_are_sent() {
     let mut built = Text::<MAX_TEXT_LEN>::new("Home moved by ");
     built.push_decimal(-125, 1);
     world.stack.send_text(world.now(), MavSeverity::INFO, "plain");
-    world.stack.send_text(world.now(), MavSeverity::INFO, String::from("owned"));
-    world.stack.send_text(world.now(), MavSeverity::INFO, built);
+    world.stack.send_text(world.now(), MavSeverity::INFO, &String::from("owned"));
+    world.stack.send_text(world.now(), MavSeverity::INFO, &built);
     world.run_for(millis(100));
     assert_eq!(texts(&world, 0), ["plain", "owned", "Home moved by -12.5"]);
     world.gcs[0].forget();
     // What is not UTF-8 is sent as it is.
-    world.stack.send_text(world.now(), MavSeverity::INFO, [0xFF; 130]);
+    world.stack.send_text(world.now(), MavSeverity::INFO, &[0xFF; 130]);
     #[cfg(feature = "fmt")]
     {
         world.stack.send_fmt(world.now(), MavSeverity::INFO, format_args!("{:.1} m/s", 2.25));
