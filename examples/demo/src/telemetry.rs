@@ -3,13 +3,15 @@
 use libm::{atan2f, cosf, roundf, sinf, sqrtf};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, FlightInformation, GlobalPositionInt, GpsFixType,
-    GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction, MavBatteryType,
-    MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
+    GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction,
+    MavBatteryType, MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime,
+    VfrHud,
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
 use crate::battery::Battery;
 use crate::body::Vector;
+use crate::geo::Home;
 use crate::tuning::Tuning;
 use crate::vehicle::{Mode, Quadrotor, Times};
 
@@ -28,6 +30,7 @@ const STREAMS: &[Stream] = &[
     stream::<HomePosition>(5_000, 2_000),
     stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
     Stream::of::<FlightInformation>(),
+    Stream::of::<GpsGlobalOrigin>(),
     stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
 ];
 
@@ -59,6 +62,7 @@ impl Telemetry for Quadrotor {
             VfrHud::ID => out.put(&self.vfr_hud()),
             // There is one battery.
             BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
+            GpsGlobalOrigin::ID if self.has_fix() => out.put(&self.origin(now)),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
             FlightInformation::ID => out.put(&self.flight_information(now)),
             RcChannels::ID => out.put(&self.rc_channels(now)),
@@ -236,6 +240,12 @@ impl Quadrotor {
             charge_state: if battery.is_low() { MavBatteryChargeState::LOW } else { MavBatteryChargeState::OK },
             ..BatteryStatus::default()
         }
+    }
+
+    /// Where LOCAL_POSITION_NED counts from.
+    fn origin(&self, now: Instant) -> GpsGlobalOrigin {
+        let Home { latitude, longitude, altitude, .. } = self.home();
+        GpsGlobalOrigin { latitude, longitude, altitude: scaled(altitude, 1e3), time_usec: now.as_micros() }
     }
 
     fn home_position(&self, now: Instant) -> HomePosition {

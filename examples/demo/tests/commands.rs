@@ -219,6 +219,11 @@ fn home_is_told_at_once_and_flown_to() {
     wire.run(500);
     let (_, position) = wire.take::<GlobalPositionInt>().pop().unwrap();
     assert!((position.alt - position.relative_alt - 485_000).abs() <= 1, "{position:?}");
+    // Local coordinates count from where they did.
+    assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[49.0]), MavResult::ACCEPTED);
+    wire.run(10);
+    let (_, origin) = wire.take::<GpsGlobalOrigin>().pop().unwrap();
+    assert_eq!((origin.latitude, origin.longitude, origin.altitude), (HOME.0, HOME.1, 488_000));
     for (params, x, y, z) in [
         ([0.0, 0.0, 0.0, 0.0], i32::MAX, i32::MAX, 485.0),
         ([0.0, 0.0, 0.0, 0.0], x, y, NAN),

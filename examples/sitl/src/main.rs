@@ -39,7 +39,8 @@ const PERIOD: Duration = Duration::from_millis(1);
 ///
 /// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine that takes one client at a
 /// time; a second one is turned away. Without options: 5770 for telemetry, 5771 for a companion computer, 5772 for a
-/// satellite modem. Room for plans: 1,000 mission items, 256 fence items, 64 rally points. Ctrl-C ends it.
+/// satellite modem. Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks
+/// for starts the vehicle anew; who is connected stays so. Ctrl-C ends it.
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {

@@ -481,13 +481,12 @@ impl Default for Quadrotor {
 
 impl Vehicle for Quadrotor {
     fn state(&self) -> Option<VehicleState> {
-        let mut base_mode =
-            MavModeFlag::CUSTOM_MODE_ENABLED | MavModeFlag::STABILIZE_ENABLED | MavModeFlag::GUIDED_ENABLED;
-        match self.mode {
-            Mode::Hold => {}
-            Mode::Position => base_mode |= MavModeFlag::MANUAL_INPUT_ENABLED,
-            _ => base_mode |= MavModeFlag::AUTO_ENABLED,
-        }
+        let mut base_mode = MavModeFlag::CUSTOM_MODE_ENABLED | MavModeFlag::STABILIZE_ENABLED;
+        base_mode |= match self.mode {
+            Mode::Hold => MavModeFlag::GUIDED_ENABLED,
+            Mode::Position => MavModeFlag::MANUAL_INPUT_ENABLED,
+            _ => MavModeFlag::GUIDED_ENABLED | MavModeFlag::AUTO_ENABLED,
+        };
         if self.armed {
             base_mode |= MavModeFlag::SAFETY_ARMED;
         }
