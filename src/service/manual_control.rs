@@ -11,9 +11,9 @@
 //!                 broadcast  not_allowed         not_holder        None from the timeout on
 //! ```
 //!
-//! One sender steers at a time: the first that may, until nothing was heard of him for the timeout. Who sends meanwhile is
-//! counted and not obeyed. A vehicle that took whatever came last would tremble between two sticks, and a second, idle
-//! joystick could take it out of a pilot's hands.
+//! One sender, which is an address on a link, steers at a time: the first that may, until neither message came from him
+//! for the timeout. Who sends meanwhile is counted and not obeyed. A vehicle that took whatever came last would tremble
+//! between two sticks, and a second, idle joystick could take it out of a pilot's hands.
 //!
 //! Sticks are no sign of life of their sender: only heartbeats are (H-10). A vehicle that wants them to be looks at
 //! [`ManualInput::holder`] before it believes that he is [lost](crate::PeerEvent::Lost).
@@ -49,7 +49,7 @@ pub enum ControlSource {
         last: SystemId,
     },
     /// Every system from which a ground station's heartbeats come on the same link: with type
-    /// [`GCS`](MavType::GCS), and not [lost](crate::PeerEvent::Lost).
+    /// [`GCS`](MavType::GCS), and not [lost](crate::PeerEvent::Lost). One for whom the peer table has no room is not known.
     GroundStation,
 }
 
@@ -291,7 +291,7 @@ impl ManualInput {
     fn on_frame(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
         let holder = self.holder(now);
         let counters = &mut self.counters;
-        let (counter, _reason) = if is_broadcast {
+        let (counter, reason) = if is_broadcast {
             (&mut counters.broadcast, "no stick is for everyone")
         } else if !self.source.allows(from, peers) {
             (&mut counters.not_allowed, "not from who may steer")
@@ -305,7 +305,7 @@ impl ManualInput {
             self.take(now, from, frame);
             return count(&mut self.counters.taken);
         };
-        event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), from, _reason);
+        event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), from, reason);
         count(counter);
     }
 
