@@ -1,5 +1,5 @@
-//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9; and the answers that have their own
-//! ways: C-30; test T-C5.
+//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9; and what is not: C-10, SEC-13; and the
+//! answers that have their own ways: C-30; test T-C5.
 
 mod support;
 
@@ -200,4 +200,61 @@ fn reboot_is_answered_first() {
     world.gcs[0].poll(later);
     let (_, ack) = world.gcs[0].take::<CommandAck>().unwrap();
     assert_eq!(ack.result, MavResult::ACCEPTED);
+}
+
+/// C-10: `confirmation` decides nothing by itself. Most clients leave it at 0 when they repeat a command, and COMMAND_INT has
+/// none: a command that runs is answered and not begun again whatever it says, an ordinary one is carried out each time.
+#[test]
+fn repetitions_are_known_without_their_confirmation() {
+    for confirmations in [[0, 0, 0, 0], [0, 1, 2, 3], [3, 0, 255, 1]] {
+        let mut world = world();
+        let (calibrate, land) = (MavCmd::PREFLIGHT_CALIBRATION, MavCmd::NAV_LAND);
+        world.vehicle.long.insert(calibrate.0);
+        for confirmation in confirmations {
+            for command in [calibrate, land] {
+                let message = world.gcs[0].long(command, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+                world.gcs[0].send(&CommandLong { confirmation, ..message });
+            }
+            world.run_for(millis(50));
+        }
+        let count = |command| world.vehicle.commands().iter().filter(|other| other.id == command).count();
+        assert_eq!((count(calibrate), count(land)), (1, 4), "{confirmations:?}");
+        let results: Vec<_> = world.gcs[0].all::<CommandAck>().iter().map(|(_, ack)| ack.result).collect();
+        assert_eq!(results, [[MavResult::IN_PROGRESS, MavResult::ACCEPTED]; 4].concat(), "{confirmations:?}");
+    }
+    let mut world = world();
+    world.vehicle.long.insert(MavCmd::PREFLIGHT_CALIBRATION.0);
+    for _ in 0..4 {
+        world.gcs[0].command_int(MavCmd::PREFLIGHT_CALIBRATION, [1.0, 0.0, 0.0, 0.0]);
+        world.run_for(millis(50));
+    }
+    assert_eq!((world.vehicle.commands().len(), world.gcs[0].count_of::<CommandAck>()), (1, 4));
+}
+
+/// SEC-13: whether it disarms or reboots in flight is the vehicle's word alone. It hears of each, with all that was sent: no
+/// number in a parameter makes the stack refuse, or carry out, anything by itself.
+#[test]
+fn disarming_and_rebooting_in_flight_is_for_the_vehicle_to_refuse() {
+    let (disarm, reboot) = (MavCmd::COMPONENT_ARM_DISARM, MavCmd::PREFLIGHT_REBOOT_SHUTDOWN);
+    for (command, params) in [
+        (disarm, [0.0; 7]),
+        (disarm, [0.0, 21_196.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (reboot, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (reboot, [1.0, 0.0, 0.0, 0.0, 0.0, 20_190_226.0, 0.0]),
+        (reboot, [42.0, 24.0, 71.0, 93.0, 0.0, 0.0, 0.0]),
+    ] {
+        for verdict in [MavResult::TEMPORARILY_REJECTED, MavResult::DENIED, MavResult::ACCEPTED] {
+            let mut world = world();
+            world.vehicle.state.as_mut().unwrap().base_mode |= MavModeFlag::SAFETY_ARMED;
+            world.vehicle.outcomes.insert(command.0, verdict.into());
+            world.gcs[0].command_long(command, params);
+            assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, verdict);
+            let [heard] = world.vehicle.commands()[..] else { panic!("{:?}", world.vehicle.calls) };
+            let (param5, param6) = heard.position.params();
+            let [p1, p2, p3, p4] = heard.params;
+            assert_eq!([p1, p2, p3, p4, param5, param6, heard.z], params);
+            world.run_for(secs(2));
+            assert!(world.gcs[0].count_of::<Heartbeat>() >= 2, "the stack itself does nothing");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! Parameters over a line, through the whole stack: rules P-10 to P-32, tests T-P1, T-P4, T-P5.
+//! Parameters over a line, through the whole stack: rules P-3, P-10 to P-32, tests T-P1, T-P4, T-P5.
 
 #[cfg(feature = "storage")]
 #[path = "support/flash.rs"]
@@ -84,6 +84,42 @@ fn a_list_delays_no_heartbeat() {
     // P-11: 40 % of the line.
     let listed = world.gcs[0].count_of::<ParamValue>() * 37;
     assert!((18_000..=24_000).contains(&listed), "{listed} bytes of 57,600");
+}
+
+/// P-3: a type that PARAM_VALUE has no room for is refused, and none is ever sent.
+#[test]
+fn values_of_64_bits_are_refused() {
+    let mut world = World::new(Setup::<1>::new());
+    for param_type in
+        [MavParamType::UINT64, MavParamType::INT64, MavParamType::REAL64, MavParamType(0), MavParamType(11)]
+    {
+        for info in Tuning::INFO {
+            world.gcs[0].send(&set(info.name(), param_type, 1.0));
+            assert_eq!(world.expect::<ParamError>(0, millis(50)).error, MavParamError::TYPE_UNSUPPORTED);
+        }
+    }
+    world.gcs[0].send(&LIST);
+    world.run_for(secs(1));
+    let types: Vec<_> = known(&world, 0).values().map(|value| value.param_type).collect();
+    assert_eq!(types, Tuning::INFO.iter().map(|info| info.param_type()).collect::<Vec<_>>());
+    assert!(types.iter().all(|r#type| (1..=6).contains(&r#type.0) || *r#type == MavParamType::REAL32));
+    assert_eq!(world.vehicle.calls, [], "nothing was set");
+}
+
+/// P-18: a vehicle without parameters says so in AUTOPILOT_VERSION, and answers nobody; one is enough to be answered.
+#[test]
+fn a_vehicle_without_parameters_has_no_parameter_protocol() {
+    let mut world = World::<1, mavstack::NoPlans, 8, pilot::Pilot<{ pilot::PX4 }>>::with_plans(Setup::new());
+    world.gcs[0].send(&LIST);
+    world.gcs[0].send(&read(0, ""));
+    world.gcs[0].send(&set("SYS_ID", MavParamType::UINT8, 1.0));
+    world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let capabilities = world.expect::<AutopilotVersion>(0, millis(100)).capabilities;
+    assert!(!capabilities.contains(MavProtocolCapability::PARAM_ENCODE_BYTEWISE));
+    assert!(!capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
+    world.run_for(secs(3));
+    assert_eq!((world.gcs[0].count_of::<ParamValue>(), world.gcs[0].count_of::<ParamError>()), (0, 0));
+    assert_eq!(world.vehicle.messages, [21, 20, 23], "it may answer by itself");
 }
 
 /// P-14, P-16: everybody hears of what one sets; he alone of why not.
