@@ -173,12 +173,18 @@ fn find_or_insert<'a>(
     // The longest silent of those that are not alive goes first (H-12). A ground station may also take the place of a
     // living peer that is none; nobody takes a living ground station's.
     const LOST: u64 = 1 << 63;
-    let rank = |old: &PeerInfo| match now.since(old.heard).as_micros() {
-        silence if !old.is_alive => silence | LOST,
-        silence if is_gcs && old.r#type != MavType::GCS => silence.max(1),
-        _ => 0,
-    };
-    let victim = peers.iter_mut().max_by_key(|old| rank(old)).filter(|old| rank(old) > 0)?;
+    let (mut victim, mut highest) = (None, 0);
+    for old in peers.iter_mut() {
+        let rank = match now.since(old.heard).as_micros() {
+            silence if !old.is_alive => silence | LOST,
+            silence if is_gcs && old.r#type != MavType::GCS => silence.max(1),
+            _ => 0,
+        };
+        if rank > 0 && rank >= highest {
+            (victim, highest) = (Some(old), rank);
+        }
+    }
+    let victim = victim?;
     let evicted = core::mem::replace(victim, info);
     Some((victim, Some(evicted)))
 }

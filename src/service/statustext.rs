@@ -56,6 +56,11 @@ impl TextCursor {
     }
 }
 
+/// What a place in the queue is taken by: the higher, the sooner it goes to a new text.
+const WAITS: u8 = 0;
+const GIVEN_UP: u8 = 1;
+const SENT: u8 = 2;
+
 /// The queue of texts, for all links. The logic works on the unsized form, so the queue's length is compiled once.
 #[derive(Clone, Debug)]
 pub(crate) struct StatusTexts<E: ?Sized = [Entry]> {
@@ -93,17 +98,24 @@ impl StatusTexts {
         event!("statustext {=u8}: {}", severity.0, text);
         // Sent ones go first, the oldest of them; then those given up, then the least severe (a larger number is less severe).
         let newest = self.newest;
-        let given_up = |entry: &Entry| u8::from(now.since(entry.at) >= GIVE_UP_AFTER);
-        let state = |entry: &Entry| if entry.pending.is_empty() { 2 } else { given_up(entry) };
-        let rank = |entry: &Entry| {
+        let (mut place, mut highest) = (None, 0);
+        for entry in &mut self.entries {
+            let (state, least) = match entry.pending.is_empty() {
+                true => (SENT, 0),
+                false if now.since(entry.at) >= GIVE_UP_AFTER => (GIVEN_UP, entry.severity.0),
+                false => (WAITS, entry.severity.0),
+            };
             let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();
-            let severity = if entry.pending.is_empty() { 0 } else { entry.severity.0 };
-            u32::from_be_bytes([state(entry), severity, high, low])
-        };
-        let Some(entry) = self.entries.iter_mut().max_by_key(|entry| rank(entry)) else { return };
-        if !entry.pending.is_empty() {
+            let rank = u32::from_be_bytes([state, least, high, low]);
+            if rank >= highest {
+                (place, highest) = (Some(entry), rank);
+            }
+        }
+        let Some(entry) = place else { return };
+        let [state, least, ..] = highest.to_be_bytes();
+        if state != SENT {
             self.dropped = self.dropped.wrapping_add(1);
-            if state(entry) == 0 && entry.severity.0 < severity.0 {
+            if state == WAITS && least < severity.0 {
                 // All that wait are more severe than the new one.
                 return;
             }
@@ -126,11 +138,15 @@ impl StatusTexts {
         let link = LinkMask::of(tx.link());
         let newest = self.newest;
         // Numbers wrap, so the oldest is the one furthest behind the newest. A text once begun is finished first.
-        let entry = self.entries.iter_mut().filter(|entry| entry.pending.contains(link)).max_by_key(|entry| {
+        let (mut oldest, mut highest) = (None, 0);
+        for entry in self.entries.iter_mut().filter(|entry| entry.pending.contains(link)) {
             let begun = cursor.chunk > 0 && entry.number == cursor.number;
-            u32::from(newest.wrapping_sub(entry.number)) | (u32::from(begun) << 16)
-        });
-        let Some(entry) = entry else { return false };
+            let rank = u32::from(newest.wrapping_sub(entry.number)) | (u32::from(begun) << 16);
+            if rank >= highest {
+                (oldest, highest) = (Some(entry), rank);
+            }
+        }
+        let Some(entry) = oldest else { return false };
         if cursor.number != entry.number {
             *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
         }
