@@ -109,8 +109,8 @@
 //! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
-//! - `plan-texts` (default): a STATUSTEXT for every plan and item that is refused, with the reason.
-//! - `storage`: plans that survive power loss, in NOR flash or FRAM.
+//! - `plan-texts` (default): a STATUSTEXT for every plan, item and parameter that is refused, with the reason.
+//! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM.
 #![no_std]
 #![cfg_attr(
     not(test),
