@@ -15,7 +15,6 @@ use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
-use crate::service::mode;
 use crate::service::param;
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
@@ -197,7 +196,8 @@ pub(crate) struct Port {
     pub(crate) acks: Acks,
     pub(crate) owed: Owed,
     pub(crate) plans: Replies,
-    pub(crate) modes: mode::Replies,
+    /// A bit for each row of the vehicle's modes that is to be told.
+    pub(crate) modes: u32,
     pub(crate) params: param::List,
     pub(crate) text: TextCursor,
     pub(crate) streams: Streams,
@@ -233,7 +233,7 @@ impl Link {
             acks: Acks::new(),
             owed: Owed::NONE,
             plans: Replies::new(),
-            modes: mode::Replies::new(),
+            modes: 0,
             params: param::List::new(),
             text: TextCursor::new(),
             streams: Streams::new(),

@@ -59,13 +59,15 @@ impl Owed {
     pub(crate) const CURRENT_MODE: Self = Self(4);
     pub(crate) const AVAILABLE_MODES: Self = Self(8);
     pub(crate) const AVAILABLE_MODES_MONITOR: Self = Self(16);
+    /// Not a message: CURRENT_MODE does not go with the next HEARTBEAT.
+    pub(crate) const NO_MODE_NEXT: Self = Self(128);
 
     pub(crate) fn add(&mut self, other: Self) {
         self.0 |= other.0;
     }
 
     pub(crate) const fn is_empty(self) -> bool {
-        self.0 == 0
+        self.0 & !Self::NO_MODE_NEXT.0 == 0
     }
 
     pub(crate) fn take(&mut self, other: Self) -> bool {

@@ -7,7 +7,6 @@
 //! but answers goes to a high-latency link, and nothing at all to one that sends MAVLink 1, which has no room for these
 //! messages' ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent to who asks for it.
 
-use super::command;
 use super::identity::Owed;
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
@@ -17,7 +16,6 @@ use crate::frame::Version;
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, Text};
 use crate::num;
-use crate::time::Instant;
 use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle};
 
 /// The most modes that a vehicle can declare.
@@ -108,48 +106,13 @@ pub struct ModeRequest {
     pub is_broadcast: bool,
 }
 
-/// What a link keeps of the modes, beside what it owes. Initially zero bits.
-#[derive(Clone, Debug)]
-pub(crate) struct Replies {
-    /// A bit for each row of the table that is to be sent.
-    asked: u32,
-    /// CURRENT_MODE goes with every second HEARTBEAT: not with the next one.
-    rests: bool,
-}
+/// What an answer to SET_MODE calls its command (C-32): the number of no command.
+pub(crate) const SET_MODE: MavCmd = MavCmd(11);
+const _: () = assert!(SetMode::ID == 11);
 
-impl Replies {
-    pub(crate) const fn new() -> Self {
-        Self { asked: 0, rests: false }
-    }
-}
-
-/// A command about modes; `None` for all others.
-pub(crate) fn on_command<V: Vehicle + Commands>(
-    port: &mut Port,
-    vehicle: &mut V,
-    command: &Command,
-) -> Option<Outcome> {
-    let [first, ..] = command.params;
-    let mode = match command.id {
-        MavCmd::DO_SET_MODE => custom_mode(V::CUSTOM_MODE, command.params).and_then(|mode| find(V::MODES, mode)),
-        MavCmd::DO_SET_STANDARD_MODE => num::integer(first).and_then(|mode| find_standard(V::MODES, mode)),
-        MavCmd::REQUEST_MESSAGE => {
-            return request(V::MODES.len(), port, command, || vehicle.state().is_some()).map(Outcome::from);
-        }
-        _ => return None,
-    };
-    Some(enter(vehicle, mode, command.from, command.is_broadcast))
-}
-
-/// SET_MODE: allowed to whom a MAV_CMD_DO_SET_MODE would be, and carried out like one. Whether to arm it does not say, whatever
-/// its flags.
-pub(crate) fn on_set_mode<V: Vehicle + Commands>(
-    now: Instant,
-    vehicle: &mut V,
-    message: &SetMode,
-    from: Peer,
-) -> Outcome {
-    let command = Command {
+/// The command that a SET_MODE is, but for its number, which a parameter cannot always hold: [`on_command`] gets it apart.
+pub(crate) fn from_set_mode(message: &SetMode, from: Peer) -> Command {
+    Command {
         id: MavCmd::DO_SET_MODE,
         params: [f32::from(message.base_mode.0), num::f32_from_u32(message.custom_mode), 0.0, 0.0],
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
@@ -157,31 +120,39 @@ pub(crate) fn on_set_mode<V: Vehicle + Commands>(
         from,
         is_broadcast: message.target_system == 0,
         confirmation: 0,
+    }
+}
+
+/// A command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE.
+pub(crate) fn on_command<V: Vehicle + Commands>(
+    port: &mut Port,
+    vehicle: &mut V,
+    command: &Command,
+    set_mode: Option<u32>,
+) -> Option<Outcome> {
+    let [first, ..] = command.params;
+    let mode = match command.id {
+        MavCmd::DO_SET_MODE => {
+            let custom_mode = set_mode.or_else(|| custom_mode(V::CUSTOM_MODE, command.params));
+            // The other flags name no mode that a vehicle would know.
+            let is_custom =
+                num::integer(first).is_some_and(|flags| MavModeFlag(flags).contains(MavModeFlag::CUSTOM_MODE_ENABLED));
+            custom_mode.filter(|_| is_custom).and_then(|mode| find(V::MODES, mode))
+        }
+        MavCmd::DO_SET_STANDARD_MODE => num::integer(first).and_then(|mode| find_standard(V::MODES, mode)),
+        MavCmd::REQUEST_MESSAGE => {
+            return request(V::MODES.len(), port, command, || vehicle.state().is_some()).map(Outcome::from);
+        }
+        _ => return None,
     };
-    if let Some(answer) = command::answered(now, &command, vehicle) {
-        return answer;
-    }
-    let is_custom = message.base_mode.contains(MavModeFlag::CUSTOM_MODE_ENABLED);
-    let mode = find(V::MODES, message.custom_mode).filter(|_| is_custom);
-    let outcome = enter(vehicle, mode, from, command.is_broadcast);
-    command::carried_out(now, &command, outcome, vehicle);
-    outcome
-}
-
-fn enter(vehicle: &mut impl Commands, mode: Option<&'static FlightMode>, from: Peer, is_broadcast: bool) -> Outcome {
-    match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
-        Some(mode) => vehicle.set_mode(mode, &ModeRequest { from, is_broadcast }),
+    Some(match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
+        Some(mode) => vehicle.set_mode(mode, &ModeRequest { from: command.from, is_broadcast: command.is_broadcast }),
         None => MavResult::DENIED.into(),
-    }
+    })
 }
 
-/// The `custom_mode` that the parameters of a MAV_CMD_DO_SET_MODE are (C-8, C-9).
-fn custom_mode(way: CustomMode, [base, mode, sub, _]: [f32; 4]) -> Option<u32> {
-    let base = num::integer::<u8>(base)?;
-    // The other flags name no mode that a vehicle would know.
-    if !MavModeFlag(base).contains(MavModeFlag::CUSTOM_MODE_ENABLED) {
-        return None;
-    }
+/// The `custom_mode` of parameters 2 and 3 of a MAV_CMD_DO_SET_MODE (C-8, C-9).
+fn custom_mode(way: CustomMode, [_, mode, sub, _]: [f32; 4]) -> Option<u32> {
     let mode = num::unsigned(mode)?;
     let sub = if sub.is_nan() { 0 } else { num::integer::<u8>(sub)? };
     match (way, u8::try_from(mode)) {
@@ -210,7 +181,7 @@ fn request(count: usize, port: &mut Port, command: &Command, knows_mode: impl Fn
         AvailableModes::ID => {
             let index = if index.is_nan() { Some(0) } else { num::integer::<u8>(index) };
             let Some(modes) = index.and_then(|index| bits(count, index)) else { return Some(MavResult::DENIED) };
-            port.modes.asked |= modes;
+            port.modes |= modes;
             Owed::AVAILABLE_MODES
         }
         CurrentMode::ID if knows_mode() => Owed::CURRENT_MODE,
@@ -253,12 +224,12 @@ pub(crate) fn poll(told: &mut u32, links: &mut [Link], vehicle: &impl Vehicle) {
     links.iter_mut().for_each(|link| tell(&mut link.port));
 }
 
-/// A HEARTBEAT was sent.
+/// A HEARTBEAT was sent: CURRENT_MODE goes with every second one.
 pub(crate) fn on_heartbeat(port: &mut Port) {
-    if !port.modes.rests {
+    if !port.owed.take(Owed::NO_MODE_NEXT) {
+        port.owed.add(Owed::NO_MODE_NEXT);
         tell(port);
     }
-    port.modes.rests = !port.modes.rests;
 }
 
 /// Sends CURRENT_MODE or AVAILABLE_MODES_MONITOR. False when neither is owed, or can be sent.
@@ -284,9 +255,9 @@ pub(crate) fn next_listed(port: &mut Port, table: &[FlightMode]) -> bool {
         return false;
     }
     // In the table's order: QGroundControl takes the last one for the end of the list.
-    let index = usize::try_from(modes.asked.trailing_zeros()).unwrap_or(MAX_MODES);
-    modes.asked &= modes.asked.wrapping_sub(1);
-    if modes.asked != 0 {
+    let index = usize::try_from(modes.trailing_zeros()).unwrap_or(MAX_MODES);
+    *modes &= modes.wrapping_sub(1);
+    if *modes != 0 {
         owed.add(Owed::AVAILABLE_MODES);
     }
     table.get(index).is_some_and(|mode| {

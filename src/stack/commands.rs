@@ -2,10 +2,10 @@
 //! and when an answer has left.
 
 use super::{Context, Core, Stack, count_drop};
-use crate::dialect::{CommandCancel, MavCmd, SetMode};
+use crate::dialect::{CommandCancel, SetMode};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkClass, LinkId, Peer, Port};
-use crate::message::{Dialect, Message};
+use crate::message::Dialect;
 use crate::service::mission::PlanStorage;
 use crate::service::{command, mode};
 use crate::vehicle::Autopilot;
@@ -30,7 +30,7 @@ impl Core {
     /// Takes a message that is a command in all but form: COMMAND_CANCEL, and SET_MODE where the vehicle has modes. False
     /// when it is neither.
     pub(super) fn on_command_frame<V: Autopilot, P: PlanStorage>(
-        &self,
+        &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
@@ -52,17 +52,7 @@ impl Core {
             return false;
         }
         let Some(message) = frame.decode::<SetMode>() else { return false };
-        if port.acks.is_full() {
-            count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
-            return true;
-        }
-        let outcome = mode::on_set_mode(context.now, context.vehicle, &message, from);
-        // Its number is that of no command (C-32).
-        port.acks.push(from.address, MavCmd(SET_MODE), outcome);
+        self.on_command(context, port, &mode::from_set_mode(&message, from), Some(message.custom_mode));
         true
     }
 }
-
-/// What an answer to SET_MODE calls its command.
-const SET_MODE: u16 = 11;
-const _: () = assert!(SetMode::ID == 11);

@@ -83,9 +83,9 @@ impl Core {
         }
         let from = Peer { address: frame.source(), link: port.id };
         if let Some(command) = frame.decode::<CommandLong>() {
-            self.on_command(context, port, &command::from_long(&command, from));
+            self.on_command(context, port, &command::from_long(&command, from), None);
         } else if let Some(command) = frame.decode::<CommandInt>() {
-            self.on_command(context, port, &command::from_int(&command, from));
+            self.on_command(context, port, &command::from_int(&command, from), None);
         } else if self.on_command_frame(context, port, frame, Address::new(target_system, target_component)) {
             // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
@@ -124,19 +124,22 @@ impl Core {
         }
     }
 
-    fn on_command<V: Autopilot, P: PlanStorage>(
+    /// A command, or a SET_MODE, which is one in all but form; `set_mode` is its `custom_mode` then.
+    pub(super) fn on_command<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         command: &Command,
+        set_mode: Option<u32>,
     ) {
+        let id = if set_mode.is_some() { mode::SET_MODE } else { command.id };
         if port.acks.is_full() {
-            event!("command {=u16} dropped: no room for its answer", command.id.0);
+            event!("command {=u16} dropped: no room for its answer", id.0);
             count(&mut port.counters.no_answer_slot);
             return;
         }
         if let Some(answer) = command::answered(context.now, command, context.vehicle) {
-            port.acks.push(command.from.address, command.id, answer);
+            port.acks.push(command.from.address, id, answer);
             return;
         }
         let Context { now, texts, vehicle, .. } = context;
@@ -148,14 +151,25 @@ impl Core {
             let mut context = param::Context { now: *now, texts, normal: self.normal };
             self.params.on_command(&mut context, *vehicle, command)
         });
-        let stored = stored.or_else(|| self.on_message_command(context, port, command)).map(Outcome::from);
-        let has_modes = const { !V::MODES.is_empty() };
-        let known = stored.or_else(|| has_modes.then(|| mode::on_command(port, context.vehicle, command)).flatten());
-        let outcome =
-            known.unwrap_or_else(|| command::execute(command, port.config.class, &mut port.owed, context.vehicle));
+        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
+            Some(result) => result.into(),
+            None => execute(context, port, command, set_mode),
+        };
         command::carried_out(context.now, command, outcome, context.vehicle);
-        port.acks.push(command.from.address, command.id, outcome);
+        port.acks.push(command.from.address, id, outcome);
     }
+}
+
+/// Carries out a command that is none of plans, parameters and streams.
+fn execute<V: Autopilot, P: PlanStorage>(
+    context: &mut Context<'_, V, P>,
+    port: &mut Port,
+    command: &Command,
+    set_mode: Option<u32>,
+) -> Outcome {
+    let has_modes = const { !V::MODES.is_empty() };
+    let of_modes = has_modes.then(|| mode::on_command(port, context.vehicle, command, set_mode)).flatten();
+    of_modes.unwrap_or_else(|| command::execute(command, port.config.class, &mut port.owed, context.vehicle))
 }
 
 /// Where MANUAL_CONTROL.target stands.
