@@ -3,8 +3,9 @@
 #[path = "support/wire.rs"]
 mod wire;
 
+use mavstack::Parameters;
 use mavstack::dialect::*;
-use mavstack_demo::{COMPANION, Mode, TELEMETRY, Vector};
+use mavstack_demo::{COMPANION, Mode, TELEMETRY, Tuning, Vector};
 use wire::{NORMAL, Wire, command_long};
 
 const NAN: f32 = f32::NAN;
@@ -99,6 +100,42 @@ fn a_place_that_cannot_be_flown_to_is_refused() {
     assert_eq!(goto(&mut wire, 1.0), MavResult::TEMPORARILY_REJECTED);
     let said = ["Goto refused: not holding", "Landed, disarmed", "Refused: not armed", "Goto refused: on the ground"];
     assert_eq!(wire.said(), said);
+}
+
+/// On its way somewhere the fence stops it, as on any other way; and no fence around home is moved away from it.
+#[test]
+fn goto_ends_at_the_fence() {
+    let mut wire = Wire::airborne();
+    let (_, vehicle) = wire.app.parts();
+    assert!(vehicle.parameters_mut().unwrap().set(Tuning::GF_MAX_HOR_DIST, 30.0));
+    let (x, y) = north(60.0);
+    let goto = [NAN, 1.0, NAN, NAN];
+    assert_eq!(wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_INT, goto, x, y, 498.0), MavResult::ACCEPTED);
+    wire.run(12_000);
+    let north = wire.vehicle().local_position().north;
+    assert!((28.0..30.0).contains(&north), "{north}");
+    assert_eq!(wire.said(), ["Holding at the fence"]);
+    let home = wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, [0.0; 4], x + 10_000, y, 488.0);
+    assert_eq!(home, MavResult::DENIED);
+    assert_eq!(wire.said(), ["Home refused: the fence around it"]);
+    assert_eq!(wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, [0.0; 4], x, y, 488.0), MavResult::DENIED);
+    assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::ACCEPTED, "here it is inside");
+}
+
+/// The nose of a take-off and a landing, in degrees; NaN leaves it.
+#[test]
+fn the_nose_points_where_it_is_told_to() {
+    let mut wire = Wire::switched_on();
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[0.0, 0.0, 0.0, 200.0, 0.0, 0.0, 10.0]), MavResult::ACCEPTED);
+    wire.run(10_000);
+    assert!((heading(&wire) - 200.0).abs() < 1.0, "{}", heading(&wire));
+    wire.long(MavCmd::NAV_LAND, &[]);
+    wire.run(2_000);
+    assert!((heading(&wire) - 200.0).abs() < 1.0, "{}", heading(&wire));
+    wire.long(MavCmd::NAV_LAND, &[0.0, 0.0, 0.0, 270.0]);
+    wire.run(3_000);
+    assert!((heading(&wire) - 270.0).abs() < 1.0, "{}", heading(&wire));
 }
 
 /// MAVSDK's set_current_speed, and the speed of a goto.
