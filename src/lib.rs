@@ -178,7 +178,7 @@ pub use service::param::{
 pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use service::stream::{Fill, MAX_STREAMS, Stream, StreamProfile};
-pub use service::time::{ClockFilter, TimeSample, TimeSlot, TimeSlots, TimeSync};
+pub use service::time::{ClockFilter, TimeSample, TimeSlot, TimeSlots, TimeSync, WallClock};
 pub use stack::Stack;
 #[cfg(feature = "storage")]
 pub use storage::{Fram, FramError, ParamStore, PlanStore};

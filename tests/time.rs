@@ -1,9 +1,9 @@
-//! PING and TIMESYNC: rules T-1, T-2 and T-3.
+//! PING, TIMESYNC and SYSTEM_TIME: rules T-1 to T-4.
 
 mod support;
 
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Peer, TimeSlots};
+use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Peer, TimeSlots, WallClock};
 use proptest::prelude::*;
 use support::*;
 
@@ -140,6 +140,35 @@ fn without_the_service_the_vehicle_gets_the_messages() {
     let is_message = |call: &Call| matches!(call, Call::Message { id: 4 | 111, .. });
     assert_eq!(world.vehicle.calls.iter().filter(|call| is_message(call)).count(), 2);
     assert_eq!(world.gcs[0].count_of::<Ping>() + world.gcs[0].count_of::<Timesync>(), 0);
+}
+
+/// T-4, D-1: SYSTEM_TIME has the time since boot from the beginning and the time of day when it is known, both as they are when
+/// it goes out; the first wraps, the second does not.
+#[test]
+fn the_time_of_day_is_told_when_it_is_known() {
+    const NOON: u64 = 1_767_268_800_000_000;
+    // Ten seconds before the milliseconds wrap.
+    let start = Instant::from_millis((1 << 32) - 10_000);
+    let mut world = World::new(Setup::<1> { start, ..Setup::new() });
+    world.gcs[0].command_long(MavCmd::SET_MESSAGE_INTERVAL, [2.0, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    world.run_for(secs(5));
+    // The receiver does not know either.
+    world.vehicle.clock.set(world.now(), 0);
+    world.run_for(millis(500));
+    let set = world.now();
+    world.vehicle.clock.set(set, NOON);
+    world.run_for(secs(15));
+    let times = world.gcs[0].all::<SystemTime>();
+    assert!((20..=21).contains(&times.len()), "{} in 20.5 s", times.len());
+    for (at, time) in times {
+        let (unix, boot) = (time.time_unix_usec, u64::from(time.time_boot_ms));
+        assert_eq!(boot, at.as_millis() % (1 << 32));
+        assert_eq!(unix, if at > set { NOON + at.since(set).as_micros() } else { 0 });
+    }
+    // It is set again, and back.
+    world.vehicle.clock.set(world.now(), 1);
+    assert_eq!(world.vehicle.clock.unix_usec(world.now().after(millis(3))), Some(3_001));
+    assert_eq!(WallClock::new().unix_usec(world.now()), None);
 }
 
 proptest! {

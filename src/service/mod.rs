@@ -15,3 +15,4 @@ pub mod param;
 pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
+mod wall_clock;

@@ -7,6 +7,7 @@
 use core::ops::{Deref, DerefMut};
 
 pub use super::clock::ClockFilter;
+pub use super::wall_clock::WallClock;
 use crate::dialect::{Ping, Timesync};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Outbox, Peer, Port};

@@ -2,7 +2,7 @@
 
 use super::TestVehicle;
 use mavstack::dialect::{
-    Attitude, BatteryStatus, GlobalPositionInt, HomePosition, MavDataStream, OpenDroneIdLocation, SysStatus,
+    Attitude, BatteryStatus, GlobalPositionInt, HomePosition, MavDataStream, OpenDroneIdLocation, SysStatus, SystemTime,
 };
 use mavstack::{Duration, Fill, Message, Stream, Telemetry};
 
@@ -15,10 +15,12 @@ impl Telemetry for TestVehicle {
         Stream::of::<BatteryStatus>(),
         Stream::of::<HomePosition>(),
         Stream::of::<OpenDroneIdLocation>(),
+        Stream::of::<SystemTime>(),
     ];
 
     fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
-        let time_boot_ms = out.now().as_millis() as u32;
+        let now = out.now();
+        let time_boot_ms = now.as_millis() as u32;
         match id {
             Attitude::ID => out.put(&Attitude { time_boot_ms, yaw: 1.0, yawspeed: 0.5, ..Attitude::default() }),
             GlobalPositionInt::ID => {
@@ -31,6 +33,7 @@ impl Telemetry for TestVehicle {
                 out.put(&BatteryStatus { id, battery_remaining: 50, ..BatteryStatus::default() })
             }
             HomePosition::ID if self.has_home => out.put(&HomePosition { z: 3.0, ..HomePosition::default() }),
+            SystemTime::ID => out.put(&self.clock.message(now)),
             OpenDroneIdLocation::ID => out.put(&OpenDroneIdLocation::default()),
             _ => false,
         }

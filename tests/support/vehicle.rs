@@ -6,7 +6,7 @@ use mavstack::dialect::{
 use mavstack::{
     Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId,
     ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress,
-    TimeSlots, TimeSync, Vehicle, VehicleState,
+    TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -60,6 +60,8 @@ pub struct TestVehicle {
     pub time: Option<TimeSlots<2>>,
     /// Steered by hand; `None` when it is not.
     pub manual: Option<ManualInput>,
+    /// What it knows of the time of day.
+    pub clock: WallClock,
     /// Its parameters.
     pub tuning: Tuning,
     /// Whether plans may be changed.
@@ -99,6 +101,7 @@ impl TestVehicle {
             controller: None,
             time: None,
             manual: None,
+            clock: WallClock::new(),
             tuning: Tuning::new(),
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
