@@ -4,12 +4,12 @@
 #[path = "golden/all.rs"]
 mod all;
 
-use all::{Visit, dialect, message, wire_bitmask, wire_enum};
+use all::{Declared, Visit, command, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::{
     Common, Heartbeat, HighLatency2, MavCmd, MavMissionResult, MavModeFlag, MavResult, MavType, MissionItemInt,
 };
-// `CommandRule` and `ParamRule` for the text that `all` compiles.
-use mavstack::{CommandRule, Dialect, Message, ParamRule, Text};
+// `CommandRule`, `ParamRule` and `Location` for the text that `all` compiles.
+use mavstack::{CommandRule, Dialect, Location, Message, ParamRule, Text};
 use std::fmt::Debug;
 
 const TABLE: &str = include_str!("../dialect/tests/definitions/wire.csv");
@@ -47,7 +47,8 @@ fn expected() -> Vec<Row> {
 struct Rows(Vec<Row>);
 
 impl Visit for Rows {
-    fn visit<M: Message + Debug + Default + PartialEq>(&mut self) {
+    fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self) {
+        assert_eq!(M::CRC_EXTRA, M::crc_extra(), "{}", M::NAME);
         // A field a line, after the message's name; deeper lines are elements of arrays.
         let debug = format!("{:#?}", M::default());
         let fields = debug.lines().filter_map(|line| line.strip_prefix("    "));

@@ -4,11 +4,11 @@
 #[path = "golden/all.rs"]
 mod all;
 
-use all::{Visit, dialect, message, wire_bitmask, wire_enum};
+use all::{Declared, Visit, command, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::Common;
 // What the generated file asks the crate root for.
 use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, Text, Version, encode};
-use mavstack::{CommandRule, ParamRule};
+use mavstack::{CommandRule, Location, ParamRule};
 use std::{collections::BTreeMap, fmt::Debug};
 
 const STREAM: &[u8] = include_bytes!("golden/common.bin");
@@ -52,7 +52,7 @@ struct RoundTrip {
 }
 
 impl Visit for RoundTrip {
-    fn visit<M: Message + Debug + Default + PartialEq>(&mut self) {
+    fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self) {
         let name = M::NAME;
         let frames = self.golden.remove(&M::ID).unwrap_or_else(|| panic!("no frame of {name}: run make_vectors.py"));
         let expected = if M::ID <= 255 { 6 } else { 3 };

@@ -198,7 +198,13 @@ impl<'a> Types<'a> {
         doc.lifecycle(message.lifecycle.as_ref());
         doc.write(out, "    /// ");
         let name = &self.messages[message.name.as_str()];
-        let _ = writeln!(out, "    pub struct {name}: {} = {} {{", message.name, message.id);
+        let _ = writeln!(
+            out,
+            "    pub struct {name}: {} = {}, crc_extra = {} {{",
+            message.name,
+            message.id,
+            message.crc_extra()
+        );
         message.base().into_iter().for_each(|field| self.field(out, field));
         if message.extensions().next().is_some() {
             out.push_str("    } extensions {\n");

@@ -90,8 +90,8 @@ fn a_selection_has_the_messages_asked_for_and_the_enums_they_name() {
             "MavModeFlag: u8 {",
             "MavState: u8 {",
             "MavType: u8 {",
-            "Heartbeat: HEARTBEAT = 0 {",
-            "SystemTime: SYSTEM_TIME = 2 {",
+            "Heartbeat: HEARTBEAT = 0, crc_extra = 50 {",
+            "SystemTime: SYSTEM_TIME = 2, crc_extra = 137 {",
             "Few: [",
         ]
     );

@@ -5126,7 +5126,7 @@ pub mod commands {
 
 crate::message! {
     /// A component is alive: what it is, and in which state and mode.
-    pub struct Heartbeat: HEARTBEAT = 0 {
+    pub struct Heartbeat: HEARTBEAT = 0, crc_extra = 50 {
         custom_mode: u32,
         r#type: MavType,
         autopilot: MavAutopilot,
@@ -5139,7 +5139,7 @@ crate::message! {
 
 crate::message! {
     /// Health of sensors and subsystems, load, battery, losses on the link.
-    pub struct SysStatus: SYS_STATUS = 1 {
+    pub struct SysStatus: SYS_STATUS = 1, crc_extra = 124 {
         onboard_control_sensors_present: MavSysStatusSensor,
         onboard_control_sensors_enabled: MavSysStatusSensor,
         onboard_control_sensors_health: MavSysStatusSensor,
@@ -5167,7 +5167,7 @@ crate::message! {
 
 crate::message! {
     /// The Unix time that the sender knows, beside its time since boot.
-    pub struct SystemTime: SYSTEM_TIME = 2 {
+    pub struct SystemTime: SYSTEM_TIME = 2, crc_extra = 137 {
         /// (us)
         time_unix_usec: u64,
         /// (ms)
@@ -5178,7 +5178,7 @@ crate::message! {
 crate::message! {
     /// Asks for an answer with the same number, or is that answer; measures the delay between two components.
     /// Superseded since 2011-08: TIMESYNC.
-    pub struct Ping: PING = 4 {
+    pub struct Ping: PING = 4, crc_extra = 237 {
         /// (us)
         time_usec: u64,
         seq: u32,
@@ -5189,7 +5189,7 @@ crate::message! {
 
 crate::message! {
     /// `CHANGE_OPERATOR_CONTROL`.
-    pub struct ChangeOperatorControl: CHANGE_OPERATOR_CONTROL = 5 {
+    pub struct ChangeOperatorControl: CHANGE_OPERATOR_CONTROL = 5, crc_extra = 217 {
         target_system: u8,
         control_request: u8,
         version: u8,
@@ -5199,7 +5199,7 @@ crate::message! {
 
 crate::message! {
     /// `CHANGE_OPERATOR_CONTROL_ACK`.
-    pub struct ChangeOperatorControlAck: CHANGE_OPERATOR_CONTROL_ACK = 6 {
+    pub struct ChangeOperatorControlAck: CHANGE_OPERATOR_CONTROL_ACK = 6, crc_extra = 104 {
         gcs_system_id: u8,
         control_request: u8,
         ack: u8,
@@ -5208,14 +5208,14 @@ crate::message! {
 
 crate::message! {
     /// `AUTH_KEY`.
-    pub struct AuthKey: AUTH_KEY = 7 {
+    pub struct AuthKey: AUTH_KEY = 7, crc_extra = 119 {
         key: Text<32>,
     }
 }
 
 crate::message! {
     /// `LINK_NODE_STATUS`. Work in progress.
-    pub struct LinkNodeStatus: LINK_NODE_STATUS = 8 {
+    pub struct LinkNodeStatus: LINK_NODE_STATUS = 8, crc_extra = 117 {
         /// (ms)
         timestamp: u64,
         /// (bytes/s)
@@ -5241,7 +5241,7 @@ crate::message! {
 crate::message! {
     /// Asks for a mode by its flags and number; the old form of MAV_CMD_DO_SET_MODE. Superseded since 2015-12:
     /// MAV_CMD_DO_SET_MODE.
-    pub struct SetMode: SET_MODE = 11 {
+    pub struct SetMode: SET_MODE = 11, crc_extra = 89 {
         custom_mode: u32,
         target_system: u8,
         base_mode: MavModeFlag,
@@ -5250,7 +5250,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for one parameter, by name or by index.
-    pub struct ParamRequestRead: PARAM_REQUEST_READ = 20 {
+    pub struct ParamRequestRead: PARAM_REQUEST_READ = 20, crc_extra = 214 {
         /// Unknown: `-1`.
         param_index: i16,
         target_system: u8,
@@ -5261,7 +5261,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for all parameters.
-    pub struct ParamRequestList: PARAM_REQUEST_LIST = 21 {
+    pub struct ParamRequestList: PARAM_REQUEST_LIST = 21, crc_extra = 159 {
         target_system: u8,
         target_component: u8,
     }
@@ -5269,7 +5269,7 @@ crate::message! {
 
 crate::message! {
     /// One parameter: its name, type, value and place among all.
-    pub struct ParamValue: PARAM_VALUE = 22 {
+    pub struct ParamValue: PARAM_VALUE = 22, crc_extra = 220 {
         param_value: f32,
         param_count: u16,
         param_index: u16,
@@ -5280,7 +5280,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for a parameter to have a value; the answer is its PARAM_VALUE.
-    pub struct ParamSet: PARAM_SET = 23 {
+    pub struct ParamSet: PARAM_SET = 23, crc_extra = 168 {
         param_value: f32,
         target_system: u8,
         target_component: u8,
@@ -5291,7 +5291,7 @@ crate::message! {
 
 crate::message! {
     /// Position as the satellite receiver gives it, with the quality of its fix.
-    pub struct GpsRawInt: GPS_RAW_INT = 24 {
+    pub struct GpsRawInt: GPS_RAW_INT = 24, crc_extra = 24 {
         /// (us)
         time_usec: u64,
         /// (degE7)
@@ -5329,7 +5329,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS_STATUS`.
-    pub struct GpsStatus: GPS_STATUS = 25 {
+    pub struct GpsStatus: GPS_STATUS = 25, crc_extra = 23 {
         satellites_visible: u8,
         satellite_prn: [u8; 20],
         satellite_used: [u8; 20],
@@ -5344,7 +5344,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_IMU`.
-    pub struct ScaledImu: SCALED_IMU = 26 {
+    pub struct ScaledImu: SCALED_IMU = 26, crc_extra = 170 {
         /// (ms)
         time_boot_ms: u32,
         /// (mG)
@@ -5373,7 +5373,7 @@ crate::message! {
 
 crate::message! {
     /// `RAW_IMU`.
-    pub struct RawImu: RAW_IMU = 27 {
+    pub struct RawImu: RAW_IMU = 27, crc_extra = 144 {
         /// (us)
         time_usec: u64,
         xacc: i16,
@@ -5395,7 +5395,7 @@ crate::message! {
 
 crate::message! {
     /// `RAW_PRESSURE`.
-    pub struct RawPressure: RAW_PRESSURE = 28 {
+    pub struct RawPressure: RAW_PRESSURE = 28, crc_extra = 67 {
         /// (us)
         time_usec: u64,
         press_abs: i16,
@@ -5409,7 +5409,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_PRESSURE`.
-    pub struct ScaledPressure: SCALED_PRESSURE = 29 {
+    pub struct ScaledPressure: SCALED_PRESSURE = 29, crc_extra = 115 {
         /// (ms)
         time_boot_ms: u32,
         /// (hPa)
@@ -5426,7 +5426,7 @@ crate::message! {
 
 crate::message! {
     /// Attitude in Euler angles, and turn rates of the body.
-    pub struct Attitude: ATTITUDE = 30 {
+    pub struct Attitude: ATTITUDE = 30, crc_extra = 39 {
         /// (ms)
         time_boot_ms: u32,
         /// (rad)
@@ -5446,7 +5446,7 @@ crate::message! {
 
 crate::message! {
     /// Attitude as a quaternion, and turn rates of the body.
-    pub struct AttitudeQuaternion: ATTITUDE_QUATERNION = 31 {
+    pub struct AttitudeQuaternion: ATTITUDE_QUATERNION = 31, crc_extra = 246 {
         /// (ms)
         time_boot_ms: u32,
         q1: f32,
@@ -5467,7 +5467,7 @@ crate::message! {
 
 crate::message! {
     /// Estimated position and velocity relative to the local origin: north, east, down.
-    pub struct LocalPositionNed: LOCAL_POSITION_NED = 32 {
+    pub struct LocalPositionNed: LOCAL_POSITION_NED = 32, crc_extra = 185 {
         /// (ms)
         time_boot_ms: u32,
         /// (m)
@@ -5487,7 +5487,7 @@ crate::message! {
 
 crate::message! {
     /// Estimated position over ground and sea level, and velocity.
-    pub struct GlobalPositionInt: GLOBAL_POSITION_INT = 33 {
+    pub struct GlobalPositionInt: GLOBAL_POSITION_INT = 33, crc_extra = 104 {
         /// (ms)
         time_boot_ms: u32,
         /// (degE7)
@@ -5511,7 +5511,7 @@ crate::message! {
 
 crate::message! {
     /// `RC_CHANNELS_SCALED`.
-    pub struct RcChannelsScaled: RC_CHANNELS_SCALED = 34 {
+    pub struct RcChannelsScaled: RC_CHANNELS_SCALED = 34, crc_extra = 237 {
         /// (ms)
         time_boot_ms: u32,
         /// Unknown: `INT16_MAX`.
@@ -5538,7 +5538,7 @@ crate::message! {
 
 crate::message! {
     /// `RC_CHANNELS_RAW`.
-    pub struct RcChannelsRaw: RC_CHANNELS_RAW = 35 {
+    pub struct RcChannelsRaw: RC_CHANNELS_RAW = 35, crc_extra = 244 {
         /// (ms)
         time_boot_ms: u32,
         /// (us) Unknown: `UINT16_MAX`.
@@ -5565,7 +5565,7 @@ crate::message! {
 
 crate::message! {
     /// `SERVO_OUTPUT_RAW`.
-    pub struct ServoOutputRaw: SERVO_OUTPUT_RAW = 36 {
+    pub struct ServoOutputRaw: SERVO_OUTPUT_RAW = 36, crc_extra = 222 {
         /// (us)
         time_usec: u32,
         /// (us)
@@ -5608,7 +5608,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for a range of items of a plan.
-    pub struct MissionRequestPartialList: MISSION_REQUEST_PARTIAL_LIST = 37 {
+    pub struct MissionRequestPartialList: MISSION_REQUEST_PARTIAL_LIST = 37, crc_extra = 212 {
         start_index: i16,
         end_index: i16,
         target_system: u8,
@@ -5620,7 +5620,7 @@ crate::message! {
 
 crate::message! {
     /// Announces the upload of a range of items of a plan.
-    pub struct MissionWritePartialList: MISSION_WRITE_PARTIAL_LIST = 38 {
+    pub struct MissionWritePartialList: MISSION_WRITE_PARTIAL_LIST = 38, crc_extra = 9 {
         start_index: i16,
         end_index: i16,
         target_system: u8,
@@ -5633,7 +5633,7 @@ crate::message! {
 crate::message! {
     /// One item of a plan, position as floats; the old form of MISSION_ITEM_INT. Deprecated since 2020-06:
     /// MISSION_ITEM_INT.
-    pub struct MissionItem: MISSION_ITEM = 39 {
+    pub struct MissionItem: MISSION_ITEM = 39, crc_extra = 254 {
         param1: f32,
         param2: f32,
         param3: f32,
@@ -5655,7 +5655,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for one item of a plan; the old form of MISSION_REQUEST_INT. Deprecated since 2020-06: MISSION_REQUEST_INT.
-    pub struct MissionRequest: MISSION_REQUEST = 40 {
+    pub struct MissionRequest: MISSION_REQUEST = 40, crc_extra = 230 {
         seq: u16,
         target_system: u8,
         target_component: u8,
@@ -5667,7 +5667,7 @@ crate::message! {
 crate::message! {
     /// Asks the mission to go on with an item; the old form of MAV_CMD_DO_SET_MISSION_CURRENT. Superseded since
     /// 2022-08: MAV_CMD_DO_SET_MISSION_CURRENT.
-    pub struct MissionSetCurrent: MISSION_SET_CURRENT = 41 {
+    pub struct MissionSetCurrent: MISSION_SET_CURRENT = 41, crc_extra = 28 {
         seq: u16,
         target_system: u8,
         target_component: u8,
@@ -5676,7 +5676,7 @@ crate::message! {
 
 crate::message! {
     /// The item at which the mission is, its state, and the ids of the plans that are live.
-    pub struct MissionCurrent: MISSION_CURRENT = 42 {
+    pub struct MissionCurrent: MISSION_CURRENT = 42, crc_extra = 28 {
         seq: u16,
     } extensions {
         /// Unknown: `UINT16_MAX`.
@@ -5696,7 +5696,7 @@ crate::message! {
 
 crate::message! {
     /// Asks how many items a plan has: begins a download.
-    pub struct MissionRequestList: MISSION_REQUEST_LIST = 43 {
+    pub struct MissionRequestList: MISSION_REQUEST_LIST = 43, crc_extra = 132 {
         target_system: u8,
         target_component: u8,
     } extensions {
@@ -5706,7 +5706,7 @@ crate::message! {
 
 crate::message! {
     /// The number of items of a plan: begins an upload, or answers MISSION_REQUEST_LIST.
-    pub struct MissionCount: MISSION_COUNT = 44 {
+    pub struct MissionCount: MISSION_COUNT = 44, crc_extra = 221 {
         count: u16,
         target_system: u8,
         target_component: u8,
@@ -5719,7 +5719,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for a plan to be deleted.
-    pub struct MissionClearAll: MISSION_CLEAR_ALL = 45 {
+    pub struct MissionClearAll: MISSION_CLEAR_ALL = 45, crc_extra = 232 {
         target_system: u8,
         target_component: u8,
     } extensions {
@@ -5729,14 +5729,14 @@ crate::message! {
 
 crate::message! {
     /// An item of the mission was reached or done.
-    pub struct MissionItemReached: MISSION_ITEM_REACHED = 46 {
+    pub struct MissionItemReached: MISSION_ITEM_REACHED = 46, crc_extra = 11 {
         seq: u16,
     }
 }
 
 crate::message! {
     /// Ends a transfer of a plan: how it went.
-    pub struct MissionAck: MISSION_ACK = 47 {
+    pub struct MissionAck: MISSION_ACK = 47, crc_extra = 153 {
         target_system: u8,
         target_component: u8,
         r#type: MavMissionResult,
@@ -5749,7 +5749,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for another origin of local coordinates. Superseded since 2025-04: MAV_CMD_DO_SET_GLOBAL_ORIGIN.
-    pub struct SetGpsGlobalOrigin: SET_GPS_GLOBAL_ORIGIN = 48 {
+    pub struct SetGpsGlobalOrigin: SET_GPS_GLOBAL_ORIGIN = 48, crc_extra = 41 {
         /// (degE7)
         latitude: i32,
         /// (degE7)
@@ -5765,7 +5765,7 @@ crate::message! {
 
 crate::message! {
     /// The origin of local coordinates.
-    pub struct GpsGlobalOrigin: GPS_GLOBAL_ORIGIN = 49 {
+    pub struct GpsGlobalOrigin: GPS_GLOBAL_ORIGIN = 49, crc_extra = 39 {
         /// (degE7)
         latitude: i32,
         /// (degE7)
@@ -5780,7 +5780,7 @@ crate::message! {
 
 crate::message! {
     /// `PARAM_MAP_RC`.
-    pub struct ParamMapRc: PARAM_MAP_RC = 50 {
+    pub struct ParamMapRc: PARAM_MAP_RC = 50, crc_extra = 78 {
         param_value0: f32,
         scale: f32,
         param_value_min: f32,
@@ -5795,7 +5795,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for one item of a plan, by its number.
-    pub struct MissionRequestInt: MISSION_REQUEST_INT = 51 {
+    pub struct MissionRequestInt: MISSION_REQUEST_INT = 51, crc_extra = 196 {
         seq: u16,
         target_system: u8,
         target_component: u8,
@@ -5806,7 +5806,7 @@ crate::message! {
 
 crate::message! {
     /// `SAFETY_SET_ALLOWED_AREA`.
-    pub struct SafetySetAllowedArea: SAFETY_SET_ALLOWED_AREA = 54 {
+    pub struct SafetySetAllowedArea: SAFETY_SET_ALLOWED_AREA = 54, crc_extra = 15 {
         /// (m)
         p1x: f32,
         /// (m)
@@ -5827,7 +5827,7 @@ crate::message! {
 
 crate::message! {
     /// `SAFETY_ALLOWED_AREA`.
-    pub struct SafetyAllowedArea: SAFETY_ALLOWED_AREA = 55 {
+    pub struct SafetyAllowedArea: SAFETY_ALLOWED_AREA = 55, crc_extra = 3 {
         /// (m)
         p1x: f32,
         /// (m)
@@ -5846,7 +5846,7 @@ crate::message! {
 
 crate::message! {
     /// `ATTITUDE_QUATERNION_COV`.
-    pub struct AttitudeQuaternionCov: ATTITUDE_QUATERNION_COV = 61 {
+    pub struct AttitudeQuaternionCov: ATTITUDE_QUATERNION_COV = 61, crc_extra = 167 {
         /// (us)
         time_usec: u64,
         q: [f32; 4],
@@ -5863,7 +5863,7 @@ crate::message! {
 
 crate::message! {
     /// `NAV_CONTROLLER_OUTPUT`.
-    pub struct NavControllerOutput: NAV_CONTROLLER_OUTPUT = 62 {
+    pub struct NavControllerOutput: NAV_CONTROLLER_OUTPUT = 62, crc_extra = 183 {
         /// (deg)
         nav_roll: f32,
         /// (deg)
@@ -5885,7 +5885,7 @@ crate::message! {
 
 crate::message! {
     /// `GLOBAL_POSITION_INT_COV`.
-    pub struct GlobalPositionIntCov: GLOBAL_POSITION_INT_COV = 63 {
+    pub struct GlobalPositionIntCov: GLOBAL_POSITION_INT_COV = 63, crc_extra = 119 {
         /// (us)
         time_usec: u64,
         /// (degE7)
@@ -5910,7 +5910,7 @@ crate::message! {
 
 crate::message! {
     /// `LOCAL_POSITION_NED_COV`.
-    pub struct LocalPositionNedCov: LOCAL_POSITION_NED_COV = 64 {
+    pub struct LocalPositionNedCov: LOCAL_POSITION_NED_COV = 64, crc_extra = 191 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -5939,7 +5939,7 @@ crate::message! {
 
 crate::message! {
     /// The radio control channels as received.
-    pub struct RcChannels: RC_CHANNELS = 65 {
+    pub struct RcChannels: RC_CHANNELS = 65, crc_extra = 118 {
         /// (ms)
         time_boot_ms: u32,
         /// (us) Unknown: `UINT16_MAX`.
@@ -5987,7 +5987,7 @@ crate::message! {
 crate::message! {
     /// Asks for a group of messages at a rate; the old form of MAV_CMD_SET_MESSAGE_INTERVAL. Superseded since 2015-08:
     /// MAV_CMD_SET_MESSAGE_INTERVAL .
-    pub struct RequestDataStream: REQUEST_DATA_STREAM = 66 {
+    pub struct RequestDataStream: REQUEST_DATA_STREAM = 66, crc_extra = 148 {
         /// (Hz)
         req_message_rate: u16,
         target_system: u8,
@@ -5999,7 +5999,7 @@ crate::message! {
 
 crate::message! {
     /// The rate of a group of messages. Superseded since 2015-08: MESSAGE_INTERVAL.
-    pub struct DataStream: DATA_STREAM = 67 {
+    pub struct DataStream: DATA_STREAM = 67, crc_extra = 21 {
         /// (Hz)
         message_rate: u16,
         stream_id: MavDataStream,
@@ -6009,7 +6009,7 @@ crate::message! {
 
 crate::message! {
     /// Stick positions and buttons of whoever steers by hand.
-    pub struct ManualControl: MANUAL_CONTROL = 69 {
+    pub struct ManualControl: MANUAL_CONTROL = 69, crc_extra = 243 {
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
         x: i16,
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
@@ -6044,7 +6044,7 @@ crate::message! {
 
 crate::message! {
     /// Radio control channels to be taken in the place of the received ones.
-    pub struct RcChannelsOverride: RC_CHANNELS_OVERRIDE = 70 {
+    pub struct RcChannelsOverride: RC_CHANNELS_OVERRIDE = 70, crc_extra = 124 {
         /// (us) Unknown: `UINT16_MAX`.
         chan1_raw: u16,
         /// (us) Unknown: `UINT16_MAX`.
@@ -6089,7 +6089,7 @@ crate::message! {
 
 crate::message! {
     /// One item of a plan, position as scaled integers.
-    pub struct MissionItemInt: MISSION_ITEM_INT = 73 {
+    pub struct MissionItemInt: MISSION_ITEM_INT = 73, crc_extra = 38 {
         param1: f32,
         param2: f32,
         param3: f32,
@@ -6111,7 +6111,7 @@ crate::message! {
 
 crate::message! {
     /// What a pilot looks at: speeds, heading, throttle, altitude, climb.
-    pub struct VfrHud: VFR_HUD = 74 {
+    pub struct VfrHud: VFR_HUD = 74, crc_extra = 20 {
         /// (m/s)
         airspeed: f32,
         /// (m/s)
@@ -6129,7 +6129,7 @@ crate::message! {
 
 crate::message! {
     /// A command with a position in scaled integers and a frame.
-    pub struct CommandInt: COMMAND_INT = 75 {
+    pub struct CommandInt: COMMAND_INT = 75, crc_extra = 158 {
         /// Unknown: `NaN`.
         param1: f32,
         /// Unknown: `NaN`.
@@ -6155,7 +6155,7 @@ crate::message! {
 
 crate::message! {
     /// A command with seven float parameters.
-    pub struct CommandLong: COMMAND_LONG = 76 {
+    pub struct CommandLong: COMMAND_LONG = 76, crc_extra = 152 {
         /// Unknown: `NaN`.
         param1: f32,
         /// Unknown: `NaN`.
@@ -6179,7 +6179,7 @@ crate::message! {
 
 crate::message! {
     /// The answer to a command: its result, and its progress while it lasts.
-    pub struct CommandAck: COMMAND_ACK = 77 {
+    pub struct CommandAck: COMMAND_ACK = 77, crc_extra = 143 {
         command: MavCmd,
         result: MavResult,
     } extensions {
@@ -6193,7 +6193,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for a command that still runs to be given up. Work in progress.
-    pub struct CommandCancel: COMMAND_CANCEL = 80 {
+    pub struct CommandCancel: COMMAND_CANCEL = 80, crc_extra = 14 {
         command: MavCmd,
         target_system: u8,
         target_component: u8,
@@ -6202,7 +6202,7 @@ crate::message! {
 
 crate::message! {
     /// `MANUAL_SETPOINT`.
-    pub struct ManualSetpoint: MANUAL_SETPOINT = 81 {
+    pub struct ManualSetpoint: MANUAL_SETPOINT = 81, crc_extra = 106 {
         /// (ms)
         time_boot_ms: u32,
         /// (rad/s)
@@ -6219,7 +6219,7 @@ crate::message! {
 
 crate::message! {
     /// `SET_ATTITUDE_TARGET`.
-    pub struct SetAttitudeTarget: SET_ATTITUDE_TARGET = 82 {
+    pub struct SetAttitudeTarget: SET_ATTITUDE_TARGET = 82, crc_extra = 49 {
         /// (ms)
         time_boot_ms: u32,
         q: [f32; 4],
@@ -6240,7 +6240,7 @@ crate::message! {
 
 crate::message! {
     /// `ATTITUDE_TARGET`.
-    pub struct AttitudeTarget: ATTITUDE_TARGET = 83 {
+    pub struct AttitudeTarget: ATTITUDE_TARGET = 83, crc_extra = 22 {
         /// (ms)
         time_boot_ms: u32,
         q: [f32; 4],
@@ -6257,7 +6257,7 @@ crate::message! {
 
 crate::message! {
     /// `SET_POSITION_TARGET_LOCAL_NED`.
-    pub struct SetPositionTargetLocalNed: SET_POSITION_TARGET_LOCAL_NED = 84 {
+    pub struct SetPositionTargetLocalNed: SET_POSITION_TARGET_LOCAL_NED = 84, crc_extra = 143 {
         /// (ms)
         time_boot_ms: u32,
         /// (m)
@@ -6291,7 +6291,7 @@ crate::message! {
 
 crate::message! {
     /// `POSITION_TARGET_LOCAL_NED`.
-    pub struct PositionTargetLocalNed: POSITION_TARGET_LOCAL_NED = 85 {
+    pub struct PositionTargetLocalNed: POSITION_TARGET_LOCAL_NED = 85, crc_extra = 140 {
         /// (ms)
         time_boot_ms: u32,
         /// (m)
@@ -6323,7 +6323,7 @@ crate::message! {
 
 crate::message! {
     /// `SET_POSITION_TARGET_GLOBAL_INT`.
-    pub struct SetPositionTargetGlobalInt: SET_POSITION_TARGET_GLOBAL_INT = 86 {
+    pub struct SetPositionTargetGlobalInt: SET_POSITION_TARGET_GLOBAL_INT = 86, crc_extra = 5 {
         /// (ms)
         time_boot_ms: u32,
         /// (degE7)
@@ -6357,7 +6357,7 @@ crate::message! {
 
 crate::message! {
     /// `POSITION_TARGET_GLOBAL_INT`.
-    pub struct PositionTargetGlobalInt: POSITION_TARGET_GLOBAL_INT = 87 {
+    pub struct PositionTargetGlobalInt: POSITION_TARGET_GLOBAL_INT = 87, crc_extra = 150 {
         /// (ms)
         time_boot_ms: u32,
         /// (degE7)
@@ -6389,7 +6389,7 @@ crate::message! {
 
 crate::message! {
     /// `LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET`.
-    pub struct LocalPositionNedSystemGlobalOffset: LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET = 89 {
+    pub struct LocalPositionNedSystemGlobalOffset: LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET = 89, crc_extra = 231 {
         /// (ms)
         time_boot_ms: u32,
         /// (m)
@@ -6409,7 +6409,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_STATE`. Superseded since 2013-07: HIL_STATE_QUATERNION.
-    pub struct HilState: HIL_STATE = 90 {
+    pub struct HilState: HIL_STATE = 90, crc_extra = 183 {
         /// (us)
         time_usec: u64,
         /// (rad)
@@ -6447,7 +6447,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_CONTROLS`.
-    pub struct HilControls: HIL_CONTROLS = 91 {
+    pub struct HilControls: HIL_CONTROLS = 91, crc_extra = 63 {
         /// (us)
         time_usec: u64,
         roll_ailerons: f32,
@@ -6465,7 +6465,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_RC_INPUTS_RAW`.
-    pub struct HilRcInputsRaw: HIL_RC_INPUTS_RAW = 92 {
+    pub struct HilRcInputsRaw: HIL_RC_INPUTS_RAW = 92, crc_extra = 54 {
         /// (us)
         time_usec: u64,
         /// (us)
@@ -6499,7 +6499,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_ACTUATOR_CONTROLS`.
-    pub struct HilActuatorControls: HIL_ACTUATOR_CONTROLS = 93 {
+    pub struct HilActuatorControls: HIL_ACTUATOR_CONTROLS = 93, crc_extra = 47 {
         /// (us)
         time_usec: u64,
         flags: HilActuatorControlsFlags,
@@ -6510,7 +6510,7 @@ crate::message! {
 
 crate::message! {
     /// `OPTICAL_FLOW`.
-    pub struct OpticalFlow: OPTICAL_FLOW = 100 {
+    pub struct OpticalFlow: OPTICAL_FLOW = 100, crc_extra = 175 {
         /// (us)
         time_usec: u64,
         /// (m/s)
@@ -6535,7 +6535,7 @@ crate::message! {
 
 crate::message! {
     /// `GLOBAL_VISION_POSITION_ESTIMATE`.
-    pub struct GlobalVisionPositionEstimate: GLOBAL_VISION_POSITION_ESTIMATE = 101 {
+    pub struct GlobalVisionPositionEstimate: GLOBAL_VISION_POSITION_ESTIMATE = 101, crc_extra = 102 {
         /// (us)
         usec: u64,
         /// (m)
@@ -6559,7 +6559,7 @@ crate::message! {
 
 crate::message! {
     /// `VISION_POSITION_ESTIMATE`.
-    pub struct VisionPositionEstimate: VISION_POSITION_ESTIMATE = 102 {
+    pub struct VisionPositionEstimate: VISION_POSITION_ESTIMATE = 102, crc_extra = 158 {
         /// (us)
         usec: u64,
         /// (m)
@@ -6583,7 +6583,7 @@ crate::message! {
 
 crate::message! {
     /// `VISION_SPEED_ESTIMATE`.
-    pub struct VisionSpeedEstimate: VISION_SPEED_ESTIMATE = 103 {
+    pub struct VisionSpeedEstimate: VISION_SPEED_ESTIMATE = 103, crc_extra = 208 {
         /// (us)
         usec: u64,
         /// (m/s)
@@ -6601,7 +6601,7 @@ crate::message! {
 
 crate::message! {
     /// `VICON_POSITION_ESTIMATE`.
-    pub struct ViconPositionEstimate: VICON_POSITION_ESTIMATE = 104 {
+    pub struct ViconPositionEstimate: VICON_POSITION_ESTIMATE = 104, crc_extra = 56 {
         /// (us)
         usec: u64,
         /// (m)
@@ -6624,7 +6624,7 @@ crate::message! {
 
 crate::message! {
     /// `HIGHRES_IMU`.
-    pub struct HighresImu: HIGHRES_IMU = 105 {
+    pub struct HighresImu: HIGHRES_IMU = 105, crc_extra = 93 {
         /// (us)
         time_usec: u64,
         /// (m/s/s)
@@ -6661,7 +6661,7 @@ crate::message! {
 
 crate::message! {
     /// `OPTICAL_FLOW_RAD`.
-    pub struct OpticalFlowRad: OPTICAL_FLOW_RAD = 106 {
+    pub struct OpticalFlowRad: OPTICAL_FLOW_RAD = 106, crc_extra = 138 {
         /// (us)
         time_usec: u64,
         /// (us)
@@ -6690,7 +6690,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_SENSOR`.
-    pub struct HilSensor: HIL_SENSOR = 107 {
+    pub struct HilSensor: HIL_SENSOR = 107, crc_extra = 108 {
         /// (us)
         time_usec: u64,
         /// (m/s/s)
@@ -6726,7 +6726,7 @@ crate::message! {
 
 crate::message! {
     /// `SIM_STATE`.
-    pub struct SimState: SIM_STATE = 108 {
+    pub struct SimState: SIM_STATE = 108, crc_extra = 32 {
         q1: f32,
         q2: f32,
         q3: f32,
@@ -6773,7 +6773,7 @@ crate::message! {
 
 crate::message! {
     /// What a telemetry radio knows of its link and of its buffer.
-    pub struct RadioStatus: RADIO_STATUS = 109 {
+    pub struct RadioStatus: RADIO_STATUS = 109, crc_extra = 185 {
         rxerrors: u16,
         fixed: u16,
         /// Unknown: `UINT8_MAX`.
@@ -6791,7 +6791,7 @@ crate::message! {
 
 crate::message! {
     /// A packet of the file transfer protocol.
-    pub struct FileTransferProtocol: FILE_TRANSFER_PROTOCOL = 110 {
+    pub struct FileTransferProtocol: FILE_TRANSFER_PROTOCOL = 110, crc_extra = 84 {
         target_network: u8,
         target_system: u8,
         target_component: u8,
@@ -6801,7 +6801,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for a clock, or answers with it: the way to the offset of two clocks.
-    pub struct Timesync: TIMESYNC = 111 {
+    pub struct Timesync: TIMESYNC = 111, crc_extra = 34 {
         /// (ns)
         tc1: i64,
         /// (ns)
@@ -6814,7 +6814,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_TRIGGER`.
-    pub struct CameraTrigger: CAMERA_TRIGGER = 112 {
+    pub struct CameraTrigger: CAMERA_TRIGGER = 112, crc_extra = 174 {
         /// (us)
         time_usec: u64,
         seq: u32,
@@ -6823,7 +6823,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_GPS`.
-    pub struct HilGps: HIL_GPS = 113 {
+    pub struct HilGps: HIL_GPS = 113, crc_extra = 124 {
         /// (us)
         time_usec: u64,
         /// (degE7)
@@ -6858,7 +6858,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_OPTICAL_FLOW`.
-    pub struct HilOpticalFlow: HIL_OPTICAL_FLOW = 114 {
+    pub struct HilOpticalFlow: HIL_OPTICAL_FLOW = 114, crc_extra = 237 {
         /// (us)
         time_usec: u64,
         /// (us)
@@ -6886,7 +6886,7 @@ crate::message! {
 
 crate::message! {
     /// `HIL_STATE_QUATERNION`.
-    pub struct HilStateQuaternion: HIL_STATE_QUATERNION = 115 {
+    pub struct HilStateQuaternion: HIL_STATE_QUATERNION = 115, crc_extra = 4 {
         /// (us)
         time_usec: u64,
         attitude_quaternion: [f32; 4],
@@ -6923,7 +6923,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_IMU2`.
-    pub struct ScaledImu2: SCALED_IMU2 = 116 {
+    pub struct ScaledImu2: SCALED_IMU2 = 116, crc_extra = 76 {
         /// (ms)
         time_boot_ms: u32,
         /// (mG)
@@ -6952,7 +6952,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_REQUEST_LIST`.
-    pub struct LogRequestList: LOG_REQUEST_LIST = 117 {
+    pub struct LogRequestList: LOG_REQUEST_LIST = 117, crc_extra = 128 {
         start: u16,
         end: u16,
         target_system: u8,
@@ -6962,7 +6962,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_ENTRY`.
-    pub struct LogEntry: LOG_ENTRY = 118 {
+    pub struct LogEntry: LOG_ENTRY = 118, crc_extra = 56 {
         /// (s) Unknown: `0`.
         time_utc: u32,
         /// (bytes)
@@ -6975,7 +6975,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_REQUEST_DATA`.
-    pub struct LogRequestData: LOG_REQUEST_DATA = 119 {
+    pub struct LogRequestData: LOG_REQUEST_DATA = 119, crc_extra = 116 {
         ofs: u32,
         /// (bytes)
         count: u32,
@@ -6987,7 +6987,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_DATA`.
-    pub struct LogData: LOG_DATA = 120 {
+    pub struct LogData: LOG_DATA = 120, crc_extra = 134 {
         ofs: u32,
         id: u16,
         /// (bytes)
@@ -6998,7 +6998,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_ERASE`.
-    pub struct LogErase: LOG_ERASE = 121 {
+    pub struct LogErase: LOG_ERASE = 121, crc_extra = 237 {
         target_system: u8,
         target_component: u8,
     }
@@ -7006,7 +7006,7 @@ crate::message! {
 
 crate::message! {
     /// `LOG_REQUEST_END`.
-    pub struct LogRequestEnd: LOG_REQUEST_END = 122 {
+    pub struct LogRequestEnd: LOG_REQUEST_END = 122, crc_extra = 203 {
         target_system: u8,
         target_component: u8,
     }
@@ -7014,7 +7014,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS_INJECT_DATA`. Superseded since 2022-05: GPS_RTCM_DATA.
-    pub struct GpsInjectData: GPS_INJECT_DATA = 123 {
+    pub struct GpsInjectData: GPS_INJECT_DATA = 123, crc_extra = 250 {
         target_system: u8,
         target_component: u8,
         /// (bytes)
@@ -7025,7 +7025,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS2_RAW`.
-    pub struct Gps2Raw: GPS2_RAW = 124 {
+    pub struct Gps2Raw: GPS2_RAW = 124, crc_extra = 87 {
         /// (us)
         time_usec: u64,
         /// (degE7)
@@ -7066,7 +7066,7 @@ crate::message! {
 
 crate::message! {
     /// `POWER_STATUS`.
-    pub struct PowerStatus: POWER_STATUS = 125 {
+    pub struct PowerStatus: POWER_STATUS = 125, crc_extra = 203 {
         /// (mV)
         Vcc: u16,
         /// (mV)
@@ -7077,7 +7077,7 @@ crate::message! {
 
 crate::message! {
     /// `SERIAL_CONTROL`.
-    pub struct SerialControl: SERIAL_CONTROL = 126 {
+    pub struct SerialControl: SERIAL_CONTROL = 126, crc_extra = 220 {
         /// (bits/s)
         baudrate: u32,
         /// (ms)
@@ -7095,7 +7095,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS_RTK`.
-    pub struct GpsRtk: GPS_RTK = 127 {
+    pub struct GpsRtk: GPS_RTK = 127, crc_extra = 25 {
         /// (ms)
         time_last_baseline_ms: u32,
         /// (ms)
@@ -7120,7 +7120,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS2_RTK`.
-    pub struct Gps2Rtk: GPS2_RTK = 128 {
+    pub struct Gps2Rtk: GPS2_RTK = 128, crc_extra = 226 {
         /// (ms)
         time_last_baseline_ms: u32,
         /// (ms)
@@ -7145,7 +7145,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_IMU3`.
-    pub struct ScaledImu3: SCALED_IMU3 = 129 {
+    pub struct ScaledImu3: SCALED_IMU3 = 129, crc_extra = 46 {
         /// (ms)
         time_boot_ms: u32,
         /// (mG)
@@ -7174,7 +7174,7 @@ crate::message! {
 
 crate::message! {
     /// `DATA_TRANSMISSION_HANDSHAKE`.
-    pub struct DataTransmissionHandshake: DATA_TRANSMISSION_HANDSHAKE = 130 {
+    pub struct DataTransmissionHandshake: DATA_TRANSMISSION_HANDSHAKE = 130, crc_extra = 29 {
         /// (bytes)
         size: u32,
         width: u16,
@@ -7190,7 +7190,7 @@ crate::message! {
 
 crate::message! {
     /// `ENCAPSULATED_DATA`.
-    pub struct EncapsulatedData: ENCAPSULATED_DATA = 131 {
+    pub struct EncapsulatedData: ENCAPSULATED_DATA = 131, crc_extra = 223 {
         seqnr: u16,
         data: [u8; 253],
     }
@@ -7198,7 +7198,7 @@ crate::message! {
 
 crate::message! {
     /// `DISTANCE_SENSOR`.
-    pub struct DistanceSensor: DISTANCE_SENSOR = 132 {
+    pub struct DistanceSensor: DISTANCE_SENSOR = 132, crc_extra = 85 {
         /// (ms)
         time_boot_ms: u32,
         /// (cm)
@@ -7227,7 +7227,7 @@ crate::message! {
 
 crate::message! {
     /// `TERRAIN_REQUEST`.
-    pub struct TerrainRequest: TERRAIN_REQUEST = 133 {
+    pub struct TerrainRequest: TERRAIN_REQUEST = 133, crc_extra = 6 {
         mask: u64,
         /// (degE7)
         lat: i32,
@@ -7240,7 +7240,7 @@ crate::message! {
 
 crate::message! {
     /// `TERRAIN_DATA`.
-    pub struct TerrainData: TERRAIN_DATA = 134 {
+    pub struct TerrainData: TERRAIN_DATA = 134, crc_extra = 229 {
         /// (degE7)
         lat: i32,
         /// (degE7)
@@ -7255,7 +7255,7 @@ crate::message! {
 
 crate::message! {
     /// `TERRAIN_CHECK`.
-    pub struct TerrainCheck: TERRAIN_CHECK = 135 {
+    pub struct TerrainCheck: TERRAIN_CHECK = 135, crc_extra = 203 {
         /// (degE7)
         lat: i32,
         /// (degE7)
@@ -7265,7 +7265,7 @@ crate::message! {
 
 crate::message! {
     /// `TERRAIN_REPORT`.
-    pub struct TerrainReport: TERRAIN_REPORT = 136 {
+    pub struct TerrainReport: TERRAIN_REPORT = 136, crc_extra = 1 {
         /// (degE7)
         lat: i32,
         /// (degE7)
@@ -7282,7 +7282,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_PRESSURE2`.
-    pub struct ScaledPressure2: SCALED_PRESSURE2 = 137 {
+    pub struct ScaledPressure2: SCALED_PRESSURE2 = 137, crc_extra = 195 {
         /// (ms)
         time_boot_ms: u32,
         /// (hPa)
@@ -7299,7 +7299,7 @@ crate::message! {
 
 crate::message! {
     /// `ATT_POS_MOCAP`.
-    pub struct AttPosMocap: ATT_POS_MOCAP = 138 {
+    pub struct AttPosMocap: ATT_POS_MOCAP = 138, crc_extra = 109 {
         /// (us)
         time_usec: u64,
         q: [f32; 4],
@@ -7317,7 +7317,7 @@ crate::message! {
 
 crate::message! {
     /// `SET_ACTUATOR_CONTROL_TARGET`.
-    pub struct SetActuatorControlTarget: SET_ACTUATOR_CONTROL_TARGET = 139 {
+    pub struct SetActuatorControlTarget: SET_ACTUATOR_CONTROL_TARGET = 139, crc_extra = 168 {
         /// (us)
         time_usec: u64,
         controls: [f32; 8],
@@ -7329,7 +7329,7 @@ crate::message! {
 
 crate::message! {
     /// `ACTUATOR_CONTROL_TARGET`.
-    pub struct ActuatorControlTarget: ACTUATOR_CONTROL_TARGET = 140 {
+    pub struct ActuatorControlTarget: ACTUATOR_CONTROL_TARGET = 140, crc_extra = 181 {
         /// (us)
         time_usec: u64,
         controls: [f32; 8],
@@ -7339,7 +7339,7 @@ crate::message! {
 
 crate::message! {
     /// `ALTITUDE`.
-    pub struct Altitude: ALTITUDE = 141 {
+    pub struct Altitude: ALTITUDE = 141, crc_extra = 47 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -7359,7 +7359,7 @@ crate::message! {
 
 crate::message! {
     /// `RESOURCE_REQUEST`.
-    pub struct ResourceRequest: RESOURCE_REQUEST = 142 {
+    pub struct ResourceRequest: RESOURCE_REQUEST = 142, crc_extra = 72 {
         request_id: u8,
         uri_type: u8,
         uri: [u8; 120],
@@ -7370,7 +7370,7 @@ crate::message! {
 
 crate::message! {
     /// `SCALED_PRESSURE3`.
-    pub struct ScaledPressure3: SCALED_PRESSURE3 = 143 {
+    pub struct ScaledPressure3: SCALED_PRESSURE3 = 143, crc_extra = 131 {
         /// (ms)
         time_boot_ms: u32,
         /// (hPa)
@@ -7387,7 +7387,7 @@ crate::message! {
 
 crate::message! {
     /// `FOLLOW_TARGET`.
-    pub struct FollowTarget: FOLLOW_TARGET = 144 {
+    pub struct FollowTarget: FOLLOW_TARGET = 144, crc_extra = 127 {
         /// (ms)
         timestamp: u64,
         custom_state: u64,
@@ -7412,7 +7412,7 @@ crate::message! {
 
 crate::message! {
     /// `CONTROL_SYSTEM_STATE`.
-    pub struct ControlSystemState: CONTROL_SYSTEM_STATE = 146 {
+    pub struct ControlSystemState: CONTROL_SYSTEM_STATE = 146, crc_extra = 103 {
         /// (us)
         time_usec: u64,
         /// (m/s/s)
@@ -7449,7 +7449,7 @@ crate::message! {
 
 crate::message! {
     /// State of one battery.
-    pub struct BatteryStatus: BATTERY_STATUS = 147 {
+    pub struct BatteryStatus: BATTERY_STATUS = 147, crc_extra = 154 {
         /// (mAh) Unknown: `-1`.
         current_consumed: i32,
         /// (hJ) Unknown: `-1`.
@@ -7479,7 +7479,7 @@ crate::message! {
 
 crate::message! {
     /// What the autopilot can do, its versions and its identity.
-    pub struct AutopilotVersion: AUTOPILOT_VERSION = 148 {
+    pub struct AutopilotVersion: AUTOPILOT_VERSION = 148, crc_extra = 178 {
         capabilities: MavProtocolCapability,
         uid: u64,
         flight_sw_version: u32,
@@ -7498,7 +7498,7 @@ crate::message! {
 
 crate::message! {
     /// `LANDING_TARGET`.
-    pub struct LandingTarget: LANDING_TARGET = 149 {
+    pub struct LandingTarget: LANDING_TARGET = 149, crc_extra = 200 {
         /// (us)
         time_usec: u64,
         /// (rad)
@@ -7529,7 +7529,7 @@ crate::message! {
 
 crate::message! {
     /// Whether and how the fence is breached.
-    pub struct FenceStatus: FENCE_STATUS = 162 {
+    pub struct FenceStatus: FENCE_STATUS = 162, crc_extra = 189 {
         /// (ms)
         breach_time: u32,
         breach_count: u16,
@@ -7542,7 +7542,7 @@ crate::message! {
 
 crate::message! {
     /// `MAG_CAL_REPORT`.
-    pub struct MagCalReport: MAG_CAL_REPORT = 192 {
+    pub struct MagCalReport: MAG_CAL_REPORT = 192, crc_extra = 36 {
         /// (mgauss)
         fitness: f32,
         ofs_x: f32,
@@ -7569,7 +7569,7 @@ crate::message! {
 
 crate::message! {
     /// `EFI_STATUS`.
-    pub struct EfiStatus: EFI_STATUS = 225 {
+    pub struct EfiStatus: EFI_STATUS = 225, crc_extra = 208 {
         ecu_index: f32,
         rpm: f32,
         /// (cm^3)
@@ -7610,7 +7610,7 @@ crate::message! {
 
 crate::message! {
     /// `ESTIMATOR_STATUS`.
-    pub struct EstimatorStatus: ESTIMATOR_STATUS = 230 {
+    pub struct EstimatorStatus: ESTIMATOR_STATUS = 230, crc_extra = 163 {
         /// (us)
         time_usec: u64,
         vel_ratio: f32,
@@ -7629,7 +7629,7 @@ crate::message! {
 
 crate::message! {
     /// `WIND_COV`.
-    pub struct WindCov: WIND_COV = 231 {
+    pub struct WindCov: WIND_COV = 231, crc_extra = 105 {
         /// (us)
         time_usec: u64,
         /// (m/s) Unknown: `NaN`.
@@ -7653,7 +7653,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS_INPUT`.
-    pub struct GpsInput: GPS_INPUT = 232 {
+    pub struct GpsInput: GPS_INPUT = 232, crc_extra = 151 {
         /// (us)
         time_usec: u64,
         /// (ms)
@@ -7694,7 +7694,7 @@ crate::message! {
 
 crate::message! {
     /// `GPS_RTCM_DATA`.
-    pub struct GpsRtcmData: GPS_RTCM_DATA = 233 {
+    pub struct GpsRtcmData: GPS_RTCM_DATA = 233, crc_extra = 35 {
         flags: u8,
         /// (bytes)
         len: u8,
@@ -7704,7 +7704,7 @@ crate::message! {
 
 crate::message! {
     /// The old form of HIGH_LATENCY2. Superseded since 2020-10: HIGH_LATENCY2.
-    pub struct HighLatency: HIGH_LATENCY = 234 {
+    pub struct HighLatency: HIGH_LATENCY = 234, crc_extra = 150 {
         custom_mode: u32,
         /// (degE7)
         latitude: i32,
@@ -7752,7 +7752,7 @@ crate::message! {
 
 crate::message! {
     /// All that matters of the vehicle in one short message, for links where bytes are dear.
-    pub struct HighLatency2: HIGH_LATENCY2 = 235 {
+    pub struct HighLatency2: HIGH_LATENCY2 = 235, crc_extra = 179 {
         /// (ms)
         timestamp: u32,
         /// (degE7)
@@ -7804,7 +7804,7 @@ crate::message! {
 
 crate::message! {
     /// `VIBRATION`.
-    pub struct Vibration: VIBRATION = 241 {
+    pub struct Vibration: VIBRATION = 241, crc_extra = 90 {
         /// (us)
         time_usec: u64,
         vibration_x: f32,
@@ -7818,7 +7818,7 @@ crate::message! {
 
 crate::message! {
     /// Where home is, and how to approach it.
-    pub struct HomePosition: HOME_POSITION = 242 {
+    pub struct HomePosition: HOME_POSITION = 242, crc_extra = 104 {
         /// (degE7)
         latitude: i32,
         /// (degE7)
@@ -7847,7 +7847,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for another home; the old form of MAV_CMD_DO_SET_HOME. Superseded since 2022-02: MAV_CMD_DO_SET_HOME.
-    pub struct SetHomePosition: SET_HOME_POSITION = 243 {
+    pub struct SetHomePosition: SET_HOME_POSITION = 243, crc_extra = 85 {
         /// (degE7)
         latitude: i32,
         /// (degE7)
@@ -7876,7 +7876,7 @@ crate::message! {
 
 crate::message! {
     /// How often a message is sent on this link.
-    pub struct MessageInterval: MESSAGE_INTERVAL = 244 {
+    pub struct MessageInterval: MESSAGE_INTERVAL = 244, crc_extra = 95 {
         /// (us)
         interval_us: i32,
         message_id: u16,
@@ -7885,7 +7885,7 @@ crate::message! {
 
 crate::message! {
     /// Whether the vehicle is on the ground, and in which flight regime.
-    pub struct ExtendedSysState: EXTENDED_SYS_STATE = 245 {
+    pub struct ExtendedSysState: EXTENDED_SYS_STATE = 245, crc_extra = 130 {
         vtol_state: MavVtolState,
         landed_state: MavLandedState,
     }
@@ -7893,7 +7893,7 @@ crate::message! {
 
 crate::message! {
     /// `ADSB_VEHICLE`.
-    pub struct AdsbVehicle: ADSB_VEHICLE = 246 {
+    pub struct AdsbVehicle: ADSB_VEHICLE = 246, crc_extra = 184 {
         ICAO_address: u32,
         /// (degE7) Unknown: `INT32_MAX`.
         lat: i32,
@@ -7919,7 +7919,7 @@ crate::message! {
 
 crate::message! {
     /// `COLLISION`.
-    pub struct Collision: COLLISION = 247 {
+    pub struct Collision: COLLISION = 247, crc_extra = 81 {
         id: u32,
         /// (s)
         time_to_minimum_delta: f32,
@@ -7935,7 +7935,7 @@ crate::message! {
 
 crate::message! {
     /// `V2_EXTENSION`.
-    pub struct V2Extension: V2_EXTENSION = 248 {
+    pub struct V2Extension: V2_EXTENSION = 248, crc_extra = 8 {
         message_type: u16,
         target_network: u8,
         target_system: u8,
@@ -7946,7 +7946,7 @@ crate::message! {
 
 crate::message! {
     /// `MEMORY_VECT`.
-    pub struct MemoryVect: MEMORY_VECT = 249 {
+    pub struct MemoryVect: MEMORY_VECT = 249, crc_extra = 204 {
         address: u16,
         /// Unknown: `0`.
         ver: u8,
@@ -7957,7 +7957,7 @@ crate::message! {
 
 crate::message! {
     /// `DEBUG_VECT`.
-    pub struct DebugVect: DEBUG_VECT = 250 {
+    pub struct DebugVect: DEBUG_VECT = 250, crc_extra = 49 {
         /// (us)
         time_usec: u64,
         x: f32,
@@ -7970,7 +7970,7 @@ crate::message! {
 
 crate::message! {
     /// `NAMED_VALUE_FLOAT`.
-    pub struct NamedValueFloat: NAMED_VALUE_FLOAT = 251 {
+    pub struct NamedValueFloat: NAMED_VALUE_FLOAT = 251, crc_extra = 170 {
         /// (ms)
         time_boot_ms: u32,
         value: f32,
@@ -7981,7 +7981,7 @@ crate::message! {
 
 crate::message! {
     /// `NAMED_VALUE_INT`.
-    pub struct NamedValueInt: NAMED_VALUE_INT = 252 {
+    pub struct NamedValueInt: NAMED_VALUE_INT = 252, crc_extra = 44 {
         /// (ms)
         time_boot_ms: u32,
         value: i32,
@@ -7992,7 +7992,7 @@ crate::message! {
 
 crate::message! {
     /// A text for the operator; a long one comes in chunks.
-    pub struct Statustext: STATUSTEXT = 253 {
+    pub struct Statustext: STATUSTEXT = 253, crc_extra = 83 {
         severity: MavSeverity,
         text: Text<50>,
     } extensions {
@@ -8003,7 +8003,7 @@ crate::message! {
 
 crate::message! {
     /// `DEBUG`.
-    pub struct DebugMessage: DEBUG = 254 {
+    pub struct DebugMessage: DEBUG = 254, crc_extra = 46 {
         /// (ms)
         time_boot_ms: u32,
         value: f32,
@@ -8013,7 +8013,7 @@ crate::message! {
 
 crate::message! {
     /// Sets the secret key and the timestamp of message signing.
-    pub struct SetupSigning: SETUP_SIGNING = 256 {
+    pub struct SetupSigning: SETUP_SIGNING = 256, crc_extra = 71 {
         initial_timestamp: u64,
         target_system: u8,
         target_component: u8,
@@ -8023,7 +8023,7 @@ crate::message! {
 
 crate::message! {
     /// `BUTTON_CHANGE`.
-    pub struct ButtonChange: BUTTON_CHANGE = 257 {
+    pub struct ButtonChange: BUTTON_CHANGE = 257, crc_extra = 131 {
         /// (ms)
         time_boot_ms: u32,
         /// (ms)
@@ -8034,7 +8034,7 @@ crate::message! {
 
 crate::message! {
     /// `PLAY_TUNE`. Superseded since 2019-10: PLAY_TUNE_V2.
-    pub struct PlayTune: PLAY_TUNE = 258 {
+    pub struct PlayTune: PLAY_TUNE = 258, crc_extra = 187 {
         target_system: u8,
         target_component: u8,
         tune: Text<30>,
@@ -8045,7 +8045,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_INFORMATION`.
-    pub struct CameraInformation: CAMERA_INFORMATION = 259 {
+    pub struct CameraInformation: CAMERA_INFORMATION = 259, crc_extra = 92 {
         /// (ms)
         time_boot_ms: u32,
         /// Unknown: `0`.
@@ -8077,7 +8077,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_SETTINGS`.
-    pub struct CameraSettings: CAMERA_SETTINGS = 260 {
+    pub struct CameraSettings: CAMERA_SETTINGS = 260, crc_extra = 146 {
         /// (ms)
         time_boot_ms: u32,
         mode_id: CameraMode,
@@ -8093,7 +8093,7 @@ crate::message! {
 
 crate::message! {
     /// `STORAGE_INFORMATION`.
-    pub struct StorageInformation: STORAGE_INFORMATION = 261 {
+    pub struct StorageInformation: STORAGE_INFORMATION = 261, crc_extra = 179 {
         /// (ms)
         time_boot_ms: u32,
         /// (MiB)
@@ -8119,7 +8119,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_CAPTURE_STATUS`.
-    pub struct CameraCaptureStatus: CAMERA_CAPTURE_STATUS = 262 {
+    pub struct CameraCaptureStatus: CAMERA_CAPTURE_STATUS = 262, crc_extra = 12 {
         /// (ms)
         time_boot_ms: u32,
         /// (s)
@@ -8139,7 +8139,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_IMAGE_CAPTURED`.
-    pub struct CameraImageCaptured: CAMERA_IMAGE_CAPTURED = 263 {
+    pub struct CameraImageCaptured: CAMERA_IMAGE_CAPTURED = 263, crc_extra = 133 {
         /// (us) Unknown: `0`.
         time_utc: u64,
         /// (ms)
@@ -8164,7 +8164,7 @@ crate::message! {
 
 crate::message! {
     /// `FLIGHT_INFORMATION`.
-    pub struct FlightInformation: FLIGHT_INFORMATION = 264 {
+    pub struct FlightInformation: FLIGHT_INFORMATION = 264, crc_extra = 49 {
         /// (us) Unknown: `0`.
         arming_time_utc: u64,
         /// (us) Unknown: `0`.
@@ -8181,7 +8181,7 @@ crate::message! {
 
 crate::message! {
     /// `MOUNT_ORIENTATION`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
-    pub struct MountOrientation: MOUNT_ORIENTATION = 265 {
+    pub struct MountOrientation: MOUNT_ORIENTATION = 265, crc_extra = 26 {
         /// (ms)
         time_boot_ms: u32,
         /// (deg) Unknown: `NaN`.
@@ -8198,7 +8198,7 @@ crate::message! {
 
 crate::message! {
     /// `LOGGING_DATA`.
-    pub struct LoggingData: LOGGING_DATA = 266 {
+    pub struct LoggingData: LOGGING_DATA = 266, crc_extra = 193 {
         sequence: u16,
         target_system: u8,
         target_component: u8,
@@ -8212,7 +8212,7 @@ crate::message! {
 
 crate::message! {
     /// `LOGGING_DATA_ACKED`.
-    pub struct LoggingDataAcked: LOGGING_DATA_ACKED = 267 {
+    pub struct LoggingDataAcked: LOGGING_DATA_ACKED = 267, crc_extra = 35 {
         sequence: u16,
         target_system: u8,
         target_component: u8,
@@ -8226,7 +8226,7 @@ crate::message! {
 
 crate::message! {
     /// `LOGGING_ACK`.
-    pub struct LoggingAck: LOGGING_ACK = 268 {
+    pub struct LoggingAck: LOGGING_ACK = 268, crc_extra = 14 {
         sequence: u16,
         target_system: u8,
         target_component: u8,
@@ -8235,7 +8235,7 @@ crate::message! {
 
 crate::message! {
     /// `VIDEO_STREAM_INFORMATION`.
-    pub struct VideoStreamInformation: VIDEO_STREAM_INFORMATION = 269 {
+    pub struct VideoStreamInformation: VIDEO_STREAM_INFORMATION = 269, crc_extra = 109 {
         /// (Hz)
         framerate: f32,
         /// (bits/s)
@@ -8264,7 +8264,7 @@ crate::message! {
 
 crate::message! {
     /// `VIDEO_STREAM_STATUS`.
-    pub struct VideoStreamStatus: VIDEO_STREAM_STATUS = 270 {
+    pub struct VideoStreamStatus: VIDEO_STREAM_STATUS = 270, crc_extra = 59 {
         /// (Hz)
         framerate: f32,
         /// (bits/s)
@@ -8288,7 +8288,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_FOV_STATUS`.
-    pub struct CameraFovStatus: CAMERA_FOV_STATUS = 271 {
+    pub struct CameraFovStatus: CAMERA_FOV_STATUS = 271, crc_extra = 22 {
         /// (ms)
         time_boot_ms: u32,
         /// (degE7) Unknown: `INT32_MAX`.
@@ -8316,7 +8316,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_TRACKING_IMAGE_STATUS`.
-    pub struct CameraTrackingImageStatus: CAMERA_TRACKING_IMAGE_STATUS = 275 {
+    pub struct CameraTrackingImageStatus: CAMERA_TRACKING_IMAGE_STATUS = 275, crc_extra = 126 {
         /// Unknown: `NaN`.
         point_x: f32,
         /// Unknown: `NaN`.
@@ -8342,7 +8342,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_TRACKING_GEO_STATUS`.
-    pub struct CameraTrackingGeoStatus: CAMERA_TRACKING_GEO_STATUS = 276 {
+    pub struct CameraTrackingGeoStatus: CAMERA_TRACKING_GEO_STATUS = 276, crc_extra = 18 {
         /// (degE7)
         lat: i32,
         /// (degE7)
@@ -8376,7 +8376,7 @@ crate::message! {
 
 crate::message! {
     /// `CAMERA_THERMAL_RANGE`.
-    pub struct CameraThermalRange: CAMERA_THERMAL_RANGE = 277 {
+    pub struct CameraThermalRange: CAMERA_THERMAL_RANGE = 277, crc_extra = 62 {
         /// (ms)
         time_boot_ms: u32,
         /// (degC)
@@ -8400,7 +8400,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_MANAGER_INFORMATION`.
-    pub struct GimbalManagerInformation: GIMBAL_MANAGER_INFORMATION = 280 {
+    pub struct GimbalManagerInformation: GIMBAL_MANAGER_INFORMATION = 280, crc_extra = 70 {
         /// (ms)
         time_boot_ms: u32,
         cap_flags: GimbalManagerCapFlags,
@@ -8423,7 +8423,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_MANAGER_STATUS`.
-    pub struct GimbalManagerStatus: GIMBAL_MANAGER_STATUS = 281 {
+    pub struct GimbalManagerStatus: GIMBAL_MANAGER_STATUS = 281, crc_extra = 48 {
         /// (ms)
         time_boot_ms: u32,
         flags: GimbalManagerFlags,
@@ -8438,7 +8438,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_MANAGER_SET_ATTITUDE`.
-    pub struct GimbalManagerSetAttitude: GIMBAL_MANAGER_SET_ATTITUDE = 282 {
+    pub struct GimbalManagerSetAttitude: GIMBAL_MANAGER_SET_ATTITUDE = 282, crc_extra = 123 {
         flags: GimbalManagerFlags,
         q: [f32; 4],
         /// (rad/s) Unknown: `NaN`.
@@ -8456,7 +8456,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_DEVICE_INFORMATION`.
-    pub struct GimbalDeviceInformation: GIMBAL_DEVICE_INFORMATION = 283 {
+    pub struct GimbalDeviceInformation: GIMBAL_DEVICE_INFORMATION = 283, crc_extra = 74 {
         /// Unknown: `0`.
         uid: u64,
         /// (ms)
@@ -8491,7 +8491,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_DEVICE_SET_ATTITUDE`.
-    pub struct GimbalDeviceSetAttitude: GIMBAL_DEVICE_SET_ATTITUDE = 284 {
+    pub struct GimbalDeviceSetAttitude: GIMBAL_DEVICE_SET_ATTITUDE = 284, crc_extra = 99 {
         /// Unknown: `[NaN]`.
         q: [f32; 4],
         /// (rad/s) Unknown: `NaN`.
@@ -8508,7 +8508,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_DEVICE_ATTITUDE_STATUS`.
-    pub struct GimbalDeviceAttitudeStatus: GIMBAL_DEVICE_ATTITUDE_STATUS = 285 {
+    pub struct GimbalDeviceAttitudeStatus: GIMBAL_DEVICE_ATTITUDE_STATUS = 285, crc_extra = 137 {
         /// (ms)
         time_boot_ms: u32,
         q: [f32; 4],
@@ -8534,7 +8534,7 @@ crate::message! {
 
 crate::message! {
     /// `AUTOPILOT_STATE_FOR_GIMBAL_DEVICE`.
-    pub struct AutopilotStateForGimbalDevice: AUTOPILOT_STATE_FOR_GIMBAL_DEVICE = 286 {
+    pub struct AutopilotStateForGimbalDevice: AUTOPILOT_STATE_FOR_GIMBAL_DEVICE = 286, crc_extra = 210 {
         /// (us)
         time_boot_us: u64,
         q: [f32; 4],
@@ -8563,7 +8563,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_MANAGER_SET_PITCHYAW`.
-    pub struct GimbalManagerSetPitchyaw: GIMBAL_MANAGER_SET_PITCHYAW = 287 {
+    pub struct GimbalManagerSetPitchyaw: GIMBAL_MANAGER_SET_PITCHYAW = 287, crc_extra = 1 {
         flags: GimbalManagerFlags,
         /// (rad) Unknown: `NaN`.
         pitch: f32,
@@ -8582,7 +8582,7 @@ crate::message! {
 
 crate::message! {
     /// `GIMBAL_MANAGER_SET_MANUAL_CONTROL`.
-    pub struct GimbalManagerSetManualControl: GIMBAL_MANAGER_SET_MANUAL_CONTROL = 288 {
+    pub struct GimbalManagerSetManualControl: GIMBAL_MANAGER_SET_MANUAL_CONTROL = 288, crc_extra = 20 {
         flags: GimbalManagerFlags,
         /// Unknown: `NaN`.
         pitch: f32,
@@ -8601,7 +8601,7 @@ crate::message! {
 
 crate::message! {
     /// `ESC_INFO`. Work in progress.
-    pub struct EscInfo: ESC_INFO = 290 {
+    pub struct EscInfo: ESC_INFO = 290, crc_extra = 251 {
         /// (us)
         time_usec: u64,
         error_count: [u32; 4],
@@ -8619,7 +8619,7 @@ crate::message! {
 
 crate::message! {
     /// `ESC_STATUS`. Work in progress.
-    pub struct EscStatus: ESC_STATUS = 291 {
+    pub struct EscStatus: ESC_STATUS = 291, crc_extra = 10 {
         /// (us)
         time_usec: u64,
         /// (rpm)
@@ -8635,7 +8635,7 @@ crate::message! {
 
 crate::message! {
     /// `AIRSPEED`.
-    pub struct Airspeed: AIRSPEED = 295 {
+    pub struct Airspeed: AIRSPEED = 295, crc_extra = 234 {
         /// (m/s)
         airspeed: f32,
         /// (hPa) Unknown: `NaN`.
@@ -8650,7 +8650,7 @@ crate::message! {
 
 crate::message! {
     /// `GLOBAL_POSITION_SENSOR`.
-    pub struct GlobalPositionSensor: GLOBAL_POSITION_SENSOR = 296 {
+    pub struct GlobalPositionSensor: GLOBAL_POSITION_SENSOR = 296, crc_extra = 158 {
         /// (us)
         time_usec: u64,
         /// (us)
@@ -8680,7 +8680,7 @@ crate::message! {
 
 crate::message! {
     /// `WIFI_CONFIG_AP`.
-    pub struct WifiConfigAp: WIFI_CONFIG_AP = 299 {
+    pub struct WifiConfigAp: WIFI_CONFIG_AP = 299, crc_extra = 19 {
         ssid: Text<32>,
         password: Text<64>,
     } extensions {
@@ -8691,7 +8691,7 @@ crate::message! {
 
 crate::message! {
     /// The versions of MAVLink that the sender understands. Deprecated since 2025-11: Nothing.
-    pub struct ProtocolVersion: PROTOCOL_VERSION = 300 {
+    pub struct ProtocolVersion: PROTOCOL_VERSION = 300, crc_extra = 217 {
         version: u16,
         min_version: u16,
         max_version: u16,
@@ -8702,7 +8702,7 @@ crate::message! {
 
 crate::message! {
     /// `AIS_VESSEL`.
-    pub struct AisVessel: AIS_VESSEL = 301 {
+    pub struct AisVessel: AIS_VESSEL = 301, crc_extra = 243 {
         MMSI: u32,
         /// (degE7) Unknown: `INT32_MAX`.
         lat: i32,
@@ -8736,7 +8736,7 @@ crate::message! {
 
 crate::message! {
     /// `UAVCAN_NODE_STATUS`.
-    pub struct UavcanNodeStatus: UAVCAN_NODE_STATUS = 310 {
+    pub struct UavcanNodeStatus: UAVCAN_NODE_STATUS = 310, crc_extra = 28 {
         /// (us)
         time_usec: u64,
         /// (s)
@@ -8750,7 +8750,7 @@ crate::message! {
 
 crate::message! {
     /// `UAVCAN_NODE_INFO`.
-    pub struct UavcanNodeInfo: UAVCAN_NODE_INFO = 311 {
+    pub struct UavcanNodeInfo: UAVCAN_NODE_INFO = 311, crc_extra = 95 {
         /// (us)
         time_usec: u64,
         /// (s)
@@ -8768,7 +8768,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for one extended parameter, by name or by index.
-    pub struct ParamExtRequestRead: PARAM_EXT_REQUEST_READ = 320 {
+    pub struct ParamExtRequestRead: PARAM_EXT_REQUEST_READ = 320, crc_extra = 243 {
         /// Unknown: `-1`.
         param_index: i16,
         target_system: u8,
@@ -8779,7 +8779,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for all extended parameters.
-    pub struct ParamExtRequestList: PARAM_EXT_REQUEST_LIST = 321 {
+    pub struct ParamExtRequestList: PARAM_EXT_REQUEST_LIST = 321, crc_extra = 88 {
         target_system: u8,
         target_component: u8,
     }
@@ -8787,7 +8787,7 @@ crate::message! {
 
 crate::message! {
     /// One extended parameter.
-    pub struct ParamExtValue: PARAM_EXT_VALUE = 322 {
+    pub struct ParamExtValue: PARAM_EXT_VALUE = 322, crc_extra = 243 {
         param_count: u16,
         param_index: u16,
         param_id: Text<16>,
@@ -8798,7 +8798,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for an extended parameter to have a value.
-    pub struct ParamExtSet: PARAM_EXT_SET = 323 {
+    pub struct ParamExtSet: PARAM_EXT_SET = 323, crc_extra = 78 {
         target_system: u8,
         target_component: u8,
         param_id: Text<16>,
@@ -8809,7 +8809,7 @@ crate::message! {
 
 crate::message! {
     /// What became of a PARAM_EXT_SET.
-    pub struct ParamExtAck: PARAM_EXT_ACK = 324 {
+    pub struct ParamExtAck: PARAM_EXT_ACK = 324, crc_extra = 132 {
         param_id: Text<16>,
         param_value: Text<128>,
         param_type: MavParamExtType,
@@ -8819,7 +8819,7 @@ crate::message! {
 
 crate::message! {
     /// `OBSTACLE_DISTANCE`.
-    pub struct ObstacleDistance: OBSTACLE_DISTANCE = 330 {
+    pub struct ObstacleDistance: OBSTACLE_DISTANCE = 330, crc_extra = 23 {
         /// (us)
         time_usec: u64,
         /// (cm) Unknown: `[UINT16_MAX]`.
@@ -8842,7 +8842,7 @@ crate::message! {
 
 crate::message! {
     /// `ODOMETRY`.
-    pub struct Odometry: ODOMETRY = 331 {
+    pub struct Odometry: ODOMETRY = 331, crc_extra = 91 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -8880,7 +8880,7 @@ crate::message! {
 
 crate::message! {
     /// `TRAJECTORY_REPRESENTATION_WAYPOINTS`. Deprecated since 2025-03: Nothing.
-    pub struct TrajectoryRepresentationWaypoints: TRAJECTORY_REPRESENTATION_WAYPOINTS = 332 {
+    pub struct TrajectoryRepresentationWaypoints: TRAJECTORY_REPRESENTATION_WAYPOINTS = 332, crc_extra = 236 {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `[NaN]`.
@@ -8913,7 +8913,7 @@ crate::message! {
 
 crate::message! {
     /// `TRAJECTORY_REPRESENTATION_BEZIER`. Deprecated since 2025-03: Nothing.
-    pub struct TrajectoryRepresentationBezier: TRAJECTORY_REPRESENTATION_BEZIER = 333 {
+    pub struct TrajectoryRepresentationBezier: TRAJECTORY_REPRESENTATION_BEZIER = 333, crc_extra = 231 {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `[NaN]`.
@@ -8932,7 +8932,7 @@ crate::message! {
 
 crate::message! {
     /// `CELLULAR_STATUS`.
-    pub struct CellularStatus: CELLULAR_STATUS = 334 {
+    pub struct CellularStatus: CELLULAR_STATUS = 334, crc_extra = 72 {
         /// Unknown: `UINT16_MAX`.
         mcc: u16,
         /// Unknown: `UINT16_MAX`.
@@ -8972,7 +8972,7 @@ crate::message! {
 
 crate::message! {
     /// `ISBD_LINK_STATUS`.
-    pub struct IsbdLinkStatus: ISBD_LINK_STATUS = 335 {
+    pub struct IsbdLinkStatus: ISBD_LINK_STATUS = 335, crc_extra = 225 {
         /// (us)
         timestamp: u64,
         /// (us)
@@ -8988,7 +8988,7 @@ crate::message! {
 
 crate::message! {
     /// `CELLULAR_CONFIG`.
-    pub struct CellularConfig: CELLULAR_CONFIG = 336 {
+    pub struct CellularConfig: CELLULAR_CONFIG = 336, crc_extra = 245 {
         enable_lte: u8,
         enable_pin: u8,
         pin: Text<16>,
@@ -9002,7 +9002,7 @@ crate::message! {
 
 crate::message! {
     /// `RAW_RPM`.
-    pub struct RawRpm: RAW_RPM = 339 {
+    pub struct RawRpm: RAW_RPM = 339, crc_extra = 199 {
         /// (rpm)
         frequency: f32,
         index: u8,
@@ -9011,7 +9011,7 @@ crate::message! {
 
 crate::message! {
     /// `UTM_GLOBAL_POSITION`.
-    pub struct UtmGlobalPosition: UTM_GLOBAL_POSITION = 340 {
+    pub struct UtmGlobalPosition: UTM_GLOBAL_POSITION = 340, crc_extra = 99 {
         /// (us)
         time: u64,
         /// (degE7)
@@ -9050,7 +9050,7 @@ crate::message! {
 
 crate::message! {
     /// Why a parameter could not be read or set. Work in progress.
-    pub struct ParamError: PARAM_ERROR = 345 {
+    pub struct ParamError: PARAM_ERROR = 345, crc_extra = 209 {
         param_index: i16,
         target_system: u8,
         target_component: u8,
@@ -9061,7 +9061,7 @@ crate::message! {
 
 crate::message! {
     /// `DEBUG_FLOAT_ARRAY`.
-    pub struct DebugFloatArray: DEBUG_FLOAT_ARRAY = 350 {
+    pub struct DebugFloatArray: DEBUG_FLOAT_ARRAY = 350, crc_extra = 232 {
         /// (us)
         time_usec: u64,
         /// Tells instances apart.
@@ -9074,7 +9074,7 @@ crate::message! {
 
 crate::message! {
     /// `ORBIT_EXECUTION_STATUS`.
-    pub struct OrbitExecutionStatus: ORBIT_EXECUTION_STATUS = 360 {
+    pub struct OrbitExecutionStatus: ORBIT_EXECUTION_STATUS = 360, crc_extra = 11 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -9089,7 +9089,7 @@ crate::message! {
 
 crate::message! {
     /// `FIGURE_EIGHT_EXECUTION_STATUS`.
-    pub struct FigureEightExecutionStatus: FIGURE_EIGHT_EXECUTION_STATUS = 361 {
+    pub struct FigureEightExecutionStatus: FIGURE_EIGHT_EXECUTION_STATUS = 361, crc_extra = 93 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -9108,7 +9108,7 @@ crate::message! {
 
 crate::message! {
     /// `SMART_BATTERY_INFO`. Superseded since 2024-02: BATTERY_INFO.
-    pub struct SmartBatteryInfo: SMART_BATTERY_INFO = 370 {
+    pub struct SmartBatteryInfo: SMART_BATTERY_INFO = 370, crc_extra = 75 {
         /// (mAh) Unknown: `-1`.
         capacity_full_specification: i32,
         /// (mAh) Unknown: `-1`.
@@ -9147,7 +9147,7 @@ crate::message! {
 
 crate::message! {
     /// `FUEL_STATUS`.
-    pub struct FuelStatus: FUEL_STATUS = 371 {
+    pub struct FuelStatus: FUEL_STATUS = 371, crc_extra = 10 {
         maximum_fuel: f32,
         /// Unknown: `NaN`.
         consumed_fuel: f32,
@@ -9167,7 +9167,7 @@ crate::message! {
 
 crate::message! {
     /// `BATTERY_INFO`. Work in progress.
-    pub struct BatteryInfo: BATTERY_INFO = 372 {
+    pub struct BatteryInfo: BATTERY_INFO = 372, crc_extra = 26 {
         /// (V) Unknown: `0`.
         discharge_minimum_voltage: f32,
         /// (V) Unknown: `0`.
@@ -9211,7 +9211,7 @@ crate::message! {
 
 crate::message! {
     /// `GENERATOR_STATUS`.
-    pub struct GeneratorStatus: GENERATOR_STATUS = 373 {
+    pub struct GeneratorStatus: GENERATOR_STATUS = 373, crc_extra = 117 {
         status: MavGeneratorStatusFlag,
         /// (A) Unknown: `NaN`.
         battery_current: f32,
@@ -9238,7 +9238,7 @@ crate::message! {
 
 crate::message! {
     /// `ACTUATOR_OUTPUT_STATUS`.
-    pub struct ActuatorOutputStatus: ACTUATOR_OUTPUT_STATUS = 375 {
+    pub struct ActuatorOutputStatus: ACTUATOR_OUTPUT_STATUS = 375, crc_extra = 251 {
         /// (us)
         time_usec: u64,
         active: u32,
@@ -9248,7 +9248,7 @@ crate::message! {
 
 crate::message! {
     /// `RELAY_STATUS`.
-    pub struct RelayStatus: RELAY_STATUS = 376 {
+    pub struct RelayStatus: RELAY_STATUS = 376, crc_extra = 199 {
         /// (ms)
         time_boot_ms: u32,
         on: u16,
@@ -9258,7 +9258,7 @@ crate::message! {
 
 crate::message! {
     /// `TIME_ESTIMATE_TO_TARGET`. Work in progress.
-    pub struct TimeEstimateToTarget: TIME_ESTIMATE_TO_TARGET = 380 {
+    pub struct TimeEstimateToTarget: TIME_ESTIMATE_TO_TARGET = 380, crc_extra = 232 {
         /// (s)
         safe_return: i32,
         /// (s)
@@ -9274,7 +9274,7 @@ crate::message! {
 
 crate::message! {
     /// `TUNNEL`.
-    pub struct Tunnel: TUNNEL = 385 {
+    pub struct Tunnel: TUNNEL = 385, crc_extra = 147 {
         payload_type: MavTunnelPayloadType,
         target_system: u8,
         target_component: u8,
@@ -9285,7 +9285,7 @@ crate::message! {
 
 crate::message! {
     /// `CAN_FRAME`.
-    pub struct CanFrame: CAN_FRAME = 386 {
+    pub struct CanFrame: CAN_FRAME = 386, crc_extra = 132 {
         id: u32,
         target_system: u8,
         target_component: u8,
@@ -9297,7 +9297,7 @@ crate::message! {
 
 crate::message! {
     /// `CANFD_FRAME`.
-    pub struct CanfdFrame: CANFD_FRAME = 387 {
+    pub struct CanfdFrame: CANFD_FRAME = 387, crc_extra = 4 {
         id: u32,
         target_system: u8,
         target_component: u8,
@@ -9309,7 +9309,7 @@ crate::message! {
 
 crate::message! {
     /// `CAN_FILTER_MODIFY`.
-    pub struct CanFilterModify: CAN_FILTER_MODIFY = 388 {
+    pub struct CanFilterModify: CAN_FILTER_MODIFY = 388, crc_extra = 8 {
         ids: [u16; 16],
         target_system: u8,
         target_component: u8,
@@ -9321,7 +9321,7 @@ crate::message! {
 
 crate::message! {
     /// `ONBOARD_COMPUTER_STATUS`.
-    pub struct OnboardComputerStatus: ONBOARD_COMPUTER_STATUS = 390 {
+    pub struct OnboardComputerStatus: ONBOARD_COMPUTER_STATUS = 390, crc_extra = 156 {
         /// (us)
         time_usec: u64,
         /// (ms)
@@ -9367,7 +9367,7 @@ crate::message! {
 
 crate::message! {
     /// `COMPONENT_INFORMATION`. Deprecated since 2022-04: COMPONENT_METADATA.
-    pub struct ComponentInformation: COMPONENT_INFORMATION = 395 {
+    pub struct ComponentInformation: COMPONENT_INFORMATION = 395, crc_extra = 0 {
         /// (ms)
         time_boot_ms: u32,
         general_metadata_file_crc: u32,
@@ -9379,7 +9379,7 @@ crate::message! {
 
 crate::message! {
     /// Maker, model, versions and serial number of a component.
-    pub struct ComponentInformationBasic: COMPONENT_INFORMATION_BASIC = 396 {
+    pub struct ComponentInformationBasic: COMPONENT_INFORMATION_BASIC = 396, crc_extra = 50 {
         capabilities: MavProtocolCapability,
         /// (ms)
         time_boot_ms: u32,
@@ -9395,7 +9395,7 @@ crate::message! {
 
 crate::message! {
     /// Where the file lies that describes a component.
-    pub struct ComponentMetadata: COMPONENT_METADATA = 397 {
+    pub struct ComponentMetadata: COMPONENT_METADATA = 397, crc_extra = 182 {
         /// (ms)
         time_boot_ms: u32,
         file_crc: u32,
@@ -9405,7 +9405,7 @@ crate::message! {
 
 crate::message! {
     /// `PLAY_TUNE_V2`.
-    pub struct PlayTuneV2: PLAY_TUNE_V2 = 400 {
+    pub struct PlayTuneV2: PLAY_TUNE_V2 = 400, crc_extra = 110 {
         format: TuneFormat,
         target_system: u8,
         target_component: u8,
@@ -9415,7 +9415,7 @@ crate::message! {
 
 crate::message! {
     /// `SUPPORTED_TUNES`.
-    pub struct SupportedTunes: SUPPORTED_TUNES = 401 {
+    pub struct SupportedTunes: SUPPORTED_TUNES = 401, crc_extra = 183 {
         format: TuneFormat,
         target_system: u8,
         target_component: u8,
@@ -9424,7 +9424,7 @@ crate::message! {
 
 crate::message! {
     /// Something that happened, by number, with arguments. Work in progress.
-    pub struct Event: EVENT = 410 {
+    pub struct Event: EVENT = 410, crc_extra = 160 {
         id: u32,
         /// (ms)
         event_time_boot_ms: u32,
@@ -9438,7 +9438,7 @@ crate::message! {
 
 crate::message! {
     /// The number of the latest event. Work in progress.
-    pub struct CurrentEventSequence: CURRENT_EVENT_SEQUENCE = 411 {
+    pub struct CurrentEventSequence: CURRENT_EVENT_SEQUENCE = 411, crc_extra = 106 {
         sequence: u16,
         flags: MavEventCurrentSequenceFlags,
     }
@@ -9446,7 +9446,7 @@ crate::message! {
 
 crate::message! {
     /// Asks for events again, by their numbers. Work in progress.
-    pub struct RequestEvent: REQUEST_EVENT = 412 {
+    pub struct RequestEvent: REQUEST_EVENT = 412, crc_extra = 33 {
         first_sequence: u16,
         last_sequence: u16,
         target_system: u8,
@@ -9456,7 +9456,7 @@ crate::message! {
 
 crate::message! {
     /// An event that was asked for is not there any more. Work in progress.
-    pub struct ResponseEventError: RESPONSE_EVENT_ERROR = 413 {
+    pub struct ResponseEventError: RESPONSE_EVENT_ERROR = 413, crc_extra = 77 {
         sequence: u16,
         sequence_oldest_available: u16,
         target_system: u8,
@@ -9467,7 +9467,7 @@ crate::message! {
 
 crate::message! {
     /// One of the modes that the vehicle has.
-    pub struct AvailableModes: AVAILABLE_MODES = 435 {
+    pub struct AvailableModes: AVAILABLE_MODES = 435, crc_extra = 134 {
         custom_mode: u32,
         properties: MavModeProperty,
         number_modes: u8,
@@ -9479,7 +9479,7 @@ crate::message! {
 
 crate::message! {
     /// The mode that the vehicle is in, and the one that was asked for.
-    pub struct CurrentMode: CURRENT_MODE = 436 {
+    pub struct CurrentMode: CURRENT_MODE = 436, crc_extra = 193 {
         custom_mode: u32,
         /// Unknown: `0`.
         intended_custom_mode: u32,
@@ -9489,14 +9489,14 @@ crate::message! {
 
 crate::message! {
     /// A number that changes with the list of modes.
-    pub struct AvailableModesMonitor: AVAILABLE_MODES_MONITOR = 437 {
+    pub struct AvailableModesMonitor: AVAILABLE_MODES_MONITOR = 437, crc_extra = 30 {
         seq: u8,
     }
 }
 
 crate::message! {
     /// `ILLUMINATOR_STATUS`.
-    pub struct IlluminatorStatus: ILLUMINATOR_STATUS = 440 {
+    pub struct IlluminatorStatus: ILLUMINATOR_STATUS = 440, crc_extra = 66 {
         /// (ms)
         uptime_ms: u32,
         error_status: IlluminatorErrorFlags,
@@ -9519,7 +9519,7 @@ crate::message! {
 
 crate::message! {
     /// `WHEEL_DISTANCE`.
-    pub struct WheelDistance: WHEEL_DISTANCE = 9000 {
+    pub struct WheelDistance: WHEEL_DISTANCE = 9000, crc_extra = 113 {
         /// (us)
         time_usec: u64,
         /// (m)
@@ -9530,7 +9530,7 @@ crate::message! {
 
 crate::message! {
     /// `WINCH_STATUS`.
-    pub struct WinchStatus: WINCH_STATUS = 9005 {
+    pub struct WinchStatus: WINCH_STATUS = 9005, crc_extra = 117 {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `NaN`.
@@ -9551,7 +9551,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_BASIC_ID`.
-    pub struct OpenDroneIdBasicId: OPEN_DRONE_ID_BASIC_ID = 12900 {
+    pub struct OpenDroneIdBasicId: OPEN_DRONE_ID_BASIC_ID = 12900, crc_extra = 114 {
         target_system: u8,
         target_component: u8,
         id_or_mac: [u8; 20],
@@ -9563,7 +9563,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_LOCATION`.
-    pub struct OpenDroneIdLocation: OPEN_DRONE_ID_LOCATION = 12901 {
+    pub struct OpenDroneIdLocation: OPEN_DRONE_ID_LOCATION = 12901, crc_extra = 254 {
         /// (degE7) Unknown: `0`.
         latitude: i32,
         /// (degE7) Unknown: `0`.
@@ -9597,7 +9597,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_AUTHENTICATION`.
-    pub struct OpenDroneIdAuthentication: OPEN_DRONE_ID_AUTHENTICATION = 12902 {
+    pub struct OpenDroneIdAuthentication: OPEN_DRONE_ID_AUTHENTICATION = 12902, crc_extra = 140 {
         /// (s)
         timestamp: u32,
         target_system: u8,
@@ -9614,7 +9614,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_SELF_ID`.
-    pub struct OpenDroneIdSelfId: OPEN_DRONE_ID_SELF_ID = 12903 {
+    pub struct OpenDroneIdSelfId: OPEN_DRONE_ID_SELF_ID = 12903, crc_extra = 249 {
         target_system: u8,
         target_component: u8,
         id_or_mac: [u8; 20],
@@ -9625,7 +9625,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_SYSTEM`.
-    pub struct OpenDroneIdSystem: OPEN_DRONE_ID_SYSTEM = 12904 {
+    pub struct OpenDroneIdSystem: OPEN_DRONE_ID_SYSTEM = 12904, crc_extra = 77 {
         /// (degE7) Unknown: `0`.
         operator_latitude: i32,
         /// (degE7) Unknown: `0`.
@@ -9653,7 +9653,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_OPERATOR_ID`.
-    pub struct OpenDroneIdOperatorId: OPEN_DRONE_ID_OPERATOR_ID = 12905 {
+    pub struct OpenDroneIdOperatorId: OPEN_DRONE_ID_OPERATOR_ID = 12905, crc_extra = 49 {
         target_system: u8,
         target_component: u8,
         id_or_mac: [u8; 20],
@@ -9664,7 +9664,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_MESSAGE_PACK`.
-    pub struct OpenDroneIdMessagePack: OPEN_DRONE_ID_MESSAGE_PACK = 12915 {
+    pub struct OpenDroneIdMessagePack: OPEN_DRONE_ID_MESSAGE_PACK = 12915, crc_extra = 94 {
         target_system: u8,
         target_component: u8,
         id_or_mac: [u8; 20],
@@ -9677,7 +9677,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_ARM_STATUS`.
-    pub struct OpenDroneIdArmStatus: OPEN_DRONE_ID_ARM_STATUS = 12918 {
+    pub struct OpenDroneIdArmStatus: OPEN_DRONE_ID_ARM_STATUS = 12918, crc_extra = 139 {
         status: MavOdidArmStatus,
         error: Text<50>,
     }
@@ -9685,7 +9685,7 @@ crate::message! {
 
 crate::message! {
     /// `OPEN_DRONE_ID_SYSTEM_UPDATE`.
-    pub struct OpenDroneIdSystemUpdate: OPEN_DRONE_ID_SYSTEM_UPDATE = 12919 {
+    pub struct OpenDroneIdSystemUpdate: OPEN_DRONE_ID_SYSTEM_UPDATE = 12919, crc_extra = 7 {
         /// (degE7) Unknown: `0`.
         operator_latitude: i32,
         /// (degE7) Unknown: `0`.
@@ -9701,7 +9701,7 @@ crate::message! {
 
 crate::message! {
     /// `HYGROMETER_SENSOR`.
-    pub struct HygrometerSensor: HYGROMETER_SENSOR = 12920 {
+    pub struct HygrometerSensor: HYGROMETER_SENSOR = 12920, crc_extra = 20 {
         /// (cdegC)
         temperature: i16,
         /// (c%)

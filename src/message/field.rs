@@ -142,7 +142,7 @@ impl<'a> FieldWriter<'a> {
     }
 
     #[inline(always)]
-    pub fn push<T: Field>(&mut self, field: &T) {
+    pub fn push<T: Field>(&mut self, field: T) {
         field.write(self.payload, self.at);
         self.at = self.at.wrapping_add(T::SIZE);
     }

@@ -10,6 +10,9 @@
 /// integers, floats, arrays of them, [`Text<N>`](crate::Text) for `char[N]`, and types made by
 /// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
 ///
+/// The generator writes `, crc_extra = n` behind the id: it has computed the digest already, for the compiler that is slow
+/// work. It is not checked; leave it out of a declaration by hand.
+///
 /// ```
 /// mavstack::message! {
 ///     /// What our winch reports.
@@ -47,7 +50,7 @@
 macro_rules! message {
     (
         $(#[$meta:meta])*
-        $vis:vis struct $name:ident: $wire:ident = $id:literal {
+        $vis:vis struct $name:ident: $wire:ident = $id:literal $(, crc_extra = $crc_extra:literal)? {
             $( $(#[$field_meta:meta])* $field:ident: $ty:ty ),+ $(,)?
         }
         $( extensions {
@@ -72,10 +75,10 @@ macro_rules! message {
             impl $crate::Message for $name {
                 const ID: u32 = $id;
                 const NAME: &'static str = stringify!($wire);
-                const CRC_EXTRA: u8 = $crate::FieldInfo::crc_extra(stringify!($wire), BASE);
+                const CRC_EXTRA: u8 = $crate::__crc_extra!($wire $($crc_extra)?);
                 #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
                 const BASE_LEN: usize = $crate::FieldInfo::total(BASE);
-                const MAX_LEN: usize = $crate::FieldInfo::total(BASE) + $crate::FieldInfo::total(EXTENSIONS);
+                const MAX_LEN: usize = Self::BASE_LEN + $crate::FieldInfo::total(EXTENSIONS);
                 const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(BASE, EXTENSIONS);
 
                 #[inline]
@@ -93,8 +96,8 @@ macro_rules! message {
                 fn encode(&self, payload: &mut [u8]) -> Option<usize> {
                     let bytes = payload.first_chunk_mut::<{ <Self as $crate::Message>::MAX_LEN }>()?;
                     let mut fields = $crate::FieldWriter::new(bytes);
-                    $( fields.push(&self.$field); )+
-                    $($( fields.push(&self.$ext); )+)?
+                    $( fields.push(self.$field); )+
+                    $($( fields.push(self.$ext); )+)?
                     Some(Self::MAX_LEN)
                 }
             }
@@ -114,6 +117,18 @@ macro_rules! message {
 
             $crate::__message_format! { $name: $wire { $( $field, )+ $($( $ext, )+)? } }
         };
+    };
+}
+
+/// A message's digest: given by the generator, or computed.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __crc_extra {
+    ($wire:ident) => {
+        $crate::FieldInfo::crc_extra(stringify!($wire), BASE)
+    };
+    ($wire:ident $crc_extra:literal) => {
+        $crc_extra
     };
 }
 

@@ -52,19 +52,17 @@ impl FieldInfo {
     #[doc(hidden)]
     pub const fn total(fields: &[Self]) -> usize {
         let mut total = 0;
-        let mut i = 0;
-        while i < fields.len() {
-            total += fields[i].size;
-            i += 1;
+        let mut rest = fields;
+        while let [field, tail @ ..] = rest {
+            total += field.size;
+            rest = tail;
         }
         total
     }
 
+    /// Whether this is its name, which is as long.
     const fn is_named(&self, name: &str) -> bool {
         let (ours, theirs) = (self.name.as_bytes(), name.as_bytes());
-        if ours.len() != theirs.len() {
-            return false;
-        }
         let mut i = 0;
         while i < ours.len() {
             if ours[i] != theirs[i] {
@@ -114,20 +112,20 @@ impl MessageInfo {
         assert!(M::ID < 1 << 24, "a message id has 24 bits");
         assert!(M::MAX_LEN <= 255, "a payload has at most 255 bytes");
         assert!(base.len() + extensions.len() <= 64, "a message has at most 64 fields");
-        let mut i = 1;
-        while i < base.len() {
-            assert!(
-                base[i - 1].element >= base[i].element,
-                "base fields must stand in wire order: element sizes 8, 4, 2, 1"
-            );
-            i += 1;
+        let mut element = 8;
+        let mut rest = base;
+        while let [field, tail @ ..] = rest {
+            assert!(element >= field.element, "base fields must stand in wire order: element sizes 8, 4, 2, 1");
+            element = field.element;
+            rest = tail;
         }
+        let targets = Targets::NONE.find(base).find(extensions);
         Self {
             id_and_crc: M::ID | ((M::CRC_EXTRA as u32) << 24),
             base_len: M::BASE_LEN as u8,
             max_len: M::MAX_LEN as u8,
-            target_system: find("target_system", base, extensions),
-            target_component: find("target_component", base, extensions),
+            target_system: targets.system,
+            target_component: targets.component,
         }
     }
 
@@ -168,18 +166,31 @@ impl MessageInfo {
     }
 }
 
-const fn find(name: &str, base: &[FieldInfo], extensions: &[FieldInfo]) -> u8 {
-    let mut offset = 0;
-    let mut i = 0;
-    while i < base.len() + extensions.len() {
-        let field = if i < base.len() { &base[i] } else { &extensions[i - base.len()] };
-        if field.is_named(name) {
-            return offset as u8;
+/// Where the target fields begin.
+struct Targets {
+    system: u8,
+    component: u8,
+    /// Where the next field begins.
+    offset: usize,
+}
+
+impl Targets {
+    const NONE: Self = Self { system: NO_FIELD, component: NO_FIELD, offset: 0 };
+
+    /// Goes on with `fields`. Compares no more names than it must: constants are computed slowly.
+    const fn find(mut self, fields: &[FieldInfo]) -> Self {
+        let mut rest = fields;
+        while let [field, tail @ ..] = rest {
+            match field.name.len() {
+                13 if field.is_named("target_system") => self.system = self.offset as u8,
+                16 if field.is_named("target_component") => self.component = self.offset as u8,
+                _ => {}
+            }
+            self.offset += field.size;
+            rest = tail;
         }
-        offset += field.size;
-        i += 1;
+        self
     }
-    NO_FIELD
 }
 
 /// Ids below this are found through [`MessageTable`]'s index: nearly all traffic.
@@ -285,6 +296,46 @@ mod tests {
         extensions { target_system: u8, }
     }
     crate::dialect! { struct Two: [First, Second]; }
+
+    message! {
+        /// All that goes into the digest: a keyword, a name apart from the type, an enumeration.
+        struct Beat: HEARTBEAT = 0 {
+            custom_mode: u32,
+            r#type: crate::dialect::MavType,
+            autopilot: u8,
+            base_mode: crate::dialect::MavModeFlag,
+            system_status: u8,
+            mavlink_version: u8,
+        }
+    }
+    message! {
+        /// Text, and an extension, which does not.
+        struct Value: PARAM_VALUE = 22 {
+            param_value: f32,
+            param_count: u16,
+            param_index: u16,
+            param_id: crate::Text<16>,
+            param_type: u8,
+        }
+        extensions { more: u8, }
+    }
+    message! {
+        /// Arrays.
+        struct Gps: GPS_STATUS = 25 {
+            satellites_visible: u8,
+            satellite_prn: [u8; 20],
+            satellite_used: [u8; 20],
+            satellite_elevation: [u8; 20],
+            satellite_azimuth: [u8; 20],
+            satellite_snr: [u8; 20],
+        }
+    }
+
+    /// S-3
+    #[test]
+    fn digest_of_a_declaration_by_hand_is_computed() {
+        assert_eq!((Beat::CRC_EXTRA, Value::CRC_EXTRA, Gps::CRC_EXTRA), (50, 220, 23));
+    }
 
     #[test]
     fn rows_are_found_by_id_and_know_their_targets() {

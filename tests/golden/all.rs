@@ -2,13 +2,40 @@
 //! macros in the place of the crate's, so that it cannot be forgotten when a message comes.
 
 #![allow(unused_imports, reason = "what the generated text imports")]
+#![allow(dead_code, reason = "a test uses what it needs")]
 
 use mavstack::Message;
 use std::fmt::Debug;
 
 /// What a test does with every message.
 pub trait Visit {
-    fn visit<M: Message + Debug + Default + PartialEq>(&mut self);
+    fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self);
+}
+
+/// What the macros compute from a declaration, beside what the generator has written down.
+pub trait Declared {
+    fn crc_extra() -> u8;
+}
+
+macro_rules! declared {
+    (
+        $(#[$_meta:meta])*
+        pub struct $name:ident: $wire:ident = $id:literal, crc_extra = $crc_extra:literal {
+            $( $(#[$_field_meta:meta])* $field:ident: $ty:ty, )+
+        }
+        $($_extensions:tt)*
+    ) => {
+        const _: () = {
+            use mavstack::dialect::*;
+
+            impl crate::all::Declared for $name {
+                fn crc_extra() -> u8 {
+                    use mavstack::FieldInfo;
+                    FieldInfo::crc_extra(stringify!($wire), &[ $( FieldInfo::of::<$ty>(stringify!($field)), )+ ])
+                }
+            }
+        };
+    };
 }
 
 macro_rules! each {
@@ -23,7 +50,9 @@ macro_rules! nothing {
     ($($_:tt)*) => {};
 }
 
-pub(crate) use {each as dialect, nothing as message, nothing as wire_bitmask, nothing as wire_enum};
+pub(crate) use {
+    declared as message, each as dialect, nothing as command, nothing as wire_bitmask, nothing as wire_enum,
+};
 
 #[path = "../../src/dialect/common.rs"]
 mod common;

@@ -193,7 +193,7 @@ pub mod commands {
 
 mavstack::message! {
     /// `OPTION`. Deprecated since 2020-01: SOME.
-    pub struct OptionMessage: OPTION = 900 {
+    pub struct OptionMessage: OPTION = 900, crc_extra = 139 {
         /// Range: -1 to 16. See [`Signed`].
         signed_wide: i32,
         camelCase: OptionEnum,
@@ -204,7 +204,7 @@ mavstack::message! {
 
 mavstack::message! {
     /// `SOME`.
-    pub struct SomeMessage: SOME = 901 {
+    pub struct SomeMessage: SOME = 901, crc_extra = 36 {
         bits: Bits,
         /// See [`Unused`].
         rest: [f32; 61],
@@ -215,7 +215,7 @@ mavstack::message! {
 
 mavstack::message! {
     /// `ARRAY_1_2`.
-    pub struct Array1_2: ARRAY_1_2 = 902 {
+    pub struct Array1_2: ARRAY_1_2 = 902, crc_extra = 94 {
         /// In units of `1E-2`. Default: 7. Tells instances apart.
         odd: [OddNames; 2],
     }
@@ -223,7 +223,7 @@ mavstack::message! {
 
 mavstack::message! {
     /// `ARRAY_12`.
-    pub struct Array12: ARRAY_12 = 903 {
+    pub struct Array12: ARRAY_12 = 903, crc_extra = 239 {
         before: u32,
         target_component: u8,
         target_system: u8,
@@ -232,7 +232,7 @@ mavstack::message! {
 
 mavstack::message! {
     /// A description with \[brackets\], \*stars\*, \<tags\>, a \`tick\`, under_scores and <https://mavlink.io/en/>.
-    pub struct NameTaken: NAME_TAKEN = 16777215 {
+    pub struct NameTaken: NAME_TAKEN = 16777215, crc_extra = 49 {
         /// A description over two lines
         r#type: NameTakenEnum,
         r#match: Char,
