@@ -325,7 +325,7 @@ impl Decoder {
     }
 
     fn consume(&mut self, len: usize) {
-        self.start = self.start.saturating_add(len);
+        self.start = self.start.wrapping_add(len);
         self.need = 1;
     }
 

@@ -32,7 +32,8 @@ impl Bucket {
         Self::scaled((self.rate / 10).max(BURST))
     }
 
-    /// Bytes as the level counts them; cannot overflow.
+    /// Bytes as the level counts them. None of the sums here overflows: the level is never further from 0 than a tenth of a
+    /// second's bytes, or two frames, and what flows or is spent in one step is below 2^56.
     fn scaled(bytes: u32) -> i64 {
         i64::from(bytes).wrapping_mul(Self::SCALE)
     }
@@ -43,7 +44,7 @@ impl Bucket {
         let elapsed = now.since(self.filled).as_micros().min(10_000_000);
         self.filled = now;
         let flown = elapsed.wrapping_mul(u64::from(self.rate)).cast_signed();
-        self.level = self.level.saturating_add(flown).min(self.capacity());
+        self.level = self.level.wrapping_add(flown).min(self.capacity());
         if elapsed > 0 {
             self.gap = flown.min(Self::scaled(self.rate / 50));
         }
@@ -57,13 +58,13 @@ impl Bucket {
     /// Whether the line will be idle before the next poll: then a frame that is not urgent delays an urgent one by no more
     /// than itself (D-4).
     pub(crate) fn is_idle(&self) -> bool {
-        self.level >= self.capacity().saturating_sub(self.gap) || self.rate == 0
+        self.level >= self.capacity().wrapping_sub(self.gap) || self.rate == 0
     }
 
     /// `bytes` went out; the level may fall below zero, for what could not wait.
     pub(crate) fn spend(&mut self, bytes: usize) {
         let cost = Self::scaled(u32::try_from(bytes).unwrap_or(u32::MAX));
-        self.level = self.level.saturating_sub(cost).max(self.capacity().saturating_neg());
+        self.level = self.level.wrapping_sub(cost).max(self.capacity().wrapping_neg());
     }
 
     /// Microseconds until [`has_room`](Self::has_room), rounded up to a millisecond's worth.
