@@ -50,8 +50,8 @@ const ALTITUDE_OPTIONAL: [&str; 5] = [
 ];
 
 /// Parameters with a range or an enumeration that may be NaN: "default", "ignore", or of no use until lately, so that
-/// clients still send NaN.
-const NAN: [(&str, &[u8]); 9] = [
+/// clients still send NaN; MAVSDK does for all that its user does not set (C-8).
+const NAN: [(&str, &[u8]); 13] = [
     ("MAV_CMD_NAV_LAND", &[2]),
     ("MAV_CMD_NAV_TAKEOFF", &[3]),
     ("MAV_CMD_DO_ORBIT", &[3, 4]),
@@ -59,6 +59,10 @@ const NAN: [(&str, &[u8]); 9] = [
     ("MAV_CMD_DO_SET_ACTUATOR", &[1, 2, 3, 4]),
     ("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", &[1, 2]),
     ("MAV_CMD_ACTUATOR_TEST", &[1]),
+    ("MAV_CMD_COMPONENT_ARM_DISARM", &[2]),
+    ("MAV_CMD_DO_REPOSITION", &[1]),
+    ("MAV_CMD_PREFLIGHT_CALIBRATION", &[6, 7]),
+    ("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", &[2, 3, 4, 6]),
     ("MAV_CMD_IMAGE_START_CAPTURE", &[4]),
     ("MAV_CMD_VIDEO_START_CAPTURE", &[2]),
 ];

@@ -31,7 +31,8 @@ const INVALID_PARAM: [MavMissionResult; 7] = [
     MavMissionResult::INVALID_PARAM7,
 ];
 
-/// What MAVLink says in prose only: NaN means something in these, although they have a range or an enumeration.
+/// What MAVLink says in prose only: NaN means something in these, although they have a range or an enumeration; and what
+/// MAVSDK sends.
 fn prose_allows_nan(command: &str, param: &Param) -> bool {
     match command {
         "NAV_TAKEOFF" => param.index == 3,
@@ -40,7 +41,10 @@ fn prose_allows_nan(command: &str, param: &Param) -> bool {
         "NAV_LAND" => param.index == 2,
         "DO_SET_ACTUATOR" => param.index <= 4,
         "DO_GIMBAL_MANAGER_PITCHYAW" => param.index <= 2,
-        "ACTUATOR_TEST" => param.index == 1,
+        "ACTUATOR_TEST" | "DO_REPOSITION" => param.index == 1,
+        "COMPONENT_ARM_DISARM" => param.index == 2,
+        "PREFLIGHT_CALIBRATION" => param.index >= 6,
+        "PREFLIGHT_REBOOT_SHUTDOWN" => matches!(param.index, 2..=4 | 6),
         "IMAGE_START_CAPTURE" => param.index == 4 || param.label == "Target Camera ID",
         "VIDEO_START_CAPTURE" => param.index == 2 || param.label == "Target Camera ID",
         _ => param.label == "Target Camera ID",
@@ -274,8 +278,8 @@ fn rules_are_written_as_constants() {
             "PREFLIGHT_CALIBRATION",
             "CommandRule::without_position(241, &[ \
              ParamRule::integers(1, 0, 3), ParamRule::one_of(2, &[0, 1, 76]), ParamRule::bits(3, 0x1), \
-             ParamRule::integers(4, 0, 1), ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]), ParamRule::integers(6, 0, 2), \
-             ParamRule::integers(7, 0, 3), ])",
+             ParamRule::integers(4, 0, 1), ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]), \
+             ParamRule::integers(6, 0, 2).or_nan(), ParamRule::integers(7, 0, 3).or_nan(), ])",
         ),
         (
             "NAV_DELAY",

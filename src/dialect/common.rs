@@ -3088,7 +3088,7 @@ pub mod command_rules {
     pub const DO_RALLY_LAND: CommandRule = CommandRule::without_position(190, &[]);
     pub const DO_GO_AROUND: CommandRule = CommandRule::without_position(191, &[]);
     pub const DO_REPOSITION: CommandRule = CommandRule::at_position(192, &[
-        ParamRule::at_least(1, -1.0),
+        ParamRule::at_least(1, -1.0).or_nan(),
         ParamRule::bits(2, 0x3),
     ]).position_optional().altitude_optional();
     pub const DO_PAUSE_CONTINUE: CommandRule = CommandRule::without_position(193, &[
@@ -3196,8 +3196,8 @@ pub mod command_rules {
         ParamRule::bits(3, 0x1),
         ParamRule::integers(4, 0, 1),
         ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]),
-        ParamRule::integers(6, 0, 2),
-        ParamRule::integers(7, 0, 3),
+        ParamRule::integers(6, 0, 2).or_nan(),
+        ParamRule::integers(7, 0, 3).or_nan(),
     ]);
     pub const PREFLIGHT_SET_SENSOR_OFFSETS: CommandRule = CommandRule::without_position(242, &[
         ParamRule::integers(1, 0, 6),
@@ -3210,10 +3210,10 @@ pub mod command_rules {
     ]);
     pub const PREFLIGHT_REBOOT_SHUTDOWN: CommandRule = CommandRule::without_position(246, &[
         ParamRule::integers(1, 0, 4),
-        ParamRule::integers(2, 0, 4),
-        ParamRule::integers(3, 0, 4),
-        ParamRule::integers(4, 0, 255),
-        ParamRule::one_of(6, &[0, 20190226]),
+        ParamRule::integers(2, 0, 4).or_nan(),
+        ParamRule::integers(3, 0, 4).or_nan(),
+        ParamRule::integers(4, 0, 255).or_nan(),
+        ParamRule::one_of(6, &[0, 20190226]).or_nan(),
     ]);
     pub const OVERRIDE_GOTO: CommandRule = CommandRule::at_position(252, &[
         ParamRule::integers(1, 0, 3),
@@ -3246,7 +3246,7 @@ pub mod command_rules {
     ]);
     pub const COMPONENT_ARM_DISARM: CommandRule = CommandRule::without_position(400, &[
         ParamRule::bits(1, 0x1),
-        ParamRule::one_of(2, &[0, 21196]),
+        ParamRule::one_of(2, &[0, 21196]).or_nan(),
     ]);
     pub const RUN_PREARM_CHECKS: CommandRule = CommandRule::without_position(401, &[]);
     pub const ILLUMINATOR_ON_OFF: CommandRule = CommandRule::without_position(405, &[
@@ -4003,7 +4003,7 @@ pub mod commands {
         /// Fly to a position now.
         pub struct DoReposition = command_rules::DO_REPOSITION {
             /// (m/s) Range: ≥ -1.
-            speed: f32 = 1,
+            speed: Option<f32> = 1,
             bitmask: super::MavDoRepositionFlags = 2,
             /// (m)
             radius: Option<f32> = 3,
@@ -4304,9 +4304,9 @@ pub mod commands {
             remote_control: u8 = 4,
             accelerometer: super::PreflightCalibrationAccelerometer = 5,
             /// Range: 0 to 2.
-            compmot_or_airspeed: u8 = 6,
+            compmot_or_airspeed: Option<u8> = 6,
             /// Range: 0 to 3.
-            esc_or_baro: u8 = 7,
+            esc_or_baro: Option<u8> = 7,
         }
     }
 
@@ -4345,11 +4345,11 @@ pub mod commands {
         /// Restart or switch off the autopilot or its components; not in flight.
         pub struct PreflightRebootShutdown = command_rules::PREFLIGHT_REBOOT_SHUTDOWN {
             autopilot: super::RebootShutdownAction = 1,
-            companion: super::RebootShutdownAction = 2,
-            component_action: super::RebootShutdownAction = 3,
+            companion: Option<super::RebootShutdownAction> = 2,
+            component_action: Option<super::RebootShutdownAction> = 3,
             /// Range: 0 to 255.
-            component_id: u8 = 4,
-            conditions: super::RebootShutdownConditions = 6,
+            component_id: Option<u8> = 4,
+            conditions: Option<super::RebootShutdownConditions> = 6,
         }
     }
 
@@ -4424,7 +4424,7 @@ pub mod commands {
         pub struct ComponentArmDisarm = command_rules::COMPONENT_ARM_DISARM {
             arm: bool = 1,
             /// Range: 0 to 21196.
-            force: u16 = 2,
+            force: Option<u16> = 2,
         }
     }
 
