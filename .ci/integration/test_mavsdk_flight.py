@@ -350,13 +350,30 @@ def test_raw_messages(system, other):
         assert (ack.message_name, json.loads(ack.fields_json)["result"]) == ("COMMAND_ACK", result)
 
 
+def test_home(system, action):
+    """O-6: where it is moved to is told at once."""
+    telemetry = Telemetry(system)
+    moved = HOME[0] + 5 / DEGREE
+    try:
+        action.set_home(False, moved, *HOME[1:])
+        until(lambda: abs(telemetry.home().latitude_deg - moved) < 1e-6, 3, "home has moved")
+        assert result_of(action.set_home, False, HOME[0] + 1, *HOME[1:]) == ActionResult.COMMAND_DENIED, "too far"
+    finally:
+        action.set_home(False, *HOME)
+    until(lambda: abs(telemetry.home().latitude_deg - HOME[0]) < 1e-6, 3, "home is back")
+
+
 def test_reboot(system, action):
-    """C-30: the answer comes first, and then the vehicle again."""
+    """C-30: the answer comes first, and then the vehicle again, which has forgotten that its flight was terminated."""
     clock = queue.SimpleQueue()
     telling = lambda message, _: clock.put(json.loads(message.fields_json)["time_boot_ms"])
     MavlinkDirect(system).subscribe_message("SYSTEM_TIME", telling)
     until(lambda: clock.get(timeout=5) > 5000, 20, "it has been there for a while")
+    action.terminate()
+    assert result_of(action.arm) == ActionResult.FAILED
     action.reboot()
     until(lambda: clock.get(timeout=10) < 5000, 10, "it begins anew")
-    # What comes next is to find it ready.
+    # By then it has found its position.
     until(lambda: clock.get(timeout=5) > 4000, 20, "it is ready")
+    action.arm()
+    action.disarm()
