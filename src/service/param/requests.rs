@@ -45,7 +45,7 @@ impl TableMut<'_> {
         };
         let Some(index) = found else {
             let index = read.param_index.max(-1);
-            return self.refuse(cx, ways, caller, false, MavParamError::DOES_NOT_EXIST, index, &name);
+            return self.refuse(cx, ways, caller, false, (MavParamError::DOES_NOT_EXIST, index), &name);
         };
         self.tell(index, LinkMask::of(caller.from.link));
         Taken::Yes
@@ -74,7 +74,7 @@ impl TableMut<'_> {
             return Ok(Taken::NoRoom);
         }
         let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
-            return Ok(self.refuse(cx, ways, caller, true, MavParamError::DOES_NOT_EXIST, -1, &name));
+            return Ok(self.refuse(cx, ways, caller, true, (MavParamError::DOES_NOT_EXIST, -1), &name));
         };
         match check(info, ways.encoding, set) {
             Ok(bits) if bits != old => return Err((index, bits)),
@@ -101,7 +101,7 @@ impl TableMut<'_> {
                 self.notice(cx.now);
             }
             Err(error) => {
-                self.refuse(cx, ways, caller, true, error, -1, info.wire_name());
+                self.refuse(cx, ways, caller, true, (error, -1), info.wire_name());
             }
         }
         self.tell(index, cx.normal);
@@ -120,8 +120,7 @@ impl TableMut<'_> {
         ways: Ways,
         caller: &Caller<'_>,
         is_set: bool,
-        error: MavParamError,
-        index: i16,
+        (error, index): (MavParamError, i16),
         name: &[u8; 16],
     ) -> Taken {
         let has_error = ways.has_errors && caller.version != Version::V1;
