@@ -4,9 +4,12 @@
 //! now, are told by a text with the reason (C-31).
 
 use mavstack::dialect::command_rules as rules;
-use mavstack::dialect::{MavCmd, MavFrame, MavResult, MavSeverity};
+use mavstack::dialect::commands::{
+    ComponentArmDisarm, DoFlighttermination, DoReposition, DoSetHome, NavLand, NavTakeoff,
+};
+use mavstack::dialect::{MavCmd, MavDoRepositionFlags, MavFrame, MavResult, MavSeverity};
 use mavstack::{
-    Command, CommandMemory, CommandPolicy, CommandPosition, CommandRule, Commands, CustomMode, FlightMode, Item,
+    Command, CommandMemory, CommandPolicy, CommandRule, Commands, CustomMode, FlightMode, Item, LatLon, Location,
     ModeRequest, Outcome, ParamRule, Peer,
 };
 
@@ -17,29 +20,23 @@ use crate::plan::{self, Condition, LOWEST, Maneuver, Order};
 use crate::tuning::Tuning;
 
 /// MAV_CMD_COMPONENT_ARM_DISARM: parameter 2 that forces it (C-31).
-const FORCE: i32 = 21_196;
+const FORCE: u16 = 21_196;
 /// It is told of no higher speed, m/s: the most that `MPC_XY_CRUISE` can be.
 const MAX_SPEED: f32 = 25.0;
+/// The frame of a take-off in a COMMAND_LONG, which has none (C-6); that of others is GLOBAL.
+const ABOVE_HOME: MavFrame = MavFrame::GLOBAL_RELATIVE_ALT;
 /// Home is no farther from where it was switched on, m.
 const FAR: f32 = 10_000.0;
 
-/// In the form that MAVSDK and QGroundControl send them: NaN for what they leave open (C-8).
+/// What is narrower than the definitions, or not for every vehicle in reach. Who disarms all of those has a reason; to arm
+/// them is refused with a text.
 const COMMANDS: &[CommandPolicy] = &[
-    // Whoever disarms all vehicles in reach has a reason.
-    CommandPolicy::new(
-        rules::COMPONENT_ARM_DISARM
-            .with_params(&[ParamRule::integers(1, 0, 1), ParamRule::one_of(2, &[0, FORCE]).or_nan()]),
-    ),
-    // A COMMAND_LONG has no frame; its altitude is taken as above home.
-    located(rules::NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
+    located(rules::NAV_TAKEOFF.altitude_optional()).long_frame(ABOVE_HOME),
     // No landing by a beacon; "if there is one" will do.
     located(rules::NAV_LAND.with_params(&[ParamRule::integers(2, 0, 1).or_nan()]).altitude_optional()),
     CommandPolicy::new(rules::NAV_RETURN_TO_LAUNCH).no_broadcast(),
     // The nose as it is, or so far from north.
-    located(
-        rules::DO_REPOSITION
-            .with_params(&[ParamRule::range(1, -1.0, MAX_SPEED).or_nan(), ParamRule::bits(2, 1).or_nan()]),
-    ),
+    located(rules::DO_REPOSITION.with_params(&[ParamRule::range(1, -1.0, MAX_SPEED).or_nan(), ParamRule::bits(2, 1)])),
     // The horizontal speed, and no throttle.
     CommandPolicy::new(rules::DO_CHANGE_SPEED.with_params(&[
         ParamRule::integers(1, 0, 1),
@@ -58,7 +55,6 @@ const COMMANDS: &[CommandPolicy] = &[
     CommandPolicy::new(rules::DO_SET_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
-    CommandPolicy::new(rules::RUN_PREARM_CHECKS),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
     CommandPolicy::new(super::ground::REBOOT).no_broadcast(),
 ];
@@ -73,26 +69,7 @@ impl Commands for Quadrotor {
     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
 
     fn command(&mut self, command: &Command) -> Outcome {
-        if self.reboot.is_some() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
-            return MavResult::TEMPORARILY_REJECTED.into();
-        }
-        let [p1, p2, ..] = command.params;
-        let result = match command.id {
-            MavCmd::COMPONENT_ARM_DISARM => self.arm_disarm(p1 == 1.0, p2 == FORCE as f32, command.is_broadcast),
-            MavCmd::NAV_TAKEOFF => self.take_off(command),
-            MavCmd::NAV_LAND => self.land(command),
-            MavCmd::NAV_RETURN_TO_LAUNCH => self.start(Mode::Return, Maneuver::Return),
-            MavCmd::DO_REPOSITION => self.reposition(command),
-            MavCmd::DO_CHANGE_SPEED => self.change_speed(p2),
-            MavCmd::CONDITION_YAW => self.turn(command),
-            MavCmd::DO_SET_HOME => self.set_home(command, p1 == 1.0),
-            MavCmd::DO_FLIGHTTERMINATION => self.terminate(p1 == 1.0),
-            MavCmd::RUN_PREARM_CHECKS => self.run_checks(),
-            MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(command),
-            MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.ask_reboot(command),
-            _ => MavResult::UNSUPPORTED,
-        };
-        result.into()
+        self.obey(command).unwrap_or_else(Outcome::from)
     }
 
     fn command_memory(&mut self) -> Option<&mut CommandMemory> {
@@ -114,6 +91,35 @@ impl Commands for Quadrotor {
 }
 
 impl Quadrotor {
+    fn obey(&mut self, command: &Command) -> Result<Outcome, MavResult> {
+        if self.is_going_down() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
+            return Err(MavResult::TEMPORARILY_REJECTED);
+        }
+        let [_, p2, ..] = command.params;
+        let result = match command.id {
+            MavCmd::COMPONENT_ARM_DISARM => {
+                let ComponentArmDisarm { arm, force } = command.decode()?;
+                self.arm_disarm(arm, force == Some(FORCE), command.is_broadcast)
+            }
+            MavCmd::NAV_TAKEOFF => self.take_off(&command.decode()?)?,
+            MavCmd::NAV_LAND => self.land(&command.decode()?)?,
+            MavCmd::NAV_RETURN_TO_LAUNCH => self.start(Mode::Return, Maneuver::Return),
+            MavCmd::DO_REPOSITION => self.reposition(&command.decode()?)?,
+            MavCmd::DO_CHANGE_SPEED => self.change_speed(p2),
+            MavCmd::CONDITION_YAW => self.turn(command),
+            MavCmd::DO_SET_HOME => self.set_home(&command.decode()?),
+            MavCmd::DO_FLIGHTTERMINATION => {
+                let DoFlighttermination { terminate } = command.decode()?;
+                self.terminate(terminate == 1)
+            }
+            MavCmd::RUN_PREARM_CHECKS => self.run_checks(),
+            MavCmd::PREFLIGHT_CALIBRATION => return Ok(self.calibrate(command, &command.decode()?)),
+            MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.ask_reboot(command.from.link, &command.decode()?),
+            _ => MavResult::UNSUPPORTED,
+        };
+        Ok(result.into())
+    }
+
     fn arm_disarm(&mut self, arms: bool, is_forced: bool, is_broadcast: bool) -> MavResult {
         if !arms {
             if self.armed && !self.is_landed() && !is_forced {
@@ -187,41 +193,42 @@ impl Quadrotor {
         MavResult::ACCEPTED
     }
 
-    fn take_off(&mut self, command: &Command) -> MavResult {
-        let z = if is_default(command.z) { self.takeoff_altitude() } else { command.z };
-        let frame = if is_default(command.z) { MavFrame::GLOBAL_RELATIVE_ALT } else { frame(command) };
-        let Some(to) = self.destination(command, frame, z) else { return MavResult::DENIED };
+    fn take_off(&mut self, command: &NavTakeoff) -> Result<MavResult, MavResult> {
+        let location = &command.location;
+        // 0 is what some send who leave it to us (C-8).
+        let to = match location.altitude.filter(|&altitude| altitude != 0.0) {
+            Some(altitude) => self.destination(location, location.frame.unwrap_or(ABOVE_HOME), Some(altitude)),
+            None => self.destination(location, ABOVE_HOME, Some(self.takeoff_altitude())),
+        }?;
         let result = self.start(Mode::Takeoff, Maneuver::Climb(to));
-        self.point(result, command.params[3].to_radians())
+        Ok(self.point(result, command.yaw.map(f32::to_radians)))
     }
 
-    fn land(&mut self, command: &Command) -> MavResult {
+    fn land(&mut self, command: &NavLand) -> Result<MavResult, MavResult> {
         // How high the ground is it feels.
-        let Some(to) = self.destination(command, MavFrame::GLOBAL, f32::NAN) else { return MavResult::DENIED };
+        let to = self.destination(&command.location, ABOVE_HOME, None)?;
         let result = self.start(Mode::Land, Maneuver::Land(to));
-        self.point(result, command.params[3].to_radians())
+        Ok(self.point(result, command.yaw_angle.map(f32::to_radians)))
     }
 
     /// MAV_CMD_DO_REPOSITION: to a place, at a height, at a speed, where they are given; and stays there.
-    fn reposition(&mut self, command: &Command) -> MavResult {
-        const CHANGE_MODE: f32 = 1.0;
-
-        let [speed, flags, _, yaw] = command.params;
-        let Some(to) = self.destination(command, frame(command), command.z) else {
-            return self.refuse(MavResult::DENIED, "Goto refused: under the ground");
-        };
+    fn reposition(&mut self, command: &DoReposition) -> Result<MavResult, MavResult> {
+        let DoReposition { speed, bitmask, yaw, location, .. } = command;
+        let to = self.destination(location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
+        let to = to.map_err(|result| self.refuse(result, "Goto refused: under the ground"))?;
         if self.armed && self.is_landed() {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Goto refused: on the ground");
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Goto refused: on the ground"));
         }
-        if self.mode != Mode::Hold && flags != CHANGE_MODE {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Goto refused: not holding");
+        if self.mode != Mode::Hold && !bitmask.contains(MavDoRepositionFlags::CHANGE_MODE) {
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Goto refused: not holding"));
         }
         let radius = self.tuning.get(Tuning::NAV_ACC_RAD);
         let result = self.start(Mode::Hold, Maneuver::Reach { to, radius });
-        if result == MavResult::ACCEPTED && speed > 0.0 {
-            self.speed = Some(speed);
+        if result == MavResult::ACCEPTED {
+            // Less is "as it is".
+            self.speed = speed.filter(|&speed| speed > 0.0).or(self.speed);
         }
-        self.point(result, yaw)
+        Ok(self.point(result, *yaw))
     }
 
     /// MAV_CMD_DO_CHANGE_SPEED: until it lands, or the next mission begins.
@@ -257,18 +264,18 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_DO_SET_HOME: here, or at a place that is given as a whole.
-    fn set_home(&mut self, command: &Command, is_here: bool) -> MavResult {
+    fn set_home(&mut self, command: &DoSetHome) -> MavResult {
         if !self.has_fix() {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Home refused: no GPS fix yet");
         }
-        let spot = if is_here {
+        let spot = if command.use_current {
             self.body.position
         } else {
-            let height = self.home.to_height(frame(command), command.z);
-            let ((Some(latitude), Some(longitude)), Some(height)) = (command.position.lat_lon(), height) else {
-                return MavResult::DENIED;
-            };
-            let (north, east) = self.home.to_local(latitude, longitude);
+            let Location { position, altitude, frame } = command.location;
+            let frame = frame.unwrap_or(MavFrame::GLOBAL);
+            let height = altitude.and_then(|altitude| self.home.to_height(frame, altitude));
+            let (Some(position), Some(height)) = (position, height) else { return MavResult::DENIED };
+            let (north, east) = self.home.to_local(position.latitude, position.longitude);
             Vector { north, east, down: -height }
         };
         if spot.distance(Vector::ZERO) > FAR || spot.down.abs() > FAR {
@@ -302,28 +309,30 @@ impl Quadrotor {
         self.tuning.get(Tuning::MIS_TAKEOFF_ALT)
     }
 
-    /// The place that a command names, at the altitude `z`: what is left open is where we come to rest. `None` when it is
-    /// under the ground.
-    fn destination(&self, command: &Command, frame: MavFrame, z: f32) -> Option<Vector> {
+    /// The place that a command names, at an altitude: what is left open is where we come to rest. DENIED when it is under
+    /// the ground.
+    fn destination(&self, location: &Location, frame: MavFrame, altitude: Option<f32>) -> Result<Vector, MavResult> {
         let here = self.body.rest();
-        let down = match self.home.to_height(frame, z) {
+        let down = match altitude.map(|altitude| self.home.to_height(frame, altitude)) {
             None => here.down,
-            Some(height) if height > 0.0 => -height.max(LOWEST),
-            Some(_) => return None,
+            Some(Some(height)) if height > 0.0 => -height.max(LOWEST),
+            Some(_) => return Err(MavResult::DENIED),
         };
-        Some(match command.position.lat_lon() {
+        Ok(match location.position {
             // A client that fills what it does not use with zeros means no place in the Gulf of Guinea.
-            (Some(latitude), Some(longitude)) if (latitude, longitude) != (0, 0) => {
+            None | Some(LatLon { latitude: 0, longitude: 0 }) => Vector { down, ..here },
+            Some(LatLon { latitude, longitude }) => {
                 let (north, east) = self.home.to_local(latitude, longitude);
                 Vector { north, east, down }
             }
-            _ => Vector { down, ..here },
         })
     }
 
-    /// Where a command that was accepted wants the nose to point: rad from north; NaN leaves it to us.
-    fn point(&mut self, result: MavResult, yaw: f32) -> MavResult {
-        if result == MavResult::ACCEPTED && yaw.is_finite() {
+    /// Where a command that was accepted wants the nose to point: rad from north; `None` leaves it to us.
+    fn point(&mut self, result: MavResult, yaw: Option<f32>) -> MavResult {
+        if let Some(yaw) = yaw
+            && result == MavResult::ACCEPTED
+        {
             self.body.nose = plan::turn_to(yaw, &self.situation());
         }
         result
@@ -333,18 +342,4 @@ impl Quadrotor {
         self.say(MavSeverity::WARNING, why);
         result
     }
-}
-
-/// The frame of a command's position: as [`COMMANDS`] says where it names none.
-fn frame(command: &Command) -> MavFrame {
-    match command.position {
-        CommandPosition::Int { frame, .. } => frame,
-        CommandPosition::Long { .. } if command.id == MavCmd::NAV_TAKEOFF => MavFrame::GLOBAL_RELATIVE_ALT,
-        CommandPosition::Long { .. } => MavFrame::GLOBAL,
-    }
-}
-
-/// Whether a parameter is left to us (C-8).
-fn is_default(parameter: f32) -> bool {
-    parameter == 0.0 || parameter.is_nan()
 }

@@ -1,15 +1,14 @@
 //! What is done on the ground: calibrating, and switching off and on again.
 
 use mavstack::dialect::command_rules as rules;
-use mavstack::dialect::{MavCmd, MavResult, MavSeverity};
+use mavstack::dialect::commands::{PreflightCalibration, PreflightRebootShutdown};
+use mavstack::dialect::{MavCmd, MavResult, MavSeverity, RebootShutdownAction, RebootShutdownConditions};
 use mavstack::{Command, CommandRule, Duration, Instant, LinkId, Outcome, ParamRule};
 
 use super::Quadrotor;
 
 /// How long it takes to calibrate a sensor.
 const TIME: Duration = Duration::from_secs(5);
-/// Parameter 6 of MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN that forces it.
-const FORCE: i32 = 20_190_226;
 /// The last byte of an answer is with the receiver after so long, at 2,400 bit/s too.
 const LAST_BYTES: Duration = Duration::from_millis(50);
 /// Longer than this it does not wait for a line that is stuck.
@@ -17,11 +16,10 @@ const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Its sensors: gyroscopes, compass, barometer, accelerometers. No radio, no airspeed, no motors that have to learn.
 pub const CALIBRATION: CommandRule = rules::PREFLIGHT_CALIBRATION.with_params(&[
-    ParamRule::integers(1, 0, 1).or_nan(),
-    ParamRule::integers(2, 0, 1).or_nan(),
-    ParamRule::integers(3, 0, 1).or_nan(),
-    ParamRule::integers(4, 0, 0).or_nan(),
-    ParamRule::one_of(5, &[0, 1, 2, 4]).or_nan(),
+    ParamRule::integers(1, 0, 1),
+    ParamRule::integers(2, 0, 1),
+    ParamRule::integers(4, 0, 0),
+    ParamRule::one_of(5, &[0, 1, 2, 4]),
     ParamRule::integers(6, 0, 0).or_nan(),
     ParamRule::integers(7, 0, 0).or_nan(),
 ]);
@@ -31,8 +29,6 @@ pub const REBOOT: CommandRule = rules::PREFLIGHT_REBOOT_SHUTDOWN.with_params(&[
     ParamRule::integers(1, 0, 1),
     ParamRule::integers(2, 0, 0).or_nan(),
     ParamRule::integers(3, 0, 0).or_nan(),
-    ParamRule::integers(4, 0, 255).or_nan(),
-    ParamRule::one_of(6, &[0, FORCE]).or_nan(),
 ]);
 
 /// A reboot that was asked for.
@@ -45,10 +41,9 @@ pub struct Reboot {
 impl Quadrotor {
     /// MAV_CMD_PREFLIGHT_CALIBRATION takes its time, and can be cancelled (C-20, C-23). With all parameters 0, as PX4 has
     /// it, it asks for nothing: one that runs is given up by COMMAND_CANCEL.
-    pub(super) fn calibrate(&mut self, command: &Command) -> Outcome {
-        let [p1, p2, p3, _] = command.params;
-        let (p5, _) = command.position.params();
-        if ![p1, p2, p3, p5].into_iter().any(|sensor| sensor >= 1.0) {
+    pub(super) fn calibrate(&mut self, command: &Command, what: &PreflightCalibration) -> Outcome {
+        let sensors = [what.gyro_temperature, what.magnetometer.0, what.accelerometer.0];
+        if sensors == [0; 3] && !what.ground_pressure {
             return MavResult::ACCEPTED.into();
         }
         if self.armed {
@@ -89,20 +84,18 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. In the air it is refused, forced or not (SEC-13).
-    pub(super) fn ask_reboot(&mut self, command: &Command) -> MavResult {
-        let [p1, ..] = command.params;
-        let (_, p6) = command.position.params();
-        if p1 != 1.0 || self.reboot.is_some() {
+    pub(super) fn ask_reboot(&mut self, link: LinkId, what: &PreflightRebootShutdown) -> MavResult {
+        if what.autopilot != RebootShutdownAction::REBOOT || self.reboot.is_some() {
             return MavResult::ACCEPTED;
         }
         if self.armed && !self.is_landed() {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: flying");
         }
-        if self.armed && p6 != FORCE as f32 {
+        if self.armed && what.conditions != Some(RebootShutdownConditions::FORCE) {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: armed");
         }
         self.disarm();
-        self.reboot = Some(Reboot { link: command.from.link, since: self.time });
+        self.reboot = Some(Reboot { link, since: self.time });
         MavResult::ACCEPTED
     }
 
