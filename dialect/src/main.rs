@@ -14,7 +14,7 @@ struct Arguments {
     input: PathBuf,
     /// The Rust file to write
     output: PathBuf,
-    /// Only these messages (and the enums that their fields name) or enums, by MAVLink's names
+    /// Only these messages, enums and typed commands (and the enums that their fields name), by MAVLink's names
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
     /// Like --only, names from a file: one a line, `#` begins a comment

@@ -6,6 +6,9 @@
 //! its type where the two have the same size on the wire, else it is an integer whose documentation says which
 //! enumeration to see. Units stand in brackets before all else that is known of a field.
 //!
+//! The commands of MAVLink's command and mission protocols, which are numbers with seven parameters on the wire, are types
+//! with named fields in [`commands`], and rules for these in [`command_rules`].
+//!
 //! What is not decoded costs nothing: no code here runs unless a caller names the message.
 
 mod common;

@@ -27,6 +27,14 @@ mavstack::wire_enum! {
     }
 }
 
+mavstack::wire_bitmask! {
+    /// `MAV_BOOL`.
+    pub struct MavBool: u8 {
+        FALSE = 0,
+        TRUE = 1,
+    }
+}
+
 mavstack::wire_enum! {
     /// `MAV_CMD`.
     pub struct MavCmd: u32 {
@@ -41,8 +49,17 @@ mavstack::wire_enum! {
         /// 5: Latitude (≥ 0); 7: Altitude (m, ≥ 0).
         PLACE = 3,
         CORNER = 4,
+        /// A description with \[brackets\]. 1: match; 2: Location (m, 0 to 2); 3: Match!;
+        /// 4: 4th ID,UseYaw (`MAV_BOOL`).
+        OPTION = 5,
+        /// Deprecated since 2020-01: SOME. 1: Self; 2: °; 6: Bool (`MAV_BOOL`); 7: Byte (-128 to 127).
+        _3D = 6,
+        /// 5: X (m); 6: Y (m).
+        LOCAL = 7,
+        BARE = 8,
         /// 1: In a row (`OPTION`); 2: With gaps (`SIGNED`); 3: Bits (`BITS`); 4: Of none (`EMPTY_ONE`).
         ENUMS = 65535,
+        /// 1: Anything.
         TOO_LARGE = 65536,
     }
 }
@@ -112,6 +129,16 @@ pub mod command_rules {
         ParamRule::at_least(7, 0.0),
     ]);
     pub const CORNER: CommandRule = CommandRule::at_position(4, &[]).altitude_optional();
+    pub const OPTION: CommandRule = CommandRule::at_position(5, &[
+        ParamRule::range(2, 0.0, 2.0),
+        ParamRule::bits(4, 0x1).or_nan(),
+    ]).altitude_optional();
+    pub const _3D: CommandRule = CommandRule::without_position(6, &[
+        ParamRule::bits(6, 0x1),
+        ParamRule::integers(7, -128, 127).or_nan(),
+    ]);
+    pub const LOCAL: CommandRule = CommandRule::at_position(7, &[]).altitude_optional();
+    pub const BARE: CommandRule = CommandRule::without_position(8, &[]);
     pub const ENUMS: CommandRule = CommandRule::without_position(65535, &[
         ParamRule::integers(1, 0, 1),
         ParamRule::one_of(2, &[-1, 3, 16]),
@@ -120,7 +147,7 @@ pub mod command_rules {
 
     /// All of them, for tools: a vehicle names the commands that it flies.
     pub const ALL: &[CommandRule] = &[
-        ALL_, STEPS, PLACE, CORNER, ENUMS,
+        ALL_, STEPS, PLACE, CORNER, OPTION, _3D, LOCAL, BARE, ENUMS,
     ];
 }
 
@@ -177,6 +204,31 @@ pub mod commands {
         /// `MAV_CMD_CORNER`.
         pub struct Corner = command_rules::CORNER {
             location: Location = 5,
+        }
+    }
+
+    mavstack::command! {
+        /// A description with \[brackets\].
+        pub struct OptionCommand = command_rules::OPTION {
+            r#match: Option<f32> = 1,
+            /// Where \[not\]. (m) Range: 0 to 2. Default: 1.
+            location_2: f32 = 2,
+            /// In units of `1E-2`.
+            match_3: Option<f32> = 3,
+            /// Default: NaN.
+            _4th_id_use_yaw: Option<bool> = 4,
+            location: Location = 5,
+        }
+    }
+
+    mavstack::command! {
+        /// `MAV_CMD_3D`. Deprecated since 2020-01: SOME.
+        pub struct _3d = command_rules::_3D {
+            self_: Option<f32> = 1,
+            param2: Option<f32> = 2,
+            bool: bool = 6,
+            /// Range: -128 to 127. Default: NaN.
+            byte: Option<i8> = 7,
         }
     }
 
