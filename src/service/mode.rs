@@ -147,6 +147,7 @@ pub(crate) fn on_command<V: Vehicle + Commands>(
     };
     Some(match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
         Some(mode) => vehicle.set_mode(mode, &ModeRequest { from: command.from, is_broadcast: command.is_broadcast }),
+        // The guide has FAILED for a standard mode that there is not; but asking again never helps (C-4).
         None => MavResult::DENIED.into(),
     })
 }

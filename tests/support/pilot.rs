@@ -46,6 +46,8 @@ pub const ARDUPILOT: u8 = 1;
 /// PX4's, and with a policy for MAV_CMD_DO_SET_MODE.
 pub const DECLARED: u8 = 2;
 pub const MANY: u8 = 3;
+/// PX4's, of a vehicle that tells nothing else.
+pub const QUIET: u8 = 4;
 
 /// A vehicle with modes, declared in way `W`.
 pub struct Pilot<const W: u8> {
@@ -118,7 +120,8 @@ impl<const W: u8> Commands for Pilot<W> {
 
 /// One message that others may ask for at an interval.
 impl<const W: u8> Telemetry for Pilot<W> {
-    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>().onboard(Duration::from_millis(20))];
+    const STREAMS: &'static [Stream] =
+        if W == QUIET { &[] } else { &[Stream::of::<Attitude>().onboard(Duration::from_millis(20))] };
 
     fn fill(&mut self, _: u32, out: Fill<'_>) -> bool {
         out.put(&Attitude { yaw: 1.0, ..Attitude::default() })
