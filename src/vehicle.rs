@@ -240,8 +240,8 @@ pub trait Commands {
     /// Enters `mode`, one of [`MODES`](Self::MODES) that may be asked for, or refuses; the answer goes out at once and is the
     /// only one, so not IN_PROGRESS. Being asked for the mode that it is in must do no harm (C-11). What is no such mode was
     /// DENIED before: a number or a standard mode that the table has not, NaN, a fraction, flags without
-    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is not looked at: nobody arms or disarms
-    /// this way.
+    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is not looked at, as in ArduPilot: nobody arms
+    /// or disarms this way, and who sets a mode sends back what the heartbeat said.
     ///
     /// Where MAV_CMD_DO_SET_MODE is one of [`COMMANDS`](Self::COMMANDS), what is declared of it holds for SET_MODE too
     /// (C-5); MAV_CMD_DO_SET_STANDARD_MODE is declared by itself. SET_MODE is answered by a COMMAND_ACK for command 11
