@@ -20,7 +20,7 @@ PARAM_SILENCE = 3.0
 PLAN_TIMEOUT = 1.5
 ITEM_TIMEOUT = 0.25
 
-COMMAND_TRIES = 3
+MESSAGE_TRIES = 3
 # A request for AUTOPILOT_VERSION that failed is made once more.
 VERSION_TRIES = 2
 PARAM_LIST_TRIES = 5
@@ -39,27 +39,7 @@ class NoAnswer(Exception):
     """All tries were in vain."""
 
 
-class Thinned:
-    """A client's line that loses every fifth message of each kind on its way here, every fourth on its way there."""
-
-    def __init__(self, gcs):
-        self.gcs = gcs
-        self.seen, self.sent = Counter(), Counter()
-
-    def receive(self, timeout):
-        message = self.gcs.link.recv_match(blocking=True, timeout=timeout)
-        if not message or message.get_type() == "HEARTBEAT":
-            return message
-        self.seen[message.get_type()] += 1
-        return None if self.seen[message.get_type()] % 5 == 0 else message
-
-    def send(self, message):
-        self.sent[message.get_type()] += 1
-        if self.sent[message.get_type()] % 4:
-            self.gcs.mav.send(message)
-
-
-class Whole:
+class Line:
     """A client's line as it is."""
 
     def __init__(self, gcs):
@@ -72,10 +52,30 @@ class Whole:
         self.gcs.mav.send(message)
 
 
+class BadLine(Line):
+    """One that loses every fifth message of each kind on its way here, every fourth on its way there."""
+
+    def __init__(self, gcs):
+        super().__init__(gcs)
+        self.received, self.sent = Counter(), Counter()
+
+    def receive(self, timeout):
+        message = super().receive(timeout)
+        if not message or message.get_type() == "HEARTBEAT":
+            return message
+        self.received[message.get_type()] += 1
+        return None if self.received[message.get_type()] % 5 == 0 else message
+
+    def send(self, message):
+        self.sent[message.get_type()] += 1
+        if self.sent[message.get_type()] % 4:
+            super().send(message)
+
+
 class Qgc:
     """A QGroundControl without a window."""
 
-    def __init__(self, gcs, line=Whole):
+    def __init__(self, gcs, line=Line):
         self.address = gcs.address
         self.line = line(gcs)
         self.steps = []
@@ -83,7 +83,7 @@ class Qgc:
         self.beat = 0.0
         self.system = self.version = None
         self.modes = []
-        self.parameters = {}
+        self.parameters, self.parameter_count = {}, None
         self.plans = {}
 
     @property
@@ -135,22 +135,20 @@ class Qgc:
             if time.monotonic() >= deadline:
                 return None
 
-    def command(self, command, *params, tries=1):
-        """The result; what came before it of the message that was asked for is kept."""
+    def command(self, command, *params):
+        """The result. Sent once: it asks again only for messages."""
         params = [*params, *[0.0] * (7 - len(params))]
-        for confirmation in range(tries):
-            self.retries += confirmation > 0
-            self.send(mavlink.MAVLink_command_long_message(self.system, 1, command, confirmation, *params))
-            ack = self.next(["COMMAND_ACK"], ACK_TIMEOUT, lambda ack: ack.command == command)
-            if ack:
-                assert (ack.target_system, ack.target_component) == self.address
-                return ack.result
-        raise NoAnswer
+        self.send(mavlink.MAVLink_command_long_message(self.system, 1, command, 0, *params))
+        ack = self.next(["COMMAND_ACK"], ACK_TIMEOUT, lambda ack: ack.command == command)
+        if not ack:
+            raise NoAnswer
+        assert (ack.target_system, ack.target_component) == self.address
+        return ack.result
 
     def request_message(self, number, index=0):
         """The message; None when it is refused. It may come before the answer to the command."""
         kind = mavlink.mavlink_map[number].msgname if number in mavlink.mavlink_map else f"UNKNOWN_{number}"
-        for confirmation in range(COMMAND_TRIES):
+        for confirmation in range(MESSAGE_TRIES):
             self.retries += confirmation > 0
             command = mavlink.MAV_CMD_REQUEST_MESSAGE
             params = [float(number), float(index), 0, 0, 0, 0, 0]
@@ -195,7 +193,7 @@ class Qgc:
             self.request_message(COMPONENT_INFORMATION)
 
     def load_parameters(self):
-        """The list, and what is missing of it by index, when nothing has come for a while."""
+        """The list; then, when nothing has come for a while, what is missing of it, by index."""
         self.parameters, missing, tries, asked = {}, {}, Counter(), set()
 
         def take(message):

@@ -7,7 +7,7 @@ import pytest
 from conftest import is_armed
 from plans import FENCE, MISSION, RALLY, differences, fence, plan, rally
 from pymavlink import mavutil
-from qgc import Qgc, Thinned
+from qgc import BadLine, Qgc
 from test_params import REAL32, fetch, write
 from transfer import ACCEPTED, upload
 
@@ -49,7 +49,7 @@ def test_it_connects(planned, line, figure, request):
 
 def test_it_connects_over_a_bad_line(planned, other, figure):
     """What is lost is asked for again until it is there."""
-    qgc = Qgc(other, Thinned)
+    qgc = Qgc(other, BadLine)
     qgc.connect()
     # A mode whose message was lost is not asked for again, and the others not at all: so it is made.
     missed = [step.name for step in qgc.steps if not step.is_answered]
