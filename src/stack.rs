@@ -163,7 +163,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// Moves bytes between a link and its transport: a bounded read, what the frames in it ask for, a bounded write.
     ///
     /// Never blocks: it reads and writes only what the transport says is ready. The bound is
-    /// [`Config::budget`](crate::Config::budget).
+    /// [`Config::budget`](crate::Config::budget). Polled less often than every 20 ms a link has pauses: no transfer has more under
+    /// way than the line takes in that time, and a frame, or a heartbeat would have to wait behind it (D-4).
     ///
     /// # Errors
     ///

@@ -234,7 +234,7 @@ impl Flight {
 
 #[test]
 fn two_hours_of_three_ground_stations() {
-    let wire = Wire { bytes_per_second: RATE, latency: millis(2), tx_fifo: 128, piece: 40, ..Wire::default() };
+    let wire = Wire { bytes_per_second: RATE, latency: millis(2), tx_fifo: 1_024, piece: 40, ..Wire::default() };
     let setup = Setup {
         links: [LinkConfig::uart(57_600)],
         lines: [LineConfig::both(wire)],

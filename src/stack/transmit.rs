@@ -14,7 +14,7 @@ impl Core {
     /// Puts the next frame into the link's outbound buffer, which is empty.
     pub(super) fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
         let now = context.now;
-        port.bucket.fill(now);
+        port.bucket.drain(now);
         let is_normal = port.config.class == LinkClass::Normal;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || command::next(port, context.vehicle)
