@@ -6,12 +6,17 @@ use crate::frame::Address;
 use crate::link::Outbox;
 use crate::vehicle::Outcome;
 
-/// Answers that one link can owe.
-const SLOTS: usize = 4;
+/// Answers that one link can owe: a power of two, so that the places go round.
+const SLOTS: u8 = 4;
 
 /// The answers that a link owes, in the order of the questions.
 #[derive(Clone, Debug)]
-pub(crate) struct Acks(heapless::Deque<Ack, SLOTS>);
+pub(crate) struct Acks {
+    slots: [Ack; SLOTS as usize],
+    /// Where the oldest one stands, and how many there are.
+    first: u8,
+    count: u8,
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Ack {
@@ -22,16 +27,22 @@ struct Ack {
 
 impl Acks {
     pub(crate) const fn new() -> Self {
-        Self(heapless::Deque::new())
+        let outcome = Outcome { result: MavResult::ACCEPTED, result_param2: 0 };
+        let none = Ack { to: Address::new(0, 0), command: MavCmd(0), outcome };
+        Self { slots: [none; SLOTS as usize], first: 0, count: 0 }
     }
 
     /// Whether a command would be dropped.
-    pub(crate) fn is_full(&self) -> bool {
-        self.0.is_full()
+    pub(crate) const fn is_full(&self) -> bool {
+        self.count >= SLOTS
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    fn slot(&mut self, number: u8) -> Option<&mut Ack> {
+        self.slots.get_mut(usize::from(self.first.wrapping_add(number) % SLOTS))
     }
 
     /// Owes the answer to `to`. The caller asked [`is_full`](Self::is_full) before the command was carried out.
@@ -39,12 +50,23 @@ impl Acks {
     #[inline(never)]
     pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
         event!("command {=u16} from {}: {=u8}", command.0, to, outcome.result.0);
-        let _ = self.0.push_back(Ack { to, command, outcome });
+        if self.is_full() {
+            return;
+        }
+        if let Some(slot) = self.slot(self.count) {
+            *slot = Ack { to, command, outcome };
+        }
+        self.count = self.count.wrapping_add(1);
     }
 
     /// Sends the oldest answer. False when none is owed. `progress` says how far a command is that runs.
     pub(crate) fn next(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
-        let Some(ack) = self.0.pop_front() else { return false };
+        if self.is_empty() {
+            return false;
+        }
+        let Some(ack) = self.slot(0).copied() else { return false };
+        self.first = self.first.wrapping_add(1);
+        self.count = self.count.wrapping_sub(1);
         tx.send(&CommandAck {
             command: ack.command,
             result: ack.outcome.result,
@@ -53,5 +75,41 @@ impl Acks {
             target_system: ack.to.system.0,
             target_component: ack.to.component.0,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Version;
+    use crate::message::Message;
+
+    /// C-3: an answer for each command, in the order of the commands, wherever the oldest one stands.
+    #[test]
+    fn answers_come_in_the_order_of_the_questions() {
+        let mut tx = Outbox::VACANT;
+        tx.set_version(Version::V2);
+        let mut acks = Acks::new();
+        let sent = |acks: &mut Acks, tx: &mut Outbox| {
+            acks.next(tx, |_| 0).then(|| {
+                let frame = tx.pending();
+                let command = CommandAck::decode(&frame[10..frame.len() - 2]).command.0;
+                tx.advance(frame.len());
+                command
+            })
+        };
+        let mut next = 0;
+        for count in 0..=4 {
+            for number in 0..count {
+                assert!(!acks.is_full());
+                acks.push(Address::new(255, 190), MavCmd(next + number), MavResult::ACCEPTED.into());
+            }
+            assert_eq!((acks.is_full(), acks.is_empty()), (count == 4, count == 0));
+            for _ in 0..count {
+                assert_eq!(sent(&mut acks, &mut tx), Some(next));
+                next += 1;
+            }
+            assert_eq!(sent(&mut acks, &mut tx), None);
+        }
     }
 }
