@@ -109,7 +109,7 @@ def test_its_take_off_and_landing(gcs):
     assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 7) == mavlink.MAV_RESULT_ACCEPTED
     in_air = mavlink.MAV_LANDED_STATE_IN_AIR
     assert gcs.wait("EXTENDED_SYS_STATE", 20, lambda told: told.landed_state == in_air)
-    assert gcs.wait("GLOBAL_POSITION_INT", 20, lambda told: 3_400 < told.relative_alt < 4_200)
+    assert gcs.wait("GLOBAL_POSITION_INT", 20, lambda told: 3_800 < told.relative_alt < 4_200)
     assert gcs.command(mavlink.MAV_CMD_NAV_LAND) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("HEARTBEAT", 40, lambda beat: not is_armed(beat)), "it does not land"
     write(gcs, "MIS_TAKEOFF_ALT", REAL32, 10.0)
