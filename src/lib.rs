@@ -85,7 +85,7 @@
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
 //! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
 //! | [`LinkConfig`], [`PeerInfo`] | what is kept of each line, and of each sender |
-//! | the services | heartbeat, commands, plans, streams, texts, identity |
+//! | the services | heartbeat, commands, plans, streams, texts, identity, the high-latency link |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //!
 //! A firmware implements [`Vehicle`], [`Commands`], [`Plans`] and [`Telemetry`]. For UARTs it hands over anything that is
@@ -161,6 +161,9 @@ pub use pulse::Pulse;
 pub use service::command::CommandParams;
 pub use service::command::{
     CommandMemory, CommandParam, CommandPolicy, CommandSlot, CommandSlots, LatLon, Location, TypedCommand,
+};
+pub use service::high_latency::{
+    HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample,
 };
 pub use service::identity::Identity;
 pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};

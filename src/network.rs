@@ -12,7 +12,7 @@
 
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Address, Frame, Version};
-use crate::link::{LinkId, Peer};
+use crate::link::{LinkClass, LinkId, Peer};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PeerEvent, Vehicle};
 
@@ -28,7 +28,8 @@ pub struct PeerInfo {
     pub autopilot: MavAutopilot,
     /// The version of its last frame.
     pub version: Version,
-    /// Whether its heartbeats come.
+    /// Whether its heartbeats come. Never so on a high-latency link, where none are expected, and silence means nothing: what
+    /// comes there only counts as [heard](Self::last_heard) (L-3).
     pub is_alive: bool,
     /// Frames received. Wraps.
     pub received: u32,
@@ -78,11 +79,11 @@ const LATE: u8 = 32;
 pub(crate) fn on_frame(
     peers: &mut Peers,
     now: Instant,
-    link: LinkId,
+    (link, class): (LinkId, LinkClass),
     frame: &Frame<'_>,
     vehicle: &mut impl Vehicle,
 ) -> Booking {
-    let heartbeat = frame.decode::<Heartbeat>();
+    let heartbeat = frame.decode::<Heartbeat>().filter(|_| class != LinkClass::HighLatency);
     let peer = Peer { address: frame.source(), link };
     let header = frame.header();
     let Some((info, evicted)) = find_or_insert(peers, now, peer, header.seq, heartbeat.as_ref()) else {

@@ -84,6 +84,16 @@ pub(crate) fn saturated(value: f32) -> u32 {
     value as u32
 }
 
+/// The integer nearest to `value`, halves away from 0, within `min` and `max`; `None` for NaN.
+#[allow(clippy::as_conversions, reason = "float to integer is total: it saturates; and integer to float rounds")]
+pub(crate) fn nearest(value: f32, min: i32, max: i32) -> Option<i32> {
+    let whole = value as i32;
+    // Exact where there are fractions, below 2^23; beyond, the saturated integer only has to stay where it is.
+    let rest = value - whole as f32;
+    let step = i32::from(rest >= 0.5).saturating_sub(i32::from(rest <= -0.5));
+    (!value.is_nan()).then_some(whole.saturating_add(step).min(max).max(min))
+}
+
 /// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
 pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
     exact(value).and_then(|integer| T::try_from(integer).ok())
@@ -205,6 +215,23 @@ mod tests {
             prop_assert_eq!(integer::<i32>(value), expected);
             let expected = (wide.trunc() == wide && wide >= 0.0 && wide <= f64::from(u32::MAX)).then_some(wide as u32);
             prop_assert_eq!(unsigned(value), expected);
+        }
+
+        #[test]
+        fn nearest_agrees_with_f64(bits: u32, min in -70_000i32..0, max in 0i32..70_000) {
+            let value = f32::from_bits(bits);
+            let expected = f64::from(value).round().clamp(f64::from(min), f64::from(max));
+            prop_assert_eq!(nearest(value, min, max), (!value.is_nan()).then_some(expected as i32));
+            let expected = f64::from(value).round().clamp(f64::from(i32::MIN), f64::from(i32::MAX));
+            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX), (!value.is_nan()).then_some(expected as i32));
+        }
+
+        #[test]
+        fn nearest_agrees_with_f64_around_the_halves(halves in -600i32..600, ulps in -2i32..3) {
+            let value = halves as f32 / 2.0;
+            let value = f32::from_bits(value.to_bits().wrapping_add_signed(if halves == 0 { ulps.abs() } else { ulps }));
+            let expected = f64::from(value).round() as i32;
+            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX), Some(expected));
         }
 
         #[test]

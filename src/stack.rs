@@ -31,6 +31,7 @@ use crate::message::{Dialect, Text};
 use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
+use crate::service::high_latency;
 use crate::service::mission::{self, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::mode::{self, FlightMode};
 use crate::service::param::Params;
@@ -149,6 +150,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
+        high_latency::poll(now, &mut self.links, &self.peers, vehicle);
         core.params.poll(now, vehicle);
         if !V::MODES.is_empty() {
             mode::poll(&mut core.mode, &mut self.links, vehicle);
@@ -429,6 +431,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         for (seq, link) in seqs.iter_mut().zip(&self.links) {
             *seq = link.port.outbox.seq();
         }
+        high_latency::learn_links(&self.links, vehicle);
         let slots = slots_of(&mut self.slots, link);
         let Some(link) = self.links.get_mut(usize::from(link.0)) else { return };
         if len > 0 {
@@ -437,6 +440,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
         let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
         self.core.drain(&mut context, link, D::MESSAGES, allowance);
+        high_latency::received(&mut self.links, vehicle);
     }
 }
 

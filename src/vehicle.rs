@@ -7,6 +7,7 @@ use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult,
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
 use crate::service::command::{CommandMemory, CommandPolicy};
+use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
 use crate::service::mode::{CustomMode, FlightMode, ModeRequest};
@@ -59,6 +60,12 @@ pub trait Vehicle {
     /// The vehicle's memory for MANUAL_CONTROL and RC_CHANNELS_OVERRIDE; `None`, as at first, when nobody steers it by hand
     /// over MAVLink: then they come to [`message`](Self::message).
     fn manual_input(&mut self) -> Option<&mut ManualInput> {
+        None
+    }
+
+    /// The vehicle's memory for its high-latency links; `None`, as at first, when there are none, or only commands travel
+    /// there: then MAV_CMD_CONTROL_HIGH_LATENCY comes to [`Commands::command`], which does not know it (L-12).
+    fn high_latency(&mut self) -> Option<&mut HighLatency> {
         None
     }
 

@@ -18,6 +18,7 @@ use crate::service::mission::Replies;
 use crate::service::param;
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
+use crate::time::Instant;
 
 /// A link of a stack: an index into its configuration, 0 first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -192,6 +193,7 @@ pub(crate) struct Port {
     pub(crate) config: LinkConfig,
     pub(crate) outbox: Outbox,
     pub(crate) bucket: Bucket,
+    /// Of HEARTBEAT; on a high-latency link of HIGH_LATENCY2.
     pub(crate) heartbeat: Schedule,
     pub(crate) acks: Acks,
     pub(crate) owed: Owed,
@@ -252,6 +254,11 @@ impl Link {
         self.port.id = id;
         self.port.config = config;
         self.port.outbox.configure(id, stack.address.get(), version);
+        self.port.outbox.set_class(config.class);
+        if matches!(config.class, LinkClass::HighLatency) {
+            // No heartbeats there; until somebody wants it, nothing else in their place (L-3).
+            self.port.heartbeat.postpone(Instant::NEVER);
+        }
         self.port.bucket.configure(config.bytes_per_second);
     }
 }

@@ -1,7 +1,7 @@
 //! The outbound half of a link: one frame at a time (SEC-2), written in place by the service whose turn it is.
 
-use super::LinkId;
-use crate::dialect::Heartbeat;
+use super::{LinkClass, LinkId};
+use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
 use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
 use crate::message::{Message, MessageInfo};
 
@@ -10,6 +10,7 @@ use crate::message::{Message, MessageInfo};
 pub(crate) struct Outbox {
     link: LinkId,
     source: Address,
+    class: LinkClass,
     /// What the link sends now (V-1).
     version: Version,
     seq: u8,
@@ -20,6 +21,17 @@ pub(crate) struct Outbox {
     sent: usize,
 }
 
+/// Whether a message may leave on a link of `class`: on a high-latency link only commands, their answers and HIGH_LATENCY2,
+/// which goes nowhere else (L-2, L-4). The one place that says so, whoever wants to send.
+pub(crate) const fn may_leave(id: u32, class: LinkClass) -> bool {
+    let is_high_latency = matches!(class, LinkClass::HighLatency);
+    match id {
+        HighLatency2::ID => is_high_latency,
+        CommandAck::ID | CommandLong::ID | CommandInt::ID | CommandCancel::ID => true,
+        _ => !is_high_latency,
+    }
+}
+
 /// Where the payload stands: behind the longer header.
 const PAYLOAD_AT: usize = Version::V2.header_len();
 
@@ -28,6 +40,7 @@ impl Outbox {
     pub(crate) const VACANT: Self = Self {
         link: LinkId(0),
         source: Address::new(0, 0),
+        class: LinkClass::Normal,
         version: Version::V1,
         seq: 0,
         bytes: [0; MAX_FRAME_LEN],
@@ -40,6 +53,11 @@ impl Outbox {
         self.link = link;
         self.source = source;
         self.version = version;
+    }
+
+    /// What may leave, from the next frame on.
+    pub(crate) const fn set_class(&mut self, class: LinkClass) {
+        self.class = class;
     }
 
     /// Sends as another one from the next frame on.
@@ -66,13 +84,18 @@ impl Outbox {
         self.seq
     }
 
-    /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10): false.
+    /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10), nor one that
+    /// [may not leave](may_leave) on this link: false.
     pub(crate) fn send<M: Message>(&mut self, message: &M) -> bool {
         self.send_as(self.version, message)
     }
 
     /// Sends `message` in `version`, whatever the link's own (V-6).
     pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
+        if !may_leave(M::ID, self.class) {
+            event!("tx: message {=u32} is not for link {=u8}", M::ID, self.link.0);
+            return false;
+        }
         // At a constant place, whatever the version, so that the encoders need no checks.
         let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
         if payload.and_then(|payload| message.encode(payload)).is_none() {
@@ -116,5 +139,36 @@ impl Outbox {
         let frame = self.bytes.get(self.start..self.end).unwrap_or_default();
         let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);
         self.sent = if is_heartbeat { self.end } else { self.start };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::{Attitude, Common, Statustext};
+    use crate::message::Dialect;
+
+    #[test]
+    fn nothing_but_the_list_leaves_by_satellite() {
+        // L-2, L-4: also what a service sends by mistake.
+        let mut outbox = Outbox::VACANT;
+        outbox.configure(LinkId(3), Address::new(1, 1), Version::V2);
+        outbox.set_class(LinkClass::HighLatency);
+        assert!(!outbox.send(&Heartbeat::default()));
+        assert!(!outbox.send(&Attitude::default()));
+        assert!(!outbox.send_as(Version::V1, &Statustext::default()));
+        assert_eq!((outbox.seq(), outbox.pending()), (0, &[][..]), "not a number is used up");
+        assert!(outbox.send(&HighLatency2::default()));
+        assert!(outbox.send(&CommandAck::default()));
+        outbox.set_class(LinkClass::Normal);
+        assert!(!outbox.send(&HighLatency2::default()));
+        assert!(outbox.send(&Heartbeat::default()));
+    }
+
+    #[test]
+    fn the_list_is_this() {
+        let ids = |class| Common::MESSAGES.rows().iter().map(|row| row.id()).filter(move |id| may_leave(*id, class));
+        assert!(ids(LinkClass::HighLatency).eq([75, 76, 77, 80, 235]));
+        assert_eq!(ids(LinkClass::Normal).count(), Common::MESSAGES.rows().len() - 1);
     }
 }

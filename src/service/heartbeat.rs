@@ -87,7 +87,7 @@ impl Schedule {
     }
 
     /// It could not be sent now: looked at again at `due`.
-    pub(crate) fn postpone(&mut self, due: Instant) {
+    pub(crate) const fn postpone(&mut self, due: Instant) {
         self.due = due;
     }
 

@@ -7,6 +7,7 @@
 mod clock;
 pub mod command;
 pub(crate) mod heartbeat;
+pub mod high_latency;
 pub(crate) mod identity;
 pub mod manual_control;
 pub mod mission;

@@ -8,6 +8,7 @@ use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
 use crate::network::{self, Booking};
 use crate::service::command;
+use crate::service::high_latency;
 use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
 use crate::service::mode;
@@ -62,7 +63,7 @@ impl Core {
             return;
         };
         port.heard(frame.header().version);
-        match network::on_frame(context.peers, context.now, port.id, frame, context.vehicle) {
+        match network::on_frame(context.peers, context.now, (port.id, port.config.class), frame, context.vehicle) {
             Booking::Kept => {}
             Booking::Evicted => count(&mut port.counters.evicted_peers),
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
@@ -142,8 +143,10 @@ impl Core {
             port.acks.push(command.from.address, id, answer);
             return;
         }
+        let satellite = high_latency::on_command(context.now, port, context.vehicle, command);
         let Context { now, texts, vehicle, .. } = context;
-        let progress = context.plans.parts(context.missions).and_then(|(missions, mut plans)| {
+        let progress = satellite.or_else(|| {
+            let (missions, mut plans) = context.plans.parts(context.missions)?;
             let mut context = self.plan_context(*now, &mut plans, texts);
             missions.on_command(&mut context, *vehicle, command)
         });

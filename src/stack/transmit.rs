@@ -3,6 +3,7 @@
 use super::{Context, Core, count};
 use crate::dialect::Heartbeat;
 use crate::link::{LinkClass, LinkMask, Port, Transport};
+use crate::service::high_latency;
 use crate::service::mission::{Missions, PlanStorage};
 use crate::service::param;
 use crate::service::statustext::StatusTexts;
@@ -22,9 +23,11 @@ impl Core {
                 && (port.plans.next_ack(&mut port.outbox)
                     || time::next(now, port, context.vehicle)
                     || (port.bucket.has_room() && self.transfer(context, port))
-                    || self.stream(context, port)));
+                    || self.stream(context, port)))
+            || (port.config.class == LinkClass::HighLatency && self.high_latency(now, port, context.vehicle));
         if sent {
             count(&mut port.counters.tx_frames);
+            high_latency::count(port, context.vehicle);
         }
     }
 
@@ -49,6 +52,14 @@ impl Core {
             system_status: state.system_status,
             mavlink_version: MAVLINK_VERSION,
         })
+    }
+
+    /// HIGH_LATENCY2, when it is due: like a heartbeat, only while the flight loop is well (L-3, H-5).
+    fn high_latency<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
+        vehicle.high_latency().is_some()
+            && port.heartbeat.is_due(now)
+            && self.has_credit(now)
+            && high_latency::next(now, &self.config, port, vehicle)
     }
 
     /// What can wait for the link's byte rate.
@@ -88,7 +99,7 @@ impl Core {
     ) -> Instant {
         let is_normal = port.config.class == LinkClass::Normal;
         let heartbeat = match port.heartbeat.due() {
-            _ if !is_normal => Instant::NEVER,
+            Instant::NEVER => Instant::NEVER,
             due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
             due if self.credit.is_good(now, self.config.max_loop_gap) => due,
             // It waits for the flight loop, of which the stack hears only when it looks.

@@ -4,9 +4,9 @@ use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
 };
 use mavstack::{
-    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, Item, LinkId,
-    ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress,
-    TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
+    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, HighLatency, Item,
+    LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans,
+    Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -62,6 +62,8 @@ pub struct TestVehicle {
     pub manual: Option<ManualInput>,
     /// What it knows of the time of day.
     pub clock: WallClock,
+    /// Its high-latency links' memory; `None` when only commands travel there.
+    pub satellite: Option<HighLatency>,
     /// Its parameters.
     pub tuning: Tuning,
     /// Whether plans may be changed.
@@ -101,6 +103,7 @@ impl TestVehicle {
             controller: None,
             time: None,
             manual: None,
+            satellite: None,
             clock: WallClock::new(),
             tuning: Tuning::new(),
             may_change: Ok(()),
@@ -154,6 +157,10 @@ impl Vehicle for TestVehicle {
 
     fn manual_input(&mut self) -> Option<&mut ManualInput> {
         self.manual.as_mut()
+    }
+
+    fn high_latency(&mut self) -> Option<&mut HighLatency> {
+        self.satellite.as_mut()
     }
 
     fn peer(&mut self, event: PeerEvent) {

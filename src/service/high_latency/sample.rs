@@ -1,0 +1,359 @@
+//! What the vehicle tells of itself, in SI units, and how it becomes a HIGH_LATENCY2: every conversion takes every `f32`
+//! (L-22).
+
+use crate::dialect::{HighLatency2, HlFailureFlag, MavSysStatusSensor};
+use crate::num;
+use crate::service::command::LatLon;
+
+/// What a vehicle knows of itself at a moment, for HIGH_LATENCY2. NaN is "not known"; what the message cannot hold becomes
+/// the nearest that it can, infinities too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HighLatencySample {
+    /// Where it is; `None` without a fix, and then 0, 0 is sent, which ground stations know.
+    pub position: Option<LatLon>,
+    /// Altitude above mean sea level (m): −32768 to 32767. Not known is 0.
+    pub altitude: f32,
+    /// Altitude above mean sea level to which it flies (m). Not known is the altitude itself.
+    pub target_altitude: f32,
+    /// Where the nose points, clockwise from north (deg): any angle, sent in steps of 2°. Not known is 0.
+    pub heading: f32,
+    /// Where it flies to, clockwise from north (deg), in the same way.
+    pub target_heading: f32,
+    /// How far that is (m): up to 655,350, in steps of 10 m. Not known is 0.
+    pub target_distance: f32,
+    /// (%) 0 to 100, mean. Reverse thrust is 0, and so is not known.
+    pub throttle: f32,
+    /// (m/s) Up to 51, in steps of 0.2, mean. Not known is 0.
+    pub airspeed: f32,
+    /// Airspeed that it flies for (m/s), in the same way.
+    pub airspeed_sp: f32,
+    /// Over ground (m/s), in the same way.
+    pub groundspeed: f32,
+    /// (m/s), in the same way.
+    pub windspeed: f32,
+    /// Where the wind comes *from*, clockwise from north (deg), as weather reports and ArduPilot have it; sent in steps of
+    /// 2°, not known is 0. The message does not say which it means, and ground stations show the number as it is: PX4
+    /// sends where the wind blows *to* (L-20). A firmware that wants that adds 180°.
+    pub wind_from_deg: f32,
+    /// How far the horizontal position may be off (m): the largest, up to 25.5, which also means "not known".
+    pub eph: f32,
+    /// How far the altitude may be off (m), in the same way.
+    pub epv: f32,
+    /// Temperature of the air (°C): −127 to 127, mean. Not known is −128.
+    pub temperature_air: f32,
+    /// Upwards (m/s): −12.7 to 12.7, that of the largest magnitude. Not known is 0.
+    pub climb_rate: f32,
+    /// What remains of the charge (%): 0 to 100, mean. Not known is −1.
+    pub battery: f32,
+    /// The item of the mission that it flies; `None` when it flies none, which is sent as 65535.
+    pub wp_num: Option<u16>,
+    /// What has failed, of what the vehicle has; [`failures`](Self::failures) takes it from what SYS_STATUS says.
+    pub failure_flags: HlFailureFlag,
+    /// `custom0` to `custom2`, the vehicle's own. While they are 0 the message is three bytes shorter. ArduPilot's first one
+    /// is the `base_mode`, which ground stations read only where the autopilot calls itself ArduPilot.
+    pub custom: [i8; 3],
+}
+
+impl HighLatencySample {
+    /// Nothing known.
+    pub const UNKNOWN: Self = Self {
+        position: None,
+        altitude: f32::NAN,
+        target_altitude: f32::NAN,
+        heading: f32::NAN,
+        target_heading: f32::NAN,
+        target_distance: f32::NAN,
+        throttle: f32::NAN,
+        airspeed: f32::NAN,
+        airspeed_sp: f32::NAN,
+        groundspeed: f32::NAN,
+        windspeed: f32::NAN,
+        wind_from_deg: f32::NAN,
+        eph: f32::NAN,
+        epv: f32::NAN,
+        temperature_air: f32::NAN,
+        climb_rate: f32::NAN,
+        battery: f32::NAN,
+        wp_num: None,
+        failure_flags: HlFailureFlag::EMPTY,
+        custom: [0; 3],
+    };
+
+    /// The failures that SYS_STATUS tells with these three fields: what is present, enabled and not healthy. A sensor that
+    /// the vehicle does not have has not failed.
+    ///
+    /// ```
+    /// use mavstack::HighLatencySample;
+    /// use mavstack::dialect::{HlFailureFlag, MavSysStatusSensor};
+    ///
+    /// let present = MavSysStatusSensor::SENSOR_GPS | MavSysStatusSensor::SENSOR_3D_MAG;
+    /// let failures = HighLatencySample::failures(present, present, MavSysStatusSensor::SENSOR_3D_MAG);
+    /// assert_eq!(failures, HlFailureFlag::GPS);
+    /// ```
+    pub fn failures(
+        present: MavSysStatusSensor,
+        enabled: MavSysStatusSensor,
+        health: MavSysStatusSensor,
+    ) -> HlFailureFlag {
+        let failed = MavSysStatusSensor(present.0 & enabled.0).without(health);
+        let mut flags = HlFailureFlag::EMPTY;
+        for (sensor, flag) in SENSORS {
+            if failed.contains(*sensor) {
+                flags |= *flag;
+            }
+        }
+        flags
+    }
+
+    /// Puts it into the fields of `message`.
+    pub(super) fn tell(&self, message: &mut HighLatency2) {
+        let position = self.position.unwrap_or(LatLon { latitude: 0, longitude: 0 });
+        message.latitude = position.latitude;
+        message.longitude = position.longitude;
+        message.altitude = metres(self.altitude);
+        message.target_altitude =
+            metres(if self.target_altitude.is_nan() { self.altitude } else { self.target_altitude });
+        message.heading = half_degrees(self.heading);
+        message.target_heading = half_degrees(self.target_heading);
+        message.target_distance = decametres(self.target_distance);
+        message.throttle = percent(self.throttle).unwrap_or(0).unsigned_abs();
+        message.airspeed = speed(self.airspeed);
+        message.airspeed_sp = speed(self.airspeed_sp);
+        message.groundspeed = speed(self.groundspeed);
+        message.windspeed = speed(self.windspeed);
+        message.wind_heading = half_degrees(self.wind_from_deg);
+        message.eph = error(self.eph);
+        message.epv = error(self.epv);
+        message.temperature_air = signed(self.temperature_air).unwrap_or(i8::MIN);
+        message.climb_rate = signed(self.climb_rate * 10.0).unwrap_or(0);
+        message.battery = percent(self.battery).unwrap_or(-1);
+        message.wp_num = self.wp_num.unwrap_or(u16::MAX);
+        message.failure_flags = self.failure_flags;
+        let [custom0, custom1, custom2] = self.custom;
+        message.custom0 = custom0;
+        message.custom1 = custom1;
+        message.custom2 = custom2;
+    }
+}
+
+/// [`UNKNOWN`](HighLatencySample::UNKNOWN).
+impl Default for HighLatencySample {
+    fn default() -> Self {
+        Self::UNKNOWN
+    }
+}
+
+/// Which failures SYS_STATUS knows too.
+const SENSORS: &[(MavSysStatusSensor, HlFailureFlag)] = &[
+    (MavSysStatusSensor::SENSOR_GPS, HlFailureFlag::GPS),
+    (MavSysStatusSensor::SENSOR_DIFFERENTIAL_PRESSURE, HlFailureFlag::DIFFERENTIAL_PRESSURE),
+    (MavSysStatusSensor::SENSOR_ABSOLUTE_PRESSURE, HlFailureFlag::ABSOLUTE_PRESSURE),
+    (MavSysStatusSensor::SENSOR_3D_ACCEL, HlFailureFlag::_3D_ACCEL),
+    (MavSysStatusSensor::SENSOR_3D_GYRO, HlFailureFlag::_3D_GYRO),
+    (MavSysStatusSensor::SENSOR_3D_MAG, HlFailureFlag::_3D_MAG),
+    (MavSysStatusSensor::TERRAIN, HlFailureFlag::TERRAIN),
+    (MavSysStatusSensor::SENSOR_BATTERY, HlFailureFlag::BATTERY),
+    (MavSysStatusSensor::SENSOR_RC_RECEIVER, HlFailureFlag::RC_RECEIVER),
+    (MavSysStatusSensor::SENSOR_PROPULSION, HlFailureFlag::ENGINE),
+    (MavSysStatusSensor::GEOFENCE, HlFailureFlag::GEOFENCE),
+    (MavSysStatusSensor::AHRS, HlFailureFlag::ESTIMATOR),
+];
+
+fn unsigned(value: f32) -> Option<u8> {
+    num::nearest(value, 0, 255).and_then(|value| u8::try_from(value).ok())
+}
+
+/// The lowest number is kept for "not known".
+fn signed(value: f32) -> Option<i8> {
+    num::nearest(value, -127, 127).and_then(|value| i8::try_from(value).ok())
+}
+
+fn metres(value: f32) -> i16 {
+    let value = num::nearest(value, i32::from(i16::MIN), i32::from(i16::MAX));
+    value.and_then(|value| i16::try_from(value).ok()).unwrap_or(0)
+}
+
+fn decametres(value: f32) -> u16 {
+    let value = num::nearest(value / 10.0, 0, i32::from(u16::MAX));
+    value.and_then(|value| u16::try_from(value).ok()).unwrap_or(0)
+}
+
+/// Of m/s, in steps of 0.2.
+fn speed(value: f32) -> u8 {
+    unsigned(value * 5.0).unwrap_or(0)
+}
+
+/// Of m, in steps of 0.1.
+fn error(value: f32) -> u8 {
+    unsigned(value * 10.0).unwrap_or(u8::MAX)
+}
+
+fn percent(value: f32) -> Option<i8> {
+    num::nearest(value, 0, 100).and_then(|value| i8::try_from(value).ok())
+}
+
+/// Of any angle in degrees: 0 to 179. What is beyond all measure is some angle, and infinity none.
+fn half_degrees(value: f32) -> u8 {
+    let halves = num::nearest(value / 2.0, i32::MIN, i32::MAX).filter(|_| value.is_finite());
+    let halves = halves.and_then(|halves| halves.checked_rem_euclid(180));
+    halves.and_then(|halves| u8::try_from(halves).ok()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn told(sample: &HighLatencySample) -> HighLatency2 {
+        let mut message = HighLatency2::default();
+        sample.tell(&mut message);
+        message
+    }
+
+    #[test]
+    fn nothing_known_is_told_as_such() {
+        // L-22
+        let message = told(&HighLatencySample::default());
+        let expected = HighLatency2 {
+            eph: 255,
+            epv: 255,
+            temperature_air: -128,
+            battery: -1,
+            wp_num: 65_535,
+            ..Default::default()
+        };
+        assert_eq!(message, expected);
+    }
+
+    #[test]
+    fn every_field_is_in_its_own_unit() {
+        let message = told(&HighLatencySample {
+            position: Some(LatLon { latitude: 473_977_418, longitude: -85_455_939 }),
+            altitude: 488.6,
+            target_altitude: -3.5,
+            heading: 359.4,
+            target_heading: -90.0,
+            target_distance: 1_234.0,
+            throttle: 49.5,
+            airspeed: 15.1,
+            airspeed_sp: 16.0,
+            groundspeed: 12.34,
+            windspeed: 3.1,
+            wind_from_deg: 271.0,
+            eph: 0.84,
+            epv: 1.26,
+            temperature_air: -11.5,
+            climb_rate: -2.04,
+            battery: 83.4,
+            wp_num: Some(7),
+            failure_flags: HlFailureFlag::GPS | HlFailureFlag::MISSION,
+            custom: [-1, 2, 3],
+        });
+        let expected = HighLatency2 {
+            latitude: 473_977_418,
+            longitude: -85_455_939,
+            altitude: 489,
+            target_altitude: -4,
+            // 359.4° is nearer to 360° than to 358°.
+            heading: 0,
+            target_heading: 135,
+            target_distance: 123,
+            throttle: 50,
+            airspeed: 76,
+            airspeed_sp: 80,
+            groundspeed: 62,
+            windspeed: 16,
+            wind_heading: 136,
+            eph: 8,
+            epv: 13,
+            temperature_air: -12,
+            climb_rate: -20,
+            battery: 83,
+            wp_num: 7,
+            failure_flags: HlFailureFlag(0x2001),
+            custom0: -1,
+            custom1: 2,
+            custom2: 3,
+            ..Default::default()
+        };
+        assert_eq!(message, expected);
+        let at_rest = told(&HighLatencySample { altitude: 12.0, ..HighLatencySample::UNKNOWN });
+        assert_eq!(at_rest.target_altitude, 12, "no target is where it is");
+    }
+
+    #[test]
+    fn only_what_is_there_and_used_can_fail() {
+        let all = MavSysStatusSensor(u32::MAX);
+        let none = MavSysStatusSensor::EMPTY;
+        assert_eq!(HighLatencySample::failures(all, all, none), HlFailureFlag(0x3FFF & !0x2200));
+        assert_eq!(HighLatencySample::failures(all, all, all), HlFailureFlag::EMPTY);
+        assert_eq!(HighLatencySample::failures(none, all, none), HlFailureFlag::EMPTY);
+        assert_eq!(HighLatencySample::failures(all, none, none), HlFailureFlag::EMPTY);
+    }
+
+    /// `value` as the nearest whole number of steps within the bounds; `unknown` for NaN.
+    fn expected(value: f32, steps: f32, min: f32, max: f32, unknown: f32) -> f32 {
+        if value.is_nan() { unknown } else { (value * steps).round().clamp(min, max) }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(50_000))]
+
+        /// L-22, T-L3: all 2^32 floats, NaN and infinities among them, in every field.
+        #[test]
+        fn every_float_is_told_as_the_nearest_there_is(bits: u32) {
+            let v = f32::from_bits(bits);
+            let message = told(&HighLatencySample {
+                altitude: v,
+                target_altitude: v,
+                heading: v,
+                target_heading: v,
+                target_distance: v,
+                throttle: v,
+                airspeed: v,
+                airspeed_sp: v,
+                groundspeed: v,
+                windspeed: v,
+                wind_from_deg: v,
+                eph: v,
+                epv: v,
+                temperature_air: v,
+                climb_rate: v,
+                battery: v,
+                ..HighLatencySample::UNKNOWN
+            });
+            prop_assert_eq!(f32::from(message.altitude), expected(v, 1.0, -32_768.0, 32_767.0, 0.0));
+            prop_assert_eq!(message.target_altitude, message.altitude);
+            prop_assert_eq!(f32::from(message.throttle), expected(v, 1.0, 0.0, 100.0, 0.0));
+            prop_assert_eq!(f32::from(message.airspeed), expected(v, 5.0, 0.0, 255.0, 0.0));
+            prop_assert_eq!(f32::from(message.airspeed_sp), expected(v, 5.0, 0.0, 255.0, 0.0));
+            prop_assert_eq!(f32::from(message.groundspeed), expected(v, 5.0, 0.0, 255.0, 0.0));
+            prop_assert_eq!(f32::from(message.windspeed), expected(v, 5.0, 0.0, 255.0, 0.0));
+            prop_assert_eq!(f32::from(message.eph), expected(v, 10.0, 0.0, 255.0, 255.0));
+            prop_assert_eq!(f32::from(message.epv), expected(v, 10.0, 0.0, 255.0, 255.0));
+            prop_assert_eq!(f32::from(message.temperature_air), expected(v, 1.0, -127.0, 127.0, -128.0));
+            prop_assert_eq!(f32::from(message.climb_rate), expected(v, 10.0, -127.0, 127.0, 0.0));
+            prop_assert_eq!(f32::from(message.battery), expected(v, 1.0, 0.0, 100.0, -1.0));
+            prop_assert_eq!(f32::from(message.target_distance), expected(v / 10.0, 1.0, 0.0, 65_535.0, 0.0));
+            for angle in [message.heading, message.target_heading, message.wind_heading] {
+                prop_assert!(angle < 180);
+            }
+            if !v.is_finite() {
+                prop_assert_eq!([message.heading, message.target_heading, message.wind_heading], [0; 3]);
+            }
+        }
+
+        /// The same where values are sane: what is told is off by no more than half a step.
+        #[test]
+        fn what_is_told_is_off_by_half_a_step_at_most(v in -2_000.0f32..2_000.0) {
+            let off = |told: f32, step: f32, min: f32, max: f32| (told * step - v.clamp(min, max)).abs() <= step * 0.5001;
+            prop_assert!(off(f32::from(metres(v)), 1.0, -32_768.0, 32_767.0));
+            prop_assert!(off(f32::from(decametres(v)), 10.0, 0.0, 655_350.0));
+            prop_assert!(off(f32::from(speed(v)), 0.2, 0.0, 51.0));
+            prop_assert!(off(f32::from(error(v)), 0.1, 0.0, 25.5));
+            let turned = (f64::from(half_degrees(v)) * 2.0 - f64::from(v)).rem_euclid(360.0);
+            prop_assert!(turned <= 1.001 || turned >= 358.999, "{} is told as {}", v, half_degrees(v));
+        }
+    }
+}
