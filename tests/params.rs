@@ -9,7 +9,7 @@ use mavstack::dialect::{
     AutopilotVersion, CommandAck, Heartbeat, MavCmd, MavParamError, MavParamType, MavProtocolCapability, MavResult,
     ParamError, ParamRequestList, ParamRequestRead, ParamSet, ParamValue,
 };
-use mavstack::{Address, Duration, LinkConfig, ParamTable, Text, TxVersion, VehicleAddress};
+use mavstack::{Address, Duration, LinkConfig, LinkId, ParamTable, Text, TxVersion, VehicleAddress};
 use std::collections::BTreeMap;
 use support::*;
 
@@ -120,6 +120,29 @@ fn a_vehicle_without_parameters_has_no_parameter_protocol() {
     world.run_for(secs(3));
     assert_eq!((world.gcs[0].count_of::<ParamValue>(), world.gcs[0].count_of::<ParamError>()), (0, 0));
     assert_eq!(world.vehicle.messages, [21, 20, 23], "it may answer by itself");
+}
+
+/// D-3: a line that stalls with refusals owed keeps nobody else from his answer; opened anew, it owes none of them, but for
+/// the frame that was under way.
+#[test]
+fn a_line_that_stalls_keeps_nobody_from_an_answer() {
+    let mut world = World::new(Setup::<2>::new());
+    world.run_for(secs(1));
+    world.uarts[0].stall_writes_until(world.now().after(secs(60)));
+    for _ in 0..10 {
+        world.gcs[0].send(&read(-1, "NOTHING"));
+        world.run_for(millis(20));
+    }
+    for _ in 0..10 {
+        world.gcs[1].send(&read(-1, "NONE"));
+        assert_eq!(world.expect::<ParamError>(1, millis(50)).param_id.as_str(), Some("NONE"));
+    }
+    world.stack.restart_link(LinkId(0));
+    world.uarts[0].stall_writes_until(world.now());
+    world.run_for(secs(5));
+    assert_eq!(world.gcs[0].count_of::<ParamError>(), 0);
+    world.gcs[0].send(&read(-1, "NOTHING"));
+    world.expect::<ParamError>(0, millis(50));
 }
 
 /// P-14, P-16: everybody hears of what one sets; he alone of why not.
