@@ -286,6 +286,18 @@ fn texts_of_all_kinds_are_sent() {
     assert_eq!(assemble(&chunks(&world, 0)), expected);
 }
 
+/// `write!` puts in what fits, cut between code points, and says when that is not all.
+#[cfg(feature = "fmt")]
+#[test]
+fn what_is_formatted_is_cut_off() {
+    use std::fmt::Write;
+    let mut text = Text::<10>::EMPTY;
+    assert_eq!(write!(text, "{:.1} m, {}", 2.25, 7), Ok(()));
+    assert_eq!(text.as_str(), Some("2.2 m, 7"));
+    assert_eq!(write!(text, " €"), Err(std::fmt::Error));
+    assert_eq!(text.as_str(), Some("2.2 m, 7 "), "no half of it");
+}
+
 /// The chunks of a text, by its characters.
 fn chunks_of(text: &str) -> Vec<String> {
     let mut chunks = vec![String::new()];

@@ -331,15 +331,4 @@ mod tests {
             proptest::prop_assert_eq!(built(|text| text.push_hex(number, digits as u8)), std::format!("{number:0digits$X}"));
         }
     }
-
-    #[cfg(feature = "fmt")]
-    #[test]
-    fn fmt_writes_what_fits_and_says_when_that_is_not_all() {
-        use core::fmt::Write;
-        let mut text = Text::<10>::EMPTY;
-        assert_eq!(write!(text, "{:.1} m, {}", 2.25, 7), Ok(()));
-        assert_eq!(text.as_str(), Some("2.2 m, 7"));
-        assert_eq!(write!(text, " €"), Err(core::fmt::Error));
-        assert_eq!(text.as_str(), Some("2.2 m, 7 "), "no half of it");
-    }
 }
