@@ -1,0 +1,305 @@
+//! T-L1, L-2, L-4: whatever is asked of the stack, by whoever and through whichever call, only commands, their answers and
+//! HIGH_LATENCY2 leave a high-latency link, and the last only while it is on.
+
+mod support;
+
+use std::collections::BTreeSet;
+
+use mavstack::dialect::*;
+use mavstack::{
+    Command, CommandMemory, CommandRule, Commands, CustomMode, Dialect, Fill, FlightMode, HighLatencyConfig,
+    HighLatencySample, Instant, LinkClass, LinkConfig, LinkId, ManualInput, Message, ModeRequest, Outcome, Parameters,
+    Peer, PlanChange, PlanType, Plans, Progress, Stack, Stream, StreamProfile, Telemetry, TimeSlots, TimeSync,
+    TxVersion, Vehicle, VehicleState, plan_memory,
+};
+use support::*;
+
+/// A vehicle that has everything: [`TestVehicle`], and modes.
+struct Everything(TestVehicle);
+
+impl Vehicle for Everything {
+    fn state(&self) -> Option<VehicleState> {
+        self.0.state()
+    }
+
+    fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        self.0.time_sync()
+    }
+
+    fn manual_input(&mut self) -> Option<&mut ManualInput> {
+        self.0.manual_input()
+    }
+
+    fn high_latency(&mut self) -> Option<&mut mavstack::HighLatency> {
+        self.0.high_latency()
+    }
+}
+
+impl Commands for Everything {
+    const COMMANDS: &'static [mavstack::CommandPolicy] = TestVehicle::COMMANDS;
+    const MODES: &'static [FlightMode] = pilot::MODES;
+    const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
+
+    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+        self.0.command_memory()
+    }
+
+    fn cancel_command(&mut self, command: MavCmd, from: Peer) -> bool {
+        self.0.cancel_command(command, from)
+    }
+
+    fn command(&mut self, command: &Command) -> Outcome {
+        self.0.command(command)
+    }
+
+    fn set_mode(&mut self, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+        self.0.state.as_mut().map(|state| state.custom_mode = mode.custom_mode);
+        MavResult::ACCEPTED.into()
+    }
+}
+
+impl Plans for Everything {
+    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
+
+    fn plan_changed(&mut self, change: PlanChange<'_>) {
+        self.0.plan_changed(change);
+    }
+
+    fn progress(&self) -> Progress {
+        self.0.progress()
+    }
+}
+
+impl Parameters for Everything {
+    type Table = Tuning;
+
+    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
+        self.0.parameters_mut()
+    }
+}
+
+impl Telemetry for Everything {
+    const STREAMS: &'static [Stream] = &[
+        Stream::of::<Attitude>().onboard(millis(20)),
+        Stream::of::<SysStatus>().onboard(millis(500)),
+        Stream::of::<HomePosition>(),
+        // Wanted by mistake.
+        Stream::of::<HighLatency2>().onboard(millis(50)),
+        Stream::of::<HighLatency>().onboard(millis(50)),
+    ];
+
+    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+        match id {
+            HighLatency2::ID => out.put(&HighLatency2::default()),
+            HighLatency::ID => out.put(&HighLatency::default()),
+            _ => self.0.fill(id, out),
+        }
+    }
+}
+
+const LINKS: usize = 4;
+const ALLOWED: [u32; 5] = [CommandLong::ID, CommandInt::ID, CommandAck::ID, CommandCancel::ID, HighLatency2::ID];
+
+/// What the far end of a line saw.
+#[derive(Default)]
+struct Line {
+    /// The front of a frame.
+    front: Vec<u8>,
+    /// A frame is made, and no byte of it was taken yet.
+    is_made: bool,
+    ids: BTreeSet<u32>,
+    frames: u64,
+    reports: u64,
+}
+
+impl Line {
+    /// Takes bytes off the line; the id of a frame is looked at as soon as it is there.
+    fn take(&mut self, bytes: &[u8], may_leave: impl Fn(u32) -> bool) {
+        for byte in bytes {
+            self.front.push(*byte);
+            let (id, len) = match *self.front {
+                [0xFD, len, flags, _, _, _, _, a, b, c, ..] => {
+                    let signature = if flags & 1 == 1 { 13 } else { 0 };
+                    (u32::from_le_bytes([a, b, c, 0]), usize::from(len) + 12 + signature)
+                }
+                [0xFE, len, _, _, _, id, ..] => (u32::from(id), usize::from(len) + 8),
+                _ => continue,
+            };
+            assert!(may_leave(id), "message {id} on a link where it must not be");
+            if self.front.len() == len {
+                self.front.clear();
+                self.frames += 1;
+                self.ids.insert(id);
+                self.reports += u64::from(id == HighLatency2::ID);
+            }
+        }
+    }
+}
+
+/// A frame that somebody might send: any message to anybody, most of them such that something is done about them.
+fn any_frame(rng: &mut Rng) -> Vec<u8> {
+    const BUSY: [u32; 30] = [
+        0, 4, 11, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80, 109, 111,
+        235, 253, 110,
+    ];
+    const COMMANDS: [u16; 18] =
+        [2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183];
+    let rows = Common::MESSAGES.rows();
+    let row = match rng.below(4) {
+        0 => &rows[rng.below(rows.len() as u64) as usize],
+        _ => Common::MESSAGES.get(BUSY[rng.below(30) as usize]).expect("of the dialect"),
+    };
+    let mut payload: Vec<u8> = (0..row.max_len()).map(|_| if rng.chance(0.5) { 0 } else { rng.byte() }).collect();
+    if row.id() == CommandLong::ID {
+        let first = match rng.below(3) {
+            0 => rng.below(2) as f32,
+            1 => rows[rng.below(rows.len() as u64) as usize].id() as f32,
+            _ => [30.0, 148.0, 235.0, 234.0, 242.0, 435.0, 436.0][rng.below(7) as usize],
+        };
+        let command = CommandLong {
+            command: MavCmd(COMMANDS[rng.below(18) as usize]),
+            param1: first,
+            param2: [0.0, 1.0, 10_000.0, f32::NAN][rng.below(4) as usize],
+            confirmation: rng.below(2) as u8,
+            ..CommandLong::default()
+        };
+        command.encode(&mut payload).expect("room");
+    }
+    let (system, component) = [(1, 1), (1, 0), (0, 0), (2, 1)][rng.below(4) as usize];
+    for (at, target) in [(row.target_system(), system), (row.target_component(), component)] {
+        if let Some(at) = at {
+            payload[usize::from(at)] = target;
+        }
+    }
+    let source = [[255, 190], [254, 190], [1, 191], [2, 1], [1, 1]][rng.below(5) as usize];
+    match u8::try_from(row.id()) {
+        Ok(id) if rng.chance(0.2) => {
+            reference::v1(id, source, &payload[..usize::from(row.base_len())], row.crc_extra())
+        }
+        _ => reference::v2(row.id(), [0, 0], source, &payload, row.crc_extra()),
+    }
+}
+
+/// So many random events, all drawn from `seed`.
+fn run(seed: u64, events: u32) -> [Line; LINKS] {
+    type Memory = plan_memory!(mission: 10, fence: 8, rally: 2);
+    let mut rng = Rng::new(seed);
+    let frames: Vec<Vec<u8>> = (0..4_000).map(|_| any_frame(&mut rng)).collect();
+    let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
+    let mut setup = Setup::<LINKS>::new();
+    setup.links = [
+        LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard),
+        satellite.with_streams(StreamProfile::Onboard),
+        LinkConfig::uart(0),
+        satellite.with_version(TxVersion::Auto),
+    ];
+    let is_satellite = |link: usize| setup.links[link].class == LinkClass::HighLatency;
+    let mut stack = Box::new(Stack::<LINKS, Memory>::new(setup.config, setup.links));
+    let mut vehicle = Everything(TestVehicle::new());
+    vehicle.0.time = Some(TimeSlots::new());
+    vehicle.0.manual = Some(ManualInput::new(mavstack::ControlSource::GroundStation, ManualInput::TIMEOUT));
+    vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);
+    let config = HighLatencyConfig { period: secs(5), on_link_loss_after: Some(secs(2)), ..HighLatencyConfig::DEFAULT };
+    vehicle.0.satellite = Some(mavstack::HighLatency::new(config));
+    let state = vehicle.0.state;
+    let (mut now, mut lines) = (Instant::ZERO, [const { None }; LINKS].map(|_: Option<Line>| Line::default()));
+    for event in 0..events {
+        let link = rng.below(LINKS as u64) as usize;
+        let id = LinkId(link as u8);
+        let is_on = vehicle.0.satellite.as_ref().is_some_and(mavstack::HighLatency::is_on);
+        match rng.below(100) {
+            0..35 => {
+                let frame = &frames[rng.below(4_000) as usize];
+                stack.receive(now, id, frame, &mut vehicle);
+            }
+            35..75 => {
+                let line = &mut lines[link];
+                let bytes = stack.transmit(now, id, &mut vehicle);
+                let is_new = line.front.is_empty() && !line.is_made;
+                let len = if rng.chance(0.7) { bytes.len() } else { rng.below(bytes.len() as u64 + 1) as usize };
+                line.is_made = len == 0 && !bytes.is_empty();
+                line.take(&bytes[..len], |id| match id {
+                    HighLatency2::ID => is_satellite(link) && (is_on || !is_new),
+                    id => !is_satellite(link) || ALLOWED.contains(&id),
+                });
+                stack.transmitted(id, len);
+            }
+            75..85 => {
+                now = now.after(millis(rng.below(60)));
+                if !rng.chance(0.02) {
+                    setup.config.pulse.tick();
+                }
+                stack.poll(now, &mut vehicle);
+                assert!(stack.next_deadline(now) >= now);
+            }
+            85 => {
+                stack.restart_link(id);
+                let line = &mut lines[link];
+                line.front.clear();
+                // Perhaps: what was cut off begins anew.
+                line.is_made = true;
+            }
+            86 => stack.send_text(now, MavSeverity(rng.below(8) as u8), &format!("event {event}")),
+            87 => match rng.below(4) {
+                0 => stack.announce::<HighLatency2, Everything>(),
+                1 => stack.announce::<HighLatency, Everything>(),
+                2 => stack.announce::<HomePosition, Everything>(),
+                _ => stack.announce::<SysStatus, Everything>(),
+            },
+            88 => stack.mission_item_reached(now, rng.below(10) as u16),
+            89 => {
+                let item = mavstack::Item {
+                    frame: MavFrame::GLOBAL_RELATIVE_ALT,
+                    command: MavCmd::NAV_WAYPOINT,
+                    autocontinue: 1,
+                    params: [0.0; 4],
+                    x: 1,
+                    y: 1,
+                    z: 10.0,
+                };
+                let items = std::iter::repeat_n(item, rng.below(12) as usize);
+                let _ = stack.load_plan(now, PlanType::Mission, items, &mut vehicle);
+            }
+            #[cfg(feature = "storage")]
+            90 => stack.save_parameters(now, &mut vehicle),
+            91 => vehicle.0.time.as_mut().expect("it has one").ask(id),
+            92 => {
+                vehicle.0.memory.progress(MavCmd::DO_SET_SERVO, rng.byte());
+                vehicle.0.memory.finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
+            }
+            93 => vehicle.0.state = if rng.chance(0.1) { None } else { state },
+            94 => vehicle.0.state.iter_mut().for_each(|state| state.custom_mode = rng.byte().into()),
+            95 => vehicle.0.has_home = rng.chance(0.5),
+            96 => stack.set_address(setup.config.address),
+            97 => {
+                // Bytes that come in the middle of nowhere.
+                let noise: Vec<u8> = (0..rng.below(60)).map(|_| rng.byte()).collect();
+                stack.receive(now, id, &noise, &mut vehicle);
+            }
+            _ => {
+                let satellite = vehicle.0.satellite.as_mut().expect("it has one");
+                match rng.below(4) {
+                    0 => satellite.start(),
+                    1 => satellite.stop(),
+                    _ => satellite.sample(now, &HighLatencySample { eph: 1.0, ..HighLatencySample::UNKNOWN }),
+                }
+            }
+        }
+        vehicle.0.calls.clear();
+    }
+    lines
+}
+
+#[test]
+fn nothing_else_leaves_by_satellite_in_a_million_events() {
+    let lines = run(1, 1_000_000);
+    for link in [1, 3] {
+        let line = &lines[link];
+        assert_eq!(line.ids, BTreeSet::from([CommandAck::ID, HighLatency2::ID]), "link {link}");
+        assert!(line.frames > 5_000 && line.reports > 500, "{} frames, {} reports", line.frames, line.reports);
+    }
+    // Everything else was really asked for: heartbeats, streams, pings, parameters, plans, texts, identity, modes.
+    for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 148, 234, 242, 244, 253, 300, 345, 435, 436] {
+        assert!(lines[0].ids.contains(&id), "message {id} was never sent");
+    }
+}
