@@ -94,7 +94,7 @@ macro_rules! message {
 
                 #[inline]
                 fn encode(&self, payload: &mut [u8]) -> Option<usize> {
-                    let bytes = payload.first_chunk_mut::<{ <Self as $crate::Message>::MAX_LEN }>()?;
+                    let bytes = payload.get_mut(..Self::MAX_LEN)?;
                     let mut fields = $crate::FieldWriter::new(bytes);
                     $( fields.push(self.$field); )+
                     $($( fields.push(self.$ext); )+)?
@@ -178,9 +178,12 @@ macro_rules! wire_enum {
         }
     ) => {
         $(#[$meta])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq)]
         #[repr(transparent)]
         $vis struct $name(pub $repr);
+
+        // The derived one declares a function that only the compiler looks at.
+        impl Eq for $name {}
 
         #[allow(missing_docs, reason = "an entry's name is its definition's; MAVLink documents it")]
         impl $name {

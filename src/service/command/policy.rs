@@ -102,26 +102,14 @@ impl CommandPolicy {
         refuse(command.is_broadcast && self.has(NO_BROADCAST), MavResult::DENIED)?;
         if !self.rule.is_located() {
             // Without a position a frame says nothing (C-7).
-            return check_values(&self.rule, &values(command));
+            let [p1, p2, p3, p4] = command.params;
+            let (p5, p6) = command.position.params();
+            let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
+            let is_good = params.all(|(index, value)| self.rule.admits(index, Value::of_float(value)));
+            return refuse(!is_good, MavResult::DENIED);
         }
         check_item(&self.rule, &item(command, self.long_frame)?)
     }
-}
-
-/// The parameters of a command without a location.
-pub(super) fn values(command: &Command) -> [Value; 7] {
-    let [p1, p2, p3, p4] = command.params.map(Value::of_float);
-    let (p5, p6) = match command.position {
-        CommandPosition::Long { param5, param6 } => (Value::of_float(param5), Value::of_float(param6)),
-        CommandPosition::Int { x, y, .. } => (Value::of_integer(x), Value::of_integer(y)),
-    };
-    [p1, p2, p3, p4, p5, p6, Value::of_float(command.z)]
-}
-
-/// Checks them.
-pub(super) fn check_values(rule: &CommandRule, values: &[Value; 7]) -> Result<(), MavResult> {
-    let is_good = (1..).zip(values).all(|(index, value)| rule.admits(index, *value));
-    refuse(!is_good, MavResult::DENIED)
 }
 
 /// The parameters of a command with a location; a COMMAND_LONG's are in `long_frame` (C-6).

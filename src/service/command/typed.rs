@@ -88,32 +88,47 @@ pub struct CommandParams {
 }
 
 impl CommandParams {
-    fn of_command(command: &Command, rule: &CommandRule) -> Result<Self, MavResult> {
+    const NEW: Self = Self { values: [Value::NONE; 7], location: Location::NONE, failed: 0 };
+
+    // In place, and not inlined: all commands share it, and nothing is copied.
+    #[inline(never)]
+    fn read_command(&mut self, command: &Command, rule: &CommandRule) -> Result<(), MavResult> {
         policy::refuse(command.id != rule.command(), MavResult::UNSUPPORTED)?;
-        let values = policy::values(command);
+        let (p5, p6) = match command.position {
+            CommandPosition::Long { param5, param6 } => (Value::of_float(param5), Value::of_float(param6)),
+            CommandPosition::Int { x, y, .. } => (Value::of_integer(x), Value::of_integer(y)),
+        };
+        self.set(command.params, p5, p6, command.z);
         if !rule.is_located() {
-            policy::check_values(rule, &values)?;
-            return Ok(Self { values, location: Location::NONE, failed: 0 });
+            // Without a position a frame says nothing (C-7).
+            let is_good = (1..).zip(&self.values).all(|(index, value)| rule.admits(index, *value));
+            return policy::refuse(!is_good, MavResult::DENIED);
         }
         let item = policy::item(command, MavFrame::GLOBAL)?;
         policy::check_item(rule, &item)?;
-        let mut location = Location::new(&item);
+        self.location = Location::new(&item);
         if matches!(command.position, CommandPosition::Long { .. }) {
-            location.frame = None;
+            self.location.frame = None;
         }
-        Ok(Self { values, location, failed: 0 })
+        Ok(())
     }
 
-    fn of_item(item: &Item, rule: &CommandRule) -> Result<Self, MavMissionResult> {
+    #[inline(never)]
+    fn read_item(&mut self, item: &Item, rule: &CommandRule) -> Result<(), MavMissionResult> {
         if item.command != rule.command() {
             return Err(MavMissionResult::UNSUPPORTED);
         }
         rule.check(item)?;
-        let [p1, p2, p3, p4] = item.params.map(Value::of_float);
         // The rule takes global frames otherwise.
         let value = if item.frame == MavFrame::MISSION { Value::of_integer } else { Value::of_1e7 };
-        let values = [p1, p2, p3, p4, value(item.x), value(item.y), Value::of_float(item.z)];
-        Ok(Self { values, location: Location::new(item), failed: 0 })
+        self.set(item.params, value(item.x), value(item.y), item.z);
+        self.location = Location::new(item);
+        Ok(())
+    }
+
+    fn set(&mut self, params: [f32; 4], p5: Value, p6: Value, z: f32) {
+        let [p1, p2, p3, p4] = params.map(Value::of_float);
+        self.values = [p1, p2, p3, p4, p5, p6, Value::of_float(z)];
     }
 
     /// The field of parameter `index`.
@@ -124,7 +139,7 @@ impl CommandParams {
 
     #[inline(always)]
     fn value(&self, index: u8) -> Value {
-        self.values.get(usize::from(index).wrapping_sub(1)).copied().unwrap_or(Value::of_float(f32::NAN))
+        self.values.get(usize::from(index).wrapping_sub(1)).copied().unwrap_or(Value::NONE)
     }
 
     /// What `value` has, or `zero` and a mark that the parameter is refused.
@@ -164,7 +179,7 @@ impl<T: Field> CommandParam for T {
             return T::read(&value.float.to_le_bytes(), 0);
         }
         let is_signed = kind == b'i';
-        let integer = value.integer.filter(|integer| {
+        let integer = value.integer().filter(|integer| {
             let rest = integer.wrapping_shr(own_bits(T::SIZE, is_signed));
             rest == 0 || (is_signed && rest == -1)
         });
@@ -175,7 +190,7 @@ impl<T: Field> CommandParam for T {
 impl CommandParam for bool {
     #[inline(always)]
     fn take(params: &mut CommandParams, index: u8) -> Self {
-        let value = match params.value(index).integer {
+        let value = match params.value(index).integer() {
             Some(0) => Some(false),
             Some(1) => Some(true),
             _ => None,
@@ -255,7 +270,8 @@ impl Command {
     ///
     /// Those of [`decode`](Self::decode); DENIED also for a value that its field cannot hold.
     pub fn decode_by<T: TypedCommand>(&self, rule: &CommandRule) -> Result<T, MavResult> {
-        let mut params = CommandParams::of_command(self, rule)?;
+        let mut params = CommandParams::NEW;
+        params.read_command(self, rule)?;
         let command = T::take(&mut params);
         if params.failed == 0 { Ok(command) } else { Err(MavResult::DENIED) }
     }
@@ -278,7 +294,8 @@ impl Item {
     ///
     /// Those of [`decode`](Self::decode).
     pub fn decode_by<T: TypedCommand>(&self, rule: &CommandRule) -> Result<T, MavMissionResult> {
-        let mut params = CommandParams::of_item(self, rule)?;
+        let mut params = CommandParams::NEW;
+        params.read_item(self, rule)?;
         let command = T::take(&mut params);
         match params.failed {
             0 => Ok(command),

@@ -94,17 +94,19 @@ impl ParamRule {
         self.admits_value(Value::of_float(value))
     }
 
-    fn admits_value(&self, Value { float, integer }: Value) -> bool {
+    fn admits_value(&self, value: Value) -> bool {
+        let float = value.float;
         if float.is_nan() {
             return self.nan;
         }
+        let integer = || value.integer();
         match self.values {
             Values::Range(min, max) => min <= float && float <= max,
-            Values::Integers(min, max) => integer.is_some_and(|value| min <= value && value <= max),
+            Values::Integers(min, max) => integer().is_some_and(|value| min <= value && value <= max),
             Values::Bits(mask) => {
-                integer.and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
+                integer().and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
             }
-            Values::Listed(values) => integer.is_some_and(|value| values.contains(&value)),
+            Values::Listed(values) => integer().is_some_and(|value| values.contains(&value)),
         }
     }
 }
@@ -114,13 +116,16 @@ impl ParamRule {
 pub(crate) struct Value {
     /// NaN when it is not given.
     pub float: f32,
-    /// The integer that it is. One that came as an integer may be no float.
-    pub integer: Option<i32>,
+    /// What came as an integer, which may be no float.
+    exact: Option<i32>,
 }
 
 impl Value {
+    /// Not given.
+    pub const NONE: Self = Self { float: f32::NAN, exact: None };
+
     pub fn of_float(float: f32) -> Self {
-        Self { float, integer: num::integer(float) }
+        Self { float, exact: None }
     }
 
     /// One that was scaled like degrees.
@@ -130,7 +135,12 @@ impl Value {
 
     /// `i32::MAX` is "not given" (C-7).
     pub fn of_integer(integer: i32) -> Self {
-        Self { float: num::from_i32(integer), integer: Some(integer).filter(|integer| *integer != i32::MAX) }
+        Self { float: num::from_i32(integer), exact: Some(integer).filter(|integer| *integer != i32::MAX) }
+    }
+
+    /// The integer that it is.
+    pub fn integer(self) -> Option<i32> {
+        self.exact.or_else(|| num::integer(self.float))
     }
 }
 
