@@ -15,6 +15,7 @@ use mavstack::{
 use support::*;
 
 /// A vehicle that has everything: [`TestVehicle`], and modes.
+#[derive(Default)]
 struct Everything(TestVehicle);
 
 impl Vehicle for Everything {
@@ -302,4 +303,19 @@ fn nothing_else_leaves_by_satellite_in_a_million_events() {
     for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 148, 234, 242, 244, 253, 300, 345, 435, 436] {
         assert!(lines[0].ids.contains(&id), "message {id} was never sent");
     }
+}
+
+/// L-2, Q-1: a firmware that has HIGH_LATENCY2 among its streams by mistake cannot send it on a normal link, and who asks for
+/// it there is told so.
+#[test]
+fn it_is_no_stream() {
+    let mut setup = Setup::<1>::new();
+    setup.links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard)];
+    let mut world = World::<1, mavstack::NoPlans, 8, Everything>::with_plans(setup);
+    world.run_for(secs(1));
+    let id = HighLatency2::ID as f32;
+    world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(world.expect::<CommandAck>(0, secs(1)).result, MavResult::DENIED);
+    assert_eq!(world.gcs[0].count_of::<HighLatency2>(), 0);
+    assert!(world.gcs[0].count_of::<Attitude>() > 40);
 }

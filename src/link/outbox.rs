@@ -79,6 +79,11 @@ impl Outbox {
         self.version = version;
     }
 
+    /// Whether message `id` can be sent: it [may leave](may_leave) on this link, and v1 has room for its id (S-10).
+    pub(crate) fn takes(&self, id: u32) -> bool {
+        may_leave(id, self.class) && (id <= 255 || self.version == Version::V2)
+    }
+
     /// The sequence number of the next frame.
     pub(crate) const fn seq(&self) -> u8 {
         self.seq

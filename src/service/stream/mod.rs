@@ -18,7 +18,6 @@ use crate::dialect::{
     AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
     ProtocolVersion,
 };
-use crate::frame::Version;
 use crate::link::{LinkId, Outbox};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
@@ -184,11 +183,11 @@ impl<'a> Fill<'a> {
         self.outbox.link()
     }
 
-    /// Hands over the message. False when it cannot go out: it is not the one that was asked for, or the link sends MAVLink
-    /// 1, which has no such id (S-10).
+    /// Hands over the message. False when it cannot go out: it is not the one that was asked for, the link sends MAVLink
+    /// 1, which has no such id (S-10), or it is HIGH_LATENCY2, which the stack sends by itself where it belongs (L-2).
     #[must_use]
     pub fn put<M: Message>(self, message: &M) -> bool {
-        if M::ID != self.id || (M::ID > 255 && self.outbox.version() == Version::V1) {
+        if M::ID != self.id || !self.outbox.takes(M::ID) {
             return false;
         }
         self.is_probe || self.outbox.send(message)
