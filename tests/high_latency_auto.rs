@@ -4,6 +4,7 @@ mod support;
 
 use mavstack::dialect::{CommandAck, Heartbeat, HighLatency2, MavCmd, MavResult, MavType};
 use mavstack::{Address, Duration, HighLatency, HighLatencyConfig, HighLatencySample, LinkClass, LinkConfig};
+use proptest::prelude::*;
 use support::*;
 
 const TELEM: usize = 0;
@@ -129,7 +130,7 @@ fn commands_have_the_last_word() {
 fn a_radio_that_comes_and_goes_costs_no_more() {
     let mut world = world(HighLatencyConfig { on_link_loss_after: Some(Duration::ZERO), ..CONFIG });
     run(&mut world, secs(5));
-    let mut rng = Rng::new(3);
+    let mut rng = support::Rng::new(3);
     let begin = world.now();
     while world.now().since(begin) < secs(1_000) {
         lose(&mut world);
@@ -170,4 +171,89 @@ fn an_announcement_can_be_stopped() {
     control(&mut world, TELEM, 0.0);
     run(&mut world, secs(60));
     assert_eq!(count(&mut world), 0);
+}
+
+/// What may happen.
+#[derive(Clone, Debug)]
+enum Step {
+    Run(u64),
+    Start(usize),
+    Stop(usize),
+    Lose,
+    Regain,
+    /// The modem takes nothing for so many seconds.
+    Stall(u64),
+    /// A fault, or its end.
+    Fault(bool),
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        4 => (1u64..30).prop_map(Step::Run),
+        2 => (0usize..2).prop_map(Step::Start),
+        1 => (0usize..2).prop_map(Step::Stop),
+        1 => Just(Step::Lose),
+        1 => Just(Step::Regain),
+        1 => (1u64..60).prop_map(Step::Stall),
+        1 => any::<bool>().prop_map(Step::Fault),
+    ]
+}
+
+proptest! {
+    #![proptest_config(cases(200))]
+
+    /// L-11, L-14, L-23: in any order of things, a message is sooner than a period after the one before only if there was a
+    /// START between them; none goes out while it is off, or in a fault; and one comes when it is on and nothing is in the way.
+    #[test]
+    fn messages_come_when_they_should_and_cost_what_they_must(steps in prop::collection::vec(any_step(), 1..40)) {
+        let mut world = world(CONFIG);
+        let (mut starts, mut stalled_until) = (Vec::new(), world.now());
+        let mut last_sent = None;
+        let healthy = world.vehicle.state;
+        for step in steps {
+            let begin = world.now();
+            match step {
+                Step::Start(link) => {
+                    starts.push(begin);
+                    let start = world.gcs[link].long(MavCmd::CONTROL_HIGH_LATENCY, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+                    world.gcs[link].send(&start);
+                }
+                Step::Stop(link) => {
+                    let stop = world.gcs[link].long(MavCmd::CONTROL_HIGH_LATENCY, [0.0; 7]);
+                    world.gcs[link].send(&stop);
+                }
+                Step::Lose => lose(&mut world),
+                Step::Regain => regain(&mut world),
+                Step::Stall(seconds) => {
+                    stalled_until = begin.after(secs(seconds));
+                    world.uarts[SAT].stall_writes_until(stalled_until);
+                }
+                Step::Fault(is_faulty) => world.vehicle.state = healthy.filter(|_| !is_faulty),
+                Step::Run(_) => {}
+            }
+            // What came in is acted upon.
+            run(&mut world, millis(5));
+            let seconds = if let Step::Run(seconds) = step { seconds } else { 0 };
+            let settled = world.now();
+            let was_on = satellite(&mut world).is_on();
+            run(&mut world, secs(seconds));
+            let sent: Vec<_> = std::iter::from_fn(|| world.gcs[SAT].take::<HighLatency2>()).map(|(at, _)| at).collect();
+            for &at in &sent {
+                let is_asked = |last| starts.iter().any(|start| *start >= last && *start <= at);
+                prop_assert!(last_sent.is_none_or(|last| at.since(last) >= PERIOD || is_asked(last)), "{last_sent:?}, {at:?}");
+                last_sent = Some(at);
+            }
+            let is_on = satellite(&mut world).is_on();
+            let is_calm = satellite(&mut world).is_on_by_itself() || was_on == is_on;
+            if sent.iter().any(|at| *at > settled) && is_calm {
+                prop_assert!(was_on || is_on);
+                prop_assert!(world.vehicle.state.is_some());
+            }
+            // With nothing in the way for a whole period, one came.
+            let is_free = world.now().since(settled.max(stalled_until)) > PERIOD.max(secs(21));
+            if was_on && is_on && world.vehicle.state.is_some() && is_free {
+                prop_assert!(!sent.is_empty(), "on since before {settled:?}");
+            }
+        }
+    }
 }

@@ -18,7 +18,8 @@
 //! sends a message at once, also while it is on; but not for a copy of the same START that comes by another link, or with a
 //! higher confirmation, within a minute. After that a message follows a period after the one before left: a modem that is
 //! busy gets it as soon as it is not, made of what is known then, and the next one a period later. What came between two
-//! messages is in the second: means, and the worst (L-21).
+//! messages is in the second: means, and the worst (L-21). Who moves the bytes himself asks
+//! [`Stack::transmit`](crate::Stack::transmit) for them only when the modem takes some.
 //!
 //! A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
 //! not: when the flight loop does not tick, and in a fault (H-5).
