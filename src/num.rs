@@ -84,7 +84,9 @@ pub(crate) fn saturated(value: f32) -> u32 {
     value as u32
 }
 
-/// The integer nearest to `value`, halves away from 0, within `min` and `max`; `None` for NaN.
+/// The integer nearest to `value`, halves away from 0, within `min` and `max`; `None` for NaN. Not inlined:
+/// there are many who ask.
+#[inline(never)]
 #[allow(clippy::as_conversions, reason = "float to integer is total: it saturates; and integer to float rounds")]
 pub(crate) fn nearest(value: f32, min: i32, max: i32) -> Option<i32> {
     let whole = value as i32;

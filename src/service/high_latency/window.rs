@@ -16,6 +16,7 @@ impl Mean {
     const NONE: Self = Self { mean: 0.0, count: 0.0 };
 
     /// Takes in a sample, brought within what the message can tell: one insane value must not hide all others.
+    #[inline(never)]
     fn add(&mut self, value: f32, min: f32, max: f32) {
         if value.is_nan() {
             return;
