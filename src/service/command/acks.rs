@@ -7,12 +7,12 @@ use crate::link::Outbox;
 use crate::vehicle::Outcome;
 
 /// Answers that one link can owe: a power of two, so that the places go round.
-const SLOTS: u8 = 4;
+const SLOTS: usize = 4;
 
 /// The answers that a link owes, in the order of the questions.
 #[derive(Clone, Debug)]
 pub(crate) struct Acks {
-    slots: [Ack; SLOTS as usize],
+    slots: [Ack; SLOTS],
     /// Where the oldest one stands, and how many there are.
     first: u8,
     count: u8,
@@ -29,12 +29,12 @@ impl Acks {
     pub(crate) const fn new() -> Self {
         let outcome = Outcome { result: MavResult::ACCEPTED, result_param2: 0 };
         let none = Ack { to: Address::new(0, 0), command: MavCmd(0), outcome };
-        Self { slots: [none; SLOTS as usize], first: 0, count: 0 }
+        Self { slots: [none; SLOTS], first: 0, count: 0 }
     }
 
     /// Whether a command would be dropped.
-    pub(crate) const fn is_full(&self) -> bool {
-        self.count >= SLOTS
+    pub(crate) fn is_full(&self) -> bool {
+        usize::from(self.count) >= SLOTS
     }
 
     pub(crate) const fn is_empty(&self) -> bool {
@@ -42,7 +42,7 @@ impl Acks {
     }
 
     fn slot(&mut self, number: u8) -> Option<&mut Ack> {
-        self.slots.get_mut(usize::from(self.first.wrapping_add(number) % SLOTS))
+        self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
     /// Owes the answer to `to`. The caller asked [`is_full`](Self::is_full) before the command was carried out.
