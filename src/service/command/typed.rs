@@ -158,8 +158,9 @@ impl CommandParams {
     clippy::as_conversions,
     reason = "const-evaluated: an overflow is a compile error, and `From` cannot be called"
 )]
-const fn own_bits(size: usize, is_signed: bool) -> u32 {
-    let bits = size as u32 * 8 - is_signed as u32;
+const fn own_bits(size: usize, wire_type: &str) -> u32 {
+    let sign = matches!(wire_type.as_bytes(), [b'i', ..]) as u32;
+    let bits = size as u32 * 8 - sign;
     if bits < 31 { bits } else { 31 }
 }
 
@@ -180,7 +181,7 @@ impl<T: Field> CommandParam for T {
         }
         let is_signed = kind == b'i';
         let integer = value.integer().filter(|integer| {
-            let rest = integer.wrapping_shr(own_bits(T::SIZE, is_signed));
+            let rest = integer.wrapping_shr(const { own_bits(T::SIZE, T::WIRE_TYPE) });
             rest == 0 || (is_signed && rest == -1)
         });
         params.or_fail(index, integer.map(|integer| T::read(&i64::from(integer).to_le_bytes(), 0)), T::ZERO)
@@ -217,8 +218,8 @@ impl Command {
     /// The command with its parameters under their names, checked by the definition's rule.
     ///
     /// A field is an `Option` where that rule lets NaN pass, which means "default" (C-8). A position and an altitude need not
-    /// be given: to a vehicle that needs them they are what a [`CommandPolicy`](crate::CommandPolicy) declares, or what is
-    /// refused when it is missed.
+    /// be given: a vehicle that needs them says so in its [`CommandPolicy`](crate::CommandPolicy), or refuses when they
+    /// are `None`.
     ///
     /// ```
     /// use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
