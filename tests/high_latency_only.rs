@@ -54,7 +54,9 @@ impl Commands for Everything {
     }
 
     fn set_mode(&mut self, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
-        self.0.state.as_mut().map(|state| state.custom_mode = mode.custom_mode);
+        if let Some(state) = &mut self.0.state {
+            state.custom_mode = mode.custom_mode;
+        }
         MavResult::ACCEPTED.into()
     }
 }
