@@ -41,7 +41,8 @@ pub struct Peer {
 pub enum LinkClass {
     /// A telemetry radio, a companion computer, USB.
     Normal,
-    /// A satellite modem, where every byte costs: no heartbeats, and only commands and their answers (L-3, L-4).
+    /// A satellite modem, where every byte costs: no heartbeats, and only commands, their answers, and while it is wanted
+    /// HIGH_LATENCY2, of a vehicle that has a [`HighLatency`](crate::HighLatency) (L-2 to L-4).
     HighLatency,
 }
 
