@@ -84,7 +84,7 @@
 //! |---|---|
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
 //! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
-//! | [`LinkConfig`], [`PeerInfo`] | what is kept of each line, and of each sender |
+//! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | what is kept of each line and each sender; what goes on from one to the other |
 //! | the services | heartbeat, commands, plans, streams, texts, identity, the high-latency link |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //!
@@ -155,7 +155,7 @@ pub use frame::{
 };
 pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS, Peer, TxVersion};
 pub use message::*;
-pub use network::PeerInfo;
+pub use network::{ForwardCounters, ForwardQueues, Forwarding, PeerInfo};
 pub use pulse::Pulse;
 #[doc(hidden)]
 pub use service::command::CommandParams;

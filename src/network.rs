@@ -10,6 +10,15 @@
 //!                                                  └──────────── HEARTBEAT (Regained) ──────────┘
 //! ```
 
+mod forward;
+mod memory;
+mod queue;
+mod routes;
+
+pub(crate) use forward::Passage;
+pub use forward::{ForwardCounters, ForwardQueues, Forwarding};
+pub(crate) use routes::{forget_rebooted, routes};
+
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Address, Frame, Version};
 use crate::link::{LinkClass, LinkId, Peer};
@@ -36,7 +45,11 @@ pub struct PeerInfo {
     /// Frames that its sequence numbers say were lost on the way (S-16). Wraps.
     pub lost: u32,
     has_heartbeat: bool,
+    /// Whether frames for it go out on this link.
+    is_route: bool,
     seq: u8,
+    /// Its last SYSTEM_TIME.time_boot_ms; 0 before the first, and where nothing is forwarded.
+    time_boot_ms: u32,
     heartbeat: Instant,
     heard: Instant,
 }
@@ -59,6 +72,11 @@ pub(crate) type Peers = heapless::vec::VecView<PeerInfo>;
 /// Whether frames of `address` were heard before, on any link.
 pub(crate) fn is_known(peers: &Peers, address: Address) -> bool {
     peers.iter().any(|info| info.peer.address == address)
+}
+
+/// Whether frames of `peer` were heard before.
+pub(crate) fn is_heard(peers: &Peers, peer: Peer) -> bool {
+    peers.iter().any(|info| info.peer == peer)
 }
 
 /// What became of a frame's sender in the table (H-12).
@@ -163,7 +181,9 @@ fn find_or_insert<'a>(
         received: 0,
         lost: 0,
         has_heartbeat: false,
+        is_route: true,
         seq,
+        time_boot_ms: 0,
         heartbeat: now,
         heard: now,
     };

@@ -5,15 +5,18 @@
 //!
 //! ```text
 //!   receive ──▶ decoder ──▶ own address? ──▶ peers ──▶ for us? ──▶ commands, plans, the vehicle's own messages
+//!                                              │
+//!                                              └─────▶ for others? ──▶ the queues of their links
 //!
 //!   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
 //!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
-//!            ◀── streams                                                          while the line is idle
+//!            ◀── streams and what is forwarded, in turn                           while the line is idle
 //! ```
 
 mod commands;
 mod plans;
 mod receive;
+mod routing;
 #[cfg(feature = "storage")]
 mod storage;
 mod streams;
@@ -70,12 +73,14 @@ pub struct Stack<
 struct Core {
     config: Config,
     credit: Credit,
-    /// The links that everything may be sent on.
+    /// The links that everything may be sent on, all but those of high latency.
     normal: LinkMask,
     capabilities: MavProtocolCapability,
     params: Params,
     /// The vehicle's mode, as it was told last.
     mode: u32,
+    /// Links with frames of others in their queues.
+    forwards: LinkMask,
 }
 
 /// What a call works with beside the core and its link.
@@ -120,7 +125,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let mut i = 0;
         while i < LINKS {
             links[i].configure(LinkId(i as u8), configs[i], &config);
-            if matches!(configs[i].class, LinkClass::Normal) {
+            if !matches!(configs[i].class, LinkClass::HighLatency) {
                 normal = normal.with(LinkMask::of(LinkId(i as u8)));
             }
             i += 1;
@@ -133,6 +138,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 capabilities: capabilities::<P>(),
                 params: Params::new(),
                 mode: 0,
+                forwards: LinkMask::NONE,
             },
             links,
             slots: [[Slot::NEW; STREAMS]; LINKS],

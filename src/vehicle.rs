@@ -6,6 +6,7 @@
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
+use crate::network::Forwarding;
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
@@ -66,6 +67,12 @@ pub trait Vehicle {
     /// The vehicle's memory for its high-latency links; `None`, as at first, when there are none, or only commands travel
     /// there: then MAV_CMD_CONTROL_HIGH_LATENCY comes to [`Commands::command`], which does not know it (L-12).
     fn high_latency(&mut self) -> Option<&mut HighLatency> {
+        None
+    }
+
+    /// The vehicle's memory for what is forwarded from link to link; `None`, as at first, when nothing is. See
+    /// [`ForwardQueues`](crate::ForwardQueues).
+    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
         None
     }
 

@@ -41,6 +41,9 @@ pub struct Peer {
 pub enum LinkClass {
     /// A telemetry radio, a companion computer, USB.
     Normal,
+    /// A gimbal, a payload, a camera: like a normal link, but of what is forwarded it gets only what is for a component that
+    /// was heard there.
+    Private,
     /// A satellite modem, where every byte costs: no heartbeats, and only commands, their answers, and while it is wanted
     /// HIGH_LATENCY2, of a vehicle that has a [`HighLatency`](crate::HighLatency) (L-2 to L-4).
     HighLatency,
@@ -69,8 +72,11 @@ pub struct LinkConfig {
     /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average; heartbeats and answers go out at
     /// once, and are charged.
     pub bytes_per_second: u32,
-    /// Which messages it gets unasked, and how often, if it is a normal link.
+    /// Which messages it gets unasked, and how often, if it is no high-latency link.
     pub streams: StreamProfile,
+    /// Whether frames that come by this link are forwarded, and those of others to it, by a vehicle that
+    /// [forwards](crate::Vehicle::forwarding) at all.
+    pub forwards: bool,
 }
 
 impl LinkConfig {
@@ -81,7 +87,15 @@ impl LinkConfig {
             version: TxVersion::V2,
             bytes_per_second: baud / 10,
             streams: StreamProfile::Radio,
+            forwards: true,
         }
+    }
+
+    /// The same link, taking part in forwarding, as at first, or not.
+    #[must_use]
+    pub const fn with_forwarding(mut self, forwards: bool) -> Self {
+        self.forwards = forwards;
+        self
     }
 
     /// The same link, of another class.
@@ -229,7 +243,7 @@ impl Link {
         decoder: Decoder::VACANT,
         port: Port {
             id: LinkId(0),
-            config: LinkConfig::uart(0),
+            config: LinkConfig::uart(0).with_forwarding(false),
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,
             heartbeat: Schedule::new(),
@@ -298,6 +312,7 @@ pub(crate) struct LinkMask(u16);
 
 impl LinkMask {
     pub(crate) const NONE: Self = Self(0);
+    pub(crate) const ALL: Self = Self(u16::MAX);
 
     /// Only `link`; none when its number is beyond [`MAX_LINKS`].
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
@@ -314,6 +329,11 @@ impl LinkMask {
 
     pub(crate) const fn contains(self, other: Self) -> bool {
         self.0 & other.0 != 0
+    }
+
+    /// How many they are.
+    pub(crate) const fn len(self) -> u32 {
+        self.0.count_ones()
     }
 
     pub(crate) const fn with(self, other: Self) -> Self {

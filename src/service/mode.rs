@@ -207,7 +207,7 @@ fn bits(count: usize, index: u8) -> Option<u32> {
 
 /// Whether the messages about modes may go out on a link.
 fn takes(port: &Port) -> bool {
-    port.config.class == LinkClass::Normal && port.outbox.version() == Version::V2
+    port.config.class != LinkClass::HighLatency && port.outbox.version() == Version::V2
 }
 
 /// CURRENT_MODE is to be sent.

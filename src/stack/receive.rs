@@ -1,12 +1,13 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
+use super::routing::may_learn;
 use super::{Context, Core, count, count_drop, streams};
 use crate::config::RxAllowance;
 use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
 use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
-use crate::network::{self, Booking};
+use crate::network::{self, Booking, Passage};
 use crate::service::command;
 use crate::service::high_latency;
 use crate::service::manual_control;
@@ -31,17 +32,19 @@ impl Core {
             let is_known = |address| network::is_known(context.peers, address);
             let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
             allowance.frames = allowance.frames.saturating_sub(1);
-            self.on_frame(context, port, &frame);
+            let copied = self.on_frame(context, port, &frame);
+            allowance.work = allowance.work.saturating_sub(copied);
         }
     }
 
-    /// A frame came in on a link.
+    /// A frame came in on a link: what is learned from it, where it goes on to, and whether it is for us. Tells what
+    /// forwarding it has cost, in units of the decoder's work.
     fn on_frame<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
-    ) {
+    ) -> u32 {
         let own = self.config.address.get();
         if frame.source() == own {
             count_drop(&mut port.counters.own_address, frame, "our own address");
@@ -54,31 +57,50 @@ impl Core {
                     context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
                 }
             }
-            return;
+            return 0;
         }
-        let Some(info) = frame.info() else {
+        let from = Peer { address: frame.source(), link: port.id };
+        let passage = self.examine(context, port, frame);
+        if !frame.is_checked() {
             count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
-            let peer = Peer { address: frame.source(), link: port.id };
-            network::on_unchecked(context.peers, peer, frame.header().seq);
-            return;
-        };
-        port.heard(frame.header().version);
-        match network::on_frame(context.peers, context.now, (port.id, port.config.class), frame, context.vehicle) {
-            Booking::Kept => {}
-            Booking::Evicted => count(&mut port.counters.evicted_peers),
-            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
+            network::on_unchecked(context.peers, from, frame.header().seq);
+            return self.pass_on(context, port, frame, passage, None);
         }
-        // A field that was cut off, or is not there, reads as 0: for everyone.
-        // MANUAL_CONTROL alone calls the system that it means otherwise.
-        let offset = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
-        let target_system = offset.map_or(0, |offset| frame.byte(offset));
-        let target_component = info.target_component().map_or(0, |offset| frame.byte(offset));
+        if passage == Passage::Again && !network::is_heard(context.peers, from) {
+            // No way back to its sender is learned from what came around.
+            return 0;
+        }
+        port.heard(frame.header().version);
+        let booking = may_learn(frame).then(|| {
+            network::on_frame(context.peers, context.now, (port.id, port.config.class), frame, context.vehicle)
+        });
+        match booking {
+            Some(Booking::Evicted) => count(&mut port.counters.evicted_peers),
+            Some(Booking::NoRoom) => count(&mut port.counters.no_peer_slot),
+            Some(Booking::Kept) | None => {}
+        }
+        let copied = self.pass_on(context, port, frame, passage, booking);
+        if passage != Passage::Again {
+            self.serve(context, port, frame);
+        }
+        copied
+    }
+
+    /// Hands a frame to the service that it is for, if it is for us.
+    fn serve<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        frame: &Frame<'_>,
+    ) {
+        let own = self.config.address.get();
+        let target = target_of(frame);
         let is_plan = Missions::handles(frame.id());
         // Old ground stations address plans to component 190 (M-10).
-        let is_our_component = target_component == 0
-            || target_component == own.component.0
-            || (is_plan && target_component == MavComponent::MISSIONPLANNER.0);
-        if (target_system != 0 && target_system != own.system.0) || !is_our_component {
+        let is_our_component = target.component.0 == 0
+            || target.component == own.component
+            || (is_plan && target.component.0 == MavComponent::MISSIONPLANNER.0);
+        if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
             count_drop(&mut port.counters.not_ours, frame, "for somebody else");
             return;
         }
@@ -87,12 +109,12 @@ impl Core {
             self.on_command(context, port, &command::from_long(&command, from), None);
         } else if let Some(command) = frame.decode::<CommandInt>() {
             self.on_command(context, port, &command::from_int(&command, from), None);
-        } else if self.on_command_frame(context, port, frame, Address::new(target_system, target_component)) {
+        } else if self.on_command_frame(context, port, frame, target) {
             // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
             count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
         } else if is_plan {
-            if target_system == 0 {
+            if target.system.0 == 0 {
                 // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
                 count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");
                 return;
@@ -119,7 +141,7 @@ impl Core {
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
-            && !manual_control::on_frame(context.now, from, frame, target_system == 0, context.peers, context.vehicle)
+            && !manual_control::on_frame(context.now, from, frame, target.system.0 == 0, context.peers, context.vehicle)
         {
             context.vehicle.message(frame, port.id);
         }
@@ -173,6 +195,16 @@ fn execute<V: Autopilot, P: PlanStorage>(
     let has_modes = const { !V::MODES.is_empty() };
     let of_modes = has_modes.then(|| mode::on_command(port, context.vehicle, command, set_mode)).flatten();
     of_modes.unwrap_or_else(|| command::execute(command, port.config.class, &mut port.owed, context.vehicle))
+}
+
+/// Whom a frame is for; for everyone, where that is not known.
+pub(super) fn target_of(frame: &Frame<'_>) -> Address {
+    let Some(info) = frame.info() else { return Address::default() };
+    // MANUAL_CONTROL alone calls the system that it means otherwise.
+    let system = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
+    // A field that was cut off, or is not there, reads as 0: for everyone.
+    let byte = |offset: Option<u8>| offset.map_or(0, |offset| frame.byte(offset));
+    Address::new(byte(system), byte(info.target_component()))
 }
 
 /// Where MANUAL_CONTROL.target stands.

@@ -34,7 +34,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// ```
     pub fn announce<M: Message, V: Telemetry>(&mut self) {
         let number = const { Stream::number_of::<M>(V::STREAMS) };
-        for link in self.links.iter_mut().filter(|link| link.port.config.class == LinkClass::Normal) {
+        for link in self.links.iter_mut().filter(|link| link.port.config.class != LinkClass::HighLatency) {
             link.port.streams.ask(number, 0);
         }
     }

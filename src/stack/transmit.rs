@@ -16,15 +16,15 @@ impl Core {
     pub(super) fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
         let now = context.now;
         port.bucket.drain(now);
-        let is_normal = port.config.class == LinkClass::Normal;
+        let is_normal = port.config.class != LinkClass::HighLatency;
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || command::next(port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
                     || time::next(now, port, context.vehicle)
-                    || (port.bucket.has_room() && self.transfer(context, port))
-                    || self.stream(context, port)))
-            || (port.config.class == LinkClass::HighLatency && self.high_latency(now, port, context.vehicle));
+                    || (port.bucket.has_room() && self.transfer(context, port))))
+            || (port.config.class == LinkClass::HighLatency && self.high_latency(now, port, context.vehicle))
+            || self.share(context, port);
         if sent {
             count(&mut port.counters.tx_frames);
             high_latency::count(port, context.vehicle);
@@ -97,7 +97,7 @@ impl Core {
         texts: &StatusTexts,
         missions: Option<&Missions>,
     ) -> Instant {
-        let is_normal = port.config.class == LinkClass::Normal;
+        let is_normal = port.config.class != LinkClass::HighLatency;
         let heartbeat = match port.heartbeat.due() {
             Instant::NEVER => Instant::NEVER,
             due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
@@ -126,7 +126,9 @@ impl Core {
         let transfer = if waits { now } else { port.params.due() };
         let transfer = if is_normal { transfer.max(port.bucket.ready_at()) } else { Instant::NEVER };
         let stream = if is_normal { port.streams.deadline(port.bucket.idle_at()) } else { Instant::NEVER };
-        transfer.min(stream).min(heartbeat)
+        let forward =
+            if self.forwards.contains(LinkMask::of(port.id)) { port.bucket.idle_at() } else { Instant::NEVER };
+        transfer.min(stream).min(forward).min(heartbeat)
     }
 }
 

