@@ -30,8 +30,9 @@ pub enum Target {
 
 /// Where the tests are, and what they need.
 const TESTS: &str = ".ci/integration";
-/// Ports in a row: the vehicle's links, the emulator's QMP, and the links of a vehicle that a test starts itself.
-const PORTS: u16 = 7;
+/// Ports in a row: the vehicle's links, the emulator's QMP or the vehicle's metadata, and the same of a vehicle that a test
+/// starts itself.
+const PORTS: u16 = 8;
 const QMP: u16 = 3;
 const SPARE: u16 = 4;
 
@@ -41,6 +42,7 @@ const OVER_TCP: &[&str] = &[
     "test_progress.py",
     "test_messages.py",
     "test_params.py",
+    "test_metadata.py",
     "test_modes.py",
     "test_commands.py",
     "test_qgc_connect.py",

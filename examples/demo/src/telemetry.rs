@@ -2,10 +2,10 @@
 
 use libm::{atan2f, cosf, roundf, sinf, sqrtf};
 use mavstack::dialect::{
-    Attitude, AttitudeQuaternion, BatteryStatus, ExtendedSysState, FlightInformation, GlobalPositionInt, GpsFixType,
-    GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState, MavBatteryFunction,
-    MavBatteryType, MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime,
-    VfrHud,
+    Attitude, AttitudeQuaternion, BatteryStatus, ComponentMetadata, ExtendedSysState, FlightInformation,
+    GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState,
+    MavBatteryFunction, MavBatteryType, MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels,
+    SysStatus, SystemTime, VfrHud,
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
@@ -31,6 +31,7 @@ const STREAMS: &[Stream] = &[
     stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
     Stream::of::<FlightInformation>(),
     Stream::of::<GpsGlobalOrigin>(),
+    Stream::of::<ComponentMetadata>(),
     stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
 ];
 
@@ -65,6 +66,10 @@ impl Telemetry for Quadrotor {
             GpsGlobalOrigin::ID if self.has_fix() => out.put(&self.origin(now)),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
             FlightInformation::ID => out.put(&self.flight_information(now)),
+            ComponentMetadata::ID => match self.metadata() {
+                Some(&metadata) => out.put(&ComponentMetadata { time_boot_ms: boot_ms(now), ..metadata }),
+                None => false,
+            },
             RcChannels::ID => out.put(&self.rc_channels(now)),
             ExtendedSysState::ID => {
                 out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })

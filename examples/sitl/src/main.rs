@@ -1,6 +1,7 @@
 //! The demo vehicle on the host: the same application as the firmware in QEMU, with sockets for UARTs.
 
 mod flash;
+mod metadata;
 mod plan;
 mod tcp;
 mod udp;
@@ -14,6 +15,7 @@ use std::thread;
 use std::time::{self, Duration};
 
 use clap::Parser;
+use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
 use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
 use mavstack_demo::connect::HowToConnect;
@@ -40,12 +42,13 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine that takes one client at a
 /// time; a second one is turned away. Without options: 5770 for telemetry, 5771 for a companion computer, 5772 for a
 /// satellite modem. Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks
-/// for starts the vehicle anew; who is connected stays so. Ctrl-C ends it.
+/// for starts the vehicle anew; who is connected stays so. A fourth port, 5773, offers over HTTP what QGroundControl needs to
+/// show the parameters with their units and ranges. Ctrl-C ends it.
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {
-    /// First of the three TCP ports.
-    #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65533))]
+    /// First of the TCP ports.
+    #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65532))]
     port_base: u16,
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
@@ -94,9 +97,12 @@ struct Device {
 
 impl Device {
     /// As after power-on.
-    fn switch_on(arguments: &Arguments) -> Result<Self, String> {
+    fn switch_on(arguments: &Arguments, metadata: Option<&'static ComponentMetadata>) -> Result<Self, String> {
         let mut device = Self { app: Box::new(App::new()), settings: None, store: None };
         let app = &mut device.app;
+        if let Some(metadata) = metadata {
+            app.parts().1.set_metadata(metadata);
+        }
         if let Some(path) = &arguments.storage {
             let mut name = path.clone().into_os_string();
             name.push(".params");
@@ -152,8 +158,10 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
-    let mut device = Device::switch_on(arguments)?;
     let base = arguments.port_base;
+    // Without it ground stations show bare numbers, and that is all.
+    let metadata = metadata::serve(base + 3).inspect_err(|error| eprintln!("no parameter metadata: {error}")).ok();
+    let mut device = Device::switch_on(arguments, metadata)?;
     let mut telemetry = match arguments.udp {
         Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
         None => Telemetry::Tcp(Port::open(base)?),
@@ -172,7 +180,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         // Who is connected stays so, as on a UART.
         println!("The vehicle restarts.");
-        device = Device::switch_on(arguments)?;
+        device = Device::switch_on(arguments, metadata)?;
     }
     println!("The vehicle is switched off.");
     Ok(())

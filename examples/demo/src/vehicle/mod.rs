@@ -8,7 +8,7 @@ mod modes;
 mod params;
 mod plans;
 
-use mavstack::dialect::{MavModeFlag, MavSeverity, MavState};
+use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState};
 use mavstack::{
     CommandSlots, ControlSource, Duration, Instant, Item, ManualInput, TimeSlots, TimeSync, Vehicle, VehicleState,
 };
@@ -100,6 +100,8 @@ pub struct Quadrotor {
     /// A step reaches no more than one item.
     reached: Queue<u16, MAX_STEPS>,
     texts: Queue<(MavSeverity, &'static str), 4>,
+    /// Where its parameters are described.
+    metadata: Option<&'static ComponentMetadata>,
 }
 
 impl Quadrotor {
@@ -132,6 +134,7 @@ impl Quadrotor {
             input: ManualInput::new(ControlSource::Nobody, ManualInput::TIMEOUT),
             reached: Queue::new(),
             texts: Queue::new(),
+            metadata: None,
         }
     }
 
@@ -231,6 +234,16 @@ impl Quadrotor {
     /// [`control_step`](Self::control_step): there is room for those of one.
     pub fn take_reached(&mut self) -> Option<u16> {
         self.reached.take()
+    }
+
+    /// Where ground stations find what its parameters mean; without it they are told that there is nothing (O-1).
+    pub fn set_metadata(&mut self, metadata: &'static ComponentMetadata) {
+        self.metadata = Some(metadata);
+    }
+
+    /// Where its parameters are described.
+    pub(crate) fn metadata(&self) -> Option<&'static ComponentMetadata> {
+        self.metadata
     }
 
     /// Whether storage may be written from now on; at first it may. This vehicle's storage stops nothing while it is

@@ -1,0 +1,44 @@
+"""What the parameters mean (O-1): MAVSDK follows COMPONENT_METADATA to the file, and believes a refusal."""
+
+import json
+import queue
+import time
+
+import pytest
+from mavsdk.plugins.component_metadata import ComponentMetadata
+from mavsdk.plugins.component_metadata.component_metadata import (
+    ComponentMetadataError,
+    ComponentMetadataResult,
+    MetadataType,
+)
+from test_params import INT8, INT16, INT32, REAL32, UINT8, UINT16, UINT32, fetch
+
+TYPES = {"Uint8": UINT8, "Int8": INT8, "Uint16": UINT16, "Int16": INT16, "Uint32": UINT32, "Int32": INT32, "Float": REAL32}
+
+
+def test_the_parameters_are_described(target, system, other):
+    """The vehicle on this machine offers the files by itself; in QEMU nobody does, and it says so."""
+    metadata, available = ComponentMetadata(system), queue.Queue()
+    metadata.subscribe_metadata_available(lambda update, *_: available.put(update))
+    metadata.request_autopilot_component()
+    if target == "qemu":
+        deadline = time.monotonic() + 30
+        while True:
+            with pytest.raises(ComponentMetadataError) as refusal:
+                metadata.get_metadata(1, MetadataType.PARAMETER)
+            if refusal.value.result != ComponentMetadataResult.NOT_REQUESTED or time.monotonic() > deadline:
+                break
+            time.sleep(0.1)
+        assert refusal.value.result == ComponentMetadataResult.NOT_AVAILABLE
+        return
+    while (update := available.get(timeout=30)).type != MetadataType.PARAMETER:
+        pass
+    described = json.loads(update.json_metadata)["parameters"]
+    listed = fetch(other)
+    assert [parameter["name"] for parameter in described] == [value.name for value in listed]
+    for parameter, value in zip(described, listed):
+        assert TYPES[parameter["type"]] == value.type, parameter
+        assert parameter["min"] <= value.value <= parameter["max"], parameter
+        assert parameter["min"] <= parameter["default"] <= parameter["max"], parameter
+    cruise = next(parameter for parameter in described if parameter["name"] == "MPC_XY_CRUISE")
+    assert (cruise["units"], cruise["min"], cruise["max"]) == ("m/s", 0.5, 25.0)
