@@ -282,7 +282,9 @@ fn two_modems_tell_the_same() {
         world.uarts[1].stall_writes_until(until);
         let now = world.now();
         let eph = if round == 2 { 9.0 } else { 1.0 };
-        satellite(&mut world).sample(now, &HighLatencySample { eph, ..HighLatencySample::UNKNOWN });
+        for eph in [eph, 0.5] {
+            satellite(&mut world).sample(now, &HighLatencySample { eph, ..HighLatencySample::UNKNOWN });
+        }
         run(&mut world, PERIOD);
         let expected = if round == 2 { 90 } else { 10 };
         for link in 0..2 {
