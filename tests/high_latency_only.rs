@@ -31,6 +31,10 @@ impl Vehicle for Everything {
         self.0.manual_input()
     }
 
+    fn forwarding(&mut self) -> Option<mavstack::Forwarding<'_>> {
+        self.0.forwarding()
+    }
+
     fn high_latency(&mut self) -> Option<&mut mavstack::HighLatency> {
         self.0.high_latency()
     }
@@ -110,30 +114,37 @@ struct Line {
     front: Vec<u8>,
     /// A frame is made, and no byte of it was taken yet.
     is_made: bool,
+    /// Of our own frames.
     ids: BTreeSet<u32>,
+    /// Frames of others among them.
+    forwarded: u64,
     frames: u64,
     reports: u64,
 }
 
 impl Line {
-    /// Takes bytes off the line; the id of a frame is looked at as soon as it is there.
-    fn take(&mut self, bytes: &[u8], may_leave: impl Fn(u32) -> bool) {
+    /// Takes bytes off the line; who sends what is looked at as soon as it is there.
+    fn take(&mut self, bytes: &[u8], may_leave: impl Fn(u32, bool) -> bool) {
         for byte in bytes {
             self.front.push(*byte);
-            let (id, len) = match *self.front {
-                [0xFD, len, flags, _, _, _, _, a, b, c, ..] => {
+            let (id, source, len) = match *self.front {
+                [0xFD, len, flags, _, _, system, component, a, b, c, ..] => {
                     let signature = if flags & 1 == 1 { 13 } else { 0 };
-                    (u32::from_le_bytes([a, b, c, 0]), usize::from(len) + 12 + signature)
+                    (u32::from_le_bytes([a, b, c, 0]), [system, component], usize::from(len) + 12 + signature)
                 }
-                [0xFE, len, _, _, _, id, ..] => (u32::from(id), usize::from(len) + 8),
+                [0xFE, len, _, system, component, id, ..] => (u32::from(id), [system, component], usize::from(len) + 8),
                 _ => continue,
             };
-            assert!(may_leave(id), "message {id} on a link where it must not be");
+            let is_own = source == [1, 1];
+            assert!(may_leave(id, is_own), "message {id} on a link where it must not be");
             if self.front.len() == len {
                 self.front.clear();
                 self.frames += 1;
-                self.ids.insert(id);
-                self.reports += u64::from(id == HighLatency2::ID);
+                self.forwarded += u64::from(!is_own);
+                if is_own {
+                    self.ids.insert(id);
+                    self.reports += u64::from(id == HighLatency2::ID);
+                }
             }
         }
     }
@@ -201,6 +212,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     let mut vehicle = Everything(TestVehicle::new());
     vehicle.0.time = Some(TimeSlots::new());
     vehicle.0.manual = Some(ManualInput::new(mavstack::ControlSource::GroundStation, ManualInput::TIMEOUT));
+    vehicle.0.queues = Some(Box::default());
     vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);
     let config = HighLatencyConfig { period: secs(5), on_link_loss_after: Some(secs(2)), ..HighLatencyConfig::DEFAULT };
     vehicle.0.satellite = Some(mavstack::HighLatency::new(config));
@@ -221,8 +233,10 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 let is_new = line.front.is_empty() && !line.is_made;
                 let len = if rng.chance(0.7) { bytes.len() } else { rng.below(bytes.len() as u64 + 1) as usize };
                 line.is_made = len == 0 && !bytes.is_empty();
-                line.take(&bytes[..len], |id| match id {
-                    HighLatency2::ID => is_satellite(link) && (is_on || !is_new),
+                line.take(&bytes[..len], |id, is_own| match id {
+                    HighLatency2::ID if is_own => is_satellite(link) && (is_on || !is_new),
+                    // Of others it goes to normal links (L-5).
+                    HighLatency2::ID => !is_satellite(link),
                     id => !is_satellite(link) || ALLOWED.contains(&id),
                 });
                 stack.transmitted(id, len);
@@ -299,6 +313,7 @@ fn nothing_else_leaves_by_satellite_in_a_million_events() {
     for link in [1, 3] {
         let line = &lines[link];
         assert_eq!(line.ids, BTreeSet::from([CommandAck::ID, HighLatency2::ID]), "link {link}");
+        assert!(line.forwarded > 100, "{} commands of others", line.forwarded);
         assert!(line.frames > 5_000 && line.reports > 500, "{} frames, {} reports", line.frames, line.reports);
     }
     // Everything else was really asked for: heartbeats, streams, pings, parameters, plans, texts, identity, modes.
