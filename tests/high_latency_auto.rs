@@ -257,3 +257,21 @@ proptest! {
         }
     }
 }
+
+/// L-23: another period follows the next message; what is on stays on.
+#[test]
+fn the_period_can_be_changed_on_the_way() {
+    let mut world = world(CONFIG);
+    control(&mut world, TELEM, 1.0);
+    run(&mut world, secs(5));
+    assert_eq!(count(&mut world), 1);
+    let config = HighLatencyConfig { period: secs(2), on_link_loss_after: None, ..CONFIG };
+    satellite(&mut world).set_config(config);
+    run(&mut world, secs(14));
+    assert_eq!(count(&mut world), 0, "the next one is due after the old period");
+    run(&mut world, secs(10));
+    assert!((4..=5).contains(&count(&mut world)));
+    lose(&mut world);
+    run(&mut world, secs(10));
+    assert!(satellite(&mut world).is_on() && !satellite(&mut world).is_on_by_itself());
+}

@@ -316,6 +316,12 @@ impl HighLatency {
         self.links.contains(LinkMask::of(link))
     }
 
+    /// Takes another configuration. What is on stays on, the next message comes when it was to come, and the new period
+    /// follows it.
+    pub const fn set_config(&mut self, config: HighLatencyConfig) {
+        self.config = config;
+    }
+
     /// What it cost so far.
     pub fn counters(&self) -> HighLatencyCounters {
         self.counters
