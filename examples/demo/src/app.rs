@@ -42,6 +42,7 @@ const IDENTITY: Identity = Identity {
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
     LinkConfig::uart(115_200),
     LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard),
+    // In MAVLink 1 a report would cost a credit less; but then answers of others, in MAVLink 2, could not go that way.
     LinkConfig::uart(2_400).with_class(LinkClass::HighLatency),
 ];
 

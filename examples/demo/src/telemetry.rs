@@ -13,7 +13,7 @@ use crate::battery::Battery;
 use crate::body::Vector;
 use crate::geo::Home;
 use crate::tuning::Tuning;
-use crate::vehicle::{Mode, Quadrotor, Times};
+use crate::vehicle::{GPS_ERROR, Mode, Quadrotor, Times};
 
 /// All of it on a radio, heartbeats included, is less than 800 bytes/s: a seventh of what 57,600 bit/s carry.
 const STREAMS: &[Stream] = &[
@@ -80,7 +80,7 @@ impl Telemetry for Quadrotor {
 }
 
 impl Quadrotor {
-    fn sys_status(&self) -> SysStatus {
+    pub(crate) fn sys_status(&self) -> SysStatus {
         let battery = self.battery();
         let present = Sensor::SENSOR_3D_GYRO
             | Sensor::SENSOR_3D_ACCEL
@@ -148,8 +148,8 @@ impl Quadrotor {
             fix_type: GpsFixType::_3D_FIX,
             satellites_visible: self.tuning().get(Tuning::SIM_GPS_SATS),
             alt_ellipsoid: scaled(position.altitude + f32::from(self.tuning().get(Tuning::SIM_GEOID_SEP)), 1e3),
-            h_acc: 900,
-            v_acc: 1_400,
+            h_acc: scaled(GPS_ERROR.0, 1e3) as u32,
+            v_acc: scaled(GPS_ERROR.1, 1e3) as u32,
             vel_acc: 100,
             ..GpsRawInt::default()
         }
@@ -207,7 +207,7 @@ impl Quadrotor {
         })
     }
 
-    fn vfr_hud(&self) -> VfrHud {
+    pub(crate) fn vfr_hud(&self) -> VfrHud {
         let [_, _, yaw] = self.attitude();
         VfrHud {
             // There is no wind.

@@ -41,8 +41,12 @@ parameters! {
         GF_MAX_HOR_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
         /// The highest above home; 0: no limit.
         GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
+        /// How often HIGH_LATENCY2 goes out by satellite, while it does.
+        MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz";
         /// The system whose sticks it follows; 0: any ground station's.
         MAV_GCS_SYSID: u8 = 0, 0..=u8::MAX, "";
+        /// HIGH_LATENCY2 goes out by itself so long after the last ground station on the other links was lost; 0: never.
+        MAV_HL_LOSS_T: u16 = 0, 0..=3_600, "s";
         /// System id.
         MAV_SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
         /// Where a take-off without an altitude ends.
@@ -99,5 +103,9 @@ parameters! {
         STAT_FLIGHTS: u16 = 0, 0..=u16::MAX, "", [read_only];
         /// How long it was in the air, all flights together.
         STAT_FLIGHT_TIME: u32 = 0, 0..=u32::MAX, "s", [read_only];
+        /// What went out by satellite since the start.
+        STAT_HL_BYTES: u32 = 0, 0..=u32::MAX, "B", [read_only, volatile];
+        /// What that cost, at a credit for every 50 bytes of a message that were begun.
+        STAT_HL_CREDITS: u32 = 0, 0..=u32::MAX, "", [read_only, volatile];
     }
 }

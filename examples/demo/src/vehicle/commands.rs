@@ -76,8 +76,11 @@ impl Commands for Quadrotor {
         Some(&mut self.commands)
     }
 
-    fn set_mode(&mut self, mode: &'static FlightMode, _request: &ModeRequest) -> Outcome {
+    fn set_mode(&mut self, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
         let mode = Mode::ALL.into_iter().find(|ours| ours.number() == mode.custom_mode);
+        if mode.is_some_and(Mode::leaves_ground) && self.may_be_late(request.from.link) {
+            return self.refuse(MavResult::DENIED, "Mode refused: by satellite").into();
+        }
         mode.map_or(MavResult::UNSUPPORTED, |mode| self.change_mode(mode)).into()
     }
 
@@ -99,7 +102,10 @@ impl Quadrotor {
         let result = match command.id {
             MavCmd::COMPONENT_ARM_DISARM => {
                 let ComponentArmDisarm { arm, force } = command.decode()?;
-                self.arm_disarm(arm, force == Some(FORCE), command.is_broadcast)
+                self.arm_disarm(arm, force == Some(FORCE), command)
+            }
+            MavCmd::NAV_TAKEOFF if self.may_be_late(command.from.link) => {
+                self.refuse(MavResult::DENIED, "Takeoff refused: by satellite")
             }
             MavCmd::NAV_TAKEOFF => self.take_off(&command.decode()?)?,
             MavCmd::NAV_LAND => self.land(&command.decode()?)?,
@@ -120,7 +126,7 @@ impl Quadrotor {
         Ok(result.into())
     }
 
-    fn arm_disarm(&mut self, arms: bool, is_forced: bool, is_broadcast: bool) -> MavResult {
+    fn arm_disarm(&mut self, arms: bool, is_forced: bool, command: &Command) -> MavResult {
         if !arms {
             if self.armed && !self.is_landed() && !is_forced {
                 return self.refuse(MavResult::TEMPORARILY_REJECTED, "Disarming refused: flying");
@@ -128,8 +134,11 @@ impl Quadrotor {
             self.disarm();
             return MavResult::ACCEPTED;
         }
-        if is_broadcast {
+        if command.is_broadcast {
             return self.refuse(MavResult::DENIED, "Arming refused: sent to all vehicles");
+        }
+        if self.may_be_late(command.from.link) {
+            return self.refuse(MavResult::DENIED, "Arming refused: by satellite");
         }
         if self.is_terminated {
             return self.refuse(MavResult::FAILED, "Arming refused: flight terminated");

@@ -114,6 +114,11 @@ impl Mission {
         *self = Self { current: seq, leg: None, waiting: None, is_told: false, is_over: false, ..*self };
     }
 
+    /// What is flown now.
+    pub fn maneuver(&self) -> Option<Maneuver> {
+        self.leg.map(|leg| leg.maneuver)
+    }
+
     /// What is under way is begun again when the mission goes on; what was told is not told again.
     pub fn pause(&mut self) {
         *self = Self { leg: None, waiting: None, state: MissionState::PAUSED, ..*self };

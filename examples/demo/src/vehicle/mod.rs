@@ -7,10 +7,12 @@ mod mission;
 mod modes;
 mod params;
 mod plans;
+mod satellite;
 
 use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState};
 use mavstack::{
-    CommandSlots, ControlSource, Duration, Instant, Item, ManualInput, TimeSlots, TimeSync, Vehicle, VehicleState,
+    CommandSlots, ControlSource, Duration, ForwardQueues, Forwarding, HighLatency, Instant, Item, ManualInput,
+    TimeSlots, TimeSync, Vehicle, VehicleState,
 };
 
 use crate::app::LINKS;
@@ -24,6 +26,7 @@ use crate::tuning::Tuning;
 use ground::Reboot;
 use mission::Mission;
 pub use modes::Mode;
+pub(crate) use satellite::GPS_ERROR;
 
 /// Its physics go in steps of 10 ms.
 const STEP: Duration = Duration::from_millis(10);
@@ -97,6 +100,10 @@ pub struct Quadrotor {
     commands: CommandSlots<4>,
     clocks: TimeSlots<LINKS>,
     input: ManualInput,
+    queues: ForwardQueues<LINKS>,
+    satellite: HighLatency,
+    /// When what the satellite link reports was last looked at.
+    sampled: Instant,
     /// A step reaches no more than one item.
     reached: Queue<u16, MAX_STEPS>,
     texts: Queue<(MavSeverity, &'static str), 4>,
@@ -132,6 +139,9 @@ impl Quadrotor {
             commands: CommandSlots::new(),
             clocks: TimeSlots::new(),
             input: ManualInput::new(ControlSource::Nobody, ManualInput::TIMEOUT),
+            queues: ForwardQueues::new(),
+            satellite: HighLatency::new(satellite::CONFIG),
+            sampled: Instant::ZERO,
             reached: Queue::new(),
             texts: Queue::new(),
             metadata: None,
@@ -147,6 +157,7 @@ impl Quadrotor {
         }
         self.body.limits = Limits::of(&self.tuning);
         self.tune_sticks();
+        self.watch_satellite();
         for _ in 0..MAX_STEPS {
             if self.time.after(STEP) > now {
                 return;
@@ -521,6 +532,14 @@ impl Vehicle for Quadrotor {
 
     fn manual_input(&mut self) -> Option<&mut ManualInput> {
         Some(&mut self.input)
+    }
+
+    fn high_latency(&mut self) -> Option<&mut HighLatency> {
+        Some(&mut self.satellite)
+    }
+
+    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
+        Some(self.queues.forwarding())
     }
 }
 

@@ -50,6 +50,11 @@ impl Mode {
     pub(super) const ALL: [Self; 6] =
         [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
 
+    /// Whether it may take off in this mode.
+    pub(super) const fn leaves_ground(self) -> bool {
+        matches!(self, Self::Position | Self::Takeoff | Self::Mission)
+    }
+
     /// `HEARTBEAT.custom_mode`.
     pub const fn number(self) -> u32 {
         self as u32

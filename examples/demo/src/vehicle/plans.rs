@@ -95,6 +95,9 @@ impl Plans for Quadrotor {
         if command.is_broadcast {
             return self.refuse(MavResult::DENIED, "Mission refused: sent to all vehicles");
         }
+        if self.may_be_late(command.from.link) {
+            return self.refuse(MavResult::DENIED, "Mission refused: by satellite");
+        }
         self.fly_from_to(first, last)
     }
 }
