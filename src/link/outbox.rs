@@ -32,6 +32,23 @@ pub(crate) const fn may_leave(id: u32, class: LinkClass) -> bool {
     }
 }
 
+/// Where a message [may leave](may_leave), known when it is compiled.
+#[derive(Clone, Copy)]
+struct Places {
+    normal: bool,
+    high_latency: bool,
+}
+
+impl Places {
+    const fn of(id: u32) -> Self {
+        Self { normal: may_leave(id, LinkClass::Normal), high_latency: may_leave(id, LinkClass::HighLatency) }
+    }
+
+    fn have(self, class: LinkClass) -> bool {
+        if class == LinkClass::HighLatency { self.high_latency } else { self.normal }
+    }
+}
+
 /// Where the payload stands: behind the longer header.
 const PAYLOAD_AT: usize = Version::V2.header_len();
 
@@ -97,21 +114,21 @@ impl Outbox {
 
     /// Sends `message` in `version`, whatever the link's own (V-6).
     pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
-        if !may_leave(M::ID, self.class) {
-            event!("tx: message {=u32} is not for link {=u8}", M::ID, self.link.0);
-            return false;
-        }
         // At a constant place, whatever the version, so that the encoders need no checks.
         let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
         if payload.and_then(|payload| message.encode(payload)).is_none() {
             return false;
         }
-        self.finish(const { &M::INFO }, version)
+        self.finish(const { &M::INFO }, const { Places::of(M::ID) }, version)
     }
 
     /// Makes the payload that stands in its place a frame. Compiled once for all messages.
     #[inline(never)]
-    fn finish(&mut self, info: &MessageInfo, version: Version) -> bool {
+    fn finish(&mut self, info: &MessageInfo, places: Places, version: Version) -> bool {
+        if !places.have(self.class) {
+            event!("tx: message {=u32} is not for link {=u8}", info.id(), self.link.0);
+            return false;
+        }
         let Ok(frame) = wrap(info, version, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else { return false };
         self.seq = self.seq.wrapping_add(1);
         self.start = frame.start;
