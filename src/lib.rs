@@ -110,7 +110,8 @@
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
 //! - `plan-texts` (default): a STATUSTEXT for every plan, item and parameter that is refused, with the reason.
-//! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM.
+//! - `signing`: frames are signed and verified, see [`Signing`].
+//! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]
 #![cfg_attr(
     not(test),
@@ -153,6 +154,8 @@ pub use frame::{
     Address, ComponentId, Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, SystemId, Version,
     encode,
 };
+#[cfg(feature = "signing")]
+pub use frame::{SigningKey, encode_signed};
 pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS, Peer, TxVersion};
 pub use message::*;
 pub use network::{ForwardCounters, ForwardQueues, Forwarding, PeerInfo};
@@ -179,10 +182,14 @@ pub use service::param::{
 };
 #[doc(hidden)]
 pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
+#[cfg(feature = "signing")]
+pub use service::signing::{Accept, LinkSigning, Signing, SigningCounters, SigningMemory, SigningStream};
 pub use service::statustext::MAX_TEXT_LEN;
 pub use service::stream::{Fill, MAX_STREAMS, Stream, StreamProfile};
 pub use service::time::{ClockFilter, TimeSample, TimeSlot, TimeSlots, TimeSync, WallClock};
 pub use stack::Stack;
+#[cfg(all(feature = "storage", feature = "signing"))]
+pub use storage::SigningStore;
 #[cfg(feature = "storage")]
 pub use storage::{Fram, FramError, ParamStore, PlanStore};
 pub use time::{Duration, Instant};

@@ -14,9 +14,12 @@
 //! ```
 
 mod commands;
+#[cfg(all(feature = "storage", feature = "signing"))]
+mod key;
 mod plans;
 mod receive;
 mod routing;
+mod signing;
 #[cfg(feature = "storage")]
 mod storage;
 mod streams;
@@ -326,6 +329,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
             let peers = &mut self.peers;
             self.core.fill(&mut Context { now, peers, texts, missions, plans, vehicle, slots, seqs: &[] }, port);
+        } else {
+            // One that is sent again (G-4).
+            signing::sign(now, port, vehicle);
         }
         port.outbox.pending()
     }

@@ -59,6 +59,8 @@ pub struct Duration(u64);
 impl Duration {
     /// No time.
     pub const ZERO: Self = Self(0);
+    /// Longer than any other.
+    pub const MAX: Self = Self(u64::MAX);
 
     /// `micros` µs.
     #[inline]

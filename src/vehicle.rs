@@ -13,6 +13,8 @@ use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
 use crate::service::mode::{CustomMode, FlightMode, ModeRequest};
 use crate::service::param::Parameters;
+#[cfg(feature = "signing")]
+use crate::service::signing::Signing;
 use crate::service::stream::{Fill, Stream};
 use crate::service::time::TimeSync;
 
@@ -76,8 +78,16 @@ pub trait Vehicle {
         None
     }
 
-    /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. Its
-    /// signature, if it has one, was not verified. Nothing of a high-latency link comes here (L-4).
+    /// The vehicle's memory for signing; `None`, as at first, when it signs nothing and verifies nothing: then only links that
+    /// are [open](crate::Accept::Open) are heard.
+    #[cfg(feature = "signing")]
+    fn signing(&mut self) -> Option<&mut Signing> {
+        None
+    }
+
+    /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. With the
+    /// feature `signing` it is one that its link [accepts](crate::LinkSigning); without, a signature was not looked at. Nothing
+    /// of a high-latency link comes here (L-4).
     fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
         let _ = (frame, link);
     }

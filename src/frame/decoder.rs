@@ -234,11 +234,25 @@ impl Decoder {
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
     ) -> Option<Frame<'_>> {
+        self.next_vouched(now, messages, budget, is_known, |_| false)
+    }
+
+    /// The same. `vouches` tells whether a whole signed frame bears a right signature: then it is one, though its id is unknown
+    /// (SEC-5).
+    #[inline]
+    pub(crate) fn next_vouched(
+        &mut self,
+        now: Instant,
+        messages: MessageTable,
+        budget: &mut u32,
+        is_known: impl Fn(Address) -> bool,
+        vouches: impl Fn(&[u8]) -> bool,
+    ) -> Option<Frame<'_>> {
         if self.end.wrapping_sub(self.start) < self.need && now.since(self.grown) < IDLE {
             // Most calls end here: a piece of a frame came.
             return None;
         }
-        let (header, info) = self.advance(now, messages, budget, is_known)?;
+        let (header, info) = self.advance(now, messages, budget, is_known, vouches)?;
         let end = self.start;
         let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
         let payload = raw.get(header.version.header_len()..header.payload_end())?;
@@ -252,6 +266,7 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
+        vouches: impl Fn(&[u8]) -> bool,
     ) -> Option<(Header, Option<&'static MessageInfo>)> {
         loop {
             let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
@@ -304,8 +319,15 @@ impl Decoder {
                     self.reject(Reason::Checksum);
                 }
                 Verdict::Unknown(header) => {
-                    *budget = budget.saturating_sub(1);
                     let len = header.frame_len();
+                    if cfg!(feature = "signing") && header.is_signed() {
+                        *budget = budget.checked_sub(u32::from(header.payload_len).saturating_add(11))?;
+                        if candidate.get(..len).is_some_and(&vouches) {
+                            return Some(self.accept_unchecked(header));
+                        }
+                    } else {
+                        *budget = budget.saturating_sub(1);
+                    }
                     match candidate.get(len) {
                         _ if !is_known(header.source) => self.reject(Reason::UnknownId),
                         Some(&(STX_V1 | STX_V2)) => return Some(self.accept_unchecked(header)),

@@ -55,15 +55,16 @@ pub fn encode<M: Message>(
     let payload_at = version.header_len();
     let payload = out.get_mut(payload_at..).ok_or(EncodeError::BufferTooSmall)?;
     message.encode(payload).ok_or(EncodeError::BufferTooSmall)?;
-    let frame = wrap(const { &M::INFO }, version, source, seq, out, payload_at)?;
+    let frame = wrap(const { &M::INFO }, version, 0, source, seq, out, payload_at)?;
     Ok(frame.end)
 }
 
-/// Puts header and checksum around the untrimmed payload that stands at `payload_at`; where the frame is, is returned.
-/// Compiled once for all messages.
+/// Puts header and checksum around the untrimmed payload that stands at `payload_at`; where the frame is, is returned, without
+/// a signature that the flags announce. A v1 frame has no flags. Compiled once for all messages.
 pub(crate) fn wrap(
     info: &MessageInfo,
     version: Version,
+    incompat_flags: u8,
     source: Address,
     seq: u8,
     out: &mut [u8],
@@ -77,7 +78,7 @@ pub(crate) fn wrap(
         Version::V2 => {
             let payload_len = trimmed_len(payload, info.max_len());
             *header.last_chunk_mut::<10>().ok_or(too_small)? =
-                [STX_V2, payload_len, 0, 0, seq, system, component, id0, id1, id2];
+                [STX_V2, payload_len, incompat_flags, 0, seq, system, component, id0, id1, id2];
             payload_len
         }
         Version::V1 => {

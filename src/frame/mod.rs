@@ -7,10 +7,16 @@
 pub(crate) mod crc;
 mod decoder;
 mod encoder;
+#[cfg(feature = "signing")]
+mod signing;
 
 pub use decoder::{Decoder, RxCounters};
 pub(crate) use encoder::wrap;
 pub use encoder::{EncodeError, encode};
+#[cfg(feature = "signing")]
+pub(crate) use signing::MAX_TIMESTAMP;
+#[cfg(feature = "signing")]
+pub use signing::{SigningKey, encode_signed};
 
 use crate::message::{Message, MessageInfo};
 

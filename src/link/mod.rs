@@ -16,6 +16,8 @@ use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
 use crate::service::mission::Replies;
 use crate::service::param;
+#[cfg(feature = "signing")]
+use crate::service::signing::LinkSigning;
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
 use crate::time::Instant;
@@ -77,6 +79,9 @@ pub struct LinkConfig {
     /// Whether frames that come by this link are forwarded, and those of others to it, by a vehicle that
     /// [forwards](crate::Vehicle::forwarding) at all.
     pub forwards: bool,
+    /// Which frames it accepts, and whether it signs.
+    #[cfg(feature = "signing")]
+    pub signing: LinkSigning,
 }
 
 impl LinkConfig {
@@ -88,7 +93,17 @@ impl LinkConfig {
             bytes_per_second: baud / 10,
             streams: StreamProfile::Radio,
             forwards: true,
+            #[cfg(feature = "signing")]
+            signing: LinkSigning::OPEN,
         }
+    }
+
+    /// The same link, with what it does about signatures: [`LinkSigning::OPEN`] at first.
+    #[cfg(feature = "signing")]
+    #[must_use]
+    pub const fn with_signing(mut self, signing: LinkSigning) -> Self {
+        self.signing = signing;
+        self
     }
 
     /// The same link, taking part in forwarding, as at first, or not.

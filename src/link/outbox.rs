@@ -3,6 +3,8 @@
 use super::{LinkClass, LinkId};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
 use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
+#[cfg(feature = "signing")]
+use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
 use crate::message::{Message, MessageInfo};
 
 /// Room for one outbound frame. Services write into it only while it is empty.
@@ -15,10 +17,26 @@ pub(crate) struct Outbox {
     version: Version,
     seq: u8,
     bytes: [u8; MAX_FRAME_LEN],
+    /// Whether the next frame says that it is signed.
+    #[cfg(feature = "signing")]
+    signs: bool,
+    #[cfg(feature = "signing")]
+    signature: Signature,
     /// The frame is `bytes[start..end]`, and what of it was sent ends at `sent`.
     start: usize,
     end: usize,
     sent: usize,
+}
+
+/// What of a signature the frame has.
+#[cfg(feature = "signing")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Signature {
+    /// None of ours.
+    None,
+    /// It says that it has one.
+    Due,
+    Made,
 }
 
 /// Whether a message may leave on a link of `class`: on a high-latency link only commands, their answers and HIGH_LATENCY2,
@@ -61,6 +79,10 @@ impl Outbox {
         version: Version::V1,
         seq: 0,
         bytes: [0; MAX_FRAME_LEN],
+        #[cfg(feature = "signing")]
+        signs: false,
+        #[cfg(feature = "signing")]
+        signature: Signature::None,
         start: 0,
         end: 0,
         sent: 0,
@@ -101,6 +123,29 @@ impl Outbox {
         may_leave(id, self.class) && (id <= 255 || self.version == Version::V2)
     }
 
+    /// Whether frames say from now on that they are signed. Each [needs a signature](Self::needs_signature) then.
+    #[cfg(feature = "signing")]
+    pub(crate) const fn set_signs(&mut self, signs: bool) {
+        self.signs = signs;
+    }
+
+    /// Whether the frame is to be [signed](Self::sign) before it leaves.
+    #[cfg(feature = "signing")]
+    pub(crate) fn needs_signature(&self) -> bool {
+        self.signature == Signature::Due && !self.is_empty()
+    }
+
+    /// Signs the frame, with the number of the link. Without a key it is given up.
+    #[cfg(feature = "signing")]
+    pub(crate) fn sign(&mut self, key: Option<&SigningKey>, timestamp: u64) {
+        let end = key.and_then(|key| key.sign(&mut self.bytes, self.start..self.end, self.link.0, timestamp));
+        self.signature = Signature::Made;
+        match end {
+            Some(end) => self.end = end,
+            None => self.sent = self.end,
+        }
+    }
+
     /// The sequence number of the next frame.
     pub(crate) const fn seq(&self) -> u8 {
         self.seq
@@ -129,7 +174,17 @@ impl Outbox {
             event!("tx: message {=u32} is not for link {=u8}", info.id(), self.link.0);
             return false;
         }
-        let Ok(frame) = wrap(info, version, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else { return false };
+        #[cfg(feature = "signing")]
+        let flags = if self.signs && version == Version::V2 { INCOMPAT_SIGNED } else { 0 };
+        #[cfg(not(feature = "signing"))]
+        let flags = 0;
+        let Ok(frame) = wrap(info, version, flags, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else {
+            return false;
+        };
+        #[cfg(feature = "signing")]
+        {
+            self.signature = if flags == 0 { Signature::None } else { Signature::Due };
+        }
         self.seq = self.seq.wrapping_add(1);
         self.start = frame.start;
         self.sent = frame.start;
@@ -150,6 +205,10 @@ impl Outbox {
             return false;
         }
         (self.start, self.sent, self.end) = (0, 0, len);
+        #[cfg(feature = "signing")]
+        {
+            self.signature = Signature::None;
+        }
         true
     }
 
@@ -173,6 +232,11 @@ impl Outbox {
     pub(crate) fn restart(&mut self) {
         if self.is_empty() {
             return;
+        }
+        #[cfg(feature = "signing")]
+        if self.signature == Signature::Made {
+            self.end = self.end.saturating_sub(SIGNATURE_LEN);
+            self.signature = Signature::Due;
         }
         let frame = self.bytes.get(self.start..self.end).unwrap_or_default();
         let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);

@@ -13,6 +13,8 @@ pub mod manual_control;
 pub mod mission;
 pub mod mode;
 pub mod param;
+#[cfg(feature = "signing")]
+pub mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;

@@ -1,7 +1,6 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
-use super::routing::may_learn;
-use super::{Context, Core, count, count_drop, streams};
+use super::{Context, Core, count, count_drop, signing, streams};
 use crate::config::RxAllowance;
 use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
 use crate::frame::{Address, Frame};
@@ -30,7 +29,10 @@ impl Core {
         let Link { decoder, port } = link;
         while allowance.frames > 0 {
             let is_known = |address| network::is_known(context.peers, address);
-            let Some(frame) = decoder.next(context.now, messages, &mut allowance.work, is_known) else { return };
+            let key = signing::key_of(context.vehicle);
+            let vouches = |raw: &[u8]| signing::vouches_for(raw, key);
+            let next = decoder.next_vouched(context.now, messages, &mut allowance.work, is_known, vouches);
+            let Some(frame) = next else { return };
             allowance.frames = allowance.frames.saturating_sub(1);
             let copied = self.on_frame(context, port, &frame);
             allowance.work = allowance.work.saturating_sub(copied);
@@ -48,7 +50,9 @@ impl Core {
         let own = self.config.address.get();
         if frame.source() == own {
             count_drop(&mut port.counters.own_address, frame, "our own address");
-            if port.is_conflict(frame.header().seq, context.seqs) {
+            if signing::believes_unsigned(port, frame.id(), context.vehicle)
+                && port.is_conflict(frame.header().seq, context.seqs)
+            {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
                 // Not made where there is no room for texts, and not linked.
                 if context.texts.has_slots() {
@@ -60,7 +64,12 @@ impl Core {
             return 0;
         }
         let from = Peer { address: frame.source(), link: port.id };
+        // One that is not accepted is forwarded all the same; nothing is learned from it, and nothing done.
+        let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
         let passage = self.examine(context, port, frame);
+        if !is_accepted {
+            return self.pass_on(context, port, frame, passage, None);
+        }
         if !frame.is_checked() {
             count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
             network::on_unchecked(context.peers, from, frame.header().seq);
@@ -71,15 +80,14 @@ impl Core {
             return 0;
         }
         port.heard(frame.header().version);
-        let booking = may_learn(frame).then(|| {
-            network::on_frame(context.peers, context.now, (port.id, port.config.class), frame, context.vehicle)
-        });
+        let class = port.config.class;
+        let booking = network::on_frame(context.peers, context.now, (port.id, class), frame, context.vehicle);
         match booking {
-            Some(Booking::Evicted) => count(&mut port.counters.evicted_peers),
-            Some(Booking::NoRoom) => count(&mut port.counters.no_peer_slot),
-            Some(Booking::Kept) | None => {}
+            Booking::Evicted => count(&mut port.counters.evicted_peers),
+            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
+            Booking::Kept => {}
         }
-        let copied = self.pass_on(context, port, frame, passage, booking);
+        let copied = self.pass_on(context, port, frame, passage, Some(booking));
         if passage != Passage::Again {
             self.serve(context, port, frame);
         }
@@ -141,6 +149,7 @@ impl Core {
         } else if frame.id() != Heartbeat::ID
             && !streams::on_frame(context, port, frame)
             && !time::on_frame(context.now, port, frame, context.vehicle)
+            && !signing::on_frame(context.now, port, frame, target.system == own.system, context.vehicle)
             && !manual_control::on_frame(context.now, from, frame, target.system.0 == 0, context.peers, context.vehicle)
         {
             context.vehicle.message(frame, port.id);

@@ -94,8 +94,3 @@ impl Core {
         sent
     }
 }
-
-/// Whether the way to a frame's sender may be learned from it: not from one whose signature the link does not accept.
-pub(super) fn may_learn(_frame: &Frame<'_>) -> bool {
-    true
-}

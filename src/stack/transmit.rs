@@ -1,6 +1,6 @@
 //! What a link sends next: the services in a fixed order (D-4), one frame at a time, and when there is something to send.
 
-use super::{Context, Core, count};
+use super::{Context, Core, count, signing};
 use crate::dialect::Heartbeat;
 use crate::link::{LinkClass, LinkMask, Port, Transport};
 use crate::service::high_latency;
@@ -16,8 +16,9 @@ impl Core {
     pub(super) fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
         let now = context.now;
         port.bucket.drain(now);
+        signing::prepare(port, context.vehicle);
         let is_normal = port.config.class != LinkClass::HighLatency;
-        let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
+        let sent = (is_normal && (self.heartbeat(now, port, context.vehicle) || signing::next(port, context.vehicle)))
             || command::next(port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
@@ -26,6 +27,7 @@ impl Core {
             || (port.config.class == LinkClass::HighLatency && self.high_latency(now, port, context.vehicle))
             || self.share(context, port);
         if sent {
+            signing::sign(now, port, context.vehicle);
             count(&mut port.counters.tx_frames);
             high_latency::count(port, context.vehicle);
         }

@@ -1,6 +1,6 @@
 //! Records that survive power loss, in NOR flash and in FRAM.
 //!
-//! [`PlanStore`] keeps the plans, [`ParamStore`] the parameters, over anything that is
+//! [`PlanStore`] keeps the plans, [`ParamStore`] the parameters, `SigningStore` the signing key, over anything that is
 //! [`NorFlash`](embedded_storage::nor_flash::NorFlash): the microcontroller's own flash, a chip beside it, or an FRAM by
 //! [`Fram`]. Writing goes in bounded steps; whatever moment the power goes, the restarted vehicle has exactly what was
 //! complete before, or exactly the new.
@@ -9,6 +9,8 @@ mod fram;
 mod params;
 mod plans;
 mod record;
+#[cfg(feature = "signing")]
+mod signing;
 
 #[cfg(test)]
 mod tests;
@@ -17,3 +19,5 @@ pub use fram::{Fram, FramError};
 pub use params::ParamStore;
 pub use plans::PlanStore;
 pub(crate) use record::Step;
+#[cfg(feature = "signing")]
+pub use signing::SigningStore;

@@ -118,15 +118,15 @@ def main():
     print(f"{OUTPUT}: {next(sequence)} frames, {len(out)} bytes")
 
 
-def enter_environment():
-    """Runs this script again, with the pinned packages."""
+def enter_environment(script):
+    """Runs a script again, with the pinned packages."""
     directory = os.path.join(os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target")), "golden")
     python = os.path.join(directory, "Scripts" if os.name == "nt" else "bin", "python")
     if not os.path.exists(python):
         venv.create(directory, with_pip=True)
     subprocess.run([python, "-m", "pip", "install", "--quiet", *PINNED], check=True)
-    sys.exit(subprocess.run([python, os.path.abspath(__file__), "--inside"]).returncode)
+    sys.exit(subprocess.run([python, script, "--inside"]).returncode)
 
 
 if __name__ == "__main__":
-    main() if sys.argv[1:] == ["--inside"] else enter_environment()
+    main() if sys.argv[1:] == ["--inside"] else enter_environment(os.path.abspath(__file__))

@@ -66,6 +66,9 @@ pub struct TestVehicle {
     pub clock: WallClock,
     /// Its high-latency links' memory; `None` when only commands travel there.
     pub satellite: Option<HighLatency>,
+    /// Signs; `None` when it does not.
+    #[cfg(feature = "signing")]
+    pub signing: Option<mavstack::SigningMemory>,
     /// Its parameters.
     pub tuning: Tuning,
     /// Whether plans may be changed.
@@ -108,6 +111,8 @@ impl TestVehicle {
             manual: None,
             satellite: None,
             clock: WallClock::new(),
+            #[cfg(feature = "signing")]
+            signing: None,
             tuning: Tuning::new(),
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
@@ -168,6 +173,11 @@ impl Vehicle for TestVehicle {
 
     fn forwarding(&mut self) -> Option<Forwarding<'_>> {
         self.queues.as_mut().map(|queues| queues.forwarding())
+    }
+
+    #[cfg(feature = "signing")]
+    fn signing(&mut self) -> Option<&mut mavstack::Signing> {
+        self.signing.as_mut().map(|signing| signing as &mut mavstack::Signing)
     }
 
     fn peer(&mut self, event: PeerEvent) {

@@ -1,0 +1,444 @@
+//! Message signing: who speaks, and that he speaks now.
+//!
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-16. A received frame is judged before any
+//! service sees it:
+//!
+//! ```text
+//!   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ may it be, on this link? ── no ──▶ refused
+//!                     │ yes                                          │ yes
+//!                     ▼                                              ▼
+//!             right signature? ── yes ──▶ newer than all before it? ── yes ──▶ served; its time is ours at least
+//!                     │ no                           │ no
+//!                     ▼                              ▼
+//!               bad signature                replayed, too old, no place
+//! ```
+//!
+//! - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason, and forwarded where
+//!   frames are forwarded (R-10).
+//! - **Time** is one for all links: it runs with the clock, never goes back, and is never used twice. It starts where storage
+//!   says, and is moved forward by the vehicle, who may know the time of day, and by peers whose signatures are right (G-6, G-14).
+//! - **Streams**: a stream is known by who sends it and by his own number for the link. Of a known one each frame has to be
+//!   newer than the one before, a new one may begin a minute behind our time. When the table is full, one that was silent for
+//!   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
+//!   out for longer than that.
+//! - **After a restart** streams are known no more, and time begins up to a minute ahead of where it was (G-15). So what was
+//!   recorded in the last minute before a restart may be accepted a second time, as in every implementation; a vehicle that
+//!   minds refuses what matters for a minute.
+//!
+//! The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
+
+mod policy;
+mod setup;
+mod streams;
+
+pub use policy::{Accept, LinkSigning};
+pub(crate) use setup::{next, on_frame};
+pub use streams::SigningStream;
+
+use core::ops::{Deref, DerefMut};
+
+use crate::dialect::SetupSigning;
+use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey, Version};
+use crate::link::{LinkId, Port};
+use crate::message::Message;
+use crate::time::{Duration, Instant};
+use crate::vehicle::Vehicle;
+use setup::Answer;
+use streams::Stale;
+
+/// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
+const EPOCH: u64 = 1_420_070_400;
+
+/// So far ahead the timestamp is stored (10 µs): what a restart skips at most (G-15).
+#[cfg(feature = "storage")]
+const RESERVATION: u64 = streams::MINUTE;
+
+/// So long before it is reached the next one is stored (10 µs): longer than writing takes.
+#[cfg(feature = "storage")]
+const AHEAD: u64 = 500_000;
+
+/// After storage failed it is left alone for so long.
+#[cfg(feature = "storage")]
+const RETRY: Duration = Duration::from_secs(10);
+
+/// What was accepted and refused, on all links. Numbers wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SigningCounters {
+    /// Frames with a right signature that are newer than those before them.
+    pub verified: u32,
+    /// Unsigned frames on a link that does not accept them (G-9).
+    pub unsigned: u32,
+    /// Frames whose signature was not made with our key, or not of these bytes (G-10).
+    pub bad_signature: u32,
+    /// Frames with a right signature, but not newer than the last one of their stream (G-6).
+    pub replayed: u32,
+    /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6).
+    pub too_old: u32,
+    /// Frames with a right signature that would begin a stream, for which the table has no place (G-8).
+    pub no_stream_slot: u32,
+    /// Times of [`set_time`](Signing::set_time) that were too far ahead (G-14).
+    pub refused_times: u32,
+    /// SETUP_SIGNING that was carried out.
+    pub setups: u32,
+    /// SETUP_SIGNING that was accepted on its link, and not carried out (G-11).
+    pub refused_setups: u32,
+}
+
+/// The vehicle's memory for signing with a table of `STREAMS` streams: see [`Signing`].
+pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STREAMS]>;
+
+/// The vehicle's memory for signing: the key, the time, and who was heard when. The vehicle keeps it and hands it to the stack
+/// by [`Vehicle::signing`](crate::Vehicle::signing); what a link does stands in its [`LinkSigning`]. It takes no part as long as
+/// there is no key.
+///
+/// Key and time survive a restart in a [`SigningStore`](crate::SigningStore) (feature `storage`), or in what the firmware has
+/// for it: [`timestamp`](Self::timestamp) at least once a minute, a minute ahead.
+///
+/// ```
+/// use mavstack::{Duration, Instant, Signing, SigningKey, SigningMemory, Vehicle, VehicleState};
+///
+/// struct Rover { signing: SigningMemory }
+///
+/// impl Vehicle for Rover {
+///     fn state(&self) -> Option<VehicleState> {
+///         None
+///     }
+///
+///     fn signing(&mut self) -> Option<&mut Signing> {
+///         Some(&mut self.signing)
+///     }
+/// }
+///
+/// let mut rover = Rover { signing: SigningMemory::new() };
+/// // At start, unless it is stored:
+/// rover.signing.set_key(Instant::ZERO, SigningKey::new([0x42; 32]), 0);
+/// // When the satellite receiver knows the time, on the ground:
+/// let unix_usec = 1_750_000_000_000_000;
+/// assert!(rover.signing.set_time(Instant::from_millis(2_000), unix_usec, Duration::MAX));
+/// ```
+#[derive(Clone)]
+pub struct Signing<S: ?Sized = [SigningStream]> {
+    key: Option<SigningKey>,
+    /// The timestamp at boot; with the clock it makes the time.
+    boot: u64,
+    /// The last one that was sent; time does not fall behind it.
+    last: u64,
+    /// What somebody is to be told of his SETUP_SIGNING.
+    answer: Option<(LinkId, Answer)>,
+    counters: SigningCounters,
+    #[cfg(feature = "storage")]
+    saving: Saving,
+    streams: S,
+}
+
+/// Where the storing stands.
+#[cfg(feature = "storage")]
+#[derive(Clone, Copy, Debug)]
+struct Saving {
+    /// The timestamp that is stored: none beyond it is in use, if storage keeps up.
+    reserved: u64,
+    /// The one that is being stored.
+    next: Option<u64>,
+    /// Counts what is to be stored.
+    job: u32,
+    /// Whether the key is not stored yet.
+    is_new: bool,
+    /// Not before this moment.
+    rests_until: Instant,
+}
+
+impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
+    /// No key: nothing is signed, and nothing can be verified.
+    pub const fn new() -> Self {
+        Self {
+            key: None,
+            boot: 0,
+            last: 0,
+            answer: None,
+            counters: SigningCounters {
+                verified: 0,
+                unsigned: 0,
+                bad_signature: 0,
+                replayed: 0,
+                too_old: 0,
+                no_stream_slot: 0,
+                refused_times: 0,
+                setups: 0,
+                refused_setups: 0,
+            },
+            #[cfg(feature = "storage")]
+            saving: Saving { reserved: 0, next: None, job: 0, is_new: false, rests_until: Instant::ZERO },
+            streams: [SigningStream::NONE; STREAMS],
+        }
+    }
+}
+
+impl<const STREAMS: usize> Default for Signing<[SigningStream; STREAMS]> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The logic works on the unsized form, so the number of streams is compiled once.
+impl<const STREAMS: usize> Deref for Signing<[SigningStream; STREAMS]> {
+    type Target = Signing;
+
+    fn deref(&self) -> &Signing {
+        self
+    }
+}
+
+impl<const STREAMS: usize> DerefMut for Signing<[SigningStream; STREAMS]> {
+    fn deref_mut(&mut self) -> &mut Signing {
+        self
+    }
+}
+
+/// Without the key, and without the time, which tells nothing.
+impl<S: ?Sized> core::fmt::Debug for Signing<S> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Signing")
+            .field("is_active", &self.key.is_some())
+            .field("counters", &self.counters)
+            .finish_non_exhaustive()
+    }
+}
+
+/// What a frame's signature says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    /// Right, and new.
+    Verified,
+    /// Nothing: it has none, or there is no key.
+    Unsigned,
+    /// Wrong, or of a frame that is too old. Counted.
+    Bad,
+}
+
+impl Signing {
+    /// Whether there is a key.
+    pub const fn is_active(&self) -> bool {
+        self.key.is_some()
+    }
+
+    /// What was accepted and refused.
+    pub const fn counters(&self) -> &SigningCounters {
+        &self.counters
+    }
+
+    /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): what the next signed frame bears at least. It is no time of day: without
+    /// somebody who knew that, it began where it was last.
+    pub fn timestamp(&self, now: Instant) -> u64 {
+        self.last.max(self.boot.saturating_add(ticks(now))).min(MAX_TIMESTAMP)
+    }
+
+    /// Signs with `key` from now on, and accepts what was signed with it; the time is moved forward to `timestamp` (10 µs since
+    /// 2015-01-01), if it is not there yet. Another key than before forgets the streams (G-11).
+    pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
+        if !self.key.as_ref().is_some_and(|old| old.is_same(&key)) {
+            self.streams.fill(SigningStream::NONE);
+        }
+        self.key = Some(key);
+        self.advance(now, timestamp);
+        self.is_to_be_stored();
+        event!("signing: key set");
+    }
+
+    /// Signs no longer, and forgets key, streams and time: a new key begins at the time that comes with it.
+    pub fn clear_key(&mut self) {
+        self.key = None;
+        self.streams.fill(SigningStream::NONE);
+        (self.boot, self.last) = (0, 0);
+        self.is_to_be_stored();
+        event!("signing: off");
+    }
+
+    /// It is `unix_usec` µs after the beginning of 1970 in UTC at `now`: moves the time forward to that (G-4), never back. False,
+    /// and counted, when that would be by more than `max_step`; nothing happens then (G-14).
+    ///
+    /// Whoever can pretend a time far ahead, as with a satellite receiver, can make the vehicle refuse everybody whose clock
+    /// is right. So a clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]), a satellite receiver on the
+    /// ground by some days, in flight by some seconds.
+    pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
+        let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000)) / 10;
+        let step = timestamp.saturating_sub(self.timestamp(now));
+        if step > max_step.as_micros() / 10 || timestamp > MAX_TIMESTAMP {
+            count(&mut self.counters.refused_times);
+            event!("signing: time refused");
+            return false;
+        }
+        self.advance(now, timestamp);
+        true
+    }
+
+    /// Moves the time forward (G-6).
+    fn advance(&mut self, now: Instant, timestamp: u64) {
+        self.boot = self.boot.max(timestamp.min(MAX_TIMESTAMP).saturating_sub(ticks(now)));
+    }
+
+    /// The timestamp of a frame that is signed now: one more than the last one at least (G-4).
+    fn stamp(&mut self, now: Instant) -> u64 {
+        self.last = self.timestamp(now).max(self.last.saturating_add(1)).min(MAX_TIMESTAMP);
+        self.last
+    }
+
+    /// Judges a frame, and learns from one that is accepted for its signature (G-6, G-7).
+    fn judge(&mut self, now: Instant, frame: &Frame<'_>) -> Verdict {
+        let (Some(key), Some(signature)) = (&self.key, frame.signature()) else { return Verdict::Unsigned };
+        if !frame.is_signed_with(key) {
+            return self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
+        }
+        let (local, timestamp) = (self.timestamp(now), signature.timestamp);
+        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, local) {
+            Ok(()) => {
+                self.advance(now, timestamp);
+                count(&mut self.counters.verified);
+                Verdict::Verified
+            }
+            Err(Stale::Replayed) => self.refuse(frame, |counters| &mut counters.replayed, "replayed"),
+            Err(Stale::Old) => self.refuse(frame, |counters| &mut counters.too_old, "too old"),
+            Err(Stale::NoRoom) => {
+                self.refuse(frame, |counters| &mut counters.no_stream_slot, "no place for its stream")
+            }
+        }
+    }
+
+    fn refuse(
+        &mut self,
+        frame: &Frame<'_>,
+        counter: fn(&mut SigningCounters) -> &mut u32,
+        reason: &'static str,
+    ) -> Verdict {
+        event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), frame.source(), reason);
+        count(counter(&mut self.counters));
+        Verdict::Bad
+    }
+
+    /// Whether a frame is accepted on a link that does as `link` says.
+    fn admits(&mut self, now: Instant, link: &LinkSigning, frame: &Frame<'_>) -> bool {
+        match self.judge(now, frame) {
+            Verdict::Verified => true,
+            Verdict::Bad => false,
+            Verdict::Unsigned => {
+                let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
+                let is_taken = is_first_key || link.accept.takes_unsigned(frame.id(), self.is_active());
+                if !is_taken {
+                    self.refuse(frame, |counters| &mut counters.unsigned, "unsigned");
+                }
+                is_taken
+            }
+        }
+    }
+
+    #[cfg_attr(not(feature = "storage"), allow(clippy::unused_self, reason = "nothing is stored"))]
+    const fn is_to_be_stored(&mut self) {
+        #[cfg(feature = "storage")]
+        {
+            (self.saving.is_new, self.saving.next) = (true, None);
+        }
+    }
+}
+
+/// What the store asks (G-13, G-15).
+#[cfg(feature = "storage")]
+impl Signing {
+    /// What was stored: time begins there.
+    pub(crate) fn restore(&mut self, now: Instant, key: Option<SigningKey>, timestamp: u64) {
+        self.streams.fill(SigningStream::NONE);
+        self.key = key;
+        (self.boot, self.last) = (0, timestamp.min(MAX_TIMESTAMP));
+        self.advance(now, timestamp);
+        (self.saving.is_new, self.saving.next, self.saving.reserved) = (false, None, timestamp);
+    }
+
+    /// What is to be stored by now: a number for it. The same number, the same content.
+    pub(crate) fn unsaved(&mut self, now: Instant) -> Option<u32> {
+        if now < self.saving.rests_until {
+            return None;
+        }
+        let time = self.timestamp(now);
+        if self.saving.next.is_none() {
+            let is_due = self.is_active() && time.saturating_add(AHEAD) >= self.saving.reserved;
+            if !is_due && !self.saving.is_new {
+                return None;
+            }
+            self.saving.next = Some(if self.is_active() { time.saturating_add(RESERVATION) } else { 0 });
+            self.saving.is_new = false;
+            self.saving.job = self.saving.job.wrapping_add(1);
+        }
+        Some(self.saving.job)
+    }
+
+    /// The content of the job: the key, and the timestamp to begin with.
+    pub(crate) fn content(&self) -> (Option<&SigningKey>, u64) {
+        (self.key.as_ref(), self.saving.next.unwrap_or(0))
+    }
+
+    /// It is stored.
+    pub(crate) const fn saved(&mut self) {
+        if let Some(timestamp) = self.saving.next.take() {
+            self.saving.reserved = timestamp;
+        }
+    }
+
+    /// It is not, and is tried again later.
+    pub(crate) fn not_saved(&mut self, now: Instant) {
+        (self.saving.is_new, self.saving.next) = (true, None);
+        self.saving.rests_until = now.after(RETRY);
+    }
+}
+
+/// Whether a frame is accepted on its link: asked once for each frame, before anything is learned from it or done about it.
+pub(crate) fn admits(now: Instant, port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
+    let link = &port.config.signing;
+    match vehicle.signing() {
+        Some(signing) => signing.admits(now, link, frame),
+        None => link.accept == Accept::Open,
+    }
+}
+
+/// Whether what an unsigned frame says is believed on this link.
+pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle) -> bool {
+    let has_key = vehicle.signing().is_some_and(|signing| signing.is_active());
+    port.config.signing.accept.takes_unsigned(id, has_key)
+}
+
+/// Whether a frame with an unknown id is a frame, for its signature is right (SEC-5). Not whether it is accepted.
+pub(crate) fn vouches_for(raw: &[u8], key: Option<&SigningKey>) -> bool {
+    key.is_some_and(|key| key.has_signed(raw))
+}
+
+/// The key that [`vouches_for`] needs.
+pub(crate) fn key_of(vehicle: &mut impl Vehicle) -> Option<&SigningKey> {
+    vehicle.signing()?.key.as_ref()
+}
+
+/// Has what is sent next signed, if the link signs and there is a key. Then it is MAVLink 2 (V-3).
+pub(crate) fn prepare(port: &mut Port, vehicle: &mut impl Vehicle) {
+    let Some(signing) = vehicle.signing() else { return };
+    let signs = signing.is_active() && port.config.signing.signs();
+    port.outbox.set_signs(signs);
+    if signs {
+        port.outbox.set_version(Version::V2);
+    }
+}
+
+/// Signs the frame that is about to leave, if it needs it: a new one, or one that is sent from its start again (G-4). Without
+/// a key it does not leave.
+pub(crate) fn sign(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
+    let Some(signing) = vehicle.signing() else { return };
+    if port.outbox.needs_signature() {
+        let timestamp = signing.stamp(now);
+        port.outbox.sign(signing.key.as_ref(), timestamp);
+    }
+}
+
+/// Units of 10 µs since boot.
+const fn ticks(now: Instant) -> u64 {
+    now.as_micros() / 10
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}

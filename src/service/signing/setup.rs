@@ -1,0 +1,112 @@
+//! SETUP_SIGNING: somebody sets the key, or takes it away (G-11, G-12).
+//!
+//! Only on a link that is made for it, for this component by its system's number, and while the vehicle is disarmed. The message
+//! has no acknowledgement, and a ground station that turns its own signing on by hope alone goes deaf. So what was accepted is
+//! answered at once by a HEARTBEAT, signed with the new key, or unsigned when there is none any longer, and by a text; what
+//! was refused by an unsigned text.
+
+use zeroize::Zeroize;
+
+use super::{Signing, count};
+use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning, Statustext};
+use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey};
+use crate::link::Port;
+use crate::message::{Message, Text};
+use crate::time::Instant;
+use crate::vehicle::Vehicle;
+
+/// What somebody is told of his SETUP_SIGNING.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(super) enum Answer {
+    Set,
+    Off,
+    Armed,
+    Place,
+    Time,
+}
+
+impl Answer {
+    const fn is_refusal(self) -> bool {
+        !matches!(self, Self::Set | Self::Off)
+    }
+
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Set => "Signing key set",
+            Self::Off => "Signing is off",
+            Self::Armed => "Signing not changed: vehicle is armed",
+            Self::Place => "Signing not changed: not by this link",
+            Self::Time => "Signing not changed: bad timestamp",
+        }
+    }
+}
+
+/// Takes SETUP_SIGNING, where the vehicle has a memory for signing. False for other messages, and where it has none. `is_ours`:
+/// whether the frame is for our system by its number.
+pub(crate) fn on_frame(
+    now: Instant,
+    port: &mut Port,
+    frame: &Frame<'_>,
+    is_ours: bool,
+    vehicle: &mut impl Vehicle,
+) -> bool {
+    if frame.id() != SetupSigning::ID {
+        return false;
+    }
+    // What the vehicle is doing is not known in a fault.
+    let is_disarmed = vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
+    let Some(signing) = vehicle.signing() else { return false };
+    if !is_ours {
+        event!("SETUP_SIGNING dropped: not for everyone");
+        count(&mut port.counters.out_of_place);
+        return true;
+    }
+    if signing.answer.is_some() {
+        event!("SETUP_SIGNING dropped: no room for its answer");
+        count(&mut port.counters.no_answer_slot);
+        return true;
+    }
+    let answer = match frame.decode::<SetupSigning>() {
+        _ if !port.config.signing.provisioning => Answer::Place,
+        _ if !is_disarmed => Answer::Armed,
+        Some(mut setup) => {
+            let answer = set_up(signing, now, &setup);
+            setup.secret_key.zeroize();
+            answer
+        }
+        None => return true,
+    };
+    signing.answer = Some((port.id, answer));
+    if answer.is_refusal() {
+        count(&mut signing.counters.refused_setups);
+    } else {
+        count(&mut signing.counters.setups);
+        port.heartbeat.postpone(now);
+    }
+    true
+}
+
+fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
+    if setup.initial_timestamp == 0 && setup.secret_key.iter().all(|byte| *byte == 0) {
+        signing.clear_key();
+        return Answer::Off;
+    }
+    if setup.initial_timestamp > MAX_TIMESTAMP {
+        return Answer::Time;
+    }
+    signing.set_key(now, SigningKey::new(setup.secret_key), setup.initial_timestamp);
+    Answer::Set
+}
+
+/// Sends the text that somebody on this link is owed. False when nobody is.
+pub(crate) fn next(port: &mut Port, vehicle: &mut impl Vehicle) -> bool {
+    let Some(signing) = vehicle.signing() else { return false };
+    let Some((_, answer)) = signing.answer.take_if(|(link, _)| *link == port.id) else { return false };
+    let severity = if answer.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
+    if answer.is_refusal() {
+        // Who has another key reads it too.
+        port.outbox.set_signs(false);
+    }
+    port.outbox.send(&Statustext { severity, text: Text::new(answer.text()), ..Statustext::default() })
+}

@@ -1,0 +1,135 @@
+//! Streams of signed frames: who has sent what last, so that nothing is accepted twice (G-6, G-8).
+
+use crate::frame::Address;
+
+/// A minute in units of 10 µs: so far behind our own time may a new stream begin (G-6).
+pub(super) const MINUTE: u64 = 6_000_000;
+
+/// One stream: what one component sends over one of its links (G-5).
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SigningStream {
+    /// System 0 where there is none.
+    source: Address,
+    link_id: u8,
+    /// Of the last frame.
+    timestamp: u64,
+}
+
+/// Why a frame with a right signature is not accepted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stale {
+    /// The stream has gone beyond it.
+    Replayed,
+    /// A stream that is not known, more than a minute behind.
+    Old,
+    /// A stream that is not known, and each place has one that is needed.
+    NoRoom,
+}
+
+impl SigningStream {
+    /// No stream.
+    pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: 0 };
+}
+
+/// Enters a frame with a right signature, at the local time `local`.
+///
+/// In a full table the stream that was silent longest gives way if it was for more than a minute: what it has sent is so
+/// old by now that it cannot begin a stream anew.
+pub(super) fn enter(
+    streams: &mut [SigningStream],
+    source: Address,
+    link_id: u8,
+    timestamp: u64,
+    local: u64,
+) -> Result<(), Stale> {
+    if let Some(stream) = streams.iter_mut().find(|stream| stream.source == source && stream.link_id == link_id) {
+        if timestamp <= stream.timestamp {
+            return Err(Stale::Replayed);
+        }
+        stream.timestamp = timestamp;
+        return Ok(());
+    }
+    let oldest = local.saturating_sub(MINUTE);
+    if timestamp < oldest {
+        return Err(Stale::Old);
+    }
+    let may_go = |stream: &&mut SigningStream| stream.source.system.0 == 0 || stream.timestamp < oldest;
+    let place = streams.iter_mut().filter(may_go).min_by_key(|stream| stream.timestamp).ok_or(Stale::NoRoom)?;
+    *place = SigningStream { source, link_id, timestamp };
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LOCAL: u64 = 100 * MINUTE;
+
+    fn source(n: u8) -> Address {
+        Address::new(n, 1)
+    }
+
+    #[test]
+    fn a_known_stream_only_rises() {
+        let mut streams = [SigningStream::NONE; 2];
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL, LOCAL), Ok(()));
+        for stale in [LOCAL, LOCAL - 1, 0] {
+            assert_eq!(enter(&mut streams, source(1), 0, stale, LOCAL), Err(Stale::Replayed));
+        }
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, LOCAL), Ok(()));
+        // Another link id, or component, is another stream.
+        assert_eq!(enter(&mut streams, source(1), 1, LOCAL, LOCAL), Ok(()));
+        assert_eq!(enter(&mut streams, Address::new(1, 2), 0, LOCAL, LOCAL), Err(Stale::NoRoom));
+    }
+
+    #[test]
+    fn a_new_stream_is_a_minute_old_at_most() {
+        let mut streams = [SigningStream::NONE; 2];
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL - MINUTE - 1, LOCAL), Err(Stale::Old));
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL - MINUTE, LOCAL), Ok(()));
+    }
+
+    #[test]
+    fn the_stream_that_was_silent_longest_gives_way() {
+        let mut streams = [SigningStream::NONE; 2];
+        for n in [1, 2] {
+            enter(&mut streams, source(n), 0, LOCAL + u64::from(n), LOCAL).unwrap();
+        }
+        let later = LOCAL + MINUTE + 1;
+        assert_eq!(enter(&mut streams, source(3), 0, later, later), Err(Stale::NoRoom), "a minute, and no more");
+        assert_eq!(enter(&mut streams, source(3), 0, later, later + 1), Ok(()), "the first is older");
+        assert_eq!(enter(&mut streams, source(2), 0, LOCAL + 3, later + 1), Ok(()), "the second is still there");
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, later + 1), Err(Stale::Old), "no second time");
+    }
+
+    #[test]
+    fn without_places_nothing_is_accepted() {
+        assert_eq!(enter(&mut [], source(1), 0, LOCAL, LOCAL), Err(Stale::NoRoom));
+    }
+
+    proptest! {
+        /// G-8: whatever comes in whatever order, however small the table, nothing is accepted twice, and local time never
+        /// goes back.
+        #[test]
+        fn nothing_is_accepted_twice(
+            frames in proptest::collection::vec((1u8..9, 0u8..2, 0u64..40), 1..400),
+            steps in proptest::collection::vec(0u64..3, 400),
+            size in 1usize..5,
+        ) {
+            let mut streams = std::vec![SigningStream::NONE; size];
+            let mut local = LOCAL;
+            let mut accepted = std::collections::BTreeSet::new();
+            for ((system, link_id, at), step) in frames.into_iter().zip(steps) {
+                local += step * MINUTE / 3;
+                // Around now, by a few minutes.
+                let timestamp = LOCAL - 4 * MINUTE + at * MINUTE / 5;
+                if enter(&mut streams, source(system), link_id, timestamp, local).is_ok() {
+                    prop_assert!(accepted.insert((system, link_id, timestamp)), "a second time");
+                    local = local.max(timestamp);
+                }
+            }
+        }
+    }
+}

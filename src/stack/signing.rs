@@ -1,0 +1,45 @@
+//! Signing, joined to the rest. Without the feature, or for a vehicle that has no memory for it, nothing of it is linked.
+
+#[cfg(feature = "signing")]
+pub(super) use crate::service::signing::{
+    admits, believes_unsigned, key_of, next, on_frame, prepare, sign, vouches_for,
+};
+#[cfg(not(feature = "signing"))]
+pub(super) use without::*;
+
+/// Every frame counts as unsigned, and every link is open.
+#[cfg(not(feature = "signing"))]
+mod without {
+    use crate::frame::Frame;
+    use crate::link::Port;
+    use crate::time::Instant;
+    use crate::vehicle::Vehicle;
+
+    pub(crate) fn admits(_: Instant, _: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
+        true
+    }
+
+    pub(crate) fn believes_unsigned(_: &Port, _: u32, _: &mut impl Vehicle) -> bool {
+        true
+    }
+
+    pub(crate) fn key_of(_: &mut impl Vehicle) -> Option<()> {
+        None
+    }
+
+    pub(crate) fn vouches_for(_: &[u8], _: Option<()>) -> bool {
+        false
+    }
+
+    pub(crate) fn on_frame(_: Instant, _: &mut Port, _: &Frame<'_>, _: bool, _: &mut impl Vehicle) -> bool {
+        false
+    }
+
+    pub(crate) fn next(_: &mut Port, _: &mut impl Vehicle) -> bool {
+        false
+    }
+
+    pub(crate) fn prepare(_: &mut Port, _: &mut impl Vehicle) {}
+
+    pub(crate) fn sign(_: Instant, _: &mut Port, _: &mut impl Vehicle) {}
+}

@@ -1,0 +1,93 @@
+//! The signing key on storage, with the timestamp that goes with it: one [record](super::record) of two rows (G-13, G-15).
+//!
+//! The bytes are described in `signing.md` beside this file.
+
+use core::ops::Range;
+
+use embedded_storage::nor_flash::NorFlash;
+use zeroize::Zeroize;
+
+use super::record::{Job, ROW, Record, Step};
+use crate::frame::SigningKey;
+use crate::service::signing::Signing;
+
+const KIND: u8 = 3;
+const SCHEMA: u16 = 1;
+const LEN: u32 = 64;
+
+/// Keeps the signing key on storage, and how far time has been used: two slots, of which one always has what was complete
+/// before, so a key and a timestamp always belong together (G-13).
+///
+/// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
+/// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
+/// bytes: when the key was changed, and every 55 s while there is one. That is one erase of a slot every 110 s: FRAM bears it for
+/// ever, flash of 10,000 cycles for twelve days of being powered.
+///
+/// The key lies there as it is. Whoever can read the storage has it.
+///
+#[doc = include_str!("signing.md")]
+#[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SigningStore<F> {
+    record: Record<F>,
+}
+
+impl<F: NorFlash> SigningStore<F> {
+    /// How long the region has to be, in bytes: a multiple of two erase units. It has to begin where an erase unit does.
+    pub const REGION_LEN: u32 = Record::<F>::slot_len(LEN).saturating_mul(2);
+
+    /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
+    pub const fn new(flash: F, region: Range<u32>) -> Self {
+        Self { record: Record::new(flash, region, KIND) }
+    }
+
+    /// The storage.
+    pub const fn flash(&self) -> &F {
+        &self.record.flash
+    }
+
+    /// The storage. What is written to the store's region here is lost, or damages the record.
+    pub const fn flash_mut(&mut self) -> &mut F {
+        &mut self.record.flash
+    }
+
+    /// Gives the storage back.
+    pub fn into_inner(self) -> F {
+        self.record.flash
+    }
+
+    /// Reads the newest record: the key, if there is one, and the timestamp to begin with.
+    ///
+    /// # Errors
+    ///
+    /// There is no whole record, and a part of the storage could not be read.
+    pub(crate) fn open(&mut self) -> Result<Option<(Option<SigningKey>, u64)>, F::Error> {
+        if self.record.open()?.is_none_or(|header| header.schema != SCHEMA) {
+            return Ok(None);
+        }
+        let (Some(mut secret), Some(rest)) = (self.record.row(0)?, self.record.row(1)?) else { return Ok(None) };
+        let key = SigningKey::new(secret);
+        secret.zeroize();
+        let [timestamp, [is_set, ..], ..] = rest.as_chunks::<8>().0 else { return Ok(None) };
+        Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
+    }
+
+    /// At most one erase unit or one write of at most 256 bytes, towards what `job` stands for being durable.
+    pub(crate) fn step(&mut self, signing: &Signing, job: Option<u32>) -> Step {
+        let job = job.map(|id| Job { id, schema: SCHEMA, len: LEN });
+        self.record.step(job, |index| row(signing, index))
+    }
+}
+
+/// A row of the record.
+fn row(signing: &Signing, index: u32) -> Option<[u8; ROW]> {
+    let (key, timestamp) = signing.content();
+    if index == 0 {
+        return Some(key.map_or([0; ROW], |key| *key.bytes()));
+    }
+    let mut row = [0; ROW];
+    let [time, what, ..] = row.as_chunks_mut().0 else { return None };
+    *time = timestamp.to_le_bytes();
+    *what = u64::from(key.is_some()).to_le_bytes();
+    Some(row)
+}
