@@ -9,11 +9,11 @@ use mavstack::dialect::{
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
-use crate::battery::Battery;
+use crate::battery::{Battery, Charge};
 use crate::body::Vector;
 use crate::geo::Home;
 use crate::tuning::Tuning;
-use crate::vehicle::{GPS_ERROR, Mode, Quadrotor, Times};
+use crate::vehicle::{GPS_ERROR, Quadrotor, Times};
 
 /// All of it on a radio, heartbeats included, is less than 800 bytes/s: a seventh of what 57,600 bit/s carry.
 const STREAMS: &[Stream] = &[
@@ -242,7 +242,11 @@ impl Quadrotor {
             r#type: MavBatteryType::LIPO,
             battery_remaining: percent(battery),
             time_remaining: seconds as i32,
-            charge_state: if battery.is_low() { MavBatteryChargeState::LOW } else { MavBatteryChargeState::OK },
+            charge_state: match battery.charge {
+                Charge::Critical => MavBatteryChargeState::CRITICAL,
+                Charge::Low => MavBatteryChargeState::LOW,
+                Charge::Good => MavBatteryChargeState::OK,
+            },
             ..BatteryStatus::default()
         }
     }
@@ -285,11 +289,14 @@ impl Quadrotor {
     }
 
     fn landed_state(&self) -> MavLandedState {
-        match self.mode() {
-            _ if self.is_landed() => MavLandedState::ON_GROUND,
-            Mode::Takeoff => MavLandedState::TAKEOFF,
-            Mode::Land => MavLandedState::LANDING,
-            _ => MavLandedState::IN_AIR,
+        if self.is_landed() {
+            MavLandedState::ON_GROUND
+        } else if self.is_taking_off() {
+            MavLandedState::TAKEOFF
+        } else if self.is_landing() {
+            MavLandedState::LANDING
+        } else {
+            MavLandedState::IN_AIR
         }
     }
 

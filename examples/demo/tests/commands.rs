@@ -186,6 +186,24 @@ fn mavsdk_flies_it_up_home_and_down() {
     assert_eq!(wire.vehicle().mode(), Mode::Land);
 }
 
+/// On the ground there is no way home that does not begin with a take-off.
+#[test]
+fn it_does_not_take_off_to_return() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(30.0);
+    wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], x, y, 498.0);
+    wire.run(10_000);
+    wire.long(MavCmd::NAV_LAND, &[]);
+    wire.until("down", 60, |vehicle| !vehicle.is_armed());
+    wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
+    wire.said();
+    assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 5.0]), MavResult::TEMPORARILY_REJECTED);
+    wire.run(3_000);
+    assert!(wire.vehicle().is_landed());
+    assert_eq!(wire.said(), ["Return refused: on the ground"]);
+}
+
 /// C-31, C-9, C-1: arming takes 0 or 1, and says why not.
 #[test]
 fn arming_says_why_not() {
@@ -227,6 +245,11 @@ fn flight_is_terminated_for_good() {
     assert_eq!(heartbeat.system_status, MavState::FLIGHT_TERMINATION);
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::FAILED);
     assert_eq!(wire.said(), ["Flight terminated", "Arming refused: flight terminated"]);
+    wire.run(5_000);
+    assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
+    assert_eq!(wire.said(), ["Arming refused: flight terminated"]);
+    let (_, status) = wire.take::<SysStatus>().pop().unwrap();
+    assert!(!status.onboard_control_sensors_health.contains(MavSysStatusSensor::PREARM_CHECK));
 }
 
 /// O-6: home is told where it is set, and where it is known first; and it counts.
@@ -297,6 +320,19 @@ fn a_relative_turn_is_not_doubled_by_a_second_link() {
     assert_eq!(wire.long(MavCmd::CONDITION_YAW, &turn), MavResult::TEMPORARILY_REJECTED);
 }
 
+/// C-20, C-30: a reboot ends a calibration, and who asked for that hears of it.
+#[test]
+fn a_reboot_ends_a_calibration() {
+    let mut wire = Wire::switched_on();
+    assert_eq!(wire.long(MavCmd::PREFLIGHT_CALIBRATION, &[1.0, 0.0, 0.0, 0.0, 0.0]), MavResult::IN_PROGRESS);
+    wire.send(TELEMETRY, &command_long(1, MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]));
+    wire.run(100);
+    let acks: Vec<_> = wire.take::<CommandAck>().iter().map(|(_, ack)| (ack.command, ack.result)).collect();
+    let calibration = (MavCmd::PREFLIGHT_CALIBRATION, MavResult::CANCELLED);
+    assert!(acks.contains(&calibration), "{acks:?}");
+    assert!(acks.contains(&(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, MavResult::ACCEPTED)), "{acks:?}");
+}
+
 /// C-20 to C-24: progress at 1 Hz at least, an end; refused while it is armed, and it does not arm meanwhile.
 #[test]
 fn calibration_takes_its_time_and_says_how_far_it_is() {
@@ -307,7 +343,9 @@ fn calibration_takes_its_time_and_says_how_far_it_is() {
     assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::IN_PROGRESS);
     let began = wire.millis;
     assert_eq!(wire.long(CALIBRATE, &[0.0, 1.0, 0.0, 0.0, 0.0]), MavResult::TEMPORARILY_REJECTED, "another one");
-    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
+    for force in [0.0, 21_196.0] {
+        assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, force]), MavResult::TEMPORARILY_REJECTED);
+    }
     wire.take::<CommandAck>();
     wire.run(6_000);
     let acks = wire.take::<CommandAck>();

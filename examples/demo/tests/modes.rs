@@ -3,8 +3,9 @@
 #[path = "support/wire.rs"]
 mod wire;
 
+use mavstack::Parameters;
 use mavstack::dialect::*;
-use mavstack_demo::{Mode, TELEMETRY};
+use mavstack_demo::{Mode, TELEMETRY, Tuning};
 use wire::Wire;
 
 const NAN: f32 = f32::NAN;
@@ -57,6 +58,31 @@ fn modes_are_set_by_their_meaning_and_by_the_old_message() {
     wire.send(TELEMETRY, &message);
     assert_eq!(wire.answer(MavCmd(11)).result, MavResult::ACCEPTED);
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
+}
+
+/// CURRENT_MODE: a mode that came to its end is not what is intended any more; what a failsafe left is.
+#[test]
+fn what_was_asked_for_is_told_until_it_is_over() {
+    let intended = |wire: &mut Wire| {
+        wire.run(2_100);
+        let (_, told) = wire.take::<CurrentMode>().pop().unwrap();
+        assert_eq!(told.custom_mode, wire.vehicle().mode().number());
+        told.intended_custom_mode
+    };
+    let mut wire = Wire::airborne();
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "the take-off is over");
+    assert_eq!(wire.long(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
+    assert_eq!(intended(&mut wire), Mode::Land.number());
+    wire.until("down", 60, |vehicle| !vehicle.is_armed());
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "so is the landing");
+    assert_eq!(wire.long(SET, &[1.0, 4.0, 6.0]), MavResult::ACCEPTED, "it has landed");
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "and does not land again");
+
+    let mut wire = Wire::airborne();
+    let (_, vehicle) = wire.app.parts();
+    assert!(vehicle.parameters_mut().unwrap().set(Tuning::COM_FLT_TIME_MAX, 6));
+    wire.until("on its way home", 10, |vehicle| vehicle.mode() == Mode::Return);
+    assert_eq!(intended(&mut wire), Mode::Hold.number());
 }
 
 /// the list has a name for each; what the vehicle is in is told, and what was asked for.

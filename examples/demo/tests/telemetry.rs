@@ -170,6 +170,31 @@ fn flight_is_what_the_messages_say() {
     assert_eq!(flight.get::<VfrHud>(COMPANION).throttle, 0);
 }
 
+/// LANDING is what comes down to land, in whatever mode, and TAKEOFF what begins a flight.
+#[test]
+fn a_return_lands_too() {
+    let landed_state = |flight: &Flight| flight.get::<ExtendedSysState>(COMPANION).landed_state;
+    let mut flight = Flight::new();
+    flight.run(3_000, |_| {});
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
+    flight.command(MavCmd::NAV_TAKEOFF, 0.0, 20.0);
+    flight.run(10_000, |_| {});
+    let (_, vehicle) = flight.app.parts();
+    let position = CommandPosition::Long { param5: 47.398_1, param6: 8.545_594 };
+    let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
+    let id = MavCmd::DO_REPOSITION;
+    let command = Command { id, params, position, z: f32::NAN, from: STATION, is_broadcast: false, confirmation: 0 };
+    assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
+    flight.run(12_000, |_| {});
+    flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, 0.0, 0.0);
+    flight.run(3_000, |_| {});
+    assert_eq!(landed_state(&flight), MavLandedState::IN_AIR, "on its way");
+    flight.run(12_000, |_| {});
+    assert_eq!(landed_state(&flight), MavLandedState::LANDING);
+    flight.run(30_000, |_| {});
+    assert_eq!(landed_state(&flight), MavLandedState::ON_GROUND);
+}
+
 /// The rates of roll, pitch and yaw are what makes the angles change, and the vehicle leans no faster than a vehicle can.
 #[test]
 fn rates_are_those_of_the_angles() {

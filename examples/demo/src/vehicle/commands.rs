@@ -140,13 +140,14 @@ impl Quadrotor {
         if self.may_be_late(command.from.link) {
             return self.refuse(MavResult::DENIED, "Arming refused: by satellite");
         }
-        if self.is_terminated {
-            return self.refuse(MavResult::FAILED, "Arming refused: flight terminated");
-        }
-        if let Err(why) = self.check_arming()
-            && !(self.armed || is_forced)
-        {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, why);
+        if let Err(why) = self.check_arming() {
+            if self.is_terminated {
+                return self.refuse(MavResult::FAILED, why);
+            }
+            // No force makes sensors that are being calibrated useful.
+            if !self.armed && (!is_forced || self.is_calibrating()) {
+                return self.refuse(MavResult::TEMPORARILY_REJECTED, why);
+            }
         }
         if !self.armed {
             self.armed = true;
@@ -158,6 +159,9 @@ impl Quadrotor {
     /// What is in the way of arming.
     pub(crate) fn check_arming(&self) -> Result<(), &'static str> {
         let least = f32::from(self.tuning.get(Tuning::COM_ARM_BAT_MIN)) / 100.0;
+        if self.is_terminated {
+            return Err("Arming refused: flight terminated");
+        }
         if self.is_calibrating() {
             return Err("Arming refused: calibrating");
         }
@@ -307,6 +311,10 @@ impl Quadrotor {
         }
         if !self.armed {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Refused: not armed");
+        }
+        // Who wants it back does not want it to take off.
+        if mode == Mode::Return && self.is_landed() {
+            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Return refused: on the ground");
         }
         self.enter(mode, maneuver);
         self.intended = mode;

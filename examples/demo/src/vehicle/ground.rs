@@ -94,6 +94,10 @@ impl Quadrotor {
         if self.armed && what.conditions != Some(RebootShutdownConditions::FORCE) {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: armed");
         }
+        // Whoever had it calibrate is to hear of the end.
+        if self.cancel_calibration(MavCmd::PREFLIGHT_CALIBRATION) {
+            self.commands.finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::CANCELLED);
+        }
         self.disarm();
         self.reboot = Some(Reboot { link, since: self.time });
         MavResult::ACCEPTED

@@ -50,13 +50,14 @@ impl Quadrotor {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Position mode refused: no manual control");
         }
         self.enter(Mode::Position, Maneuver::Stay(self.body.rest()));
+        self.intended = Mode::Position;
         MavResult::ACCEPTED
     }
 
     /// Without fresh sticks it holds.
     pub(super) fn watch_sticks(&mut self) {
         if self.mode == Mode::Position && self.sticks().is_none() {
-            self.hold();
+            self.stop();
             self.say(MavSeverity::WARNING, "Manual control lost: holding");
         }
     }

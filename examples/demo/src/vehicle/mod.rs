@@ -74,7 +74,7 @@ pub struct Quadrotor {
     time: Instant,
     armed: bool,
     mode: Mode,
-    /// The one that somebody asked for last.
+    /// The one that somebody asked for last, or that followed from it: any other is a failsafe's.
     intended: Mode,
     /// What is flown in every mode but [`Mode::Mission`].
     maneuver: Maneuver,
@@ -226,6 +226,20 @@ impl Quadrotor {
         self.body.is_on_ground()
     }
 
+    /// Whether it goes up to where a flight begins.
+    pub(crate) fn is_taking_off(&self) -> bool {
+        matches!(self.flown(), Maneuver::Climb(_))
+    }
+
+    /// Whether it comes down to land, in whatever mode.
+    pub(crate) fn is_landing(&self) -> bool {
+        matches!(self.flown(), Maneuver::Land(spot) if is_over(self.body.position, spot))
+    }
+
+    fn flown(&self) -> Maneuver {
+        self.mission.maneuver().filter(|_| self.mode == Mode::Mission).unwrap_or(self.maneuver)
+    }
+
     /// What it is doing.
     pub fn mode(&self) -> Mode {
         self.mode
@@ -287,6 +301,7 @@ impl Quadrotor {
                 Mode::Takeoff => {
                     let Maneuver::Climb(to) = self.maneuver else { return };
                     self.enter(Mode::Hold, Maneuver::Stay(to));
+                    self.intended = Mode::Hold;
                     if self.tuning.get(Tuning::COM_TAKEOFF_ACT) == 1 {
                         self.fly_on();
                     }
@@ -425,7 +440,7 @@ impl Quadrotor {
             self.enter(Mode::Return, Maneuver::Return);
             self.say(MavSeverity::WARNING, "Returning from the fence");
         } else {
-            self.hold();
+            self.stop();
             let why = if is_outside { "Holding: outside the fence" } else { "Holding at the fence" };
             self.say(MavSeverity::WARNING, why);
         }
@@ -471,8 +486,14 @@ impl Quadrotor {
         Maneuver::Land(Vector { down: if highest > 0.0 { down.max(home.down - highest) } else { down }, ..spot })
     }
 
-    /// Stops, and stays there.
+    /// Stops, and stays there: what was asked for is over.
     fn hold(&mut self) {
+        self.stop();
+        self.intended = Mode::Hold;
+    }
+
+    /// Stops, and stays there, whatever was asked for.
+    fn stop(&mut self) {
         self.enter(Mode::Hold, Maneuver::Stay(self.body.rest()));
     }
 
@@ -518,7 +539,7 @@ impl Vehicle for Quadrotor {
             _ if self.is_terminated => MavState::FLIGHT_TERMINATION,
             _ if self.is_going_down() => MavState::POWEROFF,
             _ if self.is_calibrating() => MavState::CALIBRATING,
-            _ if !self.has_fix() => MavState::BOOT,
+            false if !self.has_fix() => MavState::BOOT,
             false => MavState::STANDBY,
             true if self.battery.is_low() => MavState::CRITICAL,
             true => MavState::ACTIVE,
@@ -546,11 +567,16 @@ impl Vehicle for Quadrotor {
 /// Where to fly to land on `spot`, at `spot`'s height as long as it is far; and whether it has landed.
 fn land(here: Vector, spot: Vector) -> (Vector, bool) {
     let height = Vector { down: spot.down, ..here };
-    if here.distance(spot) <= 1.0 {
+    if is_over(here, spot) {
         (Vector { down: 1.0, ..spot }, here.down >= 0.0)
     } else if here.down - spot.down > 0.5 {
         (height, false)
     } else {
         (spot, false)
     }
+}
+
+/// Near enough to go straight down.
+fn is_over(here: Vector, spot: Vector) -> bool {
+    here.distance(spot) <= 1.0
 }

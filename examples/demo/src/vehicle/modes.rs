@@ -65,7 +65,7 @@ impl Quadrotor {
     /// Enters a mode that somebody asked for.
     pub(super) fn change_mode(&mut self, mode: Mode) -> MavResult {
         let here = self.body.rest();
-        let result = match mode {
+        match mode {
             Mode::Hold => {
                 self.hold();
                 MavResult::ACCEPTED
@@ -78,10 +78,6 @@ impl Quadrotor {
             Mode::Mission => self.fly_on(),
             Mode::Return => self.start(mode, Maneuver::Return),
             Mode::Land => self.start(mode, Maneuver::Land(here)),
-        };
-        if result == MavResult::ACCEPTED {
-            self.intended = mode;
         }
-        result
     }
 }
