@@ -175,6 +175,10 @@ impl Streams {
         slots: &mut [Slot],
         profile: StreamProfile,
     ) -> Option<usize> {
+        if now.since(self.swept).as_micros() > u64::from(HORIZON) {
+            // The line took nothing for so long that what was due then may look as if it were still to come.
+            self.pause();
+        }
         // The rest of a sweep that found no room before, and then a new one.
         for _ in 0..2 {
             if !self.is_sweeping && !self.begin_sweep(now, slots) {

@@ -30,6 +30,29 @@ impl Line {
     }
 }
 
+/// A line that takes nothing for as long as the low half of the time lasts has its streams at once when it takes bytes again,
+/// whether it stopped within a sweep or between two, and whatever was asked for in the meantime.
+#[test]
+fn a_line_that_stood_for_long_is_not_silent() {
+    for (hole, is_swept, is_asked) in
+        [60, 65, 4_200, 4_231, 4_250, 4_290, 4_294, 4_295, 8_580].into_iter().flat_map(|hole| {
+            [(hole, false, false), (hole, true, false), (hole, false, true), (hole, true, true)]
+        })
+    {
+        let mut line = Line::new();
+        counts(&mut line, 7_000_000, 3, StreamProfile::Onboard, &[1_000]);
+        let stop = Instant::from_micros(10_500_000);
+        assert!(line.next_due(stop, StreamProfile::Onboard).is_some());
+        while is_swept && line.next_due(stop, StreamProfile::Onboard).is_some() {}
+        let start = stop.as_micros() + hole * 1_000_000;
+        if is_asked {
+            line.set_interval(Instant::from_micros(start), 1, 50_000);
+        }
+        let [fast, slow, _] = counts(&mut line, start, 1, StreamProfile::Onboard, &[1_000]);
+        assert!((50..=56).contains(&fast) && (20..=23).contains(&slow), "{hole} s: {fast} {slow}");
+    }
+}
+
 /// How often each stream is sent in `seconds` when polled at these gaps (µs), over and over.
 fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, gaps: &[u64]) -> [u32; 3] {
     let mut counts = [0; 3];
