@@ -127,6 +127,11 @@ fn link_that_cannot_carry_it_refuses() {
     let counts = [0, 1, 2].map(|link| world.gcs[link].count_of::<OpenDroneIdLocation>());
     assert_eq!(counts, [0, 0, 1]);
     assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == CommandAck::ID));
+    // Nor is it streamed on a v1 link, and nobody is told that it were.
+    for (link, result, told) in [(1, MavResult::DENIED, 0), (2, MavResult::ACCEPTED, 100_000)] {
+        assert_eq!(ask(&mut world, link, MavCmd::SET_MESSAGE_INTERVAL, params(id)), result);
+        assert_eq!(interval(&mut world, link, OpenDroneIdLocation::ID), told);
+    }
 }
 
 /// every way to set an interval, and what it is then.

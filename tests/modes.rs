@@ -218,7 +218,11 @@ fn nothing_of_it_goes_over_mavlink_1() {
         assert_eq!(command(&mut world, link, SET, &[CUSTOM, 4.0, 3.0]), ACCEPTED, "that can be said");
         world.gcs[link].send(&set_mode(1, HOLD));
         assert_eq!(world.expect::<CommandAck>(link, millis(10)).result, ACCEPTED);
+        // it has no interval there.
+        assert_eq!(request(&mut world, link, 244, CURRENT as f32), ACCEPTED);
+        assert_eq!(world.expect::<MessageInterval>(link, millis(50)).interval_us, 0);
     }
+    world.gcs.iter_mut().for_each(Gcs::forget);
     world.vehicle.enter(HOLD);
     world.run_for(secs(10));
     for gcs in &world.gcs {

@@ -124,7 +124,9 @@ fn on_interval(
     }
     let [_, micros, instance, _] = command.params;
     let is_valid = (micros >= 0.0 || micros == -1.0) && (instance == 0.0 || instance.is_nan());
-    let Some(id) = request.id.filter(|_| is_valid) else { return MavResult::DENIED };
+    // Not what never comes: MAVLink 1 has no room for some ids (S-10).
+    let id = request.id.filter(|&id| is_valid && port.outbox.takes(id));
+    let Some(id) = id else { return MavResult::DENIED };
     let is_off = micros < 0.0;
     if fixed.interval(id).is_some() {
         // Clamped to what it is; but it does not stop.
@@ -173,8 +175,8 @@ pub(crate) fn next_interval(now: Instant, fixed: Fixed, port: &mut Port, table: 
         Some(interval.map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
     };
     let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
-    // 0: there is no such stream.
-    let interval_us = fixed.or_else(stream).unwrap_or(0);
+    // 0: there is no such stream, or not on a link that cannot carry it (S-10).
+    let interval_us = fixed.or_else(stream).filter(|_| outbox.takes(id)).unwrap_or(0);
     outbox.send(&MessageInterval { interval_us, message_id })
 }
 
