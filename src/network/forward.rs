@@ -17,19 +17,20 @@
 //! - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros. One whose id is unknown goes
 //!   to all. Whether a signature is right does not matter here.
 //! - **Never back**: not to the link that it came by, nor to one that its source was heard on.
-//! - **Loops end**: what was forwarded is known again for 800 ms, and then neither forwarded nor handled a second time.
-//!   `SEEN` frames are known; none is forgotten in its first 100 ms, for what finds no room then is not forwarded. So each
-//!   stack sends a frame at most once to each link, whatever the traffic and however small the tables, as long as the way
-//!   around takes less than that: in three stacks, on at most as many lines as there are and two more, if no more than four
-//!   lines join them. No frame waits longer than 250 ms in a queue, so a ring of three over lines of 57,600 bit/s and more
-//!   keeps to it under any load of less than `SEEN` frames in 800 ms. On slower rings the rule before ends nearly all loops.
+//! - **Loops end**: what was forwarded is known again for 800 ms, and then neither forwarded nor handled a second time:
+//!   a stack sends a frame at most once to each link. The last `SEEN` frames are known. Where no copies come, a frame may be
+//!   forgotten after 100 ms for a newer one; where one came in the last minute, none is: what finds no place among those of the
+//!   last 800 ms is not forwarded, and no frame waits longer than 150 ms in a queue. So in a ring of three over lines of 57,600
+//!   bit/s and 40 ms each frame passes each line at most once each way, whatever the traffic and however small the peer table;
+//!   with up to four lines between the three that is at most twice more than there are lines. Around longer ways
+//!   R-4 alone ends a loop.
 //! - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
 //!   delay an answer by no more than one of them. What finds no room in the queue is dropped, whole, and counted.
 //!
 //! A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there, a high-latency
 //! link only commands for somebody there and their answers.
 
-use super::memory::{self, Seen};
+use super::memory::{Memory, Seen, key_of};
 use super::queue::Ring;
 use super::routes::Routes;
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2, RadioStatus, SetupSigning};
@@ -38,9 +39,11 @@ use crate::link::{LinkClass, LinkId, LinkMask, Outbox, Port};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 
-/// Longer than this no frame waits in a queue: nobody waits for it any more, and a loop must not become longer than what
-/// was forwarded is known.
-const PATIENCE: Duration = Duration::from_millis(250);
+/// Longer than this no frame waits in a queue: nobody waits for it any more.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// The same where frames come around: a loop must not become longer than what was forwarded is known.
+const LOOP_PATIENCE: Duration = Duration::from_millis(150);
 
 /// The same on a high-latency link, where a line is busy for half a minute.
 const HIGH_LATENCY_PATIENCE: Duration = Duration::from_secs(60);
@@ -66,8 +69,8 @@ pub struct ForwardCounters {
     pub no_route: u32,
     /// Frames that came by this link and were handled here only, because their source had no place in the peer table.
     pub no_peer_slot: u32,
-    /// Frames that came by this link and were handled here only, because so many were forwarded in the last 100 ms that they
-    /// could not be known again.
+    /// Frames that came by this link and were handled here only, because so many others are to be known again that there was no
+    /// place for them.
     pub not_remembered: u32,
 }
 
@@ -183,8 +186,7 @@ fn is_command(id: u32) -> bool {
 pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 64> {
     lanes: [Lane; LINKS],
     bytes: [[u8; BYTES]; LINKS],
-    seen: [Seen; SEEN],
-    next: usize,
+    memory: Memory<[Seen; SEEN]>,
 }
 
 impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LINKS, BYTES, SEEN> {
@@ -193,13 +195,13 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LI
     pub const fn new() -> Self {
         const { assert!(Ring::holds(BYTES, MAX_FRAME_LEN), "a queue must hold the longest frame: 286 bytes") };
         const { assert!(SEEN > 0, "what was forwarded must be remembered") };
-        Self { lanes: [Lane::CLOSED; LINKS], bytes: [[0; BYTES]; LINKS], seen: [Seen::NONE; SEEN], next: 0 }
+        Self { lanes: [Lane::CLOSED; LINKS], bytes: [[0; BYTES]; LINKS], memory: Memory::<[Seen; SEEN]>::EMPTY }
     }
 
     /// What the stack works on.
     pub const fn forwarding(&mut self) -> Forwarding<'_> {
-        let Self { lanes, bytes, seen, next } = self;
-        Forwarding { lanes, bytes: bytes.as_flattened_mut(), size: BYTES, seen, next }
+        let Self { lanes, bytes, memory } = self;
+        Forwarding { lanes, bytes: bytes.as_flattened_mut(), size: BYTES, memory }
     }
 
     /// What became of the frames that came by a link, or were for it.
@@ -222,8 +224,7 @@ pub struct Forwarding<'a> {
     bytes: &'a mut [u8],
     /// Bytes of each queue.
     size: usize,
-    seen: &'a mut [Seen],
-    next: &'a mut usize,
+    memory: &'a mut Memory,
 }
 
 /// Whether a frame is to be forwarded.
@@ -245,8 +246,8 @@ impl Forwarding<'_> {
         if stays || (class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
             return Passage::Stays;
         }
-        let key = memory::key_of(frame.raw());
-        if memory::is_known(self.seen, now, key) {
+        let key = key_of(frame.raw());
+        if self.memory.is_copy(now, key) {
             self.count(from, |counters| &mut counters.duplicates);
             return Passage::Again;
         }
@@ -270,7 +271,7 @@ impl Forwarding<'_> {
         if !self.lanes.iter().any(is_taker) {
             return queued;
         }
-        if !memory::remember(self.seen, self.next, now, key) {
+        if !self.memory.remember(now, key) {
             self.count(from, |counters| &mut counters.not_remembered);
             return queued;
         }
@@ -293,13 +294,17 @@ impl Forwarding<'_> {
         queued
     }
 
-    /// Says that a link is there, and what it takes; whether a queued frame goes before a stream there.
-    pub(crate) fn open(&mut self, port: &Port) -> bool {
-        let Some(lane) = self.lanes.get_mut(usize::from(port.id.0)) else { return false };
+    /// Says that a link is there, and what it takes.
+    pub(crate) fn open(&mut self, port: &Port) {
+        let Some(lane) = self.lanes.get_mut(usize::from(port.id.0)) else { return };
         lane.link = if port.config.forwards { LinkMask::of(port.id) } else { LinkMask::NONE };
         lane.class = port.config.class;
         lane.version = port.outbox.version();
-        lane.has_turn
+    }
+
+    /// Whether a queued frame goes before a stream.
+    pub(crate) fn has_turn(&self, link: LinkId) -> bool {
+        self.lanes.get(usize::from(link.0)).is_some_and(|lane| lane.has_turn)
     }
 
     /// A stream was sent: a queued frame is next.
@@ -314,7 +319,11 @@ impl Forwarding<'_> {
         let link = usize::from(out.link().0);
         let Some(lane) = self.lanes.get_mut(link) else { return false };
         let bytes = self.bytes.get(link.saturating_mul(self.size)..).and_then(|bytes| bytes.get(..self.size));
-        let patience = if lane.class == LinkClass::HighLatency { HIGH_LATENCY_PATIENCE } else { PATIENCE };
+        let patience = match lane.class {
+            LinkClass::HighLatency => HIGH_LATENCY_PATIENCE,
+            _ if self.memory.is_looped(now) => LOOP_PATIENCE,
+            _ => PATIENCE,
+        };
         while let Some((waited, frame)) = lane.ring.pop(bytes.unwrap_or_default(), now) {
             if waited <= patience {
                 count(&mut lane.counters.sent);

@@ -1,6 +1,6 @@
 //! What was forwarded a moment ago, so that a frame which comes back is not forwarded again.
 
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 
 /// One frame that was forwarded.
 #[derive(Clone, Copy, Debug)]
@@ -17,12 +17,64 @@ impl Seen {
     pub(super) const NONE: Self = Self { key: 0, at: 0 };
 }
 
-/// For how long a frame is known again (ms), if there is room for so long: less than the second after which a sender
-/// without sequence numbers sends the same heartbeat again.
+/// For how long a frame is known again (ms): less than the second after which a sender without sequence numbers sends the
+/// same heartbeat again.
 const KNOWN: u32 = 800;
 
-/// For how long a frame is known again at least (ms): what would have to take the place of a younger one is not forwarded.
+/// For how long a frame is known at least (ms), however many come, where nothing comes around.
 const KEPT: u32 = 100;
+
+/// After the last copy that came around the lines are no loop any more.
+const LOOP_OVER: Duration = Duration::from_secs(60);
+
+/// The last frames that were forwarded. The logic works on the unsized form, so their number is compiled once.
+#[derive(Clone, Debug)]
+pub(super) struct Memory<S: ?Sized = [Seen]> {
+    /// The place of the oldest.
+    next: usize,
+    /// When the last copy came around.
+    copied: Option<Instant>,
+    seen: S,
+}
+
+impl<const SEEN: usize> Memory<[Seen; SEEN]> {
+    /// Zero bits.
+    pub(super) const EMPTY: Self = Self { next: 0, copied: None, seen: [Seen::NONE; SEEN] };
+}
+
+impl Memory {
+    /// Whether the frame with this key was forwarded a moment ago.
+    pub(super) fn is_copy(&mut self, now: Instant, key: u32) -> bool {
+        let at = low_half(now);
+        let is_copy = self.seen.iter().any(|seen| seen.key == key && at.wrapping_sub(seen.at) < KNOWN);
+        if is_copy {
+            self.copied = Some(now);
+        }
+        is_copy
+    }
+
+    /// Whether frames come around: then none is forgotten before its time.
+    pub(super) fn is_looped(&self, now: Instant) -> bool {
+        self.copied.is_some_and(|at| now.since(at) < LOOP_OVER)
+    }
+
+    /// Notes that the frame with this key is forwarded, in the place of the oldest. False when that one is still needed.
+    pub(super) fn remember(&mut self, now: Instant, key: u32) -> bool {
+        let kept = if self.is_looped(now) { KNOWN } else { KEPT };
+        let at = low_half(now);
+        let count = self.seen.len();
+        let Some(place) = self.seen.get_mut(self.next) else { return false };
+        if place.key != 0 && at.wrapping_sub(place.at) < kept {
+            return false;
+        }
+        *place = Seen { key, at };
+        self.next = self.next.saturating_add(1);
+        if self.next >= count {
+            self.next = 0;
+        }
+        true
+    }
+}
 
 /// A number for all bytes of a frame: FNV-1a.
 pub(super) fn key_of(frame: &[u8]) -> u32 {
@@ -30,29 +82,7 @@ pub(super) fn key_of(frame: &[u8]) -> u32 {
     hash.max(1)
 }
 
-/// Whether the frame with this key was forwarded a moment ago.
-pub(super) fn is_known(seen: &[Seen], now: Instant, key: u32) -> bool {
-    let now = low_half(now);
-    seen.iter().any(|seen| seen.key == key && now.wrapping_sub(seen.at) < KNOWN)
-}
-
-/// Notes that the frame with this key is forwarded, in the place of the oldest, which is number `next`. False when that one
-/// is still needed.
-pub(super) fn remember(seen: &mut [Seen], next: &mut usize, now: Instant, key: u32) -> bool {
-    let now = low_half(now);
-    let count = seen.len();
-    let Some(place) = seen.get_mut(*next) else { return false };
-    if place.key != 0 && now.wrapping_sub(place.at) < KEPT {
-        return false;
-    }
-    *place = Seen { key, at: now };
-    *next = next.saturating_add(1);
-    if *next >= count {
-        *next = 0;
-    }
-    true
-}
-
+/// The low half of a time (ms).
 pub(super) fn low_half(now: Instant) -> u32 {
     u32::try_from(now.as_millis() & u64::from(u32::MAX)).unwrap_or(0)
 }
@@ -70,19 +100,32 @@ mod tests {
     fn frames_are_known_for_a_while() {
         let wrap = u64::from(u32::MAX) + 1;
         for start in [0, 1, 5_000, wrap - 50, wrap] {
-            let (mut seen, mut next) = ([Seen::NONE; 4], 0);
-            assert!(!is_known(&seen, at(start), 7));
-            assert!(remember(&mut seen, &mut next, at(start), 7));
-            assert!(is_known(&seen, at(start + 799), 7) && !is_known(&seen, at(start + 800), 7));
-            assert!(!is_known(&seen, at(start + 10), 8));
-            for (key, ms) in [(8, 10), (9, 20), (10, 30)] {
-                assert!(remember(&mut seen, &mut next, at(start + ms), key));
+            let mut memory = Memory::<[Seen; 4]>::EMPTY;
+            let memory: &mut Memory = &mut memory;
+            assert!(!memory.is_copy(at(start), 7));
+            for (key, ms) in [(7, 0), (8, 10), (9, 20), (10, 30)] {
+                assert!(memory.remember(at(start + ms), key));
             }
-            assert!(!remember(&mut seen, &mut next, at(start + 99), 11), "the first is still needed");
-            assert!(is_known(&seen, at(start + 99), 7));
-            assert!(remember(&mut seen, &mut next, at(start + 100), 11));
-            assert!(!is_known(&seen, at(start + 100), 7) && is_known(&seen, at(start + 100), 8));
+            assert!(!memory.remember(at(start + 99), 11), "the first is still needed");
+            assert!(memory.remember(at(start + 100), 11));
+            assert!(!memory.is_copy(at(start + 100), 7) && memory.is_copy(at(start + 100), 8));
+            assert!(memory.is_copy(at(start + 809), 8) && !memory.is_copy(at(start + 810), 8));
         }
+    }
+
+    /// once a copy came, none is forgotten before its time, until no copy came for a minute.
+    #[test]
+    fn loops_make_it_strict() {
+        let mut memory = Memory::<[Seen; 2]>::EMPTY;
+        let memory: &mut Memory = &mut memory;
+        for (key, ms, room) in [(1, 0, true), (2, 1, true), (3, 99, false), (3, 100, true)] {
+            assert_eq!(memory.remember(at(ms), key), room);
+        }
+        assert!(!memory.is_looped(at(100)) && memory.is_copy(at(200), 3) && memory.is_looped(at(200)));
+        for (key, ms, room) in [(4, 800, false), (4, 801, true), (5, 899, false), (5, 900, true)] {
+            assert_eq!(memory.remember(at(ms), key), room, "{key}");
+        }
+        assert!(memory.is_looped(at(60_199)) && !memory.is_looped(at(60_200)));
     }
 
     #[test]

@@ -4,7 +4,7 @@
 use super::receive::target_of;
 use super::{Context, Core};
 use crate::frame::Frame;
-use crate::link::{LinkClass, LinkMask, Peer, Port};
+use crate::link::{LinkMask, Peer, Port};
 use crate::network::{self, Booking, Passage};
 use crate::service::mission::PlanStorage;
 use crate::vehicle::Autopilot;
@@ -64,14 +64,11 @@ impl Core {
         context: &mut Context<'_, V, P>,
         port: &mut Port,
     ) -> bool {
-        let has_streams = port.config.class != LinkClass::HighLatency;
-        let Some(mut forwarding) = context.vehicle.forwarding() else {
-            return has_streams && self.stream(context, port);
-        };
-        if forwarding.open(port) && self.forward(context, port) {
+        let has_turn = context.vehicle.forwarding().is_some_and(|forwarding| forwarding.has_turn(port.id));
+        if has_turn && self.forward(context, port) {
             return true;
         }
-        if has_streams && self.stream(context, port) {
+        if self.stream(context, port) {
             if let Some(mut forwarding) = context.vehicle.forwarding() {
                 forwarding.streamed(port.id);
             }
@@ -81,12 +78,17 @@ impl Core {
     }
 
     /// Sends the next frame of the link's queue. False when there is none, or the line is busy.
-    fn forward<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+    pub(super) fn forward<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+    ) -> bool {
+        let Some(mut forwarding) = context.vehicle.forwarding() else { return false };
+        forwarding.open(port);
         let link = LinkMask::of(port.id);
         if !self.forwards.contains(link) || !port.bucket.is_idle() {
             return false;
         }
-        let Some(mut forwarding) = context.vehicle.forwarding() else { return false };
         let sent = forwarding.next(context.now, &mut port.outbox);
         if forwarding.is_empty(port.id) {
             self.forwards = self.forwards.without(link);

@@ -23,9 +23,10 @@ impl Core {
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
                     || time::next(now, port, context.vehicle)
-                    || (port.bucket.has_room() && self.transfer(context, port))))
-            || (port.config.class == LinkClass::HighLatency && self.high_latency(now, port, context.vehicle))
-            || self.share(context, port);
+                    || (port.bucket.has_room() && self.transfer(context, port))
+                    || self.share(context, port)))
+            || (port.config.class == LinkClass::HighLatency
+                && (self.high_latency(now, port, context.vehicle) || self.forward(context, port)));
         if sent {
             signing::sign(now, port, context.vehicle);
             count(&mut port.counters.tx_frames);

@@ -6,6 +6,7 @@
 //! - [`Gcs`]: the far end of a line: sends any message as anybody, keeps what it received with the time.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as a real client does them, retries included.
 //! - [`Receiver`], [`stream`] and [`reference`]: a decoder by itself, telemetry for it, and a second decoder to compare with.
+//! - [`Network`]: several stacks that forward, and the lines between them.
 //! - [`World`]: one stack with its lines and ground stations, stepped a millisecond at a time.
 //!
 //! A test reads like this:
@@ -24,6 +25,7 @@
 #![allow(dead_code, unused_imports, reason = "each test file uses its own part")]
 
 mod gcs;
+mod network;
 pub mod pilot;
 mod receiver;
 pub mod reference;
@@ -36,6 +38,7 @@ mod vehicle;
 mod world;
 
 pub use gcs::{Gcs, Received};
+pub use network::{End, Line, Network};
 pub use receiver::{Receiver, decode};
 pub use rng::Rng;
 pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
