@@ -82,6 +82,9 @@ struct Core {
     params: Params,
     /// The vehicle's mode, as it was told last.
     mode: u32,
+    /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
+    /// be told: who sleeps is to look once more.
+    has_acted: bool,
     /// Links with frames of others in their queues.
     forwards: LinkMask,
 }
@@ -141,6 +144,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 capabilities: capabilities::<P>(),
                 params: Params::new(),
                 mode: 0,
+                has_acted: false,
                 forwards: LinkMask::NONE,
             },
             links,
@@ -156,6 +160,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// Runs the timers: peers that fell silent, transfers that stopped. Bounded; call it in every pass of the loop.
     pub fn poll<V: Autopilot>(&mut self, now: Instant, vehicle: &mut V) {
         let core = &mut self.core;
+        core.has_acted = false;
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
@@ -416,6 +421,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// comes, when the transport can take more of [`transmit`](Self::transmit), and after the vehicle's state changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
         let core = &self.core;
+        if core.has_acted {
+            return now;
+        }
         let missions = P::engine(&self.missions);
         let mut deadline = network::deadline(&self.peers, core.config.peer_timeout);
         deadline = deadline.min(missions.map_or(Instant::NEVER, Missions::deadline)).min(core.params.deadline());

@@ -6,7 +6,7 @@ use embedded_io::{Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::{
     Address, Config, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans, PollBudget, Stack,
-    TxVersion, Version, encode,
+    TimeSlots, TxVersion, Version, encode,
 };
 use support::*;
 
@@ -421,6 +421,47 @@ fn next_deadline_is_enough() {
         }
         assert_eq!(said_by_sleeper.len(), said.len());
         assert!(wakes < most, "{wakes} times in 60,000 ms");
+    }
+}
+
+/// Whoever sleeps is woken for what only the vehicle knows of, before and after the link that was asked has written: an answer
+/// about time, the end of a command on the link where it was asked for, a mode that it entered. And not again after that.
+#[test]
+fn next_deadline_knows_of_what_the_vehicle_owes() {
+    let mut world = World::new(Setup::<2>::new());
+    world.vehicle.time = Some(TimeSlots::new());
+    world.vehicle.long.insert(MavCmd::PREFLIGHT_CALIBRATION.0);
+    let (command, target_system, target_component) = (MavCmd::PREFLIGHT_CALIBRATION, 1, 1);
+    let calibrate = CommandLong { command, target_system, target_component, ..CommandLong::default() };
+    let arm = CommandLong { command: MavCmd::COMPONENT_ARM_DISARM, ..calibrate };
+    let station = &mut world.gcs[0];
+    let frames = [
+        (1, station.frame_from(STATION, &Ping::default())),
+        (0, station.frame_from(STATION, &calibrate)),
+        (1, station.frame_from(OTHER_STATION, &CommandCancel { command, target_system, target_component })),
+        (1, station.frame_from(STATION, &arm)),
+    ];
+    world.run_for(millis(1_100));
+    for (link, frame) in frames {
+        let now = world.now();
+        assert!(world.stack.next_deadline(now) > now.after(millis(20)));
+        world.stack.receive(now, LinkId(link), &frame, &mut world.vehicle);
+        assert_eq!(world.stack.next_deadline(now), now);
+        loop {
+            let len = world.stack.transmit(now, LinkId(link), &mut world.vehicle).len();
+            if len == 0 {
+                break;
+            }
+            world.stack.transmitted(LinkId(link), len);
+        }
+        assert_eq!(world.stack.next_deadline(now), now);
+        world.gcs[0].forget();
+        world.step();
+        let acks = world.gcs[0].all::<CommandAck>();
+        let results: Vec<_> = acks.iter().map(|(_, ack)| ack.result).collect();
+        let is_cancelled = world.vehicle.calls.iter().any(|call| matches!(call, Call::CancelCommand(..)));
+        assert_eq!(results, Vec::from_iter(is_cancelled.then_some(MavResult::CANCELLED)));
+        world.vehicle.calls.clear();
     }
 }
 

@@ -43,6 +43,7 @@ impl Core {
             // Not for everyone (C-23).
             if target == self.config.address.get() {
                 command::cancel(message.command, from, context.vehicle);
+                self.has_acted = true;
             } else {
                 count_drop(&mut port.counters.out_of_place, frame, "not for everyone");
             }

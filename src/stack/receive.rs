@@ -146,10 +146,11 @@ impl Core {
                 Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),
                 Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
             }
-        } else if frame.id() != Heartbeat::ID
-            && !streams::on_frame(context, port, frame)
-            && !time::on_frame(context.now, port, frame, context.vehicle)
-            && !signing::on_frame(context.now, port, frame, target.system == own.system, context.vehicle)
+        } else if frame.id() == Heartbeat::ID || streams::on_frame(context, port, frame) {
+            // That was all.
+        } else if time::on_frame(context.now, port, frame, context.vehicle) {
+            self.has_acted = true;
+        } else if !signing::on_frame(context.now, port, frame, target.system == own.system, context.vehicle)
             && !manual_control::on_frame(context.now, from, frame, target.system.0 == 0, context.peers, context.vehicle)
         {
             context.vehicle.message(frame, port.id);
@@ -190,6 +191,7 @@ impl Core {
             None => execute(context, port, command, set_mode),
         };
         command::carried_out(context.now, command, outcome, context.vehicle);
+        self.has_acted = true;
         port.acks.push(command.from.address, id, outcome);
     }
 }

@@ -34,11 +34,9 @@ impl Line {
 /// whether it stopped within a sweep or between two, and whatever was asked for in the meantime.
 #[test]
 fn a_line_that_stood_for_long_is_not_silent() {
-    for (hole, is_swept, is_asked) in
-        [60, 65, 4_200, 4_231, 4_250, 4_290, 4_294, 4_295, 8_580].into_iter().flat_map(|hole| {
-            [(hole, false, false), (hole, true, false), (hole, false, true), (hole, true, true)]
-        })
-    {
+    let ways = [(false, false), (true, false), (false, true), (true, true)];
+    let holes = [60, 65, 4_200, 4_231, 4_250, 4_290, 4_294, 4_295, 8_580];
+    for (hole, (is_swept, is_asked)) in holes.into_iter().flat_map(|hole| ways.map(|way| (hole, way))) {
         let mut line = Line::new();
         counts(&mut line, 7_000_000, 3, StreamProfile::Onboard, &[1_000]);
         let stop = Instant::from_micros(10_500_000);
