@@ -61,7 +61,9 @@ impl Write for Line {
 pub struct Received {
     pub millis: u64,
     pub link: LinkId,
-    id: u32,
+    pub source: Address,
+    pub id: u32,
+    pub raw: Vec<u8>,
     payload: Vec<u8>,
 }
 
@@ -116,8 +118,14 @@ impl Wire {
                     let pushed = decoder.push(line.down.make_contiguous(), now);
                     line.down.drain(..pushed);
                     while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
-                        let (id, payload) = (frame.id(), frame.payload().to_vec());
-                        self.received.push(Received { millis: self.millis, link, id, payload });
+                        self.received.push(Received {
+                            millis: self.millis,
+                            link,
+                            source: frame.source(),
+                            id: frame.id(),
+                            raw: frame.raw().to_vec(),
+                            payload: frame.payload().to_vec(),
+                        });
                     }
                 }
             }
@@ -133,10 +141,20 @@ impl Wire {
     }
 
     pub fn send<M: Message>(&mut self, link: LinkId, message: &M) {
+        self.send_as(link, STATION, message);
+    }
+
+    /// Sends as somebody; the frame.
+    pub fn send_as<M: Message>(&mut self, link: LinkId, source: Address, message: &M) -> Vec<u8> {
         let mut frame = [0; 280];
         self.seq = self.seq.wrapping_add(1);
-        let len = encode(message, Version::V2, STATION, self.seq, &mut frame).unwrap();
-        self.lines[usize::from(link.0)].up.extend(&frame[..len]);
+        let len = encode(message, Version::V2, source, self.seq, &mut frame).unwrap();
+        self.send_raw(link, &frame[..len]);
+        frame[..len].to_vec()
+    }
+
+    pub fn send_raw(&mut self, link: LinkId, bytes: &[u8]) {
+        self.lines[usize::from(link.0)].up.extend(bytes);
     }
 
     /// What came since this was asked last, of one kind.
