@@ -166,6 +166,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         command::poll(now, vehicle);
         high_latency::poll(now, &mut self.links, &self.peers, vehicle);
         core.params.poll(now, vehicle);
+        #[cfg(feature = "storage")]
+        if !vehicle.may_persist() {
+            core.params.rest();
+        }
         if !V::MODES.is_empty() {
             mode::poll(&mut core.mode, &mut self.links, vehicle);
         }

@@ -291,6 +291,29 @@ mod stored {
         assert_eq!(start(&mut store).vehicle.tuning.get(Tuning::TRIM_ROLL), -3);
     }
 
+    /// SEC-12: while nothing may be written, as in flight, nobody is woken for it; when it may be it is.
+    #[test]
+    fn what_may_not_be_written_wakes_nobody() {
+        let mut flash = Flash::new(REGION);
+        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store);
+        world.vehicle.may_persist = false;
+        world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 8.0));
+        run(&mut world, &mut store, millis(5_300));
+        let mut passes = 0;
+        let end = world.now().after(secs(10));
+        while world.now() < end {
+            world.skip_to(end);
+            world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+            passes += 1;
+        }
+        assert!(passes < 200, "{passes} passes in 10 s");
+        world.vehicle.may_persist = true;
+        world.step();
+        assert_eq!(world.stack.next_deadline(world.now()), world.now());
+        assert!(run(&mut world, &mut store, secs(1)) > 0);
+    }
+
     /// SEC-12: however often a value is set, there is a write in ten seconds, and none when nothing changes.
     #[test]
     fn writes_are_few() {

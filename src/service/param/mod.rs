@@ -194,29 +194,33 @@ impl Params {
         let [parameters, missions, ..] = command.params;
         let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
         let (parameters, missions) = (action(parameters), action(missions));
+        let is_known = match parameters {
+            Some(NOTHING | 2 | 4) => true,
+            Some(0 | 1) => is_stored,
+            _ => false,
+        };
         // Missions are read and written by themselves; to reset them there is MISSION_CLEAR_ALL.
-        if !matches!(missions, Some(NOTHING..=1)) {
+        if !is_known || !matches!(missions, Some(NOTHING..=1)) {
             return Some(MavResult::DENIED);
         }
         if vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED)) {
             return Some(MavResult::TEMPORARILY_REJECTED);
         }
-        let resets_all = match parameters {
-            Some(NOTHING) => return Some(MavResult::ACCEPTED),
-            Some(0) if is_stored => {
+        match parameters {
+            Some(0) => {
                 let table = self.table(vehicle)?;
                 table.state.saving.reload();
                 self.note(&table);
                 return Some(MavResult::ACCEPTED);
             }
-            Some(1) if is_stored => {
+            Some(1) => {
                 self.hurry(cx.now, vehicle);
                 return Some(MavResult::ACCEPTED);
             }
-            Some(2) => false,
-            Some(4) => true,
-            _ => return Some(MavResult::DENIED),
-        };
+            Some(NOTHING) => return Some(MavResult::ACCEPTED),
+            _ => {}
+        }
+        let resets_all = parameters == Some(4);
         for index in 0..count {
             let info = self.table(vehicle)?.get(index)?.0;
             if resets_all || !info.is_read_only() {
@@ -290,6 +294,12 @@ impl Params {
         }
         list.go_on(now, table.count(), bytes_per_second);
         table.send_value(Ways::of::<V>(), index, tx)
+    }
+
+    /// Nothing may be written for now: nobody is to be woken for it.
+    #[cfg(feature = "storage")]
+    pub(crate) const fn rest(&mut self) {
+        self.write_due = Instant::NEVER;
     }
 
     /// When there is something to write: see [`unsaved`](Self::unsaved).

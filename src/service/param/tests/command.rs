@@ -86,6 +86,10 @@ fn nothing_is_reset_while_armed() {
     bench.vehicle.is_armed = true;
     assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), Some(MavResult::TEMPORARILY_REJECTED));
     assert_eq!(bench.vehicle.table.get(Table::SMALL), 3);
+    // C-5: what can never be is not put off.
+    for params in [[0.0, -1.0], [1.0, -1.0], [3.0, -1.0], [0.5, -1.0], [2.0, 2.0]] {
+        assert_eq!(bench.command([params[0], params[1], 0.0, 0.0]), Some(MavResult::DENIED), "{params:?}");
+    }
 }
 
 /// P-17: what is not there can be neither read nor written.
