@@ -144,10 +144,10 @@ proptest! {
     #[test]
     fn every_frame_arrives(joined in joined(0.0), letters in letters(5, 40, 1..100)) {
         let (mut network, leaves) = joined.network::<64>();
-        for leaf in 0..3 {
+        for (leaf, line) in leaves.into_iter().enumerate() {
             for person in 0..5 {
                 let hello = frame(address(leaf, person), Address::new(0, 0), 100, 1_000 + leaf * 10 + usize::from(person));
-                network.send(leaves[leaf], hello);
+                network.send(line, hello);
                 network.run_for(millis(40));
             }
         }
@@ -156,13 +156,13 @@ proptest! {
         network.run_for(secs(2));
         for (frame, letter) in frames.iter().zip(&letters) {
             let deliveries = network.deliveries(frame);
-            for leaf in 0..3 {
+            for (leaf, line) in leaves.into_iter().enumerate() {
                 let expected = match letter.to {
                     _ if leaf == letter.leaf => 0,
                     None => 1,
                     Some((to, _)) => usize::from(to == leaf),
                 };
-                prop_assert_eq!(deliveries[leaves[leaf]][1], expected, "leaf {} of {:?}: {:?}", leaf, letter, deliveries);
+                prop_assert_eq!(deliveries[line][1], expected, "leaf {} of {:?}: {:?}", leaf, letter, deliveries);
             }
         }
     }

@@ -160,8 +160,7 @@ impl Line {
                 if frame.is_empty() {
                     break;
                 }
-                if self.rate > 0 {
-                    let micros = frame.len() as u64 * 1_000 / self.rate;
+                if let Some(micros) = (frame.len() as u64 * 1_000).checked_div(self.rate) {
                     lane.busy_until = lane.busy_until.max(now).after(Duration::from_micros(micros));
                 }
                 if !rng.chance(self.loss) {
