@@ -1,0 +1,297 @@
+//! SETUP_SIGNING: rules G-11 and G-12, T-G5 and T-G7.
+#![cfg(feature = "signing")]
+
+#[path = "support/signer.rs"]
+mod signer;
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{Accept, Address, ForwardQueues, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, Version};
+use signer::*;
+use support::*;
+
+const WIRE: LinkSigning = LinkSigning::OPEN.with_provisioning();
+
+/// Link 0 is a wire that keys come by, link 1 a radio.
+fn rig() -> Rig {
+    Rig::new([WIRE, LinkSigning::SIGNED].map(|signing| LinkConfig::uart(115_200).with_signing(signing)))
+}
+
+fn setup(key: [u8; 32], initial_timestamp: u64) -> SetupSigning {
+    SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: key }
+}
+
+/// What a ground station sends that has no key yet.
+fn unsigned(message: &impl Message) -> Vec<u8> {
+    Signer::new(KEY).unsigned(Version::V2, message)
+}
+
+fn texts(sent: &[Sent]) -> Vec<(String, bool)> {
+    let text = |frame: &Sent| {
+        let text = frame.decode::<Statustext>()?.text;
+        Some((String::from_utf8_lossy(text.as_bytes()).into_owned(), frame.is_signed()))
+    };
+    sent.iter().filter_map(text).collect()
+}
+
+fn arm(rig: &mut Rig, is_armed: bool) {
+    let state = rig.vehicle.state.as_mut().expect("no fault");
+    let armed = if is_armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
+    state.base_mode = armed.with(MavModeFlag::CUSTOM_MODE_ENABLED);
+}
+
+/// G-11: the key is set, time moves to what came with it; a heartbeat that is signed with it says so at once, and a text.
+#[test]
+fn a_key_is_set_and_told_at_once() {
+    for target_component in [1, 0] {
+        let mut rig = rig();
+        assert!(!rig.transmit(0).is_empty() && !rig.transmit(1).is_empty(), "the first heartbeats");
+        rig.receive(0, &unsigned(&SetupSigning { target_component, ..setup(KEY, NOW) }));
+        let sent = rig.transmit(0);
+        assert_eq!(sent[0].id(), Heartbeat::ID, "at once");
+        assert!(sent.iter().all(|frame| frame.is_signed_with(KEY)));
+        assert_eq!(texts(&sent), [("Signing key set".to_owned(), true)]);
+        assert!(rig.timestamp() >= NOW);
+        assert_eq!((rig.counters().setups, rig.counters().refused_setups), (1, 0));
+        assert_eq!(rig.vehicle.calls, [], "the vehicle never sees it");
+        // From now on the radio wants signatures.
+        rig.receive(1, &unsigned(&Gcs::heartbeat()));
+        assert_eq!(rig.counters().unsigned, 1);
+        rig.run_for(secs(1));
+        assert!(rig.sent::<Heartbeat>(1)[0].is_signed_with(KEY));
+    }
+}
+
+/// G-11: time is not moved back by who sets a key.
+#[test]
+fn a_key_does_not_bring_an_older_time() {
+    let mut rig = rig();
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    rig.transmit(0);
+    rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW - 1_000_000)));
+    assert!(rig.timestamp() >= NOW);
+    assert!(rig.transmit(0).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
+}
+
+/// G-8: the same key once more, as ground stations send it, opens no door to what was recorded; another one begins anew.
+#[test]
+fn the_same_key_keeps_its_streams() {
+    for (key, heard) in [(KEY, 1), (OTHER_KEY, 0)] {
+        let mut rig = rig();
+        rig.receive(0, &unsigned(&setup(KEY, NOW)));
+        rig.transmit(0);
+        let recorded = Signer::new(KEY).frame(&Gcs::heartbeat());
+        rig.receive(1, &recorded);
+        rig.receive(0, &unsigned(&setup(key, NOW)));
+        rig.transmit(0);
+        rig.receive(1, &recorded);
+        assert_eq!((rig.counters().replayed, rig.counters().bad_signature), (heard, 1 - heard));
+        rig.receive(1, &Signer::new(key).at(NOW + 50_000).of(OTHER_STATION).frame(&Gcs::heartbeat()));
+        assert_eq!(rig.counters().verified, 2);
+    }
+}
+
+/// T-G7: zeros take the key away, here and in what is sent; the heartbeat that says so is unsigned, and so is the radio
+/// open. A new key begins at its own time.
+#[test]
+fn signing_is_turned_off() {
+    let mut rig = rig();
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    rig.transmit(0);
+    rig.receive(0, &unsigned(&setup([0; 32], 0)));
+    let sent = rig.transmit(0);
+    assert_eq!(sent[0].id(), Heartbeat::ID);
+    assert!(sent.iter().all(|frame| !frame.is_signed()));
+    assert_eq!(texts(&sent), [("Signing is off".to_owned(), false)]);
+    assert!(!rig.signing().is_active() && rig.timestamp() < NOW);
+    rig.receive(1, &unsigned(&Gcs::heartbeat()));
+    rig.receive(1, &Signer::new(KEY).frame(&Gcs::heartbeat()));
+    assert_eq!((rig.counters().unsigned, rig.counters().bad_signature), (0, 0));
+    rig.receive(0, &unsigned(&setup(KEY, NOW - 7_000_000)));
+    assert!((NOW - 7_000_000..NOW).contains(&rig.timestamp()));
+}
+
+/// G-11: zeros with a time are a key, though a bad one; a time without meaning is refused.
+#[test]
+fn what_is_no_key() {
+    let mut rig = rig();
+    rig.receive(0, &unsigned(&setup([0; 32], 1)));
+    assert!(rig.signing().is_active());
+    rig.transmit(0);
+    for late in [1 << 48, u64::MAX] {
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, late)));
+        let sent = rig.transmit(0);
+        assert_eq!(texts(&sent), [("Signing not changed: bad timestamp".to_owned(), false)]);
+    }
+    assert_eq!(rig.counters().refused_setups, 2);
+    assert!(rig.sent::<Heartbeat>(0).iter().all(|frame| frame.is_signed_with([0; 32])));
+}
+
+/// T-G5: armed, or in a fault: refused, with an unsigned text that somebody with another key can read too.
+#[test]
+fn an_armed_vehicle_keeps_its_key() {
+    for key in [None, Some(KEY)] {
+        let mut rig = rig();
+        if let Some(key) = key {
+            rig.set_key(key);
+        }
+        arm(&mut rig, true);
+        rig.transmit(0);
+        for message in [setup(OTHER_KEY, NOW), setup([0; 32], 0)] {
+            rig.receive(0, &unsigned(&message));
+            let sent = rig.transmit(0);
+            assert_eq!(texts(&sent), [("Signing not changed: vehicle is armed".to_owned(), false)]);
+            assert_eq!(sent.len(), 1, "no heartbeat that could be taken for a yes");
+        }
+        rig.run_for(secs(1));
+        let heartbeat = &rig.sent::<Heartbeat>(0)[0];
+        assert_eq!(heartbeat.is_signed_with(KEY), key.is_some());
+        assert_eq!((rig.counters().setups, rig.counters().refused_setups), (0, 2));
+        let state = rig.vehicle.state.take();
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW)));
+        assert_eq!(rig.counters().refused_setups, 3, "in a fault");
+        rig.vehicle.state = state;
+        rig.transmit(0);
+        arm(&mut rig, false);
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW)));
+        assert_eq!(rig.counters().setups, 1);
+    }
+}
+
+/// T-G5: on a link that keys do not come by it is refused, if it is accepted at all; else there is no answer.
+#[test]
+fn a_key_comes_by_its_own_link_only() {
+    let mut rig = rig();
+    rig.transmit(1);
+    rig.receive(1, &unsigned(&setup(KEY, NOW)));
+    assert_eq!(texts(&rig.transmit(1)), [("Signing not changed: not by this link".to_owned(), false)]);
+    assert!(!rig.signing().is_active());
+    rig.set_key(KEY);
+    rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
+    rig.receive(1, &Signer::new(OTHER_KEY).frame(&setup(OTHER_KEY, NOW)));
+    assert_eq!(texts(&rig.transmit(1)), []);
+    rig.receive(1, &Signer::new(KEY).frame(&setup(OTHER_KEY, NOW)));
+    assert_eq!(texts(&rig.transmit(1)), [("Signing not changed: not by this link".to_owned(), false)]);
+    assert_eq!((rig.counters().setups, rig.counters().refused_setups), (0, 2));
+}
+
+/// A wire that wants signatures takes the first key unsigned, and each further one only signed with the one before.
+#[test]
+fn a_strict_wire_takes_the_first_key() {
+    for accept in [Accept::Required, LinkSigning::SIGNED.accept] {
+        let wire = LinkSigning { accept, ..WIRE };
+        let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(wire); 2]);
+        rig.receive(0, &Signer::new(KEY).unsigned(Version::V1, &Gcs::heartbeat()));
+        assert_eq!(rig.counters().unsigned, u32::from(accept == Accept::Required));
+        rig.receive(0, &unsigned(&setup(KEY, NOW)));
+        rig.transmit(0);
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW)));
+        rig.receive(0, &unsigned(&setup([0; 32], 0)));
+        rig.receive(0, &Signer::new(OTHER_KEY).frame(&setup(OTHER_KEY, NOW)));
+        assert!(rig.sent::<Statustext>(0).is_empty());
+        rig.run_for(secs(1));
+        assert!(rig.sent::<Heartbeat>(0)[0].is_signed_with(KEY));
+        let now = rig.timestamp();
+        rig.receive(0, &Signer::new(KEY).at(now).frame(&setup(OTHER_KEY, NOW)));
+        assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
+    }
+}
+
+/// G-12: it is for the component that it names, never for everyone.
+#[test]
+fn a_key_is_for_one_component() {
+    let mut rig = rig();
+    for (target_system, target_component) in [(0, 0), (0, 1), (2, 1), (1, 2), (1, 190), (2, 0)] {
+        rig.receive(0, &unsigned(&SetupSigning { target_system, target_component, ..setup(KEY, NOW) }));
+    }
+    assert!(!rig.signing().is_active());
+    let counters = rig.stack.link_counters(LINKS[0]).unwrap();
+    assert_eq!((counters.out_of_place, counters.not_ours), (2, 4));
+    assert_eq!(rig.vehicle.calls, []);
+    assert_eq!(texts(&rig.transmit(0)), []);
+}
+
+/// T-G5: never forwarded, whoever it is for.
+#[test]
+fn a_key_is_not_forwarded() {
+    let mut rig = rig();
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    for link in [0, 1] {
+        rig.transmit(link);
+    }
+    let companion = Address::new(1, 191);
+    rig.receive(1, &Signer::new(KEY).of(companion).unsigned(Version::V2, &Gcs::heartbeat()));
+    for (target_system, target_component) in [(0, 0), (1, 191), (1, 0), (2, 1), (1, 1)] {
+        rig.receive(0, &unsigned(&SetupSigning { target_system, target_component, ..setup(KEY, NOW) }));
+    }
+    rig.receive(0, &unsigned(&Ping { target_system: 1, target_component: 191, ..Ping::default() }));
+    let sent = rig.transmit(1);
+    assert!(sent.iter().any(|frame| frame.id() == Ping::ID), "other things are");
+    assert!(sent.iter().all(|frame| frame.id() != SetupSigning::ID));
+}
+
+/// what is not accepted is forwarded all the same, to the byte; nothing is learned of who sent it.
+#[test]
+fn what_is_not_accepted_is_forwarded() {
+    let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::REQUIRED); 2]);
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    for link in [0, 1] {
+        rig.transmit(link);
+    }
+    let mut stranger = Signer::new(OTHER_KEY);
+    let mut frames = vec![stranger.frame(&Gcs::heartbeat()), stranger.unsigned(Version::V2, &Gcs::heartbeat())];
+    frames.push(Signer::new(KEY).frame(&Gcs::heartbeat()));
+    for frame in &frames {
+        rig.receive(0, frame);
+    }
+    let sent: Vec<_> = rig.transmit(1).into_iter().map(|frame| frame.raw).collect();
+    for frame in &frames {
+        assert!(sent.contains(frame), "to the byte");
+    }
+    assert_eq!(rig.stack.peers().len(), 1);
+    // A break in the middle of a forwarded frame does not touch its signature.
+    let frame = stranger.frame(&Ping::default());
+    rig.receive(0, &frame);
+    rig.begin(1, 5);
+    rig.restart(1);
+    assert_eq!(rig.transmit(1)[0].raw, frame);
+}
+
+/// D-3: a second one finds no room as long as the first was not answered, and is dropped; on another link as on the same.
+#[test]
+fn one_at_a_time() {
+    let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(WIRE); 2]);
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
+    assert_eq!(rig.stack.link_counters(LINKS[1]).unwrap().no_answer_slot, 1);
+    assert_eq!(texts(&rig.transmit(1)), [], "the answer goes where it was asked");
+    assert_eq!(texts(&rig.transmit(0)).len(), 1);
+    rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
+    assert!(rig.transmit(1)[0].is_signed_with(OTHER_KEY));
+}
+
+/// No key comes by satellite; and to a vehicle without a memory it is a message like any other.
+#[test]
+fn where_it_is_not_served() {
+    let satellite = LinkConfig::uart(1_200).with_class(LinkClass::HighLatency).with_signing(WIRE);
+    let mut rig: Rig = Rig::new([satellite, LinkConfig::uart(115_200)]);
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    assert!(!rig.signing().is_active());
+    assert_eq!(rig.stack.link_counters(LINKS[0]).unwrap().out_of_place, 1);
+    rig.vehicle.signing = None;
+    rig.receive(1, &unsigned(&setup(KEY, NOW)));
+    assert_eq!(rig.vehicle.calls.len(), 1);
+}
+
+/// The firmware's own key, and taking it away again.
+#[test]
+fn the_firmware_sets_a_key() {
+    let mut rig = rig();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), NOW);
+    assert!(rig.transmit(1)[0].is_signed_with(KEY));
+    rig.signing().clear_key();
+    rig.run_for(secs(1));
+    assert!(!rig.transmit(1)[0].is_signed());
+}
