@@ -6,7 +6,8 @@
 //!
 //! ```
 //! use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
-//! use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
+//! use mavstack::dialect::commands::ComponentArmDisarm;
+//! use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
 //! use mavstack::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
@@ -35,11 +36,11 @@
 //!
 //! impl Commands for Rover {
 //!     fn command(&mut self, command: &Command) -> Outcome {
-//!         match (command.id, command.params) {
-//!             (MavCmd::COMPONENT_ARM_DISARM, [1.0, ..]) => self.armed = true,
-//!             (MavCmd::COMPONENT_ARM_DISARM, [0.0, ..]) => self.armed = false,
-//!             (MavCmd::COMPONENT_ARM_DISARM, _) => return MavResult::DENIED.into(),
-//!             _ => return MavResult::UNSUPPORTED.into(),
+//!         // UNSUPPORTED when it is another one, DENIED when its parameters are not as they may be.
+//!         match command.decode() {
+//!             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
+//!             Ok(_) => return MavResult::DENIED.into(),
+//!             Err(result) => return result.into(),
 //!         }
 //!         MavResult::ACCEPTED.into()
 //!     }
@@ -85,12 +86,15 @@
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
 //! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
 //! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | what is kept of each line and each sender; what goes on from one to the other |
-//! | the services | heartbeat, commands, plans, streams, texts, identity, the high-latency link |
+//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, the high-latency link |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //!
-//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`] and [`Telemetry`]. For UARTs it hands over anything that is
-//! `embedded_io::{Read, Write, ReadReady, WriteReady}`; interrupts and DMA use the byte-level calls
-//! ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin).
+//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`], [`Telemetry`] and [`Parameters`]. What not every vehicle has
+//! needs memory of the vehicle's own and costs nothing without: [`CommandMemory`], [`ManualInput`], [`TimeSync`],
+//! [`HighLatency`], [`ForwardQueues`].
+//!
+//! For UARTs it hands over anything that is `embedded_io::{Read, Write, ReadReady, WriteReady}`; interrupts and DMA use the
+//! byte-level calls ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin).
 //!
 //! # Guarantees
 //!

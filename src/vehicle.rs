@@ -275,8 +275,8 @@ pub trait Commands {
         MavResult::UNSUPPORTED.into()
     }
 
-    /// The `custom_mode` that was asked for last, by whoever it was; it differs from the vehicle's mode after a failsafe. 0, as
-    /// at first, when that is not known. Goes into CURRENT_MODE.
+    /// The `custom_mode` that was asked for last, by whoever it was, or what that ended in: a take-off in a hold. It differs
+    /// from the vehicle's mode after a failsafe only. 0, as at first, when it is not known. Goes into CURRENT_MODE.
     fn intended_mode(&self) -> u32 {
         0
     }

@@ -162,7 +162,10 @@ impl CommandSlot {
 /// impl Commands for Copter {
 ///     fn command(&mut self, command: &Command) -> Outcome {
 ///         match command.id {
-///             MavCmd::PREFLIGHT_CALIBRATION => self.commands.start(command),
+///             MavCmd::PREFLIGHT_CALIBRATION => {
+///                 self.samples = 0;
+///                 self.commands.start(command)
+///             }
 ///             _ => MavResult::UNSUPPORTED.into(),
 ///         }
 ///     }
@@ -180,7 +183,6 @@ impl CommandSlot {
 ///     /// A part of the flight loop.
 ///     fn calibrate(&mut self) {
 ///         if !self.commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
-///             self.samples = 0;
 ///             return;
 ///         }
 ///         self.samples += 1;
@@ -193,9 +195,9 @@ impl CommandSlot {
 /// ```
 ///
 /// The stack answers the rest: IN_PROGRESS once a second and when the progress changes, though not more than ten times a
-/// second and not over a high-latency link, the final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to others while it runs, a repetition without
-/// running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until three seconds after the command is done;
-/// without a free one a command is `TEMPORARILY_REJECTED` (C-22).
+/// second and not over a high-latency link, the final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to
+/// others while it runs, a repetition without running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until
+/// three seconds after the command is done; without a free one a command is `TEMPORARILY_REJECTED` (C-22).
 ///
 /// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
 /// heartbeat asks for anyway.
