@@ -436,6 +436,24 @@ fn what_another_one_said_does_not_come_back() {
     assert_eq!((sticks(&world), channels(&world)), (None, None));
 }
 
+/// J-3: what was stale stays stale when the timeout becomes longer; what was not is valid for as long as it was.
+#[test]
+fn another_timeout_brings_nothing_back() {
+    for (longer, other) in [(secs(10), secs(20)), (millis(700), millis(100))] {
+        let mut world = world::<1>(ONLY_STATION);
+        send(&mut world, 0, STATION, &stick(100));
+        send(&mut world, 0, STATION, &override_of(1_500, 1_500));
+        world.run_for(millis(600));
+        input(&mut world).set_timeout(longer);
+        assert_eq!((sticks(&world), channels(&world)), (None, None));
+        assert_eq!(world.vehicle.manual.as_ref().unwrap().holder(world.now()), None);
+        send(&mut world, 0, STATION, &stick(200));
+        input(&mut world).set_timeout(other);
+        world.run_for(millis(690));
+        assert_eq!(sticks(&world).unwrap().x, Some(200));
+    }
+}
+
 /// Another policy takes the sticks out of the hands of who holds them; the same one again does not.
 #[test]
 fn a_new_policy_counts_at_once() {

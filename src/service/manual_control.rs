@@ -214,13 +214,14 @@ pub struct ManualCounters {
 pub struct ManualInput {
     source: ControlSource,
     timeout: Duration,
-    /// Who steers, and when he was last heard.
+    /// Who steers, and until when, if nothing more is heard of him.
     holder: Option<(Peer, Instant)>,
-    sticks: Option<ManualControlInput>,
+    /// And until when they are valid.
+    sticks: Option<(ManualControlInput, Instant)>,
     /// As they were given (µs); 0 for those that were not.
     channels: [u16; CHANNELS],
-    /// When they were given.
-    given: [Instant; CHANNELS],
+    /// Until when they are valid.
+    until: [Instant; CHANNELS],
     counters: ManualCounters,
 }
 
@@ -231,8 +232,8 @@ impl ManualInput {
     /// Nobody steers yet. `source` may; what he says is valid for `timeout`, and with a timeout of zero never.
     pub const fn new(source: ControlSource, timeout: Duration) -> Self {
         let counters = ManualCounters { taken: 0, broadcast: 0, not_allowed: 0, not_holder: 0, bad_axes: 0 };
-        let (channels, given) = ([0; CHANNELS], [Instant::ZERO; CHANNELS]);
-        Self { source, timeout, holder: None, sticks: None, channels, given, counters }
+        let (channels, until) = ([0; CHANNELS], [Instant::ZERO; CHANNELS]);
+        Self { source, timeout, holder: None, sticks: None, channels, until, counters }
     }
 
     /// From now on `source` may steer. When this is a change, who steered does not any longer, until his next message if
@@ -244,7 +245,8 @@ impl ManualInput {
         }
     }
 
-    /// From now on what is said is valid for `timeout`.
+    /// From now on what is said is valid for `timeout`. What was said before is for as long as it was: no stick that was
+    /// stale comes back.
     pub fn set_timeout(&mut self, timeout: Duration) {
         self.timeout = timeout;
     }
@@ -252,15 +254,15 @@ impl ManualInput {
     /// The sticks as they are now; `None` when nobody moves them: at first, and when the last MANUAL_CONTROL is as old as
     /// the timeout (J-3).
     pub fn manual_control(&self, now: Instant) -> Option<ManualControlInput> {
-        self.sticks.filter(|sticks| self.is_fresh(now, sticks.at))
+        self.sticks.filter(|&(_, until)| now < until).map(|(sticks, _)| sticks)
     }
 
     /// The channels that are overridden now; `None` when none is. A message leaves those alone that it ignores, so each is
     /// valid for the timeout from when it was given last (J-3, J-4).
     pub fn rc_channels(&self, now: Instant) -> Option<RcOverride> {
         let mut channels = self.channels;
-        for (channel, &given) in channels.iter_mut().zip(&self.given) {
-            if !self.is_fresh(now, given) {
+        for (channel, &until) in channels.iter_mut().zip(&self.until) {
+            if now >= until {
                 *channel = 0;
             }
         }
@@ -269,16 +271,12 @@ impl ManualInput {
 
     /// Who steers: nobody else can until he was silent for the timeout.
     pub fn holder(&self, now: Instant) -> Option<Peer> {
-        self.holder.filter(|&(_, heard)| self.is_fresh(now, heard)).map(|(holder, _)| holder)
+        self.holder.filter(|&(_, until)| now < until).map(|(holder, _)| holder)
     }
 
     /// What became of the messages so far.
     pub const fn counters(&self) -> ManualCounters {
         self.counters
-    }
-
-    fn is_fresh(&self, now: Instant, since: Instant) -> bool {
-        now.since(since) < self.timeout
     }
 
     fn forget(&mut self) {
@@ -301,7 +299,7 @@ impl ManualInput {
             if holder.is_none() {
                 self.forget();
             }
-            self.holder = Some((from, now));
+            self.holder = Some((from, now.after(self.timeout)));
             self.take(now, from, frame);
             return count(&mut self.counters.taken);
         };
@@ -310,17 +308,18 @@ impl ManualInput {
     }
 
     fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>) {
+        let valid_until = now.after(self.timeout);
         if let Some(message) = frame.decode::<ManualControl>() {
-            self.sticks = Some(sticks(now, from, &message, &mut self.counters.bad_axes));
+            self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
         } else if let Some(message) = frame.decode::<RcChannelsOverride>() {
-            let held = self.channels.iter_mut().zip(&mut self.given);
-            for (index, (raw, (channel, given))) in raw_channels(&message).into_iter().zip(held).enumerate() {
+            let held = self.channels.iter_mut().zip(&mut self.until);
+            for (index, (raw, (channel, until))) in raw_channels(&message).into_iter().zip(held).enumerate() {
                 match raw {
                     u16::MAX => {}
                     0 if index >= FIRST_CHANNELS => {}
                     // No pulse is 65 ms long, so the later channels' word for it is understood for all.
                     0 | RELEASE => *channel = 0,
-                    _ => (*channel, *given) = (raw, now),
+                    _ => (*channel, *until) = (raw, valid_until),
                 }
             }
         }
