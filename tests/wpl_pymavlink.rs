@@ -1,15 +1,15 @@
 //! Plan files and pymavlink, the reader and writer behind MAVProxy: what we write it loads as the same plan, and what
 //! it saves we read, to the six decimals that it keeps (T-W2).
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+#[path = "support/pymavlink.rs"]
+mod pymavlink;
+
+use std::path::Path;
+use std::process::Command;
 
 use mavstack::Item;
 use mavstack::dialect::{MavCmd, MavFrame};
 use mavstack::wpl::{HomeRow, Reader, Writer};
-
-/// As in `.ci/integration/requirements.txt`.
-const PYMAVLINK: &str = "pymavlink==2.4.50";
 
 fn read(mut file: &[u8], home_row: HomeRow) -> (Option<Item>, Vec<Item>) {
     let mut reader = Reader::new(home_row).numbered();
@@ -109,14 +109,7 @@ fn printed(row: usize, item: &Item, home: bool) -> String {
 
 #[test]
 fn pymavlink_loads_what_we_write_and_we_read_what_it_saves() {
-    let python = match pymavlink() {
-        Ok(python) => python,
-        Err(reason) => {
-            assert!(std::env::var_os("CI").is_none_or(|ci| ci != "true"), "CI has no pymavlink: {reason}");
-            println!("SKIPPED: no round trip with pymavlink: {reason}");
-            return;
-        }
-    };
+    let Some(python) = pymavlink::python() else { return };
     let sample = |name: &str| std::fs::read(Path::new("tests/wpl").join(name)).expect("a sample");
     let (_, fence) = read(&sample("mavproxy_fence.txt"), HomeRow::None);
     let (_, rally) = read(&sample("mavproxy_rally.txt"), HomeRow::None);
@@ -129,7 +122,7 @@ fn pymavlink_loads_what_we_write_and_we_read_what_it_saves() {
         let saved = folder.join(format!("{kind}{number}_saved.txt"));
         std::fs::write(&path, write(home.as_ref(), &items)).expect("written");
         let output =
-            Command::new(&python).args([Path::new("tests/wpl/mavwp.py"), kind.as_ref(), &path, &saved]).output();
+            Command::new(python).args([Path::new("tests/wpl/mavwp.py"), kind.as_ref(), &path, &saved]).output();
         let output = output.expect("python runs");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 
@@ -153,27 +146,4 @@ fn pymavlink_loads_what_we_write_and_we_read_what_it_saves() {
         let again = read(&std::fs::read(&saved).expect("saved"), home_row);
         assert_eq!(again, (home.map(to_six), items.into_iter().map(to_six).collect()), "{kind} as pymavlink saves it");
     }
-}
-
-/// A Python that has pymavlink: of a virtual environment beside the build's output, made on first use.
-fn pymavlink() -> Result<PathBuf, String> {
-    let environment = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pymavlink");
-    let python = environment.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
-    let version = PYMAVLINK.rsplit('=').next().unwrap_or_default();
-    let check = format!("import importlib.metadata as m; assert m.version('pymavlink') == '{version}'");
-    if run(Command::new(&python).args(["-c", &check])).is_ok() {
-        return Ok(python);
-    }
-    run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&environment))?;
-    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--no-input", "--retries", "1", PYMAVLINK]))?;
-    Ok(python)
-}
-
-fn run(command: &mut Command) -> Result<ExitStatus, String> {
-    let what = format!("{command:?}");
-    let output = command.stdin(Stdio::null()).output().map_err(|error| format!("{what}: {error}"))?;
-    if output.status.success() {
-        return Ok(output.status);
-    }
-    Err(format!("{what}: {}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("failed")))
 }
