@@ -89,7 +89,6 @@ pub struct Quadrotor {
     times: Times,
     /// It has been in the air for longer than it is to be.
     is_overdue: bool,
-    may_persist: bool,
     /// The motors are off for good.
     is_terminated: bool,
     /// Sensors are being calibrated, since then.
@@ -131,7 +130,6 @@ impl Quadrotor {
             is_in_air: false,
             times: Times { armed: Instant::ZERO, took_off: Instant::ZERO, landed: Instant::ZERO },
             is_overdue: false,
-            may_persist: true,
             is_terminated: false,
             calibration: None,
             reboot: None,
@@ -269,12 +267,6 @@ impl Quadrotor {
     /// Where its parameters are described.
     pub(crate) fn metadata(&self) -> Option<&'static ComponentMetadata> {
         self.metadata
-    }
-
-    /// Whether storage may be written from now on; at first it may. This vehicle's storage stops nothing while it is
-    /// written; one whose processor stands still for that long would permit it on the ground only.
-    pub fn set_may_persist(&mut self, may_persist: bool) {
-        self.may_persist = may_persist;
     }
 
     fn step(&mut self, live: &Live<'_>) {

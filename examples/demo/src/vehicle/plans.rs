@@ -42,10 +42,6 @@ impl Plans for Quadrotor {
         ]),
     ];
 
-    fn may_persist(&self) -> bool {
-        self.may_persist
-    }
-
     fn check_item(&mut self, _plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;
         let is_bad = match item.command {
