@@ -194,11 +194,13 @@ impl Outbox {
 
     /// Sends a frame of somebody else as it is, to the byte, with its own number and signature. One that is not for a
     /// high-latency link is not sent: false.
-    pub(crate) fn forward(&mut self, frame: impl Iterator<Item = u8>) -> bool {
+    pub(crate) fn forward(&mut self, frame: [&[u8]; 2]) -> bool {
         let mut len = 0usize;
-        for (cell, byte) in self.bytes.iter_mut().zip(frame) {
-            *cell = byte;
-            len = len.saturating_add(1);
+        for part in frame {
+            for (cell, byte) in self.bytes.get_mut(len..).unwrap_or_default().iter_mut().zip(part) {
+                *cell = *byte;
+            }
+            len = len.saturating_add(part.len()).min(MAX_FRAME_LEN);
         }
         let id = Header::parse(&self.bytes).map(|header| header.id);
         if self.class == LinkClass::HighLatency && !id.is_some_and(|id| may_leave(id, self.class)) {

@@ -76,10 +76,13 @@ impl Memory {
     }
 }
 
-/// A number for all bytes of a frame: FNV-1a.
+/// A number for all bytes of a frame.
 pub(super) fn key_of(frame: &[u8]) -> u32 {
-    let hash = frame.iter().fold(0x811C_9DC5_u32, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-    hash.max(1)
+    let add = |key: u32, word: u32| (key.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
+    let (words, rest) = frame.as_chunks();
+    let key = words.iter().fold(0, |key, &word| add(key, u32::from_le_bytes(word)));
+    let key = rest.iter().fold(key, |key, &byte| add(key, u32::from(byte)));
+    key.max(1)
 }
 
 /// The low half of a time (ms).

@@ -33,35 +33,44 @@ impl Ring {
         if size.saturating_sub(self.used) < needed {
             return false;
         }
+        let [len_low, len_high] = len.to_le_bytes();
+        let [t0, t1, t2, t3] = low_half(now).to_le_bytes();
         let end = wrapped(self.start.saturating_add(self.used), size);
-        let Some((front, back)) = bytes.split_at_mut_checked(end) else { return false };
-        let prefix = len.to_le_bytes().into_iter().chain(low_half(now).to_le_bytes());
-        for (cell, byte) in back.iter_mut().chain(front).zip(prefix.chain(frame.iter().copied())) {
-            *cell = byte;
-        }
+        put(bytes, end, &[len_low, len_high, t0, t1, t2, t3]);
+        put(bytes, wrapped(end.saturating_add(PREFIX), size), frame);
         self.used = self.used.saturating_add(needed);
         true
     }
 
-    /// Takes the oldest frame out, and tells how long it waited. It stays readable until the next [`push`](Self::push).
-    pub(super) fn pop<'a>(
-        &mut self,
-        bytes: &'a [u8],
-        now: Instant,
-    ) -> Option<(Duration, impl Iterator<Item = u8> + use<'a>)> {
+    /// Takes the oldest frame out, in its two parts, and tells how long it waited.
+    pub(super) fn pop<'a>(&mut self, bytes: &'a [u8], now: Instant) -> Option<(Duration, [&'a [u8]; 2])> {
         if self.is_empty() {
             return None;
         }
         let (front, back) = bytes.split_at_checked(self.start)?;
-        let mut from_start = back.iter().chain(front).copied();
-        let mut next = || from_start.next();
+        let mut prefix = back.iter().chain(front).copied();
+        let mut next = || prefix.next();
         let len = usize::from(u16::from_le_bytes([next()?, next()?]));
         let at = u32::from_le_bytes([next()?, next()?, next()?, next()?]);
-        let taken = len.saturating_add(PREFIX);
-        self.start = wrapped(self.start.saturating_add(taken), bytes.len());
-        self.used = self.used.saturating_sub(taken);
-        let waited = Duration::from_millis(u64::from(low_half(now).wrapping_sub(at)));
-        Some((waited, from_start.take(len)))
+        let begin = wrapped(self.start.saturating_add(PREFIX), bytes.len());
+        let first = bytes.get(begin..)?;
+        let first = first.get(..len).unwrap_or(first);
+        let second = bytes.get(..len.saturating_sub(first.len()))?;
+        self.start = wrapped(begin.saturating_add(len), bytes.len());
+        self.used = self.used.saturating_sub(PREFIX.saturating_add(len));
+        Some((Duration::from_millis(u64::from(low_half(now).wrapping_sub(at))), [first, second]))
+    }
+}
+
+/// Writes `data` into a ring from `at` on.
+fn put(ring: &mut [u8], at: usize, data: &[u8]) {
+    let Some((front, back)) = ring.split_at_mut_checked(at) else { return };
+    for (cell, byte) in back.iter_mut().zip(data) {
+        *cell = *byte;
+    }
+    let rest = data.get(back.len()..).unwrap_or_default();
+    for (cell, byte) in front.iter_mut().zip(rest) {
+        *cell = *byte;
     }
 }
 
@@ -96,7 +105,7 @@ mod tests {
                     }
                 } else {
                     let popped = ring.pop(&bytes, Instant::from_millis(now));
-                    let popped = popped.map(|(waited, frame)| (waited.as_millis(), frame.collect::<Vec<_>>()));
+                    let popped = popped.map(|(waited, frame)| (waited.as_millis(), frame.concat()));
                     let expected = model.pop_front().map(|(at, frame)| (now - at, frame));
                     held -= expected.as_ref().map_or(0, |(_, frame)| frame.len() + PREFIX);
                     prop_assert_eq!(popped, expected);

@@ -1,6 +1,6 @@
 //! The peer table as route table: which links a frame is for, and which it must not go to.
 
-use super::Peers;
+use super::peers::Peers;
 use crate::dialect::SystemTime;
 use crate::frame::{Address, Frame};
 use crate::link::{LinkMask, Peer};
@@ -21,6 +21,9 @@ pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Ad
     let mut routes = Routes { seen: LinkMask::NONE, to };
     for info in peers.iter_mut() {
         let Peer { address, link } = info.peer;
+        if address.system != from.address.system && address.system != target.system {
+            continue;
+        }
         info.is_route |= is_learned && info.peer == from;
         if !info.is_route {
             continue;
