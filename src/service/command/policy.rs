@@ -19,7 +19,9 @@ const ONCE: u8 = 8;
 ///
 /// ```
 /// use mavstack::dialect::MavFrame;
-/// use mavstack::dialect::command_rules::{COMPONENT_ARM_DISARM, DO_REPEAT_SERVO, DO_REPOSITION, NAV_TAKEOFF};
+/// use mavstack::dialect::command_rules::{
+///     COMPONENT_ARM_DISARM, DO_REPEAT_SERVO, DO_SET_ROI_LOCATION, NAV_TAKEOFF,
+/// };
 /// use mavstack::{CommandPolicy, ParamRule};
 ///
 /// const COMMANDS: &[CommandPolicy] = &[
@@ -27,8 +29,8 @@ const ONCE: u8 = 8;
 ///     CommandPolicy::new(COMPONENT_ARM_DISARM).no_broadcast(),
 ///     // MAVSDK and QGroundControl send NaN for "as high as configured".
 ///     CommandPolicy::new(NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
-///     // A float's degrees are a metre apart.
-///     CommandPolicy::new(DO_REPOSITION).int_only(),
+///     // A float's degrees are a metre apart. (Not DO_REPOSITION: QGroundControl's pause is one, in a COMMAND_LONG.)
+///     CommandPolicy::new(DO_SET_ROI_LOCATION).int_only(),
 ///     // A copy that comes by another link must not do it again.
 ///     CommandPolicy::new(DO_REPEAT_SERVO).once(),
 /// ];
