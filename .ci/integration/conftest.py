@@ -106,7 +106,11 @@ class Gcs:
         self.mav.buf_index = 0
 
     def wait(self, kind, timeout=3.0, where=lambda message: True):
-        """The next message of this kind that fits, or None."""
+        """The vehicle's next message of this kind that fits, or None. What it passes on of others does not count."""
+        return self.hear(kind, timeout, lambda message: message.get_srcComponent() == 1 and where(message))
+
+    def hear(self, kind, timeout=3.0, where=lambda message: True):
+        """The next message of this kind that fits, whoever sent it, or None."""
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0:
             message = self.link.recv_match(type=kind, blocking=True, timeout=left)

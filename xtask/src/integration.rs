@@ -50,6 +50,8 @@ const OVER_TCP: &[&str] = &[
     "test_mavsdk_flight.py",
     "test_mavproxy.py",
     "test_mavproxy_flight.py",
+    "test_routing.py",
+    "test_satellite.py",
     "test_power.py",
     "test_plan_file.py",
 ];

@@ -1,0 +1,221 @@
+"""A ground station on the telemetry link and a companion computer on the other talk to each other through the vehicle."""
+
+import json
+import queue
+import threading
+import time
+
+import pytest
+from companion import ADDRESS, Companion
+from mavsdk.plugins.mavlink_direct import MavlinkDirect
+from mavsdk.plugins.mavlink_direct.mavlink_direct import MavlinkMessage
+from mavsdk.plugins.telemetry import Telemetry
+from pymavlink import mavutil
+from satellite import Satellite
+from test_mavproxy import MavProxy
+
+mavlink = mavutil.mavlink
+
+ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
+VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+
+
+@pytest.fixture
+def companion(other):
+    companion = Companion(other)
+    yield companion
+    companion.end()
+
+
+@pytest.fixture
+def satellite(port):
+    """All the while nothing goes out by satellite that may not."""
+    satellite = Satellite(port + 2)
+    yield satellite
+    satellite.listen(0.5)
+    satellite.end()
+    assert satellite.received == b"", "something was forwarded to the satellite"
+
+
+def until(condition, timeout, what):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, f"not in {timeout} s: {what}"
+        time.sleep(0.05)
+
+
+def is_from(message, address):
+    return (message.get_srcSystem(), message.get_srcComponent()) == address
+
+
+def test_mavsdk_and_the_companion(system, companion, satellite):
+    """R-1, R-2, R-16: heartbeats, a command and its answer each way, texts."""
+    beat = companion.hear("HEARTBEAT", 5, lambda beat: beat.type == mavlink.MAV_TYPE_GCS)
+    assert beat, "MAVSDK's heartbeat does not come through"
+    ground = (beat.get_srcSystem(), beat.get_srcComponent())
+    until(lambda: ADDRESS[1] in system.component_ids(), 5, "MAVSDK sees the companion")
+
+    # MAVSDK asks the companion.
+    direct = MavlinkDirect(system)
+    answers = queue.SimpleQueue()
+    fields = dict(target_system=1, target_component=ADDRESS[1], command=31_010, param1=7.5, param2=-1.0)
+    command = MavlinkMessage("COMMAND_LONG", 0, 0, *ADDRESS, json.dumps(fields))
+    threading.Thread(target=lambda: answers.put(direct.send_command(command)), daemon=True).start()
+    asked = companion.hear("COMMAND_LONG")
+    assert asked and is_from(asked, ground)
+    assert (asked.command, asked.param1, asked.param2) == (31_010, 7.5, -1.0)
+    companion.mav.command_ack_send(31_010, ACCEPTED, 0, 42, *ground)
+    answer = answers.get(timeout=5)
+    assert (answer.system_id, answer.component_id) == ADDRESS
+    told = json.loads(answer.fields_json)
+    assert (told["result"], told["result_param2"]) == (ACCEPTED, 42)
+    assert not companion.hear("COMMAND_LONG", 1), "it was asked again: the answer was late or lost"
+
+    # The companion asks MAVSDK, whose user answers.
+    asked = queue.SimpleQueue()
+    direct.subscribe_message("COMMAND_LONG", lambda message, _: asked.put(message))
+    companion.mav.command_long_send(*ground, 31_011, 0, 42, 0, 0, 0, 0, 0, 0)
+    message = asked.get(timeout=3)
+    assert (message.system_id, message.component_id) == ADDRESS
+    told = json.loads(message.fields_json)
+    assert (told["command"], told["param1"]) == (31_011, 42)
+    fields = dict(command=31_011, result=mavlink.MAV_RESULT_DENIED, target_system=1, target_component=ADDRESS[1])
+    direct.send_message(MavlinkMessage("COMMAND_ACK", 0, 0, *ADDRESS, json.dumps(fields)))
+    ack = companion.hear("COMMAND_ACK")
+    assert ack and is_from(ack, ground) and (ack.command, ack.result) == (31_011, mavlink.MAV_RESULT_DENIED)
+    assert (ack.target_system, ack.target_component) == ADDRESS
+
+    # Both ask the vehicle, and each is answered alone.
+    companion.mav.command_long_send(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
+    ack = companion.line.wait("COMMAND_ACK")
+    assert (ack.result, ack.target_system, ack.target_component) == (ACCEPTED, *ADDRESS)
+    heard = queue.SimpleQueue()
+    direct.subscribe_message("COMMAND_ACK", lambda message, _: heard.put(message))
+    fields = dict(target_system=1, target_component=1, command=REQUEST, param1=VERSION)
+    direct.send_command(MavlinkMessage("COMMAND_LONG", 0, 0, 1, 1, json.dumps(fields)))
+    assert heard.get(timeout=3).component_id == 1
+    assert not companion.line.wait("COMMAND_ACK", 1)
+
+    # What it says is for everybody.
+    texts, messages = queue.SimpleQueue(), queue.SimpleQueue()
+    Telemetry(system).subscribe_status_text(lambda text, _: texts.put(text.text))
+    direct.subscribe_message("STATUSTEXT", lambda message, _: messages.put(message))
+    companion.mav.statustext_send(mavlink.MAV_SEVERITY_NOTICE, b"obstacle map ready")
+    message = messages.get(timeout=3)
+    assert (message.system_id, message.component_id) == ADDRESS
+    assert json.loads(message.fields_json)["text"] == "obstacle map ready"
+    assert texts.get(timeout=3) == "obstacle map ready"
+
+
+def test_addressed_and_broadcast(gcs, companion, satellite):
+    """R-1, R-2: for one, for all of a system, for everybody, for nobody."""
+
+    def ask(*target):
+        gcs.mav.command_long_send(*target, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
+
+    # The companion must know the way back.
+    gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
+    assert companion.hear("HEARTBEAT", where=lambda beat: is_from(beat, gcs.address))
+    for target, is_answered, is_forwarded in [
+        (ADDRESS, False, True),
+        ((1, 1), True, False),
+        ((1, 0), True, True),
+        ((0, 0), True, True),
+        ((1, 77), False, False),
+        ((9, 0), False, False),
+        ((9, 1), False, False),
+    ]:
+        ask(*target)
+        ack = gcs.wait("COMMAND_ACK", 0.7)
+        assert bool(ack) == is_answered, target
+        asked = companion.hear("COMMAND_LONG", 0.3)
+        assert bool(asked) == is_forwarded, target
+        assert not asked or (asked.target_system, asked.target_component) == target
+    # Nobody hears himself.
+    gcs.drain()
+    gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
+    assert not gcs.hear("HEARTBEAT", 2, lambda beat: is_from(beat, gcs.address))
+
+
+def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
+    """R-5, R-9, R-10: to the byte, whatever is in them; also where nobody here knows the message, or can check it."""
+    tunnel = mavlink.MAVLink_tunnel_message(0, 0, 40_000, 100, bytes(range(100)).ljust(128, b"\0"))
+    companion.mav.seq = 200
+    sent = [companion.send(tunnel)]
+    # Zeros at the end that were not cut off, a signature, a flag that nobody knows.
+    payload = b"\x01\x02\x00\x00"
+    signed = bytes([0xFD, 4, 1, 0x40, 201, *ADDRESS, 0x01, 0x81, 0x02]) + payload + b"\xaa\xbb" + bytes(range(13))
+    unknown = bytes([0xFD, 4, 0, 0, 202, *ADDRESS, 0x02, 0x81, 0x02]) + payload + b"\xcc\xdd"
+    old = bytes([0xFE, 4, 203, *ADDRESS, 199]) + payload + b"\xee\xff"
+    for frame in (signed, unknown, old):
+        companion.line.link.write(frame)
+        sent.append(frame)
+        # It takes silence behind it for a sign that it is one.
+        time.sleep(0.15)
+    companion.mav.seq = 204
+    found = b""
+    deadline = time.monotonic() + 5
+    while any(frame not in found for frame in sent) and time.monotonic() < deadline:
+        found += gcs.link.recv(4096) or b""
+    assert [frame in found for frame in sent] == [True] * 4
+    # On their own link they are nobody's business.
+    assert not companion.hear("TUNNEL", 0.5)
+
+
+def test_keys_stay_on_their_link(gcs, companion, satellite):
+    """R-11"""
+    for target in [ADDRESS, (0, 0)]:
+        gcs.mav.setup_signing_send(*target, bytes(range(32)), 1)
+    gcs.mav.radio_status_send(200, 200, 50, 10, 10, 0, 0)
+    assert not companion.hear(["SETUP_SIGNING", "RADIO_STATUS"], 1)
+
+
+def test_a_companion_that_talks_without_end(gcs, companion, satellite, figure):
+    """R-14: the vehicle's answers are not late for it; what the radio does not carry is dropped, whole."""
+    ended = threading.Event()
+
+    def talk():
+        while not ended.is_set():
+            companion.mav.statustext_send(mavlink.MAV_SEVERITY_DEBUG, b"a line of a log that never comes to its end")
+            # Twice of what the telemetry link carries.
+            time.sleep(0.0025)
+
+    talker = threading.Thread(target=talk, daemon=True)
+    talker.start()
+    try:
+        time.sleep(0.5)
+        gcs.drain()
+        times = []
+        for _ in range(30):
+            began = time.monotonic()
+            assert gcs.command(REQUEST, VERSION) == ACCEPTED
+            times.append(time.monotonic() - began)
+        gcs.drain()
+        time.sleep(1)
+        kinds = [message.get_type() for message in gcs.take_all()]
+    finally:
+        ended.set()
+        talker.join()
+    worst, median = max(times), sorted(times)[len(times) // 2]
+    heard = kinds.count("STATUSTEXT")
+    figure(f"a companion talks without end: {heard} lines/s arrive; answers {1e3 * median:.0f} ms, {1e3 * worst:.0f} at most")
+    assert median < 0.1 and worst < 1
+    assert 20 < heard < 300 and "BAD_DATA" not in kinds and "ATTITUDE" in kinds
+    gcs.drain()
+    assert gcs.wait("HEARTBEAT")
+
+
+def test_mavproxy_sees_both(companion, satellite, port, tmp_path):
+    """R-16: and what the companion says."""
+    mavproxy = MavProxy(port, tmp_path)
+    try:
+        mavproxy.expect_all("Detected vehicle 1:1 ", f"Detected vehicle 1:{ADDRESS[1]} ")
+        # It shows the texts of one component at a time.
+        mavproxy.say(f"vehicle 1:{ADDRESS[1]}")
+        time.sleep(0.5)
+        companion.mav.statustext_send(mavlink.MAV_SEVERITY_NOTICE, b"obstacle map ready")
+        mavproxy.expect("obstacle map ready")
+        assert companion.hear("HEARTBEAT", 3, lambda beat: beat.type == mavlink.MAV_TYPE_GCS)
+    finally:
+        mavproxy.end()
