@@ -36,7 +36,13 @@ enum Task {
 /// Build the firmware and run it on an emulated Cortex-M4.
 ///
 /// The vehicle (system 1, component 1) has three serial ports, each on a TCP port of this machine that takes one client
-/// at a time. Without options: 5760 for telemetry, 5761 for a companion computer, 5762 for a satellite modem.
+/// at a time. Without options: 5760 for telemetry (UART0), 5761 for a companion computer (UART1), 5762 for a satellite modem
+/// (UART2).
+///
+/// A ground station on the first and a companion computer on the second talk to each other through the vehicle. By satellite
+/// go commands and their answers and, from MAV_CMD_CONTROL_HIGH_LATENCY 1 to 0, HIGH_LATENCY2 every 67 s or as MAV_2_HL_FREQ
+/// has it; also by itself, when no ground station was heard for MAV_HL_LOSS_T seconds. What that cost is in STAT_HL_BYTES and
+/// STAT_HL_CREDITS.
 ///
 /// What is missing (the compiler's target, the emulator) is installed first where that is possible, else the command to
 /// do so is printed. Ctrl-C ends the emulator.

@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use mavstack_demo::connect::HowToConnect;
+use mavstack_demo::connect::{HowToConnect, OtherLinks};
 
 use crate::system::{self, Result, apt_install, has};
 use crate::toolchain::{self, Choice};
@@ -33,7 +33,7 @@ pub fn run(port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>, choice: Op
     println!("QEMU runs the firmware on {BOARD} (Cortex-M4F). Connect a ground station:\n");
     let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
     println!("{telemetry}\n");
-    println!("Companion computer: TCP port {}; satellite modem: TCP port {}.", port_base + 1, port_base + 2);
+    println!("{}\n", OtherLinks { companion: port_base + 1, satellite: port_base + 2 });
     if let Some(port) = qmp {
         println!("The emulator itself: QMP on TCP port {port}.");
     }

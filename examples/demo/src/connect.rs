@@ -3,6 +3,28 @@
 use core::fmt;
 use core::net::SocketAddr;
 
+/// Prints what the two other links are, on TCP ports of this machine.
+#[derive(Clone, Copy, Debug)]
+pub struct OtherLinks {
+    /// The companion computer's.
+    pub companion: u16,
+    /// The satellite modem's.
+    pub satellite: u16,
+}
+
+impl fmt::Display for OtherLinks {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { companion, satellite } = self;
+        write!(
+            f,
+            "Companion computer: TCP port {companion}. It hears and reaches the ground station through the vehicle, as \
+             component 191\nof system 1 for example.\n\
+             Satellite modem: TCP port {satellite}. Commands and their answers, no heartbeats; \
+             MAV_CMD_CONTROL_HIGH_LATENCY has the vehicle\nreport there (in MAVProxy: `link hl on`)."
+        )
+    }
+}
+
 /// Prints the ways to connect to the telemetry link.
 #[derive(Clone, Copy, Debug)]
 pub enum HowToConnect {

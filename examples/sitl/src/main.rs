@@ -18,7 +18,7 @@ use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
 use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
-use mavstack_demo::connect::HowToConnect;
+use mavstack_demo::connect::{HowToConnect, OtherLinks};
 use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY, Tuning};
 
 use flash::FileFlash;
@@ -41,9 +41,16 @@ const PERIOD: Duration = Duration::from_millis(1);
 ///
 /// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine that takes one client at a
 /// time; a second one is turned away. Without options: 5770 for telemetry, 5771 for a companion computer, 5772 for a
-/// satellite modem. Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks
-/// for starts the vehicle anew; who is connected stays so. A fourth port, 5773, offers over HTTP what QGroundControl needs to
-/// show the parameters with their units and ranges. Ctrl-C ends it.
+/// satellite modem. A fourth port, 5773, offers over HTTP what QGroundControl needs to show the parameters with their units
+/// and ranges.
+///
+/// A ground station on the first port and a companion computer on the second talk to each other through the vehicle. By
+/// satellite go commands and their answers and, from MAV_CMD_CONTROL_HIGH_LATENCY 1 to 0, HIGH_LATENCY2 every 67 s or as
+/// MAV_2_HL_FREQ has it; also by itself, when no ground station was heard for MAV_HL_LOSS_T seconds. What that cost is in
+/// STAT_HL_BYTES and STAT_HL_CREDITS.
+///
+/// Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks for starts the
+/// vehicle anew; who is connected stays so. Ctrl-C ends it.
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {
@@ -171,7 +178,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
 
     println!("The vehicle is switched on. Connect a ground station:\n");
     println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
-    println!("Companion computer: TCP port {}; satellite modem: TCP port {}. Ctrl-C ends it.\n", base + 1, base + 2);
+    println!("{}\n\nCtrl-C ends it.\n", OtherLinks { companion: base + 1, satellite: base + 2 });
 
     loop {
         device.fly(&stop, &mut telemetry, &mut others);
