@@ -258,7 +258,11 @@ impl Link {
         decoder: Decoder::VACANT,
         port: Port {
             id: LinkId(0),
-            config: LinkConfig::uart(0).with_forwarding(false),
+            config: LinkConfig {
+                #[cfg(feature = "signing")]
+                signing: LinkSigning { sign_out: false, ..LinkSigning::OPEN },
+                ..LinkConfig::uart(0).with_forwarding(false)
+            },
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,
             heartbeat: Schedule::new(),

@@ -65,8 +65,9 @@ pub fn report(choice: Option<Choice>) -> Result {
         .filter(|name| name != "empty")
         .collect();
     names.sort_unstable();
-    // Those that keep plans have a feature that would be in the others too.
+    // Those that keep plans have a feature that would be in the others too, and so has the one that signs.
     let (stored, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| name.starts_with("stored"));
+    let (signed, others): (Vec<_>, Vec<_>) = others.into_iter().partition(|name| name.starts_with("signed"));
     let mut rows = Vec::new();
     let mut add = |name: &str| {
         let size = measure(&read(&folder.join(name))?)?;
@@ -81,9 +82,11 @@ pub fn report(choice: Option<Choice>) -> Result {
         Result::Ok(())
     };
     others.iter().try_for_each(|name| add(name))?;
-    let bins: Vec<_> = stored.iter().flat_map(|name| ["--bin", name]).collect();
-    build_package(choice, MEASURED, &[&bins[..], &["--features", "panic-never,storage"]].concat())?;
-    stored.iter().try_for_each(|name| add(name))?;
+    for (names, features) in [(signed, "panic-never,signing"), (stored, "panic-never,storage")] {
+        let bins: Vec<_> = names.iter().flat_map(|name| ["--bin", name]).collect();
+        build_package(choice, MEASURED, &[&bins[..], &["--features", features]].concat())?;
+        names.iter().try_for_each(|name| add(name))?;
+    }
     for (name, log) in [("the demo vehicle, without its log", false), ("the demo vehicle", true)] {
         rows.push((name.to_owned(), measure(&read(&build(choice, log)?)?)?));
     }

@@ -100,12 +100,19 @@ pub const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 #[derive(Debug, Default)]
 pub struct Rover {
     armed: bool,
+    #[cfg(feature = "signing")]
+    signing: mavstack::SigningMemory,
 }
 
 impl Vehicle for Rover {
     fn state(&self) -> Option<VehicleState> {
         let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+    }
+
+    #[cfg(feature = "signing")]
+    fn signing(&mut self) -> Option<&mut mavstack::Signing> {
+        Some(&mut self.signing)
     }
 }
 

@@ -394,14 +394,17 @@ pub(crate) fn admits(now: Instant, port: &Port, frame: &Frame<'_>, vehicle: &mut
     let link = &port.config.signing;
     match vehicle.signing() {
         Some(signing) => signing.admits(now, link, frame),
-        None => link.accept == Accept::Open,
+        None => matches!(link.accept, Accept::Open),
     }
 }
 
 /// Whether what an unsigned frame says is believed on this link.
 pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle) -> bool {
-    let has_key = vehicle.signing().is_some_and(|signing| signing.is_active());
-    port.config.signing.accept.takes_unsigned(id, has_key)
+    let accept = port.config.signing.accept;
+    match vehicle.signing() {
+        Some(signing) => accept.takes_unsigned(id, signing.is_active()),
+        None => matches!(accept, Accept::Open),
+    }
 }
 
 /// Whether a frame with an unknown id is a frame, for its signature is right (SEC-5). Not whether it is accepted.
