@@ -27,7 +27,7 @@ parameters! {
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
         /// It flies home after so long in the air; 0: never.
         COM_FLT_TIME_MAX: u32 = 0, 0..=86_400, "s";
-        /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands.
+        /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands; 1 and 2: and does not arm.
         COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
         /// Sticks that are older do not count.
         COM_RC_LOSS_T: f32 = 0.5, 0.1..=35.0, "s";

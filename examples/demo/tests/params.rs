@@ -251,6 +251,14 @@ fn arming_and_disarming_are_as_the_parameters_say() {
         set(flight, Tuning::COM_ARM_BAT_MIN, 30);
     };
     assert_eq!(arm(&weak, 3_000), MavResult::TEMPORARILY_REJECTED);
+    // What would send it home in flight keeps it there.
+    for (action, result) in [(0, MavResult::ACCEPTED), (1, MavResult::TEMPORARILY_REJECTED)] {
+        let spent = |flight: &mut Flight| {
+            set(flight, Tuning::SIM_BAT_START, 5);
+            set(flight, Tuning::COM_LOW_BAT_ACT, action);
+        };
+        assert_eq!(arm(&spent, 3_000), result, "{action}");
+    }
 
     let mut flight = airborne(|flight| set(flight, Tuning::COM_DISARM_LAND, 3.0));
     landing(&mut flight);

@@ -7,9 +7,10 @@ use std::collections::BTreeMap;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans, Peer,
+    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans,
+    Parameters, Peer,
 };
-use mavstack_demo::{App, COMPANION, Quadrotor, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, Quadrotor, SATELLITE, TELEMETRY, Tuning};
 use wire::Line;
 
 const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
@@ -193,6 +194,30 @@ fn a_return_lands_too() {
     assert_eq!(landed_state(&flight), MavLandedState::LANDING);
     flight.run(30_000, |_| {});
     assert_eq!(landed_state(&flight), MavLandedState::ON_GROUND);
+}
+
+/// A battery is good, low or critical in all messages that say so.
+#[test]
+fn a_battery_is_as_bad_as_it_is() {
+    let mut flight = Flight::new();
+    let set = |flight: &mut Flight, param, value| {
+        let (_, vehicle) = flight.app.parts();
+        assert!(vehicle.parameters_mut().unwrap().set(param, value));
+    };
+    flight.app.parts().1.parameters_mut().unwrap().set(Tuning::SIM_BAT_START, 30);
+    for (low, critical, state) in [
+        (0.2, 0.1, MavBatteryChargeState::OK),
+        (0.5, 0.1, MavBatteryChargeState::LOW),
+        (0.5, 0.4, MavBatteryChargeState::CRITICAL),
+    ] {
+        set(&mut flight, Tuning::BAT_LOW_THR, low);
+        set(&mut flight, Tuning::BAT_CRIT_THR, critical);
+        flight.run(2_500, |_| {});
+        let (status, battery): (SysStatus, BatteryStatus) = (flight.get(COMPANION), flight.get(COMPANION));
+        assert_eq!((battery.charge_state, battery.battery_remaining, status.battery_remaining), (state, 30, 30));
+        let is_healthy = status.onboard_control_sensors_health.contains(MavSysStatusSensor::SENSOR_BATTERY);
+        assert_eq!(is_healthy, state == MavBatteryChargeState::OK);
+    }
 }
 
 /// The rates of roll, pitch and yaw are what makes the angles change, and the vehicle leans no faster than a vehicle can.

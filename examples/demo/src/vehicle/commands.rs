@@ -15,6 +15,7 @@ use mavstack::{
 
 use super::plans::FRAMES;
 use super::{Mode, Quadrotor, modes};
+use crate::battery::Charge;
 use crate::body::Vector;
 use crate::plan::{self, Condition, LOWEST, Maneuver, Order};
 use crate::tuning::Tuning;
@@ -171,7 +172,9 @@ impl Quadrotor {
         if self.is_outside {
             return Err("Arming refused: outside the fence");
         }
-        if self.battery.remaining < least {
+        // It acts on a battery that becomes critical in flight, and on none that was.
+        let is_spent = self.battery.charge == Charge::Critical && self.tuning.get(Tuning::COM_LOW_BAT_ACT) != 0;
+        if self.battery.remaining < least || is_spent {
             return Err("Arming refused: battery low");
         }
         Ok(())
