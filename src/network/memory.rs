@@ -8,7 +8,7 @@ use crate::time::{Duration, Instant};
 pub(super) struct Seen {
     /// Of all its bytes; 0 where there is none.
     key: u32,
-    /// The low half of the time (ms).
+    /// In [`ticks`].
     at: u32,
 }
 
@@ -17,12 +17,12 @@ impl Seen {
     pub(super) const NONE: Self = Self { key: 0, at: 0 };
 }
 
-/// For how long a frame is known again (ms): less than the second after which a sender without sequence numbers sends the
+/// For how long a frame is known again: 800 ms, less than the second after which a sender without sequence numbers sends the
 /// same heartbeat again.
-const KNOWN: u32 = 800;
+const KNOWN: u32 = ticks(Instant::from_millis(800));
 
-/// For how long a frame is known at least (ms), however many come, where nothing comes around.
-const KEPT: u32 = 100;
+/// For how long a frame is known at least, however many come, where nothing comes around: 100 ms.
+const KEPT: u32 = ticks(Instant::from_millis(100));
 
 /// After the last copy that came around the lines are no loop any more.
 const LOOP_OVER: Duration = Duration::from_secs(60);
@@ -45,7 +45,7 @@ impl<const SEEN: usize> Memory<[Seen; SEEN]> {
 impl Memory {
     /// Whether the frame with this key was forwarded a moment ago.
     pub(super) fn is_copy(&mut self, now: Instant, key: u32) -> bool {
-        let at = low_half(now);
+        let at = ticks(now);
         let is_copy = self.seen.iter().any(|seen| seen.key == key && at.wrapping_sub(seen.at) < KNOWN);
         if is_copy {
             self.copied = Some(now);
@@ -61,7 +61,7 @@ impl Memory {
     /// Notes that the frame with this key is forwarded, in the place of the oldest. False when that one is still needed.
     pub(super) fn remember(&mut self, now: Instant, key: u32) -> bool {
         let kept = if self.is_looped(now) { KNOWN } else { KEPT };
-        let at = low_half(now);
+        let at = ticks(now);
         let count = self.seen.len();
         let Some(place) = self.seen.get_mut(self.next) else { return false };
         if place.key != 0 && at.wrapping_sub(place.at) < kept {
@@ -85,50 +85,63 @@ pub(super) fn key_of(frame: &[u8]) -> u32 {
     key.max(1)
 }
 
-/// The low half of a time (ms).
-pub(super) fn low_half(now: Instant) -> u32 {
-    u32::try_from(now.as_millis() & u64::from(u32::MAX)).unwrap_or(0)
+/// A time in units of 1,024 µs, which needs no division. Wraps after 50 days.
+#[allow(clippy::as_conversions, reason = "const fn: `try_from` cannot be called; the low half is meant")]
+pub(super) const fn ticks(now: Instant) -> u32 {
+    (now.as_micros() >> 10) as u32
+}
+
+/// A span of such units.
+pub(super) fn span(ticks: u32) -> Duration {
+    Duration::from_micros(u64::from(ticks) << 10)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn at(ms: u64) -> Instant {
-        Instant::from_millis(ms)
+    /// So many ticks after boot.
+    fn at(ticks: u64) -> Instant {
+        Instant::from_micros(ticks << 10)
     }
 
-    /// a frame is known for 800 ms, also where the milliseconds wrap, and when many others come for 100 ms at least.
+    /// a frame is known for 800 ms, also where the ticks wrap, and when many others come for 100 ms at least.
     #[test]
     fn frames_are_known_for_a_while() {
+        let (known, kept) = (u64::from(KNOWN), u64::from(KEPT));
+        assert!((799..=800).contains(&at(known).as_millis()) && (99..=100).contains(&at(kept).as_millis()));
         let wrap = u64::from(u32::MAX) + 1;
         for start in [0, 1, 5_000, wrap - 50, wrap] {
             let mut memory = Memory::<[Seen; 4]>::EMPTY;
             let memory: &mut Memory = &mut memory;
             assert!(!memory.is_copy(at(start), 7));
-            for (key, ms) in [(7, 0), (8, 10), (9, 20), (10, 30)] {
-                assert!(memory.remember(at(start + ms), key));
+            for (key, later) in [(7, 0), (8, 10), (9, 20), (10, 30)] {
+                assert!(memory.remember(at(start + later), key));
             }
-            assert!(!memory.remember(at(start + 99), 11), "the first is still needed");
-            assert!(memory.remember(at(start + 100), 11));
-            assert!(!memory.is_copy(at(start + 100), 7) && memory.is_copy(at(start + 100), 8));
-            assert!(memory.is_copy(at(start + 809), 8) && !memory.is_copy(at(start + 810), 8));
+            assert!(!memory.remember(at(start + kept - 1), 11), "the first is still needed");
+            assert!(memory.remember(at(start + kept), 11));
+            assert!(!memory.is_copy(at(start + kept), 7) && memory.is_copy(at(start + kept), 8));
+            assert!(memory.is_copy(at(start + known + 9), 8) && !memory.is_copy(at(start + known + 10), 8));
         }
     }
 
     /// once a copy came, none is forgotten before its time, until no copy came for a minute.
     #[test]
     fn loops_make_it_strict() {
+        let (known, kept) = (u64::from(KNOWN), u64::from(KEPT));
         let mut memory = Memory::<[Seen; 2]>::EMPTY;
         let memory: &mut Memory = &mut memory;
-        for (key, ms, room) in [(1, 0, true), (2, 1, true), (3, 99, false), (3, 100, true)] {
-            assert_eq!(memory.remember(at(ms), key), room);
+        for (key, now, room) in [(1, 0, true), (2, 1, true), (3, kept - 1, false), (3, kept, true)] {
+            assert_eq!(memory.remember(at(now), key), room);
         }
-        assert!(!memory.is_looped(at(100)) && memory.is_copy(at(200), 3) && memory.is_looped(at(200)));
-        for (key, ms, room) in [(4, 800, false), (4, 801, true), (5, 899, false), (5, 900, true)] {
-            assert_eq!(memory.remember(at(ms), key), room, "{key}");
+        assert!(!memory.is_looped(at(kept)) && memory.is_copy(at(200), 3) && memory.is_looped(at(200)));
+        for (key, now, room) in
+            [(4, known, false), (4, known + 1, true), (5, known + kept - 1, false), (5, known + kept, true)]
+        {
+            assert_eq!(memory.remember(at(now), key), room, "{key}");
         }
-        assert!(memory.is_looped(at(60_199)) && !memory.is_looped(at(60_200)));
+        let over = at(200).after(LOOP_OVER);
+        assert!(memory.is_looped(Instant::from_micros(over.as_micros() - 1)) && !memory.is_looped(over));
     }
 
     #[test]

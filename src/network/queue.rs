@@ -1,6 +1,6 @@
 //! Frames that wait for their turn on a link: a ring of bytes, each frame whole, behind its length and the time it came.
 
-use super::memory::low_half;
+use super::memory::{span, ticks};
 use crate::time::{Duration, Instant};
 
 /// Where the frames stand in the ring.
@@ -11,7 +11,7 @@ pub(super) struct Ring {
     used: usize,
 }
 
-/// Bytes before each frame: its length, and the low half of the time (ms).
+/// Bytes before each frame: its length, and when it came, in [`ticks`].
 const PREFIX: usize = 6;
 
 impl Ring {
@@ -34,7 +34,7 @@ impl Ring {
             return false;
         }
         let [len_low, len_high] = len.to_le_bytes();
-        let [t0, t1, t2, t3] = low_half(now).to_le_bytes();
+        let [t0, t1, t2, t3] = ticks(now).to_le_bytes();
         let end = wrapped(self.start.saturating_add(self.used), size);
         put(bytes, end, &[len_low, len_high, t0, t1, t2, t3]);
         put(bytes, wrapped(end.saturating_add(PREFIX), size), frame);
@@ -47,22 +47,26 @@ impl Ring {
         if self.is_empty() {
             return None;
         }
+        let mut prefix = [0; PREFIX];
         let (front, back) = bytes.split_at_checked(self.start)?;
-        let mut prefix = back.iter().chain(front).copied();
-        let mut next = || prefix.next();
-        let len = usize::from(u16::from_le_bytes([next()?, next()?]));
-        let at = u32::from_le_bytes([next()?, next()?, next()?, next()?]);
+        for (to, from) in prefix.iter_mut().zip(back.iter().chain(front)) {
+            *to = *from;
+        }
+        let [len_low, len_high, t0, t1, t2, t3] = prefix;
+        let len = usize::from(u16::from_le_bytes([len_low, len_high]));
+        let at = u32::from_le_bytes([t0, t1, t2, t3]);
         let begin = wrapped(self.start.saturating_add(PREFIX), bytes.len());
         let first = bytes.get(begin..)?;
         let first = first.get(..len).unwrap_or(first);
         let second = bytes.get(..len.saturating_sub(first.len()))?;
         self.start = wrapped(begin.saturating_add(len), bytes.len());
         self.used = self.used.saturating_sub(PREFIX.saturating_add(len));
-        Some((Duration::from_millis(u64::from(low_half(now).wrapping_sub(at))), [first, second]))
+        Some((span(ticks(now).wrapping_sub(at)), [first, second]))
     }
 }
 
 /// Writes `data` into a ring from `at` on.
+#[inline(never)]
 fn put(ring: &mut [u8], at: usize, data: &[u8]) {
     let Some((front, back)) = ring.split_at_mut_checked(at) else { return };
     for (cell, byte) in back.iter_mut().zip(data) {
@@ -98,14 +102,14 @@ mod tests {
                 if is_push {
                     let frame: Vec<u8> = (0..len % 50).map(|byte| byte ^ len).collect();
                     let fits = held + frame.len() + PREFIX <= size;
-                    prop_assert_eq!(ring.push(&mut bytes, Instant::from_millis(now), &frame), fits);
+                    prop_assert_eq!(ring.push(&mut bytes, Instant::from_micros(now << 10), &frame), fits);
                     if fits {
                         held += frame.len() + PREFIX;
                         model.push_back((now, frame));
                     }
                 } else {
-                    let popped = ring.pop(&bytes, Instant::from_millis(now));
-                    let popped = popped.map(|(waited, frame)| (waited.as_millis(), frame.concat()));
+                    let popped = ring.pop(&bytes, Instant::from_micros(now << 10));
+                    let popped = popped.map(|(waited, frame)| (waited.as_micros() >> 10, frame.concat()));
                     let expected = model.pop_front().map(|(at, frame)| (now - at, frame));
                     held -= expected.as_ref().map_or(0, |(_, frame)| frame.len() + PREFIX);
                     prop_assert_eq!(popped, expected);

@@ -4,6 +4,7 @@ use super::peers::Peers;
 use crate::dialect::SystemTime;
 use crate::frame::{Address, Frame};
 use crate::link::{LinkMask, Peer};
+use crate::message::Message;
 
 /// What the peer table says of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +42,11 @@ pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Ad
 /// Forgets the routes to who has rebooted: to `from`, if his SYSTEM_TIME went backwards. The link that told so is known
 /// again at once.
 pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {
-    let Some(SystemTime { time_boot_ms, .. }) = frame.decode() else { return };
+    if frame.id() != SystemTime::ID || !frame.is_checked() {
+        return;
+    }
+    // Behind `time_unix_usec`.
+    let time_boot_ms = u32::from_le_bytes([8, 9, 10, 11].map(|offset| frame.byte(offset)));
     let info = peers.iter_mut().find(|info| info.peer == from);
     let last = info.map_or(0, |info| core::mem::replace(&mut info.time_boot_ms, time_boot_ms));
     // A step over 2^32 ms is none (D-1).
