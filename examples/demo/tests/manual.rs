@@ -63,6 +63,17 @@ fn heading(wire: &Wire) -> f32 {
     yaw.to_degrees()
 }
 
+/// It stops with its nose where it is, also backwards.
+#[test]
+fn a_stop_does_not_turn_it_around() {
+    let mut wire = by_hand();
+    steer(&mut wire, [-1_000, 0, 500, 0], 4_000);
+    assert!(wire.vehicle().velocity().north < -6.0, "{:?}", wire.vehicle());
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 3.0]), MavResult::ACCEPTED);
+    wire.run(5_000);
+    assert!(heading(&wire).abs() < 0.1, "{}", heading(&wire));
+}
+
 /// J-3: without sticks there is no flight by hand, nor with old ones.
 #[test]
 fn position_mode_needs_fresh_sticks() {

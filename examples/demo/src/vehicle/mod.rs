@@ -487,6 +487,8 @@ impl Quadrotor {
     /// Stops, and stays there, whatever was asked for.
     fn stop(&mut self) {
         self.enter(Mode::Hold, Maneuver::Stay(self.body.rest()));
+        // Not to where it comes to rest, which is behind it when it flies backwards.
+        self.body.nose = Nose::Turn { left: 0.0, rate: 0.0 };
     }
 
     fn touch_down(&mut self) {
