@@ -66,7 +66,9 @@ fn timesync_of_others_is_left_alone() {
         world.gcs[0].send(&Timesync { tc1: 0, ts1: 5, target_system, target_component });
     }
     for tc1 in [1, -1, i64::MAX] {
-        world.gcs[0].send(&Timesync { tc1, ts1: 5, ..Timesync::default() });
+        for ts1 in [5, 0] {
+            world.gcs[0].send(&Timesync { tc1, ts1, ..Timesync::default() });
+        }
     }
     world.expect_no::<Timesync>(0, secs(1));
     assert_eq!(world.vehicle.time.as_mut().unwrap().take_sample(), None);
