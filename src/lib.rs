@@ -114,7 +114,7 @@
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
 //! - `plan-texts` (default): a STATUSTEXT for every plan, item and parameter that is refused, with the reason.
-//! - `signing`: frames are signed and verified, see [`Signing`].
+//! - `signing`: frames are signed and verified, see `Signing`.
 //! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]
 #![cfg_attr(

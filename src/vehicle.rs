@@ -86,7 +86,7 @@ pub trait Vehicle {
     }
 
     /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. With the
-    /// feature `signing` it is one that its link [accepts](crate::LinkSigning); without, a signature was not looked at. Nothing
+    /// feature `signing` it is one that its link accepts (`LinkSigning`); without, a signature was not looked at. Nothing
     /// of a high-latency link comes here (L-4).
     fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
         let _ = (frame, link);

@@ -92,8 +92,8 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// by [`Vehicle::signing`](crate::Vehicle::signing); what a link does stands in its [`LinkSigning`]. It takes no part as long as
 /// there is no key.
 ///
-/// Key and time survive a restart in a [`SigningStore`](crate::SigningStore) (feature `storage`), or in what the firmware has
-/// for it: [`timestamp`](Self::timestamp) at least once a minute, a minute ahead.
+/// Key and time survive a restart in a `SigningStore` (feature `storage`), or in what the firmware has for it:
+/// [`timestamp`](Self::timestamp) at least once a minute, a minute ahead.
 ///
 /// ```
 /// use mavstack::{Duration, Instant, Signing, SigningKey, SigningMemory, Vehicle, VehicleState};
