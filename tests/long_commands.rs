@@ -320,12 +320,20 @@ fn what_must_not_be_done_twice_is_not() {
         (0, 1, 500, false),
         (1, 1, 5, false),
         (0, 2, 5, false),
-        (0, 2, 5, true),
+        (0, 2, 5, false),
         (1, 2, 5, false),
+        // Pressed twice more; the other link is behind. Then that one is first.
+        (0, 0, 5, true),
+        (0, 0, 5, true),
+        (1, 0, 5, false),
+        (1, 0, 5, false),
+        (1, 0, 5, true),
+        (0, 0, 5, false),
+        (0, 0, 5, true),
+        // A client that always sends 2.
+        (1, 2, 3_100, true),
         (1, 2, 5, true),
         (0, 2, 5, false),
-        (0, 2, 5, true),
-        (1, 2, 3_100, true),
         (0, 3, 3_100, true),
         (1, 0, 2_900, false),
     ]

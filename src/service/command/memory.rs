@@ -14,7 +14,7 @@ use core::ops::{Deref, DerefMut};
 
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
-use crate::link::{LinkId, LinkMask, Outbox};
+use crate::link::{LinkId, LinkMask, MAX_LINKS, Outbox};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, CommandPosition, Outcome};
 
@@ -52,8 +52,11 @@ pub struct CommandSlot {
     progress: u8,
     /// The progress is another one than was told last.
     has_changed: bool,
-    /// Where it was asked for, since its last repetition with another confirmation.
+    /// Where it was asked for.
     links: LinkMask,
+    /// Of one that is only to be carried out once: how often it was, and how often it came by each link, [`COPY_BITS`] each.
+    runs: u8,
+    copies: u64,
     /// Where the next ACK is to be sent.
     owed: LinkMask,
     outcome: Outcome,
@@ -67,6 +70,15 @@ enum State {
     Free,
     Running,
     Done,
+}
+
+/// A count of copies for each of 16 links; who presses more often within three seconds is not told apart.
+const COPY_BITS: u32 = 4;
+const MOST_COPIES: u8 = 15;
+const _: () = assert!(MAX_LINKS == 16 && u64::BITS == 16 * COPY_BITS);
+
+fn copy_shift(link: LinkId) -> u32 {
+    u32::from(link.0 & 15).wrapping_mul(COPY_BITS)
 }
 
 /// All that makes two commands of one sender the same: number, form, frame, and the bits of the parameters.
@@ -95,6 +107,8 @@ impl CommandSlot {
         progress: 0,
         has_changed: false,
         links: LinkMask::NONE,
+        runs: 0,
+        copies: 0,
         owed: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
@@ -123,6 +137,19 @@ impl CommandSlot {
 
     fn is_same(&self, command: &Command) -> bool {
         self.from == command.from.address && self.key == key(command)
+    }
+
+    /// How often it came by `link`.
+    fn copies(&self, link: LinkId) -> u8 {
+        let [copies, ..] = self.copies.wrapping_shr(copy_shift(link)).to_le_bytes();
+        copies & MOST_COPIES
+    }
+
+    /// It came by `link`.
+    fn count(&mut self, link: LinkId) {
+        if self.copies(link) < MOST_COPIES {
+            self.copies = self.copies.wrapping_add(1u64.wrapping_shl(copy_shift(link)));
+        }
     }
 
     /// Takes what is owed on `link`.
@@ -283,12 +310,11 @@ impl CommandMemory {
     /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
     pub(crate) fn recall(&mut self, now: Instant, command: &Command, once: bool) -> Option<Outcome> {
         self.poll(now);
-        let link = LinkMask::of(command.from.link);
         if let Some(slot) = self.running(command.id) {
             if !slot.is_same(command) {
                 return Some(MavResult::TEMPORARILY_REJECTED.into());
             }
-            slot.links = slot.links.with(link);
+            slot.links = slot.links.with(LinkMask::of(command.from.link));
             return Some(MavResult::IN_PROGRESS.into());
         }
         let is_known = |slot: &&mut CommandSlot| slot.state == State::Done && slot.is_same(command);
@@ -296,14 +322,12 @@ impl CommandMemory {
             && now.since(slot.at) < REMEMBER
         {
             // A command pressed twice comes twice on each link, with the same confirmation (C-12).
-            let is_repetition = command.confirmation > slot.confirmation;
-            let is_copy = !slot.links.contains(link);
-            if is_repetition {
-                slot.confirmation = command.confirmation;
-                slot.links = link;
+            let is_repetition = slot.is_long || command.confirmation > slot.confirmation;
+            let is_copy = !is_repetition && slot.copies(command.from.link) < slot.runs;
+            if is_copy {
+                slot.count(command.from.link);
             }
-            slot.links = slot.links.with(link);
-            return (slot.is_long || is_repetition || is_copy).then_some(slot.outcome);
+            return (is_repetition || is_copy).then_some(slot.outcome);
         }
         let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
         (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
@@ -329,7 +353,9 @@ impl CommandMemory {
         let known = self.slots.iter().position(is_known);
         let place = known.or_else(|| self.slots.iter().position(|slot| slot.state == State::Free));
         if let Some(slot) = place.and_then(|place| self.slots.get_mut(place)) {
-            *slot = done;
+            let (runs, copies) = if known.is_some() { (slot.runs, slot.copies) } else { (0, 0) };
+            *slot = CommandSlot { runs: runs.saturating_add(1).min(MOST_COPIES), copies, ..done };
+            slot.count(command.from.link);
         }
     }
 
