@@ -348,17 +348,20 @@ fn without_a_memory_only_open_links_are_heard() {
     }
 }
 
-/// A high-latency link signs as any other.
+/// A high-latency link signs as any other, and the signature is counted in what it costs.
 #[test]
 fn a_satellite_link_signs() {
     let link = LinkConfig::uart(1_200).with_class(LinkClass::HighLatency).with_signing(LinkSigning::REQUIRED);
     let mut rig = Rig::new([link; 2]);
     rig.set_key(KEY);
+    rig.vehicle.satellite = Some(mavstack::HighLatency::new(mavstack::HighLatencyConfig::DEFAULT));
     rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &command()));
     rig.receive(0, &Signer::new(KEY).frame(&command()));
     assert_eq!(rig.vehicle.commands().len(), 1);
     let sent = rig.transmit(0);
     assert!(sent.len() == 1 && sent[0].is_signed_with(KEY));
+    let satellite = rig.vehicle.satellite.as_ref().unwrap();
+    assert_eq!(satellite.counters().bytes as usize, sent[0].raw.len());
 }
 
 /// SEC-15: neither the memory nor a vehicle that is printed shows the key.
