@@ -18,12 +18,12 @@
 //!   to all. Whether a signature is right does not matter here.
 //! - **Never back**: not to the link that it came by, nor to one that its source was heard on.
 //! - **Loops end**: what was forwarded is known again for 800 ms, and then neither forwarded nor handled a second time:
-//!   a stack sends a frame at most once to each link. The last `SEEN` frames are known. Where no copies come, a frame may be
-//!   forgotten after 100 ms for a newer one; where one came in the last minute, none is: what finds no place among those of the
-//!   last 800 ms is not forwarded, and no frame waits longer than 150 ms in a queue. So in a ring of three over lines of 57,600
-//!   bit/s and 40 ms each frame passes each line at most once each way, whatever the traffic and however small the peer table;
-//!   with up to four lines between the three that is at most twice more than there are lines. Around longer ways
-//!   R-4 alone ends a loop.
+//!   a stack sends a frame at most once to each link. The last `SEEN` frames are known. Where no copies come, one may be
+//!   forgotten after 100 ms for a newer one. Where a copy came in the last minute none is: what finds no place among those of
+//!   the last 800 ms is not forwarded, and no frame waits longer than 150 ms in a queue. So in a ring of three, over lines of
+//!   57,600 bit/s and up to 40 ms, each frame passes each line at most once each way, whatever the traffic and however small
+//!   the peer table; with up to four lines between the three it is delivered at most as often as there are lines, and twice
+//!   more. Around longer ways R-4 alone ends a loop.
 //! - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
 //!   delay an answer by no more than one of them. What finds no room in the queue is dropped, whole, and counted.
 //!
