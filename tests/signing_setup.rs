@@ -197,6 +197,15 @@ fn a_strict_wire_takes_the_first_key() {
     }
 }
 
+/// A link that wants signatures, and is no wire for keys, does not even answer.
+#[test]
+fn a_strict_radio_does_not_answer() {
+    let mut rig: Rig = Rig::new([LinkConfig::uart(57_600).with_signing(LinkSigning::REQUIRED); 2]);
+    rig.transmit(0);
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    assert_eq!((texts(&rig.transmit(0)), rig.counters().unsigned, rig.counters().refused_setups), (vec![], 1, 0));
+}
+
 /// G-12: it is for the component that it names, never for everyone.
 #[test]
 fn a_key_is_for_one_component() {

@@ -158,6 +158,36 @@ fn no_timestamp_is_used_twice() {
     assert!(ahead <= starts * (MINUTE + 500_000) + MINUTE, "{ahead} ahead after {starts} restarts");
 }
 
+/// G-15: what was recorded in the last minute before a restart; and that who is there is heard after our first heartbeat.
+#[test]
+fn what_was_recorded_before_a_restart() {
+    for refuses in [false, true] {
+        let mut flash = with_key(KEY);
+        let mut store = store(&mut flash);
+        let mut rig = start(&mut store);
+        settle(&mut rig, &mut store);
+        rig.run_for(secs(40));
+        let now = rig.timestamp();
+        let mut gcs = Signer::new(KEY).at(now);
+        let recorded = gcs.frame(&Gcs::heartbeat());
+        rig.receive(0, &recorded);
+        settle(&mut rig, &mut store);
+        assert_eq!(rig.counters().verified, 1);
+
+        let mut rig = start(&mut store);
+        let now = rig.now;
+        if refuses {
+            rig.signing().refuse_recorded(now);
+        }
+        rig.receive(0, &recorded);
+        assert_eq!((rig.counters().verified, rig.counters().too_old), if refuses { (0, 1) } else { (1, 0) });
+        // A station follows the time that it hears.
+        gcs.timestamp = gcs.timestamp.max(rig.transmit(0)[0].signature().timestamp + 1);
+        rig.receive(0, &gcs.frame(&Gcs::heartbeat()));
+        assert_eq!(rig.counters().verified, if refuses { 1 } else { 2 });
+    }
+}
+
 /// G-15: with storage that works there is a write every 55 s, each of them small; the stored time is ahead, by a minute at most.
 #[test]
 fn the_time_is_stored_ahead() {

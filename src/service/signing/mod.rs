@@ -22,8 +22,8 @@
 //!   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
 //!   out for longer than that.
 //! - **After a restart** streams are known no more, and time begins up to a minute ahead of where it was (G-15). So what was
-//!   recorded in the last minute before a restart may be accepted a second time, as in every implementation; a vehicle that
-//!   minds refuses what matters for a minute.
+//!   recorded in the last minute before may be accepted a second time, as in other implementations, unless the vehicle
+//!   [refuses it](Signing::refuse_recorded).
 //!
 //! The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
 
@@ -44,14 +44,14 @@ use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
 use setup::Answer;
-use streams::Stale;
+use streams::{MINUTE, Stale};
 
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
 const EPOCH: u64 = 1_420_070_400;
 
 /// So far ahead the timestamp is stored (10 µs): what a restart skips at most (G-15).
 #[cfg(feature = "storage")]
-const RESERVATION: u64 = streams::MINUTE;
+const RESERVATION: u64 = MINUTE;
 
 /// So long before it is reached the next one is stored (10 µs): longer than writing takes.
 #[cfg(feature = "storage")]
@@ -73,7 +73,7 @@ pub struct SigningCounters {
     pub bad_signature: u32,
     /// Frames with a right signature, but not newer than the last one of their stream (G-6).
     pub replayed: u32,
-    /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6).
+    /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6), or from before a restart.
     pub too_old: u32,
     /// Frames with a right signature that would begin a stream, for which the table has no place (G-8).
     pub no_stream_slot: u32,
@@ -124,6 +124,8 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
     boot: u64,
     /// The last one that was sent; time does not fall behind it.
     last: u64,
+    /// Before this no new stream begins.
+    floor: u64,
     /// What somebody is to be told of his SETUP_SIGNING.
     answer: Option<(LinkId, Answer)>,
     counters: SigningCounters,
@@ -155,6 +157,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             key: None,
             boot: 0,
             last: 0,
+            floor: 0,
             answer: None,
             counters: SigningCounters {
                 verified: 0,
@@ -238,6 +241,7 @@ impl Signing {
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
         if !self.key.as_ref().is_some_and(|old| old.is_same(&key)) {
             self.streams.fill(SigningStream::NONE);
+            self.floor = 0;
         }
         self.key = Some(key);
         self.advance(now, timestamp);
@@ -249,7 +253,7 @@ impl Signing {
     pub fn clear_key(&mut self) {
         self.key = None;
         self.streams.fill(SigningStream::NONE);
-        (self.boot, self.last) = (0, 0);
+        (self.boot, self.last, self.floor) = (0, 0, 0);
         self.is_to_be_stored();
         event!("signing: off");
     }
@@ -272,6 +276,15 @@ impl Signing {
         true
     }
 
+    /// Refuses what was recorded before a restart: a stream that is not known begins at our time or later, not a minute before
+    /// (stricter than G-6). To be called behind `Stack::restore_signing`.
+    ///
+    /// The price: our time is up to a minute ahead then. Who hears a signed frame of ours follows it, and is heard from there
+    /// on; who does not, as where the link does not sign, is heard when his clock gets there.
+    pub fn refuse_recorded(&mut self, now: Instant) {
+        self.floor = self.timestamp(now).saturating_add(1);
+    }
+
     /// Moves the time forward (G-6).
     fn advance(&mut self, now: Instant, timestamp: u64) {
         self.boot = self.boot.max(timestamp.min(MAX_TIMESTAMP).saturating_sub(ticks(now)));
@@ -289,8 +302,9 @@ impl Signing {
         if !frame.is_signed_with(key) {
             return self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
         }
-        let (local, timestamp) = (self.timestamp(now), signature.timestamp);
-        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, local) {
+        let timestamp = signature.timestamp;
+        let oldest = self.timestamp(now).saturating_sub(MINUTE).max(self.floor);
+        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
             Ok(()) => {
                 self.advance(now, timestamp);
                 count(&mut self.counters.verified);
@@ -347,7 +361,7 @@ impl Signing {
     pub(crate) fn restore(&mut self, now: Instant, key: Option<SigningKey>, timestamp: u64) {
         self.streams.fill(SigningStream::NONE);
         self.key = key;
-        (self.boot, self.last) = (0, timestamp.min(MAX_TIMESTAMP));
+        (self.boot, self.last, self.floor) = (0, timestamp.min(MAX_TIMESTAMP), 0);
         self.advance(now, timestamp);
         (self.saving.is_new, self.saving.next, self.saving.reserved) = (false, None, timestamp);
     }

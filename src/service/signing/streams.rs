@@ -32,16 +32,16 @@ impl SigningStream {
     pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: 0 };
 }
 
-/// Enters a frame with a right signature, at the local time `local`.
+/// Enters a frame with a right signature. A new stream begins at `oldest` or later, a minute before our time; that rises.
 ///
-/// In a full table the stream that was silent longest gives way if it was for more than a minute: what it has sent is so
-/// old by now that it cannot begin a stream anew.
+/// In a full table the stream that was silent longest gives way if it was for so long: what it has sent is too old by now to
+/// begin a stream anew.
 pub(super) fn enter(
     streams: &mut [SigningStream],
     source: Address,
     link_id: u8,
     timestamp: u64,
-    local: u64,
+    oldest: u64,
 ) -> Result<(), Stale> {
     if let Some(stream) = streams.iter_mut().find(|stream| stream.source == source && stream.link_id == link_id) {
         if timestamp <= stream.timestamp {
@@ -50,7 +50,6 @@ pub(super) fn enter(
         stream.timestamp = timestamp;
         return Ok(());
     }
-    let oldest = local.saturating_sub(MINUTE);
     if timestamp < oldest {
         return Err(Stale::Old);
     }
@@ -62,10 +61,21 @@ pub(super) fn enter(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{Address, MINUTE, SigningStream, Stale};
     use proptest::prelude::*;
 
     const LOCAL: u64 = 100 * MINUTE;
+
+    /// At this local time.
+    fn enter(
+        streams: &mut [SigningStream],
+        source: Address,
+        link_id: u8,
+        timestamp: u64,
+        local: u64,
+    ) -> Result<(), Stale> {
+        super::enter(streams, source, link_id, timestamp, local - MINUTE)
+    }
 
     fn source(n: u8) -> Address {
         Address::new(n, 1)
@@ -102,6 +112,22 @@ mod tests {
         assert_eq!(enter(&mut streams, source(3), 0, later, later + 1), Ok(()), "the first is older");
         assert_eq!(enter(&mut streams, source(2), 0, LOCAL + 3, later + 1), Ok(()), "the second is still there");
         assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, later + 1), Err(Stale::Old), "no second time");
+    }
+
+    #[test]
+    fn of_several_the_oldest_gives_way() {
+        for order in [[1, 2, 3], [3, 1, 2], [2, 3, 1]] {
+            let mut streams = [SigningStream::NONE; 3];
+            for n in order {
+                enter(&mut streams, source(n), 0, LOCAL + u64::from(n), LOCAL).unwrap();
+            }
+            let later = LOCAL + 2 * MINUTE;
+            assert_eq!(enter(&mut streams, source(4), 0, later, later), Ok(()));
+            for n in [2, 3] {
+                assert_eq!(enter(&mut streams, source(n), 0, LOCAL + 4, later), Ok(()), "{n} is still there");
+            }
+            assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 4, later), Err(Stale::Old));
+        }
     }
 
     #[test]
