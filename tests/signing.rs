@@ -282,6 +282,22 @@ fn without_a_key_nothing_is_signed() {
     assert!(!rig.vehicle.signing.as_ref().unwrap().is_active());
 }
 
+/// H-14: who calls himself as we do is told of where frames without a signature are believed.
+#[test]
+fn a_stranger_cannot_claim_our_address() {
+    for (signing, is_told) in [(LinkSigning::OPEN, true), (LinkSigning::SIGNED, false), (LinkSigning::REQUIRED, false)]
+    {
+        let mut rig = keyed([signing; 2]);
+        let mut stranger = Signer::new(OTHER_KEY).of(VEHICLE);
+        for seq in 100..110 {
+            stranger.seq = seq;
+            rig.receive(0, &stranger.unsigned(Version::V2, &Gcs::heartbeat()));
+        }
+        assert_eq!(!rig.vehicle.peer_events().is_empty(), is_told, "{signing:?}");
+        assert_eq!(rig.stack.link_counters(LINKS[0]).unwrap().own_address, 10);
+    }
+}
+
 /// G-14: the time of day moves ours forward, never back, and not by more than was said.
 #[test]
 fn the_time_of_day_moves_forward_and_is_bounded() {

@@ -197,6 +197,19 @@ fn a_strict_wire_takes_the_first_key() {
     }
 }
 
+/// G-11: who sets a key sees that it is in use, also where nothing else would be signed.
+#[test]
+fn a_wire_for_keys_signs() {
+    let wire = LinkSigning { sign_out: false, ..WIRE };
+    let mut rig: Rig = Rig::new(
+        [wire, LinkSigning { provisioning: false, ..wire }]
+            .map(|signing| LinkConfig::uart(115_200).with_signing(signing)),
+    );
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    assert!(rig.transmit(0)[0].is_signed_with(KEY));
+    assert!(!rig.transmit(1)[0].is_signed());
+}
+
 /// A link that wants signatures, and is no wire for keys, does not even answer.
 #[test]
 fn a_strict_radio_does_not_answer() {
