@@ -42,7 +42,8 @@ enum Task {
 /// A ground station on the first and a companion computer on the second talk to each other through the vehicle. By satellite
 /// go commands and their answers and, from MAV_CMD_CONTROL_HIGH_LATENCY 1 to 0, HIGH_LATENCY2 every 67 s or as MAV_2_HL_FREQ
 /// has it; also by itself, when no ground station was heard for MAV_HL_LOSS_T seconds. What that cost is in STAT_HL_BYTES and
-/// STAT_HL_CREDITS.
+/// STAT_HL_CREDITS. A signing key is taken by SETUP_SIGNING on the companion's port; then frames without a signature are
+/// heard there only.
 ///
 /// What is missing (the compiler's target, the emulator) is installed first where that is possible, else the command to
 /// do so is printed. Ctrl-C ends the emulator.

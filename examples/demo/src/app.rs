@@ -4,8 +4,8 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::dialect::HomePosition;
 use mavstack::{
-    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, ParamStore, PlanStorage,
-    PlanStore, Pulse, Stack, StreamProfile, VehicleAddress,
+    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, ParamStore,
+    PlanStorage, PlanStore, Pulse, SigningStore, Stack, StreamProfile, VehicleAddress,
 };
 
 use crate::tuning::Tuning;
@@ -39,11 +39,13 @@ const IDENTITY: Identity = Identity {
     ..Identity::NONE
 };
 
+/// Once there is a key, whoever speaks over the air has to sign. The key comes by the companion's wire, which stays open.
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
-    LinkConfig::uart(115_200),
-    LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard),
-    // In MAVLink 1 a report would cost a credit less; but then answers of others, in MAVLink 2, could not go that way.
-    LinkConfig::uart(2_400).with_class(LinkClass::HighLatency),
+    LinkConfig::uart(115_200).with_signing(LinkSigning::SIGNED),
+    LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard).with_signing(LinkSigning::OPEN.with_provisioning()),
+    // In MAVLink 1 a report would cost a credit less; but then answers of others, in MAVLink 2, could not go that way, and
+    // nothing would be signed.
+    LinkConfig::uart(2_400).with_class(LinkClass::HighLatency).with_signing(LinkSigning::SIGNED),
 ];
 
 /// The vehicle and its stack, with plans in a memory of type `P`. There is one in a program: they would share the pulse.
@@ -141,6 +143,21 @@ impl<P: PlanStorage> App<P> {
             self.saving = Saving::Done;
         }
         is_busy
+    }
+
+    /// Reads the signing key back, once after a start; as [`Stack::restore_signing`].
+    ///
+    /// # Errors
+    ///
+    /// What the flash reported when it could not be read; a text says so too.
+    pub fn restore_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> Result<(), F::Error> {
+        self.stack.restore_signing(now, store, &mut self.vehicle)
+    }
+
+    /// Writes the signing key and its time, a step at a time; as [`Stack::persist_signing`]. True when there is more to do at
+    /// once.
+    pub fn persist_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> bool {
+        self.stack.persist_signing(now, store, &mut self.vehicle)
     }
 
     /// Moves bytes between a link and its transport; never waits.

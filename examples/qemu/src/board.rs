@@ -220,8 +220,8 @@ pub struct Board {
 }
 
 impl Board {
-    /// Sets the board up, and the two parts of the flash beside it; `None` the second time.
-    pub fn take() -> Option<(Self, [PsramFlash; 2])> {
+    /// Sets the board up, and the three parts of the flash beside it; `None` the second time.
+    pub fn take() -> Option<(Self, [PsramFlash; 3])> {
         let mut core = cortex_m::Peripherals::take()?;
         // For good: see the top of the file.
         cortex_m::interrupt::disable();
@@ -236,7 +236,7 @@ impl Board {
                 uarts: [Uart::at(0x4000_4000, Irq(0)), Uart::at(0x4000_5000, Irq(2)), Uart::at(0x4000_6000, Irq(4))],
                 clock: Clock::at(0x4000_0000),
             };
-            Some((board, [PsramFlash::new(0), PsramFlash::new(1)]))
+            Some((board, [PsramFlash::new(0), PsramFlash::new(1), PsramFlash::new(2)]))
         }
     }
 

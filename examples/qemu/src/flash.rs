@@ -1,5 +1,6 @@
-//! A stand-in for the flash that a real flight controller keeps its plans and parameters in: a piece of the board's PSRAM, which the
-//! emulator leaves alone when the processor is reset, and which behaves as NOR flash does. Memory is memory: `unsafe`.
+//! A stand-in for the flash that a real flight controller keeps its plans, parameters and key in: a piece of the board's PSRAM,
+//! which the emulator leaves alone when the processor is reset, and which behaves as NOR flash does. Memory is memory:
+//! `unsafe`.
 #![allow(unsafe_code)]
 
 use embedded_storage::nor_flash::{
@@ -19,7 +20,7 @@ impl PsramFlash {
     /// How large a part is, in bytes.
     pub const LEN: u32 = 64 * 1024;
 
-    /// Part 0 or 1. Whoever has it is the only user of that memory; [`Board::take`](crate::board::Board::take) sees to that.
+    /// Part 0, 1 or 2. Whoever has it is the only user of that memory; [`Board::take`](crate::board::Board::take) sees to that.
     pub(crate) const fn new(part: u8) -> Self {
         Self { part: part as usize }
     }

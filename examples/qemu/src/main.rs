@@ -12,7 +12,7 @@ use core::mem::MaybeUninit;
 use board::Board;
 use cortex_m_rt::entry;
 use flash::PsramFlash;
-use mavstack::{Durability, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
+use mavstack::{Durability, LinkId, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
 use mavstack_demo::{App, Tuning};
 
 /// What a microcontroller can afford: 32 bytes an item, and room for the largest plan once more, for uploads.
@@ -31,6 +31,10 @@ type Settings = ParamStore<PsramFlash>;
 const SETTINGS_LEN: u32 = Settings::region_len(Tuning::INFO.len());
 const _: () = assert!(SETTINGS_LEN <= PsramFlash::LEN);
 
+/// The signing key's part of the flash.
+type Key = SigningStore<PsramFlash>;
+const _: () = assert!(Key::REGION_LEN <= PsramFlash::LEN);
+
 #[entry]
 fn main() -> ! {
     // Not on the stack: it is larger than that should be. And not made by the compiler: its initial value, plan memory
@@ -38,15 +42,17 @@ fn main() -> ! {
     static mut APP: MaybeUninit<App<DemoPlans>> = MaybeUninit::uninit();
 
     let app = APP.write(App::new());
-    let Some((mut board, [plan_flash, settings_flash])) = Board::take() else {
+    let Some((mut board, [plan_flash, settings_flash, key_flash])) = Board::take() else {
         unreachable!("the entry point is entered once")
     };
     #[cfg(feature = "defmt")]
     log::begin();
     let mut settings = Settings::new(settings_flash, 0..SETTINGS_LEN);
     let mut store = Store::new(plan_flash, 0..STORE_LEN);
-    // An error was told by text; the vehicle flies with the defaults and without the plans then.
+    let mut key = Key::new(key_flash, 0..Key::REGION_LEN);
+    // An error was told by text; the vehicle flies with the defaults, without the plans and without a key then.
     let _ = app.restore_parameters(board.clock.now(), &mut settings);
+    let _ = app.restore_signing(board.clock.now(), &mut key);
     let _ = app.restore(board.clock.now(), &mut store, Durability::Durable);
     loop {
         let now = board.clock.now();
@@ -62,6 +68,7 @@ fn main() -> ! {
         // The stand-in takes microseconds. Where an erase stops the processor the vehicle's `may_persist` says when.
         is_busy |= app.persist(now, &mut store);
         is_busy |= app.persist_parameters(now, &mut settings);
+        is_busy |= app.persist_signing(now, &mut key);
         if app.wants_reboot() {
             Board::reset();
         }

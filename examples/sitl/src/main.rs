@@ -17,7 +17,7 @@ use std::time::{self, Duration};
 use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
-use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, plan_memory};
+use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY, Tuning};
 
@@ -33,6 +33,7 @@ const RALLY: usize = 64;
 
 type Store = PlanStore<FileFlash>;
 type Settings = ParamStore<FileFlash>;
+type Key = SigningStore<FileFlash>;
 
 /// How often the flight loop goes round.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -49,6 +50,8 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// MAV_2_HL_FREQ has it; also by itself, when no ground station was heard for MAV_HL_LOSS_T seconds. What that cost is in
 /// STAT_HL_BYTES and STAT_HL_CREDITS.
 ///
+/// A signing key is taken by SETUP_SIGNING on the companion's port; then frames without a signature are heard there only.
+///
 /// Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks for starts the
 /// vehicle anew; who is connected stays so. Ctrl-C ends it.
 #[derive(Parser)]
@@ -60,8 +63,8 @@ struct Arguments {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Keep the plans in this file, and the parameters in one beside it whose name ends in ".params", as a flight controller
-    /// does in flash: they are there again at the next start. Without it they are forgotten.
+    /// Keep the plans in this file, and in two beside it the parameters (its name ends in ".params") and the signing key
+    /// (".key"), as a flight controller does in flash: they are there again at the next start. Without it they are forgotten.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
@@ -94,30 +97,39 @@ fn main() -> ExitCode {
     }
 }
 
-/// The vehicle and what it keeps its plans and parameters in.
+/// The vehicle and what it keeps its plans, its parameters and its key in.
 struct Device {
     // Large for a stack frame, and there is one.
     app: Box<App<SitlPlans>>,
     settings: Option<Settings>,
     store: Option<Store>,
+    key: Option<Key>,
 }
 
 impl Device {
     /// As after power-on.
     fn switch_on(arguments: &Arguments, metadata: Option<&'static ComponentMetadata>) -> Result<Self, String> {
-        let mut device = Self { app: Box::new(App::new()), settings: None, store: None };
+        let mut device = Self { app: Box::new(App::new()), settings: None, store: None, key: None };
         let app = &mut device.app;
         if let Some(metadata) = metadata {
             app.parts().1.set_metadata(metadata);
         }
         if let Some(path) = &arguments.storage {
-            let mut name = path.clone().into_os_string();
-            name.push(".params");
-            let name = PathBuf::from(name);
+            let beside = |ending| {
+                let mut name = path.clone().into_os_string();
+                name.push(ending);
+                PathBuf::from(name)
+            };
+            let name = beside(".params");
             let len = Settings::region_len(Tuning::INFO.len());
             let settings = device.settings.insert(Settings::new(FileFlash::open(&name, len)?, 0..len));
             if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
                 eprintln!("{}: not all parameters could be read ({error:?})", name.display());
+            }
+            let name = beside(".key");
+            let key = device.key.insert(Key::new(FileFlash::open(&name, Key::REGION_LEN)?, 0..Key::REGION_LEN));
+            if let Err(error) = app.restore_signing(Instant::ZERO, key) {
+                eprintln!("{}: the signing key could not be read ({error:?})", name.display());
             }
             let len = Store::region_len(MISSION, FENCE, RALLY);
             let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
@@ -154,6 +166,9 @@ impl Device {
             }
             if let Some(settings) = &mut self.settings {
                 app.persist_parameters(now, settings);
+            }
+            if let Some(key) = &mut self.key {
+                app.persist_signing(now, key);
             }
             thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
         }

@@ -11,8 +11,8 @@ mod satellite;
 
 use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState};
 use mavstack::{
-    CommandSlots, ControlSource, Duration, ForwardQueues, Forwarding, HighLatency, Instant, Item, ManualInput,
-    TimeSlots, TimeSync, Vehicle, VehicleState,
+    CommandSlots, ControlSource, Duration, ForwardQueues, Forwarding, HighLatency, Instant, Item, ManualInput, Signing,
+    SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
 };
 
 use crate::app::LINKS;
@@ -101,6 +101,7 @@ pub struct Quadrotor {
     input: ManualInput,
     queues: ForwardQueues<LINKS>,
     satellite: HighLatency,
+    signing: SigningMemory,
     /// When what the satellite link reports was last looked at.
     sampled: Instant,
     /// A step reaches no more than one item.
@@ -139,6 +140,7 @@ impl Quadrotor {
             input: ManualInput::new(ControlSource::Nobody, ManualInput::TIMEOUT),
             queues: ForwardQueues::new(),
             satellite: HighLatency::new(satellite::CONFIG),
+            signing: SigningMemory::new(),
             sampled: Instant::ZERO,
             reached: Queue::new(),
             texts: Queue::new(),
@@ -555,6 +557,10 @@ impl Vehicle for Quadrotor {
 
     fn forwarding(&mut self) -> Option<Forwarding<'_>> {
         Some(self.queues.forwarding())
+    }
+
+    fn signing(&mut self) -> Option<&mut Signing> {
+        Some(&mut self.signing)
     }
 }
 

@@ -1,0 +1,136 @@
+//! The signing key of the demo vehicle: how it comes, and who is heard then.
+
+#[path = "support/wire.rs"]
+mod wire;
+
+use mavstack::dialect::*;
+use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, SigningKey, encode_signed};
+use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
+use wire::{Received, STATION, Wire, command_long};
+
+const SECRET: [u8; 32] = [0x42; 32];
+/// Some time in 2025, in units of 10 µs.
+const TIME: u64 = 33_000_000_000_000;
+
+fn key() -> SigningKey {
+    SigningKey::new(SECRET)
+}
+
+fn setup(secret_key: [u8; 32], initial_timestamp: u64) -> SetupSigning {
+    SetupSigning { target_system: 1, target_component: 1, secret_key, initial_timestamp }
+}
+
+/// The key came over the companion's wire.
+fn signing() -> Wire {
+    let mut wire = Wire::switched_on();
+    wire.received.clear();
+    wire.send(COMPANION, &setup(SECRET, TIME));
+    wire.run(20);
+    wire
+}
+
+fn is_signed(frame: &Received) -> bool {
+    let (mut decoder, now) = (Decoder::new(Duration::from_secs(1)), Instant::ZERO);
+    assert_eq!(decoder.push(&frame.raw, now), frame.raw.len());
+    let mut work = u32::MAX;
+    decoder.next(now, Common::MESSAGES, &mut work, |_| true).is_some_and(|frame| frame.is_signed_with(&key()))
+}
+
+/// A command that is answered whatever the vehicle does, as it goes over the line.
+fn signed(key: &SigningKey, timestamp: u64) -> Vec<u8> {
+    let command = command_long(1, MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]);
+    let mut frame = [0; 280];
+    let len = encode_signed(&command, STATION, 0, key, 3, timestamp, &mut frame).unwrap();
+    frame[..len].to_vec()
+}
+
+/// How many answers there are to a frame.
+fn answers(wire: &mut Wire, link: LinkId, frame: &[u8]) -> usize {
+    wire.take::<CommandAck>();
+    wire.send_raw(link, frame);
+    wire.run(200);
+    wire.take::<CommandAck>().len()
+}
+
+/// G-11: from then on all that leaves is signed, on every link; a text and a heartbeat say so at once.
+#[test]
+fn what_it_says_is_signed_once_there_is_a_key() {
+    let mut wire = signing();
+    assert!(wire.count::<Heartbeat>(COMPANION) >= 1 && wire.count::<Statustext>(COMPANION) == 1);
+    wire.received.clear();
+    wire.run(3_000);
+    assert!(wire.received.len() > 100 && wire.received.iter().all(is_signed));
+    wire.send_raw(SATELLITE, &signed(&key(), TIME + 1_000_000));
+    wire.run(500);
+    let ack = wire.received.iter().find(|frame| frame.link == SATELLITE).unwrap();
+    assert!(ack.id == CommandAck::ID && is_signed(ack));
+}
+
+/// G-6, G-9, G-10: over the air only who has the key is heard, and each frame once; the wire to the companion stays open.
+#[test]
+fn who_has_no_key_is_not_heard_over_the_air() {
+    let mut wire = signing();
+    let command = command_long(1, MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]);
+    for link in [TELEMETRY, SATELLITE] {
+        wire.take::<CommandAck>();
+        wire.send(link, &command);
+        wire.run(200);
+        assert_eq!(wire.take::<CommandAck>().len(), 0, "unsigned");
+    }
+    wire.send(COMPANION, &command);
+    wire.run(200);
+    assert_eq!(wire.take::<CommandAck>().len(), 1);
+    let frame = signed(&key(), TIME + 1_000_000);
+    assert_eq!(answers(&mut wire, TELEMETRY, &frame), 1);
+    assert_eq!(answers(&mut wire, TELEMETRY, &frame), 0, "replayed");
+    assert_eq!(answers(&mut wire, SATELLITE, &frame), 0, "replayed elsewhere");
+    let wrong = signed(&SigningKey::new([0x43; 32]), TIME + 1_000_001);
+    for link in [TELEMETRY, COMPANION, SATELLITE] {
+        assert_eq!(answers(&mut wire, link, &wrong), 0, "signed with another key");
+    }
+    let mut flipped = signed(&key(), TIME + 1_000_002);
+    flipped[40] ^= 1;
+    assert_eq!(answers(&mut wire, TELEMETRY, &flipped), 0);
+    let newer = signed(&key(), TIME + 1_000_003);
+    assert_eq!(answers(&mut wire, SATELLITE, &newer), 1);
+}
+
+/// G-11, SEC-6: the key comes by the wire only, and not while it is armed; it goes the same way.
+#[test]
+fn the_key_is_changed_by_the_wire_and_on_the_ground_only() {
+    let mut wire = Wire::switched_on();
+    for link in [TELEMETRY, SATELLITE] {
+        wire.send(link, &setup(SECRET, TIME));
+        wire.run(500);
+    }
+    wire.send(COMPANION, &SetupSigning { target_system: 0, ..setup(SECRET, TIME) });
+    wire.run(500);
+    wire.received.clear();
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED, "it has none");
+    wire.send(COMPANION, &setup(SECRET, TIME));
+    wire.run(500);
+    assert!(!wire.received.iter().any(is_signed));
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[0.0]), MavResult::ACCEPTED);
+    wire.send(COMPANION, &setup(SECRET, TIME));
+    wire.run(500);
+    wire.received.clear();
+    wire.run(1_000);
+    assert!(wire.received.iter().all(is_signed));
+    wire.send(COMPANION, &setup([0; 32], 0));
+    wire.run(500);
+    wire.received.clear();
+    wire.run(1_000);
+    assert!(!wire.received.is_empty() && !wire.received.iter().any(is_signed));
+    assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]), MavResult::ACCEPTED);
+}
+
+/// what others say to each other goes on, whatever its signature.
+#[test]
+fn what_is_for_others_goes_on_whatever_its_signature() {
+    let mut wire = signing();
+    wire.received.clear();
+    let stranger = Address::new(250, 190);
+    let beat = wire.send_as(TELEMETRY, stranger, &Heartbeat { r#type: MavType::GCS, ..Heartbeat::default() });
+    wire.run(50);
+    assert!(wire.received.iter().any(|frame| frame.link == COMPANION && frame.raw == beat));
+}
