@@ -52,6 +52,7 @@ const OVER_TCP: &[&str] = &[
     "test_mavproxy_flight.py",
     "test_routing.py",
     "test_satellite.py",
+    "test_signing.py",
     "test_power.py",
     "test_plan_file.py",
 ];

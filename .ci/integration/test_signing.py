@@ -1,0 +1,199 @@
+"""Signed sessions: the key comes over the companion's wire, and from then on the radio hears only who has it (G-1 to G-16)."""
+
+import hashlib
+import time
+
+import pytest
+from power import InQemu, InSitl
+from pymavlink import mavutil
+from satellite import Satellite
+from test_mavproxy import MavProxy
+
+mavlink = mavutil.mavlink
+
+ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
+VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+PASSPHRASE = "correct-horse-battery-staple"
+# As ground stations make it of a passphrase.
+KEY = hashlib.sha256(PASSPHRASE.encode()).digest()
+
+
+def timestamp():
+    """Now, as signatures count: 10 us since 2015."""
+    return int((time.time() - 1_420_070_400) * 1e5)
+
+
+def setup(client, key, stamp):
+    """SETUP_SIGNING, and what the vehicle says of it."""
+    client.drain()
+    client.mav.setup_signing_send(1, 1, key, stamp)
+    text = client.wait("STATUSTEXT", where=lambda text: text.text.startswith("Signing"))
+    assert text, "no word of the key"
+    return text.text
+
+
+@pytest.fixture
+def signing(other):
+    """The vehicle has a key for as long as the test goes on."""
+    assert setup(other, KEY, timestamp()) == "Signing key set"
+    yield
+    other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
+    assert setup(other, bytes(32), 0) == "Signing is off"
+
+
+def is_signed(message):
+    """Whether it bears a signature; `get_signed` says whether that was verified."""
+    return bool(message.get_msgbuf()[2] & mavlink.MAVLINK_IFLAG_SIGNED)
+
+
+def stamp_of(frame):
+    return int.from_bytes(frame[-12:-6], "little")
+
+
+def request(client, stamp=None):
+    """The frame of a command that is always answered."""
+    command = mavlink.MAVLink_command_long_message(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
+    if stamp:
+        client.mav.signing.timestamp = stamp
+    return bytes(command.pack(client.mav))
+
+
+def is_answered(client, frame):
+    client.drain()
+    client.link.write(frame)
+    ack = client.wait("COMMAND_ACK", 1)
+    assert not ack or ack.get_signed()
+    return bool(ack)
+
+
+def sign(mav, key=KEY, link_id=0):
+    mav.signing.secret_key = key
+    mav.signing.sign_outgoing = True
+    mav.signing.link_id = link_id
+    mav.signing.timestamp = timestamp()
+
+
+def test_a_signed_session(gcs, other, signing):
+    """G-1 to G-6: pymavlink verifies all that comes, and is answered; what is replayed or not signed is not."""
+    unsigned = request(gcs)
+    assert not is_answered(gcs, unsigned)
+    sign(gcs.mav)
+    gcs.drain()
+    deadline, verified = time.monotonic() + 3, 0
+    while time.monotonic() < deadline:
+        message = gcs.link.recv_match(blocking=True, timeout=1)
+        assert message.get_type() != "BAD_DATA" and is_signed(message), message
+        # What pymavlink does not know it does not verify.
+        verified += message.get_signed()
+    assert verified > 30
+    frame = request(gcs)
+    assert is_answered(gcs, frame)
+    assert not is_answered(gcs, frame), "a replayed frame"
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
+    assert not is_answered(gcs, unsigned)
+    bad = bytearray(request(gcs))
+    bad[-1] ^= 1
+    assert not is_answered(gcs, bytes(bad)), "another signature"
+    # The same moment once more, and the one before it, in other frames.
+    assert not is_answered(gcs, request(gcs, stamp_of(frame)))
+    assert not is_answered(gcs, request(gcs, stamp_of(frame) - 1))
+    assert is_answered(gcs, request(gcs, timestamp()))
+    # MAVLink 1 cannot sign.
+    old = mavlink.MAVLink_command_long_message(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
+    assert not is_answered(gcs, bytes(old.pack(gcs.mav, force_mavlink1=True)))
+    # The wire within the vehicle is open as before.
+    assert other.command(REQUEST, VERSION) == ACCEPTED
+
+
+def test_another_key(gcs, signing):
+    """G-10"""
+    sign(gcs.mav, bytes(range(32)))
+    frame = request(gcs)
+    gcs.mav.signing.secret_key = None
+    assert not is_answered(gcs, frame)
+
+
+@pytest.mark.parametrize("back, is_heard", [(59, True), (61, False)])
+def test_a_clock_that_is_behind(gcs, signing, back, is_heard):
+    """G-6: a minute, for somebody who is new. The vehicle's own frames say where it is."""
+    sign(gcs.mav)
+    beat = gcs.wait("HEARTBEAT")
+    theirs = stamp_of(beat.get_msgbuf())
+    # Another number of the line is another stream.
+    gcs.mav.signing.link_id = 100 + back
+    assert is_answered(gcs, request(gcs, theirs - back * 100_000)) == is_heard
+
+
+def test_over_the_satellite(gcs, other, port, signing):
+    """G-9, G-16: only who has the key starts the reports, which are signed."""
+    satellite = Satellite(port + 2)
+    try:
+        satellite.send_command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, 1)
+        assert satellite.listen(1.5) == []
+        sign(satellite.mav, link_id=2)
+        assert satellite.control(1) == ACCEPTED
+        (report,) = satellite.until("HIGH_LATENCY2")
+        assert report.get_signed()
+        assert satellite.control(0) == ACCEPTED
+    finally:
+        satellite.socket.close()
+        other.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, 0)
+
+
+def test_the_key_comes_by_the_wire_only(gcs, other):
+    """G-11: not over the radio, not for everybody, not while armed."""
+    gcs.mav.setup_signing_send(1, 1, KEY, timestamp())
+    assert gcs.wait("STATUSTEXT", 2, lambda text: "not by this link" in text.text)
+    other.mav.setup_signing_send(0, 0, KEY, timestamp())
+    assert not other.wait("STATUSTEXT", 1)
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED, "it has none"
+    assert "armed" in setup(other, KEY, timestamp())
+    assert not is_signed(gcs.wait("HEARTBEAT")) and not is_signed(other.wait("HEARTBEAT"))
+    assert gcs.command(REQUEST, VERSION) == ACCEPTED
+
+
+def test_mavproxy_signs(signing, port, tmp_path):
+    """As its user does it: the passphrase, and all works as before."""
+    mavproxy = MavProxy(port, tmp_path, "arm,signing")
+    try:
+        mavproxy.expect("Detected vehicle 1:1")
+        mavproxy.say("signing key something-else")
+        mavproxy.say("arm throttle")
+        time.sleep(2)
+        assert "ARM_DISARM" not in mavproxy.output
+        mavproxy.say(f"signing key {PASSPHRASE}")
+        mavproxy.say("arm throttle")
+        mavproxy.expect("ARM_DISARM: ACCEPTED")
+    finally:
+        mavproxy.end()
+
+
+@pytest.fixture
+def vehicle(target, other, request, tmp_path):
+    """One that may be switched off and on."""
+    option = request.config.getoption
+    if target == "qemu":
+        vehicle = InQemu(option("qmp_port"), other)
+    else:
+        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
+    yield vehicle
+    setup(vehicle.gcs, bytes(32), 0)
+    vehicle.end()
+
+
+def test_the_key_survives_a_power_cut(vehicle):
+    """G-13, G-15: and no timestamp is used twice."""
+
+    def stamp():
+        beat = vehicle.gcs.wait("HEARTBEAT")
+        return is_signed(beat) and stamp_of(beat.get_msgbuf())
+
+    assert setup(vehicle.gcs, KEY, timestamp()) == "Signing key set"
+    # It is written a moment later.
+    time.sleep(1)
+    before = stamp()
+    assert before
+    vehicle.cut()
+    after = stamp()
+    assert after and after > before
