@@ -84,13 +84,10 @@ impl Quadrotor {
 
     /// Where it flies to by itself; at the end of a landing that is on the ground.
     fn goal(&self) -> Option<Vector> {
-        let maneuver = match self.mode {
-            Mode::Mission => self.mission.maneuver()?,
-            Mode::Position => return None,
-            Mode::Takeoff | Mode::Hold | Mode::Return | Mode::Land => self.maneuver,
-        };
-        match maneuver {
-            _ if !self.armed => None,
+        if !self.armed || self.mode == Mode::Position {
+            return None;
+        }
+        match self.flown() {
             Maneuver::Stay(to) | Maneuver::Wait { at: to, .. } | Maneuver::Reach { to, .. } | Maneuver::Climb(to) => {
                 Some(to)
             }
