@@ -6,10 +6,12 @@ import threading
 import pytest
 from companion import Companion
 from conftest import Gcs, is_armed
+from plans import plan
 from pymavlink import mavutil
 from satellite import START, STOP, Satellite
 from test_mavproxy import MavProxy
 from test_params import REAL32, UINT16, read, write
+from transfer import upload
 
 mavlink = mavutil.mavlink
 
@@ -147,7 +149,8 @@ def test_commands_that_may_be_old(satellite, gcs):
     assert not is_armed(gcs.wait("HEARTBEAT"))
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert satellite.command(mavlink.MAV_CMD_NAV_TAKEOFF) == DENIED
-    assert satellite.command(mavlink.MAV_CMD_MISSION_START) != ACCEPTED
+    assert upload(gcs, plan(3)).type == mavlink.MAV_MISSION_ACCEPTED
+    assert satellite.command(mavlink.MAV_CMD_MISSION_START) == DENIED
     assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF) == ACCEPTED
     assert gcs.wait("VFR_HUD", 15, lambda hud: hud.alt > 493), "it does not take off"
     assert satellite.control(START) == ACCEPTED

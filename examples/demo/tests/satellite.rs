@@ -202,14 +202,10 @@ fn it_does_not_take_off_for_a_command_that_may_be_old() {
     assert_eq!(wire.long_by(SATELLITE, 1, MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), denied);
     assert_eq!(wire.said(), ["Arming refused: by satellite"], "over the radio, and once");
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
-    let mission = Mode::Mission.number();
-    let [custom, sub] = [mission >> 16 & 0xFF, mission >> 24].map(|number| number as f32);
-    for (command, params) in [
-        (MavCmd::NAV_TAKEOFF, &[][..]),
-        (MavCmd::MISSION_START, &[0.0, 0.0]),
-        (MavCmd::DO_SET_MODE, &[1.0, custom, sub]),
-    ] {
-        assert_ne!(wire.long_by(SATELLITE, 1, command, params), MavResult::ACCEPTED, "{command:?}");
+    let takeoff = Mode::Takeoff.number();
+    let [main, sub] = [takeoff >> 16 & 0xFF, takeoff >> 24].map(|number| number as f32);
+    for (command, params) in [(MavCmd::NAV_TAKEOFF, &[][..]), (MavCmd::DO_SET_MODE, &[1.0, main, sub])] {
+        assert_eq!(wire.long_by(SATELLITE, 1, command, params), denied, "{command:?}");
         wire.run(1_000);
         assert!(wire.vehicle().is_landed());
     }
