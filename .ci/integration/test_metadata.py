@@ -1,7 +1,10 @@
 """What the parameters mean (O-1): MAVSDK follows COMPONENT_METADATA to the file, and believes a refusal."""
 
 import json
+import pathlib
 import queue
+import subprocess
+import sys
 import time
 
 import pytest
@@ -15,8 +18,27 @@ from test_params import INT8, INT16, INT32, REAL32, UINT8, UINT16, UINT32, fetch
 
 TYPES = {"Uint8": UINT8, "Int8": INT8, "Uint16": UINT16, "Int16": INT16, "Uint32": UINT32, "Int32": INT32, "Float": REAL32}
 
+# Asks, and ends without a word, whatever MAVSDK is doing.
+ASK = """
+import os, sys, time
+from conftest import found_by_mavsdk
+from mavsdk.plugins.component_metadata import ComponentMetadata
+with found_by_mavsdk(sys.argv[1]) as system:
+    ComponentMetadata(system).request_autopilot_component()
+    time.sleep(3)
+    os._exit(0)
+"""
 
-def test_the_parameters_are_described(target, system, other):
+
+@pytest.fixture
+def was_asked_before(target, port):
+    """MAVSDK 4.1 never returns where it has to fetch both files at once: a first try leaves one of them in its cache."""
+    if target == "sitl":
+        command = [sys.executable, "-c", ASK, f"tcpout://127.0.0.1:{port}"]
+        subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
+
+
+def test_the_parameters_are_described(target, was_asked_before, system, other):
     """The vehicle on this machine offers the files by itself; in QEMU nobody does, and it says so."""
     metadata, available = ComponentMetadata(system), queue.Queue()
     metadata.subscribe_metadata_available(lambda update, *_: available.put(update))
