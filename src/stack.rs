@@ -87,6 +87,8 @@ struct Core {
     has_acted: bool,
     /// Links with frames of others in their queues.
     forwards: LinkMask,
+    /// When the loss of all ground stations has a consequence (L-14).
+    loss_due: Instant,
 }
 
 /// What a call works with beside the core and its link.
@@ -146,6 +148,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 mode: 0,
                 has_acted: false,
                 forwards: LinkMask::NONE,
+                loss_due: Instant::NEVER,
             },
             links,
             slots: [[Slot::NEW; STREAMS]; LINKS],
@@ -164,7 +167,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.has_credit(now);
         network::poll(&mut self.peers, now, core.config.peer_timeout, vehicle);
         command::poll(now, vehicle);
-        high_latency::poll(now, &mut self.links, &self.peers, vehicle);
+        core.loss_due = high_latency::poll(now, &mut self.links, &self.peers, vehicle);
         core.params.poll(now, vehicle);
         #[cfg(feature = "storage")]
         if !vehicle.may_persist() {
@@ -429,7 +432,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             return now;
         }
         let missions = P::engine(&self.missions);
-        let mut deadline = network::deadline(&self.peers, core.config.peer_timeout);
+        let mut deadline = network::deadline(&self.peers, core.config.peer_timeout).min(core.loss_due);
         deadline = deadline.min(missions.map_or(Instant::NEVER, Missions::deadline)).min(core.params.deadline());
         for link in &self.links {
             deadline =

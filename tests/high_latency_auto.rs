@@ -70,6 +70,22 @@ fn it_goes_on_with_the_last_ground_station_and_off_with_the_first() {
     assert_eq!((count(&mut world), satellite(&mut world).is_on()), (0, false));
 }
 
+/// L-14: also for who sleeps until `next_deadline`, beside a radio that takes nothing any more.
+#[test]
+fn it_goes_on_for_who_sleeps() {
+    let mut world = world(CONFIG);
+    run(&mut world, secs(30));
+    lose(&mut world);
+    let end = world.now().after(secs(12));
+    world.uarts[TELEM].stall_writes_until(end);
+    while !satellite(&mut world).is_on() {
+        let now = world.now();
+        let next = world.stack.next_deadline(now).min(world.uarts[TELEM].next_arrival()).max(now.after(millis(1)));
+        assert!(next < end, "asleep since {now:?}, until {next:?}");
+        world.step_to(next);
+    }
+}
+
 /// It does not, when nobody wants it to; nor for a ground station that was never there, or others that are lost, or a loss that
 /// is over before the time is.
 #[test]

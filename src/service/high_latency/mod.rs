@@ -374,6 +374,14 @@ impl HighLatency {
         }
     }
 
+    /// When the ground station has been lost for so long that it goes on by itself.
+    fn deadline(&self) -> Instant {
+        match (self.ground, self.config.on_link_loss_after) {
+            (Ground::LostSince(since), Some(after)) => since.after(after),
+            _ => Instant::NEVER,
+        }
+    }
+
     /// The message for a link, as of now.
     fn report(&mut self, now: Instant, link: LinkMask, config: &Config, custom_mode: u32) -> HighLatency2 {
         // A link that has told what was closed wants news; the others are told the same.
@@ -406,9 +414,9 @@ fn millis(at: Instant) -> u32 {
     u32::try_from(at.as_millis() & u64::from(u32::MAX)).unwrap_or(0)
 }
 
-/// Runs the timers.
-pub(crate) fn poll(now: Instant, links: &mut [Link], peers: &Peers, vehicle: &mut impl Vehicle) {
-    let Some(satellite) = vehicle.high_latency() else { return };
+/// Runs the timers, and tells when it is to be called again though nothing else happens.
+pub(crate) fn poll(now: Instant, links: &mut [Link], peers: &Peers, vehicle: &mut impl Vehicle) -> Instant {
+    let Some(satellite) = vehicle.high_latency() else { return Instant::NEVER };
     learn(satellite, links);
     if satellite.config.announce_once && !satellite.has_announced && satellite.sampled.is_some() {
         satellite.has_announced = true;
@@ -420,6 +428,7 @@ pub(crate) fn poll(now: Instant, links: &mut [Link], peers: &Peers, vehicle: &mu
     let is_normal = |info: &crate::network::PeerInfo| !links_of_satellite.contains(LinkMask::of(info.peer.link));
     satellite.watch(now, peers.iter().filter(is_ground).any(is_normal));
     schedule(links, satellite);
+    satellite.deadline()
 }
 
 /// Something was received on a link: what it changed is for all of them.
