@@ -127,6 +127,24 @@ fn what_is_no_key() {
     assert!(rig.sent::<Heartbeat>(0).iter().all(|frame| frame.is_signed_with([0; 32])));
 }
 
+/// G-11: who sleeps until `next_deadline` is woken for what somebody is told, refusals too, which no heartbeat brings along.
+#[test]
+fn next_deadline_knows_of_answers() {
+    for (link, message) in [(0, setup(KEY, NOW)), (0, setup(OTHER_KEY, 1 << 48)), (1, setup(KEY, NOW))] {
+        let mut rig = rig();
+        assert!(!rig.transmit(0).is_empty() && !rig.transmit(1).is_empty(), "the first heartbeats");
+        rig.run_for(millis(100));
+        assert!(rig.stack.next_deadline(rig.now) > rig.now);
+        rig.receive(link, &unsigned(&message));
+        while rig.stack.next_deadline(rig.now) <= rig.now {
+            let sent = rig.stack.transmit(rig.now, LINKS[link], &mut rig.vehicle).len();
+            rig.stack.transmitted(LINKS[link], sent);
+            rig.stack.poll(rig.now, &mut rig.vehicle);
+        }
+        assert_eq!(texts(&rig.transmit(link)), [], "it was sent already");
+    }
+}
+
 /// T-G5: armed, or in a fault: refused, with an unsigned text that somebody with another key can read too.
 #[test]
 fn an_armed_vehicle_keeps_its_key() {
@@ -280,17 +298,23 @@ fn what_is_not_accepted_is_forwarded() {
     assert_eq!(rig.transmit(1)[0].raw, frame);
 }
 
-/// D-3: a second one finds no room as long as the first was not answered, and is dropped; on another link as on the same.
+/// D-3: a second one finds no room as long as the first was not answered, and is dropped; a link whose line takes nothing holds
+/// up no other.
 #[test]
 fn one_at_a_time() {
     let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(WIRE); 2]);
+    rig.receive(0, &unsigned(&setup(KEY, 1 << 48)));
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    assert_eq!(rig.stack.link_counters(LINKS[0]).unwrap().no_answer_slot, 1);
+    assert!(!rig.signing().is_active());
     rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
-    assert_eq!(rig.stack.link_counters(LINKS[1]).unwrap().no_answer_slot, 1);
-    assert_eq!(texts(&rig.transmit(1)), [], "the answer goes where it was asked");
-    assert_eq!(texts(&rig.transmit(0)).len(), 1);
-    rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
-    assert!(rig.transmit(1)[0].is_signed_with(OTHER_KEY));
+    assert_eq!(rig.stack.link_counters(LINKS[1]).unwrap().no_answer_slot, 0);
+    let sent = rig.transmit(1);
+    assert_eq!(texts(&sent), [("Signing key set".to_owned(), true)], "the answer goes where it was asked");
+    assert!(sent.iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
+    assert_eq!(texts(&rig.transmit(0)), [("Signing not changed: bad timestamp".to_owned(), false)]);
+    rig.receive(0, &unsigned(&setup(KEY, NOW)));
+    assert!(rig.transmit(0)[0].is_signed_with(KEY));
 }
 
 /// No key comes by satellite; and to a vehicle without a memory it is a message like any other.

@@ -17,7 +17,7 @@ use crate::service::identity::Owed;
 use crate::service::mission::Replies;
 use crate::service::param;
 #[cfg(feature = "signing")]
-use crate::service::signing::LinkSigning;
+use crate::service::signing::{Answer, LinkSigning};
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
 use crate::time::Instant;
@@ -234,6 +234,9 @@ pub(crate) struct Port {
     pub(crate) text: TextCursor,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
+    /// What somebody is to be told of his SETUP_SIGNING.
+    #[cfg(feature = "signing")]
+    pub(crate) setup: Answer,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
     /// What the transport said when it was last asked.
@@ -274,6 +277,8 @@ impl Link {
             text: TextCursor::new(),
             streams: Streams::new(),
             counters: LinkCounters::ZERO,
+            #[cfg(feature = "signing")]
+            setup: Answer::None,
             strangers: 0,
             transport: Transport::Unknown,
         },
@@ -300,6 +305,15 @@ impl Link {
 impl Port {
     /// So many frames with our address, none of which can be an echo, are somebody else's.
     const CONFLICT: u8 = 3;
+
+    /// Whether somebody is to be told of his SETUP_SIGNING.
+    #[cfg_attr(not(feature = "signing"), allow(clippy::unused_self, reason = "nobody ever is"))]
+    pub(crate) fn is_told_of_setup(&self) -> bool {
+        #[cfg(feature = "signing")]
+        return self.setup != Answer::None;
+        #[cfg(not(feature = "signing"))]
+        false
+    }
 
     /// A frame of version `version` came in (V-1).
     pub(crate) fn heard(&mut self, version: Version) {

@@ -35,7 +35,7 @@ mod without {
         false
     }
 
-    pub(crate) fn next(_: &mut Port, _: &mut impl Vehicle) -> bool {
+    pub(crate) fn next(_: &mut Port) -> bool {
         false
     }
 

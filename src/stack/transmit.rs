@@ -18,7 +18,7 @@ impl Core {
         port.bucket.drain(now);
         signing::prepare(port, context.vehicle);
         let is_normal = port.config.class != LinkClass::HighLatency;
-        let sent = (is_normal && (self.heartbeat(now, port, context.vehicle) || signing::next(port, context.vehicle)))
+        let sent = (is_normal && (self.heartbeat(now, port, context.vehicle) || signing::next(port)))
             || command::next(port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
@@ -117,7 +117,7 @@ impl Core {
             Transport::Full => return if heartbeat > now { heartbeat } else { Instant::NEVER },
             _ => {}
         }
-        if !port.acks.is_empty() || (is_normal && port.plans.has_ack()) {
+        if !port.acks.is_empty() || (is_normal && (port.plans.has_ack() || port.is_told_of_setup())) {
             return now;
         }
         let waits = is_normal

@@ -32,18 +32,17 @@ mod setup;
 mod streams;
 
 pub use policy::{Accept, LinkSigning};
-pub(crate) use setup::{next, on_frame};
+pub(crate) use setup::{Answer, next, on_frame};
 pub use streams::SigningStream;
 
 use core::ops::{Deref, DerefMut};
 
 use crate::dialect::SetupSigning;
 use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey, Version};
-use crate::link::{LinkId, Port};
+use crate::link::Port;
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
-use setup::Answer;
 use streams::{MINUTE, Stale};
 
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
@@ -126,8 +125,6 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
     last: u64,
     /// Before this no new stream begins.
     floor: u64,
-    /// What somebody is to be told of his SETUP_SIGNING.
-    answer: Option<(LinkId, Answer)>,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
     saving: Saving,
@@ -158,7 +155,6 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             boot: 0,
             last: 0,
             floor: 0,
-            answer: None,
             counters: SigningCounters {
                 verified: 0,
                 unsigned: 0,

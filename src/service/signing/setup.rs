@@ -15,10 +15,12 @@ use crate::message::{Message, Text};
 use crate::time::Instant;
 use crate::vehicle::Vehicle;
 
-/// What somebody is told of his SETUP_SIGNING.
+/// What somebody on a link is to be told of his SETUP_SIGNING.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(super) enum Answer {
+pub(crate) enum Answer {
+    /// Nothing; zero bits.
+    None,
     Set,
     Off,
     Armed,
@@ -28,11 +30,12 @@ pub(super) enum Answer {
 
 impl Answer {
     const fn is_refusal(self) -> bool {
-        !matches!(self, Self::Set | Self::Off)
+        matches!(self, Self::Armed | Self::Place | Self::Time)
     }
 
     const fn text(self) -> &'static str {
         match self {
+            Self::None => "",
             Self::Set => "Signing key set",
             Self::Off => "Signing is off",
             Self::Armed => "Signing not changed: vehicle is armed",
@@ -62,7 +65,7 @@ pub(crate) fn on_frame(
         count(&mut port.counters.out_of_place);
         return true;
     }
-    if signing.answer.is_some() {
+    if port.setup != Answer::None {
         event!("SETUP_SIGNING dropped: no room for its answer");
         count(&mut port.counters.no_answer_slot);
         return true;
@@ -77,7 +80,7 @@ pub(crate) fn on_frame(
         }
         None => return true,
     };
-    signing.answer = Some((port.id, answer));
+    port.setup = answer;
     if answer.is_refusal() {
         count(&mut signing.counters.refused_setups);
     } else {
@@ -100,9 +103,11 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
 }
 
 /// Sends the text that somebody on this link is owed. False when nobody is.
-pub(crate) fn next(port: &mut Port, vehicle: &mut impl Vehicle) -> bool {
-    let Some(signing) = vehicle.signing() else { return false };
-    let Some((_, answer)) = signing.answer.take_if(|(link, _)| *link == port.id) else { return false };
+pub(crate) fn next(port: &mut Port) -> bool {
+    let answer = core::mem::replace(&mut port.setup, Answer::None);
+    if answer == Answer::None {
+        return false;
+    }
     let severity = if answer.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
     if answer.is_refusal() {
         // Who has another key reads it too.
