@@ -298,6 +298,23 @@ fn what_is_not_accepted_is_forwarded() {
     assert_eq!(rig.transmit(1)[0].raw, frame);
 }
 
+/// SEC-15: no copy of the key stays in the link's buffer, however the bytes came, and whatever stood before them.
+#[test]
+fn no_key_is_left_behind() {
+    let frame = unsigned(&setup(KEY, NOW));
+    for piece in [1, 7, 300] {
+        for message in [frame.clone(), [unsigned(&Gcs::heartbeat()), frame.clone()].concat()] {
+            let mut rig = rig();
+            for bytes in message.chunks(piece) {
+                rig.receive(0, bytes);
+            }
+            assert!(rig.signing().is_active());
+            let buffer = rig.stack.receive_buffer(LINKS[0]);
+            assert!(KEY.windows(8).all(|part| !buffer.windows(8).any(|bytes| bytes == part)), "pieces of {piece}");
+        }
+    }
+}
+
 /// D-3: a second one finds no room as long as the first was not answered, and is dropped; a link whose line takes nothing holds
 /// up no other.
 #[test]

@@ -17,6 +17,9 @@
 //! never swallows an intact frame behind it (S-13, SEC-4). What comes out does not depend on how the bytes were cut into
 //! pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
 
+#[cfg(feature = "signing")]
+use zeroize::Zeroize;
+
 use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, STX_V1, STX_V2, Version, crc};
 use crate::message::{MessageInfo, MessageTable, zero_extend};
 use crate::time::{Duration, Instant};
@@ -167,6 +170,13 @@ impl Decoder {
         self.start = 0;
         self.end = 0;
         self.need = 1;
+    }
+
+    /// Overwrites what is done with: a key was in it (SEC-15).
+    #[cfg(feature = "signing")]
+    pub(crate) fn wipe(&mut self) {
+        self.buffer.get_mut(..self.start).unwrap_or_default().iter_mut().zeroize();
+        self.buffer.get_mut(self.end..).unwrap_or_default().iter_mut().zeroize();
     }
 
     /// Room for new bytes: read into its front, then [`commit`](Self::commit).

@@ -2,6 +2,8 @@
 
 use super::{Context, Core, count, count_drop, signing, streams};
 use crate::config::RxAllowance;
+#[cfg(feature = "signing")]
+use crate::dialect::SetupSigning;
 use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
 use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
@@ -34,8 +36,14 @@ impl Core {
             let next = decoder.next_vouched(context.now, messages, &mut allowance.work, is_known, vouches);
             let Some(frame) = next else { return };
             allowance.frames = allowance.frames.saturating_sub(1);
+            #[cfg(feature = "signing")]
+            let has_key = frame.id() == SetupSigning::ID;
             let copied = self.on_frame(context, port, &frame);
             allowance.work = allowance.work.saturating_sub(copied);
+            #[cfg(feature = "signing")]
+            if has_key {
+                decoder.wipe();
+            }
         }
     }
 
