@@ -392,3 +392,21 @@ fn the_key_is_never_shown() {
         assert!(!text.contains(shown), "{text}");
     }
 }
+
+/// R-3, G-9: no way to anybody is learned from what is accepted unsigned as an exception: whoever spoils the radio with it could
+/// else keep a ground station's frames from that radio for good.
+#[test]
+fn an_exception_teaches_no_route() {
+    let signing = [LinkSigning::SIGNED, LinkSigning::OPEN];
+    let mut rig: Rig = Rig::new(signing.map(|signing| LinkConfig::uart(115_200).with_signing(signing)));
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(mavstack::ForwardQueues::new()));
+    for link in [0, 1] {
+        assert!(!rig.transmit(link).is_empty(), "the first heartbeats");
+    }
+    rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &RadioStatus::default()));
+    assert_eq!((rig.vehicle.calls.len(), rig.stack.peers().len()), (1, 1), "it is served all the same");
+    let frame = Signer::new(KEY).unsigned(Version::V2, &Gcs::heartbeat());
+    rig.receive(1, &frame);
+    assert!(rig.transmit(0).iter().any(|sent| sent.raw == frame));
+}

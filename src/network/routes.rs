@@ -39,6 +39,13 @@ pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Ad
     routes
 }
 
+/// Forgets the way to `from` by his link.
+pub(crate) fn forget_route(peers: &mut Peers, from: Peer) {
+    for info in peers.iter_mut().filter(|info| info.peer == from) {
+        info.is_route = false;
+    }
+}
+
 /// Forgets the routes to who has rebooted: to `from`, if his SYSTEM_TIME went backwards. The link that told so is known
 /// again at once.
 pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {

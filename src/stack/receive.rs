@@ -83,7 +83,8 @@ impl Core {
             network::on_unchecked(context.peers, from, frame.header().seq);
             return self.pass_on(context, port, frame, passage, None);
         }
-        if passage == Passage::Again && !network::is_heard(context.peers, from) {
+        let was_heard = network::is_heard(context.peers, from);
+        if passage == Passage::Again && !was_heard {
             // No way back to its sender is learned from what came around.
             return 0;
         }
@@ -95,7 +96,12 @@ impl Core {
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
             Booking::Kept => {}
         }
-        let copied = self.pass_on(context, port, frame, passage, Some(booking));
+        // He is listed, but no way to him is learned from what anybody may have sent.
+        let is_his = signing::knows_sender(port, frame, context.vehicle);
+        if !is_his && !was_heard {
+            network::forget_route(context.peers, from);
+        }
+        let copied = self.pass_on(context, port, frame, passage, is_his.then_some(booking));
         if passage != Passage::Again {
             self.serve(context, port, frame);
         }

@@ -2,7 +2,7 @@
 
 #[cfg(feature = "signing")]
 pub(super) use crate::service::signing::{
-    admits, believes_unsigned, key_of, next, on_frame, prepare, sign, vouches_for,
+    admits, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, vouches_for,
 };
 #[cfg(not(feature = "signing"))]
 pub(super) use without::*;
@@ -16,6 +16,10 @@ mod without {
     use crate::vehicle::Vehicle;
 
     pub(crate) fn admits(_: Instant, _: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
+        true
+    }
+
+    pub(crate) fn knows_sender(_: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
         true
     }
 

@@ -408,6 +408,16 @@ pub(crate) fn admits(now: Instant, port: &Port, frame: &Frame<'_>, vehicle: &mut
     }
 }
 
+/// Whether an accepted frame is its sender's: what came as an exception, or to set the first key, can be anybody's.
+pub(crate) fn knows_sender(port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
+    let has_key = vehicle.signing().is_some_and(|signing| signing.is_active());
+    match port.config.signing.accept {
+        Accept::Open => true,
+        Accept::SignedExcept(_) => !has_key || frame.header().is_signed(),
+        Accept::Required => has_key && frame.header().is_signed(),
+    }
+}
+
 /// Whether what an unsigned frame says is believed on this link.
 pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle) -> bool {
     let accept = port.config.signing.accept;
