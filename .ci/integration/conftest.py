@@ -200,6 +200,21 @@ def found_by_mavsdk(url):
 
 
 @pytest.fixture
+def vehicle(target, other, request, tmp_path):
+    """One that may be switched off and on."""
+    # Which needs this module.
+    from power import InQemu, InSitl
+
+    option = request.config.getoption
+    if target == "qemu":
+        vehicle = InQemu(option("qmp_port"), other)
+    else:
+        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
+    yield vehicle
+    vehicle.end()
+
+
+@pytest.fixture
 def system(port):
     with found_by_mavsdk(f"tcpout://127.0.0.1:{port}") as system:
         yield system

@@ -3,8 +3,6 @@
 import time
 
 import newer
-import pytest
-from power import InQemu, InSitl
 from pymavlink import mavutil
 from test_params import REAL32, read, write
 
@@ -75,18 +73,6 @@ def test_a_reboot_that_is_refused(gcs):
     assert gcs.command(REBOOT, 0) == ACCEPTED, "it is asked to do nothing"
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert gcs.command(REBOOT, 1) == TEMPORARILY_REJECTED, "armed"
-
-
-@pytest.fixture
-def vehicle(target, other, request, tmp_path):
-    """One that may be switched off and on."""
-    option = request.config.getoption
-    if target == "qemu":
-        vehicle = InQemu(option("qmp_port"), other)
-    else:
-        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
-    yield vehicle
-    vehicle.end()
 
 
 def test_a_reboot(vehicle):

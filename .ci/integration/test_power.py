@@ -5,7 +5,6 @@ from collections import Counter
 
 import pytest
 from plans import ALL, FENCE, MISSION, PLANS, RALLY, differences
-from power import InQemu, InSitl
 from transfer import (
     ACCEPTED,
     ask_count,
@@ -24,17 +23,6 @@ POSITIONS = {"qemu": 22, "sitl": 12}
 RESIDENT = {MISSION: 100, FENCE: 64, RALLY: 16}
 # A plan whose commit takes long.
 LONG = {"qemu": {MISSION: 250, FENCE: 64, RALLY: 16}, "sitl": {MISSION: 500, FENCE: 256, RALLY: 64}}
-
-
-@pytest.fixture
-def vehicle(target, other, request, tmp_path):
-    option = request.config.getoption
-    if target == "qemu":
-        vehicle = InQemu(option("qmp_port"), other)
-    else:
-        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
-    yield vehicle
-    vehicle.end()
 
 
 def store(gcs, kind, items):

@@ -4,7 +4,6 @@ import hashlib
 import time
 
 import pytest
-from power import InQemu, InSitl
 from pymavlink import mavutil
 from satellite import Satellite
 from test_mavproxy import MavProxy
@@ -170,16 +169,10 @@ def test_mavproxy_signs(signing, port, tmp_path):
 
 
 @pytest.fixture
-def vehicle(target, other, request, tmp_path):
-    """One that may be switched off and on."""
-    option = request.config.getoption
-    if target == "qemu":
-        vehicle = InQemu(option("qmp_port"), other)
-    else:
-        vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
+def vehicle(vehicle):
+    """It keeps no key."""
     yield vehicle
     setup(vehicle.gcs, bytes(32), 0)
-    vehicle.end()
 
 
 def test_the_key_survives_a_power_cut(vehicle):
