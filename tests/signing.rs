@@ -7,7 +7,8 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Accept, Address, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, SigningMemory, TxVersion, Version,
+    Accept, Address, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, SigningMemory,
+    TxVersion, Version,
 };
 use signer::*;
 use support::*;
@@ -200,6 +201,37 @@ fn every_flipped_bit_is_refused() {
         assert!(changed == frame || rig.vehicle.commands().is_empty(), "bit {bit}");
         assert!(changed == frame || rig.counters().verified == 0, "bit {bit}");
     }
+}
+
+/// L-16: how long ago an accepted frame was signed, by the vehicle's clock; nothing is known of others.
+#[test]
+fn the_age_of_a_frame() {
+    let mut rig = keyed([LinkSigning::SIGNED; 2]);
+    let mut gcs = Signer::new(KEY).at(NOW - 59 * 100_000);
+    let (first, unsigned) = (gcs.frame(&command()), gcs.unsigned(Version::V2, &command()));
+    let age_of = |rig: &mut Rig, raw: &[u8]| {
+        let mut decoder = Decoder::default();
+        decoder.push(raw, rig.now);
+        let frame = decoder.next(rig.now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false).unwrap();
+        let now = rig.now;
+        rig.signing().age(now, &frame)
+    };
+    rig.receive(0, &first);
+    let age = age_of(&mut rig, &first).unwrap();
+    assert!(age >= secs(59) && age <= millis(59_100), "{age:?}");
+    rig.run_for(secs(90));
+    // Of a stream that is known it may be any.
+    let second = gcs.frame(&command());
+    rig.receive(0, &second);
+    assert_eq!(rig.vehicle.commands().len(), 2);
+    let age = age_of(&mut rig, &second).unwrap();
+    assert!(age >= secs(149) && age <= millis(149_100), "{age:?}");
+    let ahead = gcs.at(NOW + 99 * MINUTE).frame(&command());
+    rig.receive(0, &ahead);
+    assert_eq!(age_of(&mut rig, &ahead), Some(secs(0)));
+    assert_eq!(age_of(&mut rig, &unsigned), None);
+    rig.signing().clear_key();
+    assert_eq!(age_of(&mut rig, &ahead), None);
 }
 
 /// G-4: timestamps rise strictly on each link, follow the clock, and are never behind what was heard.

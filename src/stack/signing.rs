@@ -1,6 +1,9 @@
 //! Signing, joined to the rest. Without the feature, or for a vehicle that has no memory for it, nothing of it is linked.
 
 #[cfg(feature = "signing")]
+#[allow(unused_imports, reason = "the age of a command is not handed out yet")]
+pub(super) use crate::service::signing::age;
+#[cfg(feature = "signing")]
 pub(super) use crate::service::signing::{
     admits, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, vouches_for,
 };
@@ -12,7 +15,7 @@ pub(super) use without::*;
 mod without {
     use crate::frame::Frame;
     use crate::link::Port;
-    use crate::time::Instant;
+    use crate::time::{Duration, Instant};
     use crate::vehicle::Vehicle;
 
     pub(crate) fn admits(_: Instant, _: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
@@ -21,6 +24,11 @@ mod without {
 
     pub(crate) fn knows_sender(_: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
         true
+    }
+
+    #[allow(dead_code, reason = "the age of a command is not handed out yet")]
+    pub(crate) fn age(_: Instant, _: &Frame<'_>, _: &mut impl Vehicle) -> Option<Duration> {
+        None
     }
 
     pub(crate) fn believes_unsigned(_: &Port, _: u32, _: &mut impl Vehicle) -> bool {
