@@ -25,15 +25,13 @@ mod storage;
 mod streams;
 mod transmit;
 
-use core::marker::PhantomData;
-
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Config, RxAllowance, VehicleAddress};
-use crate::dialect::{Common, MavProtocolCapability, MavSeverity};
+use crate::dialect::{MavProtocolCapability, MavSeverity};
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Transport};
-use crate::message::{Dialect, Text};
+use crate::message::Text;
 use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
 use crate::service::heartbeat::Credit;
@@ -47,7 +45,7 @@ use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
-/// texts, room for `STREAMS` messages that the vehicle fills, the messages of dialect `D` known. All memory is inside.
+/// texts, room for `STREAMS` messages that the vehicle fills. All memory is inside.
 /// [The crate's page](crate) shows the loop around it.
 ///
 /// Most firmware names the first two and calls [`new`](Self::new); [`with_capacities`](Self::with_capacities) is for one
@@ -59,7 +57,6 @@ pub struct Stack<
     const PEERS: usize = 8,
     const TEXTS: usize = 4,
     const STREAMS: usize = 24,
-    D = Common,
 > {
     core: Core,
     links: [Link; LINKS],
@@ -68,7 +65,6 @@ pub struct Stack<
     texts: StatusTexts<[TextEntry; TEXTS]>,
     missions: P::Engine,
     plans: P,
-    dialect: PhantomData<D>,
 }
 
 /// What does not depend on any capacity, and so is compiled once.
@@ -106,7 +102,7 @@ struct Context<'a, V, P: PlanStorage> {
 }
 
 impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
-    /// A stack at rest, with the default capacities and dialect.
+    /// A stack at rest, with the default capacities.
     ///
     /// `const`, but a `static` with this as its initial value keeps a copy of all its memory, plans included, in flash. Write
     /// it into a `static` at start instead (`MaybeUninit::write`, or the crate `static_cell`), as `examples/qemu` does.
@@ -115,10 +111,10 @@ impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
     }
 }
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
-    /// A stack at rest, with capacities or a dialect of your own. `TEXTS` and `STREAMS` may be 0: then there are none.
+    /// A stack at rest, with capacities of your own. `TEXTS` and `STREAMS` may be 0: then there are none.
     #[allow(
         clippy::indexing_slicing,
         clippy::arithmetic_side_effects,
@@ -156,7 +152,6 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             texts: StatusTexts::<[TextEntry; TEXTS]>::new(),
             missions: P::ENGINE,
             plans: P::EMPTY,
-            dialect: PhantomData,
         }
     }
 
@@ -466,7 +461,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
         let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
-        self.core.drain(&mut context, link, D::MESSAGES, allowance);
+        self.core.drain(&mut context, link, V::MESSAGES, allowance);
         high_latency::received(&mut self.links, vehicle);
     }
 }

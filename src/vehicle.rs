@@ -3,9 +3,10 @@
 //! The stack calls them from inside its own calls that get the vehicle, so that none of them can call back into the stack;
 //! none may block.
 
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
+use crate::dialect::{Common, MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
 use crate::link::{LinkId, Peer};
+use crate::message::{Dialect, MessageTable};
 use crate::network::Forwarding;
 use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::high_latency::HighLatency;
@@ -46,6 +47,44 @@ pub enum PeerEvent {
 
 /// What the stack asks of every vehicle.
 pub trait Vehicle {
+    /// The messages whose frames can be checked: all of common, at first. A vehicle with messages of its own names a table that
+    /// has these too, or theirs are [unknown](crate::LinkCounters::unknown) and never reach [`message`](Self::message); it has
+    /// them from [`dialect!`](crate::dialect!), or from XML by `mavstack-dialect`. A vehicle that is short of flash names a
+    /// table that has few.
+    ///
+    /// ```
+    /// use mavstack::dialect::Common;
+    /// use mavstack::{Dialect, Frame, LinkId, MessageTable, Vehicle, VehicleState};
+    ///
+    /// mavstack::message! {
+    ///     /// Tells our winch what to do.
+    ///     pub struct WinchControl: WINCH_CONTROL = 53_000 {
+    ///         /// (m/s) Negative: in.
+    ///         speed: f32,
+    ///         target_system: u8,
+    ///         target_component: u8,
+    ///     }
+    /// }
+    /// mavstack::dialect! {
+    ///     /// All of common, and the winch's.
+    ///     struct Known: [WinchControl] + Common;
+    /// }
+    ///
+    /// struct Rover { winch_speed: f32 }
+    ///
+    /// impl Vehicle for Rover {
+    ///     const MESSAGES: MessageTable = Known::MESSAGES;
+    ///
+    ///     fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
+    ///         if let Some(WinchControl { speed, .. }) = frame.decode() {
+    ///             self.winch_speed = speed;
+    ///         }
+    ///     }
+    /// #   fn state(&self) -> Option<VehicleState> { None }
+    /// }
+    /// ```
+    const MESSAGES: MessageTable = Common::MESSAGES;
+
     /// What the next heartbeat says; `None` while the vehicle is in a fault, which stops the heartbeats (H-5).
     fn state(&self) -> Option<VehicleState>;
 

@@ -16,7 +16,7 @@
 /// ```
 /// mavstack::message! {
 ///     /// What our winch reports.
-///     pub struct WinchReport: WINCH_REPORT = 42_001 {
+///     pub struct WinchReport: WINCH_REPORT = 53_001 {
 ///         /// Length of line that is out (mm).
 ///         line_out: u32,
 ///         /// Tension (N).
@@ -29,7 +29,7 @@
 /// }
 /// use mavstack::Message;
 ///
-/// assert_eq!((WinchReport::ID, WinchReport::BASE_LEN, WinchReport::MAX_LEN), (42_001, 7, 8));
+/// assert_eq!((WinchReport::ID, WinchReport::BASE_LEN, WinchReport::MAX_LEN), (53_001, 7, 8));
 /// let report = WinchReport { line_out: 1_500, tension: -3, ..Default::default() };
 /// let mut payload = [0; 8];
 /// assert_eq!(report.encode(&mut payload), Some(8));
@@ -40,7 +40,7 @@
 ///
 /// ```compile_fail
 /// mavstack::message! {
-///     pub struct Wrong: WRONG = 42_002 {
+///     pub struct Wrong: WRONG = 53_002 {
 ///         small: u8,
 ///         large: u32,
 ///     }
@@ -317,8 +317,10 @@ macro_rules! __newtype_format {
     ($name:ident) => {};
 }
 
-/// Declares a selection of messages as a [`Dialect`](crate::Dialect): what a firmware with little flash puts in the
-/// place of [`Common`](crate::dialect::Common). The order is free; a message named twice does not compile.
+/// Declares a set of messages as a [`Dialect`](crate::Dialect), to be put in the place of
+/// [`Common`](crate::dialect::Common) as [`Vehicle::MESSAGES`](crate::Vehicle::MESSAGES): a few, by a firmware with little
+/// flash; or messages of one's own and, behind a `+`, all of another dialect. The order is free; two messages with one id
+/// do not compile.
 ///
 /// Frames of messages that are not in the selection are *unknown*: their checksum cannot be checked, so the stack
 /// never acts on them (S-12).
@@ -331,6 +333,16 @@ macro_rules! __newtype_format {
 /// }
 /// use mavstack::Dialect;
 /// assert_eq!(Winch::MESSAGES.get(76).map(|info| info.crc_extra()), Some(152));
+///
+/// mavstack::message! {
+///     /// What our winch reports.
+///     pub struct WinchReport: WINCH_REPORT = 53_001 { line_out: u32, }
+/// }
+/// mavstack::dialect! {
+///     /// What the winch says, and all of common.
+///     pub struct WithWinch: [WinchReport] + mavstack::dialect::Common;
+/// }
+/// assert!(WithWinch::MESSAGES.get(53_001).is_some() && WithWinch::MESSAGES.get(30).is_some());
 /// ```
 #[macro_export]
 macro_rules! dialect {
@@ -343,6 +355,20 @@ macro_rules! dialect {
             const MESSAGES: $crate::MessageTable = {
                 const ROWS: &[$crate::MessageInfo] =
                     &$crate::MessageTable::sorted([ $( <$message as $crate::Message>::INFO ),* ]);
+                $crate::MessageTable::new(ROWS, const { &$crate::MessageTable::index(ROWS) })
+            };
+        }
+    };
+    ( $(#[$meta:meta])* $vis:vis struct $name:ident: [ $($message:ty),* $(,)? ] + $base:path; ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug)]
+        $vis struct $name;
+
+        impl $crate::Dialect for $name {
+            const MESSAGES: $crate::MessageTable = {
+                const BASE: &[$crate::MessageInfo] = <$base as $crate::Dialect>::MESSAGES.rows();
+                const OWN: &[$crate::MessageInfo] = &[ $( <$message as $crate::Message>::INFO ),* ];
+                const ROWS: &[$crate::MessageInfo] = &$crate::MessageTable::joined::<{ BASE.len() + OWN.len() }>(BASE, OWN);
                 $crate::MessageTable::new(ROWS, const { &$crate::MessageTable::index(ROWS) })
             };
         }

@@ -225,7 +225,10 @@ impl MessageTable {
     pub const fn index(rows: &[MessageInfo]) -> Index {
         let mut i = 1;
         while i < rows.len() {
-            assert!(rows[i - 1].id() < rows[i].id(), "a message stands in the dialect twice");
+            assert!(
+                rows[i - 1].id() < rows[i].id(),
+                "two messages of the dialect have one id: leave one out, or give yours another id"
+            );
             i += 1;
         }
         let mut index = [0; _];
@@ -256,6 +259,20 @@ impl MessageTable {
             i += 1;
         }
         rows
+    }
+
+    /// The rows of both, sorted by id; `N` is how many they are.
+    #[doc(hidden)]
+    pub const fn joined<const N: usize>(base: &[MessageInfo], own: &[MessageInfo]) -> [MessageInfo; N] {
+        const FREE: MessageInfo =
+            MessageInfo { id_and_crc: 0, base_len: 0, max_len: 0, target_system: NO_FIELD, target_component: NO_FIELD };
+        let mut rows = [FREE; N];
+        let mut i = 0;
+        while i < N {
+            rows[i] = if i < base.len() { base[i] } else { own[i - base.len()] };
+            i += 1;
+        }
+        Self::sorted(rows)
     }
 
     /// The row of a message.

@@ -5,13 +5,12 @@ use super::{Context, Core, Stack, count_drop};
 use crate::dialect::{CommandCancel, SetMode};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkClass, LinkId, Peer, Port};
-use crate::message::Dialect;
 use crate::service::mission::PlanStorage;
 use crate::service::{command, mode};
 use crate::vehicle::Autopilot;
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// Whether every command that came by `link` has got its answer, down to the last byte that the transport takes. What is
     /// still in the UART's own buffers the stack does not see.

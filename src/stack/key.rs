@@ -4,15 +4,15 @@ use embedded_storage::nor_flash::NorFlash;
 
 use super::Stack;
 use crate::dialect::MavSeverity;
-use crate::message::{Dialect, Text};
+use crate::message::Text;
 use crate::service::mission::PlanStorage;
 use crate::service::statustext::StatusTexts;
 use crate::storage::{SigningStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// Reads the signing key back after a start, with the time to begin with. Call it once, before the loop. Without a whole
     /// record, as in a new vehicle, the vehicle's [`Signing`](crate::Signing) stays as it is.

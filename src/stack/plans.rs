@@ -1,13 +1,12 @@
 //! Plans as the firmware sees them: what is live, what was reached, what it brings itself.
 
 use super::Stack;
-use crate::message::Dialect;
 use crate::service::mission::{Item, PlanCounters, PlanStorage, PlanType, PlanView};
 use crate::time::Instant;
 use crate::vehicle::{Autopilot, PlanFault};
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// The live mission.
     pub fn mission(&self) -> PlanView<'_> {

@@ -9,7 +9,7 @@ use embedded_storage::nor_flash::NorFlash;
 
 use super::{Stack, owe};
 use crate::dialect::MavSeverity;
-use crate::message::{Dialect, Text};
+use crate::message::Text;
 use crate::service::mission::{Durability, PlanStorage, PlanType};
 use crate::service::param::{self, ParamTable};
 use crate::service::statustext::StatusTexts;
@@ -17,8 +17,8 @@ use crate::storage::{ParamStore, PlanStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// Reads the plans back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads all
     /// of the record, which blocks for as long as the flash takes.
@@ -107,8 +107,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 }
 
 /// The parameters, in the same way (P-17).
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// Reads the parameters back after a start, and keeps them in `store` from now on. Call it once, before the loop; it reads
     /// all of the record, which blocks for as long as the flash takes. The vehicle is told of each value that is not the

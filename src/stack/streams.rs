@@ -5,13 +5,13 @@ use super::{Context, Core, Stack};
 use crate::dialect::{MavProtocolCapability, MavResult};
 use crate::frame::Frame;
 use crate::link::{LinkClass, Port};
-use crate::message::{Dialect, Message};
+use crate::message::Message;
 use crate::service::mission::PlanStorage;
 use crate::service::stream::{self, Fill, Fixed, Stream};
 use crate::vehicle::{Autopilot, Command, Telemetry};
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize, D: Dialect>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS, D>
+impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
+    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
     /// Sends message `M` once on every normal link, whatever its interval there is: for what has changed and is not to wait
     /// for its turn, as HOME_POSITION when home is set (O-6). It is filled when the link has room, and left out if the vehicle
