@@ -5,7 +5,7 @@ use embedded_storage::nor_flash::NorFlash;
 use mavstack::dialect::HomePosition;
 use mavstack::{
     Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, ParamStore,
-    PlanStorage, PlanStore, Pulse, SigningStore, Stack, StreamProfile, VehicleAddress,
+    PlanStorage, PlanStore, Pulse, SigningStore, Stack, StreamProfile, Vehicle, VehicleAddress,
 };
 
 use crate::tuning::Tuning;
@@ -73,25 +73,48 @@ impl<P: PlanStorage> App<P> {
         Self { stack: Stack::new(CONFIG, LINK_CONFIGS), vehicle: Quadrotor::new(), saving: Saving::Never }
     }
 
-    /// One pass of the flight loop; to be followed by [`serve`](Self::serve) for each link.
+    /// One pass of the loop, where there is only one: [`fly`](Self::fly) and [`poll`](Self::poll); to be followed by
+    /// [`serve`](Self::serve) for each link.
     pub fn control(&mut self, now: Instant) {
+        self.fly(now);
+        self.poll(now);
+    }
+
+    /// One pass of the flight loop. True when it left something to tell: who speaks for it and sleeps is to be woken.
+    pub fn fly(&mut self, now: Instant) -> bool {
+        let before = self.vehicle.state();
         let (mission, fence, rally) = (self.stack.mission(), self.stack.fence(), self.stack.rally());
         self.vehicle.control_step(now, mission.items(), fence.items(), rally.items());
         PULSE.tick();
+        let mut has_news = self.vehicle.state() != before;
         while let Some(seq) = self.vehicle.take_reached() {
             self.stack.mission_item_reached(now, seq);
+            has_news = true;
         }
         while let Some((severity, text)) = self.vehicle.take_text() {
             self.stack.send_text(now, severity, text);
+            has_news = true;
         }
         if self.vehicle.take_new_home() {
             self.stack.announce::<HomePosition, Quadrotor>();
+            has_news = true;
         }
+        has_news
+    }
+
+    /// What of the stack's work belongs to no link; as [`Stack::poll`].
+    pub fn poll(&mut self, now: Instant) {
         if self.vehicle.is_going_down() && self.saving == Saving::No {
             self.saving = Saving::Busy;
             self.stack.save_parameters(now, &mut self.vehicle);
         }
         self.stack.poll(now, &mut self.vehicle);
+    }
+
+    /// Whether the flight loop is to stand still from here on, for good: [`Tuning::SIM_HANG`], for a look at what becomes of
+    /// everything else. Whoever flies sees to it, in the way that he would hang.
+    pub fn hangs(&self) -> bool {
+        self.vehicle.tuning().get(Tuning::SIM_HANG) != 0
     }
 
     /// Whether the processor is to be reset now: somebody asked for it, has his answer, and parameters that he set are

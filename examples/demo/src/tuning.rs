@@ -99,6 +99,8 @@ parameters! {
         SIM_GPS_FIX_TIME: u16 = 2_000, 0..=60_000, "ms";
         /// Satellites that it sees then.
         SIM_GPS_SATS: u8 = 14, 4..=40, "";
+        /// 1: the flight loop stands still until the next start. What keeps beating then is wrong.
+        SIM_HANG: u8 = 0, 0..=1, "", [volatile];
         /// How often it took off.
         STAT_FLIGHTS: u16 = 0, 0..=u16::MAX, "", [read_only];
         /// How long it was in the air, all flights together.

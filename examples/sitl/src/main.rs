@@ -154,6 +154,9 @@ impl Device {
             let began = boot.elapsed();
             let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
             app.control(now);
+            while app.hangs() && !stop.load(Ordering::Relaxed) {
+                thread::sleep(PERIOD);
+            }
             match telemetry {
                 Telemetry::Tcp(port) => serve(app, now, TELEMETRY, port),
                 Telemetry::Udp(datagrams) => datagrams.serve(app, now, TELEMETRY),
