@@ -5,7 +5,7 @@
 
 use crate::dialect::{Common, MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState};
 use crate::frame::Frame;
-use crate::link::{LinkId, Peer};
+use crate::link::{LinkClass, LinkId, Peer};
 use crate::message::{Dialect, MessageTable};
 use crate::network::Forwarding;
 use crate::service::command::{CommandMemory, CommandPolicy};
@@ -18,6 +18,7 @@ use crate::service::param::Parameters;
 use crate::service::signing::Signing;
 use crate::service::stream::{Fill, Stream};
 use crate::service::time::TimeSync;
+use crate::time::{Duration, Instant};
 
 /// What the heartbeat says of the vehicle (H-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,7 +127,7 @@ pub trait Vehicle {
 
     /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. With the
     /// feature `signing` it is one that its link accepts (`LinkSigning`); without, a signature was not looked at. Nothing
-    /// of a high-latency link comes here (L-4).
+    /// of a high-latency link comes here (L-4), and no SETUP_SIGNING, which has a key in it (G-11).
     fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
         let _ = (frame, link);
     }
@@ -146,6 +147,15 @@ pub struct Command {
     pub z: f32,
     /// Who asks, over which link.
     pub from: Peer,
+    /// The link's class: what came by [`HighLatency`](LinkClass::HighLatency) may be old, and overtaken by others (L-16). A
+    /// vehicle may refuse to arm or take off for that.
+    pub class: LinkClass,
+    /// How old it was when it came, as its signature tells: its timestamp beside our own time. `None` when it is not signed,
+    /// without the feature `signing`, and as long as our time may be wrong: until
+    /// `Signing::set_time` or a signed frame by another than a high-latency link told it. As good
+    /// as both clocks; with his clock slow a sender's commands look older than they are. Nothing else tells how old a command
+    /// is: MAVLink's commands have no time of their own.
+    pub age: Option<Duration>,
     /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one.
     pub is_broadcast: bool,
     /// 0 at first, rising with each repetition; COMMAND_INT has none. Many clients never raise it (C-10).
@@ -153,6 +163,12 @@ pub struct Command {
 }
 
 impl Command {
+    /// When it was sent, as far as that is known; else when it came, `now`.
+    pub(crate) fn sent(&self, now: Instant) -> Instant {
+        let age = self.age.map_or(0, Duration::as_micros);
+        Instant::from_micros(now.as_micros().saturating_sub(age))
+    }
+
     /// Whether parameter 7 is a response target, as in the commands that ask for a message: 0 default, 1 the requester, 2
     /// broadcast; NaN is "not used" (C-8, Q-3).
     pub(crate) fn has_response_target(&self) -> bool {

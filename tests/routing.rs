@@ -288,7 +288,7 @@ fn keys_and_radio_reports_stay() {
     let key = |target: Address| SetupSigning {
         target_system: target.system.0,
         target_component: target.component.0,
-        secret_key: [7; 32],
+        secret_key: mavstack::Secret([7; 32]),
         ..SetupSigning::default()
     };
     for target in [Address::new(0, 0), WINGMAN, Address::new(1, 0), VEHICLE] {

@@ -9,7 +9,7 @@ mod support;
 
 use flash::{Fault, FlashError, RamFlash, Torn};
 use mavstack::dialect::*;
-use mavstack::{LinkConfig, LinkSigning, SigningKey, SigningStore, Version};
+use mavstack::{LinkConfig, LinkSigning, Secret, SigningKey, SigningStore, Version};
 use signer::*;
 use support::*;
 
@@ -42,7 +42,7 @@ fn settle(rig: &mut Rig, store: &mut Store<'_>) -> u32 {
 }
 
 fn setup(key: [u8; 32], initial_timestamp: u64) -> Vec<u8> {
-    let message = SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: key };
+    let message = SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: Secret(key) };
     Signer::new(KEY).unsigned(Version::V2, &message)
 }
 

@@ -21,8 +21,8 @@ use std::{collections::HashSet, fmt::Write as _};
 /// The enumeration of two values that is a `bool`.
 const BOOL: &str = "MAV_BOOL";
 
-/// The name of an enumeration's type.
-pub(crate) type TypeOf<'a> = &'a dyn Fn(&str) -> &'a str;
+/// An enumeration's type, as the module of commands names it.
+pub(crate) type TypeOf<'a> = &'a dyn Fn(&str) -> String;
 
 /// A type to write.
 struct Command<'a> {
@@ -135,7 +135,7 @@ fn field_type(dialect: &Dialect, entry: &Entry, param: &Param, type_of: TypeOf) 
         Values::Floats => "f32".into(),
         Values::Integers(minimum, maximum) => integer(minimum, maximum).into(),
         Values::Enum(enumeration) if enumeration.name == BOOL => "bool".into(),
-        Values::Enum(enumeration) => format!("super::{}", type_of(&enumeration.name)),
+        Values::Enum(enumeration) => type_of(&enumeration.name),
     };
     if rule.may_be_nan { format!("Option<{ty}>") } else { ty }
 }

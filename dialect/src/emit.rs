@@ -2,7 +2,9 @@
 //! macros of `mavstack` do the rest. Rules for commands and their types follow the enumerations. The text is as rustfmt would leave it.
 
 use crate::{
-    Dialect, Error, commands,
+    Dialect, Error,
+    beside::Beside,
+    commands,
     doc::Doc,
     model::{Entry, Enum, Field, Message, Scalar},
     names, rules,
@@ -22,6 +24,11 @@ pub struct Options {
     pub crate_path: String,
     /// Messages, enumerations and typed commands to write; all when `None`. What the fields of one name comes with it.
     pub only: Option<Vec<String>>,
+    /// Leaves out what `mavstack::dialect` has already: messages and enumerations of common are named from there, what the
+    /// definition adds to an enumeration of common, to MAV_CMD above all, becomes constants in a module of its name, and the
+    /// dialect has all messages of common besides its own. The firmware then has one type for each of them, and is compiled
+    /// in a fraction of the time.
+    pub beside_common: bool,
 }
 
 impl Options {
@@ -30,7 +37,7 @@ impl Options {
         let stem = input.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
         let name = names::camel(&stem);
         let name = if name.starts_with(|c: char| c.is_ascii_alphabetic()) { name } else { format!("Dialect{name}") };
-        Self { name, crate_path: "mavstack".into(), only: None }
+        Self { name, crate_path: "mavstack".into(), only: None, beside_common: false }
     }
 }
 
@@ -38,24 +45,39 @@ impl Options {
 ///
 /// # Errors
 ///
-/// When the selection names what is not there, or the name is not one of a Rust type.
+/// When the selection names what is not there, the name is not one of a Rust type, or a message differs from the one of its
+/// name or id that it is to stand beside.
 pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     let identifier = |c: char| c.is_ascii_alphanumeric() || c == '_';
     if !options.name.starts_with(|c: char| c.is_ascii_uppercase()) || !options.name.chars().all(identifier) {
         let problem = "not a name for a Rust type; begin with a capital letter, then letters and digits";
         return Err(Error::whole(input(dialect), &format!("--name {}", options.name), problem));
     }
-    let selection = Selection::new(dialect, options)?;
-    let types = Types::new(dialect, options);
+    let beside = options.beside_common.then(Beside::new).transpose()?;
+    let mut selection = Selection::new(dialect, options)?;
+    let mut types = Types::new(dialect, options);
+    let mut added = Vec::new();
+    if let Some(beside) = &beside {
+        added = beside.take_out(&mut selection.enums, &mut selection.messages)?;
+        let theirs = Options { name: "Common".into(), ..options.clone() };
+        let path = |name: String| format!("{}::dialect::{name}", options.crate_path);
+        let enums = Types::new(&beside.common, &theirs).enums;
+        types.theirs = enums.into_iter().map(|(name, (ty, repr))| (name.to_owned(), (path(ty), repr))).collect();
+    }
     let mut out = header(dialect, options, &selection);
     for enumeration in &selection.enums {
         out.push('\n');
         types.enumeration(&mut out, enumeration);
     }
-    if let Some(commands) = selection.enums.iter().find(|enumeration| enumeration.name == names::COMMANDS) {
+    for enumeration in &added {
+        out.push('\n');
+        types.added(&mut out, enumeration);
+    }
+    let mut all = selection.enums.iter().copied().chain(&added);
+    if let Some(commands) = all.find(|enumeration| enumeration.name == names::COMMANDS) {
         out.push('\n');
         rules::write(&mut out, dialect, commands, &options.crate_path);
-        let type_of = |name: &str| types.enums[name].0.as_str();
+        let type_of = |name: &str| types.path_from_inside(name);
         let is_selected = |entry: &Entry| selection.commands.as_ref().is_none_or(|only| only.contains(&entry.value));
         commands::write(&mut out, dialect, commands, &options.crate_path, &type_of, is_selected);
     }
@@ -130,8 +152,12 @@ fn header(dialect: &Dialect, options: &Options, selection: &Selection) -> String
     if fields().any(|field| field.name.contains(|c: char| c.is_ascii_uppercase())) {
         out.push_str("#![allow(non_snake_case, reason = \"the names of fields are MAVLink's\")]\n\n");
     }
-    for (name, array) in [("Char", false), ("Text", true)] {
-        if fields().any(|field| field.scalar == Scalar::Char && field.array.is_some() == array) {
+    let has_char = |array| fields().any(|field| field.scalar == Scalar::Char && field.array.is_some() == array);
+    let is_secret =
+        |message: &&Message| message.fields.iter().any(|field| names::is_secret(&message.name, &field.name));
+    let has_secret = selection.messages.iter().any(is_secret);
+    for (name, is_used) in [("Char", has_char(false)), ("Secret", has_secret), ("Text", has_char(true))] {
+        if is_used {
             let _ = writeln!(out, "use {}::{name};", options.crate_path);
         }
     }
@@ -145,6 +171,8 @@ struct Types<'a> {
     messages: HashMap<&'a str, String>,
     /// Name and representation.
     enums: HashMap<&'a str, (String, Scalar)>,
+    /// Path and representation of those that `mavstack::dialect` has already.
+    theirs: HashMap<String, (String, Scalar)>,
 }
 
 impl<'a> Types<'a> {
@@ -158,7 +186,34 @@ impl<'a> Types<'a> {
             let name = named(&e.name, "Enum");
             (e.name.as_str(), (name, representation(dialect, e)))
         });
-        Self { path: &options.crate_path, messages, enums: enums.collect() }
+        Self { path: &options.crate_path, messages, enums: enums.collect(), theirs: HashMap::new() }
+    }
+
+    /// An enumeration's type and representation, as it is named here.
+    fn enumerated(&self, name: &str) -> Option<&(String, Scalar)> {
+        self.theirs.get(name).or_else(|| self.enums.get(name))
+    }
+
+    /// An enumeration's type, as it is named in a module in here.
+    fn path_from_inside(&self, name: &str) -> String {
+        match self.theirs.get(name) {
+            Some((path, _)) => path.clone(),
+            None => format!("super::{}", self.enums[name].0),
+        }
+    }
+
+    /// A module of what is added to an enumeration of `mavstack::dialect`.
+    fn added(&self, out: &mut String, added: &Enum) {
+        let Some((path, _)) = self.theirs.get(&added.name) else { return };
+        let name = path.rsplit(':').next().unwrap_or_default();
+        let _ = writeln!(out, "/// What is added to `{}`.", added.name);
+        out.push_str("#[allow(missing_docs, reason = \"an entry's name is its definition's\")]\n");
+        let _ = writeln!(out, "pub mod {} {{\n    use {path};\n", added.name.to_ascii_lowercase());
+        for (entry, constant) in added.entries.iter().zip(names::constants(added)) {
+            entry_doc(entry).write(out, "    /// ");
+            let _ = writeln!(out, "    pub const {constant}: {name} = {name}({});", entry.value);
+        }
+        out.push_str("}\n");
     }
 
     fn enumeration(&self, out: &mut String, enumeration: &Enum) {
@@ -205,18 +260,18 @@ impl<'a> Types<'a> {
             message.id,
             message.crc_extra()
         );
-        message.base().into_iter().for_each(|field| self.field(out, field));
+        message.base().into_iter().for_each(|field| self.field(out, message, field));
         if message.extensions().next().is_some() {
             out.push_str("    } extensions {\n");
-            message.extensions().for_each(|field| self.field(out, field));
+            message.extensions().for_each(|field| self.field(out, message, field));
         }
         out.push_str("    }\n}\n");
     }
 
-    fn field(&self, out: &mut String, field: &Field) {
+    fn field(&self, out: &mut String, message: &Message, field: &Field) {
         let mut ty = field.scalar.rust_name();
         let mut see = None;
-        if let Some((name, repr)) = self.enums.get(field.enumeration.as_str()) {
+        if let Some((name, repr)) = self.enumerated(&field.enumeration) {
             if *repr == field.scalar {
                 ty = name;
             } else {
@@ -228,6 +283,7 @@ impl<'a> Types<'a> {
             Some(length) if field.scalar == Scalar::Char => format!("Text<{length}>"),
             Some(length) => format!("[{ty}; {length}]"),
         };
+        let ty = if names::is_secret(&message.name, &field.name) { format!("Secret<{ty}>") } else { ty };
         field_doc(field, see).write(out, "        /// ");
         let _ = writeln!(out, "        {}: {ty},", names::field(&field.name));
     }
@@ -236,13 +292,17 @@ impl<'a> Types<'a> {
         let what = if options.only.is_some() { "A selection of the messages" } else { "All messages" };
         let _ = writeln!(out, "{}::dialect! {{", self.path);
         let mut doc = Doc::new();
-        doc.text(&format!("{what} of {} with its includes.", file_name(input(dialect))));
+        let (beside, base) = match options.beside_common {
+            true => (", beside all of common", format!(" + {}::dialect::Common", options.crate_path)),
+            false => ("", String::new()),
+        };
+        doc.text(&format!("{what} of {} with its includes{beside}.", file_name(input(dialect))));
         doc.write(out, "    /// ");
         let _ = writeln!(out, "    pub struct {}: [", options.name);
         for message in &selection.messages {
             let _ = writeln!(out, "        {},", self.messages[message.name.as_str()]);
         }
-        out.push_str("    ];\n}\n");
+        let _ = writeln!(out, "    ]{base};\n}}");
     }
 }
 

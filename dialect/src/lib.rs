@@ -2,8 +2,8 @@
 //!
 //! [`load`] reads a definition with its includes and checks it; [`generate`] writes it down as `wire_enum!`,
 //! `wire_bitmask!`, `command!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write()`] replaces a file by
-//! the text. The command line tool of the same name does these three. The model ([`Dialect`]) keeps every fact of the XML,
-//! for whoever wants other tables from it.
+//! the text. The command line tool of the same name does these three, and [`Build`] does them in a build script. The model
+//! ([`Dialect`]) keeps every fact of the XML, for whoever wants other tables from it.
 //!
 //! ```no_run
 //! use mavstack_dialect::{Options, generate, load, write};
@@ -25,6 +25,9 @@
 //! Rules for commands follow the enumerations, one constant a command: what its parameters may be. Behind them stands a type
 //! for each command that has parameters, whose fields have the names of their labels.
 
+mod beside;
+mod build;
+mod builtin;
 mod commands;
 mod doc;
 mod emit;
@@ -36,6 +39,7 @@ mod output;
 mod parse;
 mod rules;
 
+pub use build::Build;
 pub use emit::{Options, generate};
 pub use error::Error;
 pub use load::load;

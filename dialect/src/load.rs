@@ -1,7 +1,7 @@
 //! A file with its includes, merged and checked as a whole.
 
 use crate::{
-    Dialect, Error,
+    Dialect, Error, builtin,
     model::{Enum, Message},
     parse::{self, Include},
 };
@@ -13,30 +13,23 @@ use std::{
 };
 
 /// Reads `input` with all that it includes. An include is searched beside the file that names it, then in
-/// `include_dirs` in their order; a file that is included on several ways is read once.
+/// `include_dirs` in their order, then among the definitions that come with this crate, `common.xml`, `standard.xml` and
+/// `minimal.xml`; a file that is included on several ways is read once.
 ///
 /// # Errors
 ///
 /// The first thing that is wrong: a file that cannot be read, XML that is malformed, a definition that MAVLink refuses.
 pub fn load(input: &Path, include_dirs: &[PathBuf]) -> Result<Dialect, Error> {
-    let mut loader = Loader {
-        include_dirs,
-        path: Vec::new(),
-        done: Vec::new(),
-        dialect: Dialect { files: Vec::new(), enums: Vec::new(), messages: Vec::new() },
-        ids: HashMap::new(),
-        names: HashMap::new(),
-        enums: HashMap::new(),
-    };
+    let mut loader = Loader::new(include_dirs);
     loader.file(input)?;
-    let mut dialect = loader.dialect;
-    dialect.messages.sort_by_key(|message| message.id);
-    dialect.enums.sort_by(|a, b| a.name.cmp(&b.name));
-    for enumeration in &mut dialect.enums {
-        enumeration.entries.sort_by_key(|entry| entry.value);
-    }
-    check_references(&dialect)?;
-    Ok(dialect)
+    loader.finish()
+}
+
+/// The definitions that `mavstack::dialect` is made from.
+pub(crate) fn common() -> Result<Dialect, Error> {
+    let mut loader = Loader::new(&[]);
+    loader.builtin(builtin::path("common.xml").unwrap_or_default())?;
+    loader.finish()
 }
 
 struct Loader<'a> {
@@ -52,7 +45,31 @@ struct Loader<'a> {
     enums: HashMap<String, usize>,
 }
 
-impl Loader<'_> {
+impl<'a> Loader<'a> {
+    fn new(include_dirs: &'a [PathBuf]) -> Self {
+        Self {
+            include_dirs,
+            path: Vec::new(),
+            done: Vec::new(),
+            dialect: Dialect { files: Vec::new(), enums: Vec::new(), messages: Vec::new() },
+            ids: HashMap::new(),
+            names: HashMap::new(),
+            enums: HashMap::new(),
+        }
+    }
+
+    /// What was read, in order.
+    fn finish(self) -> Result<Dialect, Error> {
+        let mut dialect = self.dialect;
+        dialect.messages.sort_by_key(|message| message.id);
+        dialect.enums.sort_by(|a, b| a.name.cmp(&b.name));
+        for enumeration in &mut dialect.enums {
+            enumeration.entries.sort_by_key(|entry| entry.value);
+        }
+        check_references(&dialect)?;
+        Ok(dialect)
+    }
+
     /// Recursive, as deep as the longest chain of includes: no file is twice in a chain.
     fn file(&mut self, file: &Path) -> Result<(), Error> {
         let unreadable = |error: std::io::Error| Error::whole(file, "the file", format!("cannot be read: {error}"));
@@ -60,16 +77,25 @@ impl Loader<'_> {
         let text = String::from_utf8(fs::read(&canonical).map_err(unreadable)?)
             .map_err(|error| Error::whole(file, "the file", format!("{error}; save it as UTF-8")))?;
         let shared: Arc<Path> = file.into();
-        let parsed = parse::parse(&shared, &text)?;
+        self.text(&shared, canonical, &text)
+    }
 
+    /// A definition that comes with this crate.
+    fn builtin(&mut self, path: PathBuf) -> Result<(), Error> {
+        let text = builtin::text(&path).unwrap_or_default();
+        self.text(&path.as_path().into(), path, text)
+    }
+
+    fn text(&mut self, shared: &Arc<Path>, canonical: PathBuf, text: &str) -> Result<(), Error> {
+        let parsed = parse::parse(shared, text)?;
         self.path.push(canonical);
         for include in &parsed.includes {
-            self.include(file, include)?;
+            self.include(shared, include)?;
         }
         if let Some(canonical) = self.path.pop() {
             self.done.push(canonical);
         }
-        self.dialect.files.push(shared);
+        self.dialect.files.push(shared.clone());
         parsed.enums.into_iter().try_for_each(|enumeration| self.enumeration(enumeration))?;
         parsed.messages.into_iter().try_for_each(|message| self.message(message))
     }
@@ -81,8 +107,12 @@ impl Loader<'_> {
             .chain(self.include_dirs.iter().map(PathBuf::as_path))
             .map(|dir| dir.join(&include.name))
             .find_map(|file| fs::canonicalize(&file).ok().filter(|file| file.is_file()).map(|real| (file, real)));
-        let Some((file, canonical)) = found else {
-            let problem = "there is no such file beside this one, nor in the directories given with --include-dir";
+        let builtin = || builtin::path(&include.name);
+        // What comes with this crate includes nothing else.
+        let found = if builtin::text(from).is_some() { None } else { found };
+        let Some((file, canonical)) = found.or_else(|| builtin().map(|path| (path.clone(), path))) else {
+            let problem = "there is no such file beside this one, nor in the directories given with --include-dir; \
+                           minimal.xml, standard.xml and common.xml need not be there";
             return Err(include.origin.error(element, problem));
         };
         if let Some(first) = self.path.iter().position(|open| *open == canonical) {
@@ -94,7 +124,7 @@ impl Loader<'_> {
         if self.done.contains(&canonical) {
             return Ok(());
         }
-        self.file(&file)
+        if builtin::text(&file).is_some() { self.builtin(file) } else { self.file(&file) }
     }
 
     /// Adds an enumeration, or its entries to the one of the same name.

@@ -23,6 +23,9 @@ struct Arguments {
     /// Name of the struct that lists the messages; the input's by default
     #[arg(long)]
     name: Option<String>,
+    /// Leave out what `mavstack::dialect` has already, and name its types where fields have them
+    #[arg(long)]
+    beside_common: bool,
     /// Another directory to search for includes
     #[arg(short = 'I', long, value_name = "DIR")]
     include_dir: Vec<PathBuf>,
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), Error> {
     let mut options = Options::for_file(&arguments.input);
     options.crate_path.clone_from(&arguments.crate_path);
+    options.beside_common = arguments.beside_common;
     if let Some(name) = &arguments.name {
         options.name.clone_from(name);
     }

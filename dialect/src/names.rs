@@ -1,7 +1,7 @@
 //! Rust's names for MAVLink's.
 
 use crate::model::Enum;
-use std::collections::HashSet;
+use std::{collections::HashSet, path::Path};
 
 /// The enumeration whose entries are commands.
 pub(crate) const COMMANDS: &str = "MAV_CMD";
@@ -17,8 +17,17 @@ const KEYWORDS: [&str; 48] = [
     "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
 ];
 
+/// Fields that are keys and passwords, by their message: they get a type that no log shows.
+const SECRETS: [(&str, &[&str]); 5] = [
+    ("AUTH_KEY", &["key"]),
+    ("CELLULAR_CONFIG", &["pin", "new_pin", "puk"]),
+    ("CHANGE_OPERATOR_CONTROL", &["passkey"]),
+    ("SETUP_SIGNING", &["secret_key"]),
+    ("WIFI_CONFIG_AP", &["password"]),
+];
+
 /// Names in scope where declarations are expanded.
-pub(crate) const RESERVED_TYPES: [&str; 14] = [
+pub(crate) const RESERVED_TYPES: [&str; 15] = [
     "Char",
     "Clone",
     "Copy",
@@ -30,6 +39,7 @@ pub(crate) const RESERVED_TYPES: [&str; 14] = [
     "Ord",
     "PartialEq",
     "PartialOrd",
+    "Secret",
     "Self",
     "Some",
     "Text",
@@ -52,6 +62,19 @@ pub(crate) fn camel(name: &str) -> String {
 /// A field's name: MAVLink's, raw when it is a keyword.
 pub(crate) fn field(name: &str) -> String {
     if KEYWORDS.contains(&name) { format!("r#{name}") } else { name.to_owned() }
+}
+
+/// The name of a module for what a file holds: `My-Vehicle.xml` → `my_vehicle`.
+pub(crate) fn module(file: &Path) -> String {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let name: String = stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let is_taken = KEYWORDS.contains(&name.as_str()) || REFUSED_FIELDS.contains(&name.as_str());
+    if is_taken || !name.starts_with(|c: char| c.is_ascii_alphabetic()) { format!("dialect_{name}") } else { name }
+}
+
+/// Whether a field is a key or a password.
+pub(crate) fn is_secret(message: &str, field: &str) -> bool {
+    SECRETS.iter().any(|(name, fields)| *name == message && fields.contains(&field))
 }
 
 /// `name` if it is free, else with `suffix`, else with a number behind it; taken from now on.

@@ -37,6 +37,31 @@ fn what_is_hard_to_write_down_compiles_and_is_fresh() {
     is_fresh(&path("tests/generated/tricky.xml"), "mavstack", &path("tests/generated/tricky.rs"), how);
 }
 
+/// SEC-15: what no log may show has a type that sees to it, on the wire as before.
+#[test]
+fn keys_and_passwords_are_secrets() {
+    let input = path("definitions/common.xml");
+    let dialect = load(&input, &[]).expect("a definition");
+    let text = |only: Option<&str>| {
+        let options = Options { only: only.map(|name| vec![name.to_owned()]), ..Options::for_file(&input) };
+        generate(&dialect, &options).expect("declarations")
+    };
+    let all = text(None);
+    let secrets: Vec<_> = all.lines().filter(|line| line.contains("Secret<")).map(str::trim).collect();
+    let expected = [
+        "passkey: Secret<Text<25>>,",
+        "key: Secret<Text<32>>,",
+        "secret_key: Secret<[u8; 32]>,",
+        "password: Secret<Text<64>>,",
+        "pin: Secret<Text<16>>,",
+        "new_pin: Secret<Text<16>>,",
+        "puk: Secret<Text<16>>,",
+    ];
+    assert_eq!(secrets, expected);
+    assert!(text(Some("SETUP_SIGNING")).contains("use mavstack::Secret;\n"));
+    assert!(!text(Some("STATUSTEXT")).contains("Secret"));
+}
+
 /// The macros and the generator compute the wire form apart from each other.
 #[test]
 fn the_macros_agree_with_the_model() {

@@ -3,6 +3,7 @@
 
 #![allow(non_snake_case, reason = "the names of fields are MAVLink's")]
 
+use crate::Secret;
 use crate::Text;
 
 crate::wire_enum! {
@@ -5193,7 +5194,7 @@ crate::message! {
         target_system: u8,
         control_request: u8,
         version: u8,
-        passkey: Text<25>,
+        passkey: Secret<Text<25>>,
     }
 }
 
@@ -5209,7 +5210,7 @@ crate::message! {
 crate::message! {
     /// `AUTH_KEY`.
     pub struct AuthKey: AUTH_KEY = 7, crc_extra = 119 {
-        key: Text<32>,
+        key: Secret<Text<32>>,
     }
 }
 
@@ -8017,7 +8018,7 @@ crate::message! {
         initial_timestamp: u64,
         target_system: u8,
         target_component: u8,
-        secret_key: [u8; 32],
+        secret_key: Secret<[u8; 32]>,
     }
 }
 
@@ -8682,7 +8683,7 @@ crate::message! {
     /// `WIFI_CONFIG_AP`.
     pub struct WifiConfigAp: WIFI_CONFIG_AP = 299, crc_extra = 19 {
         ssid: Text<32>,
-        password: Text<64>,
+        password: Secret<Text<64>>,
     } extensions {
         mode: WifiConfigApMode,
         response: WifiConfigApResponse,
@@ -8991,10 +8992,10 @@ crate::message! {
     pub struct CellularConfig: CELLULAR_CONFIG = 336, crc_extra = 245 {
         enable_lte: u8,
         enable_pin: u8,
-        pin: Text<16>,
-        new_pin: Text<16>,
+        pin: Secret<Text<16>>,
+        new_pin: Secret<Text<16>>,
         apn: Text<32>,
-        puk: Text<16>,
+        puk: Secret<Text<16>>,
         roaming: u8,
         response: CellularConfigResponse,
     }

@@ -88,7 +88,7 @@ impl RxCounters {
 /// }
 /// assert_eq!(decoder.counters().frames, 1);
 /// ```
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
     /// The candidate begins here; what is before it is done with.
@@ -125,6 +125,14 @@ enum Reason {
     Checksum,
     UnknownId,
     Stale,
+}
+
+/// Without the received bytes: a key may be among them (SEC-15).
+impl core::fmt::Debug for Decoder {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let waiting = self.end.wrapping_sub(self.start);
+        f.debug_struct("Decoder").field("waiting", &waiting).field("counters", &self.counters).finish_non_exhaustive()
+    }
 }
 
 impl Decoder {

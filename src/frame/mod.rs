@@ -162,13 +162,28 @@ pub struct Signature {
 }
 
 /// A received frame, still in the decoder's buffer.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+///
+/// Its `Debug` and `defmt::Format` show the header, not the payload, which may have a key in it (SEC-15).
+#[derive(Clone, Copy)]
 pub struct Frame<'a> {
     header: Header,
     payload: &'a [u8],
     raw: &'a [u8],
     info: Option<&'static MessageInfo>,
+}
+
+impl core::fmt::Debug for Frame<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let is_checked = self.is_checked();
+        f.debug_struct("Frame").field("header", &self.header).field("is_checked", &is_checked).finish_non_exhaustive()
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Frame<'_> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Frame {} is_checked={=bool}", self.header, self.is_checked());
+    }
 }
 
 impl<'a> Frame<'a> {

@@ -157,7 +157,8 @@ pub struct LinkCounters {
     /// Commands that were not carried out, and questions about plans that are not served, because their answer had no room;
     /// the sender repeats them. See also [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
     pub no_answer_slot: u32,
-    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10).
+    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10); and SETUP_SIGNING where
+    /// nothing is signed (G-11).
     pub out_of_place: u32,
     /// Errors of the transport while reading, overruns among them (S-20).
     pub read_errors: u32,

@@ -7,10 +7,12 @@
 mod field;
 #[macro_use]
 mod macros;
+mod secret;
 mod table;
 mod text;
 
 pub use field::{Char, Field, FieldReader, FieldWriter};
+pub use secret::Secret;
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;
 pub(crate) use text::cut;

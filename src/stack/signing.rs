@@ -13,8 +13,11 @@ pub(super) use without::*;
 /// Every frame counts as unsigned, and every link is open.
 #[cfg(not(feature = "signing"))]
 mod without {
+    use crate::dialect::SetupSigning;
     use crate::frame::Frame;
     use crate::link::Port;
+    use crate::message::Message;
+    use crate::stack::count_drop;
     use crate::time::{Duration, Instant};
     use crate::vehicle::Vehicle;
 
@@ -43,8 +46,13 @@ mod without {
         false
     }
 
-    pub(crate) fn on_frame(_: Instant, _: &mut Port, _: &Frame<'_>, _: bool, _: &mut impl Vehicle) -> bool {
-        false
+    /// SETUP_SIGNING is dropped: nobody here has business with somebody's key (G-11).
+    pub(crate) fn on_frame(_: Instant, port: &mut Port, frame: &Frame<'_>, _: bool, _: &mut impl Vehicle) -> bool {
+        let has_key = frame.id() == SetupSigning::ID;
+        if has_key {
+            count_drop(&mut port.counters.out_of_place, frame, "nothing is signed here");
+        }
+        has_key
     }
 
     pub(crate) fn next(_: &mut Port) -> bool {

@@ -123,7 +123,12 @@ fn unknown_messages_go_on_as_they_came() {
 #[test]
 fn keys_and_radio_states_stay_on_their_link() {
     let mut wire = joined();
-    let key = SetupSigning { target_system: 1, target_component: 191, secret_key: [7; 32], ..SetupSigning::default() };
+    let key = SetupSigning {
+        target_system: 1,
+        target_component: 191,
+        secret_key: mavstack::Secret([7; 32]),
+        ..SetupSigning::default()
+    };
     wire.send_as(TELEMETRY, STATION, &key);
     wire.send_as(TELEMETRY, STATION, &SetupSigning { target_system: 0, target_component: 0, ..key });
     wire.send_as(TELEMETRY, Address::new(51, 68), &RadioStatus { rssi: 200, ..RadioStatus::default() });

@@ -4,7 +4,7 @@
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, SigningKey, encode_signed};
+use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, Secret, SigningKey, encode_signed};
 use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
 use wire::{Received, STATION, Wire, command_long};
 
@@ -17,7 +17,7 @@ fn key() -> SigningKey {
 }
 
 fn setup(secret_key: [u8; 32], initial_timestamp: u64) -> SetupSigning {
-    SetupSigning { target_system: 1, target_component: 1, secret_key, initial_timestamp }
+    SetupSigning { target_system: 1, target_component: 1, secret_key: Secret(secret_key), initial_timestamp }
 }
 
 /// The key came over the companion's wire.

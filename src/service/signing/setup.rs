@@ -45,8 +45,8 @@ impl Answer {
     }
 }
 
-/// Takes SETUP_SIGNING, where the vehicle has a memory for signing. False for other messages, and where it has none. `is_ours`:
-/// whether the frame is for our system by its number.
+/// Takes SETUP_SIGNING; false for other messages. A vehicle without a memory for signing has no use for it, and its hook for
+/// messages, which may log them, no business with a key. `is_ours`: whether the frame is for our system by its number.
 pub(crate) fn on_frame(
     now: Instant,
     port: &mut Port,
@@ -59,7 +59,11 @@ pub(crate) fn on_frame(
     }
     // What the vehicle is doing is not known in a fault.
     let is_disarmed = vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
-    let Some(signing) = vehicle.signing() else { return false };
+    let Some(signing) = vehicle.signing() else {
+        event!("SETUP_SIGNING dropped: no memory for signing");
+        count(&mut port.counters.out_of_place);
+        return true;
+    };
     if !is_ours {
         event!("SETUP_SIGNING dropped: not for everyone");
         count(&mut port.counters.out_of_place);
@@ -75,7 +79,7 @@ pub(crate) fn on_frame(
         _ if !is_disarmed => Answer::Armed,
         Some(mut setup) => {
             let answer = set_up(signing, now, &setup);
-            setup.secret_key.zeroize();
+            setup.secret_key.0.zeroize();
             answer
         }
         None => return true,
@@ -91,14 +95,14 @@ pub(crate) fn on_frame(
 }
 
 fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
-    if setup.initial_timestamp == 0 && setup.secret_key.iter().all(|byte| *byte == 0) {
+    if setup.initial_timestamp == 0 && setup.secret_key.0.iter().all(|byte| *byte == 0) {
         signing.clear_key();
         return Answer::Off;
     }
     if setup.initial_timestamp > MAX_TIMESTAMP {
         return Answer::Time;
     }
-    signing.set_key(now, SigningKey::new(setup.secret_key), setup.initial_timestamp);
+    signing.set_key(now, SigningKey::new(setup.secret_key.0), setup.initial_timestamp);
     Answer::Set
 }
 

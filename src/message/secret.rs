@@ -1,0 +1,56 @@
+//! A field that nobody is to read in a log: a key, a password (SEC-15).
+
+use super::Field;
+
+/// A secret: a field as `T` is, whose `Debug` and `defmt::Format` say nothing of it.
+///
+/// The generator gives it to the fields of `common` that are keys and passwords; a private message does it itself. It is a copy
+/// like any other field: who has read it overwrites it. Comparing two stops at the first difference: that is for tests, not for
+/// whether somebody knows a password.
+///
+/// ```
+/// use mavstack::Secret;
+///
+/// mavstack::message! {
+///     pub struct Unlock: UNLOCK = 52_003 {
+///         who: u8,
+///         code: Secret<[u8; 4]>,
+///     }
+/// }
+/// let unlock = Unlock { who: 1, code: Secret([4, 7, 1, 1]) };
+/// assert_eq!(format!("{unlock:?}"), "Unlock { who: 1, code: Secret }");
+/// assert_eq!(unlock.code.0, [4, 7, 1, 1]);
+/// ```
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub struct Secret<T>(pub T);
+
+impl<T: Field> Field for Secret<T> {
+    const SIZE: usize = T::SIZE;
+    const ELEMENT: usize = T::ELEMENT;
+    const WIRE_TYPE: &'static str = T::WIRE_TYPE;
+    const IS_ARRAY: bool = T::IS_ARRAY;
+    const ZERO: Self = Self(T::ZERO);
+
+    #[inline(always)]
+    fn read(payload: &[u8], at: usize) -> Self {
+        Self(T::read(payload, at))
+    }
+
+    #[inline(always)]
+    fn write(&self, payload: &mut [u8], at: usize) {
+        self.0.write(payload, at);
+    }
+}
+
+impl<T> core::fmt::Debug for Secret<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("Secret")
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<T> defmt::Format for Secret<T> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Secret");
+    }
+}
