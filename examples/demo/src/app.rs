@@ -2,12 +2,15 @@
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
+#[cfg(feature = "defmt")]
+use mavstack::Duration;
 use mavstack::dialect::HomePosition;
 use mavstack::{
     Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, ParamStore,
     PlanStorage, PlanStore, Pulse, SigningStore, Stack, StreamProfile, Vehicle, VehicleAddress,
 };
 
+use crate::status::Status;
 use crate::tuning::Tuning;
 use crate::vehicle::Quadrotor;
 
@@ -54,6 +57,9 @@ pub struct App<P: PlanStorage> {
     stack: Stack<LINKS, P>,
     vehicle: Quadrotor,
     saving: Saving,
+    /// When the status is to be logged next.
+    #[cfg(feature = "defmt")]
+    status_due: Instant,
 }
 
 /// Whether parameters are being written before it restarts.
@@ -70,7 +76,13 @@ enum Saving {
 impl<P: PlanStorage> App<P> {
     /// Switched on at [`Instant::ZERO`].
     pub const fn new() -> Self {
-        Self { stack: Stack::new(CONFIG, LINK_CONFIGS), vehicle: Quadrotor::new(), saving: Saving::Never }
+        Self {
+            stack: Stack::new(CONFIG, LINK_CONFIGS),
+            vehicle: Quadrotor::new(),
+            saving: Saving::Never,
+            #[cfg(feature = "defmt")]
+            status_due: Instant::ZERO,
+        }
     }
 
     /// One pass of the loop, where there is only one: [`fly`](Self::fly) and [`poll`](Self::poll); to be followed by
@@ -109,6 +121,16 @@ impl<P: PlanStorage> App<P> {
             self.stack.save_parameters(now, &mut self.vehicle);
         }
         self.stack.poll(now, &mut self.vehicle);
+        #[cfg(feature = "defmt")]
+        if now >= self.status_due {
+            self.status_due = now.after(Duration::from_secs(1));
+            self.status(now).log();
+        }
+    }
+
+    /// The vehicle at a glance.
+    pub fn status(&self, now: Instant) -> Status {
+        Status::of(now, &self.stack, &self.vehicle)
     }
 
     /// Whether the flight loop is to stand still from here on, for good: [`Tuning::SIM_HANG`], for a look at what becomes of

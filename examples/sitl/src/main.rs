@@ -18,6 +18,7 @@ use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
 use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
+use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY, Tuning};
 
@@ -37,6 +38,8 @@ type Key = SigningStore<FileFlash>;
 
 /// How often the flight loop goes round.
 const PERIOD: Duration = Duration::from_millis(1);
+/// How often it is looked whether its status has changed.
+const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 
 /// Run the demo vehicle on this machine.
 ///
@@ -71,6 +74,11 @@ struct Arguments {
     /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
+    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. SETUP_SIGNING is left out: it has
+    /// the key. An older file of that name is replaced.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
     /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
     #[arg(long, requires = "plan")]
     no_home: bool,
@@ -79,6 +87,25 @@ struct Arguments {
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     found.next().ok_or_else(|| "no such host".to_owned())
+}
+
+/// What passes over a link is logged here, or nowhere.
+#[derive(Default)]
+struct Log {
+    received: Tap,
+    sent: Tap,
+}
+
+impl Log {
+    fn new(tlog: Option<&Arc<Tlog>>) -> Self {
+        Self { received: Tap::new(tlog.cloned()), sent: Tap::new(tlog.cloned()) }
+    }
+
+    /// Somebody else speaks from here on.
+    fn restart(&mut self) {
+        self.received.restart();
+        self.sent.restart();
+    }
 }
 
 /// What the telemetry link goes over.
@@ -147,7 +174,8 @@ impl Device {
     }
 
     /// Flies until `stop`, which is no reboot, or until somebody asks for one. Time begins anew.
-    fn fly(&mut self, stop: &AtomicBool, telemetry: &mut Telemetry, others: &mut [(LinkId, Port)]) {
+    fn fly(&mut self, stop: &AtomicBool, console: &Console, telemetry: &mut Telemetry, others: &mut [(LinkId, Port)]) {
+        let mut shown = Instant::ZERO;
         let app = &mut self.app;
         let boot = time::Instant::now();
         while !stop.load(Ordering::Relaxed) && !app.wants_reboot() {
@@ -173,6 +201,10 @@ impl Device {
             if let Some(key) = &mut self.key {
                 app.persist_signing(now, key);
             }
+            if now >= shown.after(STATUS_PERIOD) {
+                shown = now;
+                console.show(app.status(now));
+            }
             thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
         }
     }
@@ -183,15 +215,18 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
+    let console = Console::new();
+    let tlog = arguments.log.as_deref().map(Tlog::create).transpose()?;
+    let port = |number| Port::open(number, console.clone(), Log::new(tlog.as_ref()));
     let base = arguments.port_base;
     // Without it ground stations show bare numbers, and that is all.
     let metadata = metadata::serve(base + 3).inspect_err(|error| eprintln!("no parameter metadata: {error}")).ok();
     let mut device = Device::switch_on(arguments, metadata)?;
     let mut telemetry = match arguments.udp {
-        Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
-        None => Telemetry::Tcp(Port::open(base)?),
+        Some(peer) => Telemetry::Udp(Datagrams::open(peer, Log::new(tlog.as_ref()))?),
+        None => Telemetry::Tcp(port(base)?),
     };
-    let mut others = [(COMPANION, Port::open(base + 1)?), (SATELLITE, Port::open(base + 2)?)];
+    let mut others = [(COMPANION, port(base + 1)?), (SATELLITE, port(base + 2)?)];
     const { assert!(LINKS == 3) };
 
     println!("The vehicle is switched on. Connect a ground station:\n");
@@ -199,14 +234,15 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     println!("{}\n\nCtrl-C ends it.\n", OtherLinks { companion: base + 1, satellite: base + 2 });
 
     loop {
-        device.fly(&stop, &mut telemetry, &mut others);
+        device.fly(&stop, &console, &mut telemetry, &mut others);
         if stop.load(Ordering::Relaxed) {
             break;
         }
         // Who is connected stays so, as on a UART.
-        println!("The vehicle restarts.");
+        console.print("The vehicle restarts.");
         device = Device::switch_on(arguments, metadata)?;
     }
+    console.end();
     println!("The vehicle is switched off.");
     Ok(())
 }

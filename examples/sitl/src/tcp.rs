@@ -4,6 +4,9 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack_console::Console;
+
+use crate::Log;
 
 /// Bytes taken from a client at a time.
 const BUFFER: usize = 4096;
@@ -13,6 +16,8 @@ pub struct Port {
     number: u16,
     listener: TcpListener,
     client: Option<Client>,
+    console: Console,
+    log: Log,
 }
 
 struct Client {
@@ -28,11 +33,11 @@ struct Client {
 
 impl Port {
     /// Listens on the port of this machine only.
-    pub fn open(number: u16) -> Result<Self, String> {
+    pub fn open(number: u16, console: Console, log: Log) -> Result<Self, String> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, number))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(|error| format!("TCP port {number} cannot be used ({error}); take others with --port-base"))?;
-        Ok(Self { number, listener, client: None })
+        Ok(Self { number, listener, client: None, console, log })
     }
 
     /// Takes a client if there is none, and turns others away. True when there is a new one.
@@ -42,7 +47,8 @@ impl Port {
             // It may have left in this very moment.
             client.fill();
             if !client.has_ended {
-                println!("Port {}: {address} refused, {} is connected.", self.number, client.address);
+                let Self { number, console, .. } = self;
+                console.print(format_args!("Port {number}: {address} refused, {} is connected.", client.address));
                 return false;
             }
             self.hang_up("disconnected");
@@ -51,7 +57,8 @@ impl Port {
         if stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)).is_err() {
             return false;
         }
-        println!("Port {}: {address} connected.", self.number);
+        self.console.print(format_args!("Port {}: {address} connected.", self.number));
+        self.log.restart();
         self.client =
             Some(Client { stream, address, received: Vec::new(), taken: 0, unsent: Vec::new(), has_ended: false });
         true
@@ -60,7 +67,7 @@ impl Port {
     /// Forgets the client.
     pub fn hang_up(&mut self, why: &str) {
         if let Some(client) = self.client.take() {
-            println!("Port {}: {} {why}.", self.number, client.address);
+            self.console.print(format_args!("Port {}: {} {why}.", self.number, client.address));
         }
     }
 }
@@ -122,6 +129,7 @@ impl Read for Port {
         let len = rest.len().min(buf.len());
         buf[..len].copy_from_slice(&rest[..len]);
         client.taken += len;
+        self.log.received.pass(&buf[..len]);
         Ok(len)
     }
 }
@@ -139,6 +147,7 @@ impl Write for Port {
         if let Some(client) = &mut self.client {
             client.unsent.extend_from_slice(buf);
             client.flush()?;
+            self.log.sent.pass(buf);
         }
         Ok(buf.len())
     }
@@ -154,7 +163,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     fn open() -> (Port, SocketAddr) {
-        let mut port = Port::open(0).unwrap();
+        let mut port = Port::open(0, Console::new(), Log::default()).unwrap();
         let address = port.listener.local_addr().unwrap();
         port.number = address.port();
         (port, address)

@@ -6,6 +6,8 @@ use std::ops::Range;
 use mavstack::{Instant, LinkId, PlanStorage};
 use mavstack_demo::App;
 
+use crate::Log;
+
 /// No datagram is longer: what fits any Ethernet.
 const MAX_DATAGRAM: usize = 1_400;
 
@@ -14,17 +16,18 @@ pub struct Datagrams {
     socket: UdpSocket,
     buffer: Box<[u8]>,
     rest: Range<usize>,
+    log: Log,
 }
 
 impl Datagrams {
     /// Datagrams to and from `peer` only.
-    pub fn open(peer: SocketAddr) -> Result<Self, String> {
+    pub fn open(peer: SocketAddr, log: Log) -> Result<Self, String> {
         let any: SocketAddr =
             if peer.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
         let socket = UdpSocket::bind(any)
             .and_then(|socket| socket.connect(peer).and_then(|()| socket.set_nonblocking(true)).map(|()| socket))
             .map_err(|error| format!("UDP to {peer}: {error}"))?;
-        Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0 })
+        Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0, log })
     }
 
     /// Moves bytes between the link and the peer, through the stack's calls for bytes; never waits.
@@ -32,6 +35,7 @@ impl Datagrams {
         if self.rest.is_empty() {
             // Errors are no end: "connection refused" is the answer to a datagram that nobody listened to.
             self.rest = 0..self.socket.recv(&mut self.buffer).unwrap_or(0);
+            self.log.received.pass(&self.buffer[self.rest.clone()]);
         }
         let (stack, vehicle) = app.parts();
         // Also with no bytes: frames may wait in the decoder.
@@ -50,6 +54,7 @@ impl Datagrams {
         if !datagram.is_empty() {
             // Nobody listening (yet) is no error.
             let _ = self.socket.send(&datagram);
+            self.log.sent.pass(&datagram);
         }
     }
 }

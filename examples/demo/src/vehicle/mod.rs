@@ -11,8 +11,8 @@ mod satellite;
 
 use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState};
 use mavstack::{
-    CommandSlots, ControlSource, Duration, ForwardQueues, Forwarding, HighLatency, Instant, Item, ManualInput, Signing,
-    SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
+    CommandSlots, ControlSource, Duration, ForwardCounters, ForwardQueues, Forwarding, HighLatency, Instant, Item,
+    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
 };
 
 use crate::app::LINKS;
@@ -166,6 +166,16 @@ impl Quadrotor {
             self.step(&live);
         }
         self.time = now;
+    }
+
+    /// What was forwarded to a link, and what was not.
+    pub(crate) fn forward_counters(&self, link: LinkId) -> ForwardCounters {
+        self.queues.counters(link).unwrap_or_default()
+    }
+
+    /// What was accepted and refused for its signature.
+    pub(crate) fn signing_counters(&self) -> SigningCounters {
+        *self.signing.counters()
     }
 
     /// Where it is; `None` without a GPS fix.

@@ -2,6 +2,7 @@
 
 use mavstack::FlightMode;
 use mavstack::dialect::{MavModeProperty, MavResult, MavStandardMode};
+use serde::{Deserialize, Serialize};
 
 use super::Quadrotor;
 use crate::body::Vector;
@@ -9,7 +10,7 @@ use crate::plan::Maneuver;
 
 /// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are PX4's, main mode and sub-mode: MAVSDK sends those to
 /// every autopilot that it does not know, and reads them so.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u32)]
 pub enum Mode {

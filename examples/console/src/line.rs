@@ -1,0 +1,151 @@
+//! The vehicle's status in words.
+
+use std::fmt;
+
+use mavstack::LinkId;
+use mavstack::dialect::MissionState;
+use mavstack_demo::status::{LINK_DROPS, Mission, OTHER_DROPS};
+use mavstack_demo::{COMPANION, SATELLITE, Status, TELEMETRY};
+
+/// Prints a status in one line. Rates are those since the status before, which is none at first and after a restart.
+#[derive(Clone, Copy, Debug)]
+pub struct Line<'a> {
+    /// What is to be shown.
+    pub now: &'a Status,
+    /// What was shown before.
+    pub before: Option<&'a Status>,
+}
+
+impl fmt::Display for Line<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Status { is_armed, mode, mission, .. } = self.now;
+        let armed = if *is_armed { "armed" } else { "disarmed" };
+        write!(f, "{armed}, {mode:?}, {}", Progress(*mission))?;
+        self.drops(f)?;
+        f.write_str(" | frames/s in/out:")?;
+        for ((link, name), separator) in [TELEMETRY, COMPANION, SATELLITE].iter().zip(NAMES).zip(["", ",", ","]) {
+            let (received, sent) = self.rates(*link);
+            write!(f, "{separator} {name} {received}/{sent}")?;
+            self.peers(f, *link)?;
+        }
+        Ok(())
+    }
+}
+
+/// What the links are called, in their order.
+const NAMES: [&str; 3] = ["telemetry", "companion", "satellite"];
+
+impl Line<'_> {
+    /// Frames a second, in and out.
+    fn rates(&self, link: LinkId) -> (u32, u32) {
+        let index = usize::from(link.0);
+        let counts = |status: &Status| status.links.get(index).copied().unwrap_or_default();
+        let before = self.before.filter(|before| before.time < self.now.time);
+        let elapsed = self.now.time - before.map_or(0, |before| before.time);
+        let (now, before) = (counts(self.now), before.map(counts).unwrap_or_default());
+        let rate = |now: u32, before| {
+            let frames = u64::from(now.wrapping_sub(before));
+            let rounded = (frames * 1_000 + u64::from(elapsed) / 2) / u64::from(elapsed.max(1));
+            u32::try_from(rounded).unwrap_or(u32::MAX)
+        };
+        (rate(now.received, before.received), rate(now.sent, before.sent))
+    }
+
+    fn peers(&self, f: &mut fmt::Formatter<'_>, link: LinkId) -> fmt::Result {
+        let mut separator = " (";
+        for peer in self.now.peers.iter().flatten().filter(|peer| peer.link == link.0) {
+            write!(f, "{separator}{}/{}", peer.system, peer.component)?;
+            separator = " ";
+        }
+        if separator == " " { f.write_str(")") } else { Ok(()) }
+    }
+
+    fn drops(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Status { link_drops, other_drops, .. } = self.now;
+        let counts = LINK_DROPS.iter().zip(link_drops).chain(OTHER_DROPS.iter().zip(other_drops));
+        let mut separator = " | dropped:";
+        for (reason, count) in counts.filter(|(_, count)| **count > 0) {
+            write!(f, "{separator} {count} {reason}")?;
+            separator = ",";
+        }
+        Ok(())
+    }
+}
+
+/// How far the mission is: so many items of so many are behind it.
+struct Progress(Mission);
+
+impl fmt::Display for Progress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Mission { current, count, state } = self.0;
+        let state = match MissionState(state) {
+            MissionState::NO_MISSION => return f.write_str("no mission"),
+            MissionState::NOT_STARTED => "not started",
+            MissionState::ACTIVE => "active",
+            MissionState::PAUSED => "paused",
+            MissionState::COMPLETE => "complete",
+            _ => "in an unknown state",
+        };
+        write!(f, "mission {current}/{count} {state}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavstack_demo::Mode;
+    use mavstack_demo::status::{LinkStatus, PeerStatus};
+
+    fn status(time: u32) -> Status {
+        Status {
+            time,
+            is_armed: false,
+            mode: Mode::Hold,
+            mission: Mission { current: 0, count: 0, state: MissionState::NO_MISSION.0 },
+            links: [LinkStatus::default(); 3],
+            peers: [None; 8],
+            link_drops: [0; LINK_DROPS.len()],
+            other_drops: [0; OTHER_DROPS.len()],
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_nobody_talks_to() {
+        assert_eq!(
+            Line { now: &status(0), before: None }.to_string(),
+            "disarmed, Hold, no mission | frames/s in/out: telemetry 0/0, companion 0/0, satellite 0/0"
+        );
+    }
+
+    #[test]
+    fn everything_that_there_is_to_say() {
+        let peer = |link, system, component| Some(PeerStatus { link, system, component });
+        let mut before = status(10_000);
+        before.links[0] = LinkStatus { received: u32::MAX - 1, sent: 1_000 };
+        let mut now = status(12_000);
+        now.is_armed = true;
+        now.mode = Mode::Mission;
+        now.mission = Mission { current: 3, count: 12, state: MissionState::ACTIVE.0 };
+        // In two seconds; counters wrap.
+        now.links[0] = LinkStatus { received: 4, sent: 1_099 };
+        now.links[1] = LinkStatus { received: 1, sent: 0 };
+        now.peers[..3].copy_from_slice(&[peer(0, 255, 190), peer(1, 1, 191), peer(0, 254, 190)]);
+        now.link_drops[0] = 3;
+        now.other_drops[1] = 1;
+        assert_eq!(
+            Line { now: &now, before: Some(&before) }.to_string(),
+            "armed, Mission, mission 3/12 active | dropped: 3 checksum, 1 bad signature | frames/s in/out: \
+             telemetry 3/50 (255/190 254/190), companion 1/0 (1/191), satellite 0/0"
+        );
+    }
+
+    #[test]
+    fn after_a_restart_counters_begin_anew() {
+        let mut before = status(60_000);
+        before.links[0] = LinkStatus { received: 900, sent: 9_000 };
+        let mut now = status(500);
+        now.links[0] = LinkStatus { received: 1, sent: 20 };
+        let line = Line { now: &now, before: Some(&before) }.to_string();
+        assert!(line.contains("telemetry 2/40"), "{line}");
+    }
+}

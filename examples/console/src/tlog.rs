@@ -1,0 +1,176 @@
+//! The log of what passed over the links, as Mission Planner, QGroundControl, MAVProxy and pymavlink write and read it
+//! (".tlog"): before each frame the time, in µs since 1970, as eight bytes, the most significant first.
+
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{self, SystemTime, UNIX_EPOCH};
+
+use mavstack::dialect::{Common, SetupSigning};
+use mavstack::{Decoder, Dialect, Frame, Instant, Message};
+
+/// A file of frames with their times.
+#[derive(Debug)]
+pub struct Tlog {
+    path: PathBuf,
+    /// None after an error.
+    file: Mutex<Option<Open>>,
+}
+
+#[derive(Debug)]
+struct Open {
+    file: File,
+    /// Time does not go back in it, also where the machine's clock is set.
+    last: u64,
+}
+
+impl Tlog {
+    /// Begins the file anew.
+    pub fn create(path: &Path) -> Result<Arc<Self>, String> {
+        let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        Ok(Arc::new(Self { path: path.into(), file: Mutex::new(Some(Open { file, last: 0 })) }))
+    }
+
+    /// Appends a frame, unless it is one that brings a signing key: whoever has that can sign.
+    fn record(&self, frame: &Frame<'_>) {
+        if frame.id() == SetupSigning::ID {
+            return;
+        }
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now = u64::try_from(since.as_micros()).unwrap_or(u64::MAX);
+        let mut open = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(Open { file, last }) = &mut *open else { return };
+        *last = now.max(*last);
+        // At once and as a whole: the file can be read whenever this program ends.
+        if let Err(error) = file.write_all(&[&last.to_be_bytes(), frame.raw()].concat()) {
+            eprintln!("{}: {error}; nothing more is logged", self.path.display());
+            *open = None;
+        }
+    }
+}
+
+/// Finds the frames in what goes over a line in one direction.
+#[derive(Debug)]
+pub struct Frames {
+    decoder: Decoder,
+    began: time::Instant,
+}
+
+impl Frames {
+    /// Of a line that was silent so far.
+    pub fn new() -> Self {
+        Self { decoder: Decoder::default(), began: time::Instant::now() }
+    }
+
+    /// Hands over the frames that are whole with these bytes; the rest waits for its end.
+    pub fn cut(&mut self, mut bytes: &[u8], mut each: impl FnMut(&Frame<'_>)) {
+        let now = Instant::from_micros(u64::try_from(self.began.elapsed().as_micros()).unwrap_or(u64::MAX));
+        loop {
+            let taken = self.decoder.push(bytes, now);
+            bytes = &bytes[taken..];
+            let mut budget = u32::MAX;
+            while let Some(frame) = self.decoder.next(now, Common::MESSAGES, &mut budget, |_| true) {
+                each(&frame);
+            }
+            if bytes.is_empty() {
+                return;
+            }
+        }
+    }
+}
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Logs what goes over a line in one direction, whole frames only; or nothing, without a log.
+#[derive(Debug, Default)]
+pub struct Tap {
+    tlog: Option<Arc<Tlog>>,
+    frames: Frames,
+}
+
+impl Tap {
+    /// Into this log.
+    pub fn new(tlog: Option<Arc<Tlog>>) -> Self {
+        Self { tlog, frames: Frames::new() }
+    }
+
+    /// These bytes passed.
+    pub fn pass(&mut self, bytes: &[u8]) {
+        if let Some(tlog) = &self.tlog {
+            self.frames.cut(bytes, |frame| tlog.record(frame));
+        }
+    }
+
+    /// What comes now is no end of what came last.
+    pub fn restart(&mut self) {
+        self.frames = Frames::new();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavstack::dialect::Heartbeat;
+    use mavstack::{Address, MAX_FRAME_LEN, Version, encode};
+
+    fn frame<M: Message>(message: &M, version: Version, seq: u8) -> Vec<u8> {
+        let mut bytes = [0; MAX_FRAME_LEN];
+        let len = encode(message, version, Address::new(1, 1), seq, &mut bytes).unwrap();
+        bytes[..len].to_vec()
+    }
+
+    /// A file of this test, removed afterwards.
+    struct Temporary(PathBuf);
+
+    impl Drop for Temporary {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    /// Whole frames with times that do not go back, whatever the pieces; nothing of half a frame, noise or a signing key.
+    #[test]
+    fn the_log_holds_whole_frames_with_their_times_and_no_key() {
+        let path = Temporary(std::env::temp_dir().join(format!("mavstack-{}.tlog", std::process::id())));
+        let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+        let frames: Vec<_> = [Version::V1, Version::V2, Version::V2]
+            .iter()
+            .zip(0..)
+            .map(|(version, seq)| frame(&heartbeat, *version, seq))
+            .collect();
+        let key = frame(&SetupSigning { initial_timestamp: 7, ..Default::default() }, Version::V2, 3);
+        let stream = [&[1, 2, 3], &frames[0][..], &frames[1], &key, &frames[2], &frames[0][..9]].concat();
+
+        let before = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros();
+        let mut tap = Tap::new(Some(Tlog::create(&path.0).unwrap()));
+        stream.chunks(7).for_each(|bytes| tap.pass(bytes));
+        // The half frame at the end is of a client that left.
+        tap.restart();
+        tap.pass(&frames[1]);
+        let after = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros();
+
+        let log = std::fs::read(&path.0).unwrap();
+        let mut rest = &log[..];
+        let mut last = before;
+        for frame in [&frames[0], &frames[1], &frames[2], &frames[1]] {
+            let (time, tail) = rest.split_at(8);
+            let time = u128::from(u64::from_be_bytes(time.try_into().unwrap()));
+            assert!((last..=after).contains(&time), "{time} is not from {last} to {after}");
+            last = time;
+            assert_eq!(&tail[..frame.len()], &frame[..]);
+            rest = &tail[frame.len()..];
+        }
+        assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_made_is_named() {
+        let error = Tlog::create(Path::new("/no such folder/flight.tlog")).unwrap_err();
+        assert!(error.contains("/no such folder/flight.tlog"), "{error}");
+    }
+}
