@@ -9,7 +9,7 @@ mod support;
 use std::collections::BTreeMap;
 
 use mavstack::dialect::*;
-use mavstack::{Address, LinkConfig, LinkSigning, Version};
+use mavstack::{Address, LinkConfig, LinkSigning, SigningKey, Version};
 use signer::*;
 use support::*;
 
@@ -66,6 +66,18 @@ fn session(seed: u64, streams: u8) {
                 rig.receive(link, &stranger.frame(&command(90_000)));
                 rig.receive(link, &stranger.unsigned(Version::V2, &command(90_001)));
                 rig.receive(link, &stranger.unsigned(Version::V1, &command(90_002)));
+            }
+            5 if rng.below(10) == 0 => {
+                // Another key for a while, or none; then the same again, with whatever time.
+                let now = rig.now;
+                if rng.below(2) == 0 {
+                    rig.set_key(OTHER_KEY);
+                    rig.run_for(millis(rng.below(400)));
+                } else {
+                    rig.signing().clear_key();
+                }
+                let time = rng.below(NOW);
+                rig.signing().set_key(now, SigningKey::new(KEY), time);
             }
             _ => {
                 rig.transmit(link);

@@ -90,7 +90,7 @@ fn an_old_key_is_erased() {
         assert!(!flash.bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)), "it is still there");
         let (found, timestamp) = restarted(&flash);
         assert_eq!(found, (initial_timestamp != 0).then_some(key));
-        assert_eq!(timestamp < NOW, initial_timestamp == 0);
+        assert!(timestamp >= NOW, "G-15: time outlasts the key");
     }
 }
 
@@ -186,6 +186,43 @@ fn what_was_recorded_before_a_restart() {
         rig.receive(0, &gcs.frame(&Gcs::heartbeat()));
         assert_eq!(rig.counters().verified, if refuses { 1 } else { 2 });
     }
+}
+
+/// G-8, G-15: the key is taken away, the power goes, and the key comes back with its old time: all that it accepted before is
+/// too old.
+#[test]
+fn a_key_that_comes_back_after_a_restart() {
+    let mut flash = with_key(KEY);
+    let mut store = store(&mut flash);
+    let mut rig = start(&mut store);
+    let now = rig.timestamp();
+    let recorded = Signer::new(KEY).at(now + 30 * MINUTE).frame(&Gcs::heartbeat());
+    rig.receive(0, &recorded);
+    assert_eq!(rig.counters().verified, 1);
+    rig.run_for(secs(1));
+    rig.receive(0, &setup([0; 32], 0));
+    settle(&mut rig, &mut store);
+
+    let mut rig = start(&mut store);
+    assert!(!rig.signing().is_active());
+    rig.receive(0, &setup(KEY, 0));
+    rig.receive(0, &recorded);
+    assert_eq!((rig.counters().verified, rig.counters().too_old), (0, 1));
+}
+
+/// G-14: what is restored moves the time no further back than the vehicle has it already.
+#[test]
+fn a_restored_time_does_not_go_back() {
+    let mut flash = with_key(KEY);
+    let mut store = store(&mut flash);
+    let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
+    let (now, unix) = (rig.now, 1_420_070_400_000_000);
+    assert!(rig.signing().set_time(now, unix + 10 * (NOW + 99 * MINUTE), mavstack::Duration::MAX));
+    rig.stack.restore_signing(now, &mut store, &mut rig.vehicle).expect("flash that can be read");
+    assert!((NOW + 99 * MINUTE..NOW + 99 * MINUTE + 1_000).contains(&rig.timestamp()));
+    // And it is stored, for it is beyond what was reserved.
+    settle(&mut rig, &mut store);
+    assert!(restarted(store.flash()).1 >= NOW + 100 * MINUTE);
 }
 
 /// G-15: with storage that works there is a write every 55 s, each of them small; the stored time is ahead, by a minute at most.

@@ -57,11 +57,6 @@ impl SigningKey {
         raw.split_last_chunk().is_some_and(|(signed, tag)| is_same(&self.tag(signed), tag))
     }
 
-    /// Whether this is the same key.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
-        is_same(&self.0, &other.0)
-    }
-
     /// Writes the signature behind a frame whose flag says that it has one, and returns where it ends; `None` when there is
     /// no room for it.
     pub(crate) fn sign(&self, out: &mut [u8], frame: Range<usize>, link_id: u8, timestamp: u64) -> Option<usize> {

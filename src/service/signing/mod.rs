@@ -15,15 +15,26 @@
 //!
 //! - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason, and forwarded where
 //!   frames are forwarded.
-//! - **Time** is one for all links: it runs with the clock, never goes back, and is never used twice. It starts where storage
-//!   says, and is moved forward by the vehicle, who may know the time of day, and by peers whose signatures are right (G-6, G-14).
+//! - **Time** is one for all links and all keys: it runs with the clock, never goes back, and is never used twice. It starts
+//!   where storage says, and is moved forward by the vehicle, who may know the time of day, by peers whose signatures are right
+//!   (G-6, G-14), and by who sets a key. Neither another key nor none moves it back: only a new memory does, with storage that
+//!   was erased.
 //! - **Streams**: a stream is known by who sends it and by his own number for the link. Of a known one each frame has to be
 //!   newer than the one before, a new one may begin a minute behind our time. When the table is full, one that was silent for
 //!   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
 //!   out for longer than that.
-//! - **After a restart** streams are known no more, and time begins up to a minute ahead of where it was (G-15). So what was
-//!   recorded in the last minute before may be accepted a second time, as in other implementations, unless the vehicle
-//!   [refuses it](Signing::refuse_recorded).
+//! - **Another key** finds time and streams as they were, and so does one that comes back: what was accepted with it is not
+//!   accepted again.
+//!
+//! What is left to who records frames, for a minute each time, unless the vehicle [refuses it](Signing::refuse_recorded):
+//!
+//! - After a restart streams are known no more, and time begins up to a minute ahead of where it was (G-15). What was accepted
+//!   in the last minute before may be accepted a second time, as in other implementations.
+//! - What was served unverified because there was no key is in no stream. If it was signed with the key that is set next, and is
+//!   not a minute old, it may be served a second time.
+//!
+//! And without that remedy: a frame that was kept from the vehicle is no replay. When it comes late it is accepted, by a known
+//! stream until that goes on, however late it is (see [`Signing::age`]).
 //!
 //! The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
 
@@ -39,7 +50,7 @@ use core::ops::{Deref, DerefMut};
 
 use crate::dialect::SetupSigning;
 use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey, Version};
-use crate::link::Port;
+use crate::link::{LinkClass, LinkConfig, Port};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
@@ -125,6 +136,8 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
     last: u64,
     /// Before this no new stream begins.
     floor: u64,
+    /// Somebody told the time who told it when it was so.
+    knows_time: bool,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
     saving: Saving,
@@ -155,6 +168,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             boot: 0,
             last: 0,
             floor: 0,
+            knows_time: false,
             counters: SigningCounters {
                 verified: 0,
                 unsigned: 0,
@@ -233,23 +247,18 @@ impl Signing {
     }
 
     /// Signs with `key` from now on, and accepts what was signed with it; the time is moved forward to `timestamp` (10 µs since
-    /// 2015-01-01), if it is not there yet. Another key than before forgets the streams (G-11).
+    /// 2015-01-01), if it is not there yet (G-11). Streams go on where they were under the key before (G-8), so who signs with an
+    /// earlier time than then is not heard until he is there again.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
-        if !self.key.as_ref().is_some_and(|old| old.is_same(&key)) {
-            self.streams.fill(SigningStream::NONE);
-            self.floor = 0;
-        }
         self.key = Some(key);
         self.advance(now, timestamp);
         self.is_to_be_stored();
         event!("signing: key set");
     }
 
-    /// Signs no longer, and forgets key, streams and time: a new key begins at the time that comes with it.
+    /// Signs no longer, and forgets the key. Time goes on, and streams are remembered: the key may come back.
     pub fn clear_key(&mut self) {
         self.key = None;
-        self.streams.fill(SigningStream::NONE);
-        (self.boot, self.last, self.floor) = (0, 0, 0);
         self.is_to_be_stored();
         event!("signing: off");
     }
@@ -269,11 +278,13 @@ impl Signing {
             return false;
         }
         self.advance(now, timestamp);
+        self.knows_time = true;
         true
     }
 
-    /// Refuses what was recorded before a restart: a stream that is not known begins at our time or later, not a minute before
-    /// (stricter than G-6). To be called behind `Stack::restore_signing`.
+    /// Refuses what was recorded before: a stream that is not known begins at our time or later, not a minute before (stricter
+    /// than G-6). To be called behind `Stack::restore_signing`, for what was recorded before a restart, and behind
+    /// [`set_key`](Self::set_key), for what was signed with that key while there was none.
     ///
     /// The price: our time is up to a minute ahead then. Who hears a signed frame of ours follows it, and is heard from there
     /// on; who does not, as where the link does not sign, is heard when his clock gets there.
@@ -282,13 +293,15 @@ impl Signing {
     }
 
     /// How long ago a frame that the stack has accepted was signed, by our time (L-16); `None` when it has no signature, or
-    /// there is no key to verify it with. Zero for one that is ahead of us.
+    /// there is no key to verify it with, and as long as our time may be wrong: until after the start
+    /// [`set_time`](Self::set_time) told it, or a signed frame by another than a high-latency link. Zero for one that is
+    /// ahead of us.
     ///
     /// Our time is never behind that of anybody whom we hear, so by a sender's clock that is late his frames are older than they
     /// are. A signature says nothing of how long a frame was on its way otherwise: one that begins a stream is a minute old at
     /// most, one of a stream that is known has any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
-        let signed_at = frame.signature().filter(|_| self.is_active())?.timestamp;
+        let signed_at = frame.signature().filter(|_| self.is_active() && self.knows_time)?.timestamp;
         Some(Duration::from_micros(self.timestamp(now).saturating_sub(signed_at).saturating_mul(10)))
     }
 
@@ -336,10 +349,15 @@ impl Signing {
         Verdict::Bad
     }
 
-    /// Whether a frame is accepted on a link that does as `link` says.
-    fn admits(&mut self, now: Instant, link: &LinkSigning, frame: &Frame<'_>) -> bool {
+    /// Whether a frame is accepted on a link that does as `config` says.
+    fn admits(&mut self, now: Instant, config: &LinkConfig, frame: &Frame<'_>) -> bool {
+        let link = &config.signing;
         match self.judge(now, frame) {
-            Verdict::Verified => true,
+            Verdict::Verified => {
+                // What comes by satellite may tell the time of minutes ago.
+                self.knows_time |= config.class != LinkClass::HighLatency;
+                true
+            }
             Verdict::Bad => false,
             Verdict::Unsigned => {
                 let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
@@ -364,11 +382,9 @@ impl Signing {
 /// What the store asks (G-13, G-15).
 #[cfg(feature = "storage")]
 impl Signing {
-    /// What was stored: time begins there.
+    /// What was stored: time begins there, unless it is beyond already.
     pub(crate) fn restore(&mut self, now: Instant, key: Option<SigningKey>, timestamp: u64) {
-        self.streams.fill(SigningStream::NONE);
         self.key = key;
-        (self.boot, self.last, self.floor) = (0, timestamp.min(MAX_TIMESTAMP), 0);
         self.advance(now, timestamp);
         (self.saving.is_new, self.saving.next, self.saving.reserved) = (false, None, timestamp);
     }
@@ -384,7 +400,7 @@ impl Signing {
             if !is_due && !self.saving.is_new {
                 return None;
             }
-            self.saving.next = Some(if self.is_active() { time.saturating_add(RESERVATION) } else { 0 });
+            self.saving.next = Some(time.saturating_add(RESERVATION));
             self.saving.is_new = false;
             self.saving.job = self.saving.job.wrapping_add(1);
         }
@@ -412,10 +428,9 @@ impl Signing {
 
 /// Whether a frame is accepted on its link: asked once for each frame, before anything is learned from it or done about it.
 pub(crate) fn admits(now: Instant, port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
-    let link = &port.config.signing;
     match vehicle.signing() {
-        Some(signing) => signing.admits(now, link, frame),
-        None => matches!(link.accept, Accept::Open),
+        Some(signing) => signing.admits(now, &port.config, frame),
+        None => matches!(port.config.signing.accept, Accept::Open),
     }
 }
 
@@ -430,7 +445,6 @@ pub(crate) fn knows_sender(port: &Port, frame: &Frame<'_>, vehicle: &mut impl Ve
 }
 
 /// How long ago an accepted frame was signed; `None` when nothing verifies that.
-#[allow(dead_code, reason = "the age of a command is not handed out yet")]
 pub(crate) fn age(now: Instant, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> Option<Duration> {
     vehicle.signing()?.age(now, frame)
 }
