@@ -218,7 +218,7 @@ fn an_upload_may_be_restarted_or_cancelled_at_any_item() {
     }
 }
 
-/// T-M9, M-41, PX4#27132: a station whose line breaks does not keep others out for more than a few seconds.
+/// T-M9, M-41, D-6, PX4#27132: a station whose line breaks does not keep others out for more than a few seconds.
 #[test]
 fn a_vanished_station_blocks_nobody() {
     let mut world = world::<2>();

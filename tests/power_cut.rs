@@ -258,7 +258,7 @@ fn the_answer_comes_within_a_second() {
     assert!(flash.erases >= 6, "something was erased");
 }
 
-/// SEC-12: while the vehicle says no, nothing is written and nothing erased; a change is refused at its beginning.
+/// D-5, SEC-12: while the vehicle says no, nothing is written and nothing erased; a change is refused at its beginning.
 #[test]
 fn nothing_is_written_without_permission() {
     let mut flash = with_plans();

@@ -9,8 +9,10 @@ mod log;
 mod qemu;
 mod system;
 mod toolchain;
+mod trace;
 
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
@@ -31,6 +33,7 @@ enum Task {
     Size(Size),
     Cross(Cross),
     Integration(Integration),
+    Trace(Trace),
 }
 
 /// Build the firmware and run it on an emulated Cortex-M4.
@@ -55,6 +58,11 @@ struct Qemu {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
+    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. SETUP_SIGNING is left out: it has
+    /// the key. An older file of that name is replaced.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
     /// Let others control the emulator by QMP on this TCP port: `system_reset` is the vehicle's reset button.
     #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
     qmp: Option<u16>,
@@ -92,6 +100,16 @@ struct Integration {
     toolchain: Option<Choice>,
 }
 
+/// Compare the statement of conformance, docs/conformance.md, with the tests.
+///
+/// Each rule of behaviour that is implemented must be named by a test, and each that a test names must be there.
+#[derive(Args)]
+struct Trace {
+    /// Write the tests' names into the statement.
+    #[arg(long)]
+    write: bool,
+}
+
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     found.next().ok_or_else(|| "no such host".to_owned())
@@ -99,10 +117,11 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
-        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.qmp, arguments.toolchain),
+        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.qmp, arguments.log.as_deref(), arguments.toolchain),
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Trace(arguments) => trace::run(arguments.write),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
