@@ -50,8 +50,7 @@ impl Telemetry for Quadrotor {
         let now = out.now();
         match id {
             SysStatus::ID => out.put(&self.sys_status()),
-            // It has no clock but the one that begins at boot.
-            SystemTime::ID => out.put(&SystemTime { time_unix_usec: 0, time_boot_ms: boot_ms(now) }),
+            SystemTime::ID => out.put(&self.system_time(now)),
             GpsRawInt::ID => out.put(&self.gps_raw(now)),
             Attitude::ID => out.put(&self.attitude_angles(now)),
             AttitudeQuaternion::ID => out.put(&self.attitude_quaternion(now)),

@@ -124,6 +124,50 @@ fn the_key_is_changed_by_the_wire_and_on_the_ground_only() {
     assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]), MavResult::ACCEPTED);
 }
 
+/// The timestamps of the frames that came since the last look, in units of 10 µs.
+fn timestamps(wire: &mut Wire) -> Vec<u64> {
+    let stamp = |frame: &Received| {
+        let at = frame.raw.len() - 12;
+        u64::from_le_bytes([&frame.raw[at..at + 6], &[0; 2]].concat().try_into().unwrap())
+    };
+    let stamps = wire.received.iter().filter(|frame| is_signed(frame)).map(stamp).collect();
+    wire.received.clear();
+    stamps
+}
+
+/// G-4, G-14: signatures follow the vehicle's own clock, which does not care how old the time is that comes with a key; and
+/// SYSTEM_TIME tells it. What others say unsigned that the time was, or the satellites, moves neither.
+#[test]
+fn signatures_follow_the_clock() {
+    const UNIX: u64 = 1_420_070_400_000_000 + 10 * (TIME + 5_000 * 6_000_000);
+    let mut wire = Wire::new();
+    assert!(!wire.app.vehicle().has_fix());
+    wire.run(10);
+    assert!(wire.take::<SystemTime>().iter().all(|(_, told)| told.time_unix_usec == 0));
+    let (now, millis) = (Instant::from_millis(wire.millis), wire.millis);
+    wire.app.parts().1.set_calendar(now, UNIX);
+    wire.send(COMPANION, &setup(SECRET, TIME));
+    for seconds in [1, 3, 30] {
+        wire.run(1_000 * seconds);
+        let passed = (wire.millis - millis) * 100;
+        let stamps = timestamps(&mut wire);
+        let expected = TIME + 5_000 * 6_000_000 + passed;
+        assert!(stamps.iter().all(|stamp| *stamp <= expected + 100), "{seconds}");
+        assert!(stamps.last().is_some_and(|last| last.abs_diff(expected) < 10_000), "{seconds}: a tenth of a second");
+        let late = SystemTime { time_unix_usec: UNIX + 1_000_000_000_000, time_boot_ms: 1 };
+        wire.send(COMPANION, &late);
+        wire.send(TELEMETRY, &late);
+    }
+    assert!(wire.app.vehicle().has_fix());
+    wire.run(1_100);
+    let told = wire.take::<SystemTime>();
+    let (_, told) = told.last().expect("once a second");
+    assert!(told.time_unix_usec - UNIX <= (wire.millis - millis) * 1_000 && told.time_unix_usec > UNIX + 34_000_000);
+    // Whoever signs moves it on (G-6).
+    assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 9_000 * 6_000_000)), 1);
+    assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 9_000 * 6_000_000));
+}
+
 /// what others say to each other goes on, whatever its signature.
 #[test]
 fn what_is_for_others_goes_on_whatever_its_signature() {

@@ -178,6 +178,11 @@ impl Device {
         let mut shown = Instant::ZERO;
         let app = &mut self.app;
         let boot = time::Instant::now();
+        // This machine's clock is the vehicle's own.
+        if let Ok(since_1970) = time::SystemTime::now().duration_since(time::UNIX_EPOCH) {
+            let unix_usec = u64::try_from(since_1970.as_micros()).unwrap_or(0);
+            app.parts().1.set_calendar(Instant::ZERO, unix_usec);
+        }
         while !stop.load(Ordering::Relaxed) && !app.wants_reboot() {
             let began = boot.elapsed();
             let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));

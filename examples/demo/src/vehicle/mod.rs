@@ -9,10 +9,10 @@ mod params;
 mod plans;
 mod satellite;
 
-use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState};
+use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState, SystemTime};
 use mavstack::{
     CommandSlots, ControlSource, Duration, ForwardCounters, ForwardQueues, Forwarding, HighLatency, Instant, Item,
-    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
+    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
 };
 
 use crate::app::LINKS;
@@ -102,6 +102,8 @@ pub struct Quadrotor {
     queues: ForwardQueues<LINKS>,
     satellite: HighLatency,
     signing: SigningMemory,
+    /// The time of day, where there is a clock for it.
+    calendar: WallClock,
     /// When what the satellite link reports was last looked at.
     sampled: Instant,
     /// A step reaches no more than one item.
@@ -141,6 +143,7 @@ impl Quadrotor {
             queues: ForwardQueues::new(),
             satellite: HighLatency::new(satellite::CONFIG),
             signing: SigningMemory::new(),
+            calendar: WallClock::new(),
             sampled: Instant::ZERO,
             reached: Queue::new(),
             texts: Queue::new(),
@@ -166,6 +169,19 @@ impl Quadrotor {
             self.step(&live);
         }
         self.time = now;
+    }
+
+    /// It is `unix_usec` µs after the beginning of 1970 (UTC) at `now`, by a clock of its own that runs while it is switched off.
+    /// Signatures follow that, whatever it says (G-4). They do not follow a satellite receiver, which anybody can make believe
+    /// something, nor what somebody tells who does not sign; who signs moves them on by that (G-6, G-14).
+    pub fn set_calendar(&mut self, now: Instant, unix_usec: u64) {
+        self.calendar.set(now, unix_usec);
+        self.signing.set_time(now, unix_usec, Duration::MAX);
+    }
+
+    /// Without the time of day as long as it is not known.
+    pub(crate) fn system_time(&self, now: Instant) -> SystemTime {
+        self.calendar.message(now)
     }
 
     /// What was forwarded to a link, and what was not.
