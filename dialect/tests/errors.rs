@@ -235,3 +235,27 @@ fn names_that_are_not_there_and_outputs_that_are_stale() {
     fails(&["--check", "good.xml", "out.rs"], "out.rs: the file: ");
     assert_eq!(fs::read_to_string(dir.path().join("out.rs")).expect("the output"), "stale");
 }
+
+/// Beside common: what contradicts it is refused, what repeats it is not written.
+#[test]
+fn what_contradicts_mavstack_s_own_common() {
+    let heartbeat = |name: &str, field: &str| {
+        messages(&format!("<message id=\"0\" name=\"{name}\">\n<field type=\"uint32_t\" name=\"{field}\"/></message>"))
+    };
+    let entry = |name: &str, value: u32| {
+        enums(&format!("<enum name=\"MAV_STATE\">\n<entry name=\"MAV_STATE_{name}\" value=\"{value}\"/></enum>"))
+    };
+    for (text, place, says) in [
+        (heartbeat("HEARTBEAT", "custom_mode"), "bad.xml:3: message HEARTBEAT: ", "another HEARTBEAT with id 0"),
+        (heartbeat("PULSE", "custom_mode"), "bad.xml:3: message PULSE: ", "another HEARTBEAT with id 0"),
+        (entry("ACTIVE", 77), "bad.xml:4: entry MAV_STATE.MAV_STATE_ACTIVE: ", "MAV_STATE_ACTIVE = 4"),
+        (entry("TIRED", 4), "bad.xml:4: entry MAV_STATE.MAV_STATE_TIRED: ", "MAV_STATE_ACTIVE = 4"),
+    ] {
+        let dir = directory(&[("bad.xml", &text)]);
+        let output = run(dir.path(), &["--beside-common", "bad.xml", "out.rs"]);
+        let message = String::from_utf8(output.stderr).expect("text");
+        assert_eq!(output.status.code(), Some(1), "{place}: {message}");
+        assert!(message.starts_with(place) && message.contains(says), "expected `{place} …{says}…`, was `{message}`");
+        assert!(!dir.path().join("out.rs").exists());
+    }
+}

@@ -1,0 +1,5 @@
+//! Makes the module `crane` from `crane.xml`.
+
+fn main() {
+    mavstack_dialect::Build::new("crane.xml").beside_common().run();
+}
