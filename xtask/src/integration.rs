@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -175,8 +175,11 @@ impl Program {
         match self {
             Self::Qemu { firmware } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
-                let (emulator, output) = Emulator::start(firmware, port, udp, Some(port + QMP))?;
-                thread::spawn(move || crate::log::print(&table, output, log));
+                let (emulator, output) = Emulator::start(firmware, port, udp, Some(port + QMP), None)?;
+                thread::spawn(move || {
+                    // Nobody reads it any more: no reason to stop the vehicle.
+                    crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});
+                });
                 Ok(Vehicle::Qemu { _emulator: emulator })
             }
             Self::Sitl { program } => {

@@ -1,8 +1,9 @@
 //! The firmware's log: defmt's frames, decoded with the strings that are in its ELF file.
 
-use std::io::{IsTerminal, Read, Write};
+use std::io::{IsTerminal, Read};
 
 use defmt_decoder::{DecodeError, Table};
+use mavstack_demo::Status;
 
 use crate::system::Result;
 
@@ -13,21 +14,23 @@ pub fn table(elf: &[u8]) -> Result<Table> {
         .ok_or_else(|| "the firmware has no log".to_owned())
 }
 
-/// Writes the log that `input` gives to `out` until its end.
-pub fn print(table: &Table, mut input: impl Read, mut out: impl Write) {
+/// Hands over the log that `input` gives until its end: the lines to `print`, what the vehicle says of its status to `show`.
+pub fn read(table: &Table, mut input: impl Read, mut print: impl FnMut(String), mut show: impl FnMut(Status)) {
     let colored = std::io::stdout().is_terminal();
     let mut decoder = table.new_stream_decoder();
     let mut bytes = [0; 1024];
     while let Ok(len @ 1..) = input.read(&mut bytes) {
         decoder.received(&bytes[..len]);
         loop {
-            // Nobody reads it any more: no reason to stop the vehicle.
-            let _ = match decoder.decode() {
-                Ok(frame) => writeln!(out, "{}", frame.display(colored)),
+            match decoder.decode() {
+                Ok(frame) => match Status::from_log(&frame.display_message().to_string()) {
+                    Some(status) => show(status),
+                    None => print(frame.display(colored).to_string()),
+                },
                 Err(DecodeError::UnexpectedEof) => break,
                 // The stream decoder goes on behind it.
-                Err(DecodeError::Malformed) => writeln!(out, "(a line of the log was damaged)"),
-            };
+                Err(DecodeError::Malformed) => print("(a line of the log was damaged)".to_owned()),
+            }
         }
     }
 }

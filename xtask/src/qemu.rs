@@ -3,12 +3,13 @@
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
+use mavstack_console::{Console, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 
-use crate::system::{self, Result, apt_install, has};
+use crate::system::{self, Result, apt_install, has, succeeds};
 use crate::toolchain::{self, Choice};
 use crate::{bridge, firmware, log};
 
@@ -18,7 +19,13 @@ const BOARD: &str = "mps2-an386";
 const PORTS: u16 = 3;
 
 /// `cargo qemu`.
-pub fn run(port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>, choice: Option<Choice>) -> Result {
+pub fn run(
+    port_base: u16,
+    udp: Option<SocketAddr>,
+    qmp: Option<u16>,
+    log: Option<&Path>,
+    choice: Option<Choice>,
+) -> Result {
     // Before the long work: a busy port is the likeliest mistake.
     check_ports(port_base, udp.is_some())?;
     prepare()?;
@@ -28,8 +35,10 @@ pub fn run(port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>, choice: Op
     firmware::print_size("Firmware", &elf)?;
     let table = log::table(&elf)?;
 
+    let tlog = log.map(Tlog::create).transpose()?;
+    let console = Console::new();
     let stop = system::stop_signal()?;
-    let (mut emulator, output) = Emulator::start(&path, port_base, udp, qmp)?;
+    let (mut emulator, output) = Emulator::start(&path, port_base, udp, qmp, tlog)?;
     println!("QEMU runs the firmware on {BOARD} (Cortex-M4F). Connect a ground station:\n");
     let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
     println!("{telemetry}\n");
@@ -40,14 +49,16 @@ pub fn run(port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>, choice: Op
     println!("The vehicle's log follows; Ctrl-C ends it.\n");
 
     std::thread::scope(|scope| {
-        let printer = scope.spawn(|| log::print(&table, output, std::io::stdout()));
+        let printer =
+            scope.spawn(|| log::read(&table, output, |line| console.print(line), |status| console.show(status)));
         let ended = emulator.wait(&stop);
         drop(emulator);
         // Its last words, a panic's place among them, were printed then.
         let _ = printer.join();
+        console.end();
         match ended? {
             Ended::Stopped => {
-                println!("\nThe emulator was ended.");
+                println!("The emulator was ended.");
                 Ok(())
             }
             Ended::ByItself(status) => Err(format!("the emulator ended by itself ({status})")),
@@ -74,6 +85,22 @@ fn check_ports(base: u16, udp: bool) -> Result {
     Ok(())
 }
 
+/// The emulator's command, to be ended with us also when we are killed, as far as the system has means for that: Linux.
+fn emulator() -> Command {
+    let dies_with_us = ["--pdeathsig", "KILL"];
+    let mut command = if succeeds("setpriv", &[&dies_with_us[..], &["true"]].concat()) {
+        let mut command = Command::new("setpriv");
+        command.args(dies_with_us).arg(QEMU);
+        command
+    } else {
+        Command::new(QEMU)
+    };
+    // Ctrl-C on the terminal is for us: else it would seem to end by itself.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    command
+}
+
 /// How an emulator ended.
 pub enum Ended {
     /// We were asked to stop.
@@ -87,23 +114,40 @@ pub struct Emulator(Child);
 
 impl Emulator {
     /// Starts the firmware at `elf`; what it returns besides is the firmware's log, encoded. On TCP port `qmp` it can be
-    /// told to reset the processor, in the emulator's own protocol.
-    pub fn start(elf: &Path, port_base: u16, udp: Option<SocketAddr>, qmp: Option<u16>) -> Result<(Self, ChildStdout)> {
-        let failed = |error: std::io::Error| format!("the emulator's telemetry port: {error}");
-        let bridge =
-            udp.map(|peer| Ok((peer, TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?))).transpose().map_err(failed)?;
-
-        let mut command = Command::new(QEMU);
+    /// told to reset the processor, in the emulator's own protocol. What passes over the links goes into `tlog`.
+    pub fn start(
+        elf: &Path,
+        port_base: u16,
+        udp: Option<SocketAddr>,
+        qmp: Option<u16>,
+        tlog: Option<Arc<Tlog>>,
+    ) -> Result<(Self, ChildStdout)> {
+        let mut command = emulator();
         command.args(["-machine", BOARD, "-display", "none", "-monitor", "none"]);
         for (uart, port) in (port_base..).take(PORTS.into()).enumerate() {
-            // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
-            let serial = match &bridge {
-                Some((_, listener)) if uart == 0 => {
-                    format!("tcp:{},nodelay=on", listener.local_addr().map_err(failed)?)
-                }
-                _ => format!("tcp:127.0.0.1:{port},server=on,wait=off,nodelay=on"),
+            let failed = |error: std::io::Error| format!("the emulator's TCP port {port}: {error}");
+            // Where we stand between, the emulator calls us.
+            let between = || {
+                let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(failed)?;
+                let called = format!("tcp:{}", listener.local_addr().map_err(failed)?);
+                Result::Ok((listener, called))
             };
-            command.args(["-serial", &serial]);
+            let serial = match (udp, &tlog) {
+                (Some(peer), _) if uart == 0 => {
+                    let (listener, called) = between()?;
+                    bridge::start_udp(listener, peer, tlog.clone())?;
+                    called
+                }
+                (_, Some(tlog)) => {
+                    let (listener, called) = between()?;
+                    let port = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(failed)?;
+                    bridge::start_tcp(listener, port, Arc::clone(tlog));
+                    called
+                }
+                _ => format!("tcp:127.0.0.1:{port},server=on,wait=off"),
+            };
+            // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
+            command.args(["-serial", &format!("{serial},nodelay=on")]);
         }
         if let Some(port) = qmp {
             command.args(["-qmp", &format!("tcp:127.0.0.1:{port},server=on,wait=off")]);
@@ -119,9 +163,6 @@ impl Emulator {
         let output = child.stdout.take();
         // From here on it is ended whatever happens.
         let emulator = Self(child);
-        if let Some((peer, listener)) = bridge {
-            bridge::start(listener, peer)?;
-        }
         output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())
     }
 

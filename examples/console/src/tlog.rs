@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{self, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use mavstack::dialect::{Common, SetupSigning};
 use mavstack::{Decoder, Dialect, Frame, Instant, Message};
@@ -51,38 +51,26 @@ impl Tlog {
 }
 
 /// Finds the frames in what goes over a line in one direction.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Frames {
     decoder: Decoder,
-    began: time::Instant,
 }
 
 impl Frames {
-    /// Of a line that was silent so far.
-    pub fn new() -> Self {
-        Self { decoder: Decoder::default(), began: time::Instant::now() }
-    }
-
     /// Hands over the frames that are whole with these bytes; the rest waits for its end.
     pub fn cut(&mut self, mut bytes: &[u8], mut each: impl FnMut(&Frame<'_>)) {
-        let now = Instant::from_micros(u64::try_from(self.began.elapsed().as_micros()).unwrap_or(u64::MAX));
         loop {
-            let taken = self.decoder.push(bytes, now);
+            // Sockets damage nothing, so nothing grows stale and time may stand still.
+            let taken = self.decoder.push(bytes, Instant::ZERO);
             bytes = &bytes[taken..];
             let mut budget = u32::MAX;
-            while let Some(frame) = self.decoder.next(now, Common::MESSAGES, &mut budget, |_| true) {
+            while let Some(frame) = self.decoder.next(Instant::ZERO, Common::MESSAGES, &mut budget, |_| true) {
                 each(&frame);
             }
             if bytes.is_empty() {
                 return;
             }
         }
-    }
-}
-
-impl Default for Frames {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -96,7 +84,7 @@ pub struct Tap {
 impl Tap {
     /// Into this log.
     pub fn new(tlog: Option<Arc<Tlog>>) -> Self {
-        Self { tlog, frames: Frames::new() }
+        Self { tlog, frames: Frames::default() }
     }
 
     /// These bytes passed.
@@ -108,7 +96,7 @@ impl Tap {
 
     /// What comes now is no end of what came last.
     pub fn restart(&mut self) {
-        self.frames = Frames::new();
+        self.frames = Frames::default();
     }
 }
 

@@ -10,6 +10,9 @@ use crate::vehicle::{Mode, Quadrotor};
 /// Room for the peers that a line shows: as many as the stack's table has.
 const PEERS: usize = 8;
 
+/// Encoded by [`postcard`] it has at most 5 bytes for each of 31 counters, 4 for each peer, and a few more.
+const MAX_LEN: usize = 256;
+
 /// The vehicle at one moment. Counters are since it was switched on and wrap.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Status {
@@ -90,9 +93,6 @@ pub const LINK_DROPS: [&str; 19] = [
 pub const OTHER_DROPS: [&str; 5] = ["unsigned", "bad signature", "replayed", "no place for the signer", "texts"];
 
 impl Status {
-    /// What a line of the log begins with when a status follows, encoded by [`postcard`], as a list of its bytes.
-    pub const LOG_PREFIX: &str = "status: ";
-
     pub(crate) fn of<P: PlanStorage>(now: Instant, stack: &Stack<LINKS, P>, vehicle: &Quadrotor) -> Self {
         let mut status = Self {
             // Wraps after 49 days, and only here.
@@ -151,15 +151,23 @@ impl Status {
         status
     }
 
-    /// One event of the log.
+    /// One event of the log, whatever level was asked for.
     #[cfg(feature = "defmt")]
     pub(crate) fn log(&self) {
-        // Twice what it takes when all counters are small; it is left out when it does not fit.
-        let mut bytes = [0; 256];
+        let mut bytes = [0; MAX_LEN];
         if let Ok(bytes) = postcard::to_slice(self, &mut bytes) {
-            // Whatever level of the log was asked for.
             defmt::println!("status: {=[u8]}", bytes);
         }
+    }
+
+    /// The status in that event as it is printed; `None` in any other message.
+    pub fn from_log(message: &str) -> Option<Self> {
+        let list = message.strip_prefix("status: [")?.strip_suffix(']')?;
+        let mut bytes = [0; MAX_LEN];
+        for (index, number) in list.split(", ").enumerate() {
+            *bytes.get_mut(index)? = number.parse().ok()?;
+        }
+        postcard::from_bytes(&bytes).ok()
     }
 }
 
@@ -173,5 +181,34 @@ impl Mission {
             MissionState::COMPLETE => Self { current: count, count, state: state.0 },
             _ => Self { current, count, state: state.0 },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use std::format;
+
+    #[test]
+    fn a_status_is_read_back_from_the_log_and_nothing_else_is() {
+        let status = Status {
+            time: u32::MAX,
+            is_armed: true,
+            mode: Mode::Land,
+            mission: Mission { current: u16::MAX, count: u16::MAX, state: 5 },
+            links: [LinkStatus { received: u32::MAX, sent: u32::MAX - 1 }; LINKS],
+            peers: [Some(PeerStatus { link: 2, system: 255, component: 190 }); PEERS],
+            link_drops: [u32::MAX; LINK_DROPS.len()],
+            other_drops: [u32::MAX; OTHER_DROPS.len()],
+        };
+        let mut bytes = [0; MAX_LEN];
+        let bytes = postcard::to_slice(&status, &mut bytes).expect("the longest fits");
+        assert_eq!(Status::from_log(&format!("status: {bytes:?}")), Some(status));
+        for other in ["status: []", "status: [1, 2", "status: [1, 2, x]", "armed"] {
+            assert_eq!(Status::from_log(other), None, "{other}");
+        }
+        assert_eq!(Status::from_log(&format!("status: {:?}", [1; 300])), None);
     }
 }
