@@ -124,6 +124,46 @@ def test_a_clock_that_is_behind(gcs, signing, back, is_heard):
     assert is_answered(gcs, request(gcs, theirs - back * 100_000)) == is_heard
 
 
+def test_signatures_follow_real_time(gcs, other, target):
+    """G-4, G-14: whatever time the key came with, where the vehicle has a clock; else from that one on. Nobody moves it by
+    telling the time without a signature."""
+    has_clock = target == "sitl"
+    hour = 3_600 * 100_000
+    began = timestamp()
+    assert setup(other, KEY, began - (hour if has_clock else 0)) == "Signing key set"
+    try:
+        for client in (gcs, other):
+            client.mav.system_time_send(int(time.time() * 1e6) + 3_600_000_000, 1000)
+        seen = []
+        deadline = time.monotonic() + 4
+        while time.monotonic() < deadline:
+            beat = gcs.wait("HEARTBEAT", 2).get_msgbuf()
+            # Time may be a minute ahead of what the clock says after a start, and was what others had who signed before.
+            seen.append((timestamp(), stamp_of(beat)))
+        ahead = [theirs - ours for ours, theirs in seen]
+        assert len(seen) >= 3 and all(-50_000 < one for one in ahead), ahead
+        assert max(ahead) - min(ahead) < 30_000, f"it follows within 0.3 s: {ahead}"
+        assert max(ahead) < hour / 2, "nobody moved it"
+        told = gcs.wait("SYSTEM_TIME", 3).time_unix_usec
+        assert abs(told / 1e6 - time.time()) < 3 if has_clock else told == 0
+    finally:
+        setup(other, bytes(32), 0)
+
+
+def test_a_key_that_comes_back(gcs, other, signing):
+    """G-8, G-14: another key, and none, and the first again with an old time: what was sent before is not taken again."""
+    sign(gcs.mav, link_id=7)
+    frame = request(gcs)
+    assert is_answered(gcs, frame)
+    before = stamp_of(gcs.wait("HEARTBEAT").get_msgbuf())
+    assert setup(other, bytes(range(32)), timestamp()) == "Signing key set"
+    assert setup(other, bytes(32), 0) == "Signing is off"
+    assert setup(other, KEY, 1) == "Signing key set"
+    assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) > before
+    assert not is_answered(gcs, frame), "a replayed frame"
+    assert is_answered(gcs, request(gcs, timestamp()))
+
+
 def test_over_the_satellite(gcs, other, port, signing):
     """G-9, G-16: only who has the key starts the reports, which are signed."""
     satellite = Satellite(port + 2)
