@@ -8,7 +8,7 @@ use crate::frame::Frame;
 use crate::link::{LinkClass, LinkId, Peer};
 use crate::message::{Dialect, MessageTable};
 use crate::network::Forwarding;
-use crate::service::command::{CommandMemory, CommandPolicy};
+use crate::service::command::{CommandMemory, CommandPolicy, SOON};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
@@ -167,6 +167,12 @@ impl Command {
     pub(crate) fn sent(&self, now: Instant) -> Instant {
         let age = self.age.map_or(0, Duration::as_micros);
         Instant::from_micros(now.as_micros().saturating_sub(age))
+    }
+
+    /// Whether it may be a copy of one that came at `at`: within so long, or, as it is known when it was sent, at about the same
+    /// time (C-12).
+    pub(crate) fn is_near(&self, now: Instant, at: Instant, within: Duration) -> bool {
+        self.sent(now).since(at) < if self.age.is_some() { SOON } else { within }
     }
 
     /// Whether parameter 7 is a response target, as in the commands that ask for a message: 0 default, 1 the requester, 2

@@ -5,7 +5,8 @@
 
 use mavstack::dialect::{MavFrame, MavMissionResult, MavResult};
 use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LinkId, Location, ParamRule, Peer, Text, TypedCommand,
+    Address, Command, CommandPosition, CommandRule, Item, LinkClass, LinkId, Location, ParamRule, Peer, Text,
+    TypedCommand,
 };
 use std::fmt::Debug;
 
@@ -60,7 +61,18 @@ where
     T: TypedCommand,
 {
     let (params, z) = (item.params, item.z);
-    Command { id: item.command, params, position, z, from: GCS, is_broadcast: false, confirmation: 0 }.decode()
+    Command {
+        id: item.command,
+        params,
+        position,
+        z,
+        from: GCS,
+        class: LinkClass::Normal,
+        age: None,
+        is_broadcast: false,
+        confirmation: 0,
+    }
+    .decode()
 }
 
 fn long<T: TypedCommand>(params: [f32; 7]) -> Result<T, MavResult> {

@@ -3,7 +3,7 @@
 mod support;
 
 use mavstack::dialect::*;
-use mavstack::{Address, LinkId, ModeRequest, Outcome, Peer};
+use mavstack::{Address, LinkClass, LinkId, ModeRequest, Outcome, Peer};
 use support::pilot::*;
 use support::*;
 
@@ -154,7 +154,7 @@ fn set_mode_is_answered() {
         let to = Address::new(ack.target_system, ack.target_component);
         assert_eq!((ack.command, ack.result, to), (MavCmd(11), result, OTHER_STATION), "{base_mode} {custom_mode:#x}");
         let from = Peer { address: OTHER_STATION, link: LinkId(1) };
-        let expected = (custom_mode, ModeRequest { from, is_broadcast: false });
+        let expected = (custom_mode, ModeRequest { from, class: LinkClass::Normal, age: None, is_broadcast: false });
         let asked = std::mem::take(&mut world.vehicle.asked);
         assert_eq!(asked, Vec::from_iter((result == ACCEPTED).then_some(expected)));
     }

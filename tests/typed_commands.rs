@@ -4,8 +4,8 @@
 use mavstack::dialect::commands::*;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LatLon, LinkId, Location, ParamRule, Peer, TypedCommand,
-    command,
+    Address, Command, CommandPosition, CommandRule, Item, LatLon, LinkClass, LinkId, Location, ParamRule, Peer,
+    TypedCommand, command,
 };
 use proptest::prelude::*;
 
@@ -15,13 +15,33 @@ const GCS: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
 /// What comes of a COMMAND_LONG.
 fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
     let position = CommandPosition::Long { param5, param6 };
-    Command { id, params: [p1, p2, p3, p4], position, z, from: GCS, is_broadcast: false, confirmation: 0 }
+    Command {
+        id,
+        params: [p1, p2, p3, p4],
+        position,
+        z,
+        from: GCS,
+        class: LinkClass::Normal,
+        age: None,
+        is_broadcast: false,
+        confirmation: 0,
+    }
 }
 
 /// What comes of a COMMAND_INT.
 fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) -> Command {
     let position = CommandPosition::Int { frame, x, y };
-    Command { id, params, position, z, from: GCS, is_broadcast: false, confirmation: 0 }
+    Command {
+        id,
+        params,
+        position,
+        z,
+        from: GCS,
+        class: LinkClass::Normal,
+        age: None,
+        is_broadcast: false,
+        confirmation: 0,
+    }
 }
 
 /// A COMMAND_LONG of the command of `T`.

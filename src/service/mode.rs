@@ -7,6 +7,7 @@
 //! but answers goes to a high-latency link, and nothing at all to one that sends MAVLink 1, which has no room for these
 //! messages' ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent to who asks for it.
 
+use super::command::Origin;
 use super::identity::Owed;
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
@@ -16,6 +17,7 @@ use crate::frame::Version;
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, Text};
 use crate::num;
+use crate::time::Duration;
 use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle};
 
 /// The most modes that a vehicle can declare.
@@ -102,6 +104,10 @@ pub enum CustomMode {
 pub struct ModeRequest {
     /// The sender, and the link.
     pub from: Peer,
+    /// As [`Command::class`](crate::Command::class).
+    pub class: LinkClass,
+    /// As [`Command::age`](crate::Command::age).
+    pub age: Option<Duration>,
     /// Whether every system was asked (C-1).
     pub is_broadcast: bool,
 }
@@ -111,13 +117,15 @@ pub(crate) const SET_MODE: MavCmd = MavCmd(11);
 const _: () = assert!(SetMode::ID == 11);
 
 /// The command that a SET_MODE is, but for its number, which a parameter cannot always hold: [`on_command`] gets it apart.
-pub(crate) fn from_set_mode(message: &SetMode, from: Peer) -> Command {
+pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
     Command {
         id: MavCmd::DO_SET_MODE,
         params: [f32::from(message.base_mode.0), num::f32_from_u32(message.custom_mode), 0.0, 0.0],
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
-        from,
+        from: origin.from,
+        class: origin.class,
+        age: origin.age,
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }
@@ -146,7 +154,10 @@ pub(crate) fn on_command<V: Vehicle + Commands>(
         _ => return None,
     };
     Some(match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
-        Some(mode) => vehicle.set_mode(mode, &ModeRequest { from: command.from, is_broadcast: command.is_broadcast }),
+        Some(mode) => {
+            let Command { from, class, age, is_broadcast, .. } = *command;
+            vehicle.set_mode(mode, &ModeRequest { from, class, age, is_broadcast })
+        }
         // The guide has FAILED for a standard mode that there is not; but asking again never helps (C-4).
         None => MavResult::DENIED.into(),
     })

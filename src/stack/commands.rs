@@ -1,6 +1,7 @@
 //! Commands as the stack sees them beside COMMAND_LONG and COMMAND_INT: the one that takes one back, the mode's old message,
 //! and when an answer has left.
 
+use super::receive::origin;
 use super::{Context, Core, Stack, count_drop};
 use crate::dialect::{CommandCancel, SetMode};
 use crate::frame::{Address, Frame};
@@ -52,7 +53,8 @@ impl Core {
             return false;
         }
         let Some(message) = frame.decode::<SetMode>() else { return false };
-        self.on_command(context, port, &mode::from_set_mode(&message, from), Some(message.custom_mode));
+        let command = mode::from_set_mode(&message, origin(context, port, frame));
+        self.on_command(context, port, &command, Some(message.custom_mode));
         true
     }
 }

@@ -9,7 +9,7 @@ use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
 use crate::network::{self, Booking, Passage};
-use crate::service::command;
+use crate::service::command::{self, Origin};
 use crate::service::high_latency;
 use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
@@ -128,9 +128,11 @@ impl Core {
         }
         let from = Peer { address: frame.source(), link: port.id };
         if let Some(command) = frame.decode::<CommandLong>() {
-            self.on_command(context, port, &command::from_long(&command, from), None);
+            let command = command::from_long(&command, origin(context, port, frame));
+            self.on_command(context, port, &command, None);
         } else if let Some(command) = frame.decode::<CommandInt>() {
-            self.on_command(context, port, &command::from_int(&command, from), None);
+            let command = command::from_int(&command, origin(context, port, frame));
+            self.on_command(context, port, &command, None);
         } else if self.on_command_frame(context, port, frame, target) {
             // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
@@ -189,7 +191,7 @@ impl Core {
             port.acks.push(command.from.address, id, answer);
             return;
         }
-        let satellite = high_latency::on_command(context.now, port, context.vehicle, command);
+        let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command);
         let Context { now, texts, vehicle, .. } = context;
         let progress = satellite.or_else(|| {
             let (missions, mut plans) = context.plans.parts(context.missions)?;
@@ -208,6 +210,16 @@ impl Core {
         self.has_acted = true;
         port.acks.push(command.from.address, id, outcome);
     }
+}
+
+/// Where the command in a frame comes from, and how old it is if that is known (L-16).
+pub(super) fn origin<V: Autopilot, P: PlanStorage>(
+    context: &mut Context<'_, V, P>,
+    port: &Port,
+    frame: &Frame<'_>,
+) -> Origin {
+    let from = Peer { address: frame.source(), link: port.id };
+    Origin { from, class: port.config.class, age: signing::age(context.now, frame, context.vehicle) }
 }
 
 /// Carries out a command that is none of plans, parameters and streams.

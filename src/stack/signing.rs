@@ -1,11 +1,8 @@
 //! Signing, joined to the rest. Without the feature, or for a vehicle that has no memory for it, nothing of it is linked.
 
 #[cfg(feature = "signing")]
-#[allow(unused_imports, reason = "the age of a command is not handed out yet")]
-pub(super) use crate::service::signing::age;
-#[cfg(feature = "signing")]
 pub(super) use crate::service::signing::{
-    admits, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, vouches_for,
+    admits, age, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, vouches_for,
 };
 #[cfg(not(feature = "signing"))]
 pub(super) use without::*;
@@ -29,7 +26,6 @@ mod without {
         true
     }
 
-    #[allow(dead_code, reason = "the age of a command is not handed out yet")]
     pub(crate) fn age(_: Instant, _: &Frame<'_>, _: &mut impl Vehicle) -> Option<Duration> {
         None
     }

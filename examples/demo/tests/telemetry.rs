@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans,
-    Parameters, Peer,
+    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkClass, LinkId, Message,
+    NoPlans, Parameters, Peer,
 };
 use mavstack_demo::{App, COMPANION, Quadrotor, SATELLITE, TELEMETRY, Tuning};
 use wire::Line;
@@ -72,7 +72,17 @@ impl Flight {
     fn command(&mut self, id: MavCmd, first: f32, z: f32) {
         let position = CommandPosition::Long { param5: 0.0, param6: 0.0 };
         let params = [first, 0.0, 0.0, 0.0];
-        let command = Command { id, params, position, z, from: STATION, is_broadcast: false, confirmation: 0 };
+        let command = Command {
+            id,
+            params,
+            position,
+            z,
+            from: STATION,
+            class: LinkClass::Normal,
+            age: None,
+            is_broadcast: false,
+            confirmation: 0,
+        };
         let (_, vehicle) = self.app.parts();
         assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED, "{id:?}");
     }
@@ -184,7 +194,17 @@ fn a_return_lands_too() {
     let position = CommandPosition::Long { param5: 47.398_1, param6: 8.545_594 };
     let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
     let id = MavCmd::DO_REPOSITION;
-    let command = Command { id, params, position, z: f32::NAN, from: STATION, is_broadcast: false, confirmation: 0 };
+    let command = Command {
+        id,
+        params,
+        position,
+        z: f32::NAN,
+        from: STATION,
+        class: LinkClass::Normal,
+        age: None,
+        is_broadcast: false,
+        confirmation: 0,
+    };
     assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
     flight.run(12_000, |_| {});
     flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, 0.0, 0.0);
@@ -232,7 +252,17 @@ fn rates_are_those_of_the_angles() {
     let position = CommandPosition::Long { param5: 47.398_1, param6: 8.546 };
     let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
     let id = MavCmd::DO_REPOSITION;
-    let command = Command { id, params, position, z: f32::NAN, from: STATION, is_broadcast: false, confirmation: 0 };
+    let command = Command {
+        id,
+        params,
+        position,
+        z: f32::NAN,
+        from: STATION,
+        class: LinkClass::Normal,
+        age: None,
+        is_broadcast: false,
+        confirmation: 0,
+    };
     assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
     let mut angles: Vec<Attitude> = Vec::new();
     for _ in 0..400 {

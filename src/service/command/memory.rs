@@ -5,16 +5,20 @@
 //!
 //! ```text
 //!            start                         finish, COMMAND_CANCEL             every final ACK sent, and 3 s passed
-//!   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ free
+//!   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ past
 //!     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a repetition gets the final ACK again
 //!     └────────────── not idempotent, carried out ────────────────┘
 //! ```
+//!
+//! What is past has its place until a minute is over or another command needs it, the oldest first: a copy may still come by
+//! satellite (L-16).
 
 use core::ops::{Deref, DerefMut};
 
+use super::{Copies, LATE, SOON};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
-use crate::link::{LinkId, LinkMask, MAX_LINKS, Outbox};
+use crate::link::{LinkClass, LinkId, LinkMask, Outbox};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, CommandPosition, Outcome};
 
@@ -23,9 +27,6 @@ const REPEAT_EVERY: Duration = Duration::from_secs(1);
 
 /// And when the progress changes, not sooner than this: a flight loop may tell it in every pass, and others use the line too.
 const CHANGE_EVERY: Duration = Duration::from_millis(100);
-
-/// For so long the result of a command is remembered (C-12, C-24).
-const REMEMBER: Duration = Duration::from_secs(3);
 
 /// A final ACK that a link has not taken for so long is given up: its place is needed, and nobody waits for it any longer.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
@@ -54,9 +55,7 @@ pub struct CommandSlot {
     has_changed: bool,
     /// Where it was asked for.
     links: LinkMask,
-    /// Of one that is only to be carried out once: how often it was, and how often it came by each link, [`COPY_BITS`] each.
-    runs: u8,
-    copies: u64,
+    copies: Copies,
     /// Where the next ACK is to be sent.
     owed: LinkMask,
     outcome: Outcome,
@@ -70,15 +69,8 @@ enum State {
     Free,
     Running,
     Done,
-}
-
-/// A count of copies for each of 16 links; who presses more often within three seconds is not told apart.
-const COPY_BITS: u32 = 4;
-const MOST_COPIES: u8 = 15;
-const _: () = assert!(MAX_LINKS == 16 && u64::BITS == 16 * COPY_BITS);
-
-fn copy_shift(link: LinkId) -> u32 {
-    u32::from(link.0 & 15).wrapping_mul(COPY_BITS)
+    /// Done a while ago: another command may have its place.
+    Past,
 }
 
 /// All that makes two commands of one sender the same: number, form, frame, and the bits of the parameters.
@@ -107,8 +99,7 @@ impl CommandSlot {
         progress: 0,
         has_changed: false,
         links: LinkMask::NONE,
-        runs: 0,
-        copies: 0,
+        copies: Copies::NONE,
         owed: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
@@ -139,17 +130,21 @@ impl CommandSlot {
         self.from == command.from.address && self.key == key(command)
     }
 
-    /// How often it came by `link`.
-    fn copies(&self, link: LinkId) -> u8 {
-        let [copies, ..] = self.copies.wrapping_shr(copy_shift(link)).to_le_bytes();
-        copies & MOST_COPIES
+    /// Whether it is done, and `command` is a copy or a repetition of it (C-12, C-24).
+    fn answers(&self, now: Instant, command: &Command) -> bool {
+        if !matches!(self.state, State::Done | State::Past) || !self.is_same(command) {
+            return false;
+        }
+        let within = if command.class == LinkClass::HighLatency { LATE } else { SOON };
+        let is_soon = now.since(self.at) < SOON;
+        let is_repetition = command.confirmation > self.confirmation || (self.is_long && is_soon);
+        // A command pressed twice comes twice on each link, with the same confirmation.
+        command.is_near(now, self.at, within) && (is_repetition || self.copies.lacks(command.from.link))
     }
 
-    /// It came by `link`.
-    fn count(&mut self, link: LinkId) {
-        if self.copies(link) < MOST_COPIES {
-            self.copies = self.copies.wrapping_add(1u64.wrapping_shl(copy_shift(link)));
-        }
+    /// Whether one more run of `command` belongs here.
+    fn is_run_of(&self, command: &Command) -> bool {
+        self.state == State::Done && !self.is_long && self.is_same(command)
     }
 
     /// Takes what is owed on `link`.
@@ -226,6 +221,10 @@ impl CommandSlot {
 /// others while it runs, a repetition without running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until
 /// three seconds after the command is done; without a free one a command is `TEMPORARILY_REJECTED` (C-22).
 ///
+/// What came by one link comes by satellite half a minute later. So what is done is remembered for a minute, for copies by a
+/// [high-latency](crate::LinkClass::HighLatency) link only, in a place that nothing else needs: with `N` places at least the
+/// last `N` commands, less those that run. A place takes 88 bytes.
+///
 /// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
 /// heartbeat asks for anyway.
 #[derive(Clone, Debug)]
@@ -265,11 +264,12 @@ impl CommandMemory {
     /// `command`, which is being handed to the vehicle, takes its time: IN_PROGRESS, to be returned as it is; or
     /// `TEMPORARILY_REJECTED` when no place is free (C-22), and then it must not be begun.
     pub fn start(&mut self, command: &Command) -> Outcome {
-        let Some(slot) = self.slots.iter_mut().find(|slot| slot.state == State::Free) else {
+        let Some(slot) = self.vacant().and_then(|place| self.slots.get_mut(place)) else {
             return MavResult::TEMPORARILY_REJECTED.into();
         };
         let started = CommandSlot::new(command, State::Running);
         *slot = CommandSlot { is_new: true, is_long: true, progress: NO_PROGRESS, ..started };
+        slot.copies.run(command.from.link);
         MavResult::IN_PROGRESS.into()
     }
 
@@ -307,6 +307,13 @@ impl CommandMemory {
         self.slots.iter_mut().find(|slot| slot.is_running(command))
     }
 
+    /// A place for another command: a free one, or that of the one that is past for longest.
+    fn vacant(&self) -> Option<usize> {
+        let places = self.slots.iter().enumerate();
+        let places = places.filter(|(_, slot)| matches!(slot.state, State::Free | State::Past));
+        places.min_by_key(|(_, slot)| (slot.state == State::Past, slot.at)).map(|(place, _)| place)
+    }
+
     /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
     pub(crate) fn recall(&mut self, now: Instant, command: &Command, once: bool) -> Option<Outcome> {
         self.poll(now);
@@ -315,21 +322,14 @@ impl CommandMemory {
                 return Some(MavResult::TEMPORARILY_REJECTED.into());
             }
             slot.links = slot.links.with(LinkMask::of(command.from.link));
+            slot.copies.count(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
-        let is_known = |slot: &&mut CommandSlot| slot.state == State::Done && slot.is_same(command);
-        if let Some(slot) = self.slots.iter_mut().find(is_known)
-            && now.since(slot.at) < REMEMBER
-        {
-            // A command pressed twice comes twice on each link, with the same confirmation (C-12).
-            let is_repetition = slot.is_long || command.confirmation > slot.confirmation;
-            let is_copy = !is_repetition && slot.copies(command.from.link) < slot.runs;
-            if is_copy {
-                slot.count(command.from.link);
-            }
-            return (is_repetition || is_copy).then_some(slot.outcome);
+        if let Some(slot) = self.slots.iter_mut().find(|slot| slot.answers(now, command)) {
+            slot.copies.count(command.from.link);
+            return Some(slot.outcome);
         }
-        let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
+        let has_room = self.vacant().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
@@ -349,13 +349,11 @@ impl CommandMemory {
             return;
         }
         let done = CommandSlot { outcome, at: now, ..CommandSlot::new(command, State::Done) };
-        let is_known = |slot: &CommandSlot| slot.state == State::Done && !slot.is_long && slot.is_same(command);
-        let known = self.slots.iter().position(is_known);
-        let place = known.or_else(|| self.slots.iter().position(|slot| slot.state == State::Free));
-        if let Some(slot) = place.and_then(|place| self.slots.get_mut(place)) {
-            let (runs, copies) = if known.is_some() { (slot.runs, slot.copies) } else { (0, 0) };
-            *slot = CommandSlot { runs: runs.saturating_add(1).min(MOST_COPIES), copies, ..done };
-            slot.count(command.from.link);
+        let known = self.slots.iter().position(|slot| slot.is_run_of(command));
+        if let Some(slot) = known.or_else(|| self.vacant()).and_then(|place| self.slots.get_mut(place)) {
+            let copies = if known.is_some() { slot.copies } else { Copies::NONE };
+            *slot = CommandSlot { copies, ..done };
+            slot.copies.run(command.from.link);
         }
     }
 
@@ -372,9 +370,11 @@ impl CommandMemory {
                     slot.owed = slot.links;
                     slot.at = now;
                 }
-                State::Done if age >= GIVE_UP_AFTER || (age >= REMEMBER && slot.owed.is_empty()) => {
-                    slot.state = State::Free;
+                State::Done if age >= GIVE_UP_AFTER || (age >= SOON && slot.owed.is_empty()) => {
+                    slot.state = State::Past;
+                    slot.owed = LinkMask::NONE;
                 }
+                State::Past if age >= LATE => slot.state = State::Free,
                 _ => {}
             }
         }

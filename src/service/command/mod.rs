@@ -11,12 +11,14 @@
 //! ```
 
 mod acks;
+mod copies;
 mod macros;
 mod memory;
 mod policy;
 mod typed;
 
 pub(crate) use acks::Acks;
+pub(crate) use copies::{Copies, LATE, SOON};
 pub use memory::{CommandMemory, CommandSlot, CommandSlots};
 pub use policy::CommandPolicy;
 pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
@@ -24,30 +26,42 @@ pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
 use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::link::{LinkClass, Peer, Port};
 use crate::service::identity::Owed;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, CommandPosition, Commands, Outcome};
 
+/// Where a command came from, and when it was sent.
+#[derive(Clone, Copy)]
+pub(crate) struct Origin {
+    pub(crate) from: Peer,
+    pub(crate) class: LinkClass,
+    pub(crate) age: Option<Duration>,
+}
+
 /// The command of a COMMAND_LONG.
-pub(crate) fn from_long(message: &CommandLong, from: Peer) -> Command {
+pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
     Command {
         id: message.command,
         params: [message.param1, message.param2, message.param3, message.param4],
         position: CommandPosition::Long { param5: message.param5, param6: message.param6 },
         z: message.param7,
-        from,
+        from: origin.from,
+        class: origin.class,
+        age: origin.age,
         is_broadcast: message.target_system == 0,
         confirmation: message.confirmation,
     }
 }
 
 /// The command of a COMMAND_INT.
-pub(crate) fn from_int(message: &CommandInt, from: Peer) -> Command {
+pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
     Command {
         id: message.command,
         params: [message.param1, message.param2, message.param3, message.param4],
         position: CommandPosition::Int { frame: MavFrame(message.frame.0), x: message.x, y: message.y },
         z: message.z,
-        from,
+        from: origin.from,
+        class: origin.class,
+        age: origin.age,
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }

@@ -82,8 +82,10 @@ impl CommandPolicy {
         self.with(NO_BROADCAST)
     }
 
-    /// Doing it twice does harm: a copy that comes by another link, or with a higher `confirmation`, within three seconds
-    /// gets the first one's answer and is not carried out (C-12). It needs a place in
+    /// Doing it twice does harm: a copy that comes by another link, or with a higher `confirmation`, gets the first one's
+    /// answer and is not carried out (C-12): within three seconds, by a high-latency link within a minute, as long as no
+    /// other command needs the place, and with a known [`age`](crate::Command::age) if it was sent within three seconds of the
+    /// first. So who gives the same command anew by satellite within that minute may have to give it twice. It needs a place in
     /// [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none is free.
     #[must_use]
     pub const fn once(self) -> Self {

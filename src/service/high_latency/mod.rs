@@ -15,8 +15,7 @@
 //!
 //! START and STOP are MAV_CMD_CONTROL_HIGH_LATENCY, over any link, and hold for all high-latency links; the one that comes
 //! last counts. Both kinds of links run at once, for a ground station that hands over from one to the other (L-15). START
-//! sends a message at once, also while it is on; but not for a copy of the same START that comes by another link, or with a
-//! higher confirmation, within a minute. After that a message follows a period after the one before left: a modem that is
+//! sends a message at once, also while it is on. After that a message follows a period after the one before left: a modem that is
 //! busy gets it as soon as it is not, made of what is known then, and the next one a period later. What came between two
 //! messages is in the second: means, and the worst (L-21). Who moves the bytes himself asks
 //! [`Stack::transmit`](crate::Stack::transmit) for them only when the modem takes some.
@@ -24,13 +23,27 @@
 //! A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
 //! not: when the flight loop does not tick, and in a fault (H-5).
 //!
+//! A satellite brings commands late, and so after others that were given later. One that was overtaken changes nothing, or a
+//! START from before a STOP would go on costing money, and a STOP from before a START leave nobody in touch:
+//!
+//! - **A copy**, by another link or with a higher confirmation, within a minute of the one that was carried out (C-12).
+//! - **What comes by satellite** within a minute after its sender said the opposite by a normal link, over which he is alive:
+//!   who means it would say it there.
+//! - **What is older by its signature** than the opposite that its sender said, up to a quarter of an hour
+//!   ([`Command::age`]). One that is newer is none of these, whatever else it looks like.
+//!
+//! The answer is ACCEPTED where things are as it wants them, else TEMPORARILY_REJECTED: who means it says it again. That is
+//! all that can be known. Without signatures, a START that was not seen before and comes after the STOP of somebody whose
+//! heartbeats are not heard counts, and so does one that was held back for more than a minute: its sender sees the messages
+//! come, and says STOP again.
+//!
 //! Who speaks over such a link is heard, and never alive or lost ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)): no
 //! heartbeats are expected there, and those that come say nothing, or a failsafe would take a satellite's silence for a
 //! ground station's end (L-3). When somebody last commanded, [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) says.
 //!
-//! Commands over a satellite come 10 to 30 seconds late, at times minutes, and in any order, and they bear no time of their
-//! own: how old one is cannot be known. Which links are such, [`HighLatency::carries`] knows, for the vehicle that refuses
-//! to arm for such a command, or to take off (L-16).
+//! Other commands over a satellite come 10 to 30 seconds late too, at times minutes, and in any order. They bear no time of
+//! their own but that of a signature. [`Command::class`] and [`Command::age`] are for the vehicle that refuses to arm for such
+//! a command, or to take off (L-16).
 
 mod sample;
 mod window;
@@ -40,19 +53,20 @@ pub use sample::HighLatencySample;
 use self::window::Window;
 use crate::config::Config;
 use crate::dialect::{HighLatency2, MavCmd, MavResult, MavType};
-use crate::frame::Address;
-use crate::link::{Link, LinkClass, LinkId, LinkMask, Port};
+use crate::link::{Link, LinkClass, LinkMask, Peer, Port};
 use crate::message::Message;
 use crate::network::Peers;
 use crate::num;
+use crate::service::command::{Copies, LATE};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Vehicle};
 
 /// A shorter period counts as this.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
 
-/// So long after a START another one that could be its copy is taken for one: what goes by satellite comes that much later.
-const COPY_WITHIN: Duration = Duration::from_secs(60);
+/// So long after an order the opposite is looked for that was sent before it, by its signature. Longer than a satellite keeps
+/// anything; and a clock that was set meanwhile does no harm after that.
+const OVERTAKEN_WITHIN: Duration = Duration::from_secs(15 * 60);
 
 /// What is paid for: so many bytes, begun ones in full (Iridium's short burst data).
 const CREDIT: u32 = 50;
@@ -142,25 +156,33 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// A START, to know its copies by.
+/// The last START, or STOP, that was carried out: to know its copies by, and what it has overtaken.
 #[derive(Clone, Copy, Debug)]
-struct Start {
-    from: Address,
-    link: LinkId,
+struct Order {
+    from: Peer,
     confirmation: u8,
+    copies: Copies,
     at: Instant,
+    sent: Instant,
 }
 
-impl Start {
-    fn new(now: Instant, command: &Command) -> Self {
-        let (from, link) = (command.from.address, command.from.link);
-        Self { from, link, confirmation: command.confirmation, at: now }
+impl Order {
+    /// Whether `command`, to the same effect, is a copy of it (C-12).
+    fn is_copied_by(&self, now: Instant, command: &Command) -> bool {
+        let is_other = command.confirmation > self.confirmation || self.copies.lacks(command.from.link);
+        is_other && command.is_near(now, self.at, LATE)
     }
 
-    /// Whether `self` is the same START as `first` (C-12).
-    fn is_copy_of(&self, first: &Self) -> bool {
-        let is_other = self.link != first.link || self.confirmation > first.confirmation;
-        self.from == first.from && is_other && self.at.since(first.at) < COPY_WITHIN
+    /// Whether `command`, to the opposite effect, was sent before it (L-16).
+    fn overtakes(&self, now: Instant, command: &Command, peers: &Peers) -> bool {
+        let age = now.since(self.at);
+        if command.age.is_some() {
+            return age < OVERTAKEN_WITHIN && command.sent(now) < self.sent;
+        }
+        command.class == LinkClass::HighLatency
+            && age < LATE
+            // Nobody is alive by satellite.
+            && peers.iter().any(|info| info.peer == self.from && info.is_alive)
     }
 }
 
@@ -197,7 +219,7 @@ impl Start {
 ///     fn command(&mut self, command: &Command) -> Outcome {
 ///         match command.id {
 ///             // Who knows how old it is (L-16).
-///             MavCmd::COMPONENT_ARM_DISARM if self.satellite.carries(command.from.link) => MavResult::DENIED.into(),
+///             MavCmd::COMPONENT_ARM_DISARM if command.class == LinkClass::HighLatency => MavResult::DENIED.into(),
 ///             MavCmd::COMPONENT_ARM_DISARM => { self.is_armed = true; MavResult::ACCEPTED.into() }
 ///             _ => MavResult::UNSUPPORTED.into(),
 ///         }
@@ -229,7 +251,8 @@ pub struct HighLatency {
     config: HighLatencyConfig,
     state: State,
     ground: Ground,
-    start: Option<Start>,
+    last_start: Option<Order>,
+    last_stop: Option<Order>,
     /// The high-latency links; none until the stack has told.
     links: LinkMask,
     /// From when on every link is to send its next message, once that has changed.
@@ -256,7 +279,8 @@ impl HighLatency {
             config,
             state: State::Off,
             ground: Ground::Unknown,
-            start: None,
+            last_start: None,
+            last_stop: None,
             links: LinkMask::NONE,
             next: None,
             announcing: LinkMask::NONE,
@@ -310,12 +334,6 @@ impl HighLatency {
         self.state == State::LinkLost
     }
 
-    /// Whether `link` is a high-latency link, so that a command that comes by it may be old. In the vehicle's own calls; false
-    /// before the stack was first polled.
-    pub fn carries(&self, link: LinkId) -> bool {
-        self.links.contains(LinkMask::of(link))
-    }
-
     /// Takes another configuration. What is on stays on, the next message comes when it was to come, and the new period
     /// follows it.
     pub const fn set_config(&mut self, config: HighLatencyConfig) {
@@ -328,24 +346,53 @@ impl HighLatency {
     }
 
     /// MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
-    fn control(&mut self, now: Instant, command: &Command) -> MavResult {
+    fn control(&mut self, now: Instant, command: &Command, peers: &Peers) -> MavResult {
         if self.links.is_empty() {
             return MavResult::UNSUPPORTED;
         }
         let [enable, ..] = command.params;
-        match num::integer(enable) {
-            Some(1) => {
-                let start = Start::new(now, command);
-                let is_copy = self.start.is_some_and(|first| start.is_copy_of(&first));
-                if self.state != State::Commanded || !is_copy {
-                    self.start = Some(start);
-                    self.start();
-                }
-            }
-            Some(0) => self.stop(),
+        let starts = match num::integer(enable) {
+            Some(1) => true,
+            Some(0) => false,
             _ => return MavResult::DENIED,
+        };
+        if self.obeys(now, command, starts, peers) {
+            if starts {
+                self.start();
+            } else {
+                self.stop();
+            }
         }
-        MavResult::ACCEPTED
+        if self.is_on() == starts { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
+    }
+
+    /// Whether an order is neither a copy nor overtaken; it is remembered then.
+    fn obeys(&mut self, now: Instant, command: &Command, starts: bool, peers: &Peers) -> bool {
+        let (start, stop) = (&mut self.last_start, &mut self.last_stop);
+        let (same, opposite) = if starts { (start, stop) } else { (stop, start) };
+        let is_his = |order: &&mut Order| order.from.address == command.from.address;
+        let mut known = same.as_mut().filter(is_his);
+        let mut opposite = opposite.as_mut().filter(is_his);
+        let link = command.from.link;
+        let later = opposite.as_ref().filter(|later| known.as_ref().is_none_or(|known| known.at <= later.at));
+        let is_overtaken = later.is_some_and(|later| later.overtakes(now, command, peers));
+        let is_newer = later.is_some() && command.age.is_some() && !is_overtaken;
+        let is_copy = !is_newer && known.as_ref().is_some_and(|known| known.is_copied_by(now, command));
+        let mut copies = known.as_ref().map_or(Copies::NONE, |known| known.copies);
+        if is_overtaken || is_copy {
+            if let Some(known) = &mut known {
+                known.copies.count(link);
+            }
+            return false;
+        }
+        if let Some(opposite) = &mut opposite {
+            // A link keeps the order of what it carries.
+            opposite.copies.end(link);
+        }
+        copies.run(link);
+        let (from, confirmation) = (command.from, command.confirmation);
+        *same = Some(Order { from, confirmation, copies, at: now, sent: command.sent(now) });
+        true
     }
 
     /// A ground station is alive on a normal link, or none is.
@@ -465,13 +512,14 @@ fn schedule(links: &mut [Link], satellite: &mut HighLatency) {
 pub(crate) fn on_command(
     now: Instant,
     port: &mut Port,
+    peers: &Peers,
     vehicle: &mut impl Vehicle,
     command: &Command,
 ) -> Option<MavResult> {
     let satellite = vehicle.high_latency()?;
     let [id, ..] = command.params;
     match command.id {
-        MavCmd::CONTROL_HIGH_LATENCY => Some(satellite.control(now, command)),
+        MavCmd::CONTROL_HIGH_LATENCY => Some(satellite.control(now, command, peers)),
         // Only there, and only while it is on (L-2).
         MavCmd::REQUEST_MESSAGE if num::unsigned(id) == Some(HighLatency2::ID) => {
             let may_ask = is_satellite(port) && satellite.is_on() && command.has_response_target();

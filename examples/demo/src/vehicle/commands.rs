@@ -79,7 +79,7 @@ impl Commands for Quadrotor {
 
     fn set_mode(&mut self, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
         let mode = Mode::ALL.into_iter().find(|ours| ours.number() == mode.custom_mode);
-        if mode.is_some_and(Mode::leaves_ground) && self.may_be_late(request.from.link) {
+        if mode.is_some_and(Mode::leaves_ground) && self.may_be_late(request.class) {
             return self.refuse(MavResult::DENIED, "Mode refused: by satellite").into();
         }
         mode.map_or(MavResult::UNSUPPORTED, |mode| self.change_mode(mode)).into()
@@ -105,7 +105,7 @@ impl Quadrotor {
                 let ComponentArmDisarm { arm, force } = command.decode()?;
                 self.arm_disarm(arm, force == Some(FORCE), command)
             }
-            MavCmd::NAV_TAKEOFF if self.may_be_late(command.from.link) => {
+            MavCmd::NAV_TAKEOFF if self.may_be_late(command.class) => {
                 self.refuse(MavResult::DENIED, "Takeoff refused: by satellite")
             }
             MavCmd::NAV_TAKEOFF => self.take_off(&command.decode()?)?,
@@ -138,7 +138,7 @@ impl Quadrotor {
         if command.is_broadcast {
             return self.refuse(MavResult::DENIED, "Arming refused: sent to all vehicles");
         }
-        if self.may_be_late(command.from.link) {
+        if self.may_be_late(command.class) {
             return self.refuse(MavResult::DENIED, "Arming refused: by satellite");
         }
         if let Err(why) = self.check_arming() {

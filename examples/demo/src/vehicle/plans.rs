@@ -91,7 +91,7 @@ impl Plans for Quadrotor {
         if command.is_broadcast {
             return self.refuse(MavResult::DENIED, "Mission refused: sent to all vehicles");
         }
-        if self.may_be_late(command.from.link) {
+        if self.may_be_late(command.class) {
             return self.refuse(MavResult::DENIED, "Mission refused: by satellite");
         }
         self.fly_from_to(first, last)

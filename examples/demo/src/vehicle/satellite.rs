@@ -1,7 +1,7 @@
 //! The satellite link: what the vehicle reports over it, and what it does not do for whom it hears there.
 
 use libm::atan2f;
-use mavstack::{Duration, HighLatencyConfig, HighLatencyMode, HighLatencySample, LatLon, LinkId};
+use mavstack::{Duration, HighLatencyConfig, HighLatencyMode, HighLatencySample, LatLon, LinkClass};
 
 use super::{Mode, Quadrotor};
 use crate::body::Vector;
@@ -20,9 +20,10 @@ const THERE: f32 = 0.5;
 pub(crate) const GPS_ERROR: (f32, f32) = (0.9, 1.4);
 
 impl Quadrotor {
-    /// Whether what comes by `link` may be old news, on the ground, where it must not begin to fly for that (L-16).
-    pub(super) fn may_be_late(&self, link: LinkId) -> bool {
-        self.is_landed() && self.satellite.carries(link)
+    /// Whether what comes by a link of this class may be old news, on the ground, where it must not begin to fly for that
+    /// (L-16).
+    pub(super) fn may_be_late(&self, class: LinkClass) -> bool {
+        self.is_landed() && class == LinkClass::HighLatency
     }
 
     /// Takes in what the satellite link is to report, and tells what it has cost.

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Instant, Item, LinkId, ModeRequest, Peer, PlanChange, PlanFault,
+    Address, Command, CommandPosition, Commands, Instant, Item, LinkClass, LinkId, ModeRequest, Peer, PlanChange, PlanFault,
     PlanType, Plans,
 };
 use mavstack_demo::{Mode, Quadrotor, Vector};
@@ -115,7 +115,7 @@ impl Flight {
     }
 
     pub fn set_mode(&mut self, mode: Mode) -> MavResult {
-        let request = ModeRequest { from: STATION, is_broadcast: false };
+        let request = ModeRequest { from: STATION, class: LinkClass::Normal, age: None, is_broadcast: false };
         let mode = Quadrotor::MODES.iter().find(|row| row.custom_mode == mode.number()).unwrap();
         let result = self.vehicle.set_mode(mode, &request).result;
         self.listen();
@@ -201,6 +201,8 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
         from: STATION,
+        class: LinkClass::Normal,
+        age: None,
         is_broadcast: false,
         confirmation: 0,
     }

@@ -14,7 +14,7 @@ use std::vec::Vec;
 use super::*;
 use crate::dialect::{Common, MavParamError, MavState, ParamError, Statustext};
 use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
-use crate::link::LinkId;
+use crate::link::{LinkClass, LinkId};
 use crate::message::Dialect;
 use crate::service::statustext::{Entry, TextCursor};
 use crate::vehicle::{CommandPosition, VehicleState};
@@ -203,7 +203,17 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     fn command_of(&mut self, id: MavCmd, params: [f32; 4]) -> Option<MavResult> {
         let position = CommandPosition::Long { param5: 0.0, param6: 0.0 };
-        let command = Command { id, params, position, z: 0.0, from: A, is_broadcast: false, confirmation: 0 };
+        let command = Command {
+            id,
+            params,
+            position,
+            z: 0.0,
+            from: A,
+            class: LinkClass::Normal,
+            age: None,
+            is_broadcast: false,
+            confirmation: 0,
+        };
         let mut cx = Context { now: self.now, texts: &mut self.texts, normal: both_links() };
         self.params.on_command(&mut cx, &mut self.vehicle, &command)
     }
