@@ -93,8 +93,9 @@
 //! needs memory of the vehicle's own and costs nothing without: [`CommandMemory`], [`ManualInput`], [`TimeSync`],
 //! [`HighLatency`], [`ForwardQueues`].
 //!
-//! For UARTs it hands over anything that is `embedded_io::{Read, Write, ReadReady, WriteReady}`; interrupts and DMA use the
-//! byte-level calls ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin).
+//! For UARTs it hands over anything that is `embedded_io::{Read, Write, ReadReady, WriteReady}`. [`mod@io`] has such an end for a
+//! UART served by an interrupt, a reader for circular DMA buffers, and adapters for HALs with other traits. The byte-level
+//! calls ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin) are for everything else.
 //!
 //! # Guarantees
 //!
@@ -111,6 +112,7 @@
 //! # Features
 //!
 //! - `defmt`: `Format` on the public types, and one log event per protocol transition and drop reason.
+//! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
 //! - `plan-texts` (default): a STATUSTEXT for every plan, item and parameter that is refused, with the reason.
@@ -138,6 +140,7 @@ mod config;
 mod crc32;
 pub mod dialect;
 mod frame;
+pub mod io;
 mod link;
 mod message;
 #[cfg(feature = "fmt")]

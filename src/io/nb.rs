@@ -1,0 +1,126 @@
+//! UARTs with the traits of `embedded-hal-nb`.
+
+use embedded_hal_nb::nb;
+use embedded_hal_nb::serial;
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+
+use super::HalError;
+
+/// A UART that is `embedded_hal_nb::serial::{Read, Write}`, polled. It keeps one byte each way, because those traits cannot be
+/// asked whether they are ready.
+///
+/// Only for a UART whose FIFO holds what comes between two polls, or a slow line: of a UART with one data register a poll gets
+/// two bytes. [`SerialQueues`](super::SerialQueues) is for the others.
+#[derive(Debug)]
+pub struct NbSerial<S: serial::ErrorType> {
+    serial: S,
+    /// Read ahead, to see whether there is anything.
+    received: Option<Result<u8, S::Error>>,
+    /// To be sent when there is room.
+    held: Option<u8>,
+}
+
+impl<S: serial::Read + serial::Write> NbSerial<S> {
+    /// The polled end of `serial`.
+    pub const fn new(serial: S) -> Self {
+        Self { serial, received: None, held: None }
+    }
+
+    /// What comes next, if anything does.
+    fn next(&mut self) -> Option<Result<u8, S::Error>> {
+        if self.received.is_some() {
+            return self.received.take();
+        }
+        match self.serial.read() {
+            Ok(byte) => Some(Ok(byte)),
+            Err(nb::Error::WouldBlock) => None,
+            Err(nb::Error::Other(error)) => Some(Err(error)),
+        }
+    }
+
+    /// Whether `byte` was taken.
+    fn send(&mut self, byte: u8) -> Result<bool, HalError<S::Error>> {
+        match self.serial.write(byte) {
+            Ok(()) => Ok(true),
+            Err(nb::Error::WouldBlock) => Ok(false),
+            Err(nb::Error::Other(error)) => Err(HalError::Hal(error)),
+        }
+    }
+}
+
+impl<S: serial::ErrorType> ErrorType for NbSerial<S> {
+    type Error = HalError<S::Error>;
+}
+
+impl<S: serial::Read + serial::Write> ReadReady for NbSerial<S> {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        self.received = self.next();
+        Ok(self.received.is_some())
+    }
+}
+
+impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
+        let mut len = 0usize;
+        for byte in buffer.iter_mut() {
+            match self.next() {
+                Some(Ok(received)) => *byte = received,
+                Some(Err(error)) if len == 0 => return Err(HalError::Hal(error)),
+                // First what came before it.
+                Some(Err(error)) => {
+                    self.received = Some(Err(error));
+                    break;
+                }
+                None => break,
+            }
+            len = len.saturating_add(1);
+        }
+        if len == 0 && !buffer.is_empty() { Err(HalError::WouldBlock) } else { Ok(len) }
+    }
+}
+
+impl<S: serial::Read + serial::Write> WriteReady for NbSerial<S> {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        // Not put back when that fails, or it would fail for good.
+        if let Some(byte) = self.held.take()
+            && !self.send(byte)?
+        {
+            self.held = Some(byte);
+        }
+        Ok(self.held.is_none())
+    }
+}
+
+impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        if !self.write_ready()? {
+            return Err(HalError::WouldBlock);
+        }
+        let mut len = 0usize;
+        for &byte in bytes {
+            // An error after the first byte is told by the next call, which meets it again.
+            let is_sent = match self.send(byte) {
+                Err(error) if len == 0 => return Err(error),
+                Err(_) => break,
+                Ok(is_sent) => is_sent,
+            };
+            len = len.saturating_add(1);
+            if !is_sent {
+                self.held = Some(byte);
+                break;
+            }
+        }
+        Ok(len)
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        if !self.write_ready()? {
+            return Err(HalError::WouldBlock);
+        }
+        match self.serial.flush() {
+            Ok(()) => Ok(()),
+            Err(nb::Error::WouldBlock) => Err(HalError::WouldBlock),
+            Err(nb::Error::Other(error)) => Err(HalError::Hal(error)),
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! A queue of bytes between one writer and one reader, of which either may interrupt the other.
+//!
+//! Of atomics that are only loaded and stored: it lies in a `static`, needs no `unsafe`, and works on processors without
+//! compare-and-swap. (`heapless::spsc` would do, but is not there for RISC-V without the A extension.)
+
+use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
+
+/// The queue. All of its bytes can be used; their number is a power of two.
+///
+/// Two writers at once, or two readers, may lose or repeat bytes, and nothing worse.
+#[derive(Debug)]
+pub(super) struct Ring<B: ?Sized = [AtomicU8]> {
+    /// How many were ever read; wraps. Written by the reader only.
+    read: AtomicUsize,
+    /// How many were ever written; wraps. Written by the writer only.
+    written: AtomicUsize,
+    bytes: B,
+}
+
+impl<const N: usize> Ring<[AtomicU8; N]> {
+    pub(super) const fn new() -> Self {
+        const { assert!(N.is_power_of_two(), "a queue has room for a power of two of bytes: 32, 64, 128, ...") };
+        Self { read: AtomicUsize::new(0), written: AtomicUsize::new(0), bytes: [const { AtomicU8::new(0) }; N] }
+    }
+}
+
+impl Ring {
+    fn cell(&self, count: usize) -> Option<&AtomicU8> {
+        self.bytes.get(count & self.bytes.len().wrapping_sub(1))
+    }
+
+    /// How many bytes wait.
+    pub(super) fn len(&self) -> usize {
+        self.written.load(Ordering::Acquire).wrapping_sub(self.read.load(Ordering::Acquire))
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    pub(super) fn is_full(&self) -> bool {
+        self.len() >= self.bytes.len()
+    }
+
+    /// Takes as many of `bytes` as there is room for, which is returned. For the writer.
+    pub(super) fn push(&self, bytes: &[u8]) -> usize {
+        let begin = self.written.load(Ordering::Relaxed);
+        let room = self.bytes.len().saturating_sub(begin.wrapping_sub(self.read.load(Ordering::Acquire)));
+        let mut end = begin;
+        for byte in bytes.iter().take(room) {
+            if let Some(cell) = self.cell(end) {
+                cell.store(*byte, Ordering::Relaxed);
+            }
+            end = end.wrapping_add(1);
+        }
+        // Only now may the reader see them.
+        self.written.store(end, Ordering::Release);
+        end.wrapping_sub(begin)
+    }
+
+    /// Moves the oldest bytes into `buffer`: how many. For the reader.
+    pub(super) fn pop(&self, buffer: &mut [u8]) -> usize {
+        let begin = self.read.load(Ordering::Relaxed);
+        let waiting = self.written.load(Ordering::Acquire).wrapping_sub(begin);
+        let mut end = begin;
+        for byte in buffer.iter_mut().take(waiting) {
+            if let Some(cell) = self.cell(end) {
+                *byte = cell.load(Ordering::Relaxed);
+            }
+            end = end.wrapping_add(1);
+        }
+        // Only now may the writer use their place.
+        self.read.store(end, Ordering::Release);
+        end.wrapping_sub(begin)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    #[derive(Clone, Debug)]
+    enum Step {
+        Push(Vec<u8>),
+        Pop(usize),
+    }
+
+    fn steps() -> impl Strategy<Value = Vec<Step>> {
+        let step = prop_oneof![
+            proptest::collection::vec(any::<u8>(), 0..12).prop_map(Step::Push),
+            (0usize..12).prop_map(Step::Pop),
+        ];
+        proptest::collection::vec(step, 0..200)
+    }
+
+    proptest! {
+        /// It is a queue of eight bytes, wherever its counters stand, also where they wrap.
+        #[test]
+        fn it_is_a_queue(steps in steps(), start in prop_oneof![Just(0usize), Just(usize::MAX - 20), any::<usize>()]) {
+            let ring: &Ring = &Ring::<[AtomicU8; 8]> {
+                read: AtomicUsize::new(start),
+                written: AtomicUsize::new(start),
+                ..Ring::new()
+            };
+            let mut model = VecDeque::new();
+            for step in steps {
+                match step {
+                    Step::Push(bytes) => {
+                        let taken = ring.push(&bytes);
+                        prop_assert_eq!(taken, bytes.len().min(8 - model.len()));
+                        model.extend(&bytes[..taken]);
+                    }
+                    Step::Pop(len) => {
+                        let mut buffer = [0; 12];
+                        let popped = ring.pop(&mut buffer[..len]);
+                        let expected: Vec<u8> = model.drain(..len.min(model.len())).collect();
+                        prop_assert_eq!(&buffer[..popped], &expected[..]);
+                    }
+                }
+                prop_assert_eq!(ring.len(), model.len());
+                prop_assert_eq!((ring.is_empty(), ring.is_full()), (model.is_empty(), model.len() == 8));
+            }
+        }
+    }
+
+    #[test]
+    fn two_threads_lose_nothing_and_keep_the_order() {
+        let ring: &Ring = &Ring::<[AtomicU8; 16]>::new();
+        let sent: Vec<u8> = (0..50_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let mut received: Vec<u8> = Vec::new();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut rest = &sent[..];
+                while !rest.is_empty() {
+                    rest = &rest[ring.push(&rest[..rest.len().min(5)])..];
+                    std::thread::yield_now();
+                }
+            });
+            while received.len() < sent.len() {
+                let mut buffer = [0; 7];
+                let len = ring.pop(&mut buffer);
+                received.extend(&buffer[..len]);
+                std::thread::yield_now();
+            }
+        });
+        assert!(received == sent);
+    }
+}
