@@ -37,6 +37,14 @@ impl Instant {
         self.0 / 1_000
     }
 
+    /// The time in units of 1,024 µs, for what is kept once a link and may be wrong once in 50 days, when this wraps: compare by
+    /// difference.
+    #[inline]
+    pub(crate) const fn ticks(self) -> u32 {
+        let [.., b3, b2, b1, b0] = (self.0 >> 10).to_be_bytes();
+        u32::from_be_bytes([b3, b2, b1, b0])
+    }
+
     /// How long ago `earlier` was; zero when it is in the future.
     #[inline]
     pub const fn since(self, earlier: Self) -> Duration {

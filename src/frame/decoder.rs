@@ -91,23 +91,24 @@ impl RxCounters {
 #[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
+    accepts_component_0: bool,
     /// The candidate begins here; what is before it is done with.
-    start: usize,
+    start: u16,
     /// Received bytes end here.
-    end: usize,
+    end: u16,
     /// How many bytes the candidate needs before there is something new to decide.
-    need: usize,
+    need: u16,
     /// When the last byte came.
     grown: Instant,
-    stale_after: Duration,
-    accepts_component_0: bool,
+    /// µs; from 71 minutes on it is never.
+    stale_after: u32,
     counters: RxCounters,
 }
 
 /// What the bytes of a candidate say.
 enum Verdict {
     /// Too early to tell: ask again when there are so many bytes.
-    Need(usize),
+    Need(u16),
     /// Not a frame.
     Reject(Reason),
     /// A frame with this id is known, and it is whole: check it.
@@ -146,12 +147,12 @@ impl Decoder {
     /// Before it is [configured](Self::configure); all zero bits.
     pub(crate) const VACANT: Self = Self {
         buffer: [0; BUFFER_LEN],
+        accepts_component_0: false,
         start: 0,
         end: 0,
         need: 0,
         grown: Instant::ZERO,
-        stale_after: Duration::ZERO,
-        accepts_component_0: false,
+        stale_after: 0,
         counters: RxCounters::ZERO,
     };
 
@@ -164,7 +165,7 @@ impl Decoder {
 
     pub(crate) const fn configure(&mut self, stale_after: Duration, accepts_component_0: bool) {
         self.need = 1;
-        self.stale_after = stale_after;
+        self.stale_after = micros(stale_after);
         self.accepts_component_0 = accepts_component_0;
     }
 
@@ -183,8 +184,8 @@ impl Decoder {
     /// Overwrites what is done with: a key was in it (SEC-15).
     #[cfg(feature = "signing")]
     pub(crate) fn wipe(&mut self) {
-        self.buffer.get_mut(..self.start).unwrap_or_default().iter_mut().zeroize();
-        self.buffer.get_mut(self.end..).unwrap_or_default().iter_mut().zeroize();
+        self.buffer.get_mut(..usize::from(self.start)).unwrap_or_default().iter_mut().zeroize();
+        self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
     /// Room for new bytes: read into its front, then [`commit`](Self::commit).
@@ -192,7 +193,7 @@ impl Decoder {
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
         self.compact();
-        self.buffer.get_mut(self.end..).unwrap_or_default()
+        self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default()
     }
 
     /// Moves the candidate to the front of the buffer.
@@ -200,7 +201,8 @@ impl Decoder {
         if self.start > 0 {
             // A plain loop: `copy_within` can panic, and brings 1.5 kB of memmove. What is moved is the front of one frame.
             let cells = core::cell::Cell::from_mut(&mut self.buffer[..]).as_slice_of_cells();
-            for (to, from) in cells.iter().zip(cells.get(self.start..self.end).unwrap_or_default()) {
+            let (start, end) = (usize::from(self.start), usize::from(self.end));
+            for (to, from) in cells.iter().zip(cells.get(start..end).unwrap_or_default()) {
                 to.set(from.get());
             }
             self.end = self.end.saturating_sub(self.start);
@@ -211,7 +213,7 @@ impl Decoder {
     /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
     #[inline]
     pub fn commit(&mut self, len: usize, now: Instant) {
-        self.end = self.end.saturating_add(len).min(BUFFER_LEN);
+        self.end = self.end.saturating_add(short(len)).min(const { short(BUFFER_LEN) });
         self.grown = now;
     }
 
@@ -219,7 +221,7 @@ impl Decoder {
     /// frame left, then push the rest.
     #[inline]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
-        if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(self.end)) {
+        if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(usize::from(self.end))) {
             // What an interrupt for each byte does.
             *free = byte;
             self.end = self.end.wrapping_add(1);
@@ -227,10 +229,10 @@ impl Decoder {
             return 1;
         }
         // Moving what is there can wait until there is no room behind it.
-        if BUFFER_LEN.saturating_sub(self.end) < bytes.len() {
+        if BUFFER_LEN.saturating_sub(usize::from(self.end)) < bytes.len() {
             self.compact();
         }
-        let len = zero_extend(bytes, self.buffer.get_mut(self.end..).unwrap_or_default());
+        let len = zero_extend(bytes, self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default());
         self.commit(len, now);
         len
     }
@@ -271,7 +273,7 @@ impl Decoder {
             return None;
         }
         let (header, info) = self.advance(now, messages, budget, is_known, vouches)?;
-        let end = self.start;
+        let end = usize::from(self.start);
         let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
         let payload = raw.get(header.version.header_len()..header.payload_end())?;
         Some(Frame { header, payload, raw, info })
@@ -287,8 +289,8 @@ impl Decoder {
         vouches: impl Fn(&[u8]) -> bool,
     ) -> Option<(Header, Option<&'static MessageInfo>)> {
         loop {
-            let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
-            if candidate.len() < self.need {
+            let candidate = self.candidate();
+            if candidate.len() < usize::from(self.need) {
                 let quiet = now.since(self.grown);
                 if candidate.is_empty() || quiet < IDLE {
                     return None;
@@ -297,7 +299,7 @@ impl Decoder {
                 if let Verdict::Unknown(header) = examine(candidate, messages, self.accepts_component_0) {
                     return Some(self.accept_unchecked(header));
                 }
-                if quiet < self.stale_after {
+                if quiet < self.stale_after() {
                     return None;
                 }
                 self.reject(Reason::Stale);
@@ -307,7 +309,7 @@ impl Decoder {
                 let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
                 let garbage = garbage.unwrap_or(candidate.len());
                 self.counters.skipped = self.counters.skipped.wrapping_add(u32::try_from(garbage).unwrap_or(u32::MAX));
-                self.start = self.start.saturating_add(garbage);
+                self.start = self.start.saturating_add(short(garbage));
                 self.need = 1;
                 continue;
             }
@@ -351,7 +353,7 @@ impl Decoder {
                         Some(&(STX_V1 | STX_V2)) => return Some(self.accept_unchecked(header)),
                         Some(_) => self.reject(Reason::UnknownId),
                         // Wait for the byte behind it, or for silence.
-                        None => self.need = len.saturating_add(1),
+                        None => self.need = short(len.saturating_add(1)),
                     }
                 }
             }
@@ -365,8 +367,19 @@ impl Decoder {
     }
 
     fn consume(&mut self, len: usize) {
-        self.start = self.start.wrapping_add(len);
+        self.start = self.start.wrapping_add(short(len));
         self.need = 1;
+    }
+
+    fn candidate(&self) -> &[u8] {
+        self.buffer.get(usize::from(self.start)..usize::from(self.end)).unwrap_or_default()
+    }
+
+    fn stale_after(&self) -> Duration {
+        match self.stale_after {
+            u32::MAX => Duration::MAX,
+            micros => Duration::from_micros(u64::from(micros)),
+        }
     }
 
     /// Drops the candidate's first byte, so that the search goes on from its second.
@@ -387,16 +400,16 @@ impl Decoder {
 
     /// When [`next`](Self::next) has something to do though no byte comes.
     pub(crate) fn deadline(&self) -> Instant {
-        let candidate = self.buffer.get(self.start..self.end).unwrap_or_default();
+        let candidate = self.candidate();
         match candidate.len() {
             0 => Instant::NEVER,
             // Frames, or a search, wait for the next poll's budget.
-            received if received >= self.need => Instant::ZERO,
+            received if received >= usize::from(self.need) => Instant::ZERO,
             // A whole frame with an unknown id waits for one byte more, or for silence.
             received if Header::parse(candidate).is_some_and(|header| header.frame_len() == received) => {
                 self.grown.after(IDLE)
             }
-            _ => self.grown.after(self.stale_after),
+            _ => self.grown.after(self.stale_after()),
         }
     }
 }
@@ -419,7 +432,7 @@ fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) 
     }
     let Some(header) = Header::parse(candidate) else {
         let version = if candidate.first() == Some(&STX_V2) { Version::V2 } else { Version::V1 };
-        return Verdict::Need(version.header_len());
+        return Verdict::Need(short(version.header_len()));
     };
     if header.source.system.0 == 0 || (header.source.component.0 == 0 && !accepts_component_0) {
         return Verdict::Reject(Reason::ZeroSource);
@@ -433,8 +446,19 @@ fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) 
     }
     let len = header.frame_len();
     match info {
-        _ if candidate.len() < len => Verdict::Need(len),
+        _ if candidate.len() < len => Verdict::Need(short(len)),
         Some(info) => Verdict::Check(header, info),
         None => Verdict::Unknown(header),
     }
+}
+
+/// A length within a buffer.
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+const fn short(len: usize) -> u16 {
+    if len < u16::MAX as usize { len as u16 } else { u16::MAX }
+}
+
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+const fn micros(duration: Duration) -> u32 {
+    if duration.as_micros() < u32::MAX as u64 { duration.as_micros() as u32 } else { u32::MAX }
 }

@@ -8,20 +8,22 @@ use crate::time::Instant;
 /// Counts in byte·µs, so that time needs no division.
 #[derive(Clone, Debug)]
 pub(crate) struct Bucket {
-    /// Bytes/s: what flows out in each µs, in units of 1/`SCALE` byte.
-    rate: u32,
     under_way: i64,
     looked: Instant,
-    /// What flowed out from one call to the next, at the last two different times: what the line takes between two polls, for
-    /// polls no more than 20 ms apart.
-    gap: i64,
+    /// Bytes/s: what flows out in each µs, in units of 1/`SCALE` byte.
+    rate: u32,
+    /// From one call to the next, at the last two different times: how far polls are apart (µs), no more than 20 ms.
+    gap: u16,
 }
 
 impl Bucket {
     const SCALE: i64 = 1_000_000;
 
+    /// 20 ms.
+    const SHORT: u16 = 20_000;
+
     /// An empty bucket that nothing flows out of. All zero bits.
-    pub(crate) const VACANT: Self = Self { rate: 0, under_way: 0, looked: Instant::ZERO, gap: 0 };
+    pub(crate) const VACANT: Self = Self { under_way: 0, looked: Instant::ZERO, rate: 0, gap: 0 };
 
     pub(crate) const fn configure(&mut self, bytes_per_second: u32) {
         self.rate = bytes_per_second;
@@ -35,18 +37,22 @@ impl Bucket {
 
     /// What the line takes in 20 ms.
     fn short(&self) -> i64 {
-        Self::scaled(self.rate / 50)
+        self.flown(u64::from(Self::SHORT))
+    }
+
+    /// What the line takes in so many µs, ten seconds at most: a product of two u32 needs no check.
+    fn flown(&self, micros: u64) -> i64 {
+        micros.wrapping_mul(u64::from(self.rate)).cast_signed()
     }
 
     /// Lets flow out what the line took since the last call.
     pub(crate) fn drain(&mut self, now: Instant) {
-        // Ten seconds empty any bucket; so bounded, a product of two u32 needs no check.
+        // Ten seconds empty any bucket.
         let elapsed = now.since(self.looked).as_micros().min(10_000_000);
         self.looked = now;
-        let flown = elapsed.wrapping_mul(u64::from(self.rate)).cast_signed();
-        self.under_way = self.under_way.wrapping_sub(flown).max(0);
+        self.under_way = self.under_way.wrapping_sub(self.flown(elapsed)).max(0);
         if elapsed > 0 {
-            self.gap = flown.min(self.short());
+            self.gap = u16::try_from(elapsed).unwrap_or(Self::SHORT).min(Self::SHORT);
         }
     }
 
@@ -60,7 +66,7 @@ impl Bucket {
     /// Whether the line will be idle before the next poll: then a frame that is not urgent delays an urgent one by no more
     /// than itself (D-4).
     pub(crate) fn is_idle(&self) -> bool {
-        self.under_way <= self.gap || self.rate == 0
+        self.under_way <= self.flown(u64::from(self.gap)) || self.rate == 0
     }
 
     /// `bytes` went out. What could not wait may add up to a fifth of a second's worth, or four longest frames; what is more

@@ -23,9 +23,9 @@ pub(crate) struct Outbox {
     #[cfg(feature = "signing")]
     signature: Signature,
     /// The frame is `bytes[start..end]`, and what of it was sent ends at `sent`.
-    start: usize,
-    end: usize,
-    sent: usize,
+    start: u16,
+    end: u16,
+    sent: u16,
 }
 
 /// What of a signature the frame has.
@@ -138,10 +138,11 @@ impl Outbox {
     /// Signs the frame, with the number of the link. Without a key it is given up.
     #[cfg(feature = "signing")]
     pub(crate) fn sign(&mut self, key: Option<&SigningKey>, timestamp: u64) {
-        let end = key.and_then(|key| key.sign(&mut self.bytes, self.start..self.end, self.link.0, timestamp));
+        let frame = usize::from(self.start)..usize::from(self.end);
+        let end = key.and_then(|key| key.sign(&mut self.bytes, frame, self.link.0, timestamp));
         self.signature = Signature::Made;
         match end {
-            Some(end) => self.end = end,
+            Some(end) => self.end = short(end),
             None => self.sent = self.end,
         }
     }
@@ -186,9 +187,9 @@ impl Outbox {
             self.signature = if flags == 0 { Signature::None } else { Signature::Due };
         }
         self.seq = self.seq.wrapping_add(1);
-        self.start = frame.start;
-        self.sent = frame.start;
-        self.end = frame.end;
+        self.start = short(frame.start);
+        self.sent = self.start;
+        self.end = short(frame.end);
         true
     }
 
@@ -206,7 +207,7 @@ impl Outbox {
         if self.class == LinkClass::HighLatency && !id.is_some_and(|id| may_leave(id, self.class)) {
             return false;
         }
-        (self.start, self.sent, self.end) = (0, 0, len);
+        (self.start, self.sent, self.end) = (0, 0, short(len));
         #[cfg(feature = "signing")]
         {
             self.signature = Signature::None;
@@ -221,12 +222,12 @@ impl Outbox {
 
     /// What is still to be handed to the transport.
     pub(crate) fn pending(&self) -> &[u8] {
-        self.bytes.get(self.sent..self.end).unwrap_or_default()
+        self.bytes.get(usize::from(self.sent)..usize::from(self.end)).unwrap_or_default()
     }
 
     /// The transport took `len` bytes.
     pub(crate) fn advance(&mut self, len: usize) {
-        self.sent = self.sent.saturating_add(len).min(self.end);
+        self.sent = self.sent.saturating_add(short(len)).min(self.end);
     }
 
     /// Sends an unfinished frame from its first byte again: who heard the front of it is gone. But not a heartbeat: it says
@@ -237,13 +238,18 @@ impl Outbox {
         }
         #[cfg(feature = "signing")]
         if self.signature == Signature::Made {
-            self.end = self.end.saturating_sub(SIGNATURE_LEN);
+            self.end = self.end.saturating_sub(short(SIGNATURE_LEN));
             self.signature = Signature::Due;
         }
-        let frame = self.bytes.get(self.start..self.end).unwrap_or_default();
+        let frame = self.bytes.get(usize::from(self.start)..usize::from(self.end)).unwrap_or_default();
         let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);
         self.sent = if is_heartbeat { self.end } else { self.start };
     }
+}
+
+/// A place in a frame.
+fn short(place: usize) -> u16 {
+    u16::try_from(place).unwrap_or(u16::MAX)
 }
 
 #[cfg(test)]

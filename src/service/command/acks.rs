@@ -22,13 +22,15 @@ pub(crate) struct Acks {
 struct Ack {
     to: Address,
     command: MavCmd,
-    outcome: Outcome,
+    result: MavResult,
+    /// The bytes of an `i32`, of which none is lost to alignment: each link has its answers.
+    result_param2: [u8; 4],
 }
 
 impl Acks {
     pub(crate) const fn new() -> Self {
-        let outcome = Outcome { result: MavResult::ACCEPTED, result_param2: 0 };
-        let none = Ack { to: Address::new(0, 0), command: MavCmd(0), outcome };
+        let none =
+            Ack { to: Address::new(0, 0), command: MavCmd(0), result: MavResult::ACCEPTED, result_param2: [0; 4] };
         Self { slots: [none; SLOTS], first: 0, count: 0 }
     }
 
@@ -54,7 +56,8 @@ impl Acks {
             return;
         }
         if let Some(slot) = self.slot(self.count) {
-            *slot = Ack { to, command, outcome };
+            let Outcome { result, result_param2 } = outcome;
+            *slot = Ack { to, command, result, result_param2: result_param2.to_ne_bytes() };
         }
         self.count = self.count.wrapping_add(1);
     }
@@ -69,9 +72,9 @@ impl Acks {
         self.count = self.count.wrapping_sub(1);
         tx.send(&CommandAck {
             command: ack.command,
-            result: ack.outcome.result,
-            progress: if ack.outcome.result == MavResult::IN_PROGRESS { progress(ack.command) } else { NO_PROGRESS },
-            result_param2: ack.outcome.result_param2,
+            result: ack.result,
+            progress: if ack.result == MavResult::IN_PROGRESS { progress(ack.command) } else { NO_PROGRESS },
+            result_param2: i32::from_ne_bytes(ack.result_param2),
             target_system: ack.to.system.0,
             target_component: ack.to.component.0,
         })

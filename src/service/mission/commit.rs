@@ -225,7 +225,7 @@ impl Missions {
             Change::Clear(_) => 0,
         };
         cx.plans.staging.clear();
-        let reply = Reply { to: to.address, mission_type, what: What::Ack(result, id) };
+        let reply = Reply::new(to.address, mission_type, What::ack(result, id));
         if cx.second_ack && id != 0 {
             self.again = Some((cx.now.after(SECOND_ACK), to.link, reply));
         }

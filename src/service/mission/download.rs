@@ -97,11 +97,11 @@ impl Sessions {
         float_form: bool,
         tx: &mut Outbox,
     ) -> bool {
-        let Reply { to, mission_type, what } = *reply;
+        let Reply { to, mission_type, .. } = *reply;
         // That the plan is one of ours was seen when it was asked for.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
-        let (seq, is_legacy) = match what {
-            What::Ack(result, id) => return reply.ack(result, id, tx),
+        let (seq, is_legacy) = match reply.what() {
+            What::Accepted(_) | What::Refused(_) => return reply.send_ack(tx),
             What::Count => {
                 self.open(now, to, plan);
                 return tx.send(&MissionCount {

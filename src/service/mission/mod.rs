@@ -123,13 +123,13 @@ impl Caller<'_> {
     }
 
     fn owe(&mut self, mission_type: MavMissionType, what: What) {
-        self.replies.push(Reply { to: self.from.address, mission_type, what });
+        self.replies.push(Reply::new(self.from.address, mission_type, what));
     }
 
     /// Not inlined: there are many who owe one.
     #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
-        self.owe(mission_type, What::Ack(result, id));
+        self.owe(mission_type, What::ack(result, id));
     }
 
     /// The answer of a vehicle that does not serve the plan, whatever is asked: clients would repeat an unanswered question

@@ -8,29 +8,43 @@ use heapless::Vec;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionAck};
 use crate::frame::Address;
 use crate::link::Outbox;
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 
 /// MAVProxy has five requests of a download on their way, and repeats one that was dropped only after two seconds. And one
 /// for somebody else.
 const SLOTS: usize = 6;
 
-/// Items that belong to no upload are answered at most once in this time (M-31, M-36).
-const STRAY_PAUSE: Duration = Duration::from_secs(1);
+/// Items that belong to no upload are answered at most once in this time (M-31, M-36): a second, in units of 1,024 µs.
+const STRAY_PAUSE: u32 = 977;
 
-/// Something that is owed.
+/// Something that is owed. Each link has room for some, so it is packed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reply {
     pub(crate) to: Address,
     /// As it came, also when it names no plan (M-25, M-26).
     pub(super) mission_type: MavMissionType,
-    pub(super) what: What,
+    kind: Kind,
+    /// The plan's id, the result, or the item's number.
+    value: u32,
+}
+
+/// [`What`], without what it holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Accepted,
+    Refused,
+    Count,
+    Item,
+    LegacyItem,
 }
 
 /// What is owed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum What {
-    /// MISSION_ACK, with the live plan's id when it is ACCEPTED.
-    Ack(MavMissionResult, u32),
+    /// MISSION_ACK: ACCEPTED, with the live plan's id.
+    Accepted(u32),
+    /// MISSION_ACK with another result.
+    Refused(MavMissionResult),
     /// How many items there are.
     Count,
     /// The item of this number.
@@ -39,11 +53,46 @@ pub(crate) enum What {
     LegacyItem(u16),
 }
 
+impl What {
+    /// A MISSION_ACK; `id` is of a plan that is accepted.
+    pub(super) fn ack(result: MavMissionResult, id: u32) -> Self {
+        if result == MavMissionResult::ACCEPTED { Self::Accepted(id) } else { Self::Refused(result) }
+    }
+}
+
 impl Reply {
+    pub(super) fn new(to: Address, mission_type: MavMissionType, what: What) -> Self {
+        let (kind, value) = match what {
+            What::Accepted(id) => (Kind::Accepted, id),
+            What::Refused(result) => (Kind::Refused, u32::from(result.0)),
+            What::Count => (Kind::Count, 0),
+            What::Item(seq) => (Kind::Item, u32::from(seq)),
+            What::LegacyItem(seq) => (Kind::LegacyItem, u32::from(seq)),
+        };
+        Self { to, mission_type, kind, value }
+    }
+
+    pub(super) fn what(&self) -> What {
+        let [low, high, ..] = self.value.to_le_bytes();
+        let seq = u16::from_le_bytes([low, high]);
+        match self.kind {
+            Kind::Accepted => What::Accepted(self.value),
+            Kind::Refused => What::Refused(MavMissionResult(low)),
+            Kind::Count => What::Count,
+            Kind::Item => What::Item(seq),
+            Kind::LegacyItem => What::LegacyItem(seq),
+        }
+    }
+
+    fn is_ack(&self) -> bool {
+        matches!(self.kind, Kind::Accepted | Kind::Refused)
+    }
+
     /// Sends the MISSION_ACK that this is. False when it is not one.
     pub(super) fn send_ack(&self, tx: &mut Outbox) -> bool {
-        match self.what {
-            What::Ack(result, id) => self.ack(result, id, tx),
+        match self.what() {
+            What::Accepted(id) => self.ack(MavMissionResult::ACCEPTED, id, tx),
+            What::Refused(result) => self.ack(result, 0, tx),
             _ => false,
         }
     }
@@ -68,18 +117,18 @@ pub(crate) struct Replies {
     /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage. No `Option`, of which
     /// "none" would be bits that are not zero, and with it the initial value of every link in flash.
     result: Vec<Reply, 1, u8>,
-    /// Before this moment stray items are not answered, whoever sends them.
-    strays_from: Instant,
+    /// Up to this time stray items are not answered, whoever sends them. In [`ticks`](Instant::ticks).
+    strays_from: u32,
 }
 
 impl Replies {
     pub(crate) const fn new() -> Self {
-        Self { slots: Vec::new(), result: Vec::new(), strays_from: Instant::ZERO }
+        Self { slots: Vec::new(), result: Vec::new(), strays_from: 0 }
     }
 
     /// Whether a MISSION_ACK is owed.
     pub(crate) fn has_ack(&self) -> bool {
-        self.owes_result() || self.slots.iter().any(|reply| matches!(reply.what, What::Ack(..)))
+        self.owes_result() || self.slots.iter().any(Reply::is_ack)
     }
 
     /// Whether anything is owed.
@@ -104,7 +153,7 @@ impl Replies {
     pub(super) fn pop(&mut self, ack: bool) -> Option<Reply> {
         let mut taken = None;
         self.slots.retain(|reply| {
-            let is_next = taken.is_none() && matches!(reply.what, What::Ack(..)) == ack;
+            let is_next = taken.is_none() && reply.is_ack() == ack;
             if is_next {
                 taken = Some(*reply);
             }
@@ -142,9 +191,10 @@ impl Replies {
 
     /// Whether a stray item may be answered now; then the next one may not for a while.
     pub(super) fn may_answer_stray(&mut self, now: Instant) -> bool {
-        let may = now >= self.strays_from;
+        let ahead = self.strays_from.wrapping_sub(now.ticks());
+        let may = ahead == 0 || ahead > STRAY_PAUSE;
         if may {
-            self.strays_from = now.after(STRAY_PAUSE);
+            self.strays_from = now.ticks().wrapping_add(STRAY_PAUSE);
         }
         may
     }

@@ -385,13 +385,13 @@ impl Missions {
             return None;
         }
         let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
-        let what = What::Ack(MavMissionResult::OPERATION_CANCELLED, 0);
+        let what = What::Refused(MavMissionResult::OPERATION_CANCELLED);
         event!("{} upload by {}: timed out", plan, upload.partner);
         let mut words = validate::words(plan, " upload timed out at item ");
         words.push_number(cx.plans.staged().into());
         cx.tell(&words);
         self.abandon(cx);
-        Some((link, Reply { to, mission_type: plan.mission_type(), what }))
+        Some((link, Reply::new(to, plan.mission_type(), what)))
     }
 
     fn out_of_place(&mut self) {

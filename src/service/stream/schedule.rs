@@ -18,11 +18,12 @@ const CATCH_UP: u32 = 100_000;
 /// Further ahead than this (µs) no stream is due: what looks so is long past.
 const HORIZON: u32 = MAX_INTERVAL + 4_000_000;
 
-/// A RADIO_STATUS says nothing any more after this time.
-const RADIO_STALE: Duration = Duration::from_secs(5);
+/// A RADIO_STATUS says nothing any more after this time: five seconds, in units of 1,024 µs.
+const RADIO_STALE: u32 = 4_883;
 
-/// By how much a radio with a full buffer lengthens the intervals, at most (µs).
-const MAX_SLOWDOWN: u32 = 2_000_000;
+/// What a radio with a full buffer adds to the intervals is counted in steps of this (µs), and so many of them at most.
+const STEP: u32 = 20_000;
+const MAX_SLOWDOWN: u8 = 100;
 
 /// Questions about intervals that one link can owe the answers of.
 const QUESTIONS: usize = 4;
@@ -72,9 +73,10 @@ pub(crate) struct Streams {
     swept: Instant,
     /// When the next sweep has something to send; zero before the first one.
     wake: Instant,
-    /// What a radio's full buffer adds to each interval (µs), and when it last said something.
-    slowdown: u32,
-    radio: Instant,
+    /// What a radio's full buffer adds to each interval, in [steps](STEP), and when it last said something, in
+    /// [`ticks`](Instant::ticks). With each sweep what is too old is forgotten.
+    slowdown: u8,
+    radio: u32,
 }
 
 impl Streams {
@@ -89,7 +91,7 @@ impl Streams {
             swept: Instant::ZERO,
             wake: Instant::ZERO,
             slowdown: 0,
-            radio: Instant::ZERO,
+            radio: 0,
         }
     }
 
@@ -149,22 +151,25 @@ impl Streams {
         self.forget_radio(now);
         let slowdown = self.slowdown;
         self.slowdown = match free {
-            0..20 => slowdown.saturating_add(60_000).min(MAX_SLOWDOWN),
-            20..50 => slowdown.saturating_add(20_000).min(MAX_SLOWDOWN),
-            96.. => slowdown.saturating_sub(40_000),
-            91.. => slowdown.saturating_sub(20_000),
+            0..20 => slowdown.saturating_add(3).min(MAX_SLOWDOWN),
+            20..50 => slowdown.saturating_add(1).min(MAX_SLOWDOWN),
+            96.. => slowdown.saturating_sub(2),
+            91.. => slowdown.saturating_sub(1),
             _ => slowdown,
         };
-        self.radio = now;
+        self.radio = now.ticks();
     }
 
     fn forget_radio(&mut self, now: Instant) {
-        self.slowdown = self.slowdown(now);
+        if now.ticks().wrapping_sub(self.radio) > RADIO_STALE {
+            self.slowdown = 0;
+        }
     }
 
     /// What a radio's full buffer adds to each interval now (µs).
     pub(super) fn slowdown(&self, now: Instant) -> u32 {
-        if now.since(self.radio) > RADIO_STALE { 0 } else { self.slowdown }
+        let is_stale = now.ticks().wrapping_sub(self.radio) > RADIO_STALE;
+        if is_stale { 0 } else { u32::from(self.slowdown).wrapping_mul(STEP) }
     }
 
     /// The number of the next stream that is to be sent, which then is due an interval after it was *due* now.
@@ -211,6 +216,8 @@ impl Streams {
     /// Goes on through the table to the next stream that is due.
     fn sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
         let time = low_half(now);
+        // As it was when the sweep began.
+        let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
         let rest = table.iter().zip(slots).enumerate().skip(usize::from(self.cursor));
         for (number, (stream, slot)) in rest {
             self.cursor = self.cursor.saturating_add(1);
@@ -218,7 +225,7 @@ impl Streams {
             let late = slot.late(time);
             if let Some(late) = late {
                 let next = time.wrapping_sub(late.min(CATCH_UP));
-                slot.due = next.wrapping_add(interval.saturating_add(self.slowdown));
+                slot.due = next.wrapping_add(interval.saturating_add(slowdown));
             }
             let ahead = if slot.late(time).is_some() { 0 } else { slot.due.wrapping_sub(time) };
             self.wake = self.wake.min(now.after(Duration::from_micros(u64::from(ahead))));
