@@ -70,7 +70,7 @@ impl FlightMode {
         let mut i = 0;
         while i < table.len() {
             let FlightMode { custom_mode, name, standard_mode, .. } = table[i];
-            assert!(!name.is_empty() && name.len() <= MAX_NAME, "a mode's name has 1 to 34 bytes");
+            assert!(!name.is_empty() && name.len() <= MAX_NAME, "a mode's name has 1 to 34 bytes: shorten it");
             let mut j = 0;
             while j < i {
                 assert!(custom_mode != table[j].custom_mode, "two modes with the same custom_mode");

@@ -18,7 +18,7 @@ mod without {
     use crate::time::{Duration, Instant};
     use crate::vehicle::Vehicle;
 
-    pub(crate) fn admits(_: Instant, _: &Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
+    pub(crate) fn admits(_: Instant, _: &mut Port, _: &Frame<'_>, _: &mut impl Vehicle) -> bool {
         true
     }
 

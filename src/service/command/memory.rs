@@ -235,6 +235,7 @@ pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
 impl<const N: usize> CommandMemory<[CommandSlot; N]> {
     /// Nothing runs. All zero bits.
     pub const fn new() -> Self {
+        const { assert!(N > 0, "command memory needs a place: CommandSlots<2>, or leave `command_memory` out") };
         Self { slots: [CommandSlot::FREE; N] }
     }
 }

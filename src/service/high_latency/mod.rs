@@ -378,7 +378,9 @@ impl HighLatency {
         let is_overtaken = later.is_some_and(|later| later.overtakes(now, command, peers));
         let is_newer = later.is_some() && command.age.is_some() && !is_overtaken;
         let is_copy = !is_newer && known.as_ref().is_some_and(|known| known.is_copied_by(now, command));
-        let mut copies = known.as_ref().map_or(Copies::NONE, |known| known.copies);
+        // What was long ago has no more copies to come.
+        let recent = known.as_ref().filter(|known| now.since(known.at) < LATE);
+        let mut copies = recent.map_or(Copies::NONE, |known| known.copies);
         if is_overtaken || is_copy {
             if let Some(known) = &mut known {
                 known.copies.count(link);
