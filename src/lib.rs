@@ -134,6 +134,15 @@
 #[cfg(test)]
 extern crate std;
 
+/// The code of the guides compiles.
+#[cfg(doctest)]
+mod guides {
+    #[doc = include_str!("../docs/coming-from.md")]
+    mod coming_from {}
+    #[doc = include_str!("../docs/porting.md")]
+    mod porting {}
+}
+
 #[macro_use]
 mod log;
 mod config;
