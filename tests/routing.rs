@@ -5,7 +5,7 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Address, ForwardCounters, ForwardQueues, LinkClass, LinkConfig, LinkId, Message, NoPlans, TxVersion, Version,
+    Address, ForwardCounters, ForwardQueues, LinkClass, LinkConfig, LinkId, Message, NoPlans, Text, TxVersion, Version,
 };
 use support::*;
 
@@ -236,6 +236,56 @@ fn what_comes_back_is_dropped() {
     // A sender that does not count: the same bytes a second later are another frame.
     world.run_for(secs(1));
     assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
+}
+
+/// what comes twice, by the same link or another, keeps nobody else's frames from being forwarded.
+#[test]
+fn duplicates_keep_nobody_out() {
+    for copy in [None, Some(0), Some(1)] {
+        let mut world = world([LinkConfig::uart(921_600); 2]);
+        introduce(&mut world, 1, WINGMAN);
+        let tune = tune(WINGMAN);
+        let mut sent = Vec::new();
+        for round in 0..2_000 {
+            let frame = world.gcs[0].frame_from(STATION, &PlayTune { tune: Text::new(&format!("{round}")), ..tune });
+            world.gcs[0].send_raw(&frame);
+            world.run_for(millis(5));
+            if let Some(link) = copy.filter(|_| round % 100 == 0) {
+                world.gcs[link].send_raw(&frame);
+            }
+            sent.push(frame);
+        }
+        world.run_for(millis(50));
+        let arrived =
+            world.gcs[1].received.iter().filter(|frame| frame.header.id == PlayTune::ID).map(|frame| &frame.raw);
+        assert!(arrived.eq(&sent), "copies by {copy:?}");
+        let duplicates = [0, 1].map(|link| counters(&world, link as u8).duplicates);
+        assert_eq!(duplicates, [0, 1].map(|link| if copy == Some(link) { 20 } else { 0 }));
+    }
+}
+
+/// whoever sends more by one link than is remembered keeps out broadcasts of that link only.
+#[test]
+fn flood_takes_its_own_places_only() {
+    let mut world = world([LinkConfig::uart(921_600); 3]);
+    introduce(&mut world, 0, STATION);
+    let (mut heard, mut tunes) = (0, 0);
+    for round in 0..2_000 {
+        world.gcs[1].send_from(WINGMAN, &Attitude { yaw: round as f32, ..Attitude::default() });
+        if round % 50 == 0 {
+            world.gcs[0].send_from(STATION, &Gcs::heartbeat());
+            world.gcs[1].send_from(WINGMAN, &tune(STATION));
+        }
+        world.run_for(millis(1));
+        heard += world.gcs[2].count_of::<Heartbeat>();
+        tunes += world.gcs[0].count_of::<PlayTune>();
+        forget(&mut world);
+    }
+    // Two of the heartbeats are the vehicle's own.
+    assert_eq!((heard, tunes), (40 + 2, 40));
+    let dropped = [0, 1, 2].map(|link| counters(&world, link).not_remembered);
+    // 240 a second are remembered.
+    assert!(dropped[0] == 0 && (1_300..1_500).contains(&dropped[1]) && dropped[2] == 0, "{dropped:?}");
 }
 
 /// a copy keeps a known way open, as any frame does.

@@ -166,4 +166,54 @@ proptest! {
             }
         }
     }
+
+    /// while one leaf raises a storm of broadcasts, each of them sent twice, every addressed frame comes to whom it is
+    /// for, once; and nothing of the storm comes through a line twice.
+    #[test]
+    fn addressed_frames_arrive_in_a_storm(
+        joined in joined(0.0),
+        (rate, every) in prop::sample::select(vec![(12, 9), (92, 2), (0, 1)]),
+        storm in 0..3_usize,
+        letters in letters(5, 40, 1..40),
+    ) {
+        let joined = Joined { rate, ..joined };
+        let (mut network, leaves) = joined.network::<64>();
+        for (leaf, line) in leaves.into_iter().enumerate() {
+            for person in 0..5 {
+                let hello = frame(address(leaf, person), Address::new(0, 0), 100, 1_000 + leaf * 10 + usize::from(person));
+                network.send(line, hello);
+                network.run_for(millis(40));
+            }
+        }
+        let (mut drops, mut frames) = (Vec::new(), Vec::new());
+        for (number, letter) in letters.iter().enumerate() {
+            let target = letter.to.map_or(Address::new(0, 0), |(leaf, person)| address(leaf, person));
+            let bytes = frame(address(letter.leaf, letter.from), target, number as u8, number);
+            network.send(leaves[letter.leaf], bytes.clone());
+            frames.push(bytes);
+            for ms in 0..=letter.pause + 30 {
+                if ms % every == 0 {
+                    let drop = frame(address(storm, 0), Address::new(0, 0), drops.len() as u8, 10_000 + drops.len());
+                    network.send(leaves[storm], drop.clone());
+                    network.send(leaves[storm], drop.clone());
+                    drops.push(drop);
+                }
+                network.run_for(millis(1));
+            }
+        }
+        network.run_for(secs(2));
+        for (frame, letter) in frames.iter().zip(&letters) {
+            let Some((to, _)) = letter.to else { continue };
+            let deliveries = network.deliveries(frame);
+            for (leaf, line) in leaves.into_iter().enumerate() {
+                let expected = usize::from(to == leaf && to != letter.leaf);
+                prop_assert_eq!(deliveries[line][1], expected, "leaf {} of {:?}: {:?}", leaf, letter, deliveries);
+            }
+        }
+        for drop in &drops {
+            let mut deliveries = network.deliveries(drop);
+            deliveries[leaves[storm]][0] = 1;
+            prop_assert!(deliveries.iter().flatten().all(|&times| times <= 1), "{deliveries:?}");
+        }
+    }
 }

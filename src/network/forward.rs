@@ -15,22 +15,32 @@
 //! - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
 //!   frame for somebody to the links that he was heard on, one for a component of our own system likewise (R-2, R-3).
 //! - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros (R-5). One whose id is unknown goes
-//!   to all (R-9). Whether a signature is right does not matter here (R-10).
+//!   to all (R-9). One that is refused where it came in, for its signature or for want of one, goes on like any other (R-10),
+//!   but not by satellite, where each is paid for (R-13).
 //! - **Never back**: not to the link that it came by, nor to one that its source was heard on (R-4).
-//! - **Loops end**: what was forwarded is known again for 800 ms, and then neither forwarded nor handled a second time (R-6):
-//!   a stack sends a frame at most once to each link. The last `SEEN` frames are known. Where no copies come, one may be
-//!   forgotten after 100 ms for a newer one. Where a copy came in the last minute none is: what finds no place among those of
-//!   the last 800 ms is not forwarded, and no frame waits longer than 150 ms in a queue. So in a ring of three, over lines of
-//!   57,600 bit/s and up to 40 ms, each frame passes each line at most once each way, whatever the traffic and however small
-//!   the peer table; with up to four lines between the three it is delivered at most as often as there are lines, and twice
-//!   more. Around longer ways R-4 alone ends a loop.
+//! - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time (R-6): a
+//!   stack sends a frame at most once to each link. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
+//!   frame passes each line at most once each way, whatever the traffic and however small the peer table; with up to four
+//!   lines between the three it is delivered at most as often as there are lines, and twice more. Around longer ways R-4 alone
+//!   ends a loop.
+//! - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. 256 of
+//!   them are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
+//!   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for all
+//!   that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
+//! - **Refused is not accepted**: who is refused and sends the bytes that another is about to send suppresses nothing. When
+//!   they are accepted they are handled, and go to the links to which the refused ones did not. The refused of all links share
+//!   the places of one.
 //! - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
-//!   delay an answer by no more than one of them (R-14). What finds no room in the queue is dropped, whole, and counted.
+//!   delay an answer by no more than one of them (R-14). Where answers fill a line, as in the transfer of a plan or of all
+//!   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
+//!   150 ms, or a frame would be on its way for longer than it is known: for ten seconds after a copy came that can be no
+//!   sender's, by another link than the first, on which its source was never heard.
+//! - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed.
 //!
 //! A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there (R-12), a high-latency
 //! link only commands for somebody there and their answers (R-13).
 
-use super::memory::{Memory, Seen, key_of};
+use super::memory::{Memory, Recall, Seen, Ticket};
 use super::queue::Ring;
 use super::routes::Routes;
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2, RadioStatus, SetupSigning};
@@ -38,11 +48,12 @@ use crate::frame::{Address, Frame, MAX_FRAME_LEN, Version};
 use crate::link::{LinkClass, LinkId, LinkMask, Outbox, Port};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
+use heapless::Deque;
 
-/// Longer than this no frame waits in a queue: nobody waits for it any more.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// Longer than this no frame waits in a queue, so that it is still known here when it comes straight back.
+const PATIENCE: Duration = Duration::from_millis(600);
 
-/// The same where frames come around: a loop must not become longer than what was forwarded is known.
+/// The same where frames come around: a loop of three must not take longer than a frame is known.
 const LOOP_PATIENCE: Duration = Duration::from_millis(150);
 
 /// The same on a high-latency link, where a line is busy for half a minute.
@@ -55,22 +66,24 @@ const RADIO: u32 = 166;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ForwardCounters {
-    /// Frames of others that were handed to this link.
+    /// Frames of others that this link has begun to send.
     pub sent: u32,
     /// Frames that found its queue full (R-14).
     pub queue_full: u32,
-    /// Frames that waited too long in its queue.
+    /// Frames that waited too long in its queue: 600 ms, 150 ms where frames come around, a minute on a high-latency link.
     pub stale: u32,
     /// MAVLink 2 frames for this link, which sends MAVLink 1 (R-5).
     pub needs_v2: u32,
+    /// Frames for this high-latency link that the link by which they came had refused: they are not paid for (R-13).
+    pub not_accepted: u32,
     /// Frames that came by this link and had been forwarded a moment ago: dropped (R-6).
     pub duplicates: u32,
     /// Frames that came by this link for somebody who was heard on none (R-2).
     pub no_route: u32,
     /// Frames that came by this link and were handled here only, because their source had no place in the peer table (R-4).
     pub no_peer_slot: u32,
-    /// Frames that came by this link and were handled here only, because so many others are to be known again that there was no
-    /// place for them (R-6).
+    /// Frames that came by this link and were handled here only, because so many others of this link are to be known again that
+    /// there was no place for them (R-6).
     pub not_remembered: u32,
 }
 
@@ -80,6 +93,7 @@ impl ForwardCounters {
         queue_full: 0,
         stale: 0,
         needs_v2: 0,
+        not_accepted: 0,
         duplicates: 0,
         no_route: 0,
         no_peer_slot: 0,
@@ -125,9 +139,13 @@ fn is_command(id: u32) -> bool {
     matches!(id, CommandLong::ID | CommandInt::ID | CommandAck::ID | CommandCancel::ID)
 }
 
-/// The vehicle's memory for forwarding between `LINKS` links: a queue of `BYTES` bytes for each, and the last `SEEN` frames,
-/// 8 bytes each, by which those are found that come back. The vehicle keeps it and hands it to the stack by
-/// [`Vehicle::forwarding`](crate::Vehicle::forwarding); one that does not forwards nothing, and pays nothing.
+/// The vehicle's memory for forwarding between `LINKS` links: a queue of `BYTES` bytes for each, and `SEEN` places of 8 bytes
+/// for the frames of the last 0.8 s, by which those are found that come back: no more are forwarded in that time. The vehicle
+/// keeps it and hands it to the stack by [`Vehicle::forwarding`](crate::Vehicle::forwarding); one that does not forwards
+/// nothing, and pays nothing.
+///
+/// What the stack itself has to say goes first. So beside the transfer of a plan or of all parameters, which fills a line for
+/// seconds, little is forwarded there: what has waited for 600 ms is dropped. [`ForwardCounters`] tell.
 ///
 /// Which links take part is in their configuration, see [`LinkConfig::with_forwarding`](crate::LinkConfig::with_forwarding). A
 /// link takes part as soon as it is asked for something to send.
@@ -183,10 +201,10 @@ fn is_command(id: u32) -> bool {
 /// # Ok::<(), mavstack::EncodeError>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 64> {
+pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 256> {
     lanes: [Lane; LINKS],
     bytes: [[u8; BYTES]; LINKS],
-    memory: Memory<[Seen; SEEN]>,
+    memory: Memory<Deque<Seen, SEEN>>,
 }
 
 impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LINKS, BYTES, SEEN> {
@@ -195,7 +213,8 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LI
     pub const fn new() -> Self {
         const { assert!(Ring::holds(BYTES, MAX_FRAME_LEN), "a queue must hold the longest frame: 286 bytes") };
         const { assert!(SEEN > 0, "what was forwarded must be remembered") };
-        Self { lanes: [Lane::CLOSED; LINKS], bytes: [[0; BYTES]; LINKS], memory: Memory::<[Seen; SEEN]>::EMPTY }
+        const { assert!(LINKS > 1 && LINKS <= crate::link::MAX_LINKS, "frames pass between 2 to 16 links") };
+        Self { lanes: [Lane::CLOSED; LINKS], bytes: [[0; BYTES]; LINKS], memory: Memory::<Deque<Seen, SEEN>>::EMPTY }
     }
 
     /// What the stack works on.
@@ -234,24 +253,36 @@ pub(crate) enum Passage {
     Stays,
     /// It was, a moment ago (R-6).
     Again,
-    /// It is, if there is a link for it; its key in the memory.
-    Goes(u32),
+    /// It is, if there is a link for it that it was not for already.
+    Goes(Ticket),
 }
 
 impl Forwarding<'_> {
-    /// Looks at a frame that came by the link `from`, of this class.
-    pub(crate) fn examine(&mut self, now: Instant, from: LinkId, class: LinkClass, frame: &Frame<'_>) -> Passage {
+    /// Looks at a frame that came by a link, and was accepted there or not. `is_way`: its source was heard there before.
+    pub(crate) fn examine(
+        &mut self,
+        now: Instant,
+        port: &Port,
+        frame: &Frame<'_>,
+        is_accepted: bool,
+        is_way: impl FnOnce() -> bool,
+    ) -> Passage {
         let id = frame.id();
         let stays = matches!(id, SetupSigning::ID | RadioStatus::ID | RADIO);
-        if stays || (class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
+        if stays || (port.config.class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
             return Passage::Stays;
         }
-        let key = key_of(frame.raw());
-        if self.memory.is_copy(now, key) {
-            self.count(from, |counters| &mut counters.duplicates);
-            return Passage::Again;
+        match self.memory.recall(now, frame.raw(), port.id, is_accepted) {
+            Recall::New(ticket) => Passage::Goes(ticket),
+            Recall::Copy { is_same_way } => {
+                // Else its sender has sent it twice, or by two links, or whoever is not believed has.
+                if is_accepted && !is_same_way && !is_way() {
+                    self.memory.on_loop(now);
+                }
+                self.count(port.id, |counters| &mut counters.duplicates);
+                Passage::Again
+            }
         }
-        Passage::Goes(key)
     }
 
     /// Puts a frame that came by the link `from` into the queues of those that it is for, and tells which.
@@ -260,21 +291,25 @@ impl Forwarding<'_> {
         now: Instant,
         from: LinkId,
         frame: &Frame<'_>,
-        key: u32,
+        ticket: &Ticket,
         target: Address,
         routes: Routes,
     ) -> LinkMask {
-        let away = routes.seen.with(LinkMask::of(from));
+        let away = routes.seen.with(LinkMask::of(from)).with(ticket.had);
         let is_taker =
             |lane: &Lane| lane.takes(frame.id(), target) && routes.to.contains(lane.link) && !away.contains(lane.link);
-        let mut queued = LinkMask::NONE;
-        if !self.lanes.iter().any(is_taker) {
-            return queued;
+        // What was refused before is known as accepted from now on, though it may have gone everywhere.
+        if ticket.had.is_empty() && !self.lanes.iter().any(is_taker) {
+            return LinkMask::NONE;
         }
-        if !self.memory.remember(now, key) {
+        let is_addressed = target.system.0 != 0;
+        if !self.memory.has_room(ticket, is_addressed) {
             self.count(from, |counters| &mut counters.not_remembered);
-            return queued;
+            return LinkMask::NONE;
         }
+        // A storm of broadcasts leaves room for what is for somebody.
+        let spare = if is_addressed { 0 } else { self.size / 4 };
+        let (mut to, mut queued) = (LinkMask::NONE, LinkMask::NONE);
         let mut rest = &mut *self.bytes;
         for lane in self.lanes.iter_mut() {
             let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };
@@ -282,15 +317,21 @@ impl Forwarding<'_> {
             if !is_taker(lane) {
                 continue;
             }
+            if lane.class == LinkClass::HighLatency && ticket.is_refused() {
+                count(&mut lane.counters.not_accepted);
+                continue;
+            }
+            to = to.with(lane.link);
             if frame.header().version == Version::V2 && lane.version == Version::V1 {
                 count(&mut lane.counters.needs_v2);
-            } else if lane.ring.push(bytes, now, frame.raw()) {
+            } else if lane.ring.push(bytes, now, frame.raw(), spare) {
                 queued = queued.with(lane.link);
             } else {
                 event!("forwarding: no room for message {=u32} of {}", frame.id(), frame.source());
                 count(&mut lane.counters.queue_full);
             }
         }
+        self.memory.note(now, ticket, to);
         queued
     }
 
@@ -325,12 +366,13 @@ impl Forwarding<'_> {
             _ => PATIENCE,
         };
         while let Some((waited, frame)) = lane.ring.pop(bytes.unwrap_or_default(), now) {
-            if waited <= patience {
+            if waited > patience {
+                count(&mut lane.counters.stale);
+            } else if out.forward(frame) {
                 count(&mut lane.counters.sent);
                 lane.has_turn = false;
-                return out.forward(frame);
+                return true;
             }
-            count(&mut lane.counters.stale);
         }
         false
     }

@@ -74,7 +74,7 @@ impl Core {
         let from = Peer { address: frame.source(), link: port.id };
         // One that is not accepted is forwarded all the same; nothing is learned from it, and nothing done.
         let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
-        let passage = self.examine(context, port, frame);
+        let passage = self.examine(context, port, frame, is_accepted);
         if !is_accepted {
             return self.pass_on(context, port, frame, passage, None);
         }

@@ -10,16 +10,18 @@ use crate::service::mission::PlanStorage;
 use crate::vehicle::Autopilot;
 
 impl Core {
-    /// Whether a frame is to be forwarded, before anything is learned from it.
+    /// Whether a frame, accepted on its link or not, is to be forwarded, before anything is learned from it.
     pub(super) fn examine<V: Autopilot, P: PlanStorage>(
         &self,
         context: &mut Context<'_, V, P>,
         port: &Port,
         frame: &Frame<'_>,
+        is_accepted: bool,
     ) -> Passage {
         match context.vehicle.forwarding() {
             Some(mut forwarding) if port.config.forwards && target_of(frame) != self.config.address.get() => {
-                forwarding.examine(context.now, port.id, port.config.class, frame)
+                let is_way = || network::is_heard(context.peers, Peer { address: frame.source(), link: port.id });
+                forwarding.examine(context.now, port, frame, is_accepted, is_way)
             }
             _ => Passage::Stays,
         }
@@ -40,7 +42,7 @@ impl Core {
         if booking.is_some() {
             network::forget_rebooted(context.peers, from, frame);
         }
-        let Passage::Goes(key) = passage else { return 0 };
+        let Passage::Goes(ticket) = passage else { return 0 };
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
         if booking == Some(Booking::NoRoom) {
             forwarding.count(port.id, |counters| &mut counters.no_peer_slot);
@@ -52,7 +54,7 @@ impl Core {
         if routes.to.is_empty() && !is_ours_too {
             forwarding.count(port.id, |counters| &mut counters.no_route);
         }
-        let queued = forwarding.pass_on(context.now, port.id, frame, key, target, routes);
+        let queued = forwarding.pass_on(context.now, port.id, frame, &ticket, target, routes);
         self.forwards = self.forwards.with(queued);
         len.saturating_mul(queued.len().saturating_add(1))
     }

@@ -1,0 +1,119 @@
+//! Forwarding of frames that are refused where they come in: rules. What is accepted: `routing.rs`.
+#![cfg(feature = "signing")]
+
+#[path = "support/signer.rs"]
+mod signer;
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{Address, ForwardCounters, ForwardQueues, LinkClass, LinkConfig, LinkId, LinkSigning, Version};
+use signer::*;
+use support::*;
+
+/// Hears only who signs.
+const RADIO: usize = 0;
+/// Hears everybody, as the other links do.
+const WIRE: usize = 1;
+const OTHER_WIRE: usize = 2;
+const SATELLITE: usize = 3;
+
+const COMPANION: Address = Address::new(1, 191);
+const GIMBAL: Address = Address::new(1, 154);
+const WINGMAN: Address = Address::new(2, 1);
+
+fn rig() -> Rig<4> {
+    let open = LinkConfig::unlimited();
+    let mut rig =
+        Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_class(LinkClass::HighLatency)]);
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    sent_on(&mut rig, &[]);
+    rig
+}
+
+/// The links that a frame is sent on by now, each time.
+fn sent_on(rig: &mut Rig<4>, frame: &[u8]) -> Vec<usize> {
+    let sent = |rig: &mut Rig<4>, link| rig.transmit(link).iter().filter(|sent| sent.raw == frame).count();
+    (0..4).flat_map(|link| vec![link; sent(rig, link)]).collect()
+}
+
+/// A frame comes in: the links that it goes out on.
+fn passes(rig: &mut Rig<4>, link: usize, frame: &[u8]) -> Vec<usize> {
+    rig.receive(link, frame);
+    sent_on(rig, frame)
+}
+
+fn forwarded(rig: &Rig<4>, link: usize) -> ForwardCounters {
+    rig.vehicle.queues.as_ref().unwrap().counters(LinkId(link as u8)).unwrap()
+}
+
+/// who is refused and says beforehand what another is about to say keeps him from nothing: his frame is carried out,
+/// its way learned, and it goes wherever the refused one did not.
+#[test]
+fn what_was_refused_suppresses_nothing() {
+    let mut rig = rig();
+    let mut companion = Signer::new(KEY).of(COMPANION);
+    let mut gimbal = Signer::new(KEY).of(GIMBAL);
+    rig.receive(OTHER_WIRE, &gimbal.unsigned(Version::V2, &Gcs::heartbeat()));
+    sent_on(&mut rig, &[]);
+    // The first that is heard of the companion.
+    let hello = companion.unsigned(Version::V2, &Gcs::heartbeat());
+    assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE]);
+    assert!(rig.stack.peers().iter().all(|info| info.peer.address != COMPANION));
+    assert_eq!(passes(&mut rig, WIRE, &hello), [RADIO], "it was sent to the others");
+    assert!(rig.stack.peers().iter().any(|info| info.peer.address == COMPANION && info.is_alive));
+    // For all components of the vehicle.
+    let long = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..CommandLong::default() };
+    let command = companion.unsigned(Version::V2, &long);
+    assert_eq!(passes(&mut rig, RADIO, &command), [OTHER_WIRE]);
+    assert_eq!(rig.vehicle.commands().len(), 0);
+    assert_eq!(passes(&mut rig, WIRE, &command), [0; 0], "the gimbal has it");
+    assert_eq!(rig.vehicle.commands().len(), 1);
+    // Now it is a copy, whoever sends it.
+    for link in [WIRE, RADIO, OTHER_WIRE] {
+        assert_eq!(passes(&mut rig, link, &command), [0; 0]);
+        assert_eq!(forwarded(&rig, link).duplicates, 1);
+    }
+    assert_eq!(rig.vehicle.commands().len(), 1);
+}
+
+/// who is refused may send what he wants, as often as he wants: those who are heard find places in the memory.
+#[test]
+fn refused_flood_keeps_nobody_out() {
+    let mut rig = rig();
+    let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+    let mut station = Signer::new(KEY);
+    let mut sent = 0;
+    for round in 0..500 {
+        passes(&mut rig, RADIO, &stranger.frame(&Attitude { yaw: round as f32, ..Attitude::default() }));
+        rig.now = rig.now.after(millis(1));
+        if round % 10 == 0 {
+            sent += usize::from(passes(&mut rig, RADIO, &station.frame(&Gcs::heartbeat())) == [WIRE, OTHER_WIRE]);
+        }
+    }
+    assert_eq!(sent, 50);
+    assert!(forwarded(&rig, RADIO).not_remembered > 200);
+}
+
+/// nobody who is refused has a satellite message paid for. Everywhere else his frames go on.
+#[test]
+fn refused_commands_are_not_paid_for() {
+    let mut rig = rig();
+    let mut station = Signer::new(KEY);
+    let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+    let mut wingman = Signer::new(KEY).of(WINGMAN);
+    let there =
+        CommandLong { command: MavCmd::NAV_LAND, target_system: 255, target_component: 190, ..Default::default() };
+    for link in [WIRE, SATELLITE] {
+        rig.receive(link, &station.unsigned(Version::V2, &CommandLong { target_system: 7, ..there }));
+    }
+    sent_on(&mut rig, &[]);
+    let unsigned = wingman.unsigned(Version::V2, &there);
+    assert_eq!(passes(&mut rig, RADIO, &unsigned), [WIRE]);
+    assert_eq!(passes(&mut rig, RADIO, &stranger.frame(&there)), [WIRE]);
+    assert_eq!(forwarded(&rig, SATELLITE).not_accepted, 2);
+    assert_eq!(passes(&mut rig, RADIO, &wingman.frame(&there)), [WIRE, SATELLITE]);
+    // The first again, by a link that hears it.
+    assert_eq!(passes(&mut rig, OTHER_WIRE, &unsigned), [SATELLITE]);
+    assert_eq!(forwarded(&rig, SATELLITE).sent, 2);
+}
