@@ -7,8 +7,8 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Accept, Address, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, SigningMemory,
-    TxVersion, Version,
+    Accept, Address, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningCounters,
+    SigningKey, SigningMemory, TxVersion, Version,
 };
 use signer::*;
 use support::*;
@@ -183,6 +183,76 @@ fn a_badly_signed_frame_changes_nothing() {
         // The stream that they would have begun is not there.
         rig.receive(0, &Signer::new(KEY).frame(&command()));
         assert_eq!(rig.vehicle.commands().len(), 1);
+    }
+}
+
+/// G-6, G-8 to G-11: each cause of a refusal has a counter, which is the only one that rises, and nothing else happens.
+#[test]
+fn each_refusal_has_its_counter() {
+    type Case = (&'static str, fn(&mut Rig) -> Vec<u8>, fn(&mut SigningCounters) -> &mut u32);
+    let cases: [Case; 9] = [
+        ("unsigned", |_| Signer::new(KEY).unsigned(Version::V2, &command()), |c| &mut c.unsigned),
+        ("MAVLink 1", |_| Signer::new(KEY).unsigned(Version::V1, &command()), |c| &mut c.unsigned),
+        (
+            "no key to verify it with",
+            |rig| {
+                rig.signing().clear_key();
+                Signer::new(KEY).frame(&command())
+            },
+            |c| &mut c.unsigned,
+        ),
+        ("another key", |_| Signer::new(OTHER_KEY).frame(&command()), |c| &mut c.bad_signature),
+        (
+            "another payload",
+            |_| {
+                let mut frame = Signer::new(KEY).frame(&command());
+                frame[12] ^= 1;
+                repair(&mut frame);
+                frame
+            },
+            |c| &mut c.bad_signature,
+        ),
+        (
+            "equal timestamp",
+            |rig| {
+                rig.receive(0, &Signer::new(KEY).frame(&Gcs::heartbeat()));
+                Signer::new(KEY).frame(&command())
+            },
+            |c| &mut c.replayed,
+        ),
+        ("61 s", |_| Signer::new(KEY).at(NOW - 61 * 100_000).frame(&command()), |c| &mut c.too_old),
+        (
+            "seventeenth stream",
+            |rig| {
+                (0..16).for_each(|link| rig.receive(0, &Signer::new(KEY).link(link).frame(&Gcs::heartbeat())));
+                Signer::new(KEY).link(16).frame(&command())
+            },
+            |c| &mut c.no_stream_slot,
+        ),
+        (
+            "a key by the radio",
+            |_| {
+                let secret_key = Secret(OTHER_KEY);
+                let setup = SetupSigning { target_system: 1, secret_key, ..Default::default() };
+                Signer::new(KEY).link(77).frame(&setup)
+            },
+            |c| &mut c.refused_setups,
+        ),
+    ];
+    for (what, frame, counter) in cases {
+        let mut rig = keyed([LinkSigning::REQUIRED; 2]);
+        let frame = frame(&mut rig);
+        let (mut expected, time, peers) = (rig.counters(), rig.timestamp(), rig.stack.peers().len());
+        rig.receive(0, &frame);
+        *counter(&mut expected) += 1;
+        // Who asks for a key by the radio has one.
+        let is_verified = what == "a key by the radio";
+        expected.verified += u32::from(is_verified);
+        assert_eq!(rig.counters(), expected, "{what}");
+        assert!(rig.vehicle.commands().is_empty(), "{what}");
+        if !is_verified {
+            assert_eq!((rig.timestamp(), rig.stack.peers().len()), (time, peers), "{what}");
+        }
     }
 }
 
@@ -381,7 +451,7 @@ fn a_signed_frame_hides_nothing() {
     assert_eq!(rig.vehicle.commands().len(), 0);
 }
 
-/// A vehicle that has no memory for signing hears nothing where it was to verify, and all on an open link.
+/// A vehicle that has no memory for signing hears nothing where it was to verify, which is counted, and all on an open link.
 #[test]
 fn without_a_memory_only_open_links_are_heard() {
     let mut rig = rig([LinkSigning::OPEN, LinkSigning::SIGNED]);
@@ -391,6 +461,7 @@ fn without_a_memory_only_open_links_are_heard() {
         rig.receive(link, &gcs.frame(&command()));
         rig.receive(link, &gcs.unsigned(Version::V2, &command()));
         assert_eq!(rig.vehicle.commands().len(), 2);
+        assert_eq!(rig.stack.link_counters(LINKS[link]).unwrap().out_of_place, 2 * link as u32);
     }
 }
 

@@ -68,6 +68,14 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     (key, timestamp)
 }
 
+/// SEC-15: also where the storage shows its bytes.
+#[test]
+fn a_store_does_not_show_the_key() {
+    let mut flash = with_key([0xA5; 32]);
+    assert!(format!("{flash:?}").contains("165, 165"), "it does");
+    assert_eq!(format!("{:?}", store(&mut flash)), "SigningStore");
+}
+
 #[test]
 fn a_key_comes_back() {
     let flash = with_key(KEY);

@@ -75,9 +75,16 @@ fn is_same<const N: usize>(ours: &[u8; N], theirs: &[u8; N]) -> bool {
     black_box(ours.iter().zip(theirs).fold(0, |sum, (a, b)| sum | (a ^ b))) == 0
 }
 
+impl SigningKey {
+    fn wipe(&mut self) {
+        self.0.zeroize();
+    }
+}
+
+/// Whatever becomes of the key: replaced, taken away, or forgotten with the memory that it is in (SEC-15).
 impl Drop for SigningKey {
     fn drop(&mut self) {
-        self.0.zeroize();
+        self.wipe();
     }
 }
 
@@ -134,4 +141,33 @@ pub fn encode_signed<M: Message>(
     message.encode(payload).ok_or(EncodeError::BufferTooSmall)?;
     let frame = wrap(const { &M::INFO }, Version::V2, INCOMPAT_SIGNED, source, seq, out, payload_at)?;
     key.sign(out, frame, link_id, timestamp).ok_or(EncodeError::BufferTooSmall)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SEC-15: what is dropped is overwritten; to overwrite something else must not look like it.
+    #[test]
+    fn a_dropped_key_is_overwritten() {
+        const { assert!(core::mem::needs_drop::<SigningKey>() && core::mem::needs_drop::<Option<SigningKey>>()) };
+        let mut key = SigningKey::new([0xA5; 32]);
+        let copy = key.clone();
+        key.wipe();
+        assert_eq!((key.0, copy.0), ([0; 32], [0xA5; 32]));
+    }
+
+    /// G-7: each byte counts, the first as the last.
+    #[test]
+    fn signatures_are_compared_whole() {
+        let tag = [1, 2, 3, 4, 5, 6];
+        assert!(is_same(&tag, &tag));
+        for bit in 0..48 {
+            let mut other = tag;
+            other[bit / 8] ^= 1 << (bit % 8);
+            assert!(!is_same(&tag, &other), "bit {bit}");
+        }
+        // Differences do not cancel each other out.
+        assert!(!is_same(&[1, 1], &[2, 2]));
+    }
 }

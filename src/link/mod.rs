@@ -86,11 +86,22 @@ pub struct LinkConfig {
 
 impl LinkConfig {
     /// A normal MAVLink 2 link over a UART of `baud` bit/s: ten bits a byte.
+    ///
+    /// # Panics
+    ///
+    /// When `baud` is less than 10: in a `const` a compile error. For a rate that is only known at run time set
+    /// [`bytes_per_second`](Self::bytes_per_second).
     pub const fn uart(baud: u32) -> Self {
+        assert!(baud >= 10, "a UART has a baud rate, 57_600 for example; a line without one is `LinkConfig::unlimited()`");
+        Self { bytes_per_second: baud / 10, ..Self::unlimited() }
+    }
+
+    /// The same over a line that takes whatever it is given, USB for example: whoever carries the bytes away slows it down.
+    pub const fn unlimited() -> Self {
         Self {
             class: LinkClass::Normal,
             version: TxVersion::V2,
-            bytes_per_second: baud / 10,
+            bytes_per_second: 0,
             streams: StreamProfile::Radio,
             forwards: true,
             #[cfg(feature = "signing")]
@@ -157,8 +168,8 @@ pub struct LinkCounters {
     /// Commands that were not carried out, and questions about plans that are not served, because their answer had no room;
     /// the sender repeats them. See also [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
     pub no_answer_slot: u32,
-    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10); and SETUP_SIGNING where
-    /// nothing is signed (G-11).
+    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10). Of a vehicle that has no
+    /// memory for signing also SETUP_SIGNING (G-11), and all that comes by a link that is not open to frames without a signature.
     pub out_of_place: u32,
     /// Errors of the transport while reading, overruns among them (S-20).
     pub read_errors: u32,
@@ -265,7 +276,7 @@ impl Link {
             config: LinkConfig {
                 #[cfg(feature = "signing")]
                 signing: LinkSigning { sign_out: false, ..LinkSigning::OPEN },
-                ..LinkConfig::uart(0).with_forwarding(false)
+                ..LinkConfig::unlimited().with_forwarding(false)
             },
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,

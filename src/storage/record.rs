@@ -29,6 +29,19 @@ pub(crate) const BODY: u32 = 256;
 
 const MAGIC: [u8; 4] = *b"MVSR";
 
+/// A buffer on the stack that a body goes through. The signing key does so too: then it is overwritten behind that (SEC-15).
+#[cfg(feature = "signing")]
+type Passing<const N: usize> = zeroize::Zeroizing<[u8; N]>;
+
+#[cfg(not(feature = "signing"))]
+type Passing<const N: usize> = [u8; N];
+
+fn passing<const N: usize>(bytes: [u8; N]) -> Passing<N> {
+    #[cfg(feature = "signing")]
+    let bytes = zeroize::Zeroizing::new(bytes);
+    bytes
+}
+
 /// What one [`step`](Record::step) did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
@@ -253,7 +266,7 @@ impl<F: NorFlash> Record<F> {
 
     /// Reads `len` bytes, until `each` says that it has seen enough.
     fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
-        let mut chunk = [0; CHUNK];
+        let mut chunk = passing([0; CHUNK]);
         let mut done = 0;
         while done < len {
             let part = clamped(len.saturating_sub(done));
@@ -337,7 +350,7 @@ impl<F: NorFlash> Record<F> {
     fn write(&mut self, job: Job, written: u32, mut crc: Crc32, mut row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
         // Whatever fails, the slot has to be erased again.
         self.spare = Spare::Dirty(0);
-        let mut chunk = [0xFF; CHUNK];
+        let mut chunk = passing([0xFF; CHUNK]);
         if written >= job.len {
             return self.finish(job, crc, chunk);
         }
@@ -359,7 +372,7 @@ impl<F: NorFlash> Record<F> {
     }
 
     /// Writes the header: with it the spare slot has the newest record.
-    fn finish(&mut self, job: Job, crc: Crc32, mut chunk: [u8; CHUNK]) -> Step {
+    fn finish(&mut self, job: Job, crc: Crc32, mut chunk: Passing<CHUNK>) -> Step {
         let slot = self.spare_slot;
         let sequence = self.newest.map_or(1, |newest| newest.header.sequence.wrapping_add(1));
         let header = Header { schema: job.schema, sequence, len: job.len, body_crc: crc.sum() };
@@ -384,10 +397,10 @@ impl<F: NorFlash> Record<F> {
 
     fn reads_back(&mut self, at: u32, bytes: &[u8]) -> bool {
         let mut at = at;
-        let mut row = [0; ROW];
+        let mut row = passing([0; ROW]);
         let (rows, _) = bytes.as_chunks::<ROW>();
         for expected in rows {
-            if self.flash.read(at, &mut row).is_err() || row != *expected {
+            if self.flash.read(at, &mut row[..]).is_err() || row[..] != expected[..] {
                 return false;
             }
             at = at.saturating_add(32);

@@ -26,10 +26,22 @@ const LEN: u32 = 64;
 /// The key lies there as it is. Whoever can read the storage has it.
 ///
 #[doc = include_str!("signing.md")]
-#[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SigningStore<F> {
     record: Record<F>,
+}
+
+/// Without the storage, which may be memory that shows its bytes (SEC-15).
+impl<F> core::fmt::Debug for SigningStore<F> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("SigningStore")
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<F> defmt::Format for SigningStore<F> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "SigningStore");
+    }
 }
 
 impl<F: NorFlash> SigningStore<F> {

@@ -77,9 +77,10 @@ const RETRY: Duration = Duration::from_secs(10);
 pub struct SigningCounters {
     /// Frames with a right signature that are newer than those before them.
     pub verified: u32,
-    /// Unsigned frames on a link that does not accept them (G-9).
+    /// Unsigned frames on a link that does not accept them, those of MAVLink 1 among them (G-9); and there, as long as there is
+    /// no key, signed ones, which nothing verifies.
     pub unsigned: u32,
-    /// Frames whose signature was not made with our key, or not of these bytes (G-10).
+    /// Frames whose signature was not made with our key, or not of these bytes (G-10); these two cannot be told apart.
     pub bad_signature: u32,
     /// Frames with a right signature, but not newer than the last one of their stream (G-6).
     pub replayed: u32,
@@ -91,7 +92,7 @@ pub struct SigningCounters {
     pub refused_times: u32,
     /// SETUP_SIGNING that was carried out.
     pub setups: u32,
-    /// SETUP_SIGNING that was accepted on its link, and not carried out (G-11).
+    /// SETUP_SIGNING that was accepted on its link, and not carried out: a text says why (G-11).
     pub refused_setups: u32,
 }
 
@@ -163,6 +164,7 @@ struct Saving {
 impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
     /// No key: nothing is signed, and nothing can be verified.
     pub const fn new() -> Self {
+        const { assert!(STREAMS > 0, "signing memory needs room for a stream, or nobody could ever be verified") };
         Self {
             key: None,
             boot: 0,
@@ -427,10 +429,17 @@ impl Signing {
 }
 
 /// Whether a frame is accepted on its link: asked once for each frame, before anything is learned from it or done about it.
-pub(crate) fn admits(now: Instant, port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
+pub(crate) fn admits(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
     match vehicle.signing() {
         Some(signing) => signing.admits(now, &port.config, frame),
-        None => matches!(port.config.signing.accept, Accept::Open),
+        None => {
+            let is_open = matches!(port.config.signing.accept, Accept::Open);
+            if !is_open {
+                event!("rx: message {=u32} of {} dropped: no memory for signing", frame.id(), frame.source());
+                count(&mut port.counters.out_of_place);
+            }
+            is_open
+        }
     }
 }
 
