@@ -124,3 +124,82 @@ impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    /// A UART with a FIFO of four bytes each way.
+    #[derive(Default)]
+    struct Fifo {
+        rx: VecDeque<Result<u8, serial::ErrorKind>>,
+        tx: VecDeque<u8>,
+    }
+
+    impl serial::ErrorType for Fifo {
+        type Error = serial::ErrorKind;
+    }
+
+    impl serial::Read for Fifo {
+        fn read(&mut self) -> nb::Result<u8, serial::ErrorKind> {
+            self.rx.pop_front().ok_or(nb::Error::WouldBlock)?.map_err(nb::Error::Other)
+        }
+    }
+
+    impl serial::Write for Fifo {
+        fn write(&mut self, byte: u8) -> nb::Result<(), serial::ErrorKind> {
+            if self.tx.len() == 4 {
+                return Err(nb::Error::WouldBlock);
+            }
+            self.tx.push_back(byte);
+            Ok(())
+        }
+
+        fn flush(&mut self) -> nb::Result<(), serial::ErrorKind> {
+            if self.tx.is_empty() { Ok(()) } else { Err(nb::Error::WouldBlock) }
+        }
+    }
+
+    proptest! {
+        /// What is written goes out in order, however the line takes it, and a ready UART takes something.
+        #[test]
+        fn what_is_written_is_sent_once_and_in_order(steps in proptest::collection::vec((0..8usize, 0..5usize), 1..100)) {
+            let mut uart = NbSerial::new(Fifo::default());
+            let (mut written, mut sent, mut next) = (Vec::<u8>::new(), Vec::<u8>::new(), 0u8);
+            for (offered, gone) in steps {
+                let bytes: Vec<u8> = (0..offered).map(|i| next.wrapping_add(i as u8)).collect();
+                if uart.write_ready() == Ok(true) && offered > 0 {
+                    let len = uart.write(&bytes).unwrap();
+                    prop_assert!(len > 0);
+                    written.extend(&bytes[..len]);
+                    next = next.wrapping_add(len as u8);
+                } else if offered > 0 {
+                    prop_assert_eq!(uart.write(&bytes), Err(HalError::WouldBlock));
+                }
+                let gone = gone.min(uart.serial.tx.len());
+                sent.extend(uart.serial.tx.drain(..gone));
+            }
+            for _ in 0..2 {
+                sent.extend(uart.serial.tx.drain(..));
+                prop_assert_eq!(uart.write_ready(), Ok(true));
+            }
+            prop_assert_eq!(sent, written);
+        }
+    }
+
+    #[test]
+    fn an_error_comes_behind_the_bytes_before_it_and_once() {
+        let mut uart = NbSerial::new(Fifo::default());
+        let mut buffer = [0; 8];
+        assert_eq!((uart.read_ready(), uart.read(&mut buffer)), (Ok(false), Err(HalError::WouldBlock)));
+        uart.serial.rx.extend([Ok(1), Ok(2), Err(serial::ErrorKind::Overrun), Ok(3)]);
+        assert_eq!((uart.read_ready(), uart.read_ready()), (Ok(true), Ok(true)), "asking takes nothing");
+        assert_eq!((uart.read(&mut buffer), &buffer[..2]), (Ok(2), &[1, 2][..]));
+        assert_eq!(uart.read(&mut buffer), Err(HalError::Hal(serial::ErrorKind::Overrun)));
+        assert_eq!((uart.read(&mut buffer), buffer[0]), (Ok(1), 3));
+        assert_eq!(uart.read_ready(), Ok(false));
+    }
+}

@@ -102,3 +102,96 @@ impl<S: embedded_io_async::Write> Write for Polled<S> {
         now(self.serial.flush()).ok_or(HalError::WouldBlock)?.map_err(HalError::Hal)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::future::{pending, ready};
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    /// A buffered UART with room for 40 bytes to send, which takes all of a write or waits.
+    #[derive(Default)]
+    struct Buffered {
+        rx: Vec<u8>,
+        tx: Vec<u8>,
+    }
+
+    impl ErrorType for Buffered {
+        type Error = embedded_io::ErrorKind;
+    }
+
+    impl ReadReady for Buffered {
+        fn read_ready(&mut self) -> Result<bool, Self::Error> {
+            Ok(!self.rx.is_empty())
+        }
+    }
+
+    impl embedded_io_async::Read for Buffered {
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
+            if self.rx.is_empty() {
+                return pending().await;
+            }
+            let len = buffer.len().min(self.rx.len());
+            for (cell, byte) in buffer.iter_mut().zip(self.rx.drain(..len)) {
+                *cell = byte;
+            }
+            ready(Ok(len)).await
+        }
+    }
+
+    impl embedded_io_async::Write for Buffered {
+        async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+            assert!(bytes.len() <= 40, "a write that can never be done");
+            if self.tx.len() + bytes.len() > 40 {
+                return pending().await;
+            }
+            self.tx.extend(bytes);
+            Ok(bytes.len())
+        }
+
+        async fn flush(&mut self) -> Result<(), Self::Error> {
+            if self.tx.is_empty() { Ok(()) } else { pending().await }
+        }
+    }
+
+    proptest! {
+        /// What is written goes out in order, however the line takes it, and a ready UART takes something.
+        #[test]
+        fn what_is_written_is_sent_once_and_in_order(steps in proptest::collection::vec((0..80usize, 0..41usize), 1..100)) {
+            let mut uart = Polled::new(Buffered::default());
+            let (mut written, mut sent, mut next) = (Vec::<u8>::new(), Vec::<u8>::new(), 0u8);
+            for (offered, gone) in steps {
+                let bytes: Vec<u8> = (0..offered).map(|i| next.wrapping_add(i as u8)).collect();
+                if uart.write_ready() == Ok(true) && offered > 0 {
+                    let len = uart.write(&bytes).unwrap();
+                    prop_assert!(len > 0);
+                    written.extend(&bytes[..len]);
+                    next = next.wrapping_add(len as u8);
+                } else if offered > 0 {
+                    prop_assert_eq!(uart.write(&bytes), Err(HalError::WouldBlock));
+                }
+                let gone = gone.min(uart.serial.tx.len());
+                sent.extend(uart.serial.tx.drain(..gone));
+            }
+            for _ in 0..2 {
+                sent.extend(uart.serial.tx.drain(..));
+                prop_assert_eq!(uart.write_ready(), Ok(true));
+            }
+            prop_assert_eq!(sent, written);
+        }
+    }
+
+    #[test]
+    fn nothing_waits() {
+        let mut uart = Polled::new(Buffered::default());
+        let mut buffer = [0; 8];
+        assert_eq!((uart.read_ready(), uart.read(&mut buffer)), (Ok(false), Err(HalError::WouldBlock)));
+        uart.get_mut().rx.extend([1, 2, 3]);
+        assert_eq!((uart.read_ready(), uart.read(&mut buffer)), (Ok(true), Ok(3)));
+        assert_eq!(uart.write(b"7"), Ok(1));
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock));
+        uart.get_mut().tx.clear();
+        assert_eq!(uart.flush(), Ok(()));
+    }
+}
