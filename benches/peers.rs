@@ -75,7 +75,7 @@ struct Bench<const PEERS: usize> {
 
 impl<const PEERS: usize> Bench<PEERS> {
     fn new(senders: usize, forwards: bool, make: impl Fn(Address, usize) -> Vec<u8>) -> Self {
-        let links = [LinkConfig::uart(0).with_streams(StreamProfile::Off); 2];
+        let links = [LinkConfig::unlimited().with_streams(StreamProfile::Off); 2];
         let mut bench = Self {
             stack: Box::new(Stack::with_capacities(CONFIG, links)),
             rover: Rover(forwards.then(ForwardQueues::new)),

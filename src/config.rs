@@ -127,7 +127,10 @@ impl Config {
     /// run time, put a checked one in [`address`](Self::address).
     pub const fn new(address: Address, pulse: &'static Pulse) -> Self {
         let address = VehicleAddress::new(address);
-        assert!(address.is_some(), "a vehicle's system id is 1 to 254, its component id 1 to 255");
+        assert!(
+            address.is_some(),
+            "a system id is 1 to 254 (255: ground stations), a component id 1 to 255: take (1, 1)"
+        );
         let address = match address {
             Some(address) => address,
             None => VehicleAddress(Address::new(1, 1)),

@@ -122,8 +122,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         reason = "const-evaluated; the index is below LINKS, which is at most 16"
     )]
     pub const fn with_capacities(config: Config, configs: [LinkConfig; LINKS]) -> Self {
-        const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links") };
-        const { assert!(PEERS > 0, "a stack needs room for a peer") };
+        const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links: the first number behind `Stack`") };
+        const { assert!(PEERS > 0, "a stack needs room for a peer: 8 will do for most") };
         let mut links = [const { Link::VACANT }; LINKS];
         let mut normal = LinkMask::NONE;
         let mut i = 0;
@@ -461,6 +461,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
         let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
+        const { V::MESSAGES.check() };
         self.core.drain(&mut context, link, V::MESSAGES, allowance);
         high_latency::received(&mut self.links, vehicle);
     }

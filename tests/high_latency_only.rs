@@ -204,7 +204,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     setup.links = [
         LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard),
         satellite.with_streams(StreamProfile::Onboard),
-        LinkConfig::uart(0),
+        LinkConfig::unlimited(),
         satellite.with_version(TxVersion::Auto),
     ];
     let is_satellite = |link: usize| setup.links[link].class == LinkClass::HighLatency;

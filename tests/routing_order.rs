@@ -253,7 +253,7 @@ fn next_deadline_knows_of_queues() {
 /// D-2, SEC-2: what forwarding costs counts as work: a poll forwards fewer frames than it handles, and none is lost.
 #[test]
 fn forwarding_is_within_the_budget() {
-    let links = [LinkConfig::uart(0); 5];
+    let links = [LinkConfig::unlimited(); 5];
     let mut setup = Setup { links, ..Setup::<5>::new() };
     setup.config.budget = PollBudget { rx_bytes: 1_000, rx_work: 562, frames: 8, tx_bytes: 2_000 };
     let mut world = World::new(setup);

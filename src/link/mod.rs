@@ -92,7 +92,7 @@ impl LinkConfig {
     /// When `baud` is less than 10: in a `const` a compile error. For a rate that is only known at run time set
     /// [`bytes_per_second`](Self::bytes_per_second).
     pub const fn uart(baud: u32) -> Self {
-        assert!(baud >= 10, "a UART has a baud rate, 57_600 for example; a line without one is `LinkConfig::unlimited()`");
+        assert!(baud >= 10, "a UART has a baud rate; a line without one is `LinkConfig::unlimited()`");
         Self { bytes_per_second: baud / 10, ..Self::unlimited() }
     }
 

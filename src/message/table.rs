@@ -9,6 +9,7 @@
 )]
 
 use super::{Field, Message};
+use crate::dialect::{CommandLong, Heartbeat};
 use crate::frame::crc;
 
 /// One field as `CRC_EXTRA` and the address filter see it. Made by [`message!`](crate::message).
@@ -273,6 +274,21 @@ impl MessageTable {
             i += 1;
         }
         Self::sorted(rows)
+    }
+
+    /// Refuses, at compile time, a table with which a vehicle would be deaf: own messages without those of common.
+    pub(crate) const fn check(&self) {
+        let (mut has_heartbeat, mut has_commands) = (false, false);
+        let mut i = 0;
+        while i < self.rows.len() {
+            has_heartbeat = has_heartbeat || self.rows[i].id() == Heartbeat::ID;
+            has_commands = has_commands || self.rows[i].id() == CommandLong::ID;
+            i += 1;
+        }
+        assert!(
+            has_heartbeat && has_commands,
+            "`MESSAGES` has no HEARTBEAT or no COMMAND_LONG: put all of common beside your own, `[Own] + Common`"
+        );
     }
 
     /// The row of a message.

@@ -111,6 +111,7 @@ pub struct TimeSync<S: ?Sized = [TimeSlot]> {
 impl<const LINKS: usize> TimeSync<[TimeSlot; LINKS]> {
     /// Nothing asked. Links from number `LINKS` on are not served.
     pub const fn new() -> Self {
+        const { assert!(LINKS > 0, "time memory needs a link: TimeSlots<1>, or leave `time_sync` out") };
         Self { sample: None, links: [TimeSlot::EMPTY; LINKS] }
     }
 }

@@ -113,5 +113,8 @@ pub(super) fn on_frame<V: Autopilot, P: PlanStorage>(
 /// Whether a stack with room for `slots` streams can serve this vehicle: a compile error where not.
 pub(super) const fn check<V: Autopilot>(slots: usize) {
     Stream::check(V::STREAMS, !V::MODES.is_empty());
-    assert!(V::STREAMS.len() <= slots, "the vehicle has more streams than the stack has room for: see `STREAMS`");
+    assert!(
+        V::STREAMS.len() <= slots,
+        "more `STREAMS` than the stack has room for: name a number, `Stack<1, P, 8, 4, 32>`"
+    );
 }

@@ -66,7 +66,7 @@ impl<const PEERS: usize> Network<PEERS> {
     pub fn new(vehicles: u8, bytes_per_second: u32, seed: u64) -> Self {
         let node = |system| {
             let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
-            let link = LinkConfig { bytes_per_second, ..LinkConfig::uart(0) };
+            let link = LinkConfig { bytes_per_second, ..LinkConfig::unlimited() };
             let stack = Stack::with_capacities(Config::new(Address::new(system, 1), pulse), [link; LINKS]);
             let vehicle = TestVehicle { queues: Some(Box::new(ForwardQueues::new())), ..TestVehicle::new() };
             Node { stack: Box::new(stack), vehicle, pulse, used: 0 }

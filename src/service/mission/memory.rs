@@ -159,6 +159,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<
     const CHECKED: () = {
         assert!(S == largest(M, F, R), "the staging area is as large as the largest plan: use plan_memory!");
         assert!(S <= MAX_ITEMS, "a plan has at most 65,534 items");
+        assert!(S > 0, "plan memory without room for an item: use NoPlans");
         assert!(size_of::<Self>() <= (M + F + R + S) * size_of::<Item>() + 256);
     };
 

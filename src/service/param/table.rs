@@ -68,7 +68,7 @@ impl ParamInfo {
     )]
     const fn row(text: &str, r#type: MavParamType, default: u32, min: u32, max: u32) -> Self {
         let text = text.as_bytes();
-        assert!(!text.is_empty() && text.len() <= 16, "a parameter's name has 1 to 16 bytes");
+        assert!(!text.is_empty() && text.len() <= 16, "a parameter's name has 1 to 16 bytes: shorten it");
         let mut name = [0; 16];
         let mut i = 0;
         while i < text.len() {
@@ -120,7 +120,7 @@ impl ParamInfo {
             if i > 0 {
                 assert!(
                     is_less(&table[i - 1].name, &table[i].name),
-                    "the parameters of a table are in the order of ASCII, each name once"
+                    "the parameters of a table are in the order of ASCII, each name once: sort their lines"
                 );
             }
             i += 1;

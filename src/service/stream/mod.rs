@@ -125,12 +125,12 @@ impl Stream {
             assert!(!(has_modes && is_of_modes), "the stack sends this message by itself: see `MODES`");
             let mut j = 0;
             while j < own.len() {
-                assert!(table[i].id != own[j], "the stack sends this message by itself");
+                assert!(table[i].id != own[j], "the stack sends this message by itself: leave it out of `STREAMS`");
                 j += 1;
             }
             j = 0;
             while j < i {
-                assert!(table[i].id != table[j].id, "a message is declared once");
+                assert!(table[i].id != table[j].id, "a message stands once in `STREAMS`: leave the other out");
                 j += 1;
             }
             i += 1;
