@@ -5,18 +5,29 @@
 
 use heapless::Vec;
 
-use super::{MAX_INTERVAL, Stream, StreamProfile};
-use crate::time::{Duration, Instant};
+use super::{Stream, StreamProfile};
+use crate::time::Instant;
 
 /// The interval of a stream that is off.
-const OFF: u32 = u32::MAX;
+const OFF: u16 = u16::MAX;
 
-/// A stream makes up for so much of being late (µs), a message a poll; what is beyond is dropped, or a line that stalled
-/// would be followed by a burst.
-const CATCH_UP: u32 = 100_000;
+/// How an interval is kept: up to here as the whole rate (Hz) that it is of, beyond as four digits and a power of ten.
+const MAX_RATE: u16 = 1_000;
+/// The least four digits, and how many numbers each power has.
+const DIGITS: u32 = 1_000;
+const SPAN: u32 = 12_800;
+const POWERS: [u32; 5] = [1, 10, 100, 1_000, 10_000];
 
-/// Further ahead than this (µs) no stream is due: what looks so is long past.
-const HORIZON: u32 = MAX_INTERVAL + 4_000_000;
+/// Streams count in units of 64 µs, or of 1,024 from this interval (µs) on: then it has room in 16 bits, with what a radio's
+/// full buffer adds.
+const SLOW: u32 = 2_000_000;
+
+/// What [`Slot::left`] is when a stream is due. So late, 100 ms, it can be and makes up for it, a message a poll; what is beyond
+/// is dropped, or a line that stalled would be followed by a burst.
+const DUE: u16 = 1_563;
+
+/// What [`Slot::left`] is when a stream becomes due with the next sweep.
+const FRESH: u16 = u16::MAX;
 
 /// A RADIO_STATUS says nothing any more after this time: five seconds, in units of 1,024 µs.
 const RADIO_STALE: u32 = 4_883;
@@ -31,30 +42,62 @@ const QUESTIONS: usize = 4;
 /// One stream on one link.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
-    /// µs; 0 is the stream's default.
-    interval: u32,
-    /// The low half of the time (µs); compared by difference, so it may wrap.
-    due: u32,
+    /// 0 is the stream's default.
+    interval: u16,
+    /// When it is due, counted down with each sweep, so that it matters not for how long there was none.
+    left: u16,
 }
 
 impl Slot {
     /// The default, due at once. Zero bits.
-    pub(crate) const NEW: Self = Self { interval: 0, due: 0 };
+    pub(crate) const NEW: Self = Self { interval: 0, left: 0 };
 
     /// The interval (µs) of `stream`, whose slot it is; `None` when it is off.
     pub(super) fn interval(&self, stream: &Stream, profile: StreamProfile) -> Option<u32> {
         match self.interval {
             0 => Some(stream.default_interval(profile)).filter(|&interval| interval != 0),
             OFF => None,
-            interval => Some(interval),
+            code => Some(interval_of(code)),
         }
     }
+}
 
-    /// How late it is (µs); `None` when it is not due yet.
-    fn late(&self, time: u32) -> Option<u32> {
-        let ahead = self.due.wrapping_sub(time);
-        (ahead == 0 || ahead > HORIZON).then_some(time.wrapping_sub(self.due))
+/// What is kept of an interval (µs) within the bounds: all of it for each whole rate and up to four digits. Else it is rounded
+/// up, by less than a thousandth.
+fn code_of(interval: u32) -> u16 {
+    let rate = 1_000_000u32.checked_div(interval).unwrap_or(0);
+    if 1_000_000u32.checked_div(rate) == Some(interval) {
+        return u16::try_from(rate).unwrap_or(MAX_RATE);
     }
+    let mut code = u32::from(MAX_RATE).wrapping_add(1);
+    let mut digits = interval;
+    while digits >= DIGITS.wrapping_add(SPAN) {
+        digits = digits.div_ceil(10);
+        code = code.wrapping_add(SPAN);
+    }
+    u16::try_from(code.wrapping_add(digits.saturating_sub(DIGITS))).unwrap_or(OFF)
+}
+
+/// The interval (µs) that was kept.
+fn interval_of(code: u16) -> u32 {
+    match u32::from(code).checked_sub(u32::from(MAX_RATE).wrapping_add(1)) {
+        None => 1_000_000u32.checked_div(u32::from(code)).unwrap_or(0),
+        Some(code) => {
+            let power = usize::try_from(code / SPAN).ok().and_then(|power| POWERS.get(power)).copied().unwrap_or(0);
+            (code % SPAN).wrapping_add(DIGITS).wrapping_mul(power)
+        }
+    }
+}
+
+/// How far a time or an interval (µs) is shifted to count in a stream's units.
+fn shift_of(interval: u32) -> u32 {
+    if interval < SLOW { 6 } else { 10 }
+}
+
+/// So many units there are from one moment to another; none is lost from one call to the next.
+fn units(from: Instant, to: Instant, shift: u32) -> u16 {
+    let [from, to] = [from, to].map(|at| at.as_micros().wrapping_shr(shift));
+    u16::try_from(to.saturating_sub(from)).unwrap_or(u16::MAX)
 }
 
 /// The streams of a link, but for their slots, of which there are as many as the stack has room for. Initially zero bits.
@@ -67,10 +110,12 @@ pub(crate) struct Streams {
     index: u16,
     /// Ids of messages whose interval was asked for.
     questions: Vec<u16, QUESTIONS, u8>,
-    /// Where the sweep is in the table, and when it began.
+    /// Where the sweep is in the table, and 1; 0 when there is none. And when the last one began.
     cursor: u8,
-    is_sweeping: bool,
     swept: Instant,
+    /// What is added before an interval is rounded to units, in 256ths of one: another part with each sweep, so that on
+    /// average nothing is.
+    dither: u8,
     /// When the next sweep has something to send; zero before the first one.
     wake: Instant,
     /// What a radio's full buffer adds to each interval, in [steps](STEP), and when it last said something, in
@@ -87,8 +132,8 @@ impl Streams {
             index: 0,
             questions: Vec::new(),
             cursor: 0,
-            is_sweeping: false,
             swept: Instant::ZERO,
+            dither: 0,
             wake: Instant::ZERO,
             slowdown: 0,
             radio: 0,
@@ -97,8 +142,12 @@ impl Streams {
 
     /// Sends a stream every `interval` µs from now on; 0 is its default, `None` stops it.
     pub(super) fn set_interval(&mut self, now: Instant, slot: &mut Slot, interval: Option<u32>) {
-        slot.interval = interval.unwrap_or(OFF);
-        slot.due = low_half(now);
+        slot.interval = match interval {
+            None => OFF,
+            Some(0) => 0,
+            Some(interval) => code_of(interval),
+        };
+        slot.left = FRESH;
         self.wake = now;
     }
 
@@ -180,56 +229,63 @@ impl Streams {
         slots: &mut [Slot],
         profile: StreamProfile,
     ) -> Option<usize> {
-        if now.since(self.swept).as_micros() > u64::from(HORIZON) {
-            // The line took nothing for so long that what was due then may look as if it were still to come.
-            self.pause();
-        }
         // The rest of a sweep that found no room before, and then a new one.
         for _ in 0..2 {
-            if !self.is_sweeping && !self.begin_sweep(now, slots) {
+            if self.cursor == 0 && !self.begin_sweep(now, table, slots, profile) {
                 return None;
             }
-            if let Some(number) = self.sweep(now, table, slots, profile) {
+            if let Some(number) = self.sweep(table, slots, profile) {
                 return Some(number);
             }
-            self.is_sweeping = false;
+            self.cursor = 0;
         }
         None
     }
 
     /// False when it is too early for another sweep.
-    fn begin_sweep(&mut self, now: Instant, slots: &mut [Slot]) -> bool {
+    fn begin_sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> bool {
         if self.wake == Instant::ZERO {
             // Nobody listened up to here.
-            slots.iter_mut().for_each(|slot| slot.due = low_half(now));
+            slots.iter_mut().for_each(|slot| slot.left = DUE);
         } else if now < self.wake || now == self.swept {
             return false;
+        } else {
+            let (fine, coarse) = (units(self.swept, now, shift_of(0)), units(self.swept, now, shift_of(SLOW)));
+            for (stream, slot) in table.iter().zip(slots) {
+                let interval = slot.interval(stream, profile).unwrap_or(0);
+                slot.left = match slot.left {
+                    FRESH => DUE,
+                    left => left.saturating_sub(if interval < SLOW { fine } else { coarse }),
+                };
+            }
         }
         self.forget_radio(now);
-        self.is_sweeping = true;
-        self.cursor = 0;
+        self.cursor = 1;
         self.swept = now;
+        self.dither = self.dither.wrapping_add(157);
         self.wake = Instant::NEVER;
         true
     }
 
     /// Goes on through the table to the next stream that is due.
-    fn sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
-        let time = low_half(now);
+    fn sweep(&mut self, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
         // As it was when the sweep began.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
-        let rest = table.iter().zip(slots).enumerate().skip(usize::from(self.cursor));
+        let rest = table.iter().zip(slots).enumerate().skip(usize::from(self.cursor.saturating_sub(1)));
         for (number, (stream, slot)) in rest {
             self.cursor = self.cursor.saturating_add(1);
             let Some(interval) = slot.interval(stream, profile) else { continue };
-            let late = slot.late(time);
-            if let Some(late) = late {
-                let next = time.wrapping_sub(late.min(CATCH_UP));
-                slot.due = next.wrapping_add(interval.saturating_add(slowdown));
+            let shift = shift_of(interval);
+            let is_due = slot.left <= DUE;
+            if is_due {
+                let dither = u32::from(self.dither).wrapping_shl(shift).wrapping_shr(8);
+                let next = interval.saturating_add(slowdown).saturating_add(dither).wrapping_shr(shift);
+                slot.left = slot.left.saturating_add(u16::try_from(next).unwrap_or(0));
             }
-            let ahead = if slot.late(time).is_some() { 0 } else { slot.due.wrapping_sub(time) };
-            self.wake = self.wake.min(now.after(Duration::from_micros(u64::from(ahead))));
-            if late.is_some() {
+            let ahead = u64::from(slot.left.saturating_sub(DUE));
+            let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead).wrapping_shl(shift);
+            self.wake = self.wake.min(Instant::from_micros(due));
+            if is_due {
                 return Some(number);
             }
         }
@@ -238,22 +294,16 @@ impl Streams {
 
     /// Nobody is there to listen: the next sweep comes with whatever wakes the stack.
     pub(crate) fn pause(&mut self) {
-        self.is_sweeping = false;
+        self.cursor = 0;
         self.wake = Instant::ZERO;
     }
 
     /// When a stream is to be sent on a line that is idle from `idle` on.
     pub(crate) fn deadline(&self, idle: Instant) -> Instant {
         match self.wake {
-            _ if self.is_sweeping => idle,
+            _ if self.cursor != 0 => idle,
             Instant::ZERO => Instant::NEVER,
             wake => wake.max(idle),
         }
     }
-}
-
-/// The low 32 bits of the time (µs).
-fn low_half(now: Instant) -> u32 {
-    let [a, b, c, d, ..] = now.as_micros().to_le_bytes();
-    u32::from_le_bytes([a, b, c, d])
 }

@@ -65,6 +65,51 @@ fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, 
     counts
 }
 
+/// what people ask for is kept as it is; what is not is told as it is kept.
+#[test]
+fn intervals_are_kept() {
+    let kept = |interval| {
+        let mut line = Line::new();
+        line.set_interval(Instant::ZERO, 2, interval);
+        line.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap()
+    };
+    for rate in 1..=1_000 {
+        assert_eq!(kept(1_000_000 / rate), 1_000_000 / rate, "{rate} Hz");
+    }
+    for tenths in 10..=600_000 {
+        let exact = tenths <= 13_799 || tenths % 10 == 0 && tenths <= 137_990 || tenths % 100 == 0;
+        assert!(!exact || kept(tenths * 100) == tenths * 100, "{tenths} tenths of a millisecond");
+    }
+    assert_eq!((kept(1_001), kept(123_457), kept(59_999_999)), (1_001, 123_460, 60_000_000));
+}
+
+/// whole rates are exact, for as long as one likes.
+#[test]
+fn whole_rates_are_exact() {
+    for rate in [1, 3, 7, 30, 400] {
+        let mut line = Line::new();
+        line.set_interval(Instant::from_millis(5_000), 2, 1_000_000 / rate);
+        let seconds = 1_000;
+        let [.., count] = counts(&mut line, 5_000_000, seconds, StreamProfile::Radio, &[1_000]);
+        let wanted = rate * u32::try_from(seconds).unwrap();
+        assert!(count.abs_diff(wanted) <= 1, "{count} at {rate} Hz, not {wanted}");
+    }
+}
+
+/// a radio that said something before a pause of any length is forgotten, also when the units of its time wrap.
+#[test]
+fn radio_is_forgotten_over_any_pause() {
+    for pause in [6u64, 4_294, 4_295, 4_296, 8_590] {
+        let mut line = Line::new();
+        counts(&mut line, 0, 1, StreamProfile::Radio, &[1_000]);
+        line.0.on_radio(Instant::from_millis(1_000), 0);
+        let later = Instant::from_millis((1 + pause) * 1_000);
+        assert_eq!(line.0.slowdown(later), 0, "{pause} s");
+        let [fast, ..] = counts(&mut line, later.as_micros(), 1, StreamProfile::Radio, &[1_000]);
+        assert!(fast >= 50, "{pause} s: {fast}");
+    }
+}
+
 #[test]
 fn profiles_have_their_own_defaults() {
     let run = |profile| counts(&mut Line::new(), 0, 10, profile, &[1_000]);
@@ -159,16 +204,23 @@ proptest! {
         prop_assert!((count - wanted).abs() <= wanted * 0.01 + 1.0, "{count}, not {wanted}");
     }
 
-    /// Whatever the interval, the stack is woken when it is due and not before.
+    /// Whatever the interval, the stack is woken when it is due and not before, to a unit; and no unit is added up.
     #[test]
-    fn deadline_is_when_the_next_is_due(interval in 1_000u32..60_000_000, start in 0u64..1 << 40) {
+    fn deadline_is_when_the_next_is_due(interval in 1_000u32..60_000_000, start in 1u64..1 << 40) {
         let mut streams = Line::new();
         let at = Instant::from_micros(start);
         streams.set_interval(at, 2, interval);
         while streams.next_due(at, StreamProfile::Off).is_some() {}
-        let due = streams.0.deadline(Instant::ZERO);
-        prop_assert_eq!(due.since(at), Duration::from_micros(interval.into()));
-        prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), StreamProfile::Off), None);
-        prop_assert_eq!(streams.next_due(due, StreamProfile::Off), Some(2));
+        let told = streams.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap();
+        prop_assert!(told >= interval && told - interval <= interval / 1_000);
+        let unit = if told < 2_000_000 { 64 } else { 1_024 };
+        for count in 1..300 {
+            let due = streams.0.deadline(Instant::ZERO);
+            let wanted = start + count * u64::from(told);
+            prop_assert!(due.as_micros().abs_diff(wanted) <= 4 * unit, "{due:?}, not {wanted}");
+            prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), StreamProfile::Off), None);
+            prop_assert_eq!(streams.next_due(due, StreamProfile::Off), Some(2));
+            while streams.next_due(due, StreamProfile::Off).is_some() {}
+        }
     }
 }
