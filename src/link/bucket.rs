@@ -152,4 +152,17 @@ mod tests {
         assert_eq!(burst, 30, "20 ms, and what begins then");
         assert_eq!(bucket.ready_at().since(Instant::from_millis(3_600_000)).as_micros(), 10_000);
     }
+
+    /// However long nobody looked, the line is free then.
+    #[test]
+    fn any_pause_frees_the_line() {
+        for pause in [1u64, 4_294, 4_295, 4_296, 1 << 33] {
+            let mut bucket = Bucket { rate: 1_000, ..Bucket::VACANT };
+            bucket.drain(Instant::from_millis(5_000));
+            bucket.spend(1_000);
+            assert!(!bucket.has_room());
+            bucket.drain(Instant::from_millis(5_000 + pause * 1_000));
+            assert!(bucket.has_room() && bucket.is_idle(), "{pause} s");
+        }
+    }
 }

@@ -137,13 +137,12 @@ impl StatusTexts {
     pub(crate) fn next(&mut self, cursor: &mut TextCursor, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
         let newest = self.newest;
-        // Numbers wrap, so the oldest is the one furthest behind the newest. A text once begun is finished first.
+        // Numbers wrap, so the oldest is the one furthest behind the newest. One that was begun was the oldest, and still is.
         let (mut oldest, mut highest) = (None, 0);
         for entry in self.entries.iter_mut().filter(|entry| entry.pending.contains(link)) {
-            let begun = cursor.chunk > 0 && entry.number == cursor.number;
-            let rank = u32::from(newest.wrapping_sub(entry.number)) | (u32::from(begun) << 16);
-            if rank >= highest {
-                (oldest, highest) = (Some(entry), rank);
+            let age = newest.wrapping_sub(entry.number);
+            if age >= highest {
+                (oldest, highest) = (Some(entry), age);
             }
         }
         let Some(entry) = oldest else { return false };

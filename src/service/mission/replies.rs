@@ -31,6 +31,7 @@ pub(crate) struct Reply {
 /// [`What`], without what it holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
+    None,
     Accepted,
     Refused,
     Count,
@@ -61,6 +62,9 @@ impl What {
 }
 
 impl Reply {
+    /// Nothing is owed; all zero bits.
+    const NONE: Self = Self { to: Address::new(0, 0), mission_type: MavMissionType(0), kind: Kind::None, value: 0 };
+
     pub(super) fn new(to: Address, mission_type: MavMissionType, what: What) -> Self {
         let (kind, value) = match what {
             What::Accepted(id) => (Kind::Accepted, id),
@@ -77,7 +81,7 @@ impl Reply {
         let seq = u16::from_le_bytes([low, high]);
         match self.kind {
             Kind::Accepted => What::Accepted(self.value),
-            Kind::Refused => What::Refused(MavMissionResult(low)),
+            Kind::None | Kind::Refused => What::Refused(MavMissionResult(low)),
             Kind::Count => What::Count,
             Kind::Item => What::Item(seq),
             Kind::LegacyItem => What::LegacyItem(seq),
@@ -116,14 +120,14 @@ pub(crate) struct Replies {
     slots: Vec<Reply, SLOTS, u8>,
     /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage. No `Option`, of which
     /// "none" would be bits that are not zero, and with it the initial value of every link in flash.
-    result: Vec<Reply, 1, u8>,
+    result: Reply,
     /// Up to this time stray items are not answered, whoever sends them. In [`ticks`](Instant::ticks).
     strays_from: u32,
 }
 
 impl Replies {
     pub(crate) const fn new() -> Self {
-        Self { slots: Vec::new(), result: Vec::new(), strays_from: 0 }
+        Self { slots: Vec::new(), result: Reply::NONE, strays_from: 0 }
     }
 
     /// Whether a MISSION_ACK is owed.
@@ -165,28 +169,32 @@ impl Replies {
     /// Owes the end of an upload or a clear. What storage answers was given a free place before it began; only a timer's
     /// OPERATION_CANCELLED, which is a courtesy, can be in the way, and goes.
     pub(crate) fn owe_result(&mut self, reply: Reply) {
-        self.result.clear();
-        let _ = self.result.push(reply);
+        self.result = reply;
     }
 
     /// Whether such an end is owed.
     pub(super) fn owes_result(&self) -> bool {
-        !self.result.is_empty()
+        self.result.kind != Kind::None
     }
 
     /// `client` begins anew: what he would hear of before, he would take for the answer to this.
     pub(super) fn forget_result(&mut self, client: Address) {
-        self.result.retain(|reply| reply.to != client);
+        if self.result.to == client {
+            self.result = Reply::NONE;
+        }
     }
 
     /// The line was opened anew: nobody is there any more to be told how his upload ended.
     pub(crate) fn restart(&mut self) {
-        self.result.clear();
+        self.result = Reply::NONE;
     }
 
     /// Sends the oldest MISSION_ACK. False when none is owed.
     pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
-        self.result.pop().or_else(|| self.pop(true)).is_some_and(|reply| reply.send_ack(tx))
+        if self.owes_result() {
+            return core::mem::replace(&mut self.result, Reply::NONE).send_ack(tx);
+        }
+        self.pop(true).is_some_and(|reply| reply.send_ack(tx))
     }
 
     /// Whether a stray item may be answered now; then the next one may not for a while.
@@ -197,5 +205,44 @@ impl Replies {
             self.strays_from = now.ticks().wrapping_add(STRAY_PAUSE);
         }
         may
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// M-31, M-36: a second of silence, whatever the time is, also where its units wrap, and after a pause of any length.
+    #[test]
+    fn stray_items_are_answered_once_a_second() {
+        let mut replies = Replies::new();
+        for start in [0u64, 1 << 32, (1 << 32) + 5_000_000, 1 << 42, (1 << 42) + (1 << 32)] {
+            let mut may = |after| replies.may_answer_stray(Instant::from_micros(start + after));
+            assert!(may(0), "{start}");
+            assert!(!may(1) && !may(999_000), "{start}");
+            assert!(may(1_002_000), "{start}");
+        }
+    }
+
+    #[test]
+    fn replies_come_out_as_they_went_in() {
+        let whats = [
+            What::Accepted(u32::MAX),
+            What::Accepted(0),
+            What::Refused(MavMissionResult(255)),
+            What::Count,
+            What::Item(u16::MAX),
+            What::LegacyItem(1),
+        ];
+        let mut replies = Replies::new();
+        let reply = |what| Reply::new(Address::new(255, 190), MavMissionType(9), what);
+        for what in whats {
+            assert!(!replies.is_full());
+            replies.push(reply(what));
+            replies.push(reply(what));
+        }
+        assert!(replies.is_full() && replies.has_ack());
+        let order = [false, false, false, true, true, true].map(|ack| replies.pop(ack).map(|reply| reply.what()));
+        assert_eq!(order.map(Option::unwrap), [whats[3], whats[4], whats[5], whats[0], whats[1], whats[2]]);
     }
 }

@@ -436,7 +436,7 @@ impl Bench {
 #[test]
 fn engine_fits_its_budget() {
     assert!(size_of::<Missions>() <= 400, "{}", size_of::<Missions>());
-    assert!(size_of::<Replies>() <= 68, "{}", size_of::<Replies>());
+    assert!(size_of::<Replies>() <= 64, "{}", size_of::<Replies>());
 }
 
 /// Section 8.6, in both forms: the command is looked at first, whatever its frame is.
