@@ -8,8 +8,8 @@ use all::{Declared, Visit, command, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::{
     Common, Heartbeat, HighLatency2, MavCmd, MavMissionResult, MavModeFlag, MavResult, MavType, MissionItemInt,
 };
-// `CommandRule`, `ParamRule` and `Location` for the text that `all` compiles.
-use mavstack::{CommandRule, Dialect, Location, Message, ParamRule, Text};
+// `CommandRule`, `ParamRule`, `Location` and `Secret` for the text that `all` compiles.
+use mavstack::{CommandRule, Dialect, Location, Message, ParamRule, Secret, Text};
 use std::fmt::Debug;
 
 const TABLE: &str = include_str!("../dialect/tests/definitions/wire.csv");

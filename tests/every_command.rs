@@ -5,7 +5,7 @@
 
 use mavstack::dialect::{MavFrame, MavMissionResult, MavResult};
 use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LinkClass, LinkId, Location, ParamRule, Peer, Text,
+    Address, Command, CommandPosition, CommandRule, Item, LinkClass, LinkId, Location, ParamRule, Peer, Secret, Text,
     TypedCommand,
 };
 use std::fmt::Debug;

@@ -7,7 +7,7 @@ mod all;
 use all::{Declared, Visit, command, dialect, message, wire_bitmask, wire_enum};
 use mavstack::dialect::Common;
 // What the generated file asks the crate root for.
-use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, Text, Version, encode};
+use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, Secret, Text, Version, encode};
 use mavstack::{CommandRule, Location, ParamRule};
 use std::{collections::BTreeMap, fmt::Debug};
 
