@@ -217,6 +217,18 @@ impl Parameters for Rover {
     type Table = NoParams;
 }
 
+/// What one more link costs (bytes of RAM): a frame of 280 bytes each way, what it owes, its counters; 4 for each of the
+/// `STREAMS`, 24 by default. Whether there are plans makes no difference.
+#[cfg(not(feature = "signing"))]
+const _: () = {
+    use mavstack::{NoPlans, Stack};
+    type Plans = mavstack::plan_memory!(mission: 100, fence: 40, rally: 10);
+
+    assert!(size_of::<Stack<2, NoPlans, 8, 0, 0>>() - size_of::<Stack<1, NoPlans, 8, 0, 0>>() == 888);
+    assert!(size_of::<Stack<2>>() - size_of::<Stack<1>>() == 984);
+    assert!(size_of::<Stack<2, Plans>>() - size_of::<Stack<1, Plans>>() == 984);
+};
+
 #[cfg(not(feature = "panic-never"))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
