@@ -111,6 +111,22 @@ fn copies_of_what_was_started_do_not_stop_again() {
     assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false), "who means it");
 }
 
+/// By radio nothing comes late: what looks like a copy of what came by satellite is said anew, and overtakes what is under way
+/// there.
+#[test]
+fn nothing_is_late_by_radio() {
+    let mut world = world();
+    world.gcs[RADIO].heartbeat_period = Some(secs(1));
+    order(&mut world, SAT, STOP);
+    order(&mut world, SAT, START);
+    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
+    run(&mut world, secs(5));
+    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
+    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+}
+
 /// C-12: a copy is looked for during a minute, of the same sender.
 #[test]
 fn what_is_no_copy_counts() {

@@ -1,12 +1,13 @@
 """The high-latency link: from the radio to the satellite and back, as the protocol's document tells it, and what that
 costs. Every byte that leaves is looked at."""
 
+import math
 import threading
 
 import pytest
 from companion import Companion
 from conftest import Gcs, is_armed
-from plans import plan
+from plans import HOME, plan
 from pymavlink import mavutil
 from satellite import START, STOP, Satellite
 from test_mavproxy import MavProxy
@@ -17,8 +18,11 @@ mavlink = mavutil.mavlink
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 DENIED = mavlink.MAV_RESULT_DENIED
+LATER = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 # As the vehicle has it in 16 bits: PX4's modes, main and sub.
-HOLD, RETURN = 4 | 3 << 8, 4 | 5 << 8
+HOLD, MISSION, RETURN = 4 | 3 << 8, 4 | 4 << 8, 4 | 5 << 8
+# What wp_num says while no mission is flown.
+NO_ITEM = 65_535
 # Seconds from one report to the next.
 PERIOD = 2
 
@@ -29,7 +33,9 @@ def satellite(port, other):
     write(other, "MAV_2_HL_FREQ", REAL32, 1 / PERIOD)
     satellite = Satellite(port + 2)
     yield satellite
-    satellite.control(STOP)
+    # What looks like a copy of an earlier STOP has to be said again.
+    while satellite.control(STOP) == LATER:
+        pass
     satellite.listen(0.5)
     satellite.end()
     write(other, "MAV_HL_LOSS_T", UINT16, 0)
@@ -91,7 +97,7 @@ def test_handover(satellite, other, beating, figure):
     (report,) = satellite.until("HIGH_LATENCY2", timeout=1.5)
     assert (report.get_srcSystem(), report.get_srcComponent()) == (1, 1)
     assert (report.type, report.autopilot) == (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_GENERIC)
-    assert (report.custom_mode, report.failure_flags, report.wp_num) == (HOLD, 0, 65_535)
+    assert (report.custom_mode, report.failure_flags, report.wp_num) == (HOLD, 0, NO_ITEM)
     assert abs(report.latitude - 473_977_420) < 100 and abs(report.longitude - 85_455_940) < 100
     assert (report.altitude, report.groundspeed, report.windspeed, report.temperature_air) == (488, 0, 0, -128)
     assert 0 < report.battery <= 100 and (report.eph, report.epv) == (9, 14)
@@ -118,6 +124,91 @@ def test_handover(satellite, other, beating, figure):
     assert spent == {"STAT_HL_BYTES": len(satellite.received), "STAT_HL_CREDITS": satellite.credits()}
     sent = f"{len(satellite.frames())} messages, {len(satellite.received)} bytes, {satellite.credits()} credits"
     figure(f"handover by satellite and back: {sent}")
+
+
+def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
+    """What QGroundControl shows of a flight: the mode, 16 bits up where the heartbeat has it, and the item that is flown, which
+    is the one that the radio tells."""
+    write(other, "MAV_2_HL_FREQ", REAL32, 1)
+    waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
+    corners = [(200, 0), (200, 200), (0, 200), (0, 0)]
+    items = [dict(waypoint, seq=seq, x=HOME[0] + n, y=HOME[1] + e) for seq, (n, e) in enumerate(corners)]
+    assert upload(gcs, [dict(item, param1=1.5) for item in items]).type == mavlink.MAV_MISSION_ACCEPTED
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
+    assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5) == ACCEPTED
+    assert gcs.wait("VFR_HUD", 15, lambda hud: hud.alt > 492), "it does not take off"
+    assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, START) == ACCEPTED
+    assert gcs.command(mavlink.MAV_CMD_MISSION_START, 0, 0) == ACCEPTED
+    flown = []
+    reports = []
+    while not flown or flown[-1] != NO_ITEM:
+        reports += satellite.until("HIGH_LATENCY2", timeout=3)
+        if reports[-1].custom_mode == MISSION or flown:
+            flown.append(reports[-1].wp_num)
+        assert len(reports) < 90, flown
+        messages = gcs.take_all()
+        told = {each.custom_mode for each in messages if each.get_type() == "HEARTBEAT" and each.get_srcComponent() == 1}
+        at = [each.seq for each in messages if each.get_type() == "MISSION_CURRENT"]
+        if told == {reports[-1].custom_mode << 16} and len(set(at)) == 1 and reports[-1].custom_mode == MISSION:
+            # Between two of each it may go on.
+            assert reports[-1].wp_num - at[0] in (0, 1), (reports[-1], at)
+    assert sorted(set(flown)) == [0, 1, 2, 3, NO_ITEM] and flown == sorted(flown), flown
+    modes = {report.custom_mode for report in reports if report.wp_num != NO_ITEM}
+    assert modes == {MISSION} and reports[-1].custom_mode == HOLD
+    assert {report.failure_flags for report in reports} == {0}
+    assert all(abs(report.latitude - HOME[0]) < 400 and 492 <= report.altitude <= 496 for report in reports[1:])
+
+
+def test_what_has_failed_is_told(vehicle, port):
+    """As SYS_STATUS says it, in flags of its own: here the receiver that has not found its position yet."""
+    # It runs for less than a minute then.
+    vehicle.cut()
+    write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 60_000)
+    try:
+        satellite = Satellite(getattr(vehicle, "port", port) + 2)
+
+        def has_fix(status):
+            return status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_SENSOR_GPS
+
+        assert vehicle.gcs.wait("SYS_STATUS", where=lambda status: not has_fix(status))
+        satellite.listen(0.3)
+        assert satellite.control(START) == ACCEPTED
+        (report,) = satellite.until("HIGH_LATENCY2")
+        assert report.failure_flags == mavlink.HL_FAILURE_FLAG_GPS
+        assert (report.latitude, report.longitude, report.eph, report.epv) == (0, 0, 255, 255)
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 2_000)
+        assert vehicle.gcs.wait("SYS_STATUS", 5, has_fix)
+        satellite.listen(0.3)
+        assert satellite.control(START) == ACCEPTED
+        (report,) = satellite.until("HIGH_LATENCY2")
+        assert report.failure_flags == 0 and abs(report.latitude - HOME[0]) < 100
+        assert satellite.control(STOP) == ACCEPTED
+        satellite.end()
+    finally:
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 2_000)
+
+
+def test_what_comes_late(satellite, other, beating):
+    """L-15, L-16: who was heard by radio when he said STOP there did not say START by satellite after that; who is heard by
+    the satellite only is believed."""
+    gcs = beating()
+    assert gcs.wait("HEARTBEAT")
+    assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
+    assert satellite.control(START) == LATER
+    assert satellite.listen(1.5 * PERIOD) == []
+    # Over the radio he can say so.
+    assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, START) == ACCEPTED
+    satellite.until("HIGH_LATENCY2", timeout=1.5)
+    assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
+    gcs.fall_silent()
+    gcs.close()
+    # The satellite's copies of both, and what is none.
+    satellite.listen(6)
+    assert satellite.control(START) == LATER
+    assert satellite.control(STOP) == ACCEPTED
+    assert satellite.listen(1.5 * PERIOD) == []
+    assert satellite.control(START) == ACCEPTED
+    satellite.until("HIGH_LATENCY2", timeout=1.5)
 
 
 def test_it_reports_by_itself(satellite, other, beating):

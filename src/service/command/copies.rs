@@ -53,7 +53,7 @@ impl Copies {
     /// It came by `link` and is carried out.
     pub(crate) fn run(&mut self, link: LinkId) {
         self.runs = self.runs.saturating_add(1).min(MOST);
-        self.count(link);
+        self.end(link);
     }
 
     /// What comes by `link` from now on is no copy of what was before.

@@ -26,7 +26,8 @@
 //! A satellite brings commands late, and so after others that were given later. One that was overtaken changes nothing, or a
 //! START from before a STOP would go on costing money, and a STOP from before a START leave nobody in touch:
 //!
-//! - **A copy**, by another link or with a higher confirmation, within a minute of the one that was carried out (C-12).
+//! - **A copy** of what was carried out: within a minute by satellite, or with a higher confirmation; by other links within
+//!   three seconds (C-12).
 //! - **What comes by satellite** within a minute after its sender said the opposite by a normal link, over which he is alive:
 //!   who means it would say it there.
 //! - **What is older by its signature** than the opposite that its sender said, up to a quarter of an hour
@@ -57,7 +58,7 @@ use crate::link::{Link, LinkClass, LinkMask, Peer, Port};
 use crate::message::Message;
 use crate::network::Peers;
 use crate::num;
-use crate::service::command::{Copies, LATE};
+use crate::service::command::{Copies, LATE, SOON};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Vehicle};
 
@@ -169,8 +170,10 @@ struct Order {
 impl Order {
     /// Whether `command`, to the same effect, is a copy of it (C-12).
     fn is_copied_by(&self, now: Instant, command: &Command) -> bool {
-        let is_other = command.confirmation > self.confirmation || self.copies.lacks(command.from.link);
-        is_other && command.is_near(now, self.at, LATE)
+        // Only a satellite brings one late.
+        let within = if command.class == LinkClass::HighLatency { LATE } else { SOON };
+        let is_copy = self.copies.lacks(command.from.link) && command.is_near(now, self.at, within);
+        is_copy || (command.confirmation > self.confirmation && command.is_near(now, self.at, LATE))
     }
 
     /// Whether `command`, to the opposite effect, was sent before it (L-16).
