@@ -27,6 +27,7 @@ def pytest_addoption(parser):
     parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a test to use")
     parser.addoption("--qmp-port", type=int, help="where QEMU is told to reset the processor")
     parser.addoption("--program", type=pathlib.Path, help="the program that is the vehicle in sitl")
+    parser.addoption("--xtask", type=pathlib.Path, help="the program that starts the vehicle in QEMU")
 
 
 def pytest_configure(config):

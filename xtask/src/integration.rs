@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
-use crate::firmware;
+use crate::firmware::{self, App};
 use crate::qemu::{self, Emulator};
 use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
 use crate::toolchain::{self, Choice};
@@ -55,6 +55,8 @@ const OVER_TCP: &[&str] = &[
     "test_signing.py",
     "test_power.py",
     "test_plan_file.py",
+    "test_frameworks.py",
+    "test_log.py",
 ];
 const OVER_UDP: &[&str] = &["test_udp.py"];
 
@@ -160,9 +162,12 @@ impl Program {
     fn for_qemu(choice: Option<Choice>) -> Result<Self> {
         qemu::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
-        let path = firmware::build(choice, true)?;
-        firmware::print_size("Firmware", &firmware::read(&path)?)?;
-        Ok(Self::Qemu { firmware: path })
+        // The others are for the tests that start them.
+        for app in App::ALL {
+            let path = firmware::build(choice, app, true)?;
+            firmware::print_size(&format!("Firmware ({})", app.name()), &firmware::read(&path)?)?;
+        }
+        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)? })
     }
 
     fn for_sitl() -> Result<Self> {
@@ -196,10 +201,13 @@ impl Program {
     }
 
     /// How a test resets the vehicle at `port`, or starts another one that it may kill.
-    fn options(&self, port: u16) -> [OsString; 2] {
+    fn options(&self, port: u16) -> Vec<OsString> {
         match self {
-            Self::Qemu { .. } => ["--qmp-port".into(), (port + QMP).to_string().into()],
-            Self::Sitl { program } => ["--program".into(), program.into()],
+            Self::Qemu { .. } => {
+                let ourselves = std::env::current_exe().unwrap_or_default().into();
+                vec!["--qmp-port".into(), (port + QMP).to_string().into(), "--xtask".into(), ourselves]
+            }
+            Self::Sitl { program } => vec!["--program".into(), program.into()],
         }
     }
 }
@@ -229,7 +237,7 @@ fn wait_for(port: u16) -> Result {
 }
 
 /// A Python environment with the clients in it; returns its interpreter.
-fn environment() -> Result<PathBuf> {
+pub fn environment() -> Result<PathBuf> {
     let folder = target_dir().join("integration-python");
     let python = folder.join("bin/python");
     let requirements = root().join(TESTS).join("requirements.txt");

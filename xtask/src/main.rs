@@ -117,7 +117,10 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
-        Task::Qemu(arguments) => qemu::run(arguments.port_base, arguments.udp, arguments.qmp, arguments.log.as_deref(), arguments.toolchain),
+        Task::Qemu(arguments) => {
+            let Qemu { port_base, udp, log, qmp, toolchain } = arguments;
+            qemu::run(port_base, udp, qmp, log.as_deref(), toolchain)
+        }
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),

@@ -4,8 +4,8 @@ use std::fmt;
 
 use mavstack::LinkId;
 use mavstack::dialect::MissionState;
-use mavstack_demo::status::{LINK_DROPS, Mission, OTHER_DROPS};
-use mavstack_demo::{COMPANION, SATELLITE, Status, TELEMETRY};
+use mavstack_demo::status::{LINK_DROPS, LinkStatus, Mission, OTHER_DROPS};
+use mavstack_demo::{COMPANION, Mode, SATELLITE, Status, TELEMETRY};
 
 /// Prints a status in one line. Rates are those since the status before, which is none at first and after a restart.
 #[derive(Clone, Copy, Debug)]
@@ -20,13 +20,18 @@ impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Status { is_armed, mode, mission, .. } = self.now;
         let armed = if *is_armed { "armed" } else { "disarmed" };
-        write!(f, "{armed}, {mode:?}, {}", Progress(*mission))?;
+        let between = if *mode == Mode::Mission && mission.count > 0 { "" } else { ", mission" };
+        write!(f, "{armed}, {mode:?}{between} {}", Progress(*mission))?;
         self.drops(f)?;
         f.write_str(" | frames/s in/out:")?;
-        for ((link, name), separator) in [TELEMETRY, COMPANION, SATELLITE].iter().zip(NAMES).zip(["", ",", ","]) {
-            let (received, sent) = self.rates(*link);
-            write!(f, "{separator} {name} {received}/{sent}")?;
-            self.peers(f, *link)?;
+        for (link, name) in [TELEMETRY, COMPANION, SATELLITE].into_iter().zip(NAMES) {
+            // Nothing goes there by itself.
+            if link == SATELLITE && counts(self.now, link) == LinkStatus::default() {
+                continue;
+            }
+            let (received, sent) = self.rates(link);
+            write!(f, " {name} {received}/{sent}")?;
+            self.peers(f, link)?;
         }
         Ok(())
     }
@@ -35,13 +40,16 @@ impl fmt::Display for Line<'_> {
 /// What the links are called, in their order.
 const NAMES: [&str; 3] = ["telemetry", "companion", "satellite"];
 
+fn counts(status: &Status, link: LinkId) -> LinkStatus {
+    status.links.get(usize::from(link.0)).copied().unwrap_or_default()
+}
+
 impl Line<'_> {
     /// Frames a second, in and out.
     fn rates(&self, link: LinkId) -> (u32, u32) {
-        let index = usize::from(link.0);
-        let counts = |status: &Status| status.links.get(index).copied().unwrap_or_default();
         let before = self.before.filter(|before| before.time < self.now.time);
         let elapsed = self.now.time - before.map_or(0, |before| before.time);
+        let counts = |status| counts(status, link);
         let (now, before) = (counts(self.now), before.map(counts).unwrap_or_default());
         let rate = |now: u32, before| {
             let frames = u64::from(now.wrapping_sub(before));
@@ -79,22 +87,21 @@ impl fmt::Display for Progress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Mission { current, count, state } = self.0;
         let state = match MissionState(state) {
-            MissionState::NO_MISSION => return f.write_str("no mission"),
+            MissionState::NO_MISSION => return f.write_str("none"),
             MissionState::NOT_STARTED => "not started",
             MissionState::ACTIVE => "active",
             MissionState::PAUSED => "paused",
             MissionState::COMPLETE => "complete",
             _ => "in an unknown state",
         };
-        write!(f, "mission {current}/{count} {state}")
+        write!(f, "{current}/{count} {state}")
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavstack_demo::Mode;
-    use mavstack_demo::status::{LinkStatus, PeerStatus};
+    use mavstack_demo::status::PeerStatus;
 
     fn status(time: u32) -> Status {
         Status {
@@ -113,7 +120,7 @@ mod tests {
     fn a_vehicle_that_nobody_talks_to() {
         assert_eq!(
             Line { now: &status(0), before: None }.to_string(),
-            "disarmed, Hold, no mission | frames/s in/out: telemetry 0/0, companion 0/0, satellite 0/0"
+            "disarmed, Hold, mission none | frames/s in/out: telemetry 0/0 companion 0/0"
         );
     }
 
@@ -129,13 +136,14 @@ mod tests {
         // In two seconds; counters wrap.
         now.links[0] = LinkStatus { received: 4, sent: 1_099 };
         now.links[1] = LinkStatus { received: 1, sent: 0 };
+        now.links[2] = LinkStatus { received: 0, sent: 3 };
         now.peers[..3].copy_from_slice(&[peer(0, 255, 190), peer(1, 1, 191), peer(0, 254, 190)]);
         now.link_drops[0] = 3;
         now.other_drops[1] = 1;
         assert_eq!(
             Line { now: &now, before: Some(&before) }.to_string(),
-            "armed, Mission, mission 3/12 active | dropped: 3 checksum, 1 bad signature | frames/s in/out: \
-             telemetry 3/50 (255/190 254/190), companion 1/0 (1/191), satellite 0/0"
+            "armed, Mission 3/12 active | dropped: 3 checksum, 1 bad signature | frames/s in/out: \
+             telemetry 3/50 (255/190 254/190) companion 1/0 (1/191) satellite 0/2"
         );
     }
 

@@ -1,0 +1,102 @@
+"""What `--log` writes, read back with pymavlink: a session of a ground station, from both sides."""
+
+import signal
+import subprocess
+import time
+
+import pytest
+from conftest import Gcs, is_armed
+from plans import differences, plan
+from pymavlink import mavutil
+from transfer import upload
+
+mavlink = mavutil.mavlink
+
+# QEMU's firmware is built first, which takes a moment also when it is there.
+START = 120
+
+
+class Logged:
+    """A vehicle of its own that logs."""
+
+    def __init__(self, program, port, folder):
+        self.port, self.log, self.output = port, folder / "flight.tlog", folder / "output.txt"
+        command = [*program, "--port-base", str(port), "--log", self.log]
+        with self.output.open("w") as output:
+            self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+        try:
+            self.says("Ctrl-C ends it", START)
+        except AssertionError:
+            self.end()
+            raise
+
+    def says(self, text, timeout=5):
+        """Waits until it has printed this."""
+        deadline = time.monotonic() + timeout
+        while text not in self.output.read_text():
+            assert self.process.poll() is None, self.output.read_text()
+            assert time.monotonic() < deadline, f"{text} is not in {self.output.read_text()}"
+            time.sleep(0.1)
+
+    def end(self):
+        self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture
+def logged(target, request, tmp_path):
+    option = request.config.getoption
+    program = [option("program")] if target == "sitl" else [option("xtask"), "qemu"]
+    logged = Logged(program, option("spare_port_base"), tmp_path)
+    yield logged
+    logged.end()
+
+
+def test_the_log_tells_the_session_from_both_sides(logged):
+    gcs = Gcs(logged.port)
+    gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    # It has found its position.
+    assert gcs.wait("HEARTBEAT", 15, lambda heartbeat: heartbeat.system_status == mavlink.MAV_STATE_STANDBY)
+    items = plan(5)
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
+    logged.says("disarmed, Hold, mission 0/5 not started")
+    # Noise, half a frame of it, and a key, which is in no log.
+    gcs.mav.setup_signing_send(1, 1, list(range(32)), 7)
+    gcs.link.write(b"\xfd\x09\x00noise")
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
+    assert gcs.wait("HEARTBEAT", where=is_armed)
+    logged.says(" armed, Hold, mission 0/5 not started")
+    logged.says(" (255/190)")
+    gcs.link.write(b"\xfd\x1c\x00\x00")
+    gcs.close()
+    logged.process.send_signal(signal.SIGINT)
+    assert logged.process.wait(timeout=10) == 0, "Ctrl-C is no failure"
+
+    ended = time.time()
+    file = mavutil.mavlink_connection(str(logged.log))
+    messages = []
+    while message := file.recv_match():
+        messages.append(message)
+    file.close()
+
+    def of(kind, system):
+        return [message for message in messages if message.get_type() == kind and message.get_srcSystem() == system]
+
+    assert not of("BAD_DATA", 0)
+    # Of messages that pymavlink does not know yet it does not say whose they are.
+    assert {message.get_srcSystem() for message in messages if "UNKNOWN" not in message.get_type()} == {1, 255}
+    assert of("HEARTBEAT", 255) and of("HEARTBEAT", 1) and any(map(is_armed, of("HEARTBEAT", 1)))
+    sent = [{field: getattr(item, field) for field in items[0]} for item in of("MISSION_ITEM_INT", 255)]
+    assert differences(items, sent) == []
+    [ack] = of("COMMAND_ACK", 1)
+    assert (ack.command, ack.result) == (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_RESULT_ACCEPTED)
+    [command] = of("COMMAND_LONG", 255)
+    assert command._timestamp <= ack._timestamp
+    assert not of("SETUP_SIGNING", 255) and bytes(range(32)) not in logged.log.read_bytes()
+    times = [message._timestamp for message in messages]
+    assert times == sorted(times)
+    assert ended - 60 < times[0] and times[-1] <= ended
+
+    # Frames with their times, and nothing else.
+    whole = sum(8 + len(message.get_msgbuf()) for message in messages)
+    assert logged.log.stat().st_size == whole
