@@ -156,7 +156,7 @@ impl Decoder {
         counters: RxCounters::ZERO,
     };
 
-    /// An empty decoder that drops a candidate `stale_after` its last byte.
+    /// An empty decoder that drops a candidate `stale_after` its last byte; from 71 minutes on never.
     pub const fn new(stale_after: Duration) -> Self {
         let mut new = Self::VACANT;
         new.configure(stale_after, false);
