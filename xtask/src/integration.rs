@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
-use crate::firmware::{self, App};
+use crate::firmware;
 use crate::qemu::{self, Emulator};
 use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
 use crate::toolchain::{self, Choice};
@@ -55,7 +55,6 @@ const OVER_TCP: &[&str] = &[
     "test_signing.py",
     "test_power.py",
     "test_plan_file.py",
-    "test_frameworks.py",
     "test_log.py",
 ];
 const OVER_UDP: &[&str] = &["test_udp.py"];
@@ -162,12 +161,9 @@ impl Program {
     fn for_qemu(choice: Option<Choice>) -> Result<Self> {
         qemu::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
-        // The others are for the tests that start them.
-        for app in App::ALL {
-            let path = firmware::build(choice, app, true)?;
-            firmware::print_size(&format!("Firmware ({})", app.name()), &firmware::read(&path)?)?;
-        }
-        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)? })
+        let path = firmware::build(choice, true)?;
+        firmware::print_size("Firmware", &firmware::read(&path)?)?;
+        Ok(Self::Qemu { firmware: path })
     }
 
     fn for_sitl() -> Result<Self> {
@@ -237,7 +233,7 @@ fn wait_for(port: u16) -> Result {
 }
 
 /// A Python environment with the clients in it; returns its interpreter.
-pub fn environment() -> Result<PathBuf> {
+fn environment() -> Result<PathBuf> {
     let folder = target_dir().join("integration-python");
     let python = folder.join("bin/python");
     let requirements = root().join(TESTS).join("requirements.txt");
