@@ -86,7 +86,11 @@ struct Arguments {
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
-    found.next().ok_or_else(|| "no such host".to_owned())
+    match found.next() {
+        Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
+        Some(address) => Ok(address),
+        None => Err("no such host".to_owned()),
+    }
 }
 
 /// What passes over a link is logged here, or nowhere.
@@ -97,8 +101,9 @@ struct Log {
 }
 
 impl Log {
-    fn new(tlog: Option<&Arc<Tlog>>) -> Self {
-        Self { received: Tap::new(tlog.cloned()), sent: Tap::new(tlog.cloned()) }
+    fn new(tlog: &Arc<Tlog>) -> Self {
+        let tap = || Tap::new(Some(Arc::clone(tlog)));
+        Self { received: tap(), sent: tap() }
     }
 
     /// Somebody else speaks from here on.
@@ -135,7 +140,11 @@ struct Device {
 
 impl Device {
     /// As after power-on.
-    fn switch_on(arguments: &Arguments, metadata: Option<&'static ComponentMetadata>) -> Result<Self, String> {
+    fn switch_on(
+        arguments: &Arguments,
+        console: &Console,
+        metadata: Option<&'static ComponentMetadata>,
+    ) -> Result<Self, String> {
         let mut device = Self { app: Box::new(App::new()), settings: None, store: None, key: None };
         let app = &mut device.app;
         if let Some(metadata) = metadata {
@@ -151,23 +160,23 @@ impl Device {
             let len = Settings::region_len(Tuning::INFO.len());
             let settings = device.settings.insert(Settings::new(FileFlash::open(&name, len)?, 0..len));
             if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
-                eprintln!("{}: not all parameters could be read ({error:?})", name.display());
+                console.complain(format_args!("{}: not all parameters could be read ({error:?})", name.display()));
             }
             let name = beside(".key");
             let key = device.key.insert(Key::new(FileFlash::open(&name, Key::REGION_LEN)?, 0..Key::REGION_LEN));
             if let Err(error) = app.restore_signing(Instant::ZERO, key) {
-                eprintln!("{}: the signing key could not be read ({error:?})", name.display());
+                console.complain(format_args!("{}: the signing key could not be read ({error:?})", name.display()));
             }
             let len = Store::region_len(MISSION, FENCE, RALLY);
             let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
             if let Err(error) = app.restore(Instant::ZERO, store, Durability::Durable) {
-                eprintln!("{}: not all plans could be read ({error:?})", path.display());
+                console.complain(format_args!("{}: not all plans could be read ({error:?})", path.display()));
             }
         }
         if let Some(path) = &arguments.plan {
             let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
             let items = plan::read(path, home_row)?;
-            println!("{}: {} items", path.display(), items.len());
+            console.print(format_args!("{}: {} items", path.display(), items.len()));
             plan::load(app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
         }
         Ok(device)
@@ -221,17 +230,29 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
     let console = Console::new();
-    let tlog = arguments.log.as_deref().map(Tlog::create).transpose()?;
-    let port = |number| Port::open(number, console.clone(), Log::new(tlog.as_ref()));
     let base = arguments.port_base;
-    // Without it ground stations show bare numbers, and that is all.
-    let metadata = metadata::serve(base + 3).inspect_err(|error| eprintln!("no parameter metadata: {error}")).ok();
-    let mut device = Device::switch_on(arguments, metadata)?;
+    // First of all: a busy port is the likeliest mistake, and another vehicle's files are to stay as they are then.
     let mut telemetry = match arguments.udp {
-        Some(peer) => Telemetry::Udp(Datagrams::open(peer, Log::new(tlog.as_ref()))?),
-        None => Telemetry::Tcp(port(base)?),
+        Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
+        None => Telemetry::Tcp(Port::open(base, console.clone())?),
     };
-    let mut others = [(COMPANION, port(base + 1)?), (SATELLITE, port(base + 2)?)];
+    let open = |link, port| Ok::<_, String>((link, Port::open(port, console.clone())?));
+    let mut others = [open(COMPANION, base + 1)?, open(SATELLITE, base + 2)?];
+    if let Some(path) = &arguments.log {
+        let tlog = Tlog::create(path)?;
+        match &mut telemetry {
+            Telemetry::Tcp(port) => port.log = Log::new(&tlog),
+            Telemetry::Udp(datagrams) => datagrams.log = Log::new(&tlog),
+        }
+        for (_, port) in &mut others {
+            port.log = Log::new(&tlog);
+        }
+    }
+    // Without it ground stations show bare numbers, and that is all.
+    let metadata = metadata::serve(base + 3)
+        .inspect_err(|error| eprintln!("Ground stations get no units and ranges of parameters: {error}"))
+        .ok();
+    let mut device = Device::switch_on(arguments, &console, metadata)?;
     const { assert!(LINKS == 3) };
 
     println!("The vehicle is switched on. Connect a ground station:\n");
@@ -245,7 +266,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         // Who is connected stays so, as on a UART.
         console.print("The vehicle restarts.");
-        device = Device::switch_on(arguments, metadata)?;
+        device = Device::switch_on(arguments, &console, metadata)?;
     }
     console.end();
     println!("The vehicle is switched off.");

@@ -17,7 +17,8 @@ pub struct Port {
     listener: TcpListener,
     client: Option<Client>,
     console: Console,
-    log: Log,
+    /// What passes.
+    pub log: Log,
 }
 
 struct Client {
@@ -33,11 +34,11 @@ struct Client {
 
 impl Port {
     /// Listens on the port of this machine only.
-    pub fn open(number: u16, console: Console, log: Log) -> Result<Self, String> {
+    pub fn open(number: u16, console: Console) -> Result<Self, String> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, number))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
             .map_err(|error| format!("TCP port {number} cannot be used ({error}); take others with --port-base"))?;
-        Ok(Self { number, listener, client: None, console, log })
+        Ok(Self { number, listener, client: None, console, log: Log::default() })
     }
 
     /// Takes a client if there is none, and turns others away. True when there is a new one.
@@ -163,7 +164,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     fn open() -> (Port, SocketAddr) {
-        let mut port = Port::open(0, Console::new(), Log::default()).unwrap();
+        let mut port = Port::open(0, Console::new()).unwrap();
         let address = port.listener.local_addr().unwrap();
         port.number = address.port();
         (port, address)

@@ -16,18 +16,19 @@ pub struct Datagrams {
     socket: UdpSocket,
     buffer: Box<[u8]>,
     rest: Range<usize>,
-    log: Log,
+    /// What passes.
+    pub log: Log,
 }
 
 impl Datagrams {
     /// Datagrams to and from `peer` only.
-    pub fn open(peer: SocketAddr, log: Log) -> Result<Self, String> {
+    pub fn open(peer: SocketAddr) -> Result<Self, String> {
         let any: SocketAddr =
             if peer.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
         let socket = UdpSocket::bind(any)
             .and_then(|socket| socket.connect(peer).and_then(|()| socket.set_nonblocking(true)).map(|()| socket))
             .map_err(|error| format!("UDP to {peer}: {error}"))?;
-        Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0, log })
+        Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0, log: Log::default() })
     }
 
     /// Moves bytes between the link and the peer, through the stack's calls for bytes; never waits.
