@@ -1,10 +1,14 @@
-//! The linker script of defmt, when there is a log. The others are in `.cargo/config.toml`.
+//! Linker scripts: the board's interrupts, and defmt's when there is a log. The others are in `.cargo/config.toml`.
+
+use std::env;
 
 fn main() {
     // The linker runs in the workspace's root and finds `memory.x` there.
     println!("cargo:rerun-if-changed=../../memory.x");
+    println!("cargo:rerun-if-changed=device.x");
     println!("cargo:rerun-if-changed=build.rs");
-    if std::env::var_os("CARGO_FEATURE_DEFMT").is_some() {
+    println!("cargo:rustc-link-search={}", env::var("CARGO_MANIFEST_DIR").expect("set by cargo"));
+    if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     }
 }

@@ -2,11 +2,36 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use object::read::elf::{ElfFile32, FileHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
 use crate::system::{Result, root, run};
 use crate::toolchain::{self, Choice, TARGET, TARGETS};
+
+/// The demo vehicle's firmwares, by what they are built on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum App {
+    /// A loop of its own, without a framework.
+    Loop,
+    /// RTIC 2: flight above comms, which polls.
+    Rtic,
+    /// Embassy: flight above comms, which awaits.
+    Embassy,
+}
+
+impl App {
+    pub const ALL: [Self; 3] = [Self::Loop, Self::Rtic, Self::Embassy];
+
+    /// The name of its program in [`PACKAGE`], and of its choice on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Loop => "loop",
+            Self::Rtic => "rtic",
+            Self::Embassy => "embassy",
+        }
+    }
+}
 
 const PACKAGE: &str = "mavstack-qemu";
 /// Firmwares that are only measured; `empty` has the same loop and nothing else.
@@ -31,9 +56,9 @@ struct Size {
 }
 
 /// Builds the firmware, with or without its log, and returns where it is.
-pub fn build(choice: Choice, log: bool) -> Result<PathBuf> {
+pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
-    Ok(build_package(choice, PACKAGE, features)?.join(PACKAGE))
+    Ok(build_package(choice, PACKAGE, &[&["--bin", app.name()], features].concat())?.join(app.name()))
 }
 
 /// Returns the folder of what it built.
@@ -87,9 +112,14 @@ pub fn report(choice: Option<Choice>) -> Result {
         build_package(choice, MEASURED, &[&bins[..], &["--features", features]].concat())?;
         names.iter().try_for_each(|name| add(name))?;
     }
-    for (name, log) in [("the demo vehicle, without its log", false), ("the demo vehicle", true)] {
-        rows.push((name.to_owned(), measure(&read(&build(choice, log)?)?)?));
+    for app in App::ALL {
+        let name = match app {
+            App::Loop => "the demo vehicle, without its log".to_owned(),
+            App::Rtic | App::Embassy => format!("the same with {}", app.name()),
+        };
+        rows.push((name, measure(&read(&build(choice, app, false)?)?)?));
     }
+    rows.push(("the demo vehicle".to_owned(), measure(&read(&build(choice, App::Loop, true)?)?)?));
     println!("\n{:40} {:>14} {:>18}", TARGET, "flash, bytes", "static RAM, bytes");
     for (name, size) in rows {
         println!("{name:40} {:>14} {:>18}", size.flash, size.ram);

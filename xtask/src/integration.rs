@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
-use crate::firmware;
+use crate::firmware::{self, App};
 use crate::qemu::{self, Emulator};
 use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
 use crate::toolchain::{self, Choice};
@@ -161,9 +161,12 @@ impl Program {
     fn for_qemu(choice: Option<Choice>) -> Result<Self> {
         qemu::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
-        let path = firmware::build(choice, true)?;
-        firmware::print_size("Firmware", &firmware::read(&path)?)?;
-        Ok(Self::Qemu { firmware: path })
+        // The others are for the tests that start them.
+        for app in App::ALL {
+            let path = firmware::build(choice, app, true)?;
+            firmware::print_size(&format!("Firmware ({})", app.name()), &firmware::read(&path)?)?;
+        }
+        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)? })
     }
 
     fn for_sitl() -> Result<Self> {

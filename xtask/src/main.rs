@@ -17,6 +17,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
+use firmware::App;
 use integration::Target;
 use toolchain::Choice;
 
@@ -52,6 +53,9 @@ enum Task {
 /// do so is printed. Ctrl-C ends the emulator.
 #[derive(Args)]
 struct Qemu {
+    /// The firmware: the same vehicle on different ground.
+    #[arg(long, default_value = "loop")]
+    app: App,
     /// First of the three TCP ports.
     #[arg(long, value_name = "PORT", default_value_t = 5760, value_parser = clap::value_parser!(u16).range(1..=65533))]
     port_base: u16,
@@ -112,18 +116,14 @@ struct Trace {
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
-    match found.next() {
-        Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
-        Some(address) => Ok(address),
-        None => Err("no such host".to_owned()),
-    }
+    found.next().ok_or_else(|| "no such host".to_owned())
 }
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Qemu(arguments) => {
-            let Qemu { port_base, udp, log, qmp, toolchain } = arguments;
-            qemu::run(port_base, udp, qmp, log.as_deref(), toolchain)
+            let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
+            qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),

@@ -9,6 +9,7 @@ use std::time::Duration;
 use mavstack_console::{Console, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 
+use crate::firmware::App;
 use crate::system::{self, Result, apt_install, has, succeeds};
 use crate::toolchain::{self, Choice};
 use crate::{bridge, firmware, log};
@@ -20,6 +21,7 @@ const PORTS: u16 = 3;
 
 /// `cargo qemu`.
 pub fn run(
+    app: App,
     port_base: u16,
     udp: Option<SocketAddr>,
     qmp: Option<u16>,
@@ -30,7 +32,7 @@ pub fn run(
     check_ports(port_base, udp.is_some())?;
     prepare()?;
     let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
-    let path = firmware::build(choice, true)?;
+    let path = firmware::build(choice, app, true)?;
     let elf = firmware::read(&path)?;
     firmware::print_size("Firmware", &elf)?;
     let table = log::table(&elf)?;
@@ -39,7 +41,7 @@ pub fn run(
     let console = Console::new();
     let stop = system::stop_signal()?;
     let (mut emulator, output) = Emulator::start(&path, port_base, udp, qmp, tlog)?;
-    println!("QEMU runs the firmware on {BOARD} (Cortex-M4F). Connect a ground station:\n");
+    println!("QEMU runs the firmware ({}) on {BOARD} (Cortex-M4F). Connect a ground station:\n", app.name());
     let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
     println!("{telemetry}\n");
     println!("{}\n", OtherLinks { companion: port_base + 1, satellite: port_base + 2 });

@@ -1,22 +1,29 @@
-//! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, a tick to sleep until.
-//!
-//! Everything is polled. Interrupts stay masked; a pending one only ends [`Board::sleep`], which is why there are no
-//! handlers and nothing is shared. Registers are memory: `unsafe`, here and in the flash beside.
+//! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, an alarm. Registers are memory: `unsafe`, here
+//! and in the flash beside.
 #![allow(unsafe_code)]
 
-use cortex_m::interrupt::InterruptNumber;
-use cortex_m::peripheral::syst::SystClkSource;
+use core::cell::RefCell;
+
+use cortex_m::interrupt::{Mutex, free};
 use cortex_m::peripheral::{NVIC, SCB};
-use embedded_io::{ErrorKind, ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::Instant;
 
+use crate::device::Interrupt;
 use crate::flash::PsramFlash;
 
-/// Ticks of the system clock in a microsecond: 25 MHz.
-const TICKS_PER_US: u32 = 25;
+/// What clocks the processor and everything around it, Hz.
+pub const CLOCK_HZ: u32 = 25_000_000;
+/// UART0's line, bit/s.
+pub const TELEMETRY_BAUD: u32 = 115_200;
+/// UART1's.
+pub const COMPANION_BAUD: u32 = 921_600;
+/// UART2's.
+pub const SATELLITE_BAUD: u32 = 2_400;
+
+const TICKS_PER_US: u32 = CLOCK_HZ / 1_000_000;
 
 /// A peripheral's registers.
-struct Registers(*mut u32);
+struct Registers(usize);
 
 impl Registers {
     /// The registers at `base`.
@@ -24,55 +31,30 @@ impl Registers {
     /// # Safety
     ///
     /// `base` is the address of a peripheral with at least 5 word registers, and nobody else uses it.
-    unsafe fn at(base: usize) -> Self {
-        Self(core::ptr::with_exposed_provenance_mut(base))
+    const unsafe fn at(base: usize) -> Self {
+        Self(base)
+    }
+
+    fn word(&self, index: usize) -> *mut u32 {
+        core::ptr::with_exposed_provenance_mut::<u32>(self.0).wrapping_add(index)
     }
 
     fn read(&self, index: usize) -> u32 {
         // SAFETY: `at` promises a register there; all uses in this file have `index` < 5.
-        unsafe { self.0.add(index).read_volatile() }
+        unsafe { self.word(index).read_volatile() }
     }
 
     fn write(&mut self, index: usize, value: u32) {
         // SAFETY: as in `read`; `&mut self` is the only user.
-        unsafe { self.0.add(index).write_volatile(value) }
-    }
-}
-
-#[derive(Clone, Copy)]
-struct Irq(u16);
-
-// SAFETY: the numbers are those of the board's UART receivers: 0, 2, 4.
-unsafe impl InterruptNumber for Irq {
-    fn number(self) -> u16 {
-        self.0
-    }
-}
-
-/// Bytes arrived faster than they were read: at least one is lost.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Overrun;
-
-impl core::fmt::Display for Overrun {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("receiver overrun")
-    }
-}
-
-impl core::error::Error for Overrun {}
-
-impl embedded_io::Error for Overrun {
-    fn kind(&self) -> ErrorKind {
-        ErrorKind::Other
+        unsafe { self.word(index).write_volatile(value) }
     }
 }
 
 /// A CMSDK APB UART: one byte of buffer each way.
 pub struct Uart {
     registers: Registers,
-    irq: Irq,
-    has_received: bool,
+    /// Received, sent.
+    interrupts: [Interrupt; 2],
 }
 
 impl Uart {
@@ -86,97 +68,92 @@ impl Uart {
     const RX_FULL: u32 = 1 << 1;
     const RX_OVERRUN: u32 = 1 << 3;
     const ENABLE: u32 = 0b1011; // transmitter, receiver, receive interrupt
-    const RX_INTERRUPT: u32 = 1 << 1;
+    const SENT_INTERRUPT: u32 = 1 << 2;
+    const INTERRUPTS: u32 = 0b11;
 
     /// # Safety
     ///
-    /// As [`Registers::at`], for a UART whose receive interrupt is `irq`.
-    unsafe fn at(base: usize, irq: Irq) -> Self {
+    /// As [`Registers::at`], for a UART with these interrupts.
+    unsafe fn at(base: usize, baud: u32, interrupts: [Interrupt; 2]) -> Self {
         // SAFETY: passed on.
         let mut registers = unsafe { Registers::at(base) };
-        registers.write(Self::BAUDDIV, 25_000_000 / 115_200);
+        registers.write(Self::BAUDDIV, CLOCK_HZ / baud);
         registers.write(Self::CTRL, Self::ENABLE);
-        // SAFETY: interrupts are masked for good, so no critical section can be broken.
-        unsafe { NVIC::unmask(irq) };
-        Self { registers, irq, has_received: false }
+        Self { registers, interrupts }
     }
 
-    /// Whether bytes were read since this was asked last: then more may be on their way.
-    pub fn has_received(&mut self) -> bool {
-        core::mem::take(&mut self.has_received)
+    /// Lets its interrupts through: a byte came, and, if `sent`, a byte has left.
+    pub fn listen(&mut self, sent: bool) {
+        self.registers.write(Self::CTRL, Self::ENABLE | if sent { Self::SENT_INTERRUPT } else { 0 });
+        for interrupt in self.interrupts {
+            // SAFETY: nobody here makes a critical section by masking a single interrupt.
+            unsafe { NVIC::unmask(interrupt) };
+        }
+    }
+
+    /// The interrupt that its handler is called by.
+    pub fn interrupt(&self) -> Interrupt {
+        self.interrupts[0]
+    }
+
+    /// Takes its interrupts back. What comes after this raises them again: so look at the UART then.
+    pub fn acknowledge(&mut self) {
+        self.registers.write(Self::INTCLEAR, Self::INTERRUPTS);
+        for interrupt in self.interrupts {
+            NVIC::unpend(interrupt);
+        }
+    }
+
+    /// Whether a byte waits.
+    pub fn has_byte(&self) -> bool {
+        self.is(Self::RX_FULL)
+    }
+
+    /// The byte that waits, if there is one.
+    pub fn take(&mut self) -> Option<u8> {
+        self.has_byte().then(|| self.registers.read(Self::DATA).to_le_bytes()[0])
+    }
+
+    /// Whether a byte was lost since this was asked last.
+    pub fn take_overrun(&mut self) -> bool {
+        let is_overrun = self.is(Self::RX_OVERRUN);
+        if is_overrun {
+            self.registers.write(Self::STATE, Self::RX_OVERRUN);
+        }
+        is_overrun
+    }
+
+    /// Whether it takes a byte.
+    pub fn has_room(&self) -> bool {
+        !self.is(Self::TX_FULL)
+    }
+
+    /// Sends a byte; there is [room](Self::has_room) for it.
+    pub fn send(&mut self, byte: u8) {
+        self.registers.write(Self::DATA, byte.into());
     }
 
     fn is(&self, flag: u32) -> bool {
         self.registers.read(Self::STATE) & flag != 0
     }
-
-    /// Takes back the wake-up call of a received byte.
-    fn acknowledge(&mut self) {
-        self.registers.write(Self::INTCLEAR, Self::RX_INTERRUPT);
-        NVIC::unpend(self.irq);
-    }
 }
 
-impl ErrorType for Uart {
-    type Error = Overrun;
+/// A CMSDK APB timer.
+struct Timer(Registers);
+
+impl Timer {
+    const CTRL: usize = 0;
+    const VALUE: usize = 1;
+    const RELOAD: usize = 2;
+    const INTCLEAR: usize = 3;
+
+    const ENABLE: u32 = 1 << 0;
+    const INTERRUPT: u32 = 1 << 3;
 }
 
-impl ReadReady for Uart {
-    fn read_ready(&mut self) -> Result<bool, Overrun> {
-        Ok(self.is(Self::RX_FULL))
-    }
-}
-
-impl Read for Uart {
-    fn read(&mut self, buf: &mut [u8]) -> Result<usize, Overrun> {
-        if self.is(Self::RX_OVERRUN) {
-            self.registers.write(Self::STATE, Self::RX_OVERRUN);
-            return Err(Overrun);
-        }
-        let mut read = 0;
-        for byte in buf {
-            // The first byte is waited for, as the trait asks; nobody calls without `read_ready`.
-            while read == 0 && !self.is(Self::RX_FULL) {}
-            if !self.is(Self::RX_FULL) {
-                break;
-            }
-            self.has_received = true;
-            *byte = self.registers.read(Self::DATA).to_le_bytes()[0];
-            read += 1;
-        }
-        Ok(read)
-    }
-}
-
-impl WriteReady for Uart {
-    fn write_ready(&mut self) -> Result<bool, Overrun> {
-        Ok(!self.is(Self::TX_FULL))
-    }
-}
-
-impl Write for Uart {
-    fn write(&mut self, buf: &[u8]) -> Result<usize, Overrun> {
-        let mut written = 0;
-        for &byte in buf {
-            while written == 0 && self.is(Self::TX_FULL) {}
-            if self.is(Self::TX_FULL) {
-                break;
-            }
-            self.registers.write(Self::DATA, byte.into());
-            written += 1;
-        }
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> Result<(), Overrun> {
-        while self.is(Self::TX_FULL) {}
-        Ok(())
-    }
-}
-
-/// Time since boot, from a timer that counts down and wraps every 171 s: read it more often than that.
-pub struct Clock {
-    registers: Registers,
+/// Time since boot, from timer 0, which counts down and wraps every 171 s.
+struct Clock {
+    timer: Timer,
     last: u32,
     /// Ticks not yet counted as a microsecond.
     rest: u32,
@@ -184,25 +161,15 @@ pub struct Clock {
 }
 
 impl Clock {
-    const CTRL: usize = 0;
-    const VALUE: usize = 1;
-    const RELOAD: usize = 2;
-
-    /// # Safety
-    ///
-    /// As [`Registers::at`], for a CMSDK APB timer.
-    unsafe fn at(base: usize) -> Self {
-        // SAFETY: passed on.
-        let mut registers = unsafe { Registers::at(base) };
-        registers.write(Self::RELOAD, u32::MAX);
-        registers.write(Self::VALUE, u32::MAX);
-        registers.write(Self::CTRL, 1);
-        Self { registers, last: u32::MAX, rest: 0, micros: 0 }
+    fn start(mut timer: Timer) -> Self {
+        timer.0.write(Timer::RELOAD, u32::MAX);
+        timer.0.write(Timer::VALUE, u32::MAX);
+        timer.0.write(Timer::CTRL, Timer::ENABLE);
+        Self { timer, last: u32::MAX, rest: 0, micros: 0 }
     }
 
-    /// Time since boot.
-    pub fn now(&mut self) -> Instant {
-        let value = self.registers.read(Self::VALUE);
+    fn now(&mut self) -> Instant {
+        let value = self.timer.0.read(Timer::VALUE);
         let elapsed = u64::from(self.last.wrapping_sub(value)) + u64::from(self.rest);
         self.last = value;
         self.micros += elapsed / u64::from(TICKS_PER_US);
@@ -211,46 +178,70 @@ impl Clock {
     }
 }
 
-/// What the main loop works with.
+static CLOCK: Mutex<RefCell<Option<Clock>>> = Mutex::new(RefCell::new(None));
+
+/// Time since boot, for tasks and interrupts. Ask more often than every 171 s.
+pub fn now() -> Instant {
+    free(|cs| CLOCK.borrow(cs).borrow_mut().as_mut().map_or(Instant::ZERO, Clock::now))
+}
+
+/// Raises [`Interrupt::TIMER1`] when it is time.
+pub struct Alarm(Timer);
+
+impl Alarm {
+    /// The longest that it is set to, µs.
+    const LONGEST: u64 = 60_000_000;
+
+    /// Lets its interrupt through.
+    pub fn listen(&mut self) {
+        // SAFETY: as for the UARTs.
+        unsafe { NVIC::unmask(Interrupt::TIMER1) };
+    }
+
+    /// Sets it to `micros` from now, or a minute when that is less, instead of to what it was set to before; and takes back
+    /// the interrupt.
+    pub fn set(&mut self, micros: u64) {
+        let ticks = micros.clamp(1, Self::LONGEST) as u32 * TICKS_PER_US;
+        let timer = &mut self.0.0;
+        timer.write(Timer::CTRL, 0);
+        timer.write(Timer::INTCLEAR, 1);
+        timer.write(Timer::RELOAD, ticks);
+        timer.write(Timer::VALUE, ticks);
+        timer.write(Timer::CTRL, Timer::ENABLE | Timer::INTERRUPT);
+    }
+}
+
+/// What is on the board.
 pub struct Board {
-    /// UART0 to UART2.
+    /// UART0 to UART2: telemetry, companion, satellite modem.
     pub uarts: [Uart; 3],
-    /// Timer 0.
-    pub clock: Clock,
+    /// Timer 1.
+    pub alarm: Alarm,
+    /// Three parts of a flash.
+    pub flash: [PsramFlash; 3],
 }
 
 impl Board {
-    /// Sets the board up, and the three parts of the flash beside it; `None` the second time.
-    pub fn take() -> Option<(Self, [PsramFlash; 3])> {
-        let mut core = cortex_m::Peripherals::take()?;
-        // For good: see the top of the file.
-        cortex_m::interrupt::disable();
-        core.SYST.set_clock_source(SystClkSource::Core);
-        core.SYST.set_reload(TICKS_PER_US * 1_000 - 1);
-        core.SYST.clear_current();
-        core.SYST.enable_interrupt();
-        core.SYST.enable_counter();
-        // SAFETY: addresses and interrupts of this board; `Peripherals::take` succeeds once, so each is made once.
-        unsafe {
-            let board = Self {
-                uarts: [Uart::at(0x4000_4000, Irq(0)), Uart::at(0x4000_5000, Irq(2)), Uart::at(0x4000_6000, Irq(4))],
-                clock: Clock::at(0x4000_0000),
-            };
-            Some((board, [PsramFlash::new(0), PsramFlash::new(1), PsramFlash::new(2)]))
-        }
+    /// Sets the board up; `None` the second time.
+    pub fn take() -> Option<Self> {
+        cortex_m::singleton!(: () = ())?;
+        // SAFETY: addresses and interrupts of this board; once, so each is made once.
+        let (uarts, clock, alarm) = unsafe {
+            let uarts = [
+                Uart::at(0x4000_4000, TELEMETRY_BAUD, [Interrupt::UART0, Interrupt::UART0_TX]),
+                Uart::at(0x4000_5000, COMPANION_BAUD, [Interrupt::UART1, Interrupt::UART1_TX]),
+                Uart::at(0x4000_6000, SATELLITE_BAUD, [Interrupt::UART2, Interrupt::UART2_TX]),
+            ];
+            (uarts, Timer(Registers::at(0x4000_0000)), Timer(Registers::at(0x4000_1000)))
+        };
+        free(|cs| CLOCK.borrow(cs).replace(Some(Clock::start(clock))));
+        #[cfg(feature = "defmt")]
+        crate::log::begin();
+        Some(Self { uarts, alarm: Alarm(alarm), flash: [0, 1, 2].map(PsramFlash::new) })
     }
 
     /// Restarts the processor and the board, as after power-on; the flash keeps what is in it.
     pub fn reset() -> ! {
         SCB::sys_reset()
-    }
-
-    /// Sleeps until a byte arrives or the millisecond is over.
-    pub fn sleep(&mut self) {
-        cortex_m::asm::wfi();
-        SCB::clear_pendst();
-        for uart in &mut self.uarts {
-            uart.acknowledge();
-        }
     }
 }

@@ -1,25 +1,17 @@
 //! The log, and the firmware's last words.
 
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering};
 
 use defmt_semihosting as _;
-use mavstack::Instant;
 
-/// ms since boot: every line of the log begins with it.
-static UPTIME: AtomicU32 = AtomicU32::new(0);
+use crate::board;
 
-defmt::timestamp!("{=u32:ms}", UPTIME.load(Ordering::Relaxed));
+// ms since boot begin every line of the log. They wrap after 49 days, and only here.
+defmt::timestamp!("{=u32:ms}", board::now().as_millis() as u32);
 
 /// The first line: it works.
 pub fn begin() {
     defmt::info!("the vehicle is switched on");
-}
-
-/// Sets the time of the lines to come.
-pub fn set_time(now: Instant) {
-    // Wraps after 49 days, and only here.
-    UPTIME.store(now.as_millis() as u32, Ordering::Relaxed);
 }
 
 /// Says where, and ends the emulator with an error.
