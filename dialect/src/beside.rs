@@ -1,8 +1,8 @@
 //! What of a dialect `mavstack::dialect` has already, and what the dialect adds to it.
 
 use crate::{
-    Dialect, Error, load,
-    model::{Enum, Message},
+    Dialect, Error, builtin, load,
+    model::{Entry, Enum, Message, Origin},
 };
 
 /// The dialect that is there already.
@@ -27,18 +27,23 @@ impl Beside {
         let mut added = Vec::new();
         for enumeration in enums.iter() {
             let Some(theirs) = self.common.enumeration(&enumeration.name) else { continue };
-            let mut entries = enumeration.entries.clone();
-            for entry in &entries {
-                let same = theirs.entries.iter().find(|other| other.name == entry.name || other.value == entry.value);
-                if let Some(other) = same.filter(|other| other.name != entry.name || other.value != entry.value) {
-                    let problem = format!(
-                        "mavstack has {} = {}; take another name and value, or leave --beside-common out",
-                        other.name, other.value
-                    );
-                    return Err(entry.origin.error(format!("entry {}.{}", enumeration.name, entry.name), problem));
+            let mut entries = Vec::new();
+            for entry in &enumeration.entries {
+                let same = |other: &&Entry| other.name == entry.name || other.value == entry.value;
+                match theirs.entries.iter().find(same) {
+                    None => entries.push(entry.clone()),
+                    Some(other) if other.name == entry.name && other.value == entry.value => {}
+                    // Renamed since, or before.
+                    Some(other) if other.value == entry.value && is_of_common(&entry.origin) => {}
+                    Some(other) => {
+                        let problem = format!(
+                            "mavstack has {} = {}; take another name and value, or leave --beside-common out",
+                            other.name, other.value
+                        );
+                        return Err(entry.origin.error(format!("entry {}.{}", enumeration.name, entry.name), problem));
+                    }
                 }
             }
-            entries.retain(|entry| theirs.entries.iter().all(|other| other.name != entry.name));
             if !entries.is_empty() {
                 added.push(Enum { entries, ..(*enumeration).clone() });
             }
@@ -60,4 +65,9 @@ impl Beside {
         );
         Err(message.origin.error(format!("message {}", message.name), problem))
     }
+}
+
+/// Whether an element stands in a file of common, in whatever state of it.
+fn is_of_common(origin: &Origin) -> bool {
+    origin.file.file_name().is_some_and(|name| builtin::path(&name.to_string_lossy()).is_some())
 }

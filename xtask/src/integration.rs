@@ -236,7 +236,7 @@ fn wait_for(port: u16) -> Result {
 }
 
 /// A Python environment with the clients in it; returns its interpreter.
-fn environment() -> Result<PathBuf> {
+pub fn environment() -> Result<PathBuf> {
     let folder = target_dir().join("integration-python");
     let python = folder.join("bin/python");
     let requirements = root().join(TESTS).join("requirements.txt");

@@ -3,9 +3,11 @@
 //! `cargo qemu` is `cargo run --package xtask -- qemu`; the aliases are in `.cargo/config.toml`.
 
 mod bridge;
+mod dialects;
 mod firmware;
 mod integration;
 mod log;
+mod publish;
 mod qemu;
 mod system;
 mod toolchain;
@@ -34,6 +36,9 @@ enum Task {
     Size(Size),
     Cross(Cross),
     Integration(Integration),
+    Dialects(Dialects),
+    /// Check that the crates could be published: contents, metadata, documentation, a dry run.
+    PublishCheck,
     Trace(Trace),
 }
 
@@ -114,6 +119,16 @@ struct Trace {
     write: bool,
 }
 
+/// Generate, compile and check a whole dialect of others: ardupilotmega.
+///
+/// Its definitions come with pymavlink, and every message is held against pymavlink's own table.
+#[derive(Args)]
+struct Dialects {
+    /// Which Rust toolchain to build for the microcontroller with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     found.next().ok_or_else(|| "no such host".to_owned())
@@ -128,6 +143,8 @@ fn main() -> ExitCode {
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Dialects(arguments) => dialects::run(arguments.toolchain),
+        Task::PublishCheck => publish::check(),
         Task::Trace(arguments) => trace::run(arguments.write),
     };
     match result {
