@@ -12,7 +12,8 @@ mod satellite;
 use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState, SystemTime};
 use mavstack::{
     CommandSlots, ControlSource, Duration, ForwardCounters, ForwardQueues, Forwarding, HighLatency, Instant, Item,
-    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
+    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
+    WallClock,
 };
 
 use crate::app::LINKS;
