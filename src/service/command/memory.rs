@@ -223,7 +223,7 @@ impl CommandSlot {
 ///
 /// What came by one link comes by satellite half a minute later. So what is done is remembered for a minute, for copies by a
 /// [high-latency](crate::LinkClass::HighLatency) link only, in a place that nothing else needs: with `N` places at least the
-/// last `N` commands, less those that run. A place takes 88 bytes.
+/// last `N` commands, less those that run. A place takes 80 bytes.
 ///
 /// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
 /// heartbeat asks for anyway.

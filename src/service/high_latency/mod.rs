@@ -189,7 +189,7 @@ impl Order {
     }
 }
 
-/// The vehicle's memory for its high-latency links, some 400 bytes. The vehicle keeps it and hands it to the stack by
+/// The vehicle's memory for its high-latency links, some 460 bytes. The vehicle keeps it and hands it to the stack by
 /// [`Vehicle::high_latency`](crate::Vehicle::high_latency); one that does not pays nothing, and its high-latency links carry
 /// commands only.
 ///
