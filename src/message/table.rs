@@ -200,7 +200,8 @@ const INDEXED: u32 = 256;
 /// and a branch that was not predicted costs more than its comparisons.
 const BUCKET: u32 = if cfg!(target_pointer_width = "64") { 1 } else { 8 };
 /// The index: where in the rows the ids of each bucket begin, and, last, where those end.
-type Index = [u16; (INDEXED / BUCKET) as usize + 1];
+type Index = [u16; INDEX_LEN];
+const INDEX_LEN: usize = (INDEXED / BUCKET) as usize + 1;
 
 /// The messages that are known, sorted by id. An id below 256 is found in at most 8 comparisons, through an index of 66
 /// bytes (on a 64-bit host in one, through 514 bytes); any other by binary search.
@@ -232,7 +233,7 @@ impl MessageTable {
             );
             i += 1;
         }
-        let mut index = [0; _];
+        let mut index = [0; INDEX_LEN];
         let mut bucket = 0;
         let mut row = 0;
         while bucket < index.len() {
