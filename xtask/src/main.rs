@@ -2,6 +2,7 @@
 //!
 //! `cargo qemu` is `cargo run --package xtask -- qemu`; the aliases are in `.cargo/config.toml`.
 
+mod boards;
 mod bridge;
 mod dialects;
 mod firmware;
@@ -35,6 +36,8 @@ enum Task {
     Qemu(Qemu),
     Size(Size),
     Cross(Cross),
+    /// Build the boards' firmwares, each with its HAL; check where they are loaded, and print their sizes.
+    Boards,
     Integration(Integration),
     Dialects(Dialects),
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
@@ -142,6 +145,7 @@ fn main() -> ExitCode {
         }
         Task::Size(arguments) => firmware::report(arguments.toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
+        Task::Boards => boards::build_all(),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::PublishCheck => publish::check(),

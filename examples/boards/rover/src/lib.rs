@@ -1,0 +1,76 @@
+//! The smallest vehicle that a ground station can work with: it says that it lives, is armed and disarmed, and keeps a mission
+//! of up to 100 items. It stands here, once, because all boards beside have the same one; in your firmware it is your own.
+#![no_std]
+#![forbid(unsafe_code)]
+
+use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+use mavstack::dialect::commands::ComponentArmDisarm;
+use mavstack::dialect::{MavModeFlag, MavResult, MavState, MavType, MissionState};
+use mavstack::*;
+
+/// Ticked by the driving loop; when that hangs, the heartbeats stop.
+pub static PULSE: Pulse = Pulse::new();
+
+/// System 1, component 1, a rover.
+pub const CONFIG: Config = Config { r#type: MavType::GROUND_ROVER, ..Config::new(Address::new(1, 1), &PULSE) };
+
+/// One link, a mission of 100 items of 32 bytes, and the same again while one is being uploaded.
+pub type RoverStack = Stack<1, plan_memory!(mission: 100)>;
+
+/// The vehicle.
+#[derive(Debug, Default)]
+pub struct Rover {
+    armed: bool,
+}
+
+impl Rover {
+    /// Standing, disarmed.
+    pub const fn new() -> Self {
+        Self { armed: false }
+    }
+
+    /// One pass of the driving loop: steers, and says that it is healthy.
+    pub fn drive(&mut self) {
+        // Here the motors would be told, from the mission and the sensors.
+        PULSE.tick();
+    }
+}
+
+impl Vehicle for Rover {
+    fn state(&self) -> Option<VehicleState> {
+        let (base_mode, system_status) = match self.armed {
+            true => (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE),
+            false => (MavModeFlag::EMPTY, MavState::STANDBY),
+        };
+        Some(VehicleState { base_mode, custom_mode: 0, system_status })
+    }
+}
+
+impl Commands for Rover {
+    fn command(&mut self, command: &Command) -> Outcome {
+        // UNSUPPORTED when it is another command, DENIED when its parameters are not as they may be.
+        match command.decode() {
+            Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
+            Ok(_) => return MavResult::DENIED.into(),
+            Err(result) => return result.into(),
+        }
+        MavResult::ACCEPTED.into()
+    }
+}
+
+impl Plans for Rover {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
+
+    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+// Nothing to tell but the heartbeat.
+impl Telemetry for Rover {}
+
+impl Parameters for Rover {
+    type Table = NoParams;
+}

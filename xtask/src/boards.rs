@@ -1,0 +1,115 @@
+//! The boards: a small vehicle on real microcontrollers, with the HALs that their users have.
+
+use std::process::Command;
+
+use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
+use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
+
+use crate::firmware::read;
+use crate::system::{Result, cargo, root, run, target_dir};
+use crate::toolchain::{self, Choice, TARGETS};
+
+/// A folder of `examples/boards`: a workspace of its own, because a member of ours would link our `memory.x`.
+struct Board {
+    name: &'static str,
+    target: &'static str,
+    /// Where the first byte of its firmware is in its flash.
+    load: u64,
+    /// Begin and end of what it writes to.
+    ram: [u64; 2],
+}
+
+const BOARDS: [Board; 4] = [
+    Board {
+        name: "embassy-stm32f405",
+        target: "thumbv7em-none-eabihf",
+        load: 0x0800_0000,
+        ram: [0x2000_0000, 0x2002_0000],
+    },
+    Board {
+        name: "esp32c3",
+        target: "riscv32imc-unknown-none-elf",
+        // Behind the headers that the boot loader's image has.
+        load: 0x3C00_0020,
+        ram: [0x3FC8_0000, 0x3FCE_0000],
+    },
+    Board { name: "rp2040", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
+    Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
+];
+
+/// `cargo xtask boards`.
+pub fn build_all() -> Result {
+    // Debian's toolchain has none of the libraries but `core`, and the HALs ask for newer compilers.
+    toolchain::prepare(Some(Choice::Rustup), &TARGETS)?;
+    // One for all, so that what they share is built once.
+    let build_dir = target_dir().join("boards");
+    let mut rows = Vec::new();
+    for board in &BOARDS {
+        let folder = root().join("examples/boards").join(board.name);
+        let task = |arguments: &[&str]| {
+            let mut command = Command::new(cargo());
+            command.args(arguments).arg("--target-dir").arg(&build_dir).current_dir(&folder);
+            // They would replace the link arguments of the board's `.cargo/config.toml`.
+            run(command.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"))
+        };
+        println!("Building examples/boards/{}", board.name);
+        task(&["build", "--release"])?;
+        let firmware = build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name));
+        let (flash, ram) = measure(board, &read(&firmware)?).map_err(|error| format!("{}: {error}", board.name))?;
+        rows.push((board.name, board.load, flash, ram));
+    }
+    println!("\n{:20} {:>12} {:>14} {:>18}", "", "loaded at", "flash, bytes", "static RAM, bytes");
+    for (name, load, flash, ram) in rows {
+        println!("{name:20} {load:>#12x} {flash:>14} {ram:>18}");
+    }
+    Ok(())
+}
+
+/// Bytes of flash and RAM; an error when the firmware is not where the board begins.
+fn measure(board: &Board, bytes: &[u8]) -> Result<(u64, u64)> {
+    let file = ElfFile32::<Endianness>::parse(bytes).map_err(|error| format!("not a firmware: {error}"))?;
+    let endian = file.endian();
+    let load = file
+        .elf_program_headers()
+        .iter()
+        .filter(|segment| segment.p_type(endian) == elf::PT_LOAD && segment.p_filesz(endian) > 0)
+        .map(|segment| u64::from(segment.p_paddr(endian)))
+        .min();
+    if load != Some(board.load) {
+        let found = load.map_or("nowhere".to_owned(), |load| format!("{load:#x}"));
+        return Err(format!("it is loaded at {found} and not at {:#x}: was the board's memory.x found?", board.load));
+    }
+    let (mut flash, mut ram) = (0, 0);
+    for section in file.sections() {
+        let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
+        // The stack is what remains, which some linker scripts call a section.
+        if sh_flags & u64::from(elf::SHF_ALLOC) == 0 || section.name() == Ok(".stack") {
+            continue;
+        }
+        if (board.ram[0]..board.ram[1]).contains(&section.address()) {
+            ram += section.size();
+        }
+        if section.kind() != SectionKind::UninitializedData {
+            flash += section.size();
+        }
+    }
+    Ok((flash, ram))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every folder with a firmware is built, so that none rots.
+    #[test]
+    fn every_board_is_in_the_list() {
+        let folders = std::fs::read_dir(root().join("examples/boards")).unwrap();
+        let mut found: Vec<_> = folders
+            .map(|folder| folder.unwrap())
+            .filter(|folder| folder.path().join("src/main.rs").exists())
+            .map(|folder| folder.file_name().into_string().unwrap())
+            .collect();
+        found.sort();
+        assert_eq!(found, BOARDS.map(|board| board.name));
+    }
+}
