@@ -10,10 +10,8 @@ use std::{
 /// Makes a module from a definition, in a build script.
 ///
 /// ```no_run
-/// // build.rs
-/// fn main() {
-///     mavstack_dialect::Build::new("my_vehicle.xml").beside_common().run();
-/// }
+/// // `main` of build.rs:
+/// mavstack_dialect::Build::new("my_vehicle.xml").beside_common().run();
 /// ```
 ///
 /// ```ignore
