@@ -175,7 +175,7 @@ mod tests {
                 sent.extend(uart.serial.tx.drain(..gone));
             }
             for _ in 0..2 {
-                sent.extend(uart.serial.tx.drain(..));
+                sent.append(&mut uart.serial.tx);
                 prop_assert_eq!(uart.write_ready(), Ok(true));
             }
             prop_assert_eq!(sent, written);
