@@ -57,6 +57,8 @@ const OVER_TCP: &[&str] = &[
     "test_plan_file.py",
     "test_log.py",
 ];
+/// The firmwares of the frameworks.
+const OVER_TCP_IN_QEMU: &[&str] = &["test_frameworks.py"];
 const OVER_UDP: &[&str] = &["test_udp.py"];
 
 /// `cargo xtask integration`.
@@ -90,6 +92,7 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
                 .args(program.options(port))
                 .args(files)
+                .args(if name == "qemu" && over == "TCP" { OVER_TCP_IN_QEMU } else { &[] })
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 .env("PYTHONUNBUFFERED", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.

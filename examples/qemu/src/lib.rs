@@ -1,18 +1,17 @@
 //! The board mps2-an386 in QEMU, and what the demo vehicle's firmware is made of. `cargo qemu` builds and runs it.
 //!
-//! The same vehicle is there three times: `bin/loop.rs` is a loop without any framework, `bin/rtic.rs` has it as tasks of
-//! RTIC, `bin/embassy` as tasks of Embassy. What they have in common is here:
+//! The same vehicle is there three times: in a loop of its own (`bin/loop.rs`), as tasks of RTIC (`bin/rtic.rs`) and as tasks of
+//! Embassy (`bin/embassy`). `.ci/integration/test_frameworks.py` holds all of them against a ground station.
 //!
 //! | | `loop` | `rtic` | `embassy` |
 //! |---|---|---|---|
-//! | flight | in the loop | task above comms, every 10 ms | the same |
-//! | bytes | polled in the UART | queues between UART interrupt and task | the same, and the task awaits them |
-//! | the stack is called | in every pass, every ms | every ms | when a byte came, or at `next_deadline` |
-//! | its calls | `poll_link` | `poll_link` | `receive`, `transmit` |
-//! | the flight loop hangs | everything is silent | heartbeats stop, the rest is answered | the same |
+//! | flight runs | in the loop | above comms, every 10 ms | above comms, every 10 ms |
+//! | bytes wait | in the UART | in queues that interrupts serve | in queues that interrupts serve |
+//! | comms runs | in the loop, every ms or at a byte | every ms | at a byte, news or `next_deadline` |
+//! | it calls | `poll_link` | `poll_link` | `receive` and `transmit` |
+//! | flight hangs | silence | no heartbeats, all else goes on | no heartbeats, all else goes on |
 //!
-//! In all three it is the pulse that decides on heartbeats, and it is ticked by the flight loop alone: comms that lives on
-//! says nothing about flight. Nothing does that hangs above it in priority without awaiting either: comms is silent then.
+//! It is the pulse that heartbeats depend on, and flight alone ticks it: that comms goes on says nothing about flight.
 #![no_std]
 
 pub mod board;

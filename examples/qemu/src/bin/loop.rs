@@ -1,12 +1,12 @@
 //! The demo vehicle in a loop of its own, without a framework.
 //!
 //! ```text
-//!   ┌─▶ control ─▶ serve telemetry ─▶ serve companion ─▶ serve satellite ─▶ persist ─▶ sleep ─┐
-//!   │    └ pulse                                                                a byte, or 1 ms │
-//!   └──────────────────────────────────────────────────────────────────────────────────────────┘
+//!   ┌─▶ control ─▶ serve, link by link ─▶ persist ─▶ sleep, until a byte or for 1 ms ─┐
+//!   │      └▶ pulse                                                                   │
+//!   └─────────────────────────────────────────────────────────────────────────────────┘
 //! ```
 //!
-//! Every call is bounded and none waits, so the loop's period is. When it hangs, everything is silent.
+//! Every call is bounded and none waits: so is, and does, the loop. When flight hangs in it, everything is silent.
 #![no_std]
 #![no_main]
 

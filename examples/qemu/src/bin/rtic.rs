@@ -1,16 +1,16 @@
 //! The demo vehicle as tasks of RTIC 2.
 //!
 //! ```text
-//!   priority 8   UART interrupts        bytes ──▶ queue ─┐    ┌─ queue ──▶ bytes
-//!   priority 2   flight, every 10 ms    fly, pulse       │    │
-//!   priority 1   comms, every 1 ms                       └──▶ serve each link, persist
+//!   priority 8   UART interrupts       ──▶ queue ──┐          ┌── queue ──▶
+//!   priority 2   flight, every 10 ms    fly ─▶ pulse │          │
+//!   priority 1   comms, every ms                   └▶ serve ──┘  link by link; persist
 //! ```
 //!
-//! Flight and comms share the vehicle and its stack; flight interrupts comms, but not between `lock` and its end. Comms locks for one
-//! bounded call at a time, so flight waits for no longer than that ([`mavstack::Config::budget`] says how much a call does). What must
-//! not even wait for that, a rate controller, is a task above which shares nothing. The interrupts wait for nobody.
+//! Flight and comms share the vehicle and its stack. Flight interrupts comms, but not within a `lock`: comms locks for one bounded
+//! call at a time, so flight waits for no more than that ([`mavstack::Config::budget`] says how much it is). What may not even
+//! wait for that, say a rate controller, becomes a task above, which shares nothing. The interrupts wait for nobody.
 //!
-//! When flight hangs and awaits, comms goes on without heartbeats. When it hangs and does not await, it is all that runs.
+//! When flight hangs and awaits, the heartbeats stop and comms goes on. When it hangs and does not await, both are silent.
 #![no_std]
 #![no_main]
 // In what the macro writes.
@@ -127,6 +127,8 @@ mod app {
             Mono::delay(1.millis()).await;
         }
     }
+
+    // The highest priority there is, of three bits: a UART holds a single byte.
 
     #[task(binds = UART0, priority = 8, local = [telemetry])]
     fn uart0(cx: uart0::Context) {

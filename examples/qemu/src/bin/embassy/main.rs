@@ -1,23 +1,23 @@
 //! The demo vehicle as tasks of Embassy.
 //!
 //! ```text
-//!   UART interrupts    bytes ──▶ queue ─┐               ┌─ queue ──▶ bytes
-//!   executor FLIGHT    flight, every 10 ms: fly, pulse  │
-//!   executor COMMS                 hear ┴─▶ stack ──▶ speak ┘   both for each link; and remember
-//!                                    └─── news ───────▶┘
+//!   UART interrupts       ──▶ queue ──┐                        ┌─▶ queue ──▶
+//!   FLIGHT, an executor   flight, every 10 ms: fly ─▶ pulse     │
+//!   COMMS, one below                  └▶ hear ─▶ stack ─▶ speak ┘   two tasks for each link; and remember
+//!                                         └──── news ────▶┘
 //! ```
 //!
-//! `hear` awaits bytes, `speak` awaits news or the stack's next deadline: when there is nothing to do the processor sleeps. Either
-//! works with any UART that has `embedded-io-async`'s traits in two halves.
+//! `hear` awaits bytes; `speak` awaits news or the stack's next deadline. In between the processor sleeps. Both take any UART with
+//! the traits of `embedded-io-async` that comes in two halves.
 //!
-//! Flight and comms share the vehicle and its stack behind a lock that is awaited: not one that masks interrupts, for the UARTs' must not
-//! wait. Comms has it for one bounded call at a time, so flight waits for no longer than that ([`mavstack::Config::budget`] says how
-//! much a call does). What must not even wait for that, a rate controller, is an interrupt above which shares nothing.
+//! Flight and comms share the vehicle and its stack behind a lock that is awaited; one that masks interrupts would have the UARTs
+//! wait. Comms has it for one bounded call at a time, so flight waits for no more than that ([`mavstack::Config::budget`] says
+//! how much it is). What may not even wait for that, say a rate controller, becomes an interrupt above, which shares nothing.
 //!
-//! When flight hangs and awaits, comms goes on without heartbeats. When it hangs and does not await, it is all that runs.
+//! When flight hangs and awaits, the heartbeats stop and comms goes on. When it hangs and does not await, both are silent.
 #![no_std]
 #![no_main]
-// To tell the interrupts' priorities, and to let the executor know of its own.
+// For the executors' interrupts: their priorities, and their handlers.
 #![allow(unsafe_code)]
 
 mod time;
@@ -28,6 +28,7 @@ use core::future::pending;
 use cortex_m_rt::entry;
 use embassy_executor::InterruptExecutor;
 use embassy_futures::select::select;
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
@@ -181,14 +182,15 @@ async fn speak(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
 /// Writes what is to last, and restarts the processor when somebody asked for that.
 #[embassy_executor::task]
 async fn remember(app: &'static SharedApp, mut memory: Memory) {
-    let mut ticker = Ticker::every(Duration::from_millis(10));
     loop {
-        ticker.next().await;
-        let mut app = app.lock().await;
-        while memory.persist(&mut app, board::now()) {}
-        if app.wants_reboot() {
-            Board::reset();
-        }
+        let is_busy = {
+            let mut app = app.lock().await;
+            if app.wants_reboot() {
+                Board::reset();
+            }
+            memory.persist(&mut app, board::now())
+        };
+        if is_busy { yield_now().await } else { Timer::after(Duration::from_millis(10)).await }
     }
 }
 

@@ -37,8 +37,8 @@ impl<const N: usize> Uart<N> {
     /// Starts it; once. Its halves are for two tasks.
     pub fn start(&'static self, uart: board::Uart) -> (Receiver, Sender) {
         let number = uart.interrupt();
-        let interrupt = SerialInterrupt::new(uart, self.queues.interrupt_end());
-        self.interrupt.lock(|cell| cell.replace(Some(interrupt)));
+        // In the lock: the interrupt may come at once, and has to find it.
+        self.interrupt.lock(|cell| cell.replace(Some(SerialInterrupt::new(uart, self.queues.interrupt_end()))));
         let receiver = Receiver { end: self.queues.loop_end(), interrupt: number, waker: &self.received };
         (receiver, Sender { end: self.queues.loop_end(), interrupt: number, waker: &self.sent })
     }

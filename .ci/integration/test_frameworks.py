@@ -1,0 +1,127 @@
+"""The vehicle as firmware on different ground: a loop of its own, RTIC, Embassy. They do the same, until flight hangs."""
+
+import signal
+import subprocess
+import time
+
+import pytest
+from conftest import Gcs, is_armed
+from plans import differences, plan
+from pymavlink import mavutil
+from test_params import REAL32, UINT8, read, to_float, write
+from transfer import ACCEPTED, download, upload
+
+mavlink = mavutil.mavlink
+
+# The firmware is built first, which takes a moment also when it is there.
+START = 120
+# Config::max_loop_gap, and the heartbeats' period, s.
+MAX_LOOP_GAP, PERIOD = 0.5, 1.0
+# How long to wait for what is not to come, s.
+SILENCE = 3.0
+
+
+@pytest.fixture(scope="module", params=["loop", "rtic", "embassy"])
+def app(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def firmware(app, request, tmp_path_factory):
+    """A vehicle of its own, as `cargo qemu` starts it; a client on its telemetry link."""
+    option = request.config.getoption
+    file, port = tmp_path_factory.mktemp(app) / "output.txt", option("spare_port_base")
+    with open(file, "w") as output:
+        process = subprocess.Popen(
+            [option("xtask"), "qemu", "--app", app, "--port-base", str(port)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+        )
+        try:
+            deadline = time.monotonic() + START
+            while "Ctrl-C ends it" not in file.read_text():
+                assert process.poll() is None, file.read_text()
+                assert time.monotonic() < deadline, "the vehicle does not start"
+                time.sleep(0.1)
+            gcs = Gcs(port)
+            yield gcs
+            gcs.close()
+        finally:
+            # It ends its emulator then, and waits for that.
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=20)
+
+
+@pytest.fixture
+def gcs(firmware):
+    firmware.drain()
+    return firmware
+
+
+def answers_ping(gcs, seq):
+    gcs.mav.ping_send(0, seq, 0, 0)
+    return bool(gcs.wait("PING", where=lambda ping: ping.seq == seq))
+
+
+def test_a_heartbeat_comes_once_a_second(gcs, app, figure):
+    """H-1."""
+    times = []
+    for _ in range(5):
+        assert gcs.wait("HEARTBEAT"), "a heartbeat is missing"
+        times.append(time.monotonic())
+    mean = (times[-1] - times[0]) / (len(times) - 1)
+    figure(f"{app}: heartbeat: mean {mean:.3f} s")
+    assert 0.95 < mean < 1.05
+
+
+def test_it_arms_and_says_so(gcs):
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
+    assert gcs.wait("HEARTBEAT", where=is_armed)
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_ACCEPTED
+    assert gcs.wait("HEARTBEAT", where=lambda heartbeat: not is_armed(heartbeat))
+
+
+def test_fifty_items_go_up_and_come_down(gcs, app, figure):
+    items = plan(50)
+    began = time.monotonic()
+    assert upload(gcs, items).type == ACCEPTED
+    uploaded = time.monotonic()
+    assert not differences(items, download(gcs).items)
+    figure(f"{app}: 50 items: {uploaded - began:.2f} s up, {time.monotonic() - uploaded:.2f} s down")
+
+
+def test_plans_and_parameters_outlive_a_restart(gcs):
+    """C-30: it restarts when it has answered, and when all is stored that was set."""
+    items = plan(5, variant=1)
+    assert upload(gcs, items).type == ACCEPTED
+    assert write(gcs, "MIS_TAKEOFF_ALT", REAL32, 12.5).value == 12.5
+    assert gcs.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1) == mavlink.MAV_RESULT_ACCEPTED
+    # Bytes are there before it is.
+    for seq in range(50):
+        gcs.mav.ping_send(0, seq, 0, 0)
+        time.sleep(0.01)
+    assert gcs.wait("HEARTBEAT", 5, lambda heartbeat: heartbeat.system_status == mavlink.MAV_STATE_BOOT)
+    assert read(gcs, "MIS_TAKEOFF_ALT").value == 12.5
+    assert not differences(items, download(gcs).items)
+
+
+def test_heartbeats_stop_when_the_flight_loop_hangs(gcs, app):
+    """H-5. What goes on besides shows where the framework runs the two: the heartbeat never depends on that."""
+    gcs.mav.param_set_send(1, 1, b"SIM_HANG", to_float(UINT8, 1), UINT8)
+    if app == "loop":
+        # Bytes may be under way.
+        time.sleep(MAX_LOOP_GAP)
+        gcs.drain()
+        assert not gcs.hear(None, SILENCE), "comms is in the loop that hangs"
+        return
+    assert gcs.wait("PARAM_VALUE", where=lambda value: value.param_id == "SIM_HANG")
+    time.sleep(MAX_LOOP_GAP + PERIOD)
+    gcs.drain()
+    assert not gcs.wait("HEARTBEAT", SILENCE), "nobody flies, and the heart beats"
+    assert all(answers_ping(gcs, seq) for seq in range(10))
+    assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_ACCEPTED
+    items = plan(50, variant=2)
+    assert upload(gcs, items).type == ACCEPTED
+    assert not differences(items, download(gcs).items)
+    assert not gcs.wait("HEARTBEAT", PERIOD + 0.2)
