@@ -54,7 +54,9 @@ pub fn run(write: bool) -> Result {
     }
     let left_out = rows.iter().filter(|row| row.place == LEFT_OUT).count();
     let proven = rows.len() - left_out;
-    println!("{proven} rules are implemented, each named by a test; {left_out} rows of {STATEMENT} say that they are not.");
+    println!(
+        "{proven} rules are implemented, each named by a test; {left_out} rows of {STATEMENT} say that they are not."
+    );
     Ok(())
 }
 
@@ -150,7 +152,9 @@ fn ranges_in(text: &str) -> Vec<String> {
     for three in words.windows(3) {
         let &[first, "to", last] = three else { continue };
         let (Some((letter, from)), Some((other, to))) = (first.split_once('-'), last.split_once('-')) else { continue };
-        if let (true, true, Ok(from), Ok(to)) = (is_rule(first), letter == other, from.parse::<u16>(), to.parse::<u16>()) {
+        if let (true, true, Ok(from), Ok(to)) =
+            (is_rule(first), letter == other, from.parse::<u16>(), to.parse::<u16>())
+        {
             rules.extend((from + 1..to).map(|number| format!("{letter}-{number}")));
         }
     }
@@ -186,10 +190,10 @@ mod tests {
     fn rows_are_those_with_a_rule_and_none_stands_twice() {
         let text = "| rule | asked | where | tests |\n|---|---|---|---|\n| S-1 | a | b.rs | c |\n| S-2 | d | no | |\n";
         let found = rows(text).expect("good rows");
-        assert_eq!(found.iter().map(|row| (row.line, row.rule, row.place)).collect::<Vec<_>>(), [
-            (2, "S-1", "b.rs"),
-            (3, "S-2", "no")
-        ]);
+        assert_eq!(
+            found.iter().map(|row| (row.line, row.rule, row.place)).collect::<Vec<_>>(),
+            [(2, "S-1", "b.rs"), (3, "S-2", "no")]
+        );
         assert!(rows(&text.replace("S-2", "S-1")).is_err());
     }
 }
