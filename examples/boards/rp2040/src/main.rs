@@ -43,7 +43,6 @@ fn main() -> ! {
         &mut chip.RESETS,
         &mut watchdog,
     )
-    .ok()
     .expect("the crystal of a Pico swings at 12 MHz");
 
     let sio = Sio::new(chip.SIO);
