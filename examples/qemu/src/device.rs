@@ -11,34 +11,38 @@ pub use self::Interrupt as interrupt;
 /// Bits of an interrupt's priority.
 pub const NVIC_PRIO_BITS: u8 = 3;
 
-/// Interrupts of the board mps2-an386.
+/// An interrupt of the board mps2-an386.
+///
+/// No `enum`, of whose values `None` would be one that is not 0: statics with an `Option` of it, queues and all, would lie in
+/// flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(non_camel_case_types, reason = "as chips' descriptions have them")]
-pub enum Interrupt {
+pub struct Interrupt(u16);
+
+impl Interrupt {
     /// UART0 received a byte.
-    UART0 = 0,
+    pub const UART0: Self = Self(0);
     /// UART0 has sent a byte. It leads to the handler of `UART0`: on most chips a UART has one.
-    UART0_TX = 1,
+    pub const UART0_TX: Self = Self(1);
     /// As `UART0`.
-    UART1 = 2,
+    pub const UART1: Self = Self(2);
     /// As `UART0_TX`.
-    UART1_TX = 3,
+    pub const UART1_TX: Self = Self(3);
     /// As `UART0`.
-    UART2 = 4,
+    pub const UART2: Self = Self(4);
     /// As `UART0_TX`.
-    UART2_TX = 5,
+    pub const UART2_TX: Self = Self(5);
     /// Nothing raises it here: a framework may.
-    GPIO0 = 6,
+    pub const GPIO0: Self = Self(6);
     /// Nothing raises it here: a framework may.
-    GPIO1 = 7,
+    pub const GPIO1: Self = Self(7);
     /// Timer 1 has reached zero.
-    TIMER1 = 9,
+    pub const TIMER1: Self = Self(9);
 }
 
-// SAFETY: each is the number of one of the board's interrupts.
+// SAFETY: each is the number of one of the board's interrupts, and stays so.
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
-        self as u16
+        self.0
     }
 }
 
