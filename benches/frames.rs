@@ -32,7 +32,7 @@ fn decode<const LEN: usize>(stream: &[u8], mut use_frame: impl FnMut(&Frame<'_>)
     };
     if LEN == 1 {
         for byte in stream {
-            decoder.push(std::slice::from_ref(byte), now);
+            let _ = decoder.push(std::slice::from_ref(byte), now);
             drain(&mut decoder);
         }
     } else {

@@ -31,6 +31,12 @@ impl PollBudget {
     }
 }
 
+impl Default for PollBudget {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
 /// What is left of a [`PollBudget`] for receiving.
 pub(crate) struct RxAllowance {
     pub(crate) work: u32,

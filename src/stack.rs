@@ -410,7 +410,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 
     /// What a link's decoder saw and dropped.
     pub fn rx_counters(&self, link: LinkId) -> Option<RxCounters> {
-        self.links.get(usize::from(link.0)).map(|link| *link.decoder.counters())
+        self.links.get(usize::from(link.0)).map(|link| link.decoder.counters())
     }
 
     /// Texts that were dropped, as repeated or for want of room. Wraps.

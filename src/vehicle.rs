@@ -35,6 +35,7 @@ pub struct VehicleState {
 /// What happened to a peer (H-11, H-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum PeerEvent {
     /// Its first heartbeat.
     Found(Peer),
@@ -226,6 +227,7 @@ impl CommandPosition {
 /// What became of a command: goes out as its COMMAND_ACK.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[must_use = "who sent the command waits for it: return it from `Commands::command`"]
 pub struct Outcome {
     /// The result, chosen as [`MavResult`] describes (C-4).
     pub result: MavResult,
@@ -298,9 +300,9 @@ pub trait Commands {
     /// impl Commands for Copter {
     ///     const MODES: &'static [FlightMode] = &[
     ///         FlightMode::new(HOLD, "Hold"),
-    ///         FlightMode::new(RETURN, "Return").standard(MavStandardMode::SAFE_RECOVERY),
+    ///         FlightMode::new(RETURN, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
     ///         // Told, when it is so, but nobody can ask for it.
-    ///         FlightMode::new(AFLOAT, "Afloat").properties(MavModeProperty::NOT_USER_SELECTABLE),
+    ///         FlightMode::new(AFLOAT, "Afloat").with_properties(MavModeProperty::NOT_USER_SELECTABLE),
     ///     ];
     ///     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
     ///
@@ -376,6 +378,18 @@ pub struct PlanFault {
     /// The MISSION_ACK's type.
     pub result: MavMissionResult,
 }
+
+impl core::fmt::Display for PlanFault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let result = self.result.0;
+        match self.seq {
+            Some(seq) => write!(f, "item {seq} is to blame for MAV_MISSION_RESULT {result}"),
+            None => write!(f, "the plan as a whole is MAV_MISSION_RESULT {result}"),
+        }
+    }
+}
+
+impl core::error::Error for PlanFault {}
 
 impl From<MavMissionResult> for PlanFault {
     fn from(result: MavMissionResult) -> Self {

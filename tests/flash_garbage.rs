@@ -42,7 +42,7 @@ fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
     let mut stack = Box::new(TestStack::new(setup.config, setup.links));
     let mut store = PlanStore::new(Flash::of(bytes), 0..2 * SLOT as u32);
     let mut vehicle = TestVehicle::new();
-    stack.restore(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
+    stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
     let plans = [stack.mission(), stack.fence(), stack.rally()];
     let found = (plans.map(|plan: PlanView| plan.items().to_vec()).to_vec(), plans.map(|plan| plan.id()).to_vec());
     // M-5: an id is that of the items, or 0 for none.
@@ -54,9 +54,9 @@ fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
     let waypoint = Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, ..Item::default() };
     let loaded = stack.load_plan(Instant::ZERO, PlanType::Mission, [waypoint], &mut vehicle);
     assert_eq!(loaded, Ok(()));
-    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {}
+    while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
     let mut again = Box::new(TestStack::new(setup.config, setup.links));
-    again.restore(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
+    again.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
     assert_eq!(again.mission().items(), [waypoint]);
     found
 }

@@ -227,12 +227,12 @@ fn plans_are_kept() {
         let mut store = Store::new(Fram::new(&mut chip).unwrap(), 0..REGION);
         let mut stack = Box::new(Stack::<1, Plans>::new(setup.config, setup.links));
         let mut vehicle = TestVehicle::new();
-        stack.restore(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).unwrap();
+        stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).unwrap();
         assert_eq!(stack.mission().items(), before);
         let item = |x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, ..Item::default() };
         before = (0..count).map(item).collect();
         stack.load_plan(Instant::ZERO, PlanType::Mission, before.iter().copied(), &mut vehicle).unwrap();
-        while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {}
+        while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
     }
     assert!(chip.memory[REGION as usize..].iter().all(|byte| *byte == 0x55), "the rest is left alone");
 }

@@ -20,13 +20,13 @@ const FILLER: [u8; 300] = [0; 300];
 fn counters_of(bytes: &[u8]) -> RxCounters {
     let mut receiver = Receiver::default();
     receiver.receive(bytes);
-    *receiver.decoder.counters()
+    receiver.decoder.counters()
 }
 
 /// The message in `bytes`, which are one frame.
 fn message<M: Message>(bytes: &[u8]) -> Option<M> {
     let mut decoder = Decoder::default();
-    decoder.push(bytes, Instant::ZERO);
+    let _ = decoder.push(bytes, Instant::ZERO);
     decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false)?.decode()
 }
 
@@ -105,7 +105,7 @@ proptest! {
         let source = Address::new(system, component);
         let len = sent.encode(source, seq, &mut out).unwrap();
         let mut decoder = Decoder::default();
-        decoder.push(&out[..len], Instant::ZERO);
+        let _ = decoder.push(&out[..len], Instant::ZERO);
         let frame = decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).expect("a frame");
         prop_assert_eq!((frame.header().seq, frame.source()), (seq, source));
         let received = Mixed::decode(&frame).expect("of the same kind");
@@ -149,7 +149,7 @@ fn stale_bytes_do_not_leak() {
     let full = reference::v2(CommandAck::ID, [0, 0], [9, 9], &[0xEE; 10], CommandAck::CRC_EXTRA);
     let short = reference::v2(CommandAck::ID, [0, 0], [9, 9], &[0x11; 1], CommandAck::CRC_EXTRA);
     for bytes in [&full, &short, &full] {
-        decoder.push(bytes, Instant::ZERO);
+        let _ = decoder.push(bytes, Instant::ZERO);
         let frame = decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).expect("a frame");
         let ack = frame.decode::<CommandAck>().expect("an ack");
         if frame.payload().len() == 1 {
@@ -241,12 +241,12 @@ fn bad_checksum_stays_bad_behind_a_signature() {
 #[test]
 fn signature_is_carried() {
     let mut decoder = Decoder::default();
-    decoder.push(&signed(), Instant::ZERO);
+    let _ = decoder.push(&signed(), Instant::ZERO);
     let frame = decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).expect("a frame");
     let signature = frame.signature().expect("signed");
     assert_eq!((signature.link_id, signature.timestamp), (1, 0x0706_0504_0302));
     assert_eq!(signature.bytes, [8, 9, 10, 11, 12, 13]);
-    decoder.push(&heartbeat(), Instant::ZERO);
+    let _ = decoder.push(&heartbeat(), Instant::ZERO);
     assert!(decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).unwrap().signature().is_none());
 }
 

@@ -180,7 +180,7 @@ fn budget_is_kept() {
     let cost = 1 + 1 + heartbeat().len() as u32 - 3;
     for budget in 0..cost + 10 {
         let mut decoder = Decoder::default();
-        decoder.push(&heartbeat(), Instant::ZERO);
+        let _ = decoder.push(&heartbeat(), Instant::ZERO);
         let mut left = budget;
         let found = decoder.next(Instant::ZERO, TABLE, &mut left, |_| false).is_some();
         assert_eq!(found, budget >= cost, "{budget}");

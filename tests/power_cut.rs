@@ -63,7 +63,7 @@ fn live(world: &TestWorld) -> Live {
 /// A vehicle that starts with this flash.
 fn start(store: &mut Store<'_>, durability: Durability) -> TestWorld {
     let mut world = World::with_plans(Setup::new());
-    world.stack.restore(world.now(), store, durability, &mut world.vehicle).expect("flash that can be read");
+    world.stack.restore_plans(world.now(), store, durability, &mut world.vehicle).expect("flash that can be read");
     world
 }
 
@@ -89,7 +89,7 @@ fn change(world: &mut TestWorld, store: &mut Store<'_>, change: Change) -> Optio
     for _ in 0..10_000 {
         world.step();
         let now = world.now();
-        let is_busy = world.stack.persist(now, store, &mut world.vehicle);
+        let is_busy = world.stack.persist_plans(now, store, &mut world.vehicle);
         if store.flash().is_off() {
             break;
         }
@@ -114,7 +114,7 @@ fn settle(world: &mut TestWorld, store: &mut Store<'_>) {
     let mut quiet = 0;
     while quiet < 250 && !store.flash().is_off() {
         world.step();
-        quiet = if world.stack.persist(world.now(), store, &mut world.vehicle) { 0 } else { quiet + 1 };
+        quiet = if world.stack.persist_plans(world.now(), store, &mut world.vehicle) { 0 } else { quiet + 1 };
     }
 }
 
@@ -127,7 +127,7 @@ fn with_plans() -> Flash {
         let mut upload = Upload::new(&world.gcs[0], &items(plan, len, 3));
         while upload.result().is_none() {
             world.step();
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
             upload.poll(world.now(), &mut world.gcs[0]);
         }
         settle(&mut world, &mut store);
@@ -212,7 +212,7 @@ fn failing_storage_is_told_once() {
         assert_eq!(live(&world), old, "{fault:?}");
         for _ in 0..30_000 {
             world.step();
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
         }
         let texts = world.gcs[0].received.iter().filter_map(Received::decode::<Statustext>);
         let texts: Vec<_> = texts.filter(|text| text.severity.0 <= MavSeverity::WARNING.0).collect();
@@ -232,7 +232,7 @@ fn the_answer_comes_within_a_second() {
     let mut world = TestWorld::with_plans(Setup::new());
     world
         .stack
-        .restore(world.now(), &mut store, Durability::Durable, &mut world.vehicle)
+        .restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle)
         .expect("flash that can be read");
     for variant in 0..4 {
         let mut upload = Upload::new(&world.gcs[0], &items(MISSION, 250, variant));
@@ -240,7 +240,7 @@ fn the_answer_comes_within_a_second() {
         while upload.result().is_none() {
             world.step();
             let before = (store.flash().erases, store.flash().writes);
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
             let erases = u64::from(store.flash().erases - before.0);
             let writes = u64::from(store.flash().writes - before.1);
             assert!(erases + writes <= 1, "one step");
@@ -286,7 +286,7 @@ fn what_is_there_is_not_written_again() {
         let used = (store.flash().writes, store.flash().erases);
         while upload.result().is_none() {
             world.step();
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
             upload.poll(world.now(), &mut world.gcs[0]);
         }
         assert_eq!(upload.result().map(|result| result.is_ok()), Some(true));
@@ -301,7 +301,7 @@ fn unreadable_flash_is_told() {
     flash.fault = Fault::Read(0..REGION);
     let mut store = PlanStore::new(&mut flash, 0..REGION);
     let mut world = TestWorld::with_plans(Setup::new());
-    let result = world.stack.restore(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+    let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
     assert_eq!(result, Err(FlashError::Fault));
     assert!(live(&world).iter().all(|(items, id)| items.is_empty() && *id == 0));
     assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 4)), Some(MavMissionResult::ERROR));

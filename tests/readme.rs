@@ -50,7 +50,7 @@ fn the_loop<U: Read + ReadReady + Write + WriteReady>(
     let mut vehicle = Quadrotor::new();                 // yours: implements Vehicle, Commands, Plans, Telemetry, Parameters
     let mut stack: Stack<2, Plans> = Stack::new(CONFIG, LINKS);
     let mut store = PlanStore::new(flash, PLAN_REGION); // any embedded-storage NorFlash, or an FRAM; leave it out if you like
-    if let Err(error) = stack.restore(clock.now(), &mut store, Durability::Durable, &mut vehicle) {
+    if let Err(error) = stack.restore_plans(clock.now(), &mut store, Durability::Durable, &mut vehicle) {
         errors.note(error);                             // the vehicle flies without the plans that could not be read
     }
     loop {
@@ -66,7 +66,7 @@ fn the_loop<U: Read + ReadReady + Write + WriteReady>(
             errors.note(error);
         }
         // At most one erase or one write of 256 bytes, when the vehicle permits: the one call that may block.
-        stack.persist(now, &mut store, &mut vehicle);
+        stack.persist_plans(now, &mut store, &mut vehicle);
     }
 }
 

@@ -61,7 +61,7 @@ fn a_key_in_a_frame_is_not_shown() {
     let raw = frame_of(&setup());
     for len in 0..=raw.len() {
         let mut decoder = Decoder::default();
-        decoder.push(&raw[..len], Instant::ZERO);
+        let _ = decoder.push(&raw[..len], Instant::ZERO);
         assert_hidden(&format!("{decoder:?} {decoder:#?}"));
         let mut budget = u32::MAX;
         let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut budget, |_| false);
@@ -70,7 +70,7 @@ fn a_key_in_a_frame_is_not_shown() {
     }
     // Nor where nobody knows that it is one.
     let mut decoder = Decoder::default();
-    decoder.push(&raw, Instant::ZERO);
+    let _ = decoder.push(&raw, Instant::ZERO);
     mavstack::dialect! { struct Little: [Heartbeat]; }
     let late = Instant::from_millis(100);
     let frame = decoder.next(late, Little::MESSAGES, &mut u32::MAX.clone(), |_| true).expect("an unknown id");

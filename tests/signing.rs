@@ -281,7 +281,7 @@ fn the_age_of_a_frame() {
     let (first, unsigned) = (gcs.frame(&command()), gcs.unsigned(Version::V2, &command()));
     let age_of = |rig: &mut Rig, raw: &[u8]| {
         let mut decoder = Decoder::default();
-        decoder.push(raw, rig.now);
+        let _ = decoder.push(raw, rig.now);
         let frame = decoder.next(rig.now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false).unwrap();
         let now = rig.now;
         rig.signing().age(now, &frame)

@@ -373,7 +373,7 @@ fn two_hours_of_three_ground_stations() {
     assert_eq!(plans, quiet);
     let rx = world.stack.rx_counters(LinkId(0)).unwrap();
     assert_eq!(rx, RxCounters { frames: rx.frames, ..RxCounters::default() });
-    assert_eq!(*world.gcs[0].counters(), RxCounters { frames: log.frames, ..RxCounters::default() });
+    assert_eq!(world.gcs[0].counters(), RxCounters { frames: log.frames, ..RxCounters::default() });
     let peers = world.stack.peers();
     assert!(peers.iter().all(|peer| peer.lost == 0), "{peers:?}");
     assert_eq!(peers.iter().map(|peer| peer.received).sum::<u32>(), rx.frames);

@@ -79,7 +79,7 @@ impl RxCounters {
 /// # let bytes = &bytes[..len];
 /// let now = Instant::ZERO;
 /// let mut decoder = Decoder::default();
-/// decoder.push(bytes, now);
+/// assert_eq!(decoder.push(bytes, now), bytes.len());
 /// let mut budget = Decoder::MIN_BUDGET;
 /// while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut budget, |_| false) {
 ///     if let Some(heartbeat) = frame.decode::<Heartbeat>() {
@@ -170,8 +170,8 @@ impl Decoder {
     }
 
     /// What was seen and dropped so far.
-    pub const fn counters(&self) -> &RxCounters {
-        &self.counters
+    pub const fn counters(&self) -> RxCounters {
+        self.counters
     }
 
     /// Forgets all bytes that are not yet a frame; the counters stay. For a line that was opened anew.
@@ -220,6 +220,7 @@ impl Decoder {
     /// Takes as many of `bytes` as there is room for and returns their number. Call [`next`](Self::next) until it has no
     /// frame left, then push the rest.
     #[inline]
+    #[must_use = "bytes beyond these were not taken: they are to be given again"]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
         if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(usize::from(self.end))) {
             // What an interrupt for each byte does.

@@ -8,6 +8,7 @@ use crate::message::{Message, MessageInfo};
 /// Why a message could not be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum EncodeError {
     /// The buffer holds less than header, [`MAX_LEN`](Message::MAX_LEN) and two bytes of checksum.
     BufferTooSmall,
@@ -18,8 +19,8 @@ pub enum EncodeError {
 impl core::fmt::Display for EncodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::BufferTooSmall => "the buffer is smaller than the message's longest frame",
-            Self::NeedsV2 => "a message id above 255 needs MAVLink 2",
+            Self::BufferTooSmall => "the buffer is smaller than the message's longest frame: take MAX_FRAME_LEN bytes",
+            Self::NeedsV2 => "a message id above 255 needs MAVLink 2: encode it as Version::V2",
         })
     }
 }

@@ -3,6 +3,7 @@
 /// What a HAL's UART reported through one of the adapters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum HalError<E> {
     /// The HAL's own error.
     Hal(E),
@@ -14,7 +15,7 @@ impl<E: core::fmt::Debug> core::fmt::Display for HalError<E> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Hal(error) => write!(f, "{error:?}"),
-            Self::WouldBlock => f.write_str("not ready"),
+            Self::WouldBlock => f.write_str("not ready: ask read_ready and write_ready first"),
         }
     }
 }

@@ -64,6 +64,7 @@ use crate::time::Duration;
 /// What an end reports when it fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SerialError {
     /// Bytes came faster than they were read, and some are lost: poll more often, or make the queue longer.
     Overrun,
@@ -76,9 +77,9 @@ pub enum SerialError {
 impl core::fmt::Display for SerialError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Overrun => "bytes came faster than they were read",
-            Self::Line => "the UART reported an error",
-            Self::WouldBlock => "not ready",
+            Self::Overrun => "bytes came faster than they were read: poll more often, or make the queue longer",
+            Self::Line => "the UART reported an error, or an overrun of its own",
+            Self::WouldBlock => "not ready: ask read_ready and write_ready first",
         })
     }
 }

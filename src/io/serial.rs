@@ -170,12 +170,14 @@ impl InterruptEnd<'_> {
     }
 
     /// The byte to be sent now; `None` when there is none, which is when to stop listening to "ready to send".
+    #[must_use = "the byte is out of the queue: send it"]
     pub fn next_to_send(&mut self) -> Option<u8> {
         let mut byte = [0];
         (self.tx.pop(&mut byte) > 0).then_some(byte[0])
     }
 
     /// The same for DMA and FIFOs: moves what is to be sent into `buffer`, and returns how many bytes that are.
+    #[must_use = "the bytes are out of the queue: send them"]
     pub fn take_to_send(&mut self, buffer: &mut [u8]) -> usize {
         self.tx.pop(buffer)
     }

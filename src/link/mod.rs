@@ -197,6 +197,7 @@ impl LinkCounters {
 /// checksum, and what could not be sent is sent later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LinkError<E> {
     /// Reading failed; an overrun of a UART for example (S-20).
     Read(E),
@@ -213,8 +214,8 @@ impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
         match self {
             Self::Read(error) => write!(f, "reading failed: {error:?}"),
             Self::Write(error) => write!(f, "writing failed: {error:?}"),
-            Self::Closed => f.write_str("the line was closed"),
-            Self::NoSuchLink => f.write_str("the stack has no link of that number"),
+            Self::Closed => f.write_str("the line was closed: restart the link when it is open again"),
+            Self::NoSuchLink => f.write_str("the stack has no link of that number: they count from 0"),
         }
     }
 }

@@ -13,6 +13,7 @@ use crate::dialect::{CommandLong, Heartbeat};
 use crate::frame::crc;
 
 /// One field as `CRC_EXTRA` and the address filter see it. Made by [`message!`](crate::message).
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct FieldInfo {
     wire_type: &'static str,

@@ -53,13 +53,13 @@ impl FlightMode {
 
     /// The same, as the standard mode that MAV_CMD_DO_SET_STANDARD_MODE asks for.
     #[must_use]
-    pub const fn standard(self, standard_mode: MavStandardMode) -> Self {
+    pub const fn with_standard_mode(self, standard_mode: MavStandardMode) -> Self {
         Self { standard_mode, ..self }
     }
 
     /// The same, with properties.
     #[must_use]
-    pub const fn properties(self, properties: MavModeProperty) -> Self {
+    pub const fn with_properties(self, properties: MavModeProperty) -> Self {
         Self { properties, ..self }
     }
 
@@ -289,7 +289,7 @@ mod tests {
     use super::*;
 
     const HOLD: FlightMode = FlightMode::new(1, "Hold");
-    const LAND: FlightMode = FlightMode::new(2, "Land").standard(MavStandardMode::LAND);
+    const LAND: FlightMode = FlightMode::new(2, "Land").with_standard_mode(MavStandardMode::LAND);
 
     #[test]
     fn tables_within_bounds_are_taken() {

@@ -21,6 +21,7 @@ const SLOTS: usize = 2;
 pub type TimeSlots<const LINKS: usize> = TimeSync<[TimeSlot; LINKS]>;
 
 /// What a [`TimeSync`] keeps for one link.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TimeSlot {
@@ -156,6 +157,7 @@ impl TimeSync {
     }
 
     /// The newest answer to a question of ours, once. A [`ClockFilter`](crate::ClockFilter) makes a clock of many.
+    #[must_use = "the sample is taken out"]
     pub fn take_sample(&mut self) -> Option<TimeSample> {
         self.sample.take()
     }

@@ -42,7 +42,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 
     /// Writes the signing key when it was changed, and with it the time that is used up, one step at a time, as
-    /// [`persist`](Self::persist) does with plans: every 55 s, and only while the vehicle [permits](crate::Plans::may_persist).
+    /// [`persist_plans`](Self::persist_plans) does with plans: every 55 s, and only while the vehicle [permits](crate::Plans::may_persist).
     /// True when there is more to do at once.
     ///
     /// A vehicle that does not permit it in flight begins, after a restart there, with the time of its take-off, until the first

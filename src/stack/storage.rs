@@ -2,7 +2,7 @@
 //! SEC-11, SEC-12).
 //!
 //! Apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more, so the firmware
-//! chooses when [`persist`](Stack::persist) and [`persist_parameters`](Stack::persist_parameters) run, and the vehicle is
+//! chooses when [`persist_plans`](Stack::persist_plans) and [`persist_parameters`](Stack::persist_parameters) run, and the vehicle is
 //! asked before each step.
 
 use embedded_storage::nor_flash::NorFlash;
@@ -30,7 +30,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// What the flash reported when it could not be read. The plans that were not read are empty then; the store is in use
     /// nevertheless.
-    pub fn restore<F: NorFlash, V: Autopilot>(
+    pub fn restore_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut PlanStore<F>,
@@ -83,7 +83,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// With [`Durability::Durable`] an upload's final answer waits for this: call it in every pass of the loop, or from an
     /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where
     /// an erase takes 100 ms.
-    pub fn persist<F: NorFlash, V: Autopilot>(
+    pub fn persist_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut PlanStore<F>,
@@ -148,7 +148,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         self.core.params.hurry(now, vehicle);
     }
 
-    /// Writes parameters that have changed, one step at a time, as [`persist`](Self::persist) does with plans: about a second
+    /// Writes parameters that have changed, one step at a time, as [`persist_plans`](Self::persist_plans) does with plans: about a second
     /// behind a change, not more often than every ten seconds, and only while the vehicle
     /// [permits](crate::Plans::may_persist). True when there is more to do at once.
     pub fn persist_parameters<F: NorFlash, V: Autopilot>(

@@ -57,6 +57,22 @@ pub enum FramError<E> {
     OutOfBounds,
 }
 
+impl<E: core::fmt::Debug> core::fmt::Display for FramError<E> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Bus(error) => write!(f, "the bus failed: {error:?}"),
+            Self::Id(id) => {
+                write!(f, "no FRAM that is known answers, but {id:02X?}: is it wired, and is this its chip select?")
+            }
+            Self::Protected => f.write_str("the chip's status register protects memory: clear its bits BP0 and BP1"),
+            Self::NotAligned => f.write_str("an address or a length is not a multiple of its unit"),
+            Self::OutOfBounds => f.write_str("beyond the end of the memory: is the region larger than the chip?"),
+        }
+    }
+}
+
+impl<E: core::fmt::Debug> core::error::Error for FramError<E> {}
+
 impl<E: core::fmt::Debug> NorFlashError for FramError<E> {
     fn kind(&self) -> NorFlashErrorKind {
         match self {

@@ -156,7 +156,7 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 /// Keeps the three plans on storage: two slots, of which one always has what was complete before.
 ///
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32.
-/// Writing is done by [`Stack::persist`](crate::Stack::persist), in steps of at most one erase unit or 256 bytes.
+/// Writing is done by [`Stack::persist_plans`](crate::Stack::persist_plans), in steps of at most one erase unit or 256 bytes.
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};

@@ -209,7 +209,7 @@ impl Gcs {
     }
 
     /// Bytes and candidates that were no frames, as this end saw them.
-    pub fn counters(&self) -> &mavstack::RxCounters {
+    pub fn counters(&self) -> mavstack::RxCounters {
         self.decoder.counters()
     }
 }

@@ -20,12 +20,16 @@ pub const ODD: u32 = 0xFEDC_BA99;
 pub const LONGEST: &str = "a mode whose name is 34 bytes long";
 
 pub const MODES: &[FlightMode] = &[
-    FlightMode::new(POSITION, "Position").standard(MavStandardMode::POSITION_HOLD),
+    FlightMode::new(POSITION, "Position").with_standard_mode(MavStandardMode::POSITION_HOLD),
     FlightMode::new(HOLD, "Hold"),
-    FlightMode::new(MISSION, LONGEST).standard(MavStandardMode::MISSION).properties(MavModeProperty::AUTO_MODE),
-    FlightMode::new(RETURN, "Return").standard(MavStandardMode::SAFE_RECOVERY),
-    FlightMode::new(TEST, "Test").properties(MavModeProperty::ADVANCED),
-    FlightMode::new(AFLOAT, "Afloat").standard(MavStandardMode::LAND).properties(MavModeProperty::NOT_USER_SELECTABLE),
+    FlightMode::new(MISSION, LONGEST)
+        .with_standard_mode(MavStandardMode::MISSION)
+        .with_properties(MavModeProperty::AUTO_MODE),
+    FlightMode::new(RETURN, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
+    FlightMode::new(TEST, "Test").with_properties(MavModeProperty::ADVANCED),
+    FlightMode::new(AFLOAT, "Afloat")
+        .with_standard_mode(MavStandardMode::LAND)
+        .with_properties(MavModeProperty::NOT_USER_SELECTABLE),
     FlightMode::new(ODD, "Odd"),
 ];
 

@@ -148,7 +148,7 @@ impl<const N: usize> Rig<N> {
     }
 
     pub fn counters(&mut self) -> SigningCounters {
-        *self.signing().counters()
+        self.signing().counters()
     }
 
     /// The vehicle's own time.

@@ -145,7 +145,7 @@ impl<P: PlanStorage> App<P> {
         self.saving != Saving::Busy && self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
     }
 
-    /// Reads the plans back, once after a start; as [`Stack::restore`].
+    /// Reads the plans back, once after a start; as [`Stack::restore_plans`].
     ///
     /// # Errors
     ///
@@ -156,12 +156,12 @@ impl<P: PlanStorage> App<P> {
         store: &mut PlanStore<F>,
         durability: Durability,
     ) -> Result<(), F::Error> {
-        self.stack.restore(now, store, durability, &mut self.vehicle)
+        self.stack.restore_plans(now, store, durability, &mut self.vehicle)
     }
 
-    /// Writes plans that are to be durable, a step at a time; as [`Stack::persist`]. True when there is more to do at once.
+    /// Writes plans that are to be durable, a step at a time; as [`Stack::persist_plans`]. True when there is more to do at once.
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut PlanStore<F>) -> bool {
-        self.stack.persist(now, store, &mut self.vehicle)
+        self.stack.persist_plans(now, store, &mut self.vehicle)
     }
 
     /// Reads the parameters back, once after a start and before everything else, for some have their effect only then; as

@@ -39,6 +39,7 @@ pub(super) const NO_PROGRESS: u8 = 255;
 pub type CommandSlots<const N: usize> = CommandMemory<[CommandSlot; N]>;
 
 /// One place of a [`CommandMemory`].
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CommandSlot {

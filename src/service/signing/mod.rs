@@ -238,8 +238,8 @@ impl Signing {
     }
 
     /// What was accepted and refused.
-    pub const fn counters(&self) -> &SigningCounters {
-        &self.counters
+    pub const fn counters(&self) -> SigningCounters {
+        self.counters
     }
 
     /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): what the next signed frame bears at least. It is no time of day: without

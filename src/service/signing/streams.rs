@@ -6,6 +6,7 @@ use crate::frame::Address;
 pub(super) const MINUTE: u64 = 6_000_000;
 
 /// One stream: what one component sends over one of its links (G-5).
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SigningStream {

@@ -192,7 +192,7 @@ impl Quadrotor {
 
     /// What was accepted and refused for its signature.
     pub(crate) fn signing_counters(&self) -> SigningCounters {
-        *self.signing.counters()
+        self.signing.counters()
     }
 
     /// Where it is; `None` without a GPS fix.

@@ -35,16 +35,16 @@ const fn auto(sub: u32) -> u32 {
 
 /// What ground stations are told of the modes.
 pub const TABLE: &[FlightMode] = &[
-    FlightMode::new(Mode::Position.number(), "Position").standard(MavStandardMode::POSITION_HOLD),
-    by_itself(Mode::Takeoff, "Takeoff").standard(MavStandardMode::TAKEOFF),
+    FlightMode::new(Mode::Position.number(), "Position").with_standard_mode(MavStandardMode::POSITION_HOLD),
+    by_itself(Mode::Takeoff, "Takeoff").with_standard_mode(MavStandardMode::TAKEOFF),
     by_itself(Mode::Hold, "Hold"),
-    by_itself(Mode::Mission, "Mission").standard(MavStandardMode::MISSION),
-    by_itself(Mode::Return, "Return").standard(MavStandardMode::SAFE_RECOVERY),
-    by_itself(Mode::Land, "Land").standard(MavStandardMode::LAND),
+    by_itself(Mode::Mission, "Mission").with_standard_mode(MavStandardMode::MISSION),
+    by_itself(Mode::Return, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
+    by_itself(Mode::Land, "Land").with_standard_mode(MavStandardMode::LAND),
 ];
 
 const fn by_itself(mode: Mode, name: &'static str) -> FlightMode {
-    FlightMode::new(mode.number(), name).properties(MavModeProperty::AUTO_MODE)
+    FlightMode::new(mode.number(), name).with_properties(MavModeProperty::AUTO_MODE)
 }
 
 impl Mode {

@@ -46,7 +46,7 @@ impl Bench {
             self.stack.poll(self.now, &mut self.crane);
             let bytes = self.stack.transmit(self.now, LINK, &mut self.crane).to_vec();
             self.stack.transmitted(LINK, bytes.len());
-            self.decoder.push(&bytes, self.now);
+            let _ = self.decoder.push(&bytes, self.now);
             while let Some(frame) = self.decoder.next(self.now, Known::MESSAGES, &mut u32::MAX.clone(), |_| true) {
                 heard.push(Sent { id: frame.id(), payload: frame.payload().to_vec() });
             }

@@ -59,8 +59,8 @@ impl Commands for Copter {
     const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(NAV_TAKEOFF).no_broadcast().once()];
     const MODES: &'static [FlightMode] = &[
         FlightMode::new(0, "Hold"),
-        FlightMode::new(1, "Mission").standard(MavStandardMode::MISSION),
-        FlightMode::new(2, "Return").standard(MavStandardMode::SAFE_RECOVERY),
+        FlightMode::new(1, "Mission").with_standard_mode(MavStandardMode::MISSION),
+        FlightMode::new(2, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
     ];
 
     fn command(&mut self, command: &Command) -> Outcome {

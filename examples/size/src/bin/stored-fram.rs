@@ -22,12 +22,12 @@ fn main() -> ! {
         }
     };
     let mut store = PlanStore::new(fram, 0..PlanStore::<Fram<Spi>>::region_len(100, 0, 0));
-    let _ = stack.restore(Instant::ZERO, &mut store, Durability::Durable, &mut rover);
+    let _ = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut rover);
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
         stack.poll(now, &mut rover);
         let _ = stack.poll_link(now, LinkId(0), &mut uart, &mut rover);
-        stack.persist(now, &mut store, &mut rover);
+        stack.persist_plans(now, &mut store, &mut rover);
     }
 }

@@ -324,7 +324,7 @@ fn both_links() -> LinkMask {
 
 fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {
     let mut decoder = Decoder::default();
-    decoder.push(bytes, Instant::ZERO);
+    let _ = decoder.push(bytes, Instant::ZERO);
     let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| true);
     handle(&frame.expect("a whole frame"))
 }
