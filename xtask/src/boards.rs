@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
+use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
 use crate::firmware::read;

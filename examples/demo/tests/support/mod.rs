@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 
 use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Instant, Item, LinkClass, LinkId, ModeRequest, Peer, PlanChange, PlanFault,
-    PlanType, Plans,
+    Address, Command, CommandPosition, Commands, Instant, Item, LinkClass, LinkId, ModeRequest, Peer, PlanChange,
+    PlanFault, PlanType, Plans,
 };
 use mavstack_demo::{Mode, Quadrotor, Vector};
 
