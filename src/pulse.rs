@@ -7,6 +7,16 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 /// A counter with one writer; load, add, store, so that it works on processors without compare-and-swap. The stack may
 /// run beside the loop or in another task or interrupt: when the loop stops, the heartbeats stop.
 ///
+/// The stack looks at it in every poll. As long as it moved within [`max_loop_gap`](crate::Config::max_loop_gap) there is
+/// *credit*, and each link sends a HEARTBEAT a second:
+///
+/// ```text
+///            first tick            no tick for max_loop_gap,
+///            ┌────────▶ credit ───── or a latched fault ─────▶ silent
+///   silent ──┘             ▲                                     │
+///                          └────────────── tick ─────────────────┘   (not after a fault)
+/// ```
+///
 /// ```
 /// use mavstack::Pulse;
 /// static PULSE: Pulse = Pulse::new();

@@ -1,17 +1,6 @@
 //! The stack: all services of a vehicle behind a few calls, in fixed memory.
 //!
-//! The only module that knows every service. Received frames go through the address filter to the service they are for;
-//! when a link has room, the services are asked in a fixed order for one frame (D-4):
-//!
-//! ```text
-//!   receive ──▶ decoder ──▶ own address? ──▶ peers ──▶ for us? ──▶ commands, plans, the vehicle's own messages
-//!                                              │
-//!                                              └─────▶ for others? ──▶ the queues of their links
-//!
-//!   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
-//!            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
-//!            ◀── streams and what is forwarded, in turn                           while the line is idle
-//! ```
+//! The only module that knows every service. The way of the frames is drawn at [`Stack`].
 
 mod commands;
 #[cfg(all(feature = "storage", feature = "signing"))]
@@ -50,6 +39,19 @@ use crate::vehicle::Autopilot;
 ///
 /// Most firmware names the first two and calls [`new`](Self::new); [`with_capacities`](Self::with_capacities) is for one
 /// that names the others too.
+///
+/// Received frames go through the address filter to the service they are for; when a link has room, the services are asked in
+/// a fixed order for one frame (D-4):
+///
+/// ```text
+///   receive ──▶ decoder ──▶ own address? ──▶ peers ──▶ for us? ──▶ commands, plans, the vehicle's own messages
+///                                              │
+///                                              └─────▶ for others? ──▶ the queues of their links
+///
+///   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
+///            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
+///            ◀── streams and what is forwarded, in turn                           while the line is idle
+/// ```
 #[derive(Debug)]
 pub struct Stack<
     const LINKS: usize,

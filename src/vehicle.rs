@@ -32,7 +32,7 @@ pub struct VehicleState {
     pub system_status: MavState,
 }
 
-/// What happened to a peer (H-11, H-14).
+/// What happened to a peer (H-11, H-14). The states are drawn at [`PeerInfo`](crate::PeerInfo).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -242,6 +242,12 @@ impl From<MavResult> for Outcome {
 }
 
 /// Commands that reach the vehicle.
+///
+/// ```text
+///   COMMAND_LONG ─┐                                                       ┌─▶ plans ───┐
+///                 ├─▶ declared? form, control, frame, parameters ─▶ known? ┼─▶ requests ┼─▶ COMMAND_ACK
+///   COMMAND_INT ──┘                 (COMMANDS)           (command_memory) └─▶ command ─┘
+/// ```
 pub trait Commands {
     /// Commands whose form, frame and parameters the stack checks before the vehicle hears of them (C-5), and those that
     /// must not be carried out twice. Others come to [`command`](Self::command) as they are.
@@ -401,6 +407,22 @@ impl From<MavMissionResult> for PlanFault {
 ///
 /// A refusal is a `MAV_MISSION_RESULT`; it reaches the ground station as MISSION_ACK and, with the item's number, as
 /// STATUSTEXT (M-38).
+///
+/// An upload goes into a staging area and becomes the live plan in one step; until then everything that anybody can see is
+/// the old plan (M-39):
+///
+/// ```text
+///   idle ─────────────── COUNT ───────────────▶ receiving
+///     ▲                                             │  ITEM of the next number: stored, the next one asked for
+///     │                                             │  no ITEM in time: asked for again
+///     │                                             │  another client's COUNT, ITEM, CLEAR_ALL: ACK DENIED
+///     ├── last ITEM: live in one step, ACK ACCEPTED ┤ by way of storage, where there is one
+///     ├── bad ITEM, bad plan: ACK with the fault ───┤
+///     ├── COUNT, CLEAR_ALL, ACK of the partner ─────┤
+///     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
+/// ```
+///
+/// What "live in one step" is with storage, [`Durability`](crate::Durability) says.
 pub trait Plans {
     /// The commands that a mission of this vehicle may have, each with the rule for its frame, parameters and position:
     /// one of [`dialect::command_rules`](crate::dialect::command_rules), made narrower or wider where the vehicle is. Any

@@ -1,21 +1,6 @@
 //! Bytes to frames.
 //!
-//! The decoder owns one buffer. Bytes land in it ([`spare`](Decoder::spare) and [`commit`](Decoder::commit), or
-//! [`push`](Decoder::push)), and [`next`](Decoder::next) looks at the *candidate* at its front:
-//!
-//! ```text
-//!                     ┌─ skip to a start byte ◀────────────────────────────┐
-//!                     ▼                                                    │ drop one byte, count the reason
-//!   bytes ──▶ start byte ──▶ header ──▶ whole frame ──▶ checksum ── wrong ─┤
-//!                 │ unknown flag │ source 0,  │ stopped    │ right         │
-//!                 │              │ v1 length  │ growing    ▼               │
-//!                 └──────────────┴────────────┴───────── ─ ─ ─ ────────────┘
-//!                                                        Frame
-//! ```
-//!
-//! A candidate that fails costs one byte: the search goes on from its second, so a false start byte or a corrupted length
-//! never swallows an intact frame behind it (S-13, SEC-4). What comes out does not depend on how the bytes were cut into
-//! pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
+//! The state machine is drawn at [`Decoder`].
 
 #[cfg(feature = "signing")]
 use zeroize::Zeroize;
@@ -69,6 +54,23 @@ impl RxCounters {
 }
 
 /// Finds frames in a stream of bytes.
+///
+/// It owns one buffer. Bytes land in it ([`spare`](Decoder::spare) and [`commit`](Decoder::commit), or
+/// [`push`](Decoder::push)), and [`next`](Decoder::next) looks at the *candidate* at its front:
+///
+/// ```text
+///                     ┌─ skip to a start byte ◀────────────────────────────┐
+///                     ▼                                                    │ drop one byte, count the reason
+///   bytes ──▶ start byte ──▶ header ──▶ whole frame ──▶ checksum ── wrong ─┤
+///                 │ unknown flag │ source 0,  │ stopped    │ right         │
+///                 │              │ v1 length  │ growing    ▼               │
+///                 └──────────────┴────────────┴───────── ─ ─ ─ ────────────┘
+///                                                        Frame
+/// ```
+///
+/// A candidate that fails costs one byte: the search goes on from its second, so a false start byte or a corrupted length
+/// never swallows an intact frame behind it (S-13, SEC-4). What comes out does not depend on how the bytes were cut into
+/// pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
 ///
 /// ```
 /// use mavstack::{Decoder, Dialect, Instant, dialect::{Common, Heartbeat}};

@@ -3,42 +3,7 @@
 //! Implements <https://mavlink.io/en/guide/routing.html>, rules R-1 to R-16: the vehicle joins its links, so that a ground
 //! station on the telemetry radio and a companion computer on a UART find each other, and who stands behind them.
 //!
-//! ```text
-//!             SETUP_SIGNING, RADIO_STATUS,       forwarded a               source has no place
-//!             to us alone, link does not forward moment ago?               in the peer table?
-//!   frame ──▶ stays? ──────────────────────────▶ again? ──▶ learn ───────▶ kept? ──▶ routes ──▶ a queue for each link
-//!               │                                  │        (source, link)   │         │              │ when the line is
-//!               ▼                                  ▼                         ▼         ▼              ▼ idle, in turn
-//!             handled here                      dropped                  handled here  no_route    transmit   with streams
-//! ```
-//!
-//! - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
-//!   frame for somebody to the links that he was heard on, one for a component of our own system likewise (R-2, R-3).
-//! - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros (R-5). One whose id is unknown goes
-//!   to all (R-9). One that is refused where it came in, for its signature or for want of one, goes on like any other (R-10),
-//!   but not by satellite, where each is paid for (R-13).
-//! - **Never back**: not to the link that it came by, nor to one that its source was heard on (R-4).
-//! - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time (R-6): a
-//!   stack sends a frame at most once to each link. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
-//!   frame passes each line at most once each way, whatever the traffic and however small the peer table; with up to four
-//!   lines between the three it is delivered at most as often as there are lines, and twice more. Around longer ways R-4 alone
-//!   ends a loop.
-//! - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. 256 of
-//!   them are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
-//!   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for all
-//!   that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
-//! - **Refused is not accepted**: who is refused and sends the bytes that another is about to send suppresses nothing. When
-//!   they are accepted they are handled, and go to the links to which the refused ones did not. The refused of all links share
-//!   the places of one.
-//! - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
-//!   delay an answer by no more than one of them (R-14). Where answers fill a line, as in the transfer of a plan or of all
-//!   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
-//!   150 ms, or a frame would be on its way for longer than it is known: for ten seconds after a copy came that can be no
-//!   sender's, by another link than the first, on which its source was never heard.
-//! - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed.
-//!
-//! A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there (R-12), a high-latency
-//! link only commands for somebody there and their answers (R-13).
+//! What is forwarded, and what is not, stands at [`ForwardQueues`].
 
 use super::memory::{Memory, Recall, Seen, Ticket};
 use super::queue::Ring;
@@ -200,6 +165,45 @@ fn is_command(id: u32) -> bool {
 /// assert_eq!(stack.transmit(now, companion, &mut rover), &frame[..len]);
 /// # Ok::<(), mavstack::EncodeError>(())
 /// ```
+///
+/// # What becomes of a frame
+///
+/// ```text
+///             SETUP_SIGNING, RADIO_STATUS,       forwarded a               source has no place
+///             to us alone, link does not forward moment ago?               in the peer table?
+///   frame ──▶ stays? ──────────────────────────▶ again? ──▶ learn ───────▶ kept? ──▶ routes ──▶ a queue for each link
+///               │                                  │        (source, link)   │         │              │ when the line is
+///               ▼                                  ▼                         ▼         ▼              ▼ idle, in turn
+///             handled here                      dropped                  handled here  no_route    transmit   with streams
+/// ```
+///
+/// - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
+///   frame for somebody to the links that he was heard on, one for a component of our own system likewise (R-2, R-3).
+/// - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros (R-5). One whose id is unknown goes
+///   to all (R-9). One that is refused where it came in, for its signature or for want of one, goes on like any other (R-10),
+///   but not by satellite, where each is paid for (R-13).
+/// - **Never back**: not to the link that it came by, nor to one that its source was heard on (R-4).
+/// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time (R-6): a
+///   stack sends a frame at most once to each link. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
+///   frame passes each line at most once each way, whatever the traffic and however small the peer table; with up to four
+///   lines between the three it is delivered at most as often as there are lines, and twice more. Around longer ways R-4 alone
+///   ends a loop.
+/// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. 256 of
+///   them are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
+///   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for all
+///   that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
+/// - **Refused is not accepted**: who is refused and sends the bytes that another is about to send suppresses nothing. When
+///   they are accepted they are handled, and go to the links to which the refused ones did not. The refused of all links share
+///   the places of one.
+/// - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
+///   delay an answer by no more than one of them (R-14). Where answers fill a line, as in the transfer of a plan or of all
+///   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
+///   150 ms, or a frame would be on its way for longer than it is known: for ten seconds after a copy came that can be no
+///   sender's, by another link than the first, on which its source was never heard.
+/// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed.
+///
+/// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there (R-12), a high-latency
+/// link only commands for somebody there and their answers (R-13).
 #[derive(Clone, Debug)]
 pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 256> {
     lanes: [Lane; LINKS],

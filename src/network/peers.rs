@@ -1,14 +1,8 @@
 //! Peers: who is out there, on which link, and how well we hear them.
 //!
 //! Implements the receiving half of <https://mavlink.io/en/services/heartbeat.html>, rules H-10 to H-13, and the loss
-//! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). An entry is made by any checked frame; *alive* is
-//! only who sends heartbeats:
-//!
-//! ```text
-//!   any frame ──▶ heard ── HEARTBEAT (Found) ──▶ alive ── silence for peer_timeout (Lost) ──▶ lost
-//!                                                  ▲                                            │
-//!                                                  └──────────── HEARTBEAT (Regained) ──────────┘
-//! ```
+//! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). The states of
+//! a peer are drawn at [`PeerInfo`].
 
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Address, Frame, Version};
@@ -17,6 +11,14 @@ use crate::time::{Duration, Instant};
 use crate::vehicle::{PeerEvent, Vehicle};
 
 /// What is known of a peer.
+///
+/// Any checked frame makes an entry; *alive* is only who sends heartbeats. In brackets the [`PeerEvent`] of each step:
+///
+/// ```text
+///   any frame ──▶ heard ── HEARTBEAT (Found) ──▶ alive ── silence for peer_timeout (Lost) ──▶ lost
+///                                                  ▲                                            │
+///                                                  └──────────── HEARTBEAT (Regained) ──────────┘
+/// ```
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeerInfo {

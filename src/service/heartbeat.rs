@@ -1,14 +1,7 @@
 //! HEARTBEAT: sent while the flight loop ticks, and only then.
 //!
-//! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7. The pulse is sampled at every poll; as
-//! long as it moved within [`max_loop_gap`](crate::Config::max_loop_gap) there is *credit*:
-//!
-//! ```text
-//!            first tick            no tick for max_loop_gap,
-//!            ┌────────▶ credit ───── or a latched fault ─────▶ silent
-//!   silent ──┘             ▲                                     │
-//!                          └────────────── tick ─────────────────┘   (not after a fault)
-//! ```
+//! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7. The states are drawn at
+//! [`Pulse`](crate::Pulse).
 
 use crate::pulse::Pulse;
 use crate::time::{Duration, Instant};

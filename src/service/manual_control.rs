@@ -4,19 +4,7 @@
 //! RC_CHANNELS_OVERRIDE, rules J-1 to J-5. Neither is answered. What a stick does is the vehicle's: it asks for them in
 //! every pass of its loop, and gets `None` when nobody steers.
 //!
-//! ```text
-//!                  to all? ──▶ may he? ──▶ does another one steer? ──▶ ManualInput ──▶ manual_control(now)
-//!                     │           │                   │                     │          rc_channels(now)
-//!                     ▼           ▼                   ▼                     ▼
-//!                 broadcast  not_allowed         not_holder        None from the timeout on
-//! ```
-//!
-//! One sender, which is an address on a link, steers at a time: the first that may, until neither message came from him
-//! for the timeout. Who sends meanwhile is counted and not obeyed. A vehicle that took whatever came last would tremble
-//! between two sticks, and a second, idle joystick could take it out of a pilot's hands.
-//!
-//! Sticks are no sign of life of their sender: only heartbeats are (H-10). A vehicle that wants them to be looks at
-//! [`ManualInput::holder`] before it believes that he is [lost](crate::PeerEvent::Lost).
+//! Who steers, and for how long, is drawn at [`ManualInput`].
 
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::{Frame, SystemId};
@@ -181,6 +169,20 @@ pub struct ManualCounters {
 
 /// The vehicle's memory for manual control, some 300 bytes. The vehicle keeps it and hands it to the stack by
 /// [`Vehicle::manual_input`](crate::Vehicle::manual_input); one that does not pays nothing.
+///
+/// ```text
+///                  to all? ──▶ may he? ──▶ does another one steer? ──▶ ManualInput ──▶ manual_control(now)
+///                     │           │                   │                     │          rc_channels(now)
+///                     ▼           ▼                   ▼                     ▼
+///                 broadcast  not_allowed         not_holder        None from the timeout on
+/// ```
+///
+/// One sender, which is an address on a link, steers at a time: the first that may, until neither message came from him
+/// for the timeout. Who sends meanwhile is counted and not obeyed. A vehicle that took whatever came last would tremble
+/// between two sticks, and a second, idle joystick could take it out of a pilot's hands.
+///
+/// Sticks are no sign of life of their sender: only heartbeats are (H-10). A vehicle that wants them to be looks at
+/// [`ManualInput::holder`] before it believes that he is [lost](crate::PeerEvent::Lost).
 ///
 /// Nothing that is older than the timeout comes out of it, whatever else arrives: not a stick, and not a channel, each of
 /// which ages by itself (J-3). Nothing comes in over a high-latency link (J-5).

@@ -157,6 +157,17 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 ///
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32.
 /// Writing is done by [`Stack::persist_plans`](crate::Stack::persist_plans), in steps of at most one erase unit or 256 bytes.
+/// Wherever the power goes, one slot has what was whole before, or the other one has the new plans:
+///
+/// ```text
+///                 older record, or torn ── erased ahead, header first ──▶ erased
+///   spare slot:      ▲                                                      │ there is something to store
+///                    │                                                      ▼
+///                 the newer record counts ◀── header ── read back ◀── body, 256 bytes a step
+///                 and the other slot is spare
+/// ```
+///
+/// When an upload is answered and goes live, [`Durability`](crate::Durability) says.
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};

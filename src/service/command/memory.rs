@@ -1,17 +1,7 @@
 //! Commands that outlast their first answer: those that still run, and those that must not be carried out twice.
 //!
 //! Rules C-12 and C-20 to C-24. One fixed table for both, kept by the vehicle that has such commands, so that one that has
-//! none pays nothing for it:
-//!
-//! ```text
-//!            start                         finish, COMMAND_CANCEL             every final ACK sent, and 3 s passed
-//!   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ past
-//!     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a repetition gets the final ACK again
-//!     └────────────── not idempotent, carried out ────────────────┘
-//! ```
-//!
-//! What is past has its place until a minute is over or another command needs it, the oldest first: a copy may still come by
-//! satellite (L-16).
+//! none pays nothing for it. The states of a place are drawn at [`CommandMemory`].
 
 use core::ops::{Deref, DerefMut};
 
@@ -228,6 +218,18 @@ impl CommandSlot {
 ///
 /// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
 /// heartbeat asks for anyway.
+///
+/// Each command has a place, until another one needs it:
+///
+/// ```text
+///            start                         finish, COMMAND_CANCEL             every final ACK sent, and 3 s passed
+///   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ past
+///     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a repetition gets the final ACK again
+///     └────────────── not idempotent, carried out ────────────────┘
+/// ```
+///
+/// What is past has its place until a minute is over or another command needs it, the oldest first: a copy may still come by
+/// satellite (L-16).
 #[derive(Clone, Debug)]
 pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
     slots: S,

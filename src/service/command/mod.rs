@@ -4,11 +4,7 @@
 //! itself (§6.4 in part). A command is taken only while there is a free slot to owe its answer in; else it is dropped
 //! unexecuted and counted, which to the sender is a lost frame that it repeats.
 //!
-//! ```text
-//!   COMMAND_LONG ─┐                                                       ┌─▶ plans ───┐
-//!                 ├─▶ declared? form, control, frame, parameters ─▶ known? ┼─▶ requests ┼─▶ COMMAND_ACK
-//!   COMMAND_INT ──┘                  (policy)                    (memory) └─▶ vehicle ─┘      (acks)
-//! ```
+//! The way of a command is drawn at [`Commands`].
 
 mod acks;
 mod copies;

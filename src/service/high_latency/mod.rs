@@ -4,47 +4,7 @@
 //! [`HighLatency`](crate::LinkClass::HighLatency) there are no heartbeats; commands and their answers travel, and one short
 //! message that says all that matters, while it is on. What else anybody wants to send there, the link's outbox refuses.
 //!
-//! ```text
-//!             START, HighLatency::start
-//!        ┌─────────────────────────────────────────▶ on, as commanded ◀──────────────┐
-//!       off ◀───────── STOP, HighLatency::stop ──────────┘                           │ START
-//!        │ ▲                                                                         │
-//!        │ └─ a ground station is heard on a normal link again, STOP ── on by itself ┘
-//!        └────── no ground station on any normal link (an option) ──────────▲
-//! ```
-//!
-//! START and STOP are MAV_CMD_CONTROL_HIGH_LATENCY, over any link, and hold for all high-latency links; the one that comes
-//! last counts. Both kinds of links run at once, for a ground station that hands over from one to the other (L-15). START
-//! sends a message at once, also while it is on. After that a message follows a period after the one before left: a modem that is
-//! busy gets it as soon as it is not, made of what is known then, and the next one a period later. What came between two
-//! messages is in the second: means, and the worst (L-21). Who moves the bytes himself asks
-//! [`Stack::transmit`](crate::Stack::transmit) for them only when the modem takes some.
-//!
-//! A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
-//! not: when the flight loop does not tick, and in a fault (H-5).
-//!
-//! A satellite brings commands late, and so after others that were given later. One that was overtaken changes nothing, or a
-//! START from before a STOP would go on costing money, and a STOP from before a START leave nobody in touch:
-//!
-//! - **A copy** of what was carried out: within a minute by satellite, or with a higher confirmation; by other links within
-//!   three seconds (C-12).
-//! - **What comes by satellite** within a minute after its sender said the opposite by a normal link, over which he is alive:
-//!   who means it would say it there.
-//! - **What is older by its signature** than the opposite that its sender said, up to a quarter of an hour
-//!   ([`Command::age`]). One that is newer is none of these, whatever else it looks like.
-//!
-//! The answer is ACCEPTED where things are as it wants them, else TEMPORARILY_REJECTED: who means it says it again. That is
-//! all that can be known. Without signatures, a START that was not seen before and comes after the STOP of somebody whose
-//! heartbeats are not heard counts, and so does one that was held back for more than a minute: its sender sees the messages
-//! come, and says STOP again.
-//!
-//! Who speaks over such a link is heard, and never alive or lost ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)): no
-//! heartbeats are expected there, and those that come say nothing, or a failsafe would take a satellite's silence for a
-//! ground station's end (L-3). When somebody last commanded, [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) says.
-//!
-//! Other commands over a satellite come 10 to 30 seconds late too, at times minutes, and in any order. They bear no time of
-//! their own but that of a signature. [`Command::class`] and [`Command::age`] are for the vehicle that refuses to arm for such
-//! a command, or to take off (L-16).
+//! How it goes on and off, and what becomes of orders that come late, stands at [`HighLatency`].
 
 mod sample;
 mod window;
@@ -249,6 +209,50 @@ impl Order {
 ///     copter.satellite.stop();
 /// }
 /// ```
+///
+/// # When it is on
+///
+/// ```text
+///             START, HighLatency::start
+///        ┌─────────────────────────────────────────▶ on, as commanded ◀──────────────┐
+///       off ◀───────── STOP, HighLatency::stop ──────────┘                           │ START
+///        │ ▲                                                                         │
+///        │ └─ a ground station is heard on a normal link again, STOP ── on by itself ┘
+///        └────── no ground station on any normal link (an option) ──────────▲
+/// ```
+///
+/// START and STOP are MAV_CMD_CONTROL_HIGH_LATENCY, over any link, and hold for all high-latency links; the one that comes
+/// last counts. Both kinds of links run at once, for a ground station that hands over from one to the other (L-15). START
+/// sends a message at once, also while it is on. After that a message follows a period after the one before left: a modem that is
+/// busy gets it as soon as it is not, made of what is known then, and the next one a period later. What came between two
+/// messages is in the second: means, and the worst (L-21). Who moves the bytes himself asks
+/// [`Stack::transmit`](crate::Stack::transmit) for them only when the modem takes some.
+///
+/// A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
+/// not: when the flight loop does not tick, and in a fault (H-5).
+///
+/// A satellite brings commands late, and so after others that were given later. One that was overtaken changes nothing, or a
+/// START from before a STOP would go on costing money, and a STOP from before a START leave nobody in touch:
+///
+/// - **A copy** of what was carried out: within a minute by satellite, or with a higher confirmation; by other links within
+///   three seconds (C-12).
+/// - **What comes by satellite** within a minute after its sender said the opposite by a normal link, over which he is alive:
+///   who means it would say it there.
+/// - **What is older by its signature** than the opposite that its sender said, up to a quarter of an hour
+///   ([`Command::age`]). One that is newer is none of these, whatever else it looks like.
+///
+/// The answer is ACCEPTED where things are as it wants them, else TEMPORARILY_REJECTED: who means it says it again. That is
+/// all that can be known. Without signatures, a START that was not seen before and comes after the STOP of somebody whose
+/// heartbeats are not heard counts, and so does one that was held back for more than a minute: its sender sees the messages
+/// come, and says STOP again.
+///
+/// Who speaks over such a link is heard, and never alive or lost ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)): no
+/// heartbeats are expected there, and those that come say nothing, or a failsafe would take a satellite's silence for a
+/// ground station's end (L-3). When somebody last commanded, [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) says.
+///
+/// Other commands over a satellite come 10 to 30 seconds late too, at times minutes, and in any order. They bear no time of
+/// their own but that of a signature. [`Command::class`] and [`Command::age`] are for the vehicle that refuses to arm for such
+/// a command, or to take off (L-16).
 #[derive(Clone, Debug)]
 pub struct HighLatency {
     config: HighLatencyConfig,

@@ -1,11 +1,6 @@
 //! From a whole new plan to the live one, through storage where there is one (M-39, M-44, M-52, SEC-11).
 //!
-//! ```text
-//!                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
-//!   last item, or clear ─┤                 └─────── not written ────────────▶ old plan stays, ACK ERROR
-//!                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
-//!                        └─ no storage: live, ACK ACCEPTED
-//! ```
+//! The ways there are drawn at [`Durability`].
 //!
 //! What is to be written is asked for by [`unsaved`](Missions::unsaved), what became of it is told to
 //! [`saved`](Missions::saved) and [`not_saved`](Missions::not_saved); between them nobody else's upload may begin, because
@@ -23,6 +18,13 @@ use crate::time::{Duration, Instant};
 use crate::vehicle::{PlanChange, PlanFault, Plans};
 
 /// When an upload or a clear that the vehicle has accepted is answered, where there is storage (M-44).
+///
+/// ```text
+///                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
+///   last item, or clear ─┤                 └─────── not written ────────────▶ old plan stays, ACK ERROR
+///                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
+///                        └─ no storage: live, ACK ACCEPTED
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Durability {

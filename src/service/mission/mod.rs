@@ -3,16 +3,7 @@
 //! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload goes into a staging
 //! area and becomes the live plan in one step; until then everything that anybody can see is the old plan.
 //!
-//! ```text
-//!   idle ─────────────── COUNT ───────────────▶ receiving
-//!     ▲                                             │  ITEM of the next number: stored, the next one asked for
-//!     │                                             │  no ITEM in time: asked for again
-//!     │                                             │  another client's COUNT, ITEM, CLEAR_ALL: ACK DENIED
-//!     ├── last ITEM: live in one step, ACK ACCEPTED ┤ by way of storage, where there is one (`commit`)
-//!     ├── bad ITEM, bad plan: ACK with the fault ───┤
-//!     ├── COUNT, CLEAR_ALL, ACK of the partner ─────┤
-//!     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
-//! ```
+//! The states of an upload are drawn at [`Plans`].
 //!
 //! The engine does no I/O. Handlers change state; [`next_ack`](Missions::next_ack), [`next`](Missions::next) and
 //! [`next_current`](Missions::next_current) write one message each when a link has room. A request is taken only while its

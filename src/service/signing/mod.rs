@@ -1,42 +1,6 @@
 //! Message signing: who speaks, and that he speaks now.
 //!
-//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-16. A received frame is judged before any
-//! service sees it:
-//!
-//! ```text
-//!   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ may it be, on this link? ── no ──▶ refused
-//!                     │ yes                                          │ yes
-//!                     ▼                                              ▼
-//!             right signature? ── yes ──▶ newer than all before it? ── yes ──▶ served; its time is ours at least
-//!                     │ no                           │ no
-//!                     ▼                              ▼
-//!               bad signature                replayed, too old, no place
-//! ```
-//!
-//! - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason, and forwarded where
-//!   frames are forwarded (R-10).
-//! - **Time** is one for all links and all keys: it runs with the clock, never goes back, and is never used twice. It starts
-//!   where storage says, and is moved forward by the vehicle, who may know the time of day, by peers whose signatures are right
-//!   (G-6, G-14), and by who sets a key. Neither another key nor none moves it back: only a new memory does, with storage that
-//!   was erased.
-//! - **Streams**: a stream is known by who sends it and by his own number for the link. Of a known one each frame has to be
-//!   newer than the one before, a new one may begin a minute behind our time. When the table is full, one that was silent for
-//!   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
-//!   out for longer than that.
-//! - **Another key** finds time and streams as they were, and so does one that comes back: what was accepted with it is not
-//!   accepted again.
-//!
-//! What is left to who records frames, for a minute each time, unless the vehicle [refuses it](Signing::refuse_recorded):
-//!
-//! - After a restart streams are known no more, and time begins up to a minute ahead of where it was (G-15). What was accepted
-//!   in the last minute before may be accepted a second time, as in other implementations.
-//! - What was served unverified because there was no key is in no stream. If it was signed with the key that is set next, and is
-//!   not a minute old, it may be served a second time.
-//!
-//! And without that remedy: a frame that was kept from the vehicle is no replay. When it comes late it is accepted, by a known
-//! stream until that goes on, however late it is (see [`Signing::age`]).
-//!
-//! The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-16. How a frame is judged stands at [`Signing`].
 
 mod policy;
 mod setup;
@@ -128,6 +92,45 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// let unix_usec = 1_750_000_000_000_000;
 /// assert!(rover.signing.set_time(Instant::from_millis(2_000), unix_usec, Duration::MAX));
 /// ```
+///
+/// # How a frame is judged
+///
+/// A received frame is judged before any service sees it:
+///
+/// ```text
+///   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ may it be, on this link? ── no ──▶ refused
+///                     │ yes                                          │ yes
+///                     ▼                                              ▼
+///             right signature? ── yes ──▶ newer than all before it? ── yes ──▶ served; its time is ours at least
+///                     │ no                           │ no
+///                     ▼                              ▼
+///               bad signature                replayed, too old, no place
+/// ```
+///
+/// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason, and forwarded where
+///   frames are forwarded (R-10).
+/// - **Time** is one for all links and all keys: it runs with the clock, never goes back, and is never used twice. It starts
+///   where storage says, and is moved forward by the vehicle, who may know the time of day, by peers whose signatures are right
+///   (G-6, G-14), and by who sets a key. Neither another key nor none moves it back: only a new memory does, with storage that
+///   was erased.
+/// - **Streams**: a stream is known by who sends it and by his own number for the link. Of a known one each frame has to be
+///   newer than the one before, a new one may begin a minute behind our time. When the table is full, one that was silent for
+///   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
+///   out for longer than that.
+/// - **Another key** finds time and streams as they were, and so does one that comes back: what was accepted with it is not
+///   accepted again.
+///
+/// What is left to who records frames, for a minute each time, unless the vehicle [refuses it](Signing::refuse_recorded):
+///
+/// - After a restart streams are known no more, and time begins up to a minute ahead of where it was (G-15). What was accepted
+///   in the last minute before may be accepted a second time, as in other implementations.
+/// - What was served unverified because there was no key is in no stream. If it was signed with the key that is set next, and is
+///   not a minute old, it may be served a second time.
+///
+/// And without that remedy: a frame that was kept from the vehicle is no replay. When it comes late it is accepted, by a known
+/// stream until that goes on, however late it is (see [`Signing::age`]).
+///
+/// The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
