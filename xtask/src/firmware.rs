@@ -50,9 +50,9 @@ const RAM_BASE: u64 = 0x2000_0000;
 
 /// What a firmware takes, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Size {
-    flash: u64,
-    ram: u64,
+pub struct Size {
+    pub flash: u64,
+    pub ram: u64,
 }
 
 /// Builds the firmware, with or without its log, and returns where it is.
@@ -66,6 +66,11 @@ fn build_package(choice: Choice, package: &str, arguments: &[&str]) -> Result<Pa
     let mut command = toolchain::cargo_build(choice, TARGET);
     run(command.args(["--package", package, "--profile", "firmware"]).args(arguments))?;
     Ok(toolchain::build_dir(choice).join(TARGET).join("firmware"))
+}
+
+/// Builds one of the firmwares that are only measured, with these features and no default ones, and returns its folder.
+pub fn build_measured(choice: Choice, name: &str, features: &str) -> Result<PathBuf> {
+    build_package(choice, MEASURED, &["--quiet", "--bin", name, "--no-default-features", "--features", features])
 }
 
 /// Prints the size of the firmware `elf`, called `name`.
@@ -87,7 +92,8 @@ pub fn report(choice: Option<Choice>) -> Result {
     let mut names: Vec<_> = sources
         .flatten()
         .filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned()))
-        .filter(|name| name != "empty")
+        // The latter is for `--options`.
+        .filter(|name| name != "empty" && name != "options")
         .collect();
     names.sort_unstable();
     // Those that keep plans have a feature that would be in the others too, and so has the one that signs.
@@ -145,7 +151,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// Flash holds all that is loaded; RAM holds what lies there, loaded or zeroed. The stack takes what remains.
-fn measure(bytes: &[u8]) -> Result<Size> {
+pub fn measure(bytes: &[u8]) -> Result<Size> {
     let file = ElfFile32::<Endianness>::parse(bytes).map_err(|error| format!("not a firmware: {error}"))?;
     let entry = u64::from(file.elf_header().e_entry(file.endian()));
     if entry >= FLASH {

@@ -8,6 +8,7 @@ mod dialects;
 mod firmware;
 mod integration;
 mod log;
+mod options;
 mod publish;
 mod qemu;
 mod system;
@@ -86,6 +87,9 @@ struct Qemu {
 /// Print how much flash and RAM the library and the demo vehicle's firmware take.
 #[derive(Args)]
 struct Size {
+    /// What each option adds instead, as in docs/sizing.md: some forty firmwares, which take minutes.
+    #[arg(long)]
+    options: bool,
     /// Which Rust toolchain to build with; without this option the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
@@ -143,7 +147,8 @@ fn main() -> ExitCode {
             let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
             qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
-        Task::Size(arguments) => firmware::report(arguments.toolchain),
+        Task::Size(Size { options: true, toolchain }) => options::report(toolchain),
+        Task::Size(Size { options: false, toolchain }) => firmware::report(toolchain),
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Boards => boards::build_all(),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
