@@ -10,14 +10,14 @@ use crate::time::Duration;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PollBudget {
-    /// Bytes read from the transport.
+    /// Bytes read from the transport. 0 reads nothing.
     pub rx_bytes: u16,
     /// Work in the decoder: a header looked at or a byte put through the checksum costs 1. Less than
     /// [`Decoder::MIN_BUDGET`] counts as that.
     pub rx_work: u16,
     /// Frames handled; what is left waits in the decoder. 0 counts as 1.
     pub frames: u8,
-    /// Bytes handed to the transport.
+    /// Bytes handed to the transport. 0 sends nothing.
     pub tx_bytes: u16,
 }
 
@@ -63,9 +63,9 @@ pub(crate) struct RxAllowance {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
-    /// Our system and component.
+    /// Our system (1 to 254) and component (1 to 255): what every frame is sent from (H-2).
     pub address: VehicleAddress,
-    /// What the flight loop ticks.
+    /// What the flight loop ticks: without ticks there are no heartbeats (H-5).
     pub pulse: &'static Pulse,
     /// HEARTBEAT.type: a vehicle's, or ground stations look past it (H-3). [`MavType::QUADROTOR`] at first.
     pub r#type: MavType,

@@ -86,16 +86,31 @@
 //! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
 //! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
 //! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | what is kept of each line and each sender; what goes on from one to the other |
-//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, the high-latency link |
+//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, signing, the high-latency link |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
+//! | [`mod@io`] | between the stack and a UART |
 //!
-//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`], [`Telemetry`] and [`Parameters`]. What not every vehicle has
-//! needs memory of the vehicle's own and costs nothing without: [`CommandMemory`], [`ManualInput`], [`TimeSync`],
-//! [`HighLatency`], [`ForwardQueues`].
+//! Beside them stand [`wpl`], plans as files, and with the feature `fmt` `metadata`, what a ground station shows of
+//! parameters.
+//!
+//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`], [`Telemetry`] and [`Parameters`]; each is drawn, or shown by an
+//! example, at its trait. What not every vehicle has needs memory of the vehicle's own and costs nothing without:
+//! [`CommandMemory`], [`ManualInput`], [`TimeSync`], [`HighLatency`], [`ForwardQueues`], and `Signing`.
 //!
 //! For UARTs it hands over anything that is `embedded_io::{Read, Write, ReadReady, WriteReady}`. [`mod@io`] has such an end for a
 //! UART served by an interrupt, a reader for circular DMA buffers, and adapters for HALs with other traits. The byte-level
 //! calls ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin) are for everything else.
+//!
+//! # Guides
+//!
+//! - [Porting](https://github.com/mavstack/mavstack/blob/main/docs/porting.md): from a UART and a clock to a vehicle that a
+//!   ground station flies, step by step, and which HAL needs what.
+//! - [Sizing](https://github.com/mavstack/mavstack/blob/main/docs/sizing.md): bytes of flash and RAM, option by option.
+//! - [Coming from rust-mavlink, mavio or the C library](https://github.com/mavstack/mavstack/blob/main/docs/coming-from.md):
+//!   what you wrote there, what you write here.
+//! - [Architecture](https://github.com/mavstack/mavstack/blob/main/docs/architecture.md) on one page,
+//!   [what is proven and what is not](https://github.com/mavstack/mavstack/blob/main/docs/safety.md), and
+//!   [each rule with the tests that cite it](https://github.com/mavstack/mavstack/blob/main/docs/conformance.md).
 //!
 //! # Guarantees
 //!

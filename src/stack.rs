@@ -405,12 +405,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         &self.peers
     }
 
-    /// What a link sent, and what it did not take.
+    /// What a link sent, and what it did not take; `None` for a link that there is not.
     pub fn link_counters(&self, link: LinkId) -> Option<LinkCounters> {
         self.links.get(usize::from(link.0)).map(|link| link.port.counters)
     }
 
-    /// What a link's decoder saw and dropped.
+    /// What a link's decoder saw and dropped; `None` for a link that there is not.
     pub fn rx_counters(&self, link: LinkId) -> Option<RxCounters> {
         self.links.get(usize::from(link.0)).map(|link| link.decoder.counters())
     }

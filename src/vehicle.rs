@@ -189,18 +189,18 @@ impl Command {
 pub enum CommandPosition {
     /// Of a COMMAND_LONG: as floats; degrees, for a command with a location (C-6).
     Long {
-        /// Parameter 5.
+        /// Parameter 5: latitude (deg) in a command with a location; NaN means "not given".
         param5: f32,
-        /// Parameter 6.
+        /// Parameter 6: longitude (deg) in a command with a location; NaN means "not given".
         param6: f32,
     },
     /// Of a COMMAND_INT: deg·1e7 for a command with a location, in `frame` (C-7).
     Int {
         /// The frame of the position; without meaning for a command that has none.
         frame: MavFrame,
-        /// Parameter 5; `i32::MAX` means "not given".
+        /// Parameter 5: latitude (deg·1e7) in a global frame, m·1e4 in a local one; `i32::MAX` means "not given".
         x: i32,
-        /// Parameter 6; `i32::MAX` means "not given".
+        /// Parameter 6: longitude (deg·1e7) in a global frame, m·1e4 in a local one; `i32::MAX` means "not given".
         y: i32,
     },
 }
@@ -367,7 +367,7 @@ pub struct PlanChange<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Progress {
-    /// The item that is being flown, or is next.
+    /// The item that is being flown, or is next: its `seq`, from 0.
     pub current: u16,
     /// NOT_STARTED, ACTIVE, PAUSED or COMPLETE; without a mission the stack says NO_MISSION by itself.
     pub state: MissionState,

@@ -343,7 +343,12 @@ fn costs_are_counted() {
         run(&mut world, secs(50));
         assert_eq!(count(&mut world, SAT), 3);
         let counters = satellite(&mut world).counters();
-        let expected = HighLatencyCounters { reports: 3, messages: 3, bytes: 3 * len, credits: 3 * credits };
+        let expected = counted::<HighLatencyCounters>(|counters| {
+            counters.reports = 3;
+            counters.messages = 3;
+            counters.bytes = 3 * len;
+            counters.credits = 3 * credits
+        });
         assert_eq!(counters, expected);
         assert_eq!(control(&mut world, SAT, 0.0), MavResult::ACCEPTED);
         let counters = satellite(&mut world).counters();

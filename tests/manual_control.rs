@@ -167,7 +167,7 @@ fn sticks_are_for_one_vehicle() {
     let cut_off = reference::v2(ManualControl::ID, [0, 0], [255, 190], &[100, 0, 1], ManualControl::CRC_EXTRA);
     deliver(&mut world, 0, &cut_off);
     assert_eq!(sticks(&world), None);
-    assert_eq!(counters(&world), ManualCounters { broadcast: 2, ..ManualCounters::default() });
+    assert_eq!(counters(&world), counted::<ManualCounters>(|counters| counters.broadcast = 2));
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().not_ours, 3);
     // A component is not named, so it is ours.
     send(&mut world, 0, STATION, &stick(100));
@@ -187,7 +187,7 @@ fn channels_are_for_one_vehicle() {
         );
     }
     assert_eq!(channels(&world), None);
-    assert_eq!(counters(&world), ManualCounters { broadcast: 2, ..ManualCounters::default() });
+    assert_eq!(counters(&world), counted::<ManualCounters>(|counters| counters.broadcast = 2));
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().not_ours, 3);
     for (raw, target_component) in [(1_100, 0), (1_200, 1)] {
         send(&mut world, 0, STATION, &RcChannelsOverride { target_component, ..override_of(raw, 0) });
@@ -217,9 +217,9 @@ fn only_who_may_steers() {
             send(&mut world, 0, from, &override_of(1_500, 0));
             assert_eq!((sticks(&world).is_some(), channels(&world).is_some()), (may, may), "{source:?}: {from:?}");
             let expected = if may {
-                ManualCounters { taken: 2, ..ManualCounters::default() }
+                counted::<ManualCounters>(|counters| counters.taken = 2)
             } else {
-                ManualCounters { not_allowed: 2, ..ManualCounters::default() }
+                counted::<ManualCounters>(|counters| counters.not_allowed = 2)
             };
             assert_eq!(counters(&world), expected);
         }
@@ -408,7 +408,13 @@ fn one_steers_at_a_time() {
         assert_eq!(input(&mut world).holder(now), Some(first));
         world.run_for(millis(40));
     }
-    assert_eq!(counters(&world), ManualCounters { taken: 20, not_holder: 80, ..ManualCounters::default() });
+    assert_eq!(
+        counters(&world),
+        counted::<ManualCounters>(|counters| {
+            counters.taken = 20;
+            counters.not_holder = 80
+        })
+    );
     // He also holds it with channels, and even when he gives none.
     send(&mut world, 0, STATION, &override_of(1_500, 1_500));
     world.run_for(millis(499));

@@ -18,6 +18,7 @@ const IDLE: Duration = Duration::from_millis(20);
 /// What a decoder has seen and dropped. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct RxCounters {
     /// Frames whose checksum was right.
     pub frames: u32,

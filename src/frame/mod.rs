@@ -90,15 +90,15 @@ pub struct Header {
     pub version: Version,
     /// Length of the payload as sent (bytes).
     pub payload_len: u8,
-    /// Incompatibility flags; 0 in a v1 frame.
+    /// Incompatibility flags: bit 0 says that there is a signature, a frame with any other one is refused (S-9). 0 in a v1 frame.
     pub incompat_flags: u8,
     /// Compatibility flags; 0 in a v1 frame. Ignored, and kept when forwarding (S-9).
     pub compat_flags: u8,
-    /// The sender's sequence number for the link.
+    /// The sender's sequence number for the link: one more from frame to frame, 0 after 255 (S-16).
     pub seq: u8,
     /// The sender.
     pub source: Address,
-    /// The message id.
+    /// The message id: 24 bits, 8 in a v1 frame.
     pub id: u32,
 }
 
@@ -153,11 +153,11 @@ impl Header {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Signature {
-    /// The sender's number of the channel.
+    /// The sender's own number of the link that it signed for, 0 to 255: a part of what names the stream (G-8).
     pub link_id: u8,
     /// 10 µs since 2015-01-01 00:00 UTC, 48 bits (G-3).
     pub timestamp: u64,
-    /// The first six bytes of the hash.
+    /// The first six bytes of the SHA-256 over key, frame, `link_id` and `timestamp` (G-2).
     pub bytes: [u8; 6],
 }
 

@@ -29,7 +29,7 @@ pub(crate) const MAX_TIMESTAMP: u64 = (1 << 48) - 1;
 pub struct SigningKey([u8; Self::LEN]);
 
 impl SigningKey {
-    /// Bytes of a key.
+    /// How long a key is (bytes).
     pub const LEN: usize = 32;
 
     /// The key of these bytes. Many ground stations make them of a passphrase, by SHA-256.

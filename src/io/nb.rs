@@ -26,6 +26,12 @@ impl<S: serial::Read + serial::Write> NbSerial<S> {
         Self { serial, received: None, held: None }
     }
 
+    /// The UART itself, for what only the HAL has: to listen to an interrupt, say. What is read from it here does not come to
+    /// the stack.
+    pub const fn get_mut(&mut self) -> &mut S {
+        &mut self.serial
+    }
+
     /// What comes next, if anything does.
     fn next(&mut self) -> Option<Result<u8, S::Error>> {
         if self.received.is_some() {

@@ -7,7 +7,19 @@ use super::HalError;
 /// A UART that is all of `embedded_io::{Read, Write, ReadReady, WriteReady}`, but of version 0.6: the same calls by their new
 /// names. It waits where the HAL's UART waits; the stack asks first.
 #[derive(Debug)]
-pub struct Io06<S>(pub S);
+pub struct Io06<S>(S);
+
+impl<S> Io06<S> {
+    /// `serial` by its new names.
+    pub const fn new(serial: S) -> Self {
+        Self(serial)
+    }
+
+    /// The UART itself, for what only the HAL has.
+    pub const fn get_mut(&mut self) -> &mut S {
+        &mut self.0
+    }
+}
 
 impl<S: old::ErrorType> embedded_io::ErrorType for Io06<S> {
     type Error = HalError<S::Error>;

@@ -96,6 +96,7 @@ impl Faults {
 /// What was lost between the line and the loop. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SerialCounters {
     /// Bytes for which the receive queue had no room.
     pub overrun_bytes: u32,

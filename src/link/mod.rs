@@ -71,8 +71,8 @@ pub struct LinkConfig {
     pub class: LinkClass,
     /// Which version it sends.
     pub version: TxVersion,
-    /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average; heartbeats and answers go out at
-    /// once, and are charged.
+    /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average;
+    /// heartbeats and answers go out at once, and are charged.
     pub bytes_per_second: u32,
     /// Which messages it gets unasked, and how often, if it is no high-latency link.
     pub streams: StreamProfile,
@@ -150,14 +150,15 @@ impl LinkConfig {
 /// [`RxCounters`](crate::RxCounters).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct LinkCounters {
     /// Frames sent.
     pub tx_frames: u32,
     /// Bytes handed to the transport.
     pub tx_bytes: u32,
-    /// Frames for other systems or components.
+    /// Frames for other systems or components, which are not acted on.
     pub not_ours: u32,
-    /// Frames with our own address.
+    /// Frames with our own address as sender: an echo, or somebody else who has it (R-8, H-14).
     pub own_address: u32,
     /// Frames whose id is unknown: not acted on (S-12).
     pub unknown: u32,

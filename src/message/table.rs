@@ -137,7 +137,7 @@ impl MessageInfo {
         self.id_and_crc & 0x00FF_FFFF
     }
 
-    /// The byte that the checksum ends with.
+    /// The byte that the checksum ends with, `CRC_EXTRA` (S-3).
     #[inline]
     pub const fn crc_extra(&self) -> u8 {
         (self.id_and_crc >> 24) as u8
@@ -293,7 +293,7 @@ impl MessageTable {
         );
     }
 
-    /// The row of a message.
+    /// The row of the message with this id; `None` when it is not in the table, and its frames cannot be checked (S-12).
     #[inline]
     pub fn get(&self, id: u32) -> Option<&'static MessageInfo> {
         let bucket = (id / BUCKET) as usize;

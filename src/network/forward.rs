@@ -30,6 +30,7 @@ const RADIO: u32 = 166;
 /// What became of frames that are for somebody else, on one link. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct ForwardCounters {
     /// Frames of others that this link has begun to send.
     pub sent: u32,

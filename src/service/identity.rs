@@ -18,7 +18,7 @@ pub struct Identity {
     pub os_sw_version: u32,
     /// Version of the board; the firmware's own number.
     pub board_version: u32,
-    /// Front of the firmware's commit hash.
+    /// Front of the firmware's commit hash: its first eight bytes.
     pub flight_custom_version: [u8; 8],
     /// USB vendor id of the board.
     pub vendor_id: u16,

@@ -154,8 +154,9 @@ impl RcOverride {
 /// [`out_of_place`](crate::LinkCounters::out_of_place).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct ManualCounters {
-    /// Messages that were obeyed.
+    /// Messages that were obeyed, of both kinds.
     pub taken: u32,
     /// To every vehicle in reach: no stick is for all of them (J-1).
     pub broadcast: u32,

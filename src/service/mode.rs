@@ -57,7 +57,7 @@ impl FlightMode {
         Self { standard_mode, ..self }
     }
 
-    /// The same, with properties.
+    /// The same, with what a ground station should know of it: several are put together by `with`.
     #[must_use]
     pub const fn with_properties(self, properties: MavModeProperty) -> Self {
         Self { properties, ..self }

@@ -71,7 +71,7 @@ pub struct TimeSample {
     /// What his clock is ahead of ours (ns), if the question took as long as the answer; wrong by half of
     /// [`round_trip_ns`](Self::round_trip_ns) at most.
     pub offset_ns: i64,
-    /// From the question to the answer (ns).
+    /// From the question to the answer (ns): the shorter, the better the sample.
     pub round_trip_ns: i64,
 }
 

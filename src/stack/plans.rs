@@ -8,17 +8,17 @@ use crate::vehicle::{Autopilot, PlanFault};
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
-    /// The live mission.
+    /// The live mission: changes in one step, inside calls that are given the vehicle (M-39).
     pub fn mission(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Mission)
     }
 
-    /// The live geofence.
+    /// The live geofence, in the same way.
     pub fn fence(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Fence)
     }
 
-    /// The live rally points.
+    /// The live rally points, in the same way.
     pub fn rally(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Rally)
     }

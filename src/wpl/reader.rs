@@ -44,7 +44,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// In words.
+    /// The same in English words, without an end of sentence: for a text to the operator.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Header => "not a QGC WPL file",
@@ -74,7 +74,7 @@ impl core::error::Error for Fault {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Error {
-    /// The line, from 1; all lines count.
+    /// The line, from 1; all count: header, comments and blank ones too.
     pub line: u32,
     /// The column, from 1 (index) to 12 (autocontinue); 0 when it is the line as a whole.
     pub column: u8,

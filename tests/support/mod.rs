@@ -24,6 +24,13 @@
 
 #![allow(dead_code, unused_imports, reason = "each test file uses its own part")]
 
+/// Counters that are zero but for what `set` sets.
+pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
+    let mut counters = C::default();
+    set(&mut counters);
+    counters
+}
+
 mod gcs;
 mod network;
 pub mod pilot;

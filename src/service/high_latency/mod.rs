@@ -86,12 +86,13 @@ impl Default for HighLatencyConfig {
 /// What went out over the high-latency links. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct HighLatencyCounters {
-    /// HIGH_LATENCY2.
+    /// HIGH_LATENCY2 that were sent.
     pub reports: u32,
     /// Frames of all kinds: these, and answers to commands.
     pub messages: u32,
-    /// Bytes in them.
+    /// Bytes in them, headers and checksums included.
     pub bytes: u32,
     /// What they cost, if each is sent by itself: one for every 50 bytes that were begun. HIGH_LATENCY2 has 50 bytes in
     /// MAVLink 1, which is one credit, and 51 to 54 in MAVLink 2, which is two.

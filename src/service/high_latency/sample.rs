@@ -22,15 +22,15 @@ pub struct HighLatencySample {
     pub target_heading: f32,
     /// How far that is (m): up to 655,350, in steps of 10 m. Not known is 0.
     pub target_distance: f32,
-    /// (%) 0 to 100, mean. Reverse thrust is 0, and so is not known.
+    /// Throttle (%): 0 to 100, mean. Reverse thrust is 0, and so is not known.
     pub throttle: f32,
-    /// (m/s) Up to 51, in steps of 0.2, mean. Not known is 0.
+    /// Airspeed (m/s): 0 to 51, in steps of 0.2, mean. Not known is 0.
     pub airspeed: f32,
     /// Airspeed that it flies for (m/s), in the same way.
     pub airspeed_sp: f32,
-    /// Over ground (m/s), in the same way.
+    /// Speed over ground (m/s), in the same way.
     pub groundspeed: f32,
-    /// (m/s), in the same way.
+    /// Speed of the wind (m/s), in the same way.
     pub windspeed: f32,
     /// Where the wind comes *from*, clockwise from north (deg), as weather reports and ArduPilot have it; sent in steps of
     /// 2°, not known is 0. The message does not say which it means, and ground stations show the number as it is: PX4

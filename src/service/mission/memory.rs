@@ -184,7 +184,7 @@ pub trait PlanStorage: sealed::Sealed {
     /// How many items each plan may have, in the order of [`PlanType::ALL`]; 0 for one that is not served.
     const CAPACITIES: [u16; 3];
 
-    /// A live plan.
+    /// The plan that is live: what is uploaded is not in it before it is whole (M-39).
     fn live(&self, plan: PlanType) -> PlanView<'_>;
 }
 

@@ -57,6 +57,7 @@ use crate::vehicle::{Plans, Progress};
 /// What became of plans. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct PlanCounters {
     /// Uploads that were accepted.
     pub accepted: u32,

@@ -38,6 +38,7 @@ const RETRY: Duration = Duration::from_secs(10);
 /// What was accepted and refused, on all links. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SigningCounters {
     /// Frames with a right signature that are newer than those before them.
     pub verified: u32,
