@@ -166,6 +166,7 @@ pub mod dialect;
 mod frame;
 pub mod io;
 mod link;
+mod list;
 mod message;
 #[cfg(feature = "fmt")]
 pub mod metadata;

@@ -117,7 +117,7 @@ impl RcOverride {
     pub fn to_message(&self, now: Instant, received: &[u16]) -> RcChannels {
         let mut channels = [u16::MAX; CHANNELS];
         let mut chancount = 0;
-        for ((number, channel), index) in (1u8..).zip(&mut channels).zip(0usize..) {
+        for ((number, channel), index) in (1..=u8::MAX).zip(&mut channels).zip(0..CHANNELS) {
             let Some(raw) = self.channel(number).or_else(|| received.get(index).copied()) else { continue };
             *channel = raw;
             chancount = number;
@@ -316,7 +316,7 @@ impl ManualInput {
             self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
         } else if let Some(message) = frame.decode::<RcChannelsOverride>() {
             let held = self.channels.iter_mut().zip(&mut self.until);
-            for (index, (raw, (channel, until))) in raw_channels(&message).into_iter().zip(held).enumerate() {
+            for (index, (raw, (channel, until))) in (0..CHANNELS).zip(raw_channels(&message).into_iter().zip(held)) {
                 match raw {
                     u16::MAX => {}
                     0 if index >= FIRST_CHANNELS => {}

@@ -5,7 +5,7 @@
 
 use core::ops::{Deref, DerefMut};
 
-use super::{Copies, LATE, SOON};
+use super::{Copies, LATE, SOON, SignedAt, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
 use crate::link::{LinkClass, LinkId, LinkMask, Outbox};
@@ -52,6 +52,7 @@ pub struct CommandSlot {
     outcome: Outcome,
     /// When its last IN_PROGRESS was due; for one that is done, when it was.
     at: Instant,
+    signed_at: SignedAt,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,6 +95,7 @@ impl CommandSlot {
         owed: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
+        signed_at: None,
     };
 
     fn new(command: &Command, state: State) -> Self {
@@ -121,16 +123,28 @@ impl CommandSlot {
         self.from == command.from.address && self.key == key(command)
     }
 
-    /// Whether it is done, and `command` is a copy or a repetition of it (C-12, C-24).
-    fn answers(&self, now: Instant, command: &Command) -> bool {
-        if !matches!(self.state, State::Done | State::Past) || !self.is_same(command) {
-            return false;
+    /// What to answer if it is done and `command` is a copy or a repetition of it (C-12, C-24).
+    fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: bool) -> Option<Outcome> {
+        let is_done = matches!(self.state, State::Done | State::Past);
+        let age = now.since(self.at);
+        // Only a satellite brings one late.
+        let may_be_late = once && command.class == LinkClass::HighLatency;
+        if !is_done || age >= if may_be_late { LATE } else { SOON } || !self.is_same(command) {
+            return None;
         }
-        let within = if command.class == LinkClass::HighLatency { LATE } else { SOON };
-        let is_soon = now.since(self.at) < SOON;
-        let is_repetition = command.confirmation > self.confirmation || (self.is_long && is_soon);
+        let signed = self.signed_at.zip(signed_at).filter(|_| may_be_late);
+        let is_later = signed.is_some_and(|(known, sent)| is_well_after(sent, known));
+        let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
         // A command pressed twice comes twice on each link, with the same confirmation.
-        command.is_near(now, self.at, within) && (is_repetition || self.copies.lacks(command.from.link))
+        let lacks = self.copies.lacks(command.from.link);
+        let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation };
+        if !is_copy && !(self.is_long && age < SOON) {
+            return None;
+        }
+        // ACCEPTED is not for what may be a new one.
+        let is_repetition = !lacks && self.links.contains(LinkMask::of(command.from.link));
+        let is_sure = age < SOON || (signed.is_some() && !is_later && !is_earlier) || is_repetition;
+        Some(if is_sure { self.outcome } else { MavResult::TEMPORARILY_REJECTED.into() })
     }
 
     /// Whether one more run of `command` belongs here.
@@ -212,9 +226,11 @@ impl CommandSlot {
 /// others while it runs, a repetition without running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until
 /// three seconds after the command is done; without a free one a command is `TEMPORARILY_REJECTED` (C-22).
 ///
-/// What came by one link comes by satellite half a minute later. So what is done is remembered for a minute, for copies by a
+/// What came by one link comes by satellite half a minute later. So what must be carried out only
+/// [once](crate::CommandPolicy::once) is remembered for a minute, for copies by a
 /// [high-latency](crate::LinkClass::HighLatency) link only, in a place that nothing else needs: with `N` places at least the
-/// last `N` commands, less those that run. A place takes 80 bytes.
+/// last `N` commands, less those that run. Other commands that have ended may be given again after three seconds by any link.
+/// A place takes 88 bytes.
 ///
 /// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
 /// heartbeat asks for anyway.
@@ -313,13 +329,19 @@ impl CommandMemory {
 
     /// A place for another command: a free one, or that of the one that is past for longest.
     fn vacant(&self) -> Option<usize> {
-        let places = self.slots.iter().enumerate();
+        let places = (0..self.slots.len()).zip(&self.slots);
         let places = places.filter(|(_, slot)| matches!(slot.state, State::Free | State::Past));
         places.min_by_key(|(_, slot)| (slot.state == State::Past, slot.at)).map(|(place, _)| place)
     }
 
     /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
-    pub(crate) fn recall(&mut self, now: Instant, command: &Command, once: bool) -> Option<Outcome> {
+    pub(crate) fn recall(
+        &mut self,
+        now: Instant,
+        command: &Command,
+        signed_at: SignedAt,
+        once: bool,
+    ) -> Option<Outcome> {
         self.poll(now);
         if let Some(slot) = self.running(command.id) {
             if !slot.is_same(command) {
@@ -329,20 +351,30 @@ impl CommandMemory {
             slot.copies.count(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
-        if let Some(slot) = self.slots.iter_mut().find(|slot| slot.answers(now, command)) {
-            slot.copies.count(command.from.link);
-            return Some(slot.outcome);
+        for slot in &mut self.slots {
+            if let Some(answer) = slot.answer(now, command, signed_at, once) {
+                slot.copies.count(command.from.link);
+                return Some(answer);
+            }
         }
         let has_room = self.vacant().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
     /// `command` was handed to the vehicle, which answered `outcome`.
-    pub(crate) fn settle(&mut self, now: Instant, command: &Command, outcome: Outcome, once: bool) {
+    pub(crate) fn settle(
+        &mut self,
+        now: Instant,
+        command: &Command,
+        signed_at: SignedAt,
+        outcome: Outcome,
+        once: bool,
+    ) {
         let is_started = |slot: &&mut CommandSlot| slot.is_new && slot.is_long && slot.command() == command.id;
         if let Some(slot) = self.slots.iter_mut().find(is_started) {
             slot.is_new = false;
             slot.at = now;
+            slot.signed_at = signed_at;
             if outcome.result == MavResult::IN_PROGRESS {
                 return;
             }
@@ -352,7 +384,7 @@ impl CommandMemory {
         if !once {
             return;
         }
-        let done = CommandSlot { outcome, at: now, ..CommandSlot::new(command, State::Done) };
+        let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };
         let known = self.slots.iter().position(|slot| slot.is_run_of(command));
         if let Some(slot) = known.or_else(|| self.vacant()).and_then(|place| self.slots.get_mut(place)) {
             let copies = if known.is_some() { slot.copies } else { Copies::NONE };

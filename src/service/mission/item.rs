@@ -81,13 +81,11 @@ impl Item {
     /// The item of a MISSION_ITEM (M-37), which has MISSION_ITEM_INT's fields at the same places, but floats in x and y:
     /// `raw` is what comes of reading it so. Degrees become deg·1e7, NaN becomes "not given".
     pub(super) fn from_float(raw: Self) -> Result<Self, MavMissionResult> {
-        let integer = match position(raw.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)? {
-            Position::Global => num::scale_1e7,
-            Position::None => num::integer::<i32>,
-        };
-        let given = |bits: i32| {
-            let value = f32::from_bits(bits.cast_unsigned());
-            if value.is_nan() { Some(i32::MAX) } else { integer(value) }
+        let position = position(raw.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)?;
+        let given = |bits: i32| match (f32::from_bits(bits.cast_unsigned()), position) {
+            (value, _) if value.is_nan() => Some(i32::MAX),
+            (value, Position::Global) => num::scale_1e7(value),
+            (value, Position::None) => num::integer(value),
         };
         Ok(Self {
             x: given(raw.x).ok_or(MavMissionResult::INVALID_PARAM5_X)?,
@@ -121,7 +119,8 @@ impl Item {
     /// The item as MISSION_ITEM, with degrees as the nearest floats.
     pub(super) fn to_float(self, to: Address, plan: MavMissionType, seq: u16, current: bool) -> MissionItem {
         let [param1, param2, param3, param4] = self.params;
-        let float = if position(self.frame) == Some(Position::Global) { num::from_1e7 } else { num::from_i32 };
+        let is_global = position(self.frame) == Some(Position::Global);
+        let float = |value| if is_global { num::from_1e7(value) } else { num::from_i32(value) };
         MissionItem {
             param1,
             param2,

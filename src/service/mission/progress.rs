@@ -7,6 +7,7 @@ use super::validate;
 use super::{Context, Missions};
 use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached};
 use crate::link::{LinkMask, Outbox};
+use crate::list::take_first;
 use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
@@ -74,7 +75,7 @@ impl Reached {
         let Some(entry) = self.0.iter_mut().find(|entry| entry.owed.contains(link)) else { return false };
         entry.owed = entry.owed.without(link);
         let seq = entry.seq;
-        self.0.retain(|entry| entry.owed != LinkMask::NONE || entry.repeats > 0);
+        while take_first(&mut self.0, |entry| entry.owed == LinkMask::NONE && entry.repeats == 0).is_some() {}
         tx.send(&MissionItemReached { seq })
     }
 }

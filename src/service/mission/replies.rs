@@ -8,6 +8,7 @@ use heapless::Vec;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionAck};
 use crate::frame::Address;
 use crate::link::Outbox;
+use crate::list::take_first;
 use crate::time::Instant;
 
 /// MAVProxy has five requests of a download on their way, and repeats one that was dropped only after two seconds. And one
@@ -155,15 +156,7 @@ impl Replies {
 
     /// Takes the oldest MISSION_ACK, or the oldest of the others.
     pub(super) fn pop(&mut self, ack: bool) -> Option<Reply> {
-        let mut taken = None;
-        self.slots.retain(|reply| {
-            let is_next = taken.is_none() && reply.is_ack() == ack;
-            if is_next {
-                taken = Some(*reply);
-            }
-            !is_next
-        });
-        taken
+        take_first(&mut self.slots, |reply| reply.is_ack() == ack)
     }
 
     /// Owes the end of an upload or a clear. What storage answers was given a free place before it began; only a timer's

@@ -307,7 +307,7 @@ impl CommandRule {
             (is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
         } else {
             // Ground stations that write a global frame here have scaled the parameters like degrees.
-            let value = if is_global { Value::of_1e7 } else { Value::of_integer };
+            let value = |value| if is_global { Value::of_1e7(value) } else { Value::of_integer(value) };
             (!self.admits(5, value(item.x)), !self.admits(6, value(item.y)))
         };
         refuse(is_x_bad, MavMissionResult::INVALID_PARAM5_X)?;

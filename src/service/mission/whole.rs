@@ -79,7 +79,7 @@ fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, Pl
     // of no polygon but one whose vertices are on one line, or that undoes itself.
     let mut area = 0i64;
     let mut last = (0i64, 0i64);
-    for (seq, item) in items.iter().enumerate().take(end).skip(start) {
+    for (seq, item) in (start..end).zip(items.iter().skip(start)) {
         let fault = |result| fault(seq, result).map(|()| seq);
         let [own_count, own_group, ..] = item.params;
         if item.command != first.command {

@@ -6,6 +6,7 @@
 use heapless::Vec;
 
 use super::{Stream, StreamProfile};
+use crate::list::take_first;
 use crate::time::Instant;
 
 /// The interval of a stream that is off.
@@ -185,9 +186,7 @@ impl Streams {
     /// A message whose interval is to be told; it is owed no longer.
     pub(super) fn take_question(&mut self) -> Option<u16> {
         // The oldest.
-        let id = self.questions.first().copied()?;
-        self.questions.retain(|&other| other != id);
-        Some(id)
+        take_first(&mut self.questions, |_| true)
     }
 
     /// Whether an answer is owed.
@@ -271,7 +270,8 @@ impl Streams {
     fn sweep(&mut self, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
         // As it was when the sweep began.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
-        let rest = table.iter().zip(slots).enumerate().skip(usize::from(self.cursor.saturating_sub(1)));
+        let from = usize::from(self.cursor.saturating_sub(1));
+        let rest = (from..table.len()).zip(table.iter().zip(slots).skip(from));
         for (number, (stream, slot)) in rest {
             self.cursor = self.cursor.saturating_add(1);
             let Some(interval) = slot.interval(stream, profile) else { continue };
