@@ -94,6 +94,7 @@ fn cases() -> Vec<(&'static str, String, &'static str)> {
             "a plan has at most 65,534 items",
         ),
         ("items_0", main_does("run(Stack::<1, plan_memory!(mission: 0)>::new(CONFIG, [UART]))"), "use NoPlans"),
+        ("items_order", main_does("type Plans = plan_memory!(rally: 16);"), "what stands behind may be left out"),
         (
             "staging",
             main_does("run(Stack::<1, PlanMemory<9, 0, 0, 8>>::new(CONFIG, [UART]))"),

@@ -152,6 +152,9 @@ macro_rules! plan_memory {
             { $crate::__largest($mission, $fence, $rally) },
         >
     };
+    ($($anything:tt)*) => {
+        ::core::compile_error!("write plan_memory!(mission: 100, fence: 64, rally: 16); what stands behind may be left out")
+    };
 }
 
 impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<M, F, R, S> {
