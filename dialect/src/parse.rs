@@ -1,5 +1,5 @@
-//! One XML file to its model, element by element. Unknown elements are refused: a mistyped `<field>` must not vanish.
-//! Unknown attributes are left out.
+//! One XML file to its model, element by element. Unknown elements and attributes are refused: a mistyped `<field>` must not
+//! vanish, nor the range of a `minvalue`.
 
 use crate::{
     Error,
@@ -13,6 +13,51 @@ use std::{path::Path, str::FromStr, sync::Arc};
 const MAX_PAYLOAD: usize = 255;
 /// More fields than this MAVLink's generators refuse.
 const MAX_FIELDS: usize = 64;
+
+/// The attributes that MAVLink's schema has for an element, also those that nothing is made of.
+const OF_ENUM: &[&str] = &["name", "bitmask"];
+const OF_ENTRY: &[&str] = &[
+    "name",
+    "value",
+    "hasLocation",
+    "hasAltitudeOnly",
+    "isDestination",
+    "missionOnly",
+    "mission",
+    "fence",
+    "rally",
+    "command",
+];
+const OF_PARAM: &[&str] = &[
+    "index",
+    "label",
+    "units",
+    "enum",
+    "minValue",
+    "maxValue",
+    "increment",
+    "default",
+    "reserved",
+    "multiplier",
+    "decimalPlaces",
+    "instance",
+];
+const OF_MESSAGE: &[&str] = &["id", "name"];
+const OF_FIELD: &[&str] = &[
+    "type",
+    "name",
+    "enum",
+    "units",
+    "minValue",
+    "maxValue",
+    "increment",
+    "default",
+    "invalid",
+    "instance",
+    "multiplier",
+    "display",
+    "print_format",
+];
 
 /// One file, its includes not yet read.
 pub(crate) struct File {
@@ -94,9 +139,21 @@ impl Source {
         Err(self.error(node, name, format!("no such element in {inside}; there can be {}", names.join(", "))))
     }
 
+    /// Refuses an attribute whose name is none of these.
+    fn expect_attributes(&self, node: &Node, element: &str, names: &[&str]) -> Result<(), Error> {
+        match node.attributes().find(|attribute| !names.contains(&attribute.name())) {
+            None => Ok(()),
+            Some(unknown) => {
+                let problem = format!("no such attribute: {}; there can be {}", unknown.name(), names.join(", "));
+                Err(self.error(node, element, problem))
+            }
+        }
+    }
+
     fn enumeration(&self, node: &Node) -> Result<Enum, Error> {
         let name = self.name(node, "enum", "")?;
         let element = format!("enum {name}");
+        self.expect_attributes(node, &element, OF_ENUM)?;
         let mut entries: Vec<Entry> = Vec::new();
         // A value that is not written is one more than the greatest so far.
         let mut next = 1;
@@ -121,6 +178,7 @@ impl Source {
     fn entry(&self, node: &Node, parent: &str, next: i128) -> Result<Entry, Error> {
         let name = self.name(node, "entry", parent)?;
         let element = format!("entry {parent}.{name}");
+        self.expect_attributes(node, &element, OF_ENTRY)?;
         let value = match node.attribute("value") {
             None => next,
             Some(text) => integer(text.trim())
@@ -156,6 +214,7 @@ impl Source {
 
     fn param(&self, node: &Node, parent: &str) -> Result<Param, Error> {
         let element = format!("param of {parent}");
+        self.expect_attributes(node, &element, OF_PARAM)?;
         let index: u8 = self.number(node, &element, "index")?.ok_or_else(|| self.missing(node, &element, "index"))?;
         if !(1..=7).contains(&index) {
             return Err(self.error(node, element, format!("the index is {index}; a command has params 1 to 7")));
@@ -178,6 +237,7 @@ impl Source {
     fn message(&self, node: &Node) -> Result<Message, Error> {
         let name = self.name(node, "message", "")?;
         let element = format!("message {name}");
+        self.expect_attributes(node, &element, OF_MESSAGE)?;
         let id: u32 = self.number(node, &element, "id")?.ok_or_else(|| self.missing(node, &element, "id"))?;
         if id >= 1 << 24 {
             return Err(self.error(
@@ -236,6 +296,7 @@ impl Source {
     fn field(&self, node: &Node, parent: &str, extension: bool) -> Result<Field, Error> {
         let name = self.name(node, "field", parent)?;
         let element = format!("field {parent}.{name}");
+        self.expect_attributes(node, &element, OF_FIELD)?;
         if names::REFUSED_FIELDS.contains(&name.as_str()) {
             return Err(self.error(node, element, "a field cannot have this name in Rust; take another"));
         }
