@@ -57,8 +57,8 @@
 //! that is not there. What a vehicle can fly is not looked at: that is for the checks that an upload goes through as
 //! well.
 //!
-//! What is written: version 110, as all of these programs read it (W-3). NaN is written without sign and payload; all
-//! other values come back to the bit.
+//! What is written: version 110, as all of these programs read it (W-3). NaN is written without sign and payload, a jump's
+//! target of -0 as 0; all other values come back to the bit.
 
 mod decimal;
 mod line;

@@ -6,6 +6,7 @@ mod boards;
 mod bridge;
 mod dialects;
 mod firmware;
+mod fuzz;
 mod integration;
 mod log;
 mod options;
@@ -40,6 +41,7 @@ enum Task {
     /// Build the boards' firmwares, each with its HAL; check where they are loaded, and print their sizes.
     Boards,
     Integration(Integration),
+    Fuzz(Fuzz),
     Dialects(Dialects),
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
     PublishCheck,
@@ -116,6 +118,26 @@ struct Integration {
     toolchain: Option<Choice>,
 }
 
+/// Throw bytes at the library, guided by what code they reach: fuzz/README.md says what is tried, and what must hold.
+///
+/// What is missing (a nightly toolchain, cargo-fuzz) is installed first. Each target runs by itself; a crash, or an input that
+/// takes a second, fails.
+#[derive(Args)]
+struct Fuzz {
+    /// Which targets; all, when none is named.
+    #[arg(value_name = "TARGET")]
+    targets: Vec<String>,
+    /// For how long each of them runs.
+    #[arg(long, default_value_t = 60)]
+    seconds: u32,
+    /// How often each of them runs, instead of for how long: for the night.
+    #[arg(long, value_name = "COUNT", conflicts_with = "seconds")]
+    executions: Option<u64>,
+    /// Run nothing: make the corpora that are checked in anew, of what runs on this machine have found.
+    #[arg(long)]
+    minimise: bool,
+}
+
 /// Compare the statement of conformance, docs/conformance.md, with the tests.
 ///
 /// Each rule of behaviour that is implemented must be named by a test, and each that a test names must be there.
@@ -152,6 +174,9 @@ fn main() -> ExitCode {
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Boards => boards::build_all(),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {
+            fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
+        }
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::PublishCheck => publish::check(),
         Task::Trace(arguments) => trace::run(arguments.write),

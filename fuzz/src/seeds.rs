@@ -1,0 +1,226 @@
+//! What the corpora began with, made of the golden frames and of scripts.
+
+use std::fs;
+use std::path::Path;
+
+/// The frames that the reference implementation encodes.
+const GOLDEN: &[u8] = include_bytes!("../../tests/golden/common.bin");
+
+/// The golden frames, one by one.
+fn golden() -> Vec<&'static [u8]> {
+    let (mut frames, mut rest) = (Vec::new(), GOLDEN);
+    while let [start, len, ..] = *rest {
+        let (frame, behind) = rest.split_at(usize::from(len) + if start == 0xFD { 12 } else { 8 });
+        frames.push(frame);
+        rest = behind;
+    }
+    frames
+}
+
+/// Frames whole, cut, nested and damaged.
+pub fn decode() -> Vec<Vec<u8>> {
+    let frames = golden();
+    let picked: Vec<_> = frames.iter().step_by(37).collect();
+    let mut seeds = Vec::new();
+    for (index, frame) in picked.iter().enumerate() {
+        let other = picked[(index + 1) % picked.len()];
+        seeds.push([&[0, 0], **frame].concat());
+        // In pieces, with a little budget, behind a start byte that is none.
+        seeds.push([&[1, 3, 1, 7, 200, 0xFD, 30], **frame, other].concat());
+        let mut damaged = [&[0, 0], **frame, other].concat();
+        damaged[3] ^= 0x10;
+        seeds.push(damaged);
+    }
+    seeds.push([&[1, 0][..], &[0xFD; 600]].concat());
+    seeds.push([&[1, 0][..], &[0xFE, 0xFF].repeat(300)].concat());
+    // Of an unknown id, from somebody known, with a frame behind it.
+    seeds.push([&[0, 0, 0xFD, 2, 0, 0, 1, 2, 1, 0xEF, 0xCD, 0xAB, 1, 2, 3, 4], frames[0]].concat());
+    // Signed.
+    let mut signed = [&[0, 0][..], frames[0]].concat();
+    signed[4] = 1;
+    signed.extend([7; 13]);
+    seeds.push(signed);
+    seeds
+}
+
+/// One of each kind of payload.
+pub fn roundtrip() -> Vec<Vec<u8>> {
+    let counting: Vec<u8> = (1..=255).collect();
+    let payloads: [&[u8]; 4] = [&[], &[0xFF; 255], &[0x7F, 0xC0, 0, 0, 0xFF].repeat(51), &counting];
+    let mut seeds = Vec::new();
+    for (index, payload) in (0u16..).zip(payloads) {
+        for which in (0..6u16).map(|which| (which * 40 + index).to_le_bytes()) {
+            seeds.push([&which[..], &[9, 1, 1], payload].concat());
+        }
+    }
+    seeds
+}
+
+/// Frames and copies, changed everywhere that matters.
+pub fn sign() -> Vec<Vec<u8>> {
+    let mut seeds = vec![
+        vec![0, 0, 1, 2, 0, 0, 0, 1, 2, 1, 0, 2, 1],
+        vec![0, 0, 5, 3, 50, 5, 2, 0, 0, 1, 0, 2, 0, 6, 0, 6, 1, 4],
+        vec![0x80, 0, 1, 2, 0, 0x80, 2, 1, 0x82, 0, 0x86, 0],
+    ];
+    for at in [0, 1, 2, 3, 4, 5, 7, 10, 20, 40, 43, 44, 45, 46, 50, 51, 52, 57] {
+        for repaired in [0, 0x80] {
+            seeds.push(vec![0, 0, 1, 1, 0, repaired, at, 0, 1, 2, 0]);
+        }
+    }
+    seeds
+}
+
+/// Images, records and cuts.
+pub fn record() -> Vec<Vec<u8>> {
+    let mut seeds = vec![vec![0, 0, 0], [&[0, 0, 0][..], b"MVSR\x01\x00\x01\x00"].concat()];
+    // A plan of one waypoint: counts, ids that are wrong, and the item.
+    let mut plan = vec![1, 0, 0, 1, 0, 0, 0];
+    plan.extend([1, 0, 0, 0, 0, 0]);
+    plan.resize(7 + 32, 0);
+    plan.extend([3, 16, 0, 1]);
+    plan.resize(7 + 64, 0);
+    seeds.push(plan);
+    // A parameter by name.
+    let mut row = vec![1, 1, 0, 1, 0, 0, 0];
+    row.extend(b"TRIM_ROLL\0\0\0\0\0\0\0");
+    row.extend([5, 0, 0, 0, 2, 0]);
+    row.resize(7 + 32, 0);
+    seeds.push(row);
+    seeds.push([&[1, 2, 0, 1, 0, 0, 0][..], &[0x55; 64]].concat());
+    for fuel in [0u16, 1, 3, 40, 255, 256, 300, 500, 900] {
+        let [low, high] = fuel.to_le_bytes();
+        for torn in 0..3 {
+            seeds.push(vec![2, torn, 3, 1, 0xFF, 0xFF, 5, 2, low, high, 2, 3, low, high, 6, 4, 0xFF, 0xFF]);
+        }
+    }
+    seeds
+}
+
+/// The definitions' own forms, small.
+pub fn dialect() -> Vec<Vec<u8>> {
+    let xml = |inner: &str| format!("<?xml version=\"1.0\"?>\n<mavlink>\n{inner}\n</mavlink>\n").into_bytes();
+    vec![
+        xml(""),
+        xml("<include>minimal.xml</include><version>3</version><dialect>9</dialect>"),
+        xml("<enums><enum name=\"COLOUR\" bitmask=\"true\"><description>x</description>\
+             <entry value=\"1\" name=\"COLOUR_RED\"><description>r</description></entry>\
+             <entry value=\"2**3\" name=\"COLOUR_BLUE\"/><entry value=\"0x10\" name=\"COLOUR_2\"><deprecated since=\"2020-01\" \
+             replaced_by=\"\"/></entry></enum></enums><messages><message id=\"60001\" name=\"PAINT\">\
+             <description>d</description><field type=\"uint8_t\" name=\"colour\" enum=\"COLOUR\" display=\"bitmask\">c</field>\
+             <field type=\"char[10]\" name=\"label\">l</field><field type=\"float\" name=\"type\" units=\"m/s\" \
+             invalid=\"NaN\" minValue=\"-1\" maxValue=\"1e3\">t</field><extensions/>\
+             <field type=\"uint16_t[4]\" name=\"cells\" multiplier=\"1E-2\">e</field></message></messages>"),
+        xml("<enums><enum name=\"MAV_CMD\"><entry value=\"31000\" name=\"MAV_CMD_OWN\" hasLocation=\"true\" \
+             isDestination=\"true\"><param index=\"1\" label=\"Speed\" units=\"m/s\" minValue=\"0\" maxValue=\"9\" increment=\"1\"/>\
+             <param index=\"2\" label=\"Mode\" enum=\"MAV_CMD\"/><param index=\"5\" label=\"Latitude\"/>\
+             <param index=\"7\" reserved=\"true\" default=\"NaN\"/></entry></enum></enums>"),
+        xml("<messages><message id=\"16777216\" name=\"A\"/></messages>"),
+        xml(
+            "<messages><message id=\"1\" name=\"A\"><field type=\"uint8_t_mavlink_version\" name=\"v\"/><wip/></message></messages>",
+        ),
+        b"<mavlink><messages><message></mavlink>".to_vec(),
+        b"<!DOCTYPE x [<!ENTITY a \"b\">]><mavlink>&a;</mavlink>".to_vec(),
+        vec![0xFF, 0xFE, 0],
+    ]
+}
+
+/// The files of real programs, and lines that are hard to read.
+pub fn wpl() -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/wpl");
+    let mut files: Vec<_> = fs::read_dir(folder).expect("the tests' files").flatten().map(|file| file.path()).collect();
+    files.sort();
+    files.retain(|file| file.is_file() && file.extension().is_some_and(|extension| extension != "py"));
+    let mut seeds: Vec<Vec<u8>> = Vec::new();
+    for (index, file) in files.iter().enumerate() {
+        let text = fs::read(file).expect("a file that can be read");
+        seeds.push([&[1][..], &text].concat());
+        seeds.push([&[(index as u8 * 10) << 1], &text[..]].concat());
+    }
+    let row = |text: &str| [b"\x40QGC WPL 110\n", text.as_bytes(), b"\n"].concat();
+    seeds.push(row("0\t1\t0\t16\t0\t0\t0\t0\t47.3977420\t8.5455940\t488.1\t1"));
+    seeds.push(row(
+        "0 0 3 177 1e0 -1 inf -nan 90.00000005 -180 1e-45 0\r\n# x\r\n1 0 2 177 0 .5 +5. 3.4028235e38 nan 0 16777217 1",
+    ));
+    seeds.push(row("0 0 1 16 0.1 1e-10 99999999999999999999 1e38 214748.3646 -214748.3648 0 1"));
+    seeds
+}
+
+/// Whole conversations.
+pub fn session() -> Vec<Vec<u8>> {
+    const SECOND: &[u8] = &[11];
+    let upload = |link: u8, plan: u8, count: u8| vec![10, link, plan | count << 2];
+    let usual = |way: u8, which: u8, a: u8, b: u8| vec![2, way, which, a, b];
+    let mut seeds = vec![
+        // Uploads, one after the other and at once, over all links.
+        [&[0, 0], SECOND, &upload(0, 0, 5), SECOND, &upload(0, 1, 2), SECOND, &upload(1, 2, 3), SECOND].concat(),
+        [&[0x10, 8], SECOND, &upload(3, 0, 8), SECOND, &upload(0, 0, 4), &upload(1, 0, 3), SECOND, SECOND].concat(),
+        [&[0, 0], SECOND, &upload(0, 0, 5), SECOND, &usual(4, 5, 0xFF, 0), SECOND, &usual(4, 1, 0, 0), SECOND].concat(),
+        // Commands while lines stall and come back.
+        [&[0, 0], SECOND, &[9, 0, 9, 1, 9, 2, 9, 0x40, 6, 0, 1, 9, 0, 9, 4, 0, 9, 9, 6, 0, 0], SECOND].concat(),
+        [&[0x18, 0], SECOND, &[9, 3, 9, 0x83, 9, 0xC3, 9, 0x80], SECOND, &[6, 3, 7], SECOND].concat(),
+        // The flight loop stops, the vehicle is ill, time jumps.
+        [&[0, 1], SECOND, &[8, 0, 0], SECOND, &[8, 0, 0], SECOND, &[8, 1, 0], SECOND, &[8, 1, 0, 1, 100, 1, 4], SECOND]
+            .concat(),
+        // Forwarding: somebody on each link, then what is for him; what was forwarded comes back.
+        [
+            &[0x40, 0][..],
+            &usual(4 << 2, 0, 10, 0),
+            &usual(1 | 5 << 2, 0, 1, 0),
+            &usual(7 << 2, 0, 6, 0),
+            SECOND,
+            &usual(1 | 5 << 2 | 0x20, 12, 0, 3),
+            &usual(0x20, 12, 0, 2),
+            SECOND,
+            &[5, 4, 0, 5, 1, 0, 5, 1, 9],
+            SECOND,
+        ]
+        .concat(),
+        // The satellite.
+        [&[0x20, 0], SECOND, &usual(2, 12, 11, 1), SECOND, SECOND, &[1, 100], SECOND, &usual(2, 12, 11, 8), SECOND]
+            .concat(),
+        // A key comes and goes.
+        [&[0x08, 0], SECOND, &usual(3, 20, 1, 1), SECOND, &[9, 0x83, 9, 3], SECOND, &usual(0x83, 20, 0, 1), SECOND]
+            .concat(),
+        // Long commands.
+        [&[0, 0], SECOND, &usual(0, 12, 2, 0), SECOND, &[8, 6, 40], SECOND, &usual(0, 14, 2, 0), &[8, 5, 0], SECOND]
+            .concat(),
+        // Any message, any bytes.
+        [
+            &[0x40, 0][..],
+            &[3, 0, 0, 0, 9],
+            &[1; 9],
+            &[3, 4, 40, 0, 40],
+            &[2; 40],
+            &[4, 1, 9, 0xFD, 5, 0, 0, 0, 1, 1, 0, 0],
+            SECOND,
+        ]
+        .concat(),
+    ];
+    // Every usual message, also for others.
+    for way in [0, 1 | 1 << 2, 3 | 0x80, 0x20 | 5 << 2] {
+        let mut seed = vec![0x70, 0];
+        (0..24).for_each(|which| {
+            seed.extend(usual(way, which, which, 3));
+            seed.extend([0, 3, 20]);
+        });
+        seeds.push([&seed, SECOND].concat());
+    }
+    // The power goes while a plan, or a parameter, is written.
+    for fuel in [1u16, 30, 200, 300, 600, 900, 1_500] {
+        let [low, high] = fuel.to_le_bytes();
+        let cut = [7, 0, low, high];
+        seeds
+            .push([&[0, 0], SECOND, &upload(0, 0, 6), SECOND, SECOND, &cut, &upload(0, 0, 3), SECOND, SECOND].concat());
+        let cut = [7, 1, low, high];
+        seeds.push(
+            [&[0x40, 4], SECOND, &usual(0, 11, 80, 1), &cut, SECOND, SECOND, &usual(0, 11, 9, 2), SECOND].concat(),
+        );
+    }
+    for fault in [0x28, 0x30, 0x38] {
+        seeds.push(
+            [&[0, 0], SECOND, &[7, fault, 1, 0][..], &upload(0, 0, 6), SECOND, SECOND, &[8, 11, 0], SECOND].concat(),
+        );
+    }
+    seeds
+}

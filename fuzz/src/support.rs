@@ -1,0 +1,27 @@
+//! What is shared with the tests.
+
+#![allow(dead_code, unused_imports, reason = "each target uses its own part")]
+
+#[path = "../../tests/support/receiver.rs"]
+mod receiver;
+#[path = "../../tests/support/reference.rs"]
+pub mod reference;
+#[path = "../../tests/support/telemetry.rs"]
+mod telemetry;
+#[path = "../../tests/support/vehicle.rs"]
+mod vehicle;
+
+pub use receiver::Receiver;
+pub use vehicle::{Call, TestVehicle, Tuning};
+
+use mavstack::{Address, Duration};
+
+/// The vehicle.
+pub const VEHICLE: Address = Address::new(1, 1);
+/// Its ground station.
+pub const STATION: Address = Address::new(255, 190);
+
+/// `n` milliseconds.
+pub const fn millis(n: u64) -> Duration {
+    Duration::from_millis(n)
+}

@@ -1,0 +1,269 @@
+//! `cargo xtask fuzz`: the fuzz targets, one after the other, with what they need installed first.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use crate::system::{Result, output, root, run, succeeds, target_dir};
+
+/// All of them, the quick ones first.
+const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "session"];
+
+/// An input that takes longer than this (s) ends the run; what takes more than a hundredth of it is reported.
+const TIMEOUT: u32 = 1;
+
+/// Of a corpus that is checked in.
+const MAX_FILES: usize = 199;
+const MAX_BYTES: u64 = 100_000;
+
+/// What is to be done.
+pub struct Options {
+    /// How long each target runs, unless so many executions are asked for.
+    pub seconds: u32,
+    /// Executions of each target.
+    pub executions: Option<u64>,
+    /// Nothing is run; the corpora that are checked in are made anew of what was found.
+    pub minimises: bool,
+    /// All, when none is named.
+    pub targets: Vec<String>,
+}
+
+/// A target, and where its inputs are.
+struct Target {
+    name: String,
+    binary: PathBuf,
+    /// Checked in: what a run begins with, and what was found once.
+    corpus: PathBuf,
+    regressions: PathBuf,
+    /// What runs on this machine have found.
+    found: PathBuf,
+    artifacts: PathBuf,
+}
+
+/// Runs targets, and prints their figures.
+pub fn fuzz(options: &Options) -> Result {
+    let known = TARGETS.map(str::to_owned).to_vec();
+    let names = if options.targets.is_empty() { &known } else { &options.targets };
+    if let Some(unknown) = names.iter().find(|name| !known.contains(name)) {
+        return Err(format!("there is no fuzz target {unknown}; there are {}", known.join(", ")));
+    }
+    let binaries = build()?;
+    let targets: Vec<_> = names.iter().map(|name| Target::new(name, &binaries)).collect();
+    if options.minimises {
+        return targets.iter().try_for_each(Target::minimise);
+    }
+    println!(
+        "{:<10} {:>13} {:>9} {:>7} {:>7} {:>7} {:>11}",
+        "target", "executions", "each s", "edges", "feats", "corpus", "slowest ms"
+    );
+    let failed: Vec<_> = targets.iter().filter_map(|target| target.run(options).err()).collect();
+    if failed.is_empty() { Ok(()) } else { Err(failed.join("\n\n")) }
+}
+
+/// Nightly and cargo-fuzz, installed if they are not there; then all targets, built. Tells where they are.
+fn build() -> Result<PathBuf> {
+    if !succeeds("rustup", &["run", "nightly", "rustc", "--version"]) {
+        println!("Installing a nightly toolchain: rustup toolchain install nightly");
+        run(Command::new("rustup").args([
+            "toolchain",
+            "install",
+            "nightly",
+            "--profile",
+            "minimal",
+            "--no-self-update",
+        ]))?;
+    }
+    if !succeeds("cargo", &["fuzz", "--version"]) {
+        println!("Installing cargo-fuzz: cargo install cargo-fuzz --locked");
+        run(Command::new("rustup").args(["run", "stable", "cargo", "install", "--quiet", "cargo-fuzz", "--locked"]))?;
+    }
+    let host = output("rustup", &["run", "nightly", "rustc", "-vV"]).unwrap_or_default();
+    let host = host.lines().find_map(|line| line.strip_prefix("host: ")).ok_or("rustc does not say what it is for")?;
+    let folder = target_dir().join("fuzz").join("build");
+    let mut command = Command::new("rustup");
+    // No sanitizer: there is no `unsafe` to be watched, and it is four times as fast without.
+    command.args(["run", "nightly", "cargo", "fuzz", "build", "--sanitizer", "none", "--target-dir"]).arg(&folder);
+    // What cargo has told us about itself is not for the other one.
+    let command =
+        command.env_remove("CARGO").env_remove("RUSTUP_TOOLCHAIN").env_remove("RUSTFLAGS").current_dir(root());
+    run(command)?;
+    Ok(folder.join(host).join("release"))
+}
+
+impl Target {
+    fn new(name: &str, binaries: &Path) -> Self {
+        let (checked_in, here) = (root().join("fuzz"), target_dir().join("fuzz"));
+        Self {
+            name: name.to_owned(),
+            binary: binaries.join(name),
+            corpus: checked_in.join("corpus").join(name),
+            regressions: checked_in.join("regressions").join(name),
+            found: here.join(name),
+            artifacts: here.join("artifacts").join(name),
+        }
+    }
+
+    /// The fuzzer, writing what it finds to where the next run looks for it.
+    fn command(&self) -> Command {
+        let mut command = Command::new(&self.binary);
+        command.arg(format!("-timeout={TIMEOUT}")).arg("-rss_limit_mb=1024").stdout(Stdio::null()).stdin(Stdio::null());
+        command.arg(format!("-artifact_prefix={}/", self.artifacts.display()));
+        command
+    }
+
+    fn max_len(&self) -> u32 {
+        match self.name.as_str() {
+            "decode" => 1_024,
+            "roundtrip" => 264,
+            "sign" | "session" => 512,
+            _ => 4_096,
+        }
+    }
+
+    fn run(&self, options: &Options) -> Result {
+        for folder in [&self.found, &self.artifacts] {
+            fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        }
+        let mut command = self.command();
+        match options.executions {
+            Some(count) => command.arg(format!("-runs={count}")),
+            None => command.arg(format!("-max_total_time={}", options.seconds)),
+        };
+        command.arg(format!("-max_len={}", self.max_len())).args(["-print_final_stats=1", "-report_slow_units=1"]);
+        let folders = [&self.found, &self.corpus, &self.regressions];
+        command.args(folders.into_iter().filter(|folder| folder.is_dir()));
+        let log = self.log(&mut command)?;
+        if !log.is_success {
+            let again = format!("{} {}/…", self.binary.display(), self.artifacts.display());
+            let why = log.tail("panicked at", 40);
+            return Err(format!(
+                "{} failed:\n{why}\nThe input is in {}; again:\n\n    {again}",
+                self.name,
+                self.artifacts.display()
+            ));
+        }
+        let statistic = |name: &str| log.number(&format!("stat::{name}:")).unwrap_or(0);
+        let last = |name: &str| log.last_in_line(name).unwrap_or("-").to_owned();
+        let slowest = self.slowest()?;
+        println!(
+            "{:<10} {:>13} {:>9} {:>7} {:>7} {:>7} {:>11}",
+            self.name,
+            statistic("number_of_executed_units"),
+            statistic("average_exec_per_sec"),
+            last("cov:"),
+            last("ft:"),
+            last("corp:").split('/').next().unwrap_or("-"),
+            slowest,
+        );
+        Ok(())
+    }
+
+    /// How long the slowest input takes (ms), each run by itself.
+    fn slowest(&self) -> Result<u64> {
+        let mut slowest = 0;
+        for files in files(&[&self.found, &self.corpus, &self.regressions])?.chunks(500) {
+            let log = self.log(self.command().args(files.iter().map(|(file, _)| file)))?;
+            let times = log.text.lines().filter_map(|line| line.strip_prefix("Executed ")?.strip_suffix(" ms"));
+            let times = times.filter_map(|line| line.rsplit(' ').next()?.parse::<u64>().ok());
+            slowest = times.fold(slowest, u64::max);
+        }
+        Ok(slowest)
+    }
+
+    /// Replaces the corpus that is checked in by the least that reaches as much, as far as there is room.
+    fn minimise(&self) -> Result {
+        let merged = target_dir().join("fuzz").join("merged").join(&self.name);
+        let failed = |error: std::io::Error| format!("{}: {error}", merged.display());
+        if merged.exists() {
+            fs::remove_dir_all(&merged).map_err(failed)?;
+        }
+        fs::create_dir_all(&merged).map_err(failed)?;
+        let folders = [&self.found, &self.corpus];
+        let mut command = self.command();
+        command.arg("-merge=1").arg(&merged).args(folders.into_iter().filter(|folder| folder.is_dir()));
+        if !self.log(&mut command)?.is_success {
+            return Err(format!("{}: the corpora could not be merged", self.name));
+        }
+        let mut kept = files(&[&merged])?;
+        kept.sort_by_key(|(_, len)| *len);
+        let (all, mut bytes) = (kept.len(), 0);
+        kept.truncate(MAX_FILES);
+        kept.retain(|(_, len)| {
+            bytes += len;
+            bytes <= MAX_BYTES
+        });
+        let failed = |error: std::io::Error| format!("{}: {error}", self.corpus.display());
+        fs::remove_dir_all(&self.corpus).and_then(|()| fs::create_dir_all(&self.corpus)).map_err(failed)?;
+        for (file, _) in &kept {
+            fs::copy(file, self.corpus.join(file.file_name().unwrap_or_default())).map_err(failed)?;
+        }
+        println!("{}: {} of {all} inputs", self.name, kept.len());
+        Ok(())
+    }
+
+    fn log(&self, command: &mut Command) -> Result<Log> {
+        let output = command.stderr(Stdio::piped()).output();
+        let output = output.map_err(|error| format!("{} could not be started: {error}", self.binary.display()))?;
+        Ok(Log { is_success: output.status.success(), text: String::from_utf8_lossy(&output.stderr).into_owned() })
+    }
+}
+
+/// All files of these folders, with their lengths; a folder that is not there has none.
+fn files(folders: &[&PathBuf]) -> Result<Vec<(PathBuf, u64)>> {
+    let mut files = Vec::new();
+    for folder in folders {
+        let Ok(entries) = fs::read_dir(folder) else { continue };
+        for entry in entries.flatten() {
+            let metadata = entry.metadata().map_err(|error| format!("{}: {error}", entry.path().display()))?;
+            files.push((entry.path(), metadata.len()));
+        }
+    }
+    Ok(files)
+}
+
+/// What the fuzzer has said.
+struct Log {
+    is_success: bool,
+    text: String,
+}
+
+impl Log {
+    /// The number behind `name` at the beginning of a line.
+    fn number(&self, name: &str) -> Option<u64> {
+        self.text.lines().find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
+    }
+
+    /// The word behind `name` in the last line that has both.
+    fn last_in_line(&self, name: &str) -> Option<&str> {
+        let words = |line: &'_ str| line.split_whitespace().any(|word| word == name);
+        let line = self.text.lines().rev().find(|line| line.starts_with('#') && words(line))?;
+        line.split_whitespace().skip_while(|word| *word != name).nth(1)
+    }
+
+    /// From the last line with `word` on, at most so many lines; without one, the last ones.
+    fn tail(&self, word: &str, lines: usize) -> String {
+        let all: Vec<_> = self.text.lines().collect();
+        let at = all.iter().rposition(|line| line.contains(word)).unwrap_or(all.len().saturating_sub(lines));
+        all.iter().skip(at).take(lines).copied().collect::<Vec<_>>().join("\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Log;
+
+    /// As libFuzzer writes it.
+    #[test]
+    fn figures_are_read() {
+        let text = "INFO: seed corpus: files: 70\n\
+            #77\tINITED cov: 400 ft: 900 corp: 60/10Kb exec/s: 0 rss: 40Mb\n\
+            #512000\tDONE   cov: 455 ft: 1203 corp: 99/17Kb lim: 1024 exec/s: 8533 rss: 55Mb\n\
+            Done 512000 runs in 61 second(s)\n\
+            stat::number_of_executed_units: 512000\n";
+        let log = Log { is_success: true, text: text.to_owned() };
+        assert_eq!(log.number("stat::number_of_executed_units:"), Some(512_000));
+        assert_eq!(log.number("stat::slowest_unit_time_sec:"), None);
+        assert_eq!((log.last_in_line("cov:"), log.last_in_line("corp:")), (Some("455"), Some("99/17Kb")));
+        assert_eq!(log.tail("Done", 1), "Done 512000 runs in 61 second(s)");
+    }
+}
