@@ -48,7 +48,7 @@ fn forwarded(rig: &Rig<4>, link: usize) -> ForwardCounters {
 }
 
 /// who is refused and says beforehand what another is about to say keeps him from nothing: his frame is carried out,
-/// its way learned, and it goes wherever the refused one did not.
+/// its way learned, and it goes wherever it would have gone.
 #[test]
 fn what_was_refused_suppresses_nothing() {
     let mut rig = rig();
@@ -60,14 +60,14 @@ fn what_was_refused_suppresses_nothing() {
     let hello = companion.unsigned(Version::V2, &Gcs::heartbeat());
     assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE]);
     assert!(rig.stack.peers().iter().all(|info| info.peer.address != COMPANION));
-    assert_eq!(passes(&mut rig, WIRE, &hello), [RADIO], "it was sent to the others");
+    assert_eq!(passes(&mut rig, WIRE, &hello), [RADIO, OTHER_WIRE]);
     assert!(rig.stack.peers().iter().any(|info| info.peer.address == COMPANION && info.is_alive));
     // For all components of the vehicle.
     let long = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..CommandLong::default() };
     let command = companion.unsigned(Version::V2, &long);
     assert_eq!(passes(&mut rig, RADIO, &command), [OTHER_WIRE]);
     assert_eq!(rig.vehicle.commands().len(), 0);
-    assert_eq!(passes(&mut rig, WIRE, &command), [0; 0], "the gimbal has it");
+    assert_eq!(passes(&mut rig, WIRE, &command), [OTHER_WIRE], "to the gimbal");
     assert_eq!(rig.vehicle.commands().len(), 1);
     // Now it is a copy, whoever sends it.
     for link in [WIRE, RADIO, OTHER_WIRE] {
@@ -114,6 +114,103 @@ fn refused_commands_are_not_paid_for() {
     assert_eq!(forwarded(&rig, SATELLITE).not_accepted, 2);
     assert_eq!(passes(&mut rig, RADIO, &wingman.frame(&there)), [WIRE, SATELLITE]);
     // The first again, by a link that hears it.
-    assert_eq!(passes(&mut rig, OTHER_WIRE, &unsigned), [SATELLITE]);
+    assert_eq!(passes(&mut rig, OTHER_WIRE, &unsigned), [WIRE, SATELLITE]);
     assert_eq!(forwarded(&rig, SATELLITE).sent, 2);
+}
+
+/// the refused one had nowhere to go but by satellite, and so it went nowhere. The accepted one is paid for, and
+/// carried out, once.
+#[test]
+fn accepted_once_after_a_refused_one_that_went_nowhere() {
+    for target in [WINGMAN, Address::new(1, 0)] {
+        let mut rig = rig();
+        let land = |target: Address| CommandLong {
+            command: MavCmd::NAV_LAND,
+            target_system: target.system.0,
+            target_component: target.component.0,
+            ..CommandLong::default()
+        };
+        let mut there = Signer::new(KEY).of(if target == WINGMAN { WINGMAN } else { GIMBAL });
+        rig.receive(SATELLITE, &there.unsigned(Version::V2, &land(Address::new(7, 0))));
+        sent_on(&mut rig, &[]);
+        let unsigned = Signer::new(KEY).of(COMPANION).unsigned(Version::V2, &land(target));
+        assert_eq!(passes(&mut rig, RADIO, &unsigned), [0; 0]);
+        assert_eq!(forwarded(&rig, SATELLITE).not_accepted, 1);
+        let mut sent = Vec::new();
+        for link in [WIRE, OTHER_WIRE, RADIO, WIRE, OTHER_WIRE] {
+            sent.extend(passes(&mut rig, link, &unsigned));
+        }
+        assert_eq!(sent, [SATELLITE], "for {target:?}");
+        assert_eq!(rig.vehicle.commands().len(), usize::from(target != WINGMAN));
+    }
+}
+
+/// a refused frame that found a queue full, or waits in it until it is stale, is not what keeps the accepted one away.
+#[test]
+fn refused_ones_in_a_queue_suppress_nothing() {
+    for (others, wait, times) in [(30, 0, 1), (0, 400, 1), (0, 700, 1), (0, 0, 2)] {
+        let mut rig = rig();
+        let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+        let next = Signer::new(KEY).of(COMPANION).unsigned(Version::V2, &Gcs::heartbeat());
+        for _ in 0..others {
+            rig.receive(RADIO, &stranger.frame(&Gcs::heartbeat()));
+        }
+        let full = forwarded(&rig, OTHER_WIRE).queue_full;
+        rig.receive(RADIO, &next);
+        assert_eq!(forwarded(&rig, OTHER_WIRE).queue_full > full, others > 0);
+        rig.now = rig.now.after(millis(wait));
+        rig.receive(WIRE, &next);
+        // The line takes something again; what waited for 600 ms is stale by then.
+        rig.now = rig.now.after(millis(590));
+        let sent = sent_on(&mut rig, &next);
+        assert_eq!(sent.into_iter().filter(|&link| link == OTHER_WIRE).count(), times, "{others} others, {wait} ms");
+    }
+}
+
+/// who is refused fills no more than half of a queue, whoever his frames are for, so what is accepted finds room; the last
+/// quarter is never his.
+#[test]
+fn refused_frames_leave_half_of_a_queue() {
+    let mut rig = rig();
+    let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+    let mut station = Signer::new(KEY);
+    rig.receive(WIRE, &station.unsigned(Version::V2, &Gcs::heartbeat()));
+    sent_on(&mut rig, &[]);
+    let there = CommandLong { target_system: 255, target_component: 190, ..CommandLong::default() };
+    for n in 0..20 {
+        rig.receive(RADIO, &stranger.frame(&CommandLong { param1: n as f32, ..there }));
+    }
+    // Each has 60 bytes or a few less in the queue of 512.
+    let refused = forwarded(&rig, WIRE).queue_full;
+    assert!((15..=16).contains(&refused), "{refused} of 20");
+    let mut companion = Signer::new(KEY).of(COMPANION);
+    let mut queued = |frame: Vec<u8>| {
+        let before = forwarded(&rig, WIRE).queue_full;
+        rig.receive(OTHER_WIRE, &frame);
+        forwarded(&rig, WIRE).queue_full == before
+    };
+    let attitude = |n: u8| Attitude { yaw: n.into(), ..Attitude::default() };
+    let broadcast = (0..20).filter(|&n| queued(companion.unsigned(Version::V2, &attitude(n)))).count();
+    let addressed = (0..20_u8)
+        .filter(|&n| queued(companion.unsigned(Version::V2, &CommandLong { param1: n.into(), ..there })))
+        .count();
+    assert!(broadcast >= 2 && addressed >= 2, "{broadcast} broadcasts, {addressed} for the station");
+}
+
+/// lines are a loop when accepted frames come around. Copies by who is refused say nothing: nobody's frames have less time to
+/// wait for it.
+#[test]
+fn refused_copies_cut_no_patience() {
+    for (link, arrives) in [(RADIO, true), (OTHER_WIRE, false)] {
+        let mut rig = rig();
+        let mut companion = Signer::new(KEY).of(COMPANION);
+        let first = companion.unsigned(Version::V2, &Gcs::heartbeat());
+        passes(&mut rig, WIRE, &first);
+        passes(&mut rig, link, &first);
+        assert_eq!(forwarded(&rig, link).duplicates, 1);
+        let second = companion.unsigned(Version::V2, &Gcs::heartbeat());
+        rig.receive(WIRE, &second);
+        rig.now = rig.now.after(millis(400));
+        assert_eq!(sent_on(&mut rig, &second), if arrives { vec![RADIO, OTHER_WIRE] } else { vec![] });
+    }
 }

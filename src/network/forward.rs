@@ -3,7 +3,8 @@
 //! Implements <https://mavlink.io/en/guide/routing.html>, rules: the vehicle joins its links, so that a ground
 //! station on the telemetry radio and a companion computer on a UART find each other, and who stands behind them.
 //!
-//! What is forwarded, and what is not, stands at [`ForwardQueues`].
+//! What is forwarded, and what is not, stands at [`ForwardQueues`]. Only what was forwarded is remembered: all else that is for
+//! us too is handled each time that it comes.
 
 use super::memory::{Memory, Recall, Seen, Ticket};
 use super::queue::Ring;
@@ -49,7 +50,7 @@ pub struct ForwardCounters {
     /// Frames that came by this link and were handled here only, because their source had no place in the peer table.
     pub no_peer_slot: u32,
     /// Frames that came by this link and were handled here only, because so many others of this link are to be known again that
-    /// there was no place for them.
+    /// there was no place for them. One that comes a second time is handled a second time.
     pub not_remembered: u32,
 }
 
@@ -109,6 +110,11 @@ fn is_command(id: u32) -> bool {
 /// for the frames of the last 0.8 s, by which those are found that come back: no more are forwarded in that time. The vehicle
 /// keeps it and hands it to the stack by [`Vehicle::forwarding`](crate::Vehicle::forwarding); one that does not forwards
 /// nothing, and pays nothing.
+///
+/// `SEEN` is the frames of others that come in a second on all links together, times 0.8, and a third more if most of them come
+/// by one link, which gets no more than three places of four. A frame has about 40 bytes: two radios of 57,600 bit/s that are
+/// full bring 290 a second, and need 256 places (2 KiB); a radio and a companion computer that says little, 64.
+/// [`not_remembered`](ForwardCounters::not_remembered) tells when it was too few.
 ///
 /// What the stack itself has to say goes first. So beside the transfer of a plan or of all parameters, which fills a line for
 /// seconds, little is forwarded there: what has waited for 600 ms is dropped. [`ForwardCounters`] tell.
@@ -185,23 +191,25 @@ fn is_command(id: u32) -> bool {
 ///   but not by satellite, where each is paid for.
 /// - **Never back**: not to the link that it came by, nor to one that its source was heard on.
 /// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time: a
-///   stack sends a frame at most once to each link. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
+///   stack sends a frame at most once to each link, and once more if it had refused it the first time. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
 ///   frame passes each line at most once each way, whatever the traffic and however small the peer table; with up to four
 ///   lines between the three it is delivered at most as often as there are lines, and twice more. Around longer ways R-4 alone
 ///   ends a loop.
-/// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. 256 of
-///   them are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
+/// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. As it is
+///   not remembered it is handled each time that it comes: twice, if during a flood it comes by two links. So is what goes to
+///   no other link, and is not forwarded at all. A command that must not be carried out twice is told by the service that
+///   answers it ([`CommandRule::once`](crate::CommandRule::once)), not here. 256 places are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
 ///   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for all
 ///   that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
 /// - **Refused is not accepted**: who is refused and sends the bytes that another is about to send suppresses nothing. When
-///   they are accepted they are handled, and go to the links to which the refused ones did not. The refused of all links share
-///   the places of one.
+///   they are accepted they are handled, and go wherever they would have gone without him, so that a link may get them twice.
+///   The refused of all links share the places of one; in a queue they get room only if half of it stays free, or it is empty.
 /// - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
 ///   delay an answer by no more than one of them. Where answers fill a line, as in the transfer of a plan or of all
 ///   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
 ///   150 ms, or a frame would be on its way for longer than it is known: for ten seconds after a copy came that can be no
 ///   sender's, by another link than the first, on which its source was never heard.
-/// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed.
+/// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed and accepted.
 ///
 /// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there, a high-latency
 /// link only commands for somebody there and their answers.
@@ -258,7 +266,7 @@ pub(crate) enum Passage {
     Stays,
     /// It was, a moment ago.
     Again,
-    /// It is, if there is a link for it that it was not for already.
+    /// It is, if there is a link for it.
     Goes(Ticket),
 }
 
@@ -300,11 +308,11 @@ impl Forwarding<'_> {
         target: Address,
         routes: Routes,
     ) -> LinkMask {
-        let away = routes.seen.with(LinkMask::of(from)).with(ticket.had);
+        let away = routes.seen.with(LinkMask::of(from));
         let is_taker =
             |lane: &Lane| lane.takes(frame.id(), target) && routes.to.contains(lane.link) && !away.contains(lane.link);
-        // What was refused before is known as accepted from now on, though it may have gone everywhere.
-        if ticket.had.is_empty() && !self.lanes.iter().any(is_taker) {
+        // What was refused before is known as accepted from now on, or it would be handled at each copy.
+        if !ticket.was_refused && !self.lanes.iter().any(is_taker) {
             return LinkMask::NONE;
         }
         let is_addressed = target.system.0 != 0;
@@ -312,9 +320,13 @@ impl Forwarding<'_> {
             self.count(from, |counters| &mut counters.not_remembered);
             return LinkMask::NONE;
         }
-        // A storm of broadcasts leaves room for what is for somebody.
-        let spare = if is_addressed { 0 } else { self.size / 4 };
-        let (mut to, mut queued) = (LinkMask::NONE, LinkMask::NONE);
+        // A storm of broadcasts leaves room for what is for somebody, and what anybody can send for what is accepted.
+        let spare = match is_addressed {
+            _ if ticket.is_refused() => self.size / 2,
+            true => 0,
+            false => self.size / 4,
+        };
+        let mut queued = LinkMask::NONE;
         let mut rest = &mut *self.bytes;
         for lane in self.lanes.iter_mut() {
             let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };
@@ -326,7 +338,6 @@ impl Forwarding<'_> {
                 count(&mut lane.counters.not_accepted);
                 continue;
             }
-            to = to.with(lane.link);
             if frame.header().version == Version::V2 && lane.version == Version::V1 {
                 count(&mut lane.counters.needs_v2);
             } else if lane.ring.push(bytes, now, frame.raw(), spare) {
@@ -336,7 +347,7 @@ impl Forwarding<'_> {
                 count(&mut lane.counters.queue_full);
             }
         }
-        self.memory.note(now, ticket, to);
+        self.memory.note(now, ticket);
         queued
     }
 

@@ -2,9 +2,10 @@
 //!
 //! A frame that has a place is known for its 0.8 s, whatever else comes: none is pushed out. So what keeps others out is how
 //! many places are taken, and these are shared: a link takes three for each that is free, and for frames that are addressed
-//! seven. Whoever floods one link finds no more than that, and what comes by the others still finds places.
+//! seven. Whoever floods one link finds no more than that, and what comes by the others still finds places. What finds none is
+//! not forwarded, and as nobody knows it again it is handled here each time that it comes.
 
-use crate::link::{LinkId, LinkMask, MAX_LINKS};
+use crate::link::{LinkId, MAX_LINKS};
 use crate::time::{Duration, Instant};
 use heapless::deque::{Deque, DequeView};
 
@@ -13,8 +14,6 @@ use heapless::deque::{Deque, DequeView};
 pub(super) struct Seen {
     /// Of all its bytes; 0 when it has another place by now.
     key: u32,
-    /// The links that it was for.
-    to: LinkMask,
     from: Share,
     /// In [`steps`].
     at: u8,
@@ -41,8 +40,8 @@ const _: () = assert!(Share::COUNT == 17, "a share for each link, and one");
 pub(crate) struct Ticket {
     key: u32,
     from: Share,
-    /// The links that it was for already.
-    pub(super) had: LinkMask,
+    /// Whether it is known as one that was refused.
+    pub(super) was_refused: bool,
 }
 
 impl Ticket {
@@ -100,8 +99,10 @@ impl Memory {
         self.forget_old(now);
         let (key, from) = (key_of(frame), Share::of(from, is_accepted));
         match self.seen.iter().find(|seen| seen.key == key) {
-            None => Recall::New(Ticket { key, from, had: LinkMask::NONE }),
-            Some(seen) if seen.from == Share::REFUSED && is_accepted => Recall::New(Ticket { key, from, had: seen.to }),
+            None => Recall::New(Ticket { key, from, was_refused: false }),
+            Some(seen) if seen.from == Share::REFUSED && is_accepted => {
+                Recall::New(Ticket { key, from, was_refused: true })
+            }
             Some(seen) => Recall::Copy { is_same_way: seen.from == from },
         }
     }
@@ -127,15 +128,15 @@ impl Memory {
         held < free.saturating_mul(if is_addressed { 7 } else { 3 })
     }
 
-    /// Notes that a frame which has a place is for these links, now.
-    pub(super) fn note(&mut self, now: Instant, ticket: &Ticket, to: LinkMask) {
-        let Ticket { key, from, had } = *ticket;
-        if !had.is_empty() {
+    /// Notes a frame that has a place, now.
+    pub(super) fn note(&mut self, now: Instant, ticket: &Ticket) {
+        let Ticket { key, from, was_refused } = *ticket;
+        if was_refused {
             for seen in self.seen.iter_mut().filter(|seen| seen.key == key) {
                 seen.key = 0;
             }
         }
-        let seen = Seen { key, to: to.with(had), from, at: steps(now) };
+        let seen = Seen { key, from, at: steps(now) };
         if let (Ok(()), Some(held)) = (self.seen.push_back(seen), self.held.get_mut(usize::from(from.0))) {
             *held = held.saturating_add(1);
         }
@@ -179,7 +180,7 @@ mod tests {
     fn pass(memory: &mut Memory, now: Instant, frame: &[u8], from: LinkId, is_addressed: bool) -> bool {
         match memory.recall(now, frame, from, true) {
             Recall::New(ticket) if memory.has_room(&ticket, is_addressed) => {
-                memory.note(now, &ticket, LinkMask::ALL);
+                memory.note(now, &ticket);
                 true
             }
             _ => false,
@@ -261,20 +262,12 @@ mod tests {
         from: usize,
         is_accepted: bool,
         is_addressed: bool,
-        to: u8,
     }
 
     fn step() -> impl Strategy<Value = Step> {
         let wait = prop_oneof![20 => 0..60_u64, 1 => 500..3_000_u64];
-        (wait, 0..20_u8, 0..3_usize, any::<bool>(), any::<bool>(), 0..3_u8).prop_map(
-            |(wait, frame, from, is_accepted, is_addressed, to)| Step {
-                wait,
-                frame,
-                from,
-                is_accepted,
-                is_addressed,
-                to,
-            },
+        (wait, 0..20_u8, 0..3_usize, any::<bool>(), any::<bool>()).prop_map(
+            |(wait, frame, from, is_accepted, is_addressed)| Step { wait, frame, from, is_accepted, is_addressed },
         )
     }
 
@@ -284,45 +277,44 @@ mod tests {
         fn is_a_memory(steps in prop::collection::vec(step(), 0..300)) {
             let mut memory = Memory::<Deque<Seen, 12>>::EMPTY;
             let memory: &mut Memory = &mut memory;
-            let mut list: Vec<(u64, Step, LinkMask)> = Vec::new();
+            let mut list: Vec<(u64, Step)> = Vec::new();
             let mut now = 0;
             for step in steps {
                 now += step.wait * 1_000;
                 let instant = Instant::from_micros(now);
-                let live: Vec<_> = list.iter().filter(|(at, ..)| (now >> STEP) - (at >> STEP) < u64::from(KNOWN)).collect();
-                let last = live.iter().rfind(|(_, other, _)| other.frame == step.frame);
+                let live: Vec<_> = list.iter().filter(|(at, _)| (now >> STEP) - (at >> STEP) < u64::from(KNOWN)).collect();
+                let last = live.iter().rfind(|(_, other)| other.frame == step.frame);
                 let recall = memory.recall(instant, &[step.frame], LINKS[step.from], step.is_accepted);
-                let had = match (last, recall) {
-                    (Some((_, other, _)), Recall::Copy { is_same_way }) => {
+                let was_refused = match (last, recall) {
+                    (Some((_, other)), Recall::Copy { is_same_way }) => {
                         prop_assert!(other.is_accepted || !step.is_accepted);
                         let is_same = other.is_accepted == step.is_accepted
                             && (other.from == step.from || !step.is_accepted);
                         prop_assert_eq!(is_same_way, is_same);
                         continue;
                     }
-                    (Some((_, other, to)), Recall::New(_)) => {
+                    (Some((_, other)), Recall::New(_)) => {
                         prop_assert!(!other.is_accepted && step.is_accepted);
-                        *to
+                        true
                     }
                     (None, recall) => {
                         prop_assert!(matches!(recall, Recall::New(_)));
-                        LinkMask::NONE
+                        false
                     }
                 };
                 let Recall::New(ticket) = recall else { unreachable!() };
-                prop_assert_eq!(ticket.had, had);
+                prop_assert_eq!(ticket.was_refused, was_refused);
                 prop_assert_eq!(ticket.is_refused(), !step.is_accepted);
                 let is_share = |other: &Step| match step.is_accepted {
                     true => other.is_accepted && other.from == step.from,
                     false => !other.is_accepted,
                 };
-                let held = live.iter().filter(|(_, other, _)| is_share(other)).count();
+                let held = live.iter().filter(|(_, other)| is_share(other)).count();
                 let has_room = held < (12 - live.len()) * if step.is_addressed { 7 } else { 3 };
                 prop_assert_eq!(memory.has_room(&ticket, step.is_addressed), has_room);
                 if has_room {
-                    let to = LinkMask::of(LinkId(step.to));
-                    memory.note(instant, &ticket, to);
-                    list.push((now, step, to.with(had)));
+                    memory.note(instant, &ticket);
+                    list.push((now, step));
                 }
             }
         }
