@@ -26,7 +26,7 @@ pub(crate) const MAX_TIMESTAMP: u64 = (1 << 48) - 1;
 /// It is never shown: its `Debug` says nothing, and nothing gives it back. Its bytes are overwritten when it is replaced or
 /// dropped; copies that the compiler made of them on the stack are not.
 #[derive(Clone)]
-pub struct SigningKey([u8; Self::LEN]);
+pub struct SigningKey(Wiped<[u8; Self::LEN]>);
 
 impl SigningKey {
     /// How long a key is (bytes).
@@ -34,19 +34,19 @@ impl SigningKey {
 
     /// The key of these bytes. Many ground stations make them of a passphrase, by SHA-256.
     pub const fn new(bytes: [u8; Self::LEN]) -> Self {
-        Self(bytes)
+        Self(Wiped(bytes))
     }
 
     /// For storage only.
     #[cfg(feature = "storage")]
     pub(crate) const fn bytes(&self) -> &[u8; Self::LEN] {
-        &self.0
+        &self.0.0
     }
 
     /// The signature of everything before it (G-2).
     fn tag(&self, bytes: &[u8]) -> [u8; TAG_LEN] {
         let mut hash = Sha256::new();
-        hash.update(self.0);
+        hash.update(self.0.0);
         hash.update(bytes);
         let [a, b, c, d, e, f, ..] = hash.finalize().0;
         [a, b, c, d, e, f]
@@ -75,16 +75,14 @@ fn is_same<const N: usize>(ours: &[u8; N], theirs: &[u8; N]) -> bool {
     black_box(ours.iter().zip(theirs).fold(0, |sum, (a, b)| sum | (a ^ b))) == 0
 }
 
-impl SigningKey {
-    fn wipe(&mut self) {
-        self.0.zeroize();
-    }
-}
+/// Overwritten when it is dropped, whatever becomes of it: replaced, taken away, or forgotten with the memory that it is in
+/// (SEC-15). `zeroize::Zeroizing` is the same, but cannot be made in a constant.
+#[derive(Clone)]
+struct Wiped<T: Zeroize>(T);
 
-/// Whatever becomes of the key: replaced, taken away, or forgotten with the memory that it is in (SEC-15).
-impl Drop for SigningKey {
+impl<T: Zeroize> Drop for Wiped<T> {
     fn drop(&mut self) {
-        self.wipe();
+        self.0.zeroize();
     }
 }
 
@@ -146,15 +144,31 @@ pub fn encode_signed<M: Message>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core::cell::Cell;
 
-    /// SEC-15: what is dropped is overwritten; to overwrite something else must not look like it.
+    /// Counts how often it is overwritten.
+    #[derive(Clone)]
+    struct Spy<'a>(&'a Cell<u32>);
+
+    impl Zeroize for Spy<'_> {
+        fn zeroize(&mut self) {
+            self.0.set(self.0.get() + 1);
+        }
+    }
+
+    /// SEC-15: what is dropped or replaced is overwritten, and so is each copy. Without unsafe code nobody can look at the bytes
+    /// of a key that is gone: that a key is wrapped so is seen by its being dropped at all, and `zeroize` is tested by its makers.
     #[test]
     fn a_dropped_key_is_overwritten() {
         const { assert!(core::mem::needs_drop::<SigningKey>() && core::mem::needs_drop::<Option<SigningKey>>()) };
-        let mut key = SigningKey::new([0xA5; 32]);
-        let copy = key.clone();
-        key.wipe();
-        assert_eq!((key.0, copy.0), ([0; 32], [0xA5; 32]));
+        let wiped = Cell::new(0);
+        let mut key = Some(Wiped(Spy(&wiped)));
+        drop(key.clone());
+        assert_eq!(wiped.get(), 1);
+        key.replace(Wiped(Spy(&wiped)));
+        assert_eq!(wiped.get(), 2);
+        key = None;
+        assert_eq!((wiped.get(), key.is_none()), (3, true));
     }
 
     /// G-7: each byte counts, the first as the last.
