@@ -8,7 +8,7 @@ use crate::frame::Frame;
 use crate::link::{LinkClass, LinkId, Peer};
 use crate::message::{Dialect, MessageTable};
 use crate::network::Forwarding;
-use crate::service::command::{CommandMemory, CommandPolicy, SOON};
+use crate::service::command::{CommandMemory, CommandPolicy};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
@@ -18,7 +18,7 @@ use crate::service::param::Parameters;
 use crate::service::signing::Signing;
 use crate::service::stream::{Fill, Stream};
 use crate::service::time::TimeSync;
-use crate::time::{Duration, Instant};
+use crate::time::Duration;
 
 /// What the heartbeat says of the vehicle (H-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,11 +151,11 @@ pub struct Command {
     /// The link's class: what came by [`HighLatency`](LinkClass::HighLatency) may be old, and overtaken by others (L-16). A
     /// vehicle may refuse to arm or take off for that.
     pub class: LinkClass,
-    /// How old it was when it came, as its signature tells: its timestamp beside our own time. `None` when it is not signed,
-    /// without the feature `signing`, and as long as our time may be wrong: until
-    /// `Signing::set_time` or a signed frame by another than a high-latency link told it. As good
-    /// as both clocks; with his clock slow a sender's commands look older than they are. Nothing else tells how old a command
-    /// is: MAVLink's commands have no time of their own.
+    /// How old it was when it came, as its signature tells: what time it is, less its timestamp. What time it is says the
+    /// vehicle's last `Signing::set_time`; before that, the peer whose signed frames by other than high-latency links are
+    /// furthest ahead. `None` when neither told it since the start, when the command is not signed, and without the feature
+    /// `signing`. As good as both clocks: with his clock slow a sender's commands look older than they are. Nothing else
+    /// tells how old a command is: MAVLink's commands have no time of their own.
     pub age: Option<Duration>,
     /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one.
     pub is_broadcast: bool,
@@ -164,18 +164,6 @@ pub struct Command {
 }
 
 impl Command {
-    /// When it was sent, as far as that is known; else when it came, `now`.
-    pub(crate) fn sent(&self, now: Instant) -> Instant {
-        let age = self.age.map_or(0, Duration::as_micros);
-        Instant::from_micros(now.as_micros().saturating_sub(age))
-    }
-
-    /// Whether it may be a copy of one that came at `at`: within so long, or, as it is known when it was sent, at about the same
-    /// time (C-12).
-    pub(crate) fn is_near(&self, now: Instant, at: Instant, within: Duration) -> bool {
-        self.sent(now).since(at) < if self.age.is_some() { SOON } else { within }
-    }
-
     /// Whether parameter 7 is a response target, as in the commands that ask for a message: 0 default, 1 the requester, 2
     /// broadcast; NaN is "not used" (C-8, Q-3).
     pub(crate) fn has_response_target(&self) -> bool {

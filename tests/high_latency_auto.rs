@@ -70,6 +70,33 @@ fn it_goes_on_with_the_last_ground_station_and_off_with_the_first() {
     assert_eq!((count(&mut world), satellite(&mut world).is_on()), (0, false));
 }
 
+/// L-14, L-16: a copy of a START does not keep on what went on by itself, and is not answered as if it did; who says it again
+/// keeps it on.
+#[test]
+fn a_copy_commands_nothing_on() {
+    let answer = |world: &mut World<2>| {
+        let start = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        world.gcs[SAT].command_long(MavCmd::CONTROL_HIGH_LATENCY, start);
+        world.expect::<CommandAck>(SAT, millis(100)).result
+    };
+    for again in [false, true] {
+        let mut world = world(CONFIG);
+        run(&mut world, secs(5));
+        control(&mut world, TELEM, 1.0);
+        control(&mut world, TELEM, 0.0);
+        lose(&mut world);
+        run(&mut world, secs(15));
+        assert!(satellite(&mut world).is_on_by_itself());
+        assert_eq!(answer(&mut world), MavResult::TEMPORARILY_REJECTED);
+        if again {
+            assert_eq!(answer(&mut world), MavResult::ACCEPTED);
+        }
+        regain(&mut world);
+        run(&mut world, secs(5));
+        assert_eq!(satellite(&mut world).is_on(), again);
+    }
+}
+
 /// L-14: also for who sleeps until `next_deadline`, beside a radio that takes nothing any more.
 #[test]
 fn it_goes_on_for_who_sleeps() {

@@ -1,13 +1,10 @@
 //! What a satellite brings late: orders that others have overtaken, and copies of commands that must not be carried out
 //! twice. L-10 to L-16, C-12, C-24.
 
-#[cfg(feature = "signing")]
-#[path = "support/signer.rs"]
-mod signer;
 mod support;
 
 use mavstack::dialect::{CommandAck, HighLatency2, MavCmd, MavResult};
-use mavstack::{Duration, HighLatency, HighLatencyConfig, LinkClass, LinkConfig, Outcome};
+use mavstack::{Address, Duration, HighLatency, HighLatencyConfig, LinkClass, LinkConfig, Outcome};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 use support::*;
@@ -198,6 +195,94 @@ fn who_is_heard_by_radio_would_say_it_there() {
     assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
 }
 
+/// L-15: a STOP by satellite that was obeyed ends what that link still owed of a START by radio: what follows there is new.
+#[test]
+fn a_link_keeps_the_order_of_what_it_carries() {
+    let mut world = world();
+    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    run(&mut world, secs(10));
+    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
+    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+}
+
+/// L-16: who said the opposite by radio, and then this, has not changed his mind when he says it by satellite too: the second
+/// time, which is no copy, it sends a message.
+#[test]
+fn what_was_said_last_is_not_overtaken() {
+    let mut world = world();
+    world.gcs[RADIO].heartbeat_period = Some(secs(1));
+    run(&mut world, secs(5));
+    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    run(&mut world, secs(1));
+    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    run(&mut world, secs(5));
+    assert_eq!(count(&mut world), 1);
+    for messages in [0, 1] {
+        assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+        run(&mut world, secs(5));
+        assert_eq!(count(&mut world), messages);
+    }
+}
+
+/// C-12: the first transmission of a new START is lost; its repetitions are not those of the one before the STOP. By the same
+/// link within three seconds, by satellite within a minute, they are its own.
+#[test]
+fn repetitions_of_a_new_start_are_its_own() {
+    for link in [RADIO, SAT] {
+        let start = [START, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let mut world = world();
+        assert_eq!(becomes(&mut world, link, START), (DONE, true));
+        run(&mut world, secs(10));
+        assert_eq!(becomes(&mut world, link, STOP), (DONE, false));
+        run(&mut world, secs(10));
+        assert_eq!(count(&mut world), 1);
+        for confirmation in 1..4 {
+            assert_eq!(send(&mut world, link, MavCmd::CONTROL_HIGH_LATENCY, start, confirmation), DONE);
+            assert!(satellite(&mut world).is_on());
+            run(&mut world, secs(1));
+        }
+        assert_eq!(count(&mut world), 1);
+        run(&mut world, secs(20));
+        assert_eq!(send(&mut world, link, MavCmd::CONTROL_HIGH_LATENCY, start, 4), DONE);
+        run(&mut world, secs(5));
+        assert_eq!(count(&mut world), usize::from(link == RADIO), "by radio that late it is a new one");
+    }
+}
+
+/// C-12: of two stations each has its own orders, and copies of them.
+#[test]
+fn one_stations_copies_are_known_after_anothers_orders() {
+    let mut world = world();
+    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    world.gcs[RADIO].address = OTHER_STATION;
+    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    run(&mut world, secs(20));
+    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
+    world.gcs[SAT].address = OTHER_STATION;
+    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
+    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
+    assert_eq!(becomes(&mut world, SAT, START), (DONE, true), "who means it");
+}
+
+/// The orders of a third station take the place of the oldest, and not of its own others.
+#[test]
+fn the_oldest_order_gives_way() {
+    const THIRD: Address = Address::new(253, 190);
+    let mut world = world();
+    for station in [STATION, OTHER_STATION, THIRD] {
+        world.gcs[RADIO].address = station;
+        order(&mut world, RADIO, START);
+        run(&mut world, secs(1));
+        assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+        run(&mut world, secs(1));
+    }
+    for (station, result) in [(THIRD, LATER), (OTHER_STATION, LATER), (STATION, DONE)] {
+        world.gcs[SAT].address = station;
+        assert_eq!(becomes(&mut world, SAT, START), (result, result == DONE));
+    }
+}
+
 proptest! {
     #![proptest_config(cases(300))]
 
@@ -236,7 +321,7 @@ proptest! {
 }
 
 /// C-12: what must not be done twice is not, when its copy comes by satellite half a minute later, once for each time that it
-/// was given. By another radio that late it is a new one.
+/// was given. By another radio that late it is a new one. The answer does not say that it was done: it may be no copy.
 #[test]
 fn a_late_copy_is_not_carried_out() {
     let mut world = world();
@@ -247,7 +332,7 @@ fn a_late_copy_is_not_carried_out() {
     run(&mut world, secs(25));
     world.vehicle.outcomes.insert(ONCE.0, MavResult::FAILED.into());
     for _ in 0..2 {
-        assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE);
+        assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
     }
     assert_eq!(world.vehicle.commands().len(), 2);
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::FAILED, "a third one is none");
@@ -263,8 +348,15 @@ fn a_late_copy_is_not_carried_out() {
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::FAILED);
     run(&mut world, secs(40));
     world.vehicle.outcomes.insert(ONCE.0, DONE.into());
-    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 1), MavResult::FAILED);
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 1), LATER);
     assert_eq!(world.vehicle.commands().len(), 4);
+    // And what was done by satellite, by satellite: that is known.
+    run(&mut world, secs(61));
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE);
+    run(&mut world, secs(20));
+    world.vehicle.outcomes.insert(ONCE.0, MavResult::FAILED.into());
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 1), DONE);
+    assert_eq!(world.vehicle.commands().len(), 5);
 }
 
 /// After a minute nothing is a copy.
@@ -289,7 +381,7 @@ fn what_is_past_gives_way_to_what_is_new() {
         run(&mut world, secs(4));
     }
     for n in (1..4).rev() {
-        assert_eq!(send(&mut world, SAT, ONCE, pressed(n), 0), DONE);
+        assert_eq!(send(&mut world, SAT, ONCE, pressed(n), 0), LATER);
     }
     assert_eq!(world.vehicle.commands().len(), 4);
     // The oldest has gone; carrying it out takes the place of the oldest that is left.
@@ -305,161 +397,43 @@ fn what_is_past_gives_way_to_what_is_new() {
     assert_eq!(send(&mut world, RADIO, ONCE, pressed(9), 0), DONE);
 }
 
-/// C-24: what took its time and has ended is not begun again by its copy, and may be begun anew.
+/// C-12, C-24: what took its time, has ended and must not be done twice is not begun again by its copy, and may be begun anew.
 #[test]
 fn a_late_copy_of_what_has_ended_does_not_begin_it_again() {
     let mut world = world();
-    assert_eq!(send(&mut world, RADIO, CALIBRATE, PARAMS, 0), MavResult::IN_PROGRESS);
+    world.vehicle.outcomes.remove(&ONCE.0);
+    world.vehicle.long.insert(ONCE.0);
+    assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::IN_PROGRESS);
     run(&mut world, secs(2));
-    world.vehicle.memory.finish(CALIBRATE, MavResult::FAILED);
+    world.vehicle.memory.finish(ONCE, MavResult::FAILED);
     run(&mut world, secs(30));
-    assert_eq!(send(&mut world, SAT, CALIBRATE, PARAMS, 0), MavResult::FAILED);
-    assert!(!world.vehicle.memory.is_running(CALIBRATE));
-    assert_eq!(send(&mut world, SAT, CALIBRATE, PARAMS, 0), MavResult::IN_PROGRESS, "who means it");
-    world.vehicle.memory.finish(CALIBRATE, DONE);
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
+    assert!(!world.vehicle.memory.is_running(ONCE));
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::IN_PROGRESS, "who means it");
+    world.vehicle.memory.finish(ONCE, DONE);
     run(&mut world, secs(5));
     // By radio that is too late for a copy.
-    assert_eq!(send(&mut world, RADIO, CALIBRATE, PARAMS, 0), MavResult::IN_PROGRESS);
+    assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::IN_PROGRESS);
 }
 
-/// With signatures it is known when something was sent.
-#[cfg(feature = "signing")]
-mod signed {
-    use super::*;
-    use crate::signer::{KEY, NOW, Rig, Signer};
-    use mavstack::dialect::{CommandLong, SetMode};
-    use mavstack::{Instant, LinkSigning};
-
-    /// Seconds, in timestamps.
-    const SECOND: u64 = 100_000;
-
-    /// A vehicle that hears signed frames only, over a radio and a satellite.
-    fn rig() -> Rig {
-        let mut rig = Rig::new(LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED)));
-        rig.set_key(KEY);
-        rig.vehicle.satellite = Some(HighLatency::new(HighLatencyConfig::DEFAULT));
-        rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
-        rig
-    }
-
-    /// A command of the station that was sent when the vehicle's clock had run for so long, over its own stream for the link.
-    fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
-        let message = CommandLong {
-            command,
-            target_system: 1,
-            target_component: 1,
-            param1: p1,
-            param3: 3.0,
-            param4: 0.5,
-            ..CommandLong::default()
-        };
-        let timestamp = NOW + at.as_millis() * (SECOND / 1_000);
-        Signer::new(KEY).link(link as u8).at(timestamp).frame(&message)
-    }
-
-    fn order(rig: &mut Rig, link: usize, at: Duration, enable: f32) -> (MavResult, bool) {
-        answer(rig, link, &sent(link, at, MavCmd::CONTROL_HIGH_LATENCY, enable))
-    }
-
-    fn answer(rig: &mut Rig, link: usize, frame: &[u8]) -> (MavResult, bool) {
-        rig.transmit(link);
-        rig.receive(link, frame);
-        let acks = rig.sent::<CommandAck>(link);
-        assert_eq!(acks.len(), 1);
-        (acks[0].decode::<CommandAck>().unwrap().result, rig.vehicle.satellite.as_ref().unwrap().is_on())
-    }
-
-    /// Until the vehicle's clock has run for so long since it had its key.
-    fn until(rig: &mut Rig, at: Duration) {
-        let end = Instant::from_millis(5_000).after(at);
-        rig.run_for(end.since(rig.now));
-    }
-
-    /// L-16: the vehicle hears how old a command is, in whatever form, once it knows what time it is.
-    #[test]
-    fn a_command_says_how_old_it_is() {
-        let mut rig = rig();
-        until(&mut rig, secs(40));
-        // What the vehicle signs itself moves its time by the last digit.
-        let in_seconds = |age: Option<Duration>| age.map(|age| age.as_millis() / 1_000);
-        let ages =
-            |rig: &Rig| rig.vehicle.commands().iter().map(|command| command.age).map(in_seconds).collect::<Vec<_>>();
-        answer(&mut rig, SAT, &sent(SAT, secs(10), MavCmd::NAV_LAND, 0.0));
-        assert_eq!(ages(&rig), [None], "what comes by satellite may tell a time that is over");
-        answer(&mut rig, RADIO, &sent(RADIO, secs(40), MavCmd::NAV_LAND, 0.0));
-        answer(&mut rig, SAT, &sent(SAT, secs(15), MavCmd::NAV_LAND, 0.0));
-        assert_eq!(ages(&rig)[1..], [Some(0), Some(25)]);
-        // A clock of its own will do too.
-        let mut rig = self::rig();
-        until(&mut rig, secs(40));
-        let unix_usec = (1_420_070_400 * SECOND + NOW + 50 * SECOND) * 10;
-        let now = rig.now;
-        assert!(rig.signing().set_time(now, unix_usec, Duration::MAX));
-        answer(&mut rig, SAT, &sent(SAT, secs(20), MavCmd::NAV_LAND, 0.0));
-        let command = rig.vehicle.commands()[0];
-        assert_eq!((in_seconds(command.age), command.class), (Some(30), LinkClass::HighLatency));
-        // Not where signatures are not looked at.
-        let mut rig = Rig::<2>::new(LINKS);
-        rig.receive(SAT, &sent(SAT, secs(0), MavCmd::NAV_LAND, 0.0));
-        assert_eq!(ages(&rig), [None]);
-        // SET_MODE, which comes to a vehicle with no modes as a message, is none.
-        rig.receive(RADIO, &Signer::new(KEY).frame(&SetMode::default()));
-        assert_eq!(rig.vehicle.commands().len(), 1);
-    }
-
-    /// L-15, L-16: a START that was sent before a STOP is overtaken by it, however late it comes, though it was not seen before
-    /// and nobody is heard; one that was sent after it counts at once, though it looks like a copy.
-    #[test]
-    fn what_was_sent_before_is_overtaken() {
-        for late in [20, 300, 890] {
-            let mut rig = rig();
-            until(&mut rig, secs(10));
-            // A stream that is known.
-            answer(&mut rig, SAT, &sent(SAT, secs(9), MavCmd::NAV_LAND, 0.0));
-            assert_eq!(order(&mut rig, RADIO, secs(10), STOP), (DONE, false));
-            until(&mut rig, secs(10 + late));
-            assert_eq!(order(&mut rig, SAT, millis(9_990), START), (LATER, false), "{late} s");
-            assert_eq!(order(&mut rig, SAT, millis(10_010), START), (DONE, true), "{late} s");
-        }
-        let mut rig = rig();
-        until(&mut rig, secs(10));
-        order(&mut rig, RADIO, secs(8), START);
-        order(&mut rig, RADIO, secs(9), STOP);
-        assert_eq!(order(&mut rig, SAT, secs(10), START), (DONE, true));
-        assert_eq!(order(&mut rig, RADIO, secs(10), START), (DONE, true));
-        // And a STOP from before that.
-        until(&mut rig, secs(20));
-        assert_eq!(order(&mut rig, SAT, millis(10_001), STOP), (DONE, false), "it is from after");
-        order(&mut rig, RADIO, secs(20), START);
-        assert_eq!(order(&mut rig, SAT, secs(19), STOP), (LATER, true));
-    }
-
-    /// A quarter of an hour later nothing is overtaken: a clock that was set wrong meanwhile must not keep a START away for
-    /// ever.
-    #[test]
-    fn nothing_is_overtaken_for_ever() {
-        let mut rig = rig();
-        until(&mut rig, secs(10));
-        answer(&mut rig, SAT, &sent(SAT, secs(5), MavCmd::NAV_LAND, 0.0));
-        order(&mut rig, RADIO, secs(10), STOP);
-        until(&mut rig, secs(911));
-        assert_eq!(order(&mut rig, SAT, secs(9), START), (DONE, true));
-    }
-
-    /// C-12: a copy was sent when its original was; what was sent later by satellite is new, though it comes within the minute.
-    #[test]
-    fn a_copy_was_sent_when_its_original_was() {
-        let mut rig = rig();
-        until(&mut rig, secs(10));
-        answer(&mut rig, RADIO, &sent(RADIO, secs(10), ONCE, 1.0));
-        until(&mut rig, secs(40));
-        answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0));
-        assert_eq!(rig.vehicle.commands().len(), 1);
-        let mut rig = self::rig();
-        until(&mut rig, secs(10));
-        answer(&mut rig, RADIO, &sent(RADIO, secs(10), ONCE, 1.0));
-        until(&mut rig, secs(40));
-        answer(&mut rig, SAT, &sent(SAT, secs(20), ONCE, 1.0));
-        assert_eq!(rig.vehicle.commands().len(), 2);
+/// C-24: what took its time and may be done twice is done when it is asked for by satellite: whoever says that it was done
+/// leaves the vehicle where it is. Three seconds after its end it is a new one, with whatever confirmation.
+#[test]
+fn home_again_by_satellite() {
+    const RTL: MavCmd = MavCmd::NAV_RETURN_TO_LAUNCH;
+    for confirmation in [0, 1, 2] {
+        let mut world = world();
+        world.vehicle.long.insert(RTL.0);
+        world.vehicle.outcomes.insert(MavCmd::NAV_TAKEOFF.0, DONE.into());
+        assert_eq!(send(&mut world, RADIO, RTL, [0.0; 7], 0), MavResult::IN_PROGRESS);
+        run(&mut world, secs(5));
+        world.vehicle.memory.finish(RTL, DONE);
+        run(&mut world, secs(2));
+        assert_eq!(send(&mut world, SAT, RTL, [0.0; 7], 0), DONE, "its copy");
+        assert_eq!(send(&mut world, RADIO, MavCmd::NAV_TAKEOFF, [0.0; 7], 0), DONE);
+        assert_eq!(world.vehicle.commands().len(), 2);
+        run(&mut world, secs(40));
+        assert_eq!(send(&mut world, SAT, RTL, [0.0; 7], confirmation), MavResult::IN_PROGRESS);
+        assert_eq!(world.vehicle.commands().len(), 3);
     }
 }

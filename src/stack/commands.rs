@@ -54,7 +54,7 @@ impl Core {
         }
         let Some(message) = frame.decode::<SetMode>() else { return false };
         let command = mode::from_set_mode(&message, origin(context, port, frame));
-        self.on_command(context, port, &command, Some(message.custom_mode));
+        self.on_command(context, port, frame, &command, Some(message.custom_mode));
         true
     }
 }

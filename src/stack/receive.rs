@@ -129,10 +129,10 @@ impl Core {
         let from = Peer { address: frame.source(), link: port.id };
         if let Some(command) = frame.decode::<CommandLong>() {
             let command = command::from_long(&command, origin(context, port, frame));
-            self.on_command(context, port, &command, None);
+            self.on_command(context, port, frame, &command, None);
         } else if let Some(command) = frame.decode::<CommandInt>() {
             let command = command::from_int(&command, origin(context, port, frame));
-            self.on_command(context, port, &command, None);
+            self.on_command(context, port, frame, &command, None);
         } else if self.on_command_frame(context, port, frame, target) {
             // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
@@ -173,11 +173,12 @@ impl Core {
         }
     }
 
-    /// A command, or a SET_MODE, which is one in all but form; `set_mode` is its `custom_mode` then.
+    /// A command that came in `frame`, or a SET_MODE, which is one in all but form; `set_mode` is its `custom_mode` then.
     pub(super) fn on_command<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
+        frame: &Frame<'_>,
         command: &Command,
         set_mode: Option<u32>,
     ) {
@@ -187,11 +188,12 @@ impl Core {
             count(&mut port.counters.no_answer_slot);
             return;
         }
-        if let Some(answer) = command::answered(context.now, command, context.vehicle) {
+        let signed_at = signing::signed_at(frame, context.vehicle);
+        if let Some(answer) = command::answered(context.now, command, signed_at, context.vehicle) {
             port.acks.push(command.from.address, id, answer);
             return;
         }
-        let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command);
+        let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command, signed_at);
         let Context { now, texts, vehicle, .. } = context;
         let progress = satellite.or_else(|| {
             let (missions, mut plans) = context.plans.parts(context.missions)?;
@@ -206,7 +208,7 @@ impl Core {
             Some(result) => result.into(),
             None => execute(context, port, command, set_mode),
         };
-        command::carried_out(context.now, command, outcome, context.vehicle);
+        command::carried_out(context.now, command, signed_at, outcome, context.vehicle);
         self.has_acted = true;
         port.acks.push(command.from.address, id, outcome);
     }

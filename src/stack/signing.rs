@@ -2,7 +2,7 @@
 
 #[cfg(feature = "signing")]
 pub(super) use crate::service::signing::{
-    admits, age, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, vouches_for,
+    admits, age, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, signed_at, vouches_for,
 };
 #[cfg(not(feature = "signing"))]
 pub(super) use without::*;
@@ -14,6 +14,7 @@ mod without {
     use crate::frame::Frame;
     use crate::link::Port;
     use crate::message::Message;
+    use crate::service::command::SignedAt;
     use crate::stack::count_drop;
     use crate::time::{Duration, Instant};
     use crate::vehicle::Vehicle;
@@ -27,6 +28,10 @@ mod without {
     }
 
     pub(crate) fn age(_: Instant, _: &Frame<'_>, _: &mut impl Vehicle) -> Option<Duration> {
+        None
+    }
+
+    pub(crate) fn signed_at(_: &Frame<'_>, _: &mut impl Vehicle) -> SignedAt {
         None
     }
 

@@ -1,5 +1,7 @@
 //! Which of several like commands of one sender is a copy of one that was carried out (C-12).
 
+use core::num::NonZeroU64;
+
 use crate::link::{LinkId, MAX_LINKS};
 use crate::time::Duration;
 
@@ -9,6 +11,15 @@ pub(crate) const SOON: Duration = Duration::from_secs(3);
 /// So much later than its original, and no more, a copy is looked for that came by a high-latency link: 10 to 30 s are usual
 /// there (L-16).
 pub(crate) const LATE: Duration = Duration::from_secs(60);
+
+/// When a command was signed (10 µs), by its sender's clock: to be compared with others of his only. `None` when that is not
+/// verified.
+pub(crate) type SignedAt = Option<NonZeroU64>;
+
+/// Whether `sent` was signed so much later than `known` that it is no copy of it.
+pub(crate) const fn is_well_after(sent: NonZeroU64, known: NonZeroU64) -> bool {
+    sent.get().saturating_sub(known.get()) >= SOON.as_micros() / 10
+}
 
 /// How often a command was carried out, and how often it came by each link. What is given twice comes twice on each link, so
 /// a link that is behind brings copies.

@@ -14,7 +14,7 @@ mod policy;
 mod typed;
 
 pub(crate) use acks::Acks;
-pub(crate) use copies::{Copies, LATE, SOON};
+pub(crate) use copies::{Copies, LATE, SOON, SignedAt, is_well_after};
 pub use memory::{CommandMemory, CommandSlot, CommandSlots};
 pub use policy::CommandPolicy;
 pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
@@ -25,7 +25,7 @@ use crate::service::identity::Owed;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, CommandPosition, Commands, Outcome};
 
-/// Where a command came from, and when it was sent.
+/// Where a command came from, and how old it is.
 #[derive(Clone, Copy)]
 pub(crate) struct Origin {
     pub(crate) from: Peer,
@@ -65,19 +65,30 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
 
 /// The answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12, C-21,
 /// C-24). Nothing is left of this for a vehicle that declares nothing and has no memory for commands.
-pub(crate) fn answered<V: Commands>(now: Instant, command: &Command, vehicle: &mut V) -> Option<Outcome> {
+pub(crate) fn answered<V: Commands>(
+    now: Instant,
+    command: &Command,
+    signed_at: SignedAt,
+    vehicle: &mut V,
+) -> Option<Outcome> {
     if let Err(result) = policy::check(command, vehicle) {
         return Some(result.into());
     }
     let once = policy::is_once::<V>(command.id);
-    vehicle.command_memory().and_then(|memory| memory.recall(now, command, once))
+    vehicle.command_memory().and_then(|memory| memory.recall(now, command, signed_at, once))
 }
 
 /// A command was carried out.
-pub(crate) fn carried_out<V: Commands>(now: Instant, command: &Command, outcome: Outcome, vehicle: &mut V) {
+pub(crate) fn carried_out<V: Commands>(
+    now: Instant,
+    command: &Command,
+    signed_at: SignedAt,
+    outcome: Outcome,
+    vehicle: &mut V,
+) {
     let once = policy::is_once::<V>(command.id);
     if let Some(memory) = vehicle.command_memory() {
-        memory.settle(now, command, outcome, once);
+        memory.settle(now, command, signed_at, outcome, once);
     }
 }
 

@@ -84,8 +84,9 @@ impl CommandPolicy {
 
     /// Doing it twice does harm: a copy that comes by another link, or with a higher `confirmation`, gets the first one's
     /// answer and is not carried out (C-12): within three seconds, by a high-latency link within a minute, as long as no
-    /// other command needs the place, and with a known [`age`](crate::Command::age) if it was sent within three seconds of the
-    /// first. So who gives the same command anew by satellite within that minute may have to give it twice. It needs a place in
+    /// other command needs the place, and not if it was signed more than three seconds after the first. So late a copy may
+    /// also be the same command given anew, and unless that is known to be otherwise the answer is `TEMPORARILY_REJECTED`:
+    /// who means it gives it again. It needs a place in
     /// [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none is free.
     #[must_use]
     pub const fn once(self) -> Self {

@@ -11,6 +11,8 @@ mod window;
 
 pub use sample::HighLatencySample;
 
+use core::num::NonZeroU64;
+
 use self::window::Window;
 use crate::config::Config;
 use crate::dialect::{HighLatency2, MavCmd, MavResult, MavType};
@@ -18,15 +20,15 @@ use crate::link::{Link, LinkClass, LinkMask, Peer, Port};
 use crate::message::Message;
 use crate::network::Peers;
 use crate::num;
-use crate::service::command::{Copies, LATE, SOON};
+use crate::service::command::{Copies, LATE, SOON, SignedAt, is_well_after};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{Command, Vehicle};
 
 /// A shorter period counts as this.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
 
-/// So long after an order the opposite is looked for that was sent before it, by its signature. Longer than a satellite keeps
-/// anything; and a clock that was set meanwhile does no harm after that.
+/// So long after an order others are looked for that come by satellite and were signed before it. Longer than a satellite
+/// keeps anything; and a sender's clock that was set back meanwhile does no harm after that.
 const OVERTAKEN_WITHIN: Duration = Duration::from_secs(15 * 60);
 
 /// What is paid for: so many bytes, begun ones in full (Iridium's short burst data).
@@ -118,39 +120,51 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// The last START, or STOP, that was carried out: to know its copies by, and what it has overtaken.
+/// Orders that are remembered: START and STOP of two stations.
+const ORDERS: usize = 4;
+
+/// The last START, or STOP, of somebody that was carried out: to know its copies by, and what it has overtaken.
 #[derive(Clone, Copy, Debug)]
 struct Order {
     from: Peer,
+    starts: bool,
     confirmation: u8,
+    /// The links that brought it, and nothing to the opposite effect since: there it may be repeated.
+    links: LinkMask,
     copies: Copies,
     at: Instant,
-    sent: Instant,
+    signed_at: SignedAt,
 }
 
 impl Order {
-    /// Whether `command`, to the same effect, is a copy of it (C-12).
-    fn is_copied_by(&self, now: Instant, command: &Command) -> bool {
-        // Only a satellite brings one late.
-        let within = if command.class == LinkClass::HighLatency { LATE } else { SOON };
-        let is_copy = self.copies.lacks(command.from.link) && command.is_near(now, self.at, within);
-        is_copy || (command.confirmation > self.confirmation && command.is_near(now, self.at, LATE))
+    /// When it was signed and when another one was that came by satellite, where that tells which was said first.
+    fn signed(&self, now: Instant, signed_at: SignedAt) -> Option<(NonZeroU64, NonZeroU64)> {
+        self.signed_at.zip(signed_at).filter(|_| now.since(self.at) < OVERTAKEN_WITHIN)
     }
 
-    /// Whether `command`, to the opposite effect, was sent before it (L-16).
-    fn overtakes(&self, now: Instant, command: &Command, peers: &Peers) -> bool {
-        let age = now.since(self.at);
-        if command.age.is_some() {
-            return age < OVERTAKEN_WITHIN && command.sent(now) < self.sent;
-        }
-        command.class == LinkClass::HighLatency
-            && age < LATE
-            // Nobody is alive by satellite.
-            && peers.iter().any(|info| info.peer == self.from && info.is_alive)
+    /// Whether `command`, to the same effect, is a copy of it, or a repetition (C-12).
+    fn is_copied_by(&self, now: Instant, command: &Command, signed_at: SignedAt) -> bool {
+        // Only a satellite brings one late.
+        let may_be_late = command.class == LinkClass::HighLatency;
+        let is_within = now.since(self.at) < if may_be_late { LATE } else { SOON };
+        let lacks = self.copies.lacks(command.from.link);
+        let is_repetition = is_within
+            && command.confirmation > self.confirmation
+            && self.links.contains(LinkMask::of(command.from.link));
+        let is_copy = match self.signed(now, signed_at).filter(|_| may_be_late) {
+            Some((known, sent)) => sent < known || (lacks && !is_well_after(sent, known)),
+            None => is_within && lacks,
+        };
+        is_copy || is_repetition
+    }
+
+    /// Whether who gave it, by a normal link, a moment ago is alive there. Nobody is alive by satellite.
+    fn is_current(&self, now: Instant, peers: &Peers) -> bool {
+        now.since(self.at) < LATE && peers.iter().any(|info| info.peer == self.from && info.is_alive)
     }
 }
 
-/// The vehicle's memory for its high-latency links, some 460 bytes. The vehicle keeps it and hands it to the stack by
+/// The vehicle's memory for its high-latency links, some 520 bytes. The vehicle keeps it and hands it to the stack by
 /// [`Vehicle::high_latency`](crate::Vehicle::high_latency); one that does not pays nothing, and its high-latency links carry
 /// commands only.
 ///
@@ -232,20 +246,22 @@ impl Order {
 /// A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
 /// not: when the flight loop does not tick, and in a fault (H-5).
 ///
-/// A satellite brings commands late, and so after others that were given later. One that was overtaken changes nothing, or a
-/// START from before a STOP would go on costing money, and a STOP from before a START leave nobody in touch:
+/// What comes by a normal link is said now, and counts, but for copies within three seconds of what another link brought and
+/// repetitions with a higher confirmation (C-12). A satellite brings commands late, and so after others that were given later.
+/// One that was overtaken changes nothing, or a START from before a STOP would go on costing money, and a STOP from before a
+/// START leave nobody in touch. By satellite that is:
 ///
-/// - **A copy** of what was carried out: within a minute by satellite, or with a higher confirmation; by other links within
-///   three seconds (C-12).
-/// - **What comes by satellite** within a minute after its sender said the opposite by a normal link, over which he is alive:
-///   who means it would say it there.
-/// - **What is older by its signature** than the opposite that its sender said, up to a quarter of an hour
-///   ([`Command::age`]). One that is newer is none of these, whatever else it looks like.
+/// - **A copy** of what the same sender was obeyed in within the last minute, as often as that was; and its repetition with a
+///   higher confirmation, on a link that brought it and nothing to the opposite effect since.
+/// - **What its sender would say by radio**: within a minute after he said the opposite by a normal link, over which he is alive.
+/// - **What is older by its signature**, up to a quarter of an hour, than what he said last. One that is newer than the opposite
+///   counts, whatever else it looks like. Here two timestamps of one sender are compared, so no clock of ours matters.
 ///
-/// The answer is ACCEPTED where things are as it wants them, else TEMPORARILY_REJECTED: who means it says it again. That is
-/// all that can be known. Without signatures, a START that was not seen before and comes after the STOP of somebody whose
-/// heartbeats are not heard counts, and so does one that was held back for more than a minute: its sender sees the messages
-/// come, and says STOP again.
+/// The answer is ACCEPTED where things are as it wants them, which for START is on as commanded, else TEMPORARILY_REJECTED:
+/// who means it says it again. That is all that can be known. Without signatures, a START that was not seen before and comes
+/// after the STOP of somebody whose heartbeats are not heard counts, and so does one that was held back for more than a
+/// minute: its sender sees the messages come, and says STOP again. The last START and STOP of two stations are remembered,
+/// those of others in the place of the oldest.
 ///
 /// Who speaks over such a link is heard, and never alive or lost ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)): no
 /// heartbeats are expected there, and those that come say nothing, or a failsafe would take a satellite's silence for a
@@ -259,8 +275,7 @@ pub struct HighLatency {
     config: HighLatencyConfig,
     state: State,
     ground: Ground,
-    last_start: Option<Order>,
-    last_stop: Option<Order>,
+    orders: [Option<Order>; ORDERS],
     /// The high-latency links; none until the stack has told.
     links: LinkMask,
     /// From when on every link is to send its next message, once that has changed.
@@ -287,8 +302,7 @@ impl HighLatency {
             config,
             state: State::Off,
             ground: Ground::Unknown,
-            last_start: None,
-            last_stop: None,
+            orders: [None; ORDERS],
             links: LinkMask::NONE,
             next: None,
             announcing: LinkMask::NONE,
@@ -354,7 +368,7 @@ impl HighLatency {
     }
 
     /// MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
-    fn control(&mut self, now: Instant, command: &Command, peers: &Peers) -> MavResult {
+    fn control(&mut self, now: Instant, command: &Command, signed_at: SignedAt, peers: &Peers) -> MavResult {
         if self.links.is_empty() {
             return MavResult::UNSUPPORTED;
         }
@@ -364,45 +378,67 @@ impl HighLatency {
             Some(0) => false,
             _ => return MavResult::DENIED,
         };
-        if self.obeys(now, command, starts, peers) {
+        if self.obeys(now, command, signed_at, starts, peers) {
             if starts {
                 self.start();
             } else {
                 self.stop();
             }
         }
-        if self.is_on() == starts { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
+        // What is on by itself goes off by itself: that is not what START wants.
+        let wanted = if starts { State::Commanded } else { State::Off };
+        if self.state == wanted { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
     }
 
     /// Whether an order is neither a copy nor overtaken; it is remembered then.
-    fn obeys(&mut self, now: Instant, command: &Command, starts: bool, peers: &Peers) -> bool {
-        let (start, stop) = (&mut self.last_start, &mut self.last_stop);
-        let (same, opposite) = if starts { (start, stop) } else { (stop, start) };
-        let is_his = |order: &&mut Order| order.from.address == command.from.address;
-        let mut known = same.as_mut().filter(is_his);
-        let mut opposite = opposite.as_mut().filter(is_his);
-        let link = command.from.link;
-        let later = opposite.as_ref().filter(|later| known.as_ref().is_none_or(|known| known.at <= later.at));
-        let is_overtaken = later.is_some_and(|later| later.overtakes(now, command, peers));
-        let is_newer = later.is_some() && command.age.is_some() && !is_overtaken;
-        let is_copy = !is_newer && known.as_ref().is_some_and(|known| known.is_copied_by(now, command));
+    fn obeys(&mut self, now: Instant, command: &Command, signed_at: SignedAt, starts: bool, peers: &Peers) -> bool {
+        let (from, confirmation, link) = (command.from, command.confirmation, command.from.link);
+        let is_his = |order: &&Order| order.from.address == from.address;
+        let known = self.orders.iter().flatten().filter(is_his).find(|order| order.starts == starts);
+        let opposite = self.orders.iter().flatten().filter(is_his).find(|order| order.starts != starts);
+        // Not if he has changed his mind once more.
+        let later = opposite.filter(|later| known.is_none_or(|known| known.at <= later.at));
+        let signed = opposite.and_then(|opposite| opposite.signed(now, signed_at));
+        let is_overtaken = command.class == LinkClass::HighLatency
+            && match signed {
+                Some((opposite, sent)) => sent < opposite,
+                None => later.is_some_and(|later| later.is_current(now, peers)),
+            };
+        let is_newer = later.is_some() && signed.is_some_and(|(opposite, sent)| sent > opposite);
+        let is_copy = !is_newer && known.is_some_and(|known| known.is_copied_by(now, command, signed_at));
         // What was long ago has no more copies to come.
-        let recent = known.as_ref().filter(|known| now.since(known.at) < LATE);
+        let recent = known.filter(|known| now.since(known.at) < LATE);
         let mut copies = recent.map_or(Copies::NONE, |known| known.copies);
-        if is_overtaken || is_copy {
-            if let Some(known) = &mut known {
-                known.copies.count(link);
+        let is_obeyed = !is_overtaken && !is_copy;
+        for order in self.orders.iter_mut().flatten().filter(|order| order.from.address == from.address) {
+            if is_obeyed && order.starts != starts {
+                // A link keeps the order of what it carries.
+                order.copies.end(link);
+                order.links = order.links.without(LinkMask::of(link));
+            } else if !is_obeyed && order.starts == starts {
+                order.copies.count(link);
+                order.links = order.links.with(LinkMask::of(link));
             }
-            return false;
         }
-        if let Some(opposite) = &mut opposite {
-            // A link keeps the order of what it carries.
-            opposite.copies.end(link);
+        if is_obeyed {
+            copies.run(link);
+            let order = Order { from, starts, confirmation, links: LinkMask::of(link), copies, at: now, signed_at };
+            self.remember(order);
         }
-        copies.run(link);
-        let (from, confirmation) = (command.from, command.confirmation);
-        *same = Some(Order { from, confirmation, copies, at: now, sent: command.sent(now) });
-        true
+        is_obeyed
+    }
+
+    /// In the place of the one before it, or in a free one, or in the oldest one's.
+    fn remember(&mut self, order: Order) {
+        let is_same = |known: &Order| known.from.address == order.from.address && known.starts == order.starts;
+        let place = self.orders.iter_mut().min_by_key(|place| match place {
+            Some(known) if is_same(known) => (0, Instant::ZERO),
+            None => (1, Instant::ZERO),
+            Some(known) => (2, known.at),
+        });
+        if let Some(place) = place {
+            *place = Some(order);
+        }
     }
 
     /// A ground station is alive on a normal link, or none is.
@@ -525,11 +561,12 @@ pub(crate) fn on_command(
     peers: &Peers,
     vehicle: &mut impl Vehicle,
     command: &Command,
+    signed_at: SignedAt,
 ) -> Option<MavResult> {
     let satellite = vehicle.high_latency()?;
     let [id, ..] = command.params;
     match command.id {
-        MavCmd::CONTROL_HIGH_LATENCY => Some(satellite.control(now, command, peers)),
+        MavCmd::CONTROL_HIGH_LATENCY => Some(satellite.control(now, command, signed_at, peers)),
         // Only there, and only while it is on (L-2).
         MavCmd::REQUEST_MESSAGE if num::unsigned(id) == Some(HighLatency2::ID) => {
             let may_ask = is_satellite(port) && satellite.is_on() && command.has_response_target();

@@ -10,12 +10,14 @@ pub use policy::{Accept, LinkSigning};
 pub(crate) use setup::{Answer, next, on_frame};
 pub use streams::SigningStream;
 
+use core::num::NonZeroU64;
 use core::ops::{Deref, DerefMut};
 
 use crate::dialect::SetupSigning;
 use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey, Version};
 use crate::link::{LinkClass, LinkConfig, Port};
 use crate::message::Message;
+use crate::service::command::SignedAt;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
 use streams::{MINUTE, Stale};
@@ -141,8 +143,10 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
     last: u64,
     /// Before this no new stream begins.
     floor: u64,
-    /// Somebody told the time who told it when it was so.
-    knows_time: bool,
+    /// What the vehicle itself told last as the time, less the clock then; `None` when it has not.
+    told: Option<u64>,
+    /// The latest that peers on normal links told by their signatures, less the clock then.
+    heard: Option<u64>,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
     saving: Saving,
@@ -174,7 +178,8 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             boot: 0,
             last: 0,
             floor: 0,
-            knows_time: false,
+            told: None,
+            heard: None,
             counters: SigningCounters {
                 verified: 0,
                 unsigned: 0,
@@ -284,7 +289,10 @@ impl Signing {
             return false;
         }
         self.advance(now, timestamp);
-        self.knows_time = true;
+        // A clock that was never set tells a time before 2015.
+        if timestamp != 0 {
+            self.told = Some(timestamp.saturating_sub(ticks(now)));
+        }
         true
     }
 
@@ -298,17 +306,24 @@ impl Signing {
         self.floor = self.timestamp(now).saturating_add(1);
     }
 
-    /// How long ago a frame that the stack has accepted was signed, by our time (L-16); `None` when it has no signature, or
-    /// there is no key to verify it with, and as long as our time may be wrong: until after the start
-    /// [`set_time`](Self::set_time) told it, or a signed frame by another than a high-latency link. Zero for one that is
-    /// ahead of us.
+    /// How long ago a frame that the stack has accepted was signed (L-16): what time it is, less its timestamp. What time it
+    /// is says the vehicle's last [`set_time`](Self::set_time); before that, the peer whose signed frames by other than
+    /// high-latency links are furthest ahead. `None` when neither told it since the start, and when the frame has no signature
+    /// or there is no key to verify it with. Zero for a frame from later than now.
     ///
-    /// Our time is never behind that of anybody whom we hear, so by a sender's clock that is late his frames are older than they
-    /// are. A signature says nothing of how long a frame was on its way otherwise: one that begins a stream is a minute old at
-    /// most, one of a stream that is known has any age (G-6).
+    /// It is not our own [time](Self::timestamp), which never goes back and begins up to a minute ahead after a restart. A
+    /// sender's clock that is late makes his frames older than they are, and so does, as long as the vehicle has told
+    /// nothing, a peer's that is fast. A signature says nothing of how long a frame was on its way otherwise: one that begins
+    /// a stream is a minute old at most, one of a stream that is known has any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
-        let signed_at = frame.signature().filter(|_| self.is_active() && self.knows_time)?.timestamp;
-        Some(Duration::from_micros(self.timestamp(now).saturating_sub(signed_at).saturating_mul(10)))
+        let signed_at = self.signed_at(frame)?.get();
+        let time = self.told.or(self.heard)?.saturating_add(ticks(now));
+        Some(Duration::from_micros(time.saturating_sub(signed_at).saturating_mul(10)))
+    }
+
+    /// The timestamp of a frame that the stack has accepted, if its signature was verified.
+    fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {
+        NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
     }
 
     /// Moves the time forward (G-6).
@@ -361,7 +376,10 @@ impl Signing {
         match self.judge(now, frame) {
             Verdict::Verified => {
                 // What comes by satellite may tell the time of minutes ago.
-                self.knows_time |= config.class != LinkClass::HighLatency;
+                if config.class != LinkClass::HighLatency {
+                    let told = frame.signature().map(|signature| signature.timestamp.saturating_sub(ticks(now)));
+                    self.heard = self.heard.max(told);
+                }
                 true
             }
             Verdict::Bad => false,
@@ -460,6 +478,11 @@ pub(crate) fn knows_sender(port: &Port, frame: &Frame<'_>, vehicle: &mut impl Ve
 /// How long ago an accepted frame was signed; `None` when nothing verifies that.
 pub(crate) fn age(now: Instant, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> Option<Duration> {
     vehicle.signing()?.age(now, frame)
+}
+
+/// When an accepted frame was signed, by its sender's clock; `None` when nothing verifies that.
+pub(crate) fn signed_at(frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> SignedAt {
+    vehicle.signing()?.signed_at(frame)
 }
 
 /// Whether what an unsigned frame says is believed on this link.
