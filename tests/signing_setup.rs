@@ -233,6 +233,59 @@ fn an_armed_vehicle_keeps_its_key() {
     }
 }
 
+/// G-11, G-14: once the vehicle has told the time, nobody moves it more than a day beyond that, not by a day at a time either; and
+/// who knows our time may say that, wherever it is.
+#[test]
+fn a_key_does_not_bring_a_time_far_ahead() {
+    const DAY: u64 = 86_400 * 100_000;
+    const UNIX: u64 = 1_420_070_400_000_000;
+    let mut rig = rig();
+    let now = rig.now;
+    assert!(rig.signing().set_time(now, UNIX + 10 * NOW, mavstack::Duration::MAX));
+    rig.transmit(0);
+    for (timestamp, is_taken) in [
+        (NOW + DAY + 1, false),
+        (NOW + 3_650 * DAY, false),
+        (NOW + DAY, true),
+        (NOW + 2 * DAY, false),
+        (NOW + DAY, true),
+        (0, true),
+    ] {
+        let (before, refused) = (rig.timestamp(), rig.counters().refused_setups);
+        rig.receive(0, &unsigned(&setup(KEY, timestamp)));
+        let sent = rig.transmit(0);
+        assert_eq!(texts(&sent).iter().any(|(text, _)| text == "Signing key set"), is_taken, "{timestamp}");
+        if !is_taken {
+            assert_eq!(texts(&sent), [("Signing not changed: bad timestamp".to_owned(), false)]);
+            assert_eq!(rig.timestamp(), before);
+        }
+        assert_eq!(rig.counters().refused_setups, refused + u32::from(!is_taken));
+    }
+    // A day later it is a day more.
+    rig.now = rig.now.after(secs(86_400));
+    rig.receive(0, &unsigned(&setup(KEY, NOW + 2 * DAY)));
+    assert!(rig.timestamp() >= NOW + 2 * DAY);
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), NOW + 9 * DAY);
+    rig.transmit(0);
+    rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW + 9 * DAY)));
+    assert_eq!(texts(&rig.transmit(0)), [("Signing key set".to_owned(), true)]);
+}
+
+/// G-11: a vehicle that knows no time takes what comes; so does one with a clock that was never set.
+#[test]
+fn a_key_brings_the_time_to_who_has_none() {
+    for told in [None, Some(0), Some(946_684_800_000_000)] {
+        let mut rig = rig();
+        let now = rig.now;
+        if let Some(unix_usec) = told {
+            assert!(rig.signing().set_time(now, unix_usec, mavstack::Duration::MAX));
+        }
+        rig.receive(0, &unsigned(&setup(KEY, NOW)));
+        assert!(rig.timestamp() >= NOW && rig.signing().is_active(), "{told:?}");
+    }
+}
+
 /// T-G5: on a link that keys do not come by it is refused, if it is accepted at all; else there is no answer.
 #[test]
 fn a_key_comes_by_its_own_link_only() {

@@ -218,6 +218,48 @@ fn a_key_that_comes_back_after_a_restart() {
     assert_eq!((rig.counters().verified, rig.counters().too_old), (0, 1));
 }
 
+/// G-14, G-15: time is stored on when there is no key any more: a restart moves it back by nothing, and what was served
+/// unverified half an hour ago is not accepted again when the key comes back.
+#[test]
+fn time_is_kept_without_a_key() {
+    let mut flash = with_key(KEY);
+    let mut store = store(&mut flash);
+    let mut rig = start(&mut store);
+    settle(&mut rig, &mut store);
+    rig.signing().clear_key();
+    let land = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, target_component: 1, ..Default::default() };
+    let recorded = Signer::new(KEY).at(NOW + 30 * MINUTE).frame(&land);
+    for minute in 0..60 {
+        if minute == 30 {
+            rig.receive(0, &recorded);
+        }
+        for _ in 0..60 {
+            settle(&mut rig, &mut store);
+            rig.run_for(secs(1));
+        }
+    }
+    assert_eq!((rig.vehicle.commands().len(), rig.counters().verified), (1, 0));
+    let before = rig.timestamp();
+
+    let mut rig = start(&mut store);
+    assert!(!rig.signing().is_active());
+    assert!(rig.timestamp() >= before, "{} before, {before} after", rig.timestamp());
+    rig.set_key(KEY);
+    rig.receive(0, &recorded);
+    assert_eq!((rig.vehicle.commands().len(), rig.counters().too_old), (0, 1));
+}
+
+/// A vehicle that never had a key writes nothing.
+#[test]
+fn nothing_is_kept_of_no_key() {
+    let mut flash = Flash::new(REGION);
+    let mut store = store(&mut flash);
+    let mut rig = start(&mut store);
+    rig.run_for(secs(200));
+    settle(&mut rig, &mut store);
+    assert_eq!(store.flash().writes, 0);
+}
+
 /// G-14: what is restored moves the time no further back than the vehicle has it already.
 #[test]
 fn a_restored_time_does_not_go_back() {

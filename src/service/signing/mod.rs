@@ -25,6 +25,9 @@ use streams::{MINUTE, Stale};
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
 const EPOCH: u64 = 1_420_070_400;
 
+/// So far ahead of the time that the vehicle has told may be what comes with a key (10 µs): a day, for clocks that are badly set.
+const SETUP_STEP: u64 = 24 * 60 * MINUTE;
+
 /// So far ahead the timestamp is stored (10 µs): what a restart skips at most (G-15).
 #[cfg(feature = "storage")]
 const RESERVATION: u64 = MINUTE;
@@ -133,7 +136,11 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// And without that remedy: a frame that was kept from the vehicle is no replay. When it comes late it is accepted, by a known
 /// stream until that goes on, however late it is (see [`Signing::age`]).
 ///
-/// The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11).
+/// The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11). With it
+/// comes a timestamp, and time moves forward to that. One that is far ahead by mistake would lock everybody out whose clock is
+/// right, and cannot be taken back. So when the vehicle has told the time since the start ([`Signing::set_time`]), SETUP_SIGNING
+/// with one that is more than a day ahead of that, and of ours, is refused, told by a text and counted; else there is nothing to
+/// compare it with, and it is accepted as G-11 says.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
@@ -275,7 +282,8 @@ impl Signing {
     }
 
     /// It is `unix_usec` µs after the beginning of 1970 in UTC at `now`: moves the time forward to that (G-4), never back. False,
-    /// and counted, when that would be by more than `max_step`; nothing happens then (G-14).
+    /// and counted, when that would be by more than `max_step`; nothing happens then (G-14). A time before 2015, as a clock has
+    /// that was never set, is no time: true, and nothing happens.
     ///
     /// Whoever can pretend a time far ahead, as with a satellite receiver, can make the vehicle refuse everybody whose clock
     /// is right. So a clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]), a satellite receiver on the
@@ -324,6 +332,12 @@ impl Signing {
     /// The timestamp of a frame that the stack has accepted, if its signature was verified.
     fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {
         NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
+    }
+
+    /// Whether somebody may set a key with this timestamp.
+    fn takes_setup(&self, now: Instant, timestamp: u64) -> bool {
+        let is_near = |told: u64| timestamp <= told.saturating_add(ticks(now)).saturating_add(SETUP_STEP);
+        timestamp <= MAX_TIMESTAMP && (timestamp <= self.timestamp(now) || self.told.is_none_or(is_near))
     }
 
     /// Moves the time forward (G-6).
@@ -420,7 +434,9 @@ impl Signing {
         }
         let time = self.timestamp(now);
         if self.saving.next.is_none() {
-            let is_due = self.is_active() && time.saturating_add(AHEAD) >= self.saving.reserved;
+            // Also without a key, once there was one: it may come back, and time must not have gone back.
+            let keeps_time = self.is_active() || self.saving.reserved != 0;
+            let is_due = keeps_time && time.saturating_add(AHEAD) >= self.saving.reserved;
             if !is_due && !self.saving.is_new {
                 return None;
             }

@@ -1,15 +1,16 @@
 //! SETUP_SIGNING: somebody sets the key, or takes it away (G-11, G-12).
 //!
-//! Only on a link that is made for it, for this component by its system's number, and while the vehicle is disarmed. The message
-//! has no acknowledgement, and a ground station that turns its own signing on by hope alone goes deaf. So what was accepted is
-//! answered at once by a HEARTBEAT, signed with the new key, or unsigned when there is none any longer, and by a text; what
-//! was refused by an unsigned text.
+//! Only on a link that is made for it, for this component by its system's number, while the vehicle is disarmed, and with no
+//! timestamp that is more than a day ahead, if the vehicle has told what time it is. The message has no acknowledgement, and a
+//! ground station that turns its own signing on by hope alone goes deaf. So what was accepted is answered at once by a
+//! HEARTBEAT, signed with the new key, or unsigned when there is none any longer, and by a text; what was refused by an
+//! unsigned text.
 
 use zeroize::Zeroize;
 
 use super::{Signing, count};
 use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning, Statustext};
-use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey};
+use crate::frame::{Frame, SigningKey};
 use crate::link::Port;
 use crate::message::{Message, Text};
 use crate::time::Instant;
@@ -99,7 +100,7 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
         signing.clear_key();
         return Answer::Off;
     }
-    if setup.initial_timestamp > MAX_TIMESTAMP {
+    if !signing.takes_setup(now, setup.initial_timestamp) {
         return Answer::Time;
     }
     signing.set_key(now, SigningKey::new(setup.secret_key.0), setup.initial_timestamp);
