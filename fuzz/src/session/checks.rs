@@ -38,6 +38,9 @@ pub struct Checks {
     /// Uploads that were begun.
     pub tags: Vec<Tag>,
     live: [Vec<Item>; 3],
+    /// Frames of others that left, and restarts.
+    pub forwarded: u32,
+    pub restarts: u32,
     /// All that the vehicle was asked about as a whole.
     candidates: [Vec<Vec<Item>>; 3],
 }
@@ -70,6 +73,8 @@ impl Checks {
             commands: Vec::new(),
             tags: Vec::new(),
             live: Default::default(),
+            forwarded: 0,
+            restarts: 0,
             candidates: Default::default(),
         }
     }
@@ -82,6 +87,17 @@ impl Checks {
     pub fn new_command(&mut self, link: usize) -> u16 {
         self.commands.push(Unique { link, calls: 0, acks: 0 });
         FIRST + self.commands.len() as u16 - 1
+    }
+
+    /// Whether there was one.
+    pub fn has_commands(&self) -> bool {
+        !self.commands.is_empty()
+    }
+
+    /// How many of them were answered.
+    #[cfg(test)]
+    pub fn answered(&self) -> usize {
+        self.commands.iter().filter(|unique| unique.acks > 0).count()
     }
 
     fn unique(&mut self, number: u16) -> Option<&mut Unique> {
@@ -119,7 +135,7 @@ impl Checks {
     }
 
     /// What the stack says is live, is what the vehicle was told.
-    pub fn is_live(&self, live: &[Vec<Item>; 3]) {
+    pub fn is_live(&self, live: &[&[Item]; 3]) {
         for (ours, theirs) in self.live.iter().zip(live) {
             assert!(same(ours, theirs), "live without a word: {theirs:?}, not {ours:?}");
         }
@@ -136,6 +152,7 @@ impl Checks {
             assert!(is_old || is_new || was_any && (!is_bound || found.is_empty()), "{found:?} after {live:?}");
         }
         self.live = found;
+        self.restarts += 1;
         self.heartbeat = [now; LINKS];
         self.seq = [None; LINKS];
         // Who had no answer yet gets none.
@@ -162,6 +179,7 @@ impl Checks {
         if source != VEHICLE {
             let came = |other: usize| lines[other].history.windows(frame.len()).any(|window| window == frame);
             assert!((0..LINKS).any(|other| other != link && came(other)), "message {id} goes back by link {link}");
+            self.forwarded += 1;
             return;
         }
         let seq = if frame[0] == 0xFD { frame[4] } else { frame[2] };
