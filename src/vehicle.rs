@@ -154,8 +154,9 @@ pub struct Command {
     /// How old it was when it came, as its signature tells: what time it is, less its timestamp. What time it is says the
     /// vehicle's last `Signing::set_time`; before that, the peer whose signed frames by other than high-latency links are
     /// furthest ahead. `None` when neither told it since the start, when the command is not signed, and without the feature
-    /// `signing`. As good as both clocks: with his clock slow a sender's commands look older than they are. Nothing else
-    /// tells how old a command is: MAVLink's commands have no time of their own.
+    /// `signing`. As good as both clocks: with his clock late a sender's commands look older than they are, with his clock
+    /// ahead younger, as for a minute at most after a restart of ours whose time he follows. Nothing else tells how old a
+    /// command is: MAVLink's commands have no time of their own.
     pub age: Option<Duration>,
     /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one.
     pub is_broadcast: bool,

@@ -138,7 +138,8 @@ impl CommandSlot {
         // A command pressed twice comes twice on each link, with the same confirmation.
         let lacks = self.copies.lacks(command.from.link);
         let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation };
-        if !is_copy && !(self.is_long && age < SOON) {
+        let is_known = is_copy || (self.is_long && age < SOON);
+        if !is_known {
             return None;
         }
         // ACCEPTED is not for what may be a new one.

@@ -255,7 +255,8 @@ impl Order {
 ///   higher confirmation, on a link that brought it and nothing to the opposite effect since.
 /// - **What its sender would say by radio**: within a minute after he said the opposite by a normal link, over which he is alive.
 /// - **What is older by its signature**, up to a quarter of an hour, than what he said last. One that is newer than the opposite
-///   counts, whatever else it looks like. Here two timestamps of one sender are compared, so no clock of ours matters.
+///   counts, whatever else it looks like. Here two timestamps of one sender are compared, so no clock of ours matters; his
+///   have to be of one clock for both links, or he is refused here until that time is over.
 ///
 /// The answer is ACCEPTED where things are as it wants them, which for START is on as commanded, else TEMPORARILY_REJECTED:
 /// who means it says it again. That is all that can be known. Without signatures, a START that was not seen before and comes

@@ -319,9 +319,10 @@ impl Signing {
     /// high-latency links are furthest ahead. `None` when neither told it since the start, and when the frame has no signature
     /// or there is no key to verify it with. Zero for a frame from later than now.
     ///
-    /// It is not our own [time](Self::timestamp), which never goes back and begins up to a minute ahead after a restart. A
-    /// sender's clock that is late makes his frames older than they are, and so does, as long as the vehicle has told
-    /// nothing, a peer's that is fast. A signature says nothing of how long a frame was on its way otherwise: one that begins
+    /// It is not our own [time](Self::timestamp), which never goes back and begins up to a minute ahead after a restart
+    /// (G-15). A sender's clock that is late makes his frames older than they are, and so does, as long as the vehicle has told
+    /// nothing, a peer's that is ahead. One that is ahead makes them younger: by up to that minute where the sender follows
+    /// our time, as many do, when the vehicle has told a right one. A signature says nothing of how long a frame was on its way otherwise: one that begins
     /// a stream is a minute old at most, one of a stream that is known has any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
         let signed_at = self.signed_at(frame)?.get();
