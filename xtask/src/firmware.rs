@@ -61,6 +61,38 @@ pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     Ok(build_package(choice, PACKAGE, &[&["--bin", app.name()], features].concat())?.join(app.name()))
 }
 
+/// Builds the firmware that links only when no panic is left in it, with overflow checks on in the library and, as always, off in
+/// what it depends on; with or without its log. `opt_level` is as in a profile. The frames of its functions are in it.
+pub fn build_proof(choice: Choice, bin: &str, log: bool, opt_level: &str) -> Result<PathBuf> {
+    let features = if log { "panic-never,defmt" } else { "panic-never" };
+    let opt_level = format!("profile.firmware.opt-level={}", level(opt_level));
+    let checks = "profile.firmware.package.mavstack.overflow-checks=true";
+    build_apart(choice, bin, &["--features", features, "--config", checks, "--config", &opt_level])
+}
+
+/// Builds the firmware that measures how much work a poll is, as it is flown with.
+pub fn build_work(choice: Choice) -> Result<PathBuf> {
+    build_apart(choice, "work", &[])
+}
+
+/// In a folder of its own: what is built for proofs is built by other rules.
+fn build_apart(choice: Choice, bin: &str, arguments: &[&str]) -> Result<PathBuf> {
+    let folder = toolchain::build_dir(choice).join("proofs");
+    let mut command = toolchain::cargo_for(choice, "rustc", TARGET, &folder);
+    run(command
+        .args(["--package", PACKAGE, "--bin", bin, "--profile", "firmware", "--no-default-features"])
+        .args(arguments)
+        // The flag behind it is for nightly, which this is not.
+        .env("RUSTC_BOOTSTRAP", "1")
+        .args(["--", "-Zemit-stack-sizes"]))?;
+    Ok(folder.join(TARGET).join("firmware").join(bin))
+}
+
+/// Numbers are numbers, letters are strings.
+fn level(opt_level: &str) -> String {
+    if opt_level.parse::<u8>().is_ok() { opt_level.to_owned() } else { format!("\"{opt_level}\"") }
+}
+
 /// Returns the folder of what it built.
 fn build_package(choice: Choice, package: &str, arguments: &[&str]) -> Result<PathBuf> {
     let mut command = toolchain::cargo_build(choice, TARGET);

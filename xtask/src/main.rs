@@ -10,11 +10,15 @@ mod fuzz;
 mod integration;
 mod log;
 mod options;
+mod panic_free;
 mod publish;
 mod qemu;
+mod stack;
 mod system;
+mod thumb;
 mod toolchain;
 mod trace;
+mod work;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -46,6 +50,9 @@ enum Task {
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
     PublishCheck,
     Trace(Trace),
+    PanicFree(PanicFree),
+    Stack(Stack),
+    Work(Work),
 }
 
 /// Build the firmware and run it on an emulated Cortex-M4.
@@ -158,6 +165,36 @@ struct Dialects {
     toolchain: Option<Choice>,
 }
 
+/// Prove that the demo vehicle's firmware, with the whole library in it, cannot panic: it links without a panic handler.
+///
+/// At opt-level s and 3, with overflow checks on in the library, with and without a log. `core::fmt`, an allocator and arithmetic in
+/// f64 outside the demo vehicle's sines are errors too.
+#[derive(Args)]
+struct PanicFree {
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+/// Prove how much stack the library's calls and the demo vehicle's firmware can take at most, and on which way.
+///
+/// From the machine code: what calls what, and each function's frame. A call through a pointer, or a function that comes back to
+/// itself, is an error.
+#[derive(Args)]
+struct Stack {
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
+/// Count the instructions of a poll, in the emulator, while others send the worst that there is.
+#[derive(Args)]
+struct Work {
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     found.next().ok_or_else(|| "no such host".to_owned())
@@ -180,6 +217,9 @@ fn main() -> ExitCode {
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::PublishCheck => publish::check(),
         Task::Trace(arguments) => trace::run(arguments.write),
+        Task::PanicFree(arguments) => panic_free::prove(arguments.toolchain),
+        Task::Stack(arguments) => stack::prove(arguments.toolchain),
+        Task::Work(arguments) => work::measure(arguments.toolchain),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

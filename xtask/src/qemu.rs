@@ -15,7 +15,7 @@ use crate::toolchain::{self, Choice};
 use crate::{bridge, firmware, log};
 
 const QEMU: &str = "qemu-system-arm";
-const BOARD: &str = "mps2-an386";
+pub const BOARD: &str = "mps2-an386";
 /// Serial ports of the vehicle.
 const PORTS: u16 = 3;
 
@@ -88,7 +88,7 @@ fn check_ports(base: u16, udp: bool) -> Result {
 }
 
 /// The emulator's command, to be ended with us also when we are killed, as far as the system has means for that: Linux.
-fn emulator() -> Command {
+pub fn emulator() -> Command {
     let dies_with_us = ["--pdeathsig", "KILL"];
     let mut command = if succeeds("setpriv", &[&dies_with_us[..], &["true"]].concat()) {
         let mut command = Command::new("setpriv");
@@ -161,11 +161,7 @@ impl Emulator {
             .arg(elf)
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
-        let mut child = command.spawn().map_err(|error| format!("{QEMU} could not be started: {error}"))?;
-        let output = child.stdout.take();
-        // From here on it is ended whatever happens.
-        let emulator = Self(child);
-        output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())
+        start(&mut command)
     }
 
     /// Waits for its end or ours.
@@ -179,6 +175,15 @@ impl Emulator {
             }
         }
     }
+}
+
+/// Starts the emulator whose `command` this is, with its output.
+pub fn start(command: &mut Command) -> Result<(Emulator, ChildStdout)> {
+    let mut child = command.spawn().map_err(|error| format!("{QEMU} could not be started: {error}"))?;
+    let output = child.stdout.take();
+    // From here on it is ended whatever happens.
+    let emulator = Emulator(child);
+    output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())
 }
 
 impl Drop for Emulator {

@@ -85,17 +85,22 @@ fn prepare_debian() -> Result {
 
 /// A `cargo build` for the microcontroller `target`; package and profile are the caller's. Output is in [`build_dir`].
 pub fn cargo_build(choice: Choice, target: &str) -> Command {
+    cargo_for(choice, "build", target, &build_dir(choice))
+}
+
+/// `cargo build` or `cargo rustc` for the microcontroller `target`, into `folder`.
+pub fn cargo_for(choice: Choice, task: &str, target: &str, folder: &std::path::Path) -> Command {
     let mut command;
     match choice {
         Choice::Rustup => {
             command = Command::new(cargo());
-            command.arg("build");
+            command.arg(task);
         }
         Choice::Debian => {
             command = Command::new(DEBIAN_CARGO);
             let path = std::env::var("PATH").unwrap_or_default();
             command
-                .args(["build", "-Zbuild-std=core"])
+                .args([task, "-Zbuild-std=core"])
                 .env("PATH", format!("/usr/bin:{path}"))
                 .env("RUSTC", DEBIAN_RUSTC)
                 // `-Zbuild-std` is for nightly, which this is not.
@@ -106,7 +111,7 @@ pub fn cargo_build(choice: Choice, target: &str) -> Command {
     command
         .args(["--target", target])
         .arg("--target-dir")
-        .arg(build_dir(choice))
+        .arg(folder)
         // They would replace the link arguments of `.cargo/config.toml`.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")

@@ -193,7 +193,7 @@ impl Body {
         }
         self.lean_into((change.0 * share / dt, change.1 * share / dt), dt);
         let sink = if -self.position.down < flare { touch_down } else { sink };
-        self.velocity.down = down.clamp(-climb, sink);
+        self.velocity.down = down.min(sink).max(-climb);
         self.move_on(dt);
     }
 
@@ -227,7 +227,7 @@ impl Body {
             }
             (Nose::Course, _) => return,
         };
-        let angle = left.clamp(-rate * dt, rate * dt);
+        let angle = left.min(rate * dt).max(-rate * dt);
         self.yaw_rate = angle / dt;
         if let Nose::Turn { left, .. } = &mut self.nose {
             *left -= angle;

@@ -47,7 +47,7 @@ pub fn allows(home: Home, fence: &[Item], from: Vector, to: Vector) -> bool {
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION
         );
         let count = if is_polygon { (p1 as usize).clamp(1, rest.len()) } else { 1 };
-        let (area, others) = rest.split_at(count);
+        let (area, others) = rest.split_at_checked(count).unwrap_or((rest, &[]));
         rest = others;
         let side = || if is_polygon { polygon(area, seen_from, way) } else { circle(seen_from(first), p1, way) };
         match first.command {

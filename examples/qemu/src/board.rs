@@ -2,7 +2,7 @@
 //! and in the flash beside.
 #![allow(unsafe_code)]
 
-use core::cell::RefCell;
+use core::cell::Cell;
 
 use cortex_m::interrupt::{Mutex, free};
 use cortex_m::peripheral::{NVIC, SCB};
@@ -178,11 +178,17 @@ impl Clock {
     }
 }
 
-static CLOCK: Mutex<RefCell<Option<Clock>>> = Mutex::new(RefCell::new(None));
+static CLOCK: Mutex<Cell<Option<Clock>>> = Mutex::new(Cell::new(None));
 
 /// Time since boot, for tasks and interrupts. Ask more often than every 171 s.
 pub fn now() -> Instant {
-    free(|cs| CLOCK.borrow(cs).borrow_mut().as_mut().map_or(Instant::ZERO, Clock::now))
+    free(|cs| {
+        let clock = CLOCK.borrow(cs);
+        let mut running = clock.take();
+        let now = running.as_mut().map_or(Instant::ZERO, Clock::now);
+        clock.set(running);
+        now
+    })
 }
 
 /// Raises [`Interrupt::TIMER1`] when it is time.
@@ -234,9 +240,9 @@ impl Board {
             ];
             (uarts, Timer(Registers::at(0x4000_0000)), Timer(Registers::at(0x4000_1000)))
         };
-        free(|cs| CLOCK.borrow(cs).replace(Some(Clock::start(clock))));
+        free(|cs| CLOCK.borrow(cs).set(Some(Clock::start(clock))));
         #[cfg(feature = "defmt")]
-        crate::log::begin();
+        defmt::info!("the vehicle is switched on");
         Some(Self { uarts, alarm: Alarm(alarm), flash: [0, 1, 2].map(PsramFlash::new) })
     }
 

@@ -17,14 +17,19 @@
 pub mod board;
 pub mod device;
 pub mod flash;
-#[cfg(feature = "defmt")]
+#[cfg(all(feature = "defmt", not(feature = "panic-never")))]
 mod log;
 pub mod memory;
 pub mod polled;
 pub mod serial;
+#[cfg(all(feature = "defmt", feature = "panic-never"))]
+mod wire;
+
+#[cfg(feature = "panic-never")]
+use panic_never as _;
 
 /// Without a log there is nobody to tell. A real vehicle would cut its motors here and reset.
-#[cfg(not(feature = "defmt"))]
+#[cfg(not(any(feature = "defmt", feature = "panic-never")))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     loop {

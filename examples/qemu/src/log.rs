@@ -9,11 +9,6 @@ use crate::board;
 // ms since boot begin every line of the log. They wrap after 49 days, and only here.
 defmt::timestamp!("{=u32:ms}", board::now().as_millis() as u32);
 
-/// The first line: it works.
-pub fn begin() {
-    defmt::info!("the vehicle is switched on");
-}
-
 /// Says where, and ends the emulator with an error.
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {

@@ -1,5 +1,7 @@
 //! How much the vehicle remembers, and what of it outlives a power cut.
 
+use core::mem::MaybeUninit;
+
 use mavstack::{Durability, Instant, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
 use mavstack_demo::{App, Tuning};
 
@@ -16,6 +18,13 @@ const RALLY: usize = 16;
 /// Not on the stack: it is larger than that should be. And not made by the compiler: its initial value, plan memory and all,
 /// would lie in flash. The firmwares write it into a `static` at start.
 pub type DemoApp = App<DemoPlans>;
+
+/// The vehicle, written to its place. Apart from what calls it: it is made on the stack and then copied, which is to be over
+/// before anything else wants stack.
+#[inline(never)]
+pub fn make(place: &'static mut MaybeUninit<DemoApp>) -> &'static mut DemoApp {
+    place.write(DemoApp::new())
+}
 
 /// The plans' part of the flash: the front of it, two slots of which each holds all plans.
 type Store = PlanStore<PsramFlash>;

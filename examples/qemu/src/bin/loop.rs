@@ -15,17 +15,15 @@ use core::mem::MaybeUninit;
 use cortex_m_rt::entry;
 use mavstack::LinkId;
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::memory::{DemoApp, Memory};
+use mavstack_qemu::memory::{self, DemoApp, Memory};
 use mavstack_qemu::polled::{Bed, Polled};
 
 #[entry]
 fn main() -> ! {
     static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
 
-    let app = APP.write(DemoApp::new());
-    let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
-        unreachable!("the entry point is entered once")
-    };
+    let app = memory::make(APP);
+    let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
     let mut bed = Bed::make(core.SYST);
     let mut uarts = board.uarts.map(Polled::new);
     let mut memory = Memory::new(board.flash);

@@ -1,0 +1,75 @@
+//! The loop of `loop.rs` with each of the stack's calls in a function of its own, so that what one takes can be told from the
+//! others: `cargo xtask stack`. Nobody flies with it.
+#![no_std]
+#![no_main]
+
+use core::mem::MaybeUninit;
+
+use cortex_m_rt::entry;
+use mavstack::{Instant, LinkId};
+use mavstack_qemu::board::{self, Board};
+use mavstack_qemu::memory::{self, DemoApp, Memory};
+use mavstack_qemu::polled::{Bed, Polled};
+
+#[inline(never)]
+fn restore(app: &mut DemoApp, memory: &mut Memory) {
+    memory.restore(app, board::now());
+}
+
+#[inline(never)]
+fn fly(app: &mut DemoApp, now: Instant) {
+    app.fly(now);
+}
+
+#[inline(never)]
+fn poll(app: &mut DemoApp, now: Instant) {
+    app.poll(now);
+}
+
+#[inline(never)]
+fn poll_link(app: &mut DemoApp, now: Instant, link: LinkId, uart: &mut Polled) {
+    let _ = app.serve(now, link, uart);
+}
+
+#[inline(never)]
+fn receive(app: &mut DemoApp, now: Instant, link: LinkId, bytes: &[u8]) -> usize {
+    let (stack, vehicle) = app.parts();
+    stack.receive(now, link, bytes, vehicle)
+}
+
+#[inline(never)]
+fn transmit(app: &mut DemoApp, now: Instant, link: LinkId) -> usize {
+    let (stack, vehicle) = app.parts();
+    stack.transmit(now, link, vehicle).len()
+}
+
+#[inline(never)]
+fn persist(app: &mut DemoApp, memory: &mut Memory, now: Instant) -> bool {
+    memory.persist(app, now)
+}
+
+#[entry]
+fn main() -> ! {
+    static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
+
+    let app = memory::make(APP);
+    let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
+    let mut bed = Bed::make(core.SYST);
+    let mut uarts = board.uarts.map(Polled::new);
+    let mut memory = Memory::new(board.flash);
+    restore(app, &mut memory);
+    loop {
+        let now = board::now();
+        fly(app, now);
+        poll(app, now);
+        for (link, uart) in (0..).map(LinkId).zip(&mut uarts) {
+            poll_link(app, now, link, uart);
+            let bytes = core::hint::black_box(&[0xFD_u8; 8][..]);
+            let taken = receive(app, now, link, bytes);
+            core::hint::black_box(taken);
+            core::hint::black_box(transmit(app, now, link));
+        }
+        persist(app, &mut memory, now);
+        bed.sleep(&mut uarts);
+    }
+}

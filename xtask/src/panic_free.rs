@@ -1,0 +1,149 @@
+//! The proof that the firmware cannot panic: it links only when no call to the panic handler is left in it.
+//!
+//! Beside it, what a firmware without panics has no use for: `core::fmt`, an allocator, and arithmetic in `f64`, which the
+//! processor does not have. A function that is not there is not called.
+
+use crate::firmware::{self, read};
+use crate::system::Result;
+use crate::thumb::Program;
+use crate::toolchain::{self, Choice, TARGET};
+
+/// Begins of the names of the compiler's functions for arithmetic in `f64`; those that convert from it and to it are among
+/// them.
+const F64: [&str; 12] = [
+    "__aeabi_d",
+    "__aeabi_cd",
+    "__aeabi_f2d",
+    "__aeabi_i2d",
+    "__aeabi_ui2d",
+    "__aeabi_l2d",
+    "__aeabi_ul2d",
+    "__adddf3",
+    "__subdf3",
+    "__muldf3",
+    "__divdf3",
+    "__extendsfdf2",
+];
+
+/// Who may call them, and why.
+const F64_USERS: [(&str, &str); 2] = [
+    ("libm::", "its sines and cosines of f32 are computed so"),
+    ("mavstack_demo::", "the demo vehicle's sines, in line; the library has none"),
+];
+
+/// `cargo xtask panic-free`.
+pub fn prove(choice: Option<Choice>) -> Result {
+    let choice = toolchain::prepare(choice, &[TARGET])?;
+    let mut rows = Vec::new();
+    for (log, what) in [(false, "all features but the log"), (true, "with defmt, by a logger that cannot panic")] {
+        for level in ["s", "3"] {
+            println!("Linking the demo vehicle, {what}, opt-level {level}, overflow checks on in mavstack");
+            let elf = read(&firmware::build_proof(choice, "loop", log, level)?)?;
+            let found = Found::of(&Program::read(&elf)?);
+            rows.push((what, level, found));
+        }
+    }
+    println!("\n{:45} {:>9} {:>9} {:>9}  calls to f64 arithmetic", "no panics:", "opt-level", "core::fmt", "allocator");
+    let mut complaints = Vec::new();
+    for (what, level, found) in &rows {
+        let f64 = if found.f64.is_empty() { "none".to_owned() } else { found.f64.join(", ") };
+        println!("{what:45} {level:>9} {:>9} {:>9}  {f64}", found.fmt.len(), found.alloc.len());
+        complaints.extend(
+            found.complaints(&F64_USERS).into_iter().map(|complaint| format!("opt-level {level}: {complaint}")),
+        );
+    }
+    for (user, why) in F64_USERS {
+        println!("f64 in {user}: {why}");
+    }
+    if complaints.is_empty() { Ok(()) } else { Err(complaints.join("\n")) }
+}
+
+/// Functions that are not to be in a firmware.
+#[derive(Debug, Default)]
+struct Found {
+    fmt: Vec<String>,
+    alloc: Vec<String>,
+    /// Who calls arithmetic in `f64`, without that itself.
+    f64: Vec<String>,
+}
+
+impl Found {
+    fn of(program: &Program) -> Self {
+        let mut found = Self::default();
+        let is_f64 = |name: &str| F64.iter().any(|begin| name.starts_with(begin)) || name.contains("::float::");
+        for function in program.0.values() {
+            let name = &function.name;
+            if name.contains("core::fmt") {
+                found.fmt.push(name.clone());
+            }
+            if name.starts_with("alloc::")
+                || ["__rust_alloc", "__rg_alloc", "malloc"].iter().any(|begin| name.contains(begin))
+            {
+                found.alloc.push(name.clone());
+            }
+            let mut called = function.calls.iter().chain(&function.tail_calls).filter_map(|to| program.0.get(to));
+            if !is_f64(name) && called.any(|called| F64.iter().any(|begin| called.name.starts_with(begin))) {
+                found.f64.push(name.clone());
+            }
+        }
+        found.f64.sort_unstable();
+        found
+    }
+
+    fn complaints(&self, f64_users: &[(&str, &str)]) -> Vec<String> {
+        let named = |what: &str, names: &[String]| (!names.is_empty()).then(|| format!("{what}: {}", names.join(", ")));
+        let others: Vec<_> =
+            self.f64.iter().filter(|name| !f64_users.iter().any(|(user, _)| name.contains(user))).cloned().collect();
+        [
+            named("core::fmt is linked", &self.fmt),
+            named("an allocator is linked", &self.alloc),
+            named("f64 in", &others),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use super::*;
+    use crate::thumb::Function;
+
+    fn program(functions: &[(u32, &str, &[u32])]) -> Program {
+        let function = |name: &&str, calls: &[u32]| Function {
+            name: (*name).to_owned(),
+            calls: BTreeSet::from_iter(calls.iter().copied()),
+            ..Function::default()
+        };
+        Program(BTreeMap::from_iter(functions.iter().map(|(at, name, calls)| (*at, function(name, calls)))))
+    }
+
+    #[test]
+    fn a_firmware_without_them_passes() {
+        let found = Found::of(&program(&[(0, "main", &[2]), (2, "__aeabi_memcpy", &[])]));
+        assert_eq!(found.complaints(&[]), [""; 0]);
+    }
+
+    #[test]
+    fn each_function_that_is_not_to_be_there_is_named() {
+        let found = Found::of(&program(&[
+            (0, "main", &[2, 4]),
+            (2, "<u32 as core::fmt::Display>::fmt", &[]),
+            (4, "__aeabi_dmul", &[]),
+            (6, "__rust_alloc", &[]),
+        ]));
+        let complaints = found.complaints(&[]);
+        assert_eq!(complaints.len(), 3);
+        assert!(complaints[0].contains("Display") && complaints[1].contains("__rust_alloc"));
+        assert_eq!(complaints[2], "f64 in: main");
+    }
+
+    #[test]
+    fn f64_is_for_who_has_a_reason() {
+        let found = Found::of(&program(&[(0, "geo::scale", &[4]), (2, "main", &[0]), (4, "__aeabi_dmul", &[])]));
+        assert_eq!(found.complaints(&[("geo::scale", "a reason")]), [""; 0]);
+    }
+}
