@@ -68,8 +68,8 @@ struct Session {
     polls: u32,
     timestamp: u64,
     seq: u8,
-    /// The upload of each link's client: its plan, how many items, and its number.
-    uploads: [Option<Tag>; LINKS],
+    /// The upload of each link's client, and how many of its items were asked for.
+    uploads: [Option<(Tag, u16)>; LINKS],
     last_tag: u16,
     checks: Checks,
 }
@@ -213,7 +213,7 @@ impl Session {
 
     /// The client of a link is asked for an item of its upload.
     fn answer(&mut self, link: usize, frame: &[u8]) {
-        let Some(tag) = self.uploads[link] else { return };
+        let Some((tag, asked)) = self.uploads[link] else { return };
         let Some((source, id, payload)) = parts(frame) else { return };
         if source != VEHICLE {
             return;
@@ -229,7 +229,10 @@ impl Session {
         };
         let me = client(link);
         let is_me = (request.target_system, request.target_component) == (me.system.0, me.component.0);
-        if is_me && request.mission_type == tag.plan && request.seq < tag.count {
+        // As MAVSDK does it, from the first item on: by M-22 b a count like that of an upload which got an item within the
+        // last second is an echo, and is not answered by a request for the first.
+        if is_me && request.mission_type == tag.plan && request.seq < tag.count && request.seq <= asked {
+            self.uploads[link] = Some((tag, asked.max(request.seq + 1)));
             self.send(link, me, link == 3, &tag.item(request.seq));
         }
     }
@@ -338,7 +341,7 @@ impl Session {
                 self.last_tag += 1;
                 let (plan, count) = (plan[usize::from(what & 3)], u16::from(what >> 2) % 9);
                 let tag = Tag { plan, count, number: self.last_tag };
-                self.uploads[link] = Some(tag);
+                self.uploads[link] = Some((tag, 0));
                 self.checks.tags.push(tag);
                 let (target_system, target_component) = (1, 1);
                 let count = MissionCount { count, target_system, target_component, mission_type: plan, opaque_id: 0 };
