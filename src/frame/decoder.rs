@@ -263,7 +263,7 @@ impl Decoder {
 
     /// The same. `vouches` tells whether a whole signed frame bears a right signature: then it is one, though its id is unknown
     /// (SEC-5).
-    #[inline]
+    #[inline(always)]
     pub(crate) fn next_vouched(
         &mut self,
         now: Instant,
@@ -273,9 +273,20 @@ impl Decoder {
         vouches: impl Fn(&[u8]) -> bool,
     ) -> Option<Frame<'_>> {
         if self.end.wrapping_sub(self.start) < self.need && now.since(self.grown) < IDLE {
-            // Most calls end here: a piece of a frame came.
+            // Most calls end here: a piece of a frame came. So this much is inlined, however often it is called.
             return None;
         }
+        self.find(now, messages, budget, is_known, vouches)
+    }
+
+    fn find(
+        &mut self,
+        now: Instant,
+        messages: MessageTable,
+        budget: &mut u32,
+        is_known: impl Fn(Address) -> bool,
+        vouches: impl Fn(&[u8]) -> bool,
+    ) -> Option<Frame<'_>> {
         let (header, info) = self.advance(now, messages, budget, is_known, vouches)?;
         let end = usize::from(self.start);
         let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
@@ -424,7 +435,8 @@ impl Default for Decoder {
     }
 }
 
-/// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller.
+/// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller. Inlined where flash is no matter.
+#[cfg_attr(target_pointer_width = "64", inline(always))]
 fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) -> Verdict {
     // The flags come before the length is believed (SEC-3): they may change the header's own length.
     match *candidate {
