@@ -190,17 +190,18 @@ fn is_command(id: u32) -> bool {
 ///   to all. One that is refused where it came in, for its signature or for want of one, goes on like any other,
 ///   but not by satellite, where each is paid for.
 /// - **Never back**: not to the link that it came by, nor to one that its source was heard on.
-/// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time: a
-///   stack sends a frame at most once to each link, and once more if it had refused it the first time. So in a ring of three, over lines of 57,600 bit/s and up to 40 ms, each
-///   frame passes each line at most once each way, whatever the traffic and however small the peer table; with up to four
-///   lines between the three it is delivered at most as often as there are lines, and twice more. Around longer ways R-4 alone
-///   ends a loop.
-/// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted. As it is
-///   not remembered it is handled each time that it comes: twice, if during a flood it comes by two links. So is what goes to
-///   no other link, and is not forwarded at all. A command that must not be carried out twice is told by the service that
-///   answers it ([`CommandRule::once`](crate::CommandRule::once)), not here. 256 places are 320 frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
-///   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for all
-///   that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
+/// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time
+///   a stack sends a frame at most once to each link, and once more if it had refused it the first time. So in a
+///   ring of three, over lines of 57,600 bit/s and up to 40 ms, each frame passes each line at most once each way,
+///   whatever the traffic and however small the peer table; with up to four lines between the three it is delivered at
+///   most as often as there are lines, and twice more. Around longer ways R-4 alone ends a loop.
+/// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted.
+///   As it is not remembered it is handled each time that it comes: twice, if during a flood it comes by two links. So
+///   is what goes to no other link, and is not forwarded at all. A command that must not be carried out twice is told
+///   by the service that answers it ([`CommandPolicy::once`](crate::CommandPolicy::once)), not here. 256 places are 320
+///   frames a second. One link takes three places for each that is free, 240 broadcasts a second if the others are
+///   silent; for addressed frames it takes seven. So a flood by one link leaves places for what is addressed, and for
+///   all that comes by others. Copies take none: whoever sends a frame again keeps nobody out.
 /// - **Refused is not accepted**: who is refused and sends the bytes that another is about to send suppresses nothing. When
 ///   they are accepted they are handled, and go wherever they would have gone without him, so that a link may get them twice.
 ///   The refused of all links share the places of one; in a queue they get room only if half of it stays free, or it is empty.
