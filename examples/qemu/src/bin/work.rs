@@ -94,12 +94,14 @@ struct Source {
     number: u32,
     /// Bytes that may still be read in this poll.
     left: usize,
+    /// Frames, or pieces of them, that may still be written in this poll.
+    room: usize,
     random: u32,
 }
 
 impl Source {
     fn new(kind: Kind) -> Self {
-        Self { kind, frame: [0; 280], len: 0, at: 0, number: 0, left: 0, random: 0x2545_F491 }
+        Self { kind, frame: [0; 280], len: 0, at: 0, number: 0, left: 0, room: 0, random: 0x2545_F491 }
     }
 
     fn random(&mut self) -> u32 {
@@ -233,12 +235,13 @@ impl Read for Source {
 
 impl WriteReady for Source {
     fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(true)
+        Ok(self.room > 0)
     }
 }
 
 impl Write for Source {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.room -= 1;
         Ok(bytes.len())
     }
 
@@ -317,9 +320,10 @@ fn main() -> ! {
     syst.clear_current();
     syst.enable_counter();
     let mut out = Report(&mut board.uarts[0]);
-    for (name, budget) in
-        [("small", PollBudget { rx_bytes: 64, frames: 2, ..PollBudget::DEFAULT }), ("default", PollBudget::DEFAULT)]
-    {
+    for (name, budget, frames_out) in [
+        ("small", PollBudget { rx_bytes: 64, frames: 2, ..PollBudget::DEFAULT }, 1),
+        ("default", PollBudget::DEFAULT, usize::MAX),
+    ] {
         for (what, kind) in KINDS {
             let config = Config { budget, accepts_component_0: true, ..Config::new(US, &PULSE) };
             let (stack, vehicle) = make(STACK, VEHICLE, config);
@@ -331,6 +335,8 @@ fn main() -> ! {
                 now = now.after(Duration::from_millis(1));
                 PULSE.tick();
                 feed(&mut source, poll, budget.rx_bytes.into());
+                source.room = frames_out;
+                others.room = frames_out;
                 most_timers = most_timers.max(count(|| stack.poll(now, vehicle)));
                 let work = count(|| drop(stack.poll_link(now, LinkId(0), &mut source, vehicle)));
                 most = most.max(work);
