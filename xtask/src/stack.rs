@@ -29,7 +29,7 @@ const CALL: u32 = 1_024;
 
 /// The firmware `loop`, from reset: with the moment in which the vehicle is made on the stack, and from then on.
 const START: Subject = Subject::new("Reset", "the whole firmware, at its start", 2_048, 8_444);
-const WHOLE: Subject = Subject::new("Reset", "the whole firmware, from then on", 2_048, 3_700);
+const WHOLE: Subject = Subject::new("Reset", "the whole firmware, from then on", 2_048, 3_616);
 /// What makes the vehicle.
 const MAKE: &str = "mavstack_qemu::memory::make";
 
