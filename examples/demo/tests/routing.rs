@@ -182,10 +182,10 @@ fn commands_for_the_companion_come_by_satellite_too() {
 fn a_companion_that_talks_without_end_is_no_harm() {
     let mut wire = joined();
     for round in 0..20 {
-        for _ in 0..40 {
+        for line in 0..40 {
             let text = Statustext {
                 severity: MavSeverity::DEBUG,
-                text: Text::new("a line of a log, as long as it may be"),
+                text: Text::new(&format!("{round}.{line}: a line of a log, as long as it may be")),
                 ..Statustext::default()
             };
             wire.send_as(COMPANION, ONBOARD, &text);
@@ -195,8 +195,9 @@ fn a_companion_that_talks_without_end_is_no_harm() {
         assert!(wire.millis - began <= 40, "round {round}: {} ms", wire.millis - began);
         wire.run(60);
     }
+    // At once the queue holds six; and in 0.8 s one link has 192 of its frames remembered, the others are not forwarded.
     let heard = heard(&wire, TELEMETRY).len();
-    assert!((100..800).contains(&heard), "{heard} of 800");
+    assert!((60..800).contains(&heard), "{heard} of 800");
     wire.received.clear();
     wire.run(3_000);
     assert!(wire.count::<mavstack::dialect::Heartbeat>(TELEMETRY) >= 3);
