@@ -6,6 +6,7 @@ mod support;
 use mavstack::dialect::*;
 use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, MessageTable, Version, encode};
 use proptest::{collection::vec, prelude::*};
+use support::damage::{Damage, damage};
 use support::reference::{self, Found};
 use support::{Receiver, Rng, cases, decode, millis, stream};
 
@@ -215,52 +216,6 @@ fn unknown_ids_are_taken_only_when_something_speaks_for_them() {
     assert_eq!(searched.decoder.counters().unknown_id, 1);
     let strange = receive(&[&stranger[..], &heartbeat()].concat());
     assert_eq!(strange.found, [(arm(), true), (heartbeat(), true)], "nobody knows the sender: searched");
-}
-
-/// How a stream is damaged.
-#[derive(Clone, Copy)]
-struct Damage {
-    flips: bool,
-    losses: bool,
-    bursts: bool,
-}
-
-/// Damages a tenth of `frames` in each way, and tells which are left untouched: no byte of theirs is changed or lost, and
-/// none comes between.
-fn damage(frames: &[Vec<u8>], how: Damage, rng: &mut Rng) -> (Vec<u8>, Vec<Vec<u8>>) {
-    let (mut stream, mut intact) = (Vec::new(), Vec::new());
-    for frame in frames {
-        let mut sent = frame.clone();
-        if how.flips && rng.chance(0.1) {
-            for _ in 0..=rng.below(4) {
-                let at = rng.below(sent.len() as u64) as usize;
-                sent[at] ^= 1 << rng.below(8);
-            }
-        }
-        if how.losses && rng.chance(0.1) {
-            for _ in 0..=rng.below(3) {
-                sent.remove(rng.below(sent.len() as u64) as usize);
-            }
-        }
-        if how.bursts && rng.chance(0.1) {
-            let at = rng.below(sent.len() as u64 + 1) as usize;
-            let burst: Vec<u8> = (0..=rng.below(80)).map(|_| rng.byte()).collect();
-            // Before or behind a frame it leaves the frame whole.
-            if at == 0 || at == sent.len() {
-                if sent == *frame {
-                    intact.push(frame.clone());
-                }
-                stream.extend(if at == 0 { [burst, sent].concat() } else { [sent, burst].concat() });
-                continue;
-            }
-            sent.splice(at..at, burst);
-        }
-        if sent == *frame {
-            intact.push(frame.clone());
-        }
-        stream.extend(sent);
-    }
-    (stream, intact)
 }
 
 /// GOAL-5, S-13, S-20: of 20,000 frames every one that the line left alone is found, in order, and nothing else is.

@@ -5,7 +5,8 @@
 //! - [`TestVehicle`]: implements the stack's traits, records every call, answers as it is told; [`pilot`] is one with modes.
 //! - [`Gcs`]: the far end of a line: sends any message as anybody, keeps what it received with the time.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as a real client does them, retries included.
-//! - [`Receiver`], [`stream`] and [`reference`]: a decoder by itself, telemetry for it, and a second decoder to compare with.
+//! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder by itself, telemetry for it, what a bad line makes of it,
+//!   and a second decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
 //! - [`World`]: one stack with its lines and ground stations, stepped a millisecond at a time.
 //!
@@ -31,6 +32,7 @@ pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
     counters
 }
 
+pub mod damage;
 mod gcs;
 mod network;
 pub mod pilot;

@@ -4,6 +4,7 @@
 
 mod boards;
 mod bridge;
+mod compare;
 mod dialects;
 mod firmware;
 mod fuzz;
@@ -47,6 +48,7 @@ enum Task {
     Integration(Integration),
     Fuzz(Fuzz),
     Dialects(Dialects),
+    Compare(Compare),
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
     PublishCheck,
     Trace(Trace),
@@ -165,6 +167,21 @@ struct Dialects {
     toolchain: Option<Choice>,
 }
 
+/// Measure other MAVLink libraries beside this one, on the same frames; fails where one of them is ahead.
+///
+/// They are mavlink, mavio and the C library of mavgen, which is generated and compiled for it. Time is the processor's, the median
+/// of rounds in which all take turns; instructions are counted by valgrind. Then streams of a bad line: what each finds. And
+/// the C library's firmware beside ours. Takes some minutes.
+#[derive(Args)]
+struct Compare {
+    /// How often each is measured.
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u16).range(1..))]
+    rounds: u16,
+    /// Which Rust toolchain to build the firmware with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
 /// Prove that the demo vehicle's firmware, with the whole library in it, cannot panic: it links without a panic handler.
 ///
 /// At opt-level s and 3, with overflow checks on in the library, with and without a log. `core::fmt`, an allocator and arithmetic in
@@ -211,6 +228,7 @@ fn main() -> ExitCode {
         Task::Cross(arguments) => firmware::cross(arguments.toolchain),
         Task::Boards => boards::build_all(),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Compare(arguments) => compare::run_all(arguments.rounds, arguments.toolchain),
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }

@@ -1,0 +1,281 @@
+//! `cargo xtask compare`: other MAVLink libraries beside this one, on the same frames.
+//!
+//! What is measured is in `benches/compare`, a workspace of its own. Each library has its own program; they run in turns, so
+//! that whatever else the machine does falls on all of them, and medians are compared. The C library is generated and compiled
+//! here; nothing of it is kept.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::integration;
+use crate::system::{Result, apt_install, cargo, has, root, run, target_dir};
+use crate::toolchain::{self, Choice, TARGET};
+
+/// A library's name, the program that measures it, and the feature of `benches/compare` that it is built with.
+struct Peer {
+    name: &'static str,
+    program: &'static str,
+    feature: Option<&'static str>,
+}
+
+/// The first is ours.
+const PEERS: [Peer; 5] = [
+    Peer { name: "mavstack", program: "ours", feature: None },
+    Peer { name: "mavlink no_std", program: "mavlink", feature: Some("mavlink-no-std") },
+    Peer { name: "mavlink std", program: "mavlink", feature: Some("mavlink-std") },
+    Peer { name: "mavio", program: "mavio", feature: Some("mavio") },
+    Peer { name: "C -O2", program: "c", feature: Some("c") },
+];
+
+/// The works of `benches/compare/src/lib.rs`, and what the tables call them.
+const WORKS: [(&str, &str); 5] = [
+    ("whole", "framing + checksum, whole buffer"),
+    ("16", "the same in pieces of 16 bytes"),
+    ("1", "the same byte by byte"),
+    ("decode", "framing + decode, every field read"),
+    ("encode", "encode"),
+];
+/// Those whose instructions are counted.
+const COUNTED: [&str; 3] = ["whole", "decode", "encode"];
+
+/// What the tables begin with, and how wide their columns are.
+const LABEL: usize = 36;
+const COLUMN: usize = 16;
+
+/// Runs all, prints the tables, and fails where another library is ahead.
+pub fn run_all(rounds: u16, choice: Option<Choice>) -> Result {
+    let folder = target_dir().join("compare");
+    make_folder(&folder)?;
+    let library = compile_c(&folder)?;
+    let programs = PEERS.iter().map(|peer| build(peer, &folder, &library)).collect::<Result<Vec<_>>>()?;
+    if !has("valgrind") {
+        apt_install("valgrind", &["valgrind"], "https://valgrind.org")?;
+    }
+    let streams = build_program("streams", None, &folder, &library)?;
+    run(Command::new(streams).arg(&folder))?;
+
+    let mut behind = Vec::new();
+    let columns: Vec<_> = PEERS.iter().map(|peer| peer.name).collect();
+
+    let mut times = vec![BTreeMap::<String, Vec<f64>>::new(); programs.len()];
+    for round in 1..=rounds {
+        eprintln!("Round {round} of {rounds}");
+        for (program, times) in programs.iter().zip(&mut times) {
+            for line in output(Command::new(program).arg(&folder).arg("time"))?.lines() {
+                if let Some((work, Ok(ns))) = line.split_once(' ').map(|(work, ns)| (work, ns.parse())) {
+                    times.entry(work.to_owned()).or_default().push(ns);
+                }
+            }
+        }
+    }
+    println!("\nMedian of {rounds} rounds, ns of processor time a frame; and how often ours goes into it");
+    header(&columns);
+    for (work, what) in WORKS {
+        let row: Vec<_> = times.iter_mut().map(|times| median(times.entry(work.to_owned()).or_default())).collect();
+        print_row(what, &row, "ns a frame", &mut behind);
+    }
+
+    println!("\nInstructions a byte, x86-64 by callgrind; and the same ratio");
+    header(&columns);
+    let bytes = std::fs::metadata(folder.join("frames.bin")).map_err(|error| format!("frames.bin: {error}"))?.len();
+    for (work, what) in WORKS.into_iter().filter(|(work, _)| COUNTED.contains(work)) {
+        let row =
+            programs.iter().map(|program| instructions(program, &folder, work, bytes)).collect::<Result<Vec<_>>>()?;
+        print_row(what, &row, "instructions", &mut behind);
+    }
+
+    println!("\nRecovery: of 20,000 frames on a bad line, intact ones that are found, and false accepts");
+    header(&columns);
+    recovery(&programs, &folder, &mut behind)?;
+
+    println!("\nFirmware, Cortex-M4F, 12 messages in and 8 out, less the empty loop: bytes, without the stack");
+    header(&["mavstack", "C -Os"]);
+    firmware(&library, choice, &mut behind)?;
+    if behind.is_empty() { Ok(()) } else { Err(format!("not ahead of every library: {}", behind.join("; "))) }
+}
+
+fn make_folder(folder: &Path) -> Result {
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
+}
+
+/// Generates the C library from our own definitions and returns the folder of the compiled archive.
+fn compile_c(folder: &Path) -> Result<PathBuf> {
+    let python = integration::environment()?;
+    if !has("cc") || !has("ar") {
+        apt_install("a C compiler", &["gcc", "libc6-dev", "binutils"], "https://gcc.gnu.org")?;
+    }
+    let library = folder.join("mavgen");
+    make_folder(&library)?;
+    let headers = library.join("headers");
+    let mut mavgen = Command::new(python);
+    mavgen.args(["-m", "pymavlink.tools.mavgen", "--lang", "C", "--wire-protocol", "2.0", "--output"]).arg(&headers);
+    output(mavgen.arg(root().join("dialect/definitions/common.xml")))?;
+    let object = library.join("compare.o");
+    // Without warnings: they are about the generated headers.
+    let mut cc = Command::new("cc");
+    cc.args(["-std=gnu11", "-O2", "-w", "-c", "-I"]).arg(&headers).arg("-o").arg(&object);
+    run(cc.arg(root().join("benches/compare/c/compare.c")))?;
+    run(Command::new("ar").arg("rcs").arg(library.join("libcompare.a")).arg(&object))?;
+    Ok(library)
+}
+
+fn build(peer: &Peer, folder: &Path, library: &Path) -> Result<PathBuf> {
+    let built = build_program(peer.program, peer.feature, folder, library)?;
+    // The next one may be built under the same name.
+    let program = folder.join(peer.feature.unwrap_or(peer.program));
+    std::fs::copy(&built, &program).map_err(|error| format!("{}: {error}", built.display()))?;
+    Ok(program)
+}
+
+fn build_program(name: &str, feature: Option<&str>, folder: &Path, library: &Path) -> Result<PathBuf> {
+    let build_dir = folder.join("build");
+    let mut command = Command::new(cargo());
+    command
+        .args(["build", "--release", "--locked", "--bin", name])
+        .args(feature.iter().flat_map(|feature| ["--features", feature]))
+        .arg("--target-dir")
+        .arg(&build_dir)
+        .env("COMPARE_C_LIBRARY", library)
+        .current_dir(root().join("benches/compare"));
+    run(&mut command)?;
+    Ok(build_dir.join("release").join(name))
+}
+
+/// What it prints; an error with its own words when it fails.
+fn output(command: &mut Command) -> Result<String> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let output = command.output().map_err(|error| format!("{name} could not be started: {error}"))?;
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+    }
+    Err(format!("{name} failed ({}):\n{}", output.status, String::from_utf8_lossy(&output.stderr)))
+}
+
+fn median(numbers: &mut [f64]) -> f64 {
+    numbers.sort_unstable_by(f64::total_cmp);
+    numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn header(columns: &[&str]) {
+    print!("{:LABEL$}", "");
+    columns.iter().for_each(|column| print!("{column:>COLUMN$}"));
+    println!();
+}
+
+/// Ours, then each other's with how many times ours it is. An equal one is not behind us.
+fn print_row(what: &str, row: &[f64], unit: &str, behind: &mut Vec<String>) {
+    let [ours, others @ ..] = row else { return };
+    print!("{what:LABEL$}{ours:>COLUMN$.1}");
+    for (other, peer) in others.iter().zip(&PEERS[1..]) {
+        print!("{:>COLUMN$}", format!("{other:.1} = {:.2}x", other / ours));
+        if !matches!(other.partial_cmp(ours), Some(std::cmp::Ordering::Greater)) {
+            behind.push(format!("{what}, {}: {other:.1} {unit} against our {ours:.1}", peer.name));
+        }
+    }
+    println!();
+}
+
+/// Those of one pass, without what comes before the first: a run with a pass less one without.
+fn instructions(program: &Path, folder: &Path, work: &str, bytes: u64) -> Result<f64> {
+    let count = |passes: &str| {
+        let mut valgrind = Command::new("valgrind");
+        valgrind.args(["--tool=callgrind", "--callgrind-out-file=/dev/null"]).arg(program).arg(folder);
+        let output = valgrind.args(["once", work, passes]).output().map_err(|error| format!("valgrind: {error}"))?;
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        let collected = words.lines().find_map(|line| line.split_once("Collected : "));
+        collected
+            .and_then(|(_, number)| number.trim().parse::<f64>().ok())
+            .ok_or_else(|| format!("valgrind counted nothing:\n{words}"))
+    };
+    Ok((count("1")? - count("0")?) / bytes as f64)
+}
+
+/// Ours must find all and accept nothing false.
+fn recovery(programs: &[PathBuf], folder: &Path, behind: &mut Vec<String>) -> Result {
+    let outputs = programs
+        .iter()
+        .map(|program| output(Command::new(program).arg(folder).arg("recover")))
+        .collect::<Result<Vec<_>>>()?;
+    let Some(ours) = outputs.first() else { return Ok(()) };
+    for (row, line) in ours.lines().enumerate() {
+        let name = line.split(' ').next().unwrap_or_default();
+        print!("{:LABEL$}", damage(name));
+        for (output, peer) in outputs.iter().zip(&PEERS) {
+            let cells: Vec<u32> = output
+                .lines()
+                .nth(row)
+                .into_iter()
+                .flat_map(|line| line.split(' ').skip(1))
+                .flat_map(str::parse)
+                .collect();
+            let &[intact, found, false_accepts] = &cells[..] else { return Err(format!("{}: {output}", peer.name)) };
+            print!("{:>COLUMN$}", format!("{:.2} %, {false_accepts}", f64::from(found) * 100.0 / f64::from(intact)));
+            if peer.feature.is_none() && (found != intact || false_accepts > 0) {
+                behind.push(format!("{}: {found} of {intact} found, {false_accepts} false", damage(name)));
+            }
+        }
+        println!();
+    }
+    Ok(())
+}
+
+/// Ours has a table of the 12 messages, C's of all of common.
+fn firmware(library: &Path, choice: Option<Choice>, behind: &mut Vec<String>) -> Result {
+    // The C library is a package of its own; the compiler prints the bare name when it has none.
+    let specs = output(Command::new("arm-none-eabi-gcc").arg("-print-file-name=nano.specs"));
+    if !specs.is_ok_and(|path| path.contains('/')) {
+        let packages = ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"];
+        apt_install("a C compiler for the microcontroller", &packages, "https://developer.arm.com")?;
+    }
+    let choice = toolchain::prepare(choice, &[TARGET])?;
+    let mut ours = toolchain::cargo_build(choice, TARGET);
+    ours.args(["--package", "mavstack-size", "--profile", "firmware", "--features", "panic-never"]);
+    run(ours.args(["--bin", "frames", "--bin", "empty"]))?;
+    let folder = toolchain::build_dir(choice).join(TARGET).join("firmware");
+    let ours = less(size(&folder.join("frames"))?, size(&folder.join("empty"))?);
+
+    let compile = |name: &str, define: &str| {
+        let elf = library.join(name).with_extension("elf");
+        let mut gcc = Command::new("arm-none-eabi-gcc");
+        gcc.args(["-std=gnu11", "-Os", "-w", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]);
+        gcc.args(["-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-nostartfiles", "-Wl,-e,main"]);
+        gcc.args(["--specs=nano.specs", "--specs=nosys.specs", define, "-I"]).arg(library.join("headers"));
+        run(gcc.arg(root().join("benches/compare/c/firmware.c")).arg("-o").arg(&elf))?;
+        size(&elf)
+    };
+    let c = less(compile("frames", "-DFRAMES")?, compile("empty", "-DEMPTY")?);
+    for (what, ours, c) in [("flash", ours[0], c[0]), ("static RAM", ours[1], c[1])] {
+        println!("{what:LABEL$}{ours:>COLUMN$}{:>COLUMN$}", format!("{c} = {:.2}x", c as f64 / ours as f64));
+        if c <= ours {
+            behind.push(format!("{what} of the firmware, C: {c} bytes against our {ours}"));
+        }
+    }
+    Ok(())
+}
+
+/// Bytes of flash and of static RAM.
+fn size(elf: &Path) -> Result<[i64; 2]> {
+    let printed = output(Command::new("arm-none-eabi-size").arg(elf))?;
+    let numbers: Vec<i64> =
+        printed.lines().nth(1).unwrap_or_default().split_whitespace().flat_map(str::parse).collect();
+    match numbers[..] {
+        [text, data, bss, ..] => Ok([text + data, data + bss]),
+        _ => Err(format!("arm-none-eabi-size printed:\n{printed}")),
+    }
+}
+
+fn less(a: [i64; 2], b: [i64; 2]) -> [i64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+fn damage(name: &str) -> &str {
+    match name {
+        "flips" => "bits flipped in 10 % of the frames",
+        "losses" => "bytes lost from 10 %",
+        "bursts" => "bursts of garbage in 10 %",
+        "all" => "all three",
+        "noise" => "1 % of bytes changed, garbage between",
+        other => other,
+    }
+}
