@@ -163,6 +163,14 @@ fn repetitions_and_copies_undo_no_stop() {
     satellite(&mut world).stop();
     assert_eq!(send(&mut world, SAT, MavCmd::CONTROL_HIGH_LATENCY, start, 2), LATER);
     assert!(!satellite(&mut world).is_on());
+    // And of a copy.
+    let mut world = self::world();
+    order(&mut world, RADIO, START);
+    order(&mut world, RADIO, STOP);
+    for confirmation in 0..3 {
+        assert_eq!(send(&mut world, SAT, MavCmd::CONTROL_HIGH_LATENCY, start, confirmation), LATER);
+    }
+    assert_eq!(becomes(&mut world, SAT, START), (DONE, true), "who means it");
 }
 
 /// L-15, L-16: a START by satellite that was never seen before comes after the STOP that its sender gave by radio: while he is

@@ -7,7 +7,7 @@
 mod signer;
 mod support;
 
-use mavstack::dialect::{CommandAck, CommandLong, Heartbeat, MavCmd, MavResult, SetMode};
+use mavstack::dialect::{CommandAck, CommandLong, Heartbeat, HighLatency2, MavCmd, MavResult, SetMode};
 use mavstack::{
     Address, Duration, HighLatency, HighLatencyConfig, Instant, LinkClass, LinkConfig, LinkSigning, SigningKey,
 };
@@ -188,6 +188,24 @@ fn orders_by_radio_are_never_late() {
     assert_eq!(order(&mut rig, RADIO, secs(20), STOP), (DONE, false));
 }
 
+/// C-12: a copy by another radio comes within three seconds. What comes later is said now, and sends a message, though its
+/// sender's clocks say that both were sent at the same time.
+#[test]
+fn by_another_radio_a_copy_comes_soon() {
+    for (wait, messages) in [(2, 1), (4, 2)] {
+        let [radio, satellite] = LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED));
+        let mut rig = Rig::new([radio, satellite, radio]);
+        rig.set_key(KEY);
+        rig.vehicle.satellite = Some(HighLatency::new(HighLatencyConfig::DEFAULT));
+        rig.run_for(secs(10));
+        rig.receive(RADIO, &sent(RADIO, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
+        assert_eq!(rig.sent::<HighLatency2>(SAT).len(), 1);
+        rig.run_for(secs(wait));
+        rig.receive(2, &sent(2, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
+        assert_eq!(1 + rig.sent::<HighLatency2>(SAT).len(), messages, "{wait} s");
+    }
+}
+
 /// L-16: what counts is which of two a sender signed first, not a third one's clock that is ahead.
 #[test]
 fn somebody_elses_clock_makes_nothing_late() {
@@ -221,7 +239,8 @@ fn once_by_two_radios_is_twice() {
         rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
         until(&mut rig, secs(10));
         rig.receive(0, &sent(0, secs(10), ONCE, 1.0));
-        rig.receive(1, &sent(1, secs(10), ONCE, 1.0));
+        // Its sender's clocks differ.
+        rig.receive(1, &sent(1, secs(14), ONCE, 1.0));
         assert_eq!(rig.vehicle.commands().len(), 1, "a copy");
         jump(&mut rig, secs(10), secs(ahead));
         until(&mut rig, secs(40));

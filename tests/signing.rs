@@ -273,7 +273,7 @@ fn every_flipped_bit_is_refused() {
     }
 }
 
-/// L-16: how long ago an accepted frame was signed, by the vehicle's clock; nothing is known of others.
+/// L-16: how long ago an accepted frame was signed, by the time that the vehicle told; nothing is known of others.
 #[test]
 fn the_age_of_a_frame() {
     let mut rig = keyed([LinkSigning::SIGNED; 2]);
@@ -286,7 +286,11 @@ fn the_age_of_a_frame() {
         let now = rig.now;
         rig.signing().age(now, &frame)
     };
+    assert_eq!(age_of(&mut rig, &first), None, "nobody told the time");
     rig.receive(0, &first);
+    assert_eq!(age_of(&mut rig, &first), Some(secs(0)), "by his clock");
+    let (now, unix_usec) = (rig.now, (1_420_070_400 * 100_000 + NOW) * 10);
+    assert!(rig.signing().set_time(now, unix_usec, secs(1)));
     assert_eq!(age_of(&mut rig, &first), Some(secs(59)));
     rig.run_for(secs(90));
     // Of a stream that is known it may be any.

@@ -152,8 +152,8 @@ impl Order {
             && command.confirmation > self.confirmation
             && self.links.contains(LinkMask::of(command.from.link));
         let is_copy = match self.signed(now, signed_at).filter(|_| may_be_late) {
-            Some((known, sent)) => sent < known || (lacks && !is_well_after(sent, known)),
-            None => is_within && lacks,
+            Some((known, sent)) => lacks && !is_well_after(sent, known),
+            None => lacks && is_within,
         };
         is_copy || is_repetition
     }
