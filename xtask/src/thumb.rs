@@ -207,9 +207,13 @@ impl Function {
             let (effect, len) = decode(at, first, code(at + 2).unwrap_or(0));
             match effect {
                 Effect::None => {}
-                Effect::Call(to) => drop(self.calls.insert(to)),
+                Effect::Call(to) => {
+                    self.calls.insert(to);
+                }
                 Effect::Jump(to) if (range.0..range.1).contains(&to) => {}
-                Effect::Jump(to) => drop(self.tail_calls.insert(to)),
+                Effect::Jump(to) => {
+                    self.tail_calls.insert(to);
+                }
                 Effect::Indirect => self.indirect.push(at),
                 Effect::Grow(bytes) => self.frame += bytes,
                 Effect::SetStack => self.is_frame_unknown = true,

@@ -153,7 +153,7 @@ impl Source {
                 let count = 1 + some as u16 % 250;
                 let message =
                     MissionCount { count, target_system: target.0, target_component: target.1, ..Default::default() };
-                self.put(&message, if n % 2 == 0 { gcs } else { crowd }, byte);
+                self.put(&message, if n.is_multiple_of(2) { gcs } else { crowd }, byte);
             }
             Kind::ListFlood => {
                 let message =
@@ -164,7 +164,7 @@ impl Source {
                 self.put(&ParamRequestList { target_system: target.0, target_component: target.1 }, crowd, byte);
             }
             Kind::ParamSetFlood => {
-                let id = if n % 2 == 0 { "MAV_HL_LOSS_T" } else { "ZZZ_NOT_THERE_ZZ" };
+                let id = if n.is_multiple_of(2) { "MAV_HL_LOSS_T" } else { "ZZZ_NOT_THERE_ZZ" };
                 let message = ParamSet {
                     param_id: Text::new(id),
                     param_value: f32::from(byte),
@@ -254,7 +254,7 @@ impl Write for Source {
 fn feed(source: &mut Source, poll: u32, bytes: usize) {
     let is_quiet = match source.kind {
         Kind::Nothing => true,
-        Kind::Heartbeats => poll % 200 != 0,
+        Kind::Heartbeats => !poll.is_multiple_of(200),
         _ => false,
     };
     if is_quiet {
@@ -338,7 +338,9 @@ fn main() -> ! {
                 source.room = frames_out;
                 others.room = frames_out;
                 most_timers = most_timers.max(count(|| stack.poll(now, vehicle)));
-                let work = count(|| drop(stack.poll_link(now, LinkId(0), &mut source, vehicle)));
+                let work = count(|| {
+                    let _ = stack.poll_link(now, LinkId(0), &mut source, vehicle);
+                });
                 most = most.max(work);
                 sum += work;
                 for link in [1, 2] {
