@@ -65,7 +65,7 @@ impl Peer for Mavio {
         let mut frames = 0;
         receive(stream, usize::MAX, |frame| {
             if let Ok(message) = frame.decode::<Common>() {
-                std::hint::black_box(message);
+                std::hint::black_box(&message);
                 frames += 1;
             }
         });

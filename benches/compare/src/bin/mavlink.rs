@@ -13,7 +13,7 @@ impl Peer for Mavlink {
         let mut reader = MavlinkReader::new(Source::new(stream, piece));
         let mut frames = 0;
         while let Ok(raw) = reader.read_any_raw_message::<MavMessage>() {
-            std::hint::black_box(raw);
+            std::hint::black_box(&raw);
             frames += 1;
         }
         frames
@@ -23,7 +23,7 @@ impl Peer for Mavlink {
         let mut reader = MavlinkReader::new(Source::new(stream, usize::MAX));
         let mut frames = 0;
         while let Ok(message) = reader.read_any_message::<MavMessage>() {
-            std::hint::black_box(message);
+            std::hint::black_box(&message);
             frames += 1;
         }
         frames
