@@ -214,7 +214,11 @@ struct Work {
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
-    found.next().ok_or_else(|| "no such host".to_owned())
+    match found.next() {
+        Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
+        Some(address) => Ok(address),
+        None => Err("no such host".to_owned()),
+    }
 }
 
 fn main() -> ExitCode {
