@@ -49,7 +49,7 @@ DEFAULTS = {
 }
 
 # Those that count from the start of the vehicle.
-VOLATILE = ("STAT_HL_BYTES", "STAT_HL_CREDITS")
+VOLATILE = ("SIM_HANG", "STAT_HL_BYTES", "STAT_HL_CREDITS")
 
 
 def to_float(kind, value):
