@@ -1,8 +1,8 @@
 //! Latitude and longitude to metres around the start and back, on a sphere that is flat near it; and where home is.
 
-use libm::cosf;
 use mavstack::dialect::MavFrame;
 
+use crate::angle::cos;
 use crate::body::Vector;
 
 /// Metres in 1e-7 degrees of latitude.
@@ -39,7 +39,7 @@ impl Home {
 
     /// At a latitude and longitude (deg·1e7) and an altitude (m above mean sea level).
     pub fn at(latitude: i32, longitude: i32, altitude: f32) -> Self {
-        let cos_latitude = cosf((latitude as f32 * 1e-7).to_radians());
+        let cos_latitude = cos((latitude as f32 * 1e-7).to_radians());
         Self { latitude, longitude, altitude, cos_latitude, spot: Vector::ZERO }
     }
 

@@ -4,6 +4,7 @@
 //! the stack, the vehicle and how they are joined, as in any firmware.
 #![no_std]
 
+mod angle;
 mod app;
 mod battery;
 mod body;

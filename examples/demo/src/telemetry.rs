@@ -1,6 +1,6 @@
 //! What the vehicle tells of itself: the messages that it fills, and how often.
 
-use libm::{atan2f, cosf, roundf, sinf, sqrtf};
+use libm::{atan2f, roundf, sqrtf};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ComponentMetadata, ExtendedSysState, FlightInformation,
     GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState,
@@ -9,6 +9,7 @@ use mavstack::dialect::{
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
+use crate::angle::{cos, sin};
 use crate::battery::{Battery, Charge};
 use crate::body::Vector;
 use crate::geo::Home;
@@ -162,7 +163,7 @@ impl Quadrotor {
 
     fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {
         let [rollspeed, pitchspeed, yawspeed] = self.attitude_rates();
-        let [roll, pitch, yaw] = self.attitude().map(|angle| (cosf(angle / 2.0), sinf(angle / 2.0)));
+        let [roll, pitch, yaw] = self.attitude().map(|angle| (cos(angle / 2.0), sin(angle / 2.0)));
         AttitudeQuaternion {
             time_boot_ms: boot_ms(now),
             q1: roll.0 * pitch.0 * yaw.0 + roll.1 * pitch.1 * yaw.1,
