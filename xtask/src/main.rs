@@ -5,11 +5,13 @@
 mod boards;
 mod bridge;
 mod compare;
+mod coverage;
 mod dialects;
 mod firmware;
 mod fuzz;
 mod integration;
 mod log;
+mod miri;
 mod options;
 mod panic_free;
 mod publish;
@@ -49,6 +51,10 @@ enum Task {
     Fuzz(Fuzz),
     Dialects(Dialects),
     Compare(Compare),
+    Coverage(Coverage),
+    /// Run the library's tests in Miri, which sees undefined behaviour, of the libraries that it uses too. What is missing (a nightly
+    /// toolchain, Miri) is installed first; where it cannot be had, that is said, and nothing is run.
+    Miri,
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
     PublishCheck,
     Trace(Trace),
@@ -212,6 +218,17 @@ struct Work {
     toolchain: Option<Choice>,
 }
 
+/// Measure which lines and branches of the library its tests reach; fails below what they reached once.
+///
+/// What is missing (a nightly toolchain, cargo-llvm-cov) is installed first. Builds and runs all tests of the library, which takes
+/// a while.
+#[derive(Args)]
+struct Coverage {
+    /// Name the lines that are not reached, and those with branches that are not taken.
+    #[arg(long)]
+    missing: bool,
+}
+
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     match found.next() {
@@ -233,6 +250,8 @@ fn main() -> ExitCode {
         Task::Boards => boards::build_all(),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
         Task::Compare(arguments) => compare::run_all(arguments.rounds, arguments.toolchain),
+        Task::Coverage(arguments) => coverage::measure(arguments.missing),
+        Task::Miri => miri::run_tests(),
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }

@@ -49,6 +49,34 @@ pub fn run(command: &mut Command) -> Result {
     }
 }
 
+/// Sees to it that there is a nightly toolchain with these components.
+pub fn nightly(components: &[&str]) -> Result {
+    if !succeeds("rustup", &["run", "nightly", "rustc", "--version"]) {
+        println!("Installing a nightly toolchain: rustup toolchain install nightly");
+        let install = ["toolchain", "install", "nightly", "--profile", "minimal", "--no-self-update"];
+        run(Command::new("rustup").args(install))?;
+    }
+    let list = ["component", "list", "--installed", "--toolchain", "nightly"];
+    let installed = output("rustup", &list).unwrap_or_default();
+    let is_missing = |name: &&&str| !installed.lines().any(|line| line.starts_with(**name));
+    for component in components.iter().filter(is_missing) {
+        println!("Installing: rustup component add --toolchain nightly {component}");
+        run(Command::new("rustup").args(["component", "add", "--toolchain", "nightly", component]))?;
+    }
+    Ok(())
+}
+
+/// The library's test files by their names, without those that are left out.
+pub fn tests_of_library(left_out: &[&str]) -> Result<Vec<String>> {
+    let folder = root().join("tests");
+    let entries = std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let files = entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|it| it == "rs"));
+    let names = files.filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()));
+    let mut names: Vec<_> = names.filter(|name| !left_out.contains(&name.as_str())).collect();
+    names.sort_unstable();
+    Ok(names)
+}
+
 /// Installs Debian packages if we may; else says how to.
 pub fn apt_install(purpose: &str, packages: &[&str], elsewhere: &str) -> Result {
     let list = packages.join(" ");
