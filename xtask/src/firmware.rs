@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use object::read::elf::{ElfFile32, FileHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::system::{Result, root, run};
+use crate::system::{Result, run};
 use crate::toolchain::{self, Choice, TARGET, TARGETS};
 
 /// The demo vehicle's firmwares, by what they are built on.
@@ -34,19 +34,31 @@ impl App {
 }
 
 const PACKAGE: &str = "mavstack-qemu";
-/// Firmwares that are only measured; `empty` has the same loop and nothing else.
+/// Firmwares that are only measured.
 const MEASURED: &str = "mavstack-size";
 
-/// The firmware of which the plans' items are listed apart, and how many there is room for: the live plans, and the largest of
-/// them once more as staging.
-const SERVICES: (&str, u64) = ("services", 100 + 40 + 10 + 100);
-const ITEM: u64 = 32;
+/// How they are linked for microcontrollers other than the emulated one, for which `.cargo/config.toml` says it.
+const LINKED: [(&str, &str); 2] = [
+    (TARGETS[1], "'-Clink-arg=--nmagic', '-Clink-arg=-Tlink.x'"),
+    (TARGETS[2], "'-Clink-arg=--nmagic', '-Clink-arg=-Texamples/size/riscv.x', '-Clink-arg=-Tlink.x'"),
+];
+const COMPACT: &str = r#"'--cfg=sha2_backend_soft="compact"'"#;
+
+/// One of the firmwares in `examples/size`.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured<'a> {
+    pub bin: &'a str,
+    pub features: &'a str,
+    pub target: &'a str,
+    /// `opt-level`, as in a profile.
+    pub level: &'a str,
+}
 
 /// As in `memory.x`.
 const FLASH: u64 = 512 * 1024;
 const RAM: u64 = 96 * 1024;
 /// RAM begins here, flash is below.
-const RAM_BASE: u64 = 0x2000_0000;
+pub const RAM_BASE: u64 = 0x2000_0000;
 
 /// What a firmware takes, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +70,9 @@ pub struct Size {
 /// Builds the firmware, with or without its log, and returns where it is.
 pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
-    Ok(build_package(choice, PACKAGE, &[&["--bin", app.name()], features].concat())?.join(app.name()))
+    let mut command = toolchain::cargo_build(choice, TARGET);
+    run(command.args(["--package", PACKAGE, "--profile", "firmware", "--bin", app.name()]).args(features))?;
+    Ok(toolchain::build_dir(choice).join(TARGET).join("firmware").join(app.name()))
 }
 
 /// Builds the firmware that links only when no panic is left in it, with overflow checks on in the library and, as always, off in
@@ -93,16 +107,19 @@ fn level(opt_level: &str) -> String {
     if opt_level.parse::<u8>().is_ok() { opt_level.to_owned() } else { format!("\"{opt_level}\"") }
 }
 
-/// Returns the folder of what it built.
-fn build_package(choice: Choice, package: &str, arguments: &[&str]) -> Result<PathBuf> {
-    let mut command = toolchain::cargo_build(choice, TARGET);
-    run(command.args(["--package", package, "--profile", "firmware"]).args(arguments))?;
-    Ok(toolchain::build_dir(choice).join(TARGET).join("firmware"))
-}
-
-/// Builds one of the firmwares that are only measured, with these features and no default ones, and returns its folder.
-pub fn build_measured(choice: Choice, name: &str, features: &str) -> Result<PathBuf> {
-    build_package(choice, MEASURED, &["--quiet", "--bin", name, "--no-default-features", "--features", features])
+/// Builds a firmware that is only measured, with no default features. It links only where no panic is left.
+pub fn build_measured(choice: Choice, measured: &Measured<'_>) -> Result<Vec<u8>> {
+    let Measured { bin, features, target, level: opt_level } = *measured;
+    let mut command = toolchain::cargo_build(choice, target);
+    command
+        .args(["--quiet", "--package", MEASURED, "--bin", bin, "--profile", "firmware", "--no-default-features"])
+        .args(["--features", &format!("panic-never,{features}"), "--config", "profile.firmware.debug=false"])
+        .args(["--config", &format!("profile.firmware.opt-level={}", level(opt_level))]);
+    if let Some((_, flags)) = LINKED.iter().find(|(linked, _)| *linked == target) {
+        command.args(["--config", &format!("target.{target}.rustflags=[{flags},{COMPACT}]")]);
+    }
+    run(&mut command)?;
+    read(&toolchain::build_dir(choice).join(target).join("firmware").join(bin))
 }
 
 /// Prints the size of the firmware `elf`, called `name`.
@@ -110,58 +127,6 @@ pub fn print_size(name: &str, elf: &[u8]) -> Result {
     let size = measure(elf)?;
     let row = |what, used: u64, of: u64| format!("{what} {used} of {of} bytes ({} %)", used * 100 / of);
     println!("{name}: {}, {}", row("flash", size.flash, FLASH), row("static RAM", size.ram, RAM));
-    Ok(())
-}
-
-/// `cargo xtask size`.
-pub fn report(choice: Option<Choice>) -> Result {
-    let choice = toolchain::prepare(choice, &[TARGET])?;
-    // It links only where no panic is left.
-    let folder = build_package(choice, MEASURED, &["--bins", "--features", "panic-never"])?;
-    let empty = measure(&read(&folder.join("empty"))?)?;
-    let sources = root().join("examples/size/src/bin");
-    let sources = std::fs::read_dir(&sources).map_err(|error| format!("{}: {error}", sources.display()))?;
-    let mut names: Vec<_> = sources
-        .flatten()
-        .filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned()))
-        // The latter is for `--options`.
-        .filter(|name| name != "empty" && name != "options")
-        .collect();
-    names.sort_unstable();
-    // Those that keep plans have a feature that would be in the others too, and so has the one that signs.
-    let (stored, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| name.starts_with("stored"));
-    let (signed, others): (Vec<_>, Vec<_>) = others.into_iter().partition(|name| name.starts_with("signed"));
-    let mut rows = Vec::new();
-    let mut add = |name: &str| {
-        let size = measure(&read(&folder.join(name))?)?;
-        let (flash, ram) = (size.flash.saturating_sub(empty.flash), size.ram.saturating_sub(empty.ram));
-        let (subject, items) = SERVICES;
-        rows.push(if name == subject {
-            let ram = ram.saturating_sub(items * ITEM);
-            (format!("{name}, less that and {items} items"), Size { flash, ram })
-        } else {
-            (format!("{name}, less the empty loop"), Size { flash, ram })
-        });
-        Result::Ok(())
-    };
-    others.iter().try_for_each(|name| add(name))?;
-    for (names, features) in [(signed, "panic-never,signing"), (stored, "panic-never,storage")] {
-        let bins: Vec<_> = names.iter().flat_map(|name| ["--bin", name]).collect();
-        build_package(choice, MEASURED, &[&bins[..], &["--features", features]].concat())?;
-        names.iter().try_for_each(|name| add(name))?;
-    }
-    for app in App::ALL {
-        let name = match app {
-            App::Loop => "the demo vehicle, without its log".to_owned(),
-            App::Rtic | App::Embassy => format!("the same with {}", app.name()),
-        };
-        rows.push((name, measure(&read(&build(choice, app, false)?)?)?));
-    }
-    rows.push(("the demo vehicle".to_owned(), measure(&read(&build(choice, App::Loop, true)?)?)?));
-    println!("\n{:40} {:>14} {:>18}", TARGET, "flash, bytes", "static RAM, bytes");
-    for (name, size) in rows {
-        println!("{name:40} {:>14} {:>18}", size.flash, size.ram);
-    }
     Ok(())
 }
 
@@ -193,6 +158,10 @@ pub fn measure(bytes: &[u8]) -> Result<Size> {
     for section in file.sections() {
         let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
         if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
+            continue;
+        }
+        // The stack is what remains, which some linker scripts call a section.
+        if section.name() == Ok(".stack") {
             continue;
         }
         if section.address() >= RAM_BASE {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::firmware::{Size, build_measured, measure, read};
+use crate::firmware::{Measured, Size, build_measured, measure};
 use crate::system::Result;
 use crate::toolchain::{self, Choice, TARGET};
 
@@ -80,12 +80,13 @@ const ROWS: [Row; 40] = [
 pub fn report(choice: Option<Choice>) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let mut built = HashMap::new();
-    let empty = measure(&read(&build_measured(choice, "empty", "panic-never")?.join("empty"))?)?;
+    let build =
+        |bin, features| measure(&build_measured(choice, &Measured { bin, features, target: TARGET, level: "s" })?);
+    let empty = build("empty", "")?;
     let mut size_of = |features: &'static str| match built.get(features) {
         Some(size) => Ok(*size),
         None => {
-            let folder = build_measured(choice, "options", &format!("panic-never,{features}"))?;
-            let size = measure(&read(&folder.join("options"))?)?;
+            let size = build("options", features)?;
             built.insert(features, size);
             Result::Ok(size)
         }

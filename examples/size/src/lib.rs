@@ -1,18 +1,19 @@
-//! What the measured firmwares share: a UART, a clock, a panic handler, and the vehicle of those that are one. Their sizes are told apart by subtracting the
-//! firmware that has only these (`empty`).
+//! What the measured firmwares share: a UART, a clock, a panic handler. Their sizes are told apart by subtracting the firmware that
+//! has only these (`empty`).
 #![no_std]
 
+use core::cell::UnsafeCell;
 use core::convert::Infallible;
+use core::mem::MaybeUninit;
 
+#[cfg(target_arch = "arm")]
+pub use cortex_m_rt::entry;
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
-use mavstack::dialect::command_rules::NAV_WAYPOINT;
-use mavstack::dialect::{MavCmd, MavModeFlag, MavResult, MavState, MissionState};
-use mavstack::{
-    Address, Command, CommandRule, Commands, Config, NoParams, Outcome, Parameters, PlanChange, Plans, Progress, Pulse,
-    Telemetry, Vehicle, VehicleState,
-};
+use mavstack::{Address, Config, Pulse};
 #[cfg(feature = "panic-never")]
 use panic_never as _;
+#[cfg(target_arch = "riscv32")]
+pub use riscv_rt::entry;
 
 /// The first CMSDK UART of the emulated board, polled.
 #[derive(Debug)]
@@ -96,46 +97,27 @@ pub static PULSE: Pulse = Pulse::new();
 /// System 1, component 1.
 pub const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 
-/// A vehicle that can be armed.
-#[derive(Debug, Default)]
-pub struct Rover {
-    armed: bool,
-    #[cfg(feature = "signing")]
-    signing: mavstack::SigningMemory,
-}
+/// Memory for a value, as a static, so that its RAM is counted.
+#[derive(Debug)]
+pub struct Place<T>(UnsafeCell<MaybeUninit<T>>);
 
-impl Vehicle for Rover {
-    fn state(&self) -> Option<VehicleState> {
-        let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
-        Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+#[allow(unsafe_code, reason = "the measured firmwares have no interrupt that uses one")]
+// SAFETY: there is one thread of execution.
+unsafe impl<T> Sync for Place<T> {}
+
+impl<T> Place<T> {
+    /// Empty.
+    #[allow(clippy::new_without_default, reason = "for statics only")]
+    pub const fn new() -> Self {
+        Self(UnsafeCell::new(MaybeUninit::uninit()))
     }
 
-    #[cfg(feature = "signing")]
-    fn signing(&mut self) -> Option<&mut mavstack::Signing> {
-        Some(&mut self.signing)
-    }
-}
-
-impl Commands for Rover {
-    fn command(&mut self, command: &Command) -> Outcome {
-        match (command.id, command.params) {
-            (MavCmd::COMPONENT_ARM_DISARM, [1.0, ..]) => self.armed = true,
-            (MavCmd::COMPONENT_ARM_DISARM, [0.0, ..]) => self.armed = false,
-            _ => return MavResult::UNSUPPORTED.into(),
-        }
-        MavResult::ACCEPTED.into()
-    }
-}
-
-impl Telemetry for Rover {}
-
-impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT];
-
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
-
-    fn progress(&self) -> Progress {
-        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    /// Puts the value there. Once for each place, when the firmware starts.
+    #[allow(unsafe_code, clippy::mut_from_ref, reason = "once")]
+    #[inline(always)]
+    pub fn put(&'static self, value: T) -> &'static mut T {
+        // SAFETY: nothing else refers to the place, because nobody calls this a second time.
+        unsafe { (*self.0.get()).write(value) }
     }
 }
 
@@ -211,10 +193,6 @@ pub mod storage {
             Ok(())
         }
     }
-}
-
-impl Parameters for Rover {
-    type Table = NoParams;
 }
 
 /// What one more link costs (bytes of RAM): a frame of 280 bytes each way, what it owes, its counters; 4 for each of the

@@ -5,9 +5,9 @@
 use core::hint::black_box;
 
 use embedded_io::{Read, ReadReady, Write};
-use mavstack_size::{Uart, now_micros};
+use mavstack_size::{Uart, entry, now_micros};
 
-#[cortex_m_rt::entry]
+#[entry]
 fn main() -> ! {
     let mut uart = Uart;
     let mut bytes = [0; 64];

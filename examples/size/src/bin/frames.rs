@@ -3,7 +3,6 @@
 #![no_main]
 
 use core::hint::black_box;
-use core::mem::MaybeUninit;
 
 use embedded_io::{Read, ReadReady, Write};
 use mavstack::dialect::{
@@ -12,7 +11,7 @@ use mavstack::dialect::{
     MissionRequestList, ParamRequestList, ParamRequestRead, ParamSet, ParamValue, Statustext,
 };
 use mavstack::{Address, Decoder, Dialect, Frame, Instant, Message, Text, Version, encode};
-use mavstack_size::{Uart, now_micros};
+use mavstack_size::{Place, Uart, entry, now_micros};
 
 mavstack::dialect! {
     struct Twelve: [
@@ -114,15 +113,14 @@ fn handle(frame: &Frame<'_>, tx: &mut Tx) {
     }
 }
 
-#[cortex_m_rt::entry]
+#[entry]
 fn main() -> ! {
-    // Statics, so that their RAM is counted.
-    static mut TX: Tx = Tx { uart: Uart, seq: 0, frame: [0; 280] };
-    static mut DECODER: MaybeUninit<Decoder> = MaybeUninit::uninit();
+    static TX: Place<Tx> = Place::new();
+    static DECODER: Place<Decoder> = Place::new();
 
     let mut uart = Uart;
-    let tx = TX;
-    let decoder = DECODER.write(Decoder::default());
+    let tx = TX.put(Tx { uart: Uart, seq: 0, frame: [0; 280] });
+    let decoder = DECODER.put(Decoder::default());
     loop {
         let now = Instant::from_micros(now_micros());
         if uart.read_ready() == Ok(true) {

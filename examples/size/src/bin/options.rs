@@ -3,8 +3,6 @@
 #![no_main]
 #![allow(unused_imports, reason = "each option has names of its own")]
 
-use core::mem::MaybeUninit;
-
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
     Attitude, BatteryStatus, CommandAck, CommandInt, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavModeFlag,
@@ -12,7 +10,7 @@ use mavstack::dialect::{
     Timesync, command_rules,
 };
 use mavstack::*;
-use mavstack_size::{CONFIG, PULSE, Uart, now_micros};
+use mavstack_size::{CONFIG, PULSE, Place, Uart, entry, now_micros};
 
 const LINKS: usize = if cfg!(feature = "link-3") {
     3
@@ -100,7 +98,7 @@ struct Rover {
     time: TimeSlots<1>,
     #[cfg(feature = "forwarding")]
     queues: ForwardQueues<
-        2,
+        LINKS,
         { if cfg!(feature = "forwarding-1024") { 1024 } else { 512 } },
         { if cfg!(feature = "forwarding-seen-512") { 512 } else { 256 } },
     >,
@@ -275,11 +273,10 @@ fn SysTick() {
     }
 }
 
-#[cortex_m_rt::entry]
+#[entry]
 fn main() -> ! {
-    // Statics, so that their RAM is counted.
-    static mut STACK: MaybeUninit<Stack<LINKS, Memory, PEERS, TEXTS, STREAMS>> = MaybeUninit::uninit();
-    static mut ROVER: MaybeUninit<Rover> = MaybeUninit::uninit();
+    static STACK: Place<Stack<LINKS, Memory, PEERS, TEXTS, STREAMS>> = Place::new();
+    static ROVER: Place<Rover> = Place::new();
 
     #[cfg(not(feature = "signing"))]
     const LINK: LinkConfig = LinkConfig::uart(57_600);
@@ -297,8 +294,8 @@ fn main() -> ! {
     let mut uart = Uart;
     #[cfg(feature = "queues")]
     let mut uart = QUEUES.loop_end();
-    let rover = ROVER.write(Rover::new());
-    let stack = STACK.write(Stack::with_capacities(CONFIG, CONFIGS));
+    let rover = ROVER.put(Rover::new());
+    let stack = STACK.put(Stack::with_capacities(CONFIG, CONFIGS));
     #[cfg(feature = "store-plans")]
     let mut plans = {
         use mavstack_size::storage::Flash;
@@ -311,7 +308,7 @@ fn main() -> ! {
         use mavstack_size::storage::Spi;
         let Ok(fram) = Fram::new(Spi) else {
             loop {
-                cortex_m::asm::wfi();
+                core::hint::spin_loop();
             }
         };
         let mut store = PlanStore::new(fram, 0..PlanStore::<Fram<Spi>>::region_len(100, 0, 0));

@@ -4,7 +4,7 @@
 
 use embedded_io::{Read, ReadReady, Write};
 use mavstack::wpl::{HomeRow, Reader, Writer};
-use mavstack_size::Uart;
+use mavstack_size::{Place, Uart, entry};
 
 fn send(uart: &mut Uart, mut bytes: &[u8]) {
     while !bytes.is_empty() {
@@ -13,13 +13,14 @@ fn send(uart: &mut Uart, mut bytes: &[u8]) {
     }
 }
 
-#[cortex_m_rt::entry]
+#[entry]
 fn main() -> ! {
-    // Statics, so that their RAM is counted.
-    static mut READER: Reader = Reader::new(HomeRow::First);
-    static mut WRITER: Writer = Writer::new(HomeRow::None);
+    static READER: Place<Reader> = Place::new();
+    static WRITER: Place<Writer> = Place::new();
 
     let mut uart = Uart;
+    let reader = READER.put(Reader::new(HomeRow::First));
+    let writer = WRITER.put(Writer::new(HomeRow::None));
     let mut block = [0; 64];
     send(&mut uart, Writer::HEADER);
     loop {
@@ -28,10 +29,10 @@ fn main() -> ! {
             let mut bytes = block.get(..len).unwrap_or_default();
             if len == 0 {
                 // Stands in for the end of the file.
-                let _ = READER.finish();
+                let _ = reader.finish();
             }
-            while let Ok(Some(item)) = READER.next(&mut bytes) {
-                if let Ok(line) = WRITER.row(&item) {
+            while let Ok(Some(item)) = reader.next(&mut bytes) {
+                if let Ok(line) = writer.row(&item) {
                     send(&mut uart, line);
                 }
             }
