@@ -1,0 +1,376 @@
+"""The same random frames to the vehicle and to the other server there is: MAVSDK's mission_raw_server and param_server. What
+both answer is compared, frame by frame. Where they differ the case is one of those listed here, each with the reason why ours is
+as it is; a difference that is not listed fails (M-20 to M-24, M-60 to M-65, P-13, P-14, P-30)."""
+
+import collections
+import math
+import random
+import socket
+import struct
+import time
+
+import pytest
+from conftest import Gcs
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.mission_raw_server import MissionRawServer
+from mavsdk.plugins.param_server import ParamServer
+from plans import FIELDS, MISSION, plan
+from power import InSitl
+from pymavlink import mavutil
+
+mavlink = mavutil.mavlink
+INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
+# Of MAV_PARAM_ERROR.
+OUT_OF_RANGE, TYPE_MISMATCH = 2, 7
+
+CONVERSATIONS = 60
+
+# Items of the plan that both have when a conversation begins.
+ITEMS = 3
+
+# What counts as an answer, and which of its fields. Not the count and the index of a parameter: MAVSDK offers two types only.
+FIELDS_OF = {
+    "MISSION_ACK": ("type", "mission_type"),
+    "MISSION_REQUEST_INT": ("seq", "mission_type"),
+    "MISSION_COUNT": ("count", "mission_type"),
+    "MISSION_ITEM_INT": FIELDS,
+    "PARAM_VALUE": ("param_id", "param_type", "param_value"),
+    "PARAM_ERROR": ("param_id", "param_index", "error"),
+}
+
+# The next frame goes out when both said the same and then nothing for so long (s); or else when nothing came for longer: each has
+# its own pace.
+QUIET, SLOW = 0.02, 0.8
+
+Step = collections.namedtuple("Step", "name arguments")
+# `is_over`: from here on they would not be in the same state.
+Difference = collections.namedtuple("Difference", "name reason applies is_over", defaults=[False])
+
+
+def answer(message):
+    fields = (getattr(message, field) for field in FIELDS_OF[message.get_type()])
+    # A number is compared by its bits: NaN is one, and integers come in them.
+    return (message.get_type(), *(struct.pack("<f", field) if isinstance(field, float) else field for field in fields))
+
+
+def hear(sides, is_silence_likely=False):
+    """What each says until it is quiet. Copies do not count, for each repeats itself in its own time."""
+    heard, last = [[] for _ in sides], time.monotonic()
+
+    def patience():
+        return QUIET if all(words == heard[0] and (words or is_silence_likely) for words in heard) else SLOW
+
+    while time.monotonic() - last < patience():
+        for gcs, words in zip(sides, heard):
+            message = gcs.wait(list(FIELDS_OF), QUIET / 4)
+            if message:
+                last = time.monotonic()
+                if answer(message) not in words:
+                    words.append(answer(message))
+    return heard
+
+
+def send(gcs, step):
+    getattr(gcs.mav, f"{step.name}_send")(1, 1, *step.arguments)
+
+
+class Mavsdks:
+    """MAVSDK as an autopilot, with what it needs to be asked for plans and parameters."""
+
+    def __init__(self, parameters=()):
+        self.mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.AUTOPILOT))
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        assert self.mavsdk.add_any_connection(f"tcpin://127.0.0.1:{port}").name == "SUCCESS"
+        component = self.mavsdk.server_component()
+        self.missions, self.params = MissionRawServer(component), ParamServer(component)
+        for name, (kind, value) in dict(parameters).items():
+            provide = self.params.provide_param_int if kind == INT32 else self.params.provide_param_float
+            provide(name, value)
+        self.gcs = Gcs(port)
+        self.gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+
+    def end(self):
+        self.gcs.close()
+        self.mavsdk.destroy()
+
+
+class Pair:
+    """The vehicle and MAVSDK."""
+
+    def __init__(self, ours, parameters=()):
+        self.ours, self.parameters, self.theirs = ours, parameters, Mavsdks(parameters)
+
+    def renew(self):
+        """What MAVSDK has put off never comes."""
+        self.theirs.end()
+        self.theirs = Mavsdks(self.parameters)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.theirs.end()
+
+    def say(self, step):
+        """What both answer."""
+        send(self.ours, step)
+        send(self.theirs.gcs, step)
+        return hear([self.ours, self.theirs.gcs], is_silence_likely=step.name == "mission_ack")
+
+    def compare(self, steps, differences, note):
+        """Says all of it to both, up to a difference. Returns that, and what was said with what we answered."""
+        said = []
+        for step in steps:
+            ours, theirs = self.say(step)
+            if ours != theirs:
+                found = [difference for difference in differences if difference.applies(said, step, ours, theirs)]
+                assert found, f"after {said}\n{step}\n  ours {ours}\ntheirs {theirs}"
+                note[found[0].name] += 1
+                return found[0], [*said, (step, ours)]
+            said.append((step, ours))
+        note["the same"] += 1
+        return None, said
+
+
+# ---- plans
+
+
+def item(seq, variant=0):
+    fields = plan(seq + 1, variant)[seq]
+    return Step("mission_item_int", (*(fields[field] for field in FIELDS), MISSION))
+
+
+def count(number):
+    return Step("mission_count", (number, MISSION))
+
+
+def request(seq):
+    return Step("mission_request_int", (seq, MISSION))
+
+
+def ack(result):
+    return Step("mission_ack", (result, MISSION))
+
+
+LIST, CLEAR = Step("mission_request_list", (MISSION,)), Step("mission_clear_all", (MISSION,))
+CANCEL = ack(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+DOWNLOAD = [LIST, *map(request, range(ITEMS)), ack(mavlink.MAV_MISSION_ACCEPTED)]
+
+
+def upload(items, variant=0):
+    return [count(items), *(item(seq, variant) for seq in range(items))]
+
+
+def about_plans(rng):
+    """A transfer, of which something is left out, or repeated, or comes at another time, or where something else comes in."""
+    number = rng.randrange(1, 6)
+    steps = list(rng.choice([upload(number, rng.randrange(1, 1000)), DOWNLOAD, [CLEAR, *DOWNLOAD[:1], DOWNLOAD[-1]]]))
+    for _ in range(rng.choice([0, 0, 1, 1, 2])):
+        at, change, seq = rng.randrange(len(steps)), rng.randrange(4), rng.randrange(6)
+        if change == 0:
+            steps.insert(at, steps[at])
+        elif change == 1 and len(steps) > 1:
+            steps.pop(at)
+        elif change == 2:
+            steps.insert(at, steps.pop(rng.randrange(len(steps))))
+        else:
+            steps.insert(at, rng.choice([item(seq), request(seq), ack(0), ack(1), CANCEL, LIST, CLEAR, count(seq)]))
+    return steps
+
+
+# ---- where they differ on plans, and why
+
+
+def transfer(said):
+    """What MAVSDK has open: "upload", "download" or None."""
+    state = None
+    for step, answers in said:
+        is_answered = any(kind == "MISSION_ACK" for kind, *_ in answers)
+        if is_answered or (step.name == "mission_ack" and state == "download"):
+            state = None
+        elif state is None and answers:
+            state = {"mission_count": "upload", "mission_request_list": "download"}.get(step.name)
+    return state
+
+
+def is_item_outside(said, step, ours, theirs):
+    return step.name == "mission_item_int" and transfer(said) != "upload" and ours and not theirs
+
+
+def is_request_outside(said, step, ours, theirs):
+    return step.name == "mission_request_int" and ours and not theirs
+
+
+def is_replaced(said, step, ours, theirs):
+    before = [step.name for step, _ in said]
+    is_cleared = "mission_request_list" in before and "mission_clear_all" in before
+    return is_cleared and step.name == "mission_request_int"
+
+
+def is_counted_again(said, step, ours, theirs):
+    return step.name == "mission_item_int" and [said.name for said, _ in said].count("mission_count") > 1
+
+
+def is_ended(said, step, ours, theirs):
+    return step.name == "mission_item_int" and any(step.name == "mission_ack" for step, _ in said)
+
+
+def is_waiting(said, step, ours, theirs):
+    return transfer(said) and step.name != "mission_item_int"
+
+
+ABOUT_PLANS = [
+    Difference(
+        "item outside an upload",
+        "MAVSDK says nothing; we say ERROR, or once more how the upload ended: a client whose last answer was lost learns it",
+        is_item_outside,
+    ),
+    Difference(
+        "item asked for out of turn",
+        "MAVSDK says nothing unless it is the one that it waits for; we keep no state of downloads: any item, at any time, and "
+        "INVALID_SEQUENCE beyond the end, so that a client need not wait for its own timeout (M-60, M-64)",
+        is_request_outside,
+    ),
+    Difference(
+        "cleared under a download",
+        "MAVSDK goes on with a copy; we have none, and say OPERATION_CANCELLED: what is gone should not be taken for the plan (M-63)",
+        is_replaced,
+        is_over=True,
+    ),
+    Difference(
+        "another COUNT",
+        "MAVSDK goes on with the upload that it has; to us another number of items is another upload (M-22)",
+        is_counted_again,
+        is_over=True,
+    ),
+    Difference(
+        "ended by its client",
+        "MAVSDK goes on asking for items when the client sends a MISSION_ACK; to us the upload is over",
+        is_ended,
+        is_over=True,
+    ),
+    Difference(
+        "one thing at a time",
+        "MAVSDK puts off what comes during a transfer until that ends or is given up, and may say again what it waits for; we "
+        "answer from the live plan (M-62)",
+        is_waiting,
+        is_over=True,
+    ),
+]
+
+
+@pytest.fixture
+def ours(target, request, tmp_path):
+    """A vehicle that is our own: its parameters are changed."""
+    if target == "qemu":
+        pytest.skip("the same code as in sitl, and slower")
+    vehicle = InSitl(request.config.getoption("program"), request.config.getoption("spare_port_base"), tmp_path / "plans.bin")
+    yield vehicle.gcs
+    vehicle.end()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_plans_are_exchanged_as_with_mavsdks_server(ours, seed, figure):
+    rng, note = random.Random(seed), collections.Counter()
+    with Pair(ours) as pair:
+        for _ in range(CONVERSATIONS):
+            for step in upload(ITEMS):
+                mine, other = pair.say(step)
+                assert mine == other, (step, mine, other)
+            difference, said = pair.compare(about_plans(rng), ABOUT_PLANS, note)
+            # An upload that its client leaves would go on for seconds.
+            if (difference and difference.is_over) or transfer(said) == "upload":
+                pair.renew()
+            pair.say(CANCEL)
+    figure(f"MAVSDK's mission_raw_server and ours, {CONVERSATIONS} conversations: {dict(note)}")
+
+
+# ---- parameters
+
+
+def to_float(kind, value):
+    return struct.unpack("<f", struct.pack("<i" if kind == INT32 else "<f", value))[0]
+
+
+def parameters(gcs):
+    """Those that MAVSDK can have too, with their types and values."""
+    gcs.mav.param_request_list_send(1, 1)
+    found = {}
+    while message := gcs.wait("PARAM_VALUE", 1.0):
+        if message.param_type in (INT32, REAL32) and not message.param_id.startswith("STAT_"):
+            code = "<i" if message.param_type == INT32 else "<f"
+            (value,) = struct.unpack_from(code, bytes(message.get_msgbuf())[10:14])
+            found[message.param_id] = (message.param_type, value)
+    return found
+
+
+def about_parameters(rng, known):
+    """Questions and changes; of what there is, and of what there is not."""
+
+    def name():
+        return rng.choice([*known] * 4 + ["NO_SUCH_NAME", ""])
+
+    def change(name):
+        kind = rng.choice([known.get(name, (INT32,))[0]] * 4 + [INT32, REAL32])
+        values = {INT32: [0, 1, 2, 3, -1, 100_000], REAL32: [0.0, 1.25, -1.0, 1e6, math.nan, math.inf]}[kind]
+        if known.get(name, (None,))[0] == kind:
+            values += 5 * [known[name][1]]
+        value = rng.choice(values)
+        return Step("param_set", (name.encode(), to_float(kind, value), kind))
+
+    def question(name):
+        return Step("param_request_read", (name.encode(), -1))
+
+    return [rng.choice([change, question])(name()) for _ in range(rng.randrange(1, 5))]
+
+
+def is_refused(said, step, ours, theirs):
+    # The value as it stayed comes with it.
+    errors, values = [word[3] for word in ours if word[0] == "PARAM_ERROR"], [word[0] for word in ours]
+    return errors == [OUT_OF_RANGE] and "PARAM_VALUE" in values and step.name == "param_set"
+
+
+def is_wrong_type(said, step, ours, theirs):
+    def errors(words):
+        return [word[3] for word in words if word[0] == "PARAM_ERROR"]
+
+    return errors(ours) == errors(theirs) == [TYPE_MISMATCH]
+
+
+def is_nameless(said, step, ours, theirs):
+    return step.arguments[0] == b"" and ours and not theirs
+
+
+ABOUT_PARAMETERS = [
+    Difference(
+        "a value refused",
+        "MAVSDK's parameters have no ranges, and take what is no number; ours stay as they were, and say so (P-14)",
+        is_refused,
+        is_over=True,
+    ),
+    Difference(
+        "another type",
+        "both refuse; we send the value too, for clients that do not know PARAM_ERROR (P-14), and -1 for the index, as it was "
+        "asked for by name",
+        is_wrong_type,
+    ),
+    Difference("no name", "MAVSDK says nothing; there is no such parameter, we say (P-13)", is_nameless),
+]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_parameters_are_asked_for_and_set_as_with_mavsdks_server(ours, seed, figure):
+    rng, note = random.Random(seed), collections.Counter()
+    known = parameters(ours)
+    with Pair(ours, known) as pair:
+        for _ in range(CONVERSATIONS):
+            difference, said = pair.compare(about_parameters(rng, known), ABOUT_PARAMETERS, note)
+            if difference and difference.is_over:
+                # The same again, for MAVSDK has taken it.
+                name, _, _ = said[-1][0].arguments
+                send(ours, Step("param_request_read", (name, -1)))
+                _, _, kind, bits = answer(ours.wait("PARAM_VALUE"))
+                send(pair.theirs.gcs, Step("param_set", (name, struct.unpack("<f", bits)[0], kind)))
+                hear([pair.theirs.gcs])
+    figure(f"MAVSDK's param_server and ours, {CONVERSATIONS} conversations: {dict(note)}")
