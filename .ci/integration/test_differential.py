@@ -1,6 +1,7 @@
 """The same random frames to the vehicle and to the other server there is: MAVSDK's mission_raw_server and param_server. What
 both answer is compared, frame by frame. Where they differ the case is one of those listed here, each with the reason why ours is
-as it is; a difference that is not listed fails (M-20 to M-24, M-60 to M-65, P-13, P-14, P-30)."""
+as it is; a difference that is not listed fails (M-20, M-22, M-31, M-35, M-36,
+M-50, M-60, M-62 to M-64, P-13, P-14)."""
 
 import collections
 import math
@@ -213,7 +214,7 @@ def is_counted_again(said, step, ours, theirs):
 
 
 def is_ended(said, step, ours, theirs):
-    return step.name == "mission_item_int" and any(step.name == "mission_ack" for step, _ in said)
+    return step.name == "mission_item_int" and any(step.name in ("mission_ack", "mission_clear_all") for step, _ in said)
 
 
 def is_waiting(said, step, ours, theirs):
@@ -246,7 +247,7 @@ ABOUT_PLANS = [
     ),
     Difference(
         "ended by its client",
-        "MAVSDK goes on asking for items when the client sends a MISSION_ACK; to us the upload is over",
+        "MAVSDK goes on asking for items when the client sends a MISSION_ACK, or clears; to us the upload is over",
         is_ended,
         is_over=True,
     ),

@@ -13,6 +13,7 @@ mod integration;
 mod log;
 mod miri;
 mod options;
+mod nightly;
 mod panic_free;
 mod publish;
 mod qemu;
@@ -63,6 +64,8 @@ enum Task {
     Stack(Stack),
     Work(Work),
 }
+    Faults(Faults),
+    Nightly(Nightly),
 
 /// Build the firmware and run it on an emulated Cortex-M4.
 ///
@@ -242,6 +245,31 @@ struct Coverage {
 }
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
+/// Run what takes too long for every change: coverage, mutants, Miri, long fuzzing, comparisons. For the night.
+///
+/// Prints how long each took. What failed is said at the end, and does not keep the rest from running.
+#[derive(Args)]
+struct Nightly {
+    /// Only the steps whose names begin so.
+    #[arg(value_name = "STEP")]
+    steps: Vec<String>,
+}
+
+/// Play what may go wrong, in the emulator, and check what has to hold then: the fault matrix.
+///
+/// Lines that lose bytes and that stall, ground stations that die or come in pairs, resets at every item and at every step of
+/// the flash, flash that fails, a flight loop that hangs, clocks that wrap, replays, floods, a stack that is too small. Each
+/// scenario prints a line with its figures.
+#[derive(Args)]
+struct Faults {
+    /// One of them; all, when none is named. An unknown name lists them.
+    #[arg(value_name = "SCENARIO")]
+    scenario: Option<String>,
+    /// Which Rust toolchain to build with; without this option the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     match found.next() {
         Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
@@ -275,6 +303,7 @@ fn main() -> ExitCode {
         Task::PanicFree(arguments) => panic_free::prove(arguments.toolchain),
         Task::Stack(arguments) => stack::prove(arguments.toolchain),
         Task::Work(arguments) => work::measure(arguments.toolchain),
+        Task::Nightly(arguments) => nightly::run(&arguments.steps),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
