@@ -24,6 +24,15 @@ pub(crate) fn update(sum: u16, bytes: &[u8]) -> u16 {
     return narrow::update(sum, bytes);
 }
 
+/// The checksum with the message's `CRC_EXTRA` behind it (S-3).
+#[inline]
+pub(crate) fn with_extra(sum: u16, crc_extra: u8) -> u16 {
+    #[cfg(target_pointer_width = "64")]
+    return wide::step(sum, crc_extra);
+    #[cfg(not(target_pointer_width = "64"))]
+    return step(sum, crc_extra);
+}
+
 #[cfg(any(test, not(target_pointer_width = "64")))]
 mod narrow {
     /// Byte by byte, by shifting.
@@ -75,24 +84,28 @@ mod wide {
                 ^ t2[usize::from(f)]
                 ^ t1[usize::from(g)]
                 ^ t0[usize::from(h)];
-            let [low, high] = sum.to_le_bytes();
-            sum = ahead ^ (t7[usize::from(a ^ low)] ^ t6[usize::from(b ^ high)]);
+            let [low, high] = (sum ^ u16::from_le_bytes([a, b])).to_le_bytes();
+            sum = ahead ^ (t7[usize::from(low)] ^ t6[usize::from(high)]);
         }
         let mut rest = rest;
         if let Some((&[a, b, c, d], behind)) = rest.split_first_chunk() {
-            let [low, high] = sum.to_le_bytes();
-            sum = t3[usize::from(a ^ low)] ^ t2[usize::from(b ^ high)] ^ t1[usize::from(c)] ^ t0[usize::from(d)];
+            let [low, high] = (sum ^ u16::from_le_bytes([a, b])).to_le_bytes();
+            sum = t3[usize::from(low)] ^ t2[usize::from(high)] ^ t1[usize::from(c)] ^ t0[usize::from(d)];
             rest = behind;
         }
         if let Some((&[a, b], behind)) = rest.split_first_chunk() {
-            let [low, high] = sum.to_le_bytes();
-            sum = t1[usize::from(a ^ low)] ^ t0[usize::from(b ^ high)];
+            let [low, high] = (sum ^ u16::from_le_bytes([a, b])).to_le_bytes();
+            sum = t1[usize::from(low)] ^ t0[usize::from(high)];
             rest = behind;
         }
-        if let [last] = rest {
-            sum = super::step(sum, *last);
-        }
-        sum
+        if let [last] = rest { step(sum, *last) } else { sum }
+    }
+
+    #[inline]
+    #[allow(clippy::indexing_slicing, reason = "u8 into [u16; 256]")]
+    pub(super) fn step(sum: u16, byte: u8) -> u16 {
+        let [low, high] = sum.to_le_bytes();
+        LOOKUP[0][usize::from(low ^ byte)] ^ u16::from(high)
     }
 }
 

@@ -5,12 +5,18 @@
 #[cfg(feature = "signing")]
 use zeroize::Zeroize;
 
-use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, STX_V1, STX_V2, Version, crc};
+use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, SIGNATURE_LEN, STX_V1, STX_V2, Version, crc};
 use crate::message::{MessageInfo, MessageTable, zero_extend};
 use crate::time::{Duration, Instant};
 
 /// One more than the longest frame: whether a frame with an unknown id is one, the byte behind it tells.
 const BUFFER_LEN: usize = MAX_FRAME_LEN + 1;
+
+/// A place in the buffer. A host's processor passes on what was just stored fastest in its own word sizes.
+#[cfg(target_pointer_width = "64")]
+type Position = u32;
+#[cfg(not(target_pointer_width = "64"))]
+type Position = u16;
 
 /// For how long nothing may come after a frame with an unknown id before the line counts as idle.
 const IDLE: Duration = Duration::from_millis(20);
@@ -95,12 +101,7 @@ impl RxCounters {
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
     accepts_component_0: bool,
-    /// The candidate begins here; what is before it is done with.
-    start: u16,
-    /// Received bytes end here.
-    end: u16,
-    /// How many bytes the candidate needs before there is something new to decide.
-    need: u16,
+    window: Window,
     /// When the last byte came.
     grown: Instant,
     /// µs; from 71 minutes on it is never.
@@ -108,16 +109,66 @@ pub struct Decoder {
     counters: RxCounters,
 }
 
+/// What of the buffer is in use.
+#[derive(Clone, Copy)]
+struct Window {
+    /// The candidate begins here; what is before it is done with.
+    start: Position,
+    /// Received bytes end here.
+    end: Position,
+    /// Where they must end before there is something new to decide.
+    wanted: Position,
+}
+
+impl Window {
+    const EMPTY: Self = Self { start: 0, end: 0, wanted: 1 };
+
+    /// Whether nothing came that could be decided.
+    #[inline(always)]
+    const fn is_waiting(&self) -> bool {
+        self.end < self.wanted
+    }
+
+    /// The candidate: it begins with the first byte that is not done with.
+    #[inline(always)]
+    fn of<'a>(&self, buffer: &'a [u8; BUFFER_LEN]) -> Option<&'a [u8]> {
+        buffer.get(index(self.start)..index(self.end))
+    }
+
+    /// The candidate's first `len` bytes are done with.
+    #[inline(always)]
+    fn consume(&mut self, len: usize) {
+        self.start = self.start.wrapping_add(position(len));
+        self.wanted = self.start.wrapping_add(1);
+    }
+
+    /// There is something to decide when the candidate has so many bytes.
+    #[inline(always)]
+    fn want(&mut self, len: usize) {
+        self.wanted = self.start.wrapping_add(position(len));
+    }
+}
+
 /// What the bytes of a candidate say.
 enum Verdict {
     /// Too early to tell: ask again when there are so many bytes.
-    Need(u16),
+    Need(usize),
     /// Not a frame.
     Reject(Reason),
     /// A frame with this id is known, and it is whole: check it.
-    Check(Header, &'static MessageInfo),
+    Check(Extent, &'static MessageInfo),
     /// A whole frame with an unknown id.
-    Unknown(Header),
+    Unknown(Extent),
+}
+
+/// How far a frame goes: all of its header that is carried about while it is looked at.
+#[derive(Clone, Copy)]
+struct Extent {
+    header_len: usize,
+    /// Where the payload ends.
+    payload_end: usize,
+    /// Length of the whole frame.
+    len: usize,
 }
 
 /// Why a candidate is not a frame.
@@ -134,7 +185,7 @@ enum Reason {
 /// Without the received bytes: a key may be among them (SEC-15).
 impl core::fmt::Debug for Decoder {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let waiting = self.end.wrapping_sub(self.start);
+        let waiting = self.window.end.wrapping_sub(self.window.start);
         f.debug_struct("Decoder").field("waiting", &waiting).field("counters", &self.counters).finish_non_exhaustive()
     }
 }
@@ -151,9 +202,7 @@ impl Decoder {
     pub(crate) const VACANT: Self = Self {
         buffer: [0; BUFFER_LEN],
         accepts_component_0: false,
-        start: 0,
-        end: 0,
-        need: 0,
+        window: Window { wanted: 0, ..Window::EMPTY },
         grown: Instant::ZERO,
         stale_after: 0,
         counters: RxCounters::ZERO,
@@ -167,7 +216,7 @@ impl Decoder {
     }
 
     pub(crate) const fn configure(&mut self, stale_after: Duration, accepts_component_0: bool) {
-        self.need = 1;
+        self.window.wanted = 1;
         self.stale_after = micros(stale_after);
         self.accepts_component_0 = accepts_component_0;
     }
@@ -179,16 +228,14 @@ impl Decoder {
 
     /// Forgets all bytes that are not yet a frame; the counters stay. For a line that was opened anew.
     pub const fn clear(&mut self) {
-        self.start = 0;
-        self.end = 0;
-        self.need = 1;
+        self.window = Window::EMPTY;
     }
 
     /// Overwrites what is done with: a key was in it (SEC-15).
     #[cfg(feature = "signing")]
     pub(crate) fn wipe(&mut self) {
-        self.buffer.get_mut(..usize::from(self.start)).unwrap_or_default().iter_mut().zeroize();
-        self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default().iter_mut().zeroize();
+        self.buffer.get_mut(..index(self.window.start)).unwrap_or_default().iter_mut().zeroize();
+        self.buffer.get_mut(index(self.window.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
     /// Room for new bytes: read into its front, then [`commit`](Self::commit).
@@ -196,27 +243,29 @@ impl Decoder {
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
         self.compact();
-        self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default()
+        self.buffer.get_mut(index(self.window.end)..).unwrap_or_default()
     }
 
     /// Moves the candidate to the front of the buffer.
     fn compact(&mut self) {
-        if self.start > 0 {
+        if self.window.start > 0 {
             // A plain loop: `copy_within` can panic, and brings 1.5 kB of memmove. What is moved is the front of one frame.
             let cells = core::cell::Cell::from_mut(&mut self.buffer[..]).as_slice_of_cells();
-            let (start, end) = (usize::from(self.start), usize::from(self.end));
+            let (start, end) = (index(self.window.start), index(self.window.end));
             for (to, from) in cells.iter().zip(cells.get(start..end).unwrap_or_default()) {
                 to.set(from.get());
             }
-            self.end = self.end.saturating_sub(self.start);
-            self.start = 0;
+            self.window.end = self.window.end.saturating_sub(self.window.start);
+            self.window.wanted = self.window.wanted.saturating_sub(self.window.start);
+            self.window.start = 0;
         }
     }
 
     /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
     #[inline]
     pub fn commit(&mut self, len: usize, now: Instant) {
-        self.end = self.end.saturating_add(short(len)).min(const { short(BUFFER_LEN) });
+        let room = BUFFER_LEN.saturating_sub(index(self.window.end));
+        self.window.end = self.window.end.wrapping_add(position(len.min(room)));
         self.grown = now;
     }
 
@@ -225,19 +274,26 @@ impl Decoder {
     #[inline]
     #[must_use = "bytes beyond these were not taken: they are to be given again"]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
-        if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(usize::from(self.end))) {
+        if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(index(self.window.end))) {
             // What an interrupt for each byte does.
             *free = byte;
-            self.end = self.end.wrapping_add(1);
+            self.window.end = self.window.end.wrapping_add(1);
             self.grown = now;
             return 1;
         }
+        self.push_piece(bytes, now)
+    }
+
+    /// Apart, for it is called seldom where bytes come one by one.
+    #[cfg_attr(target_pointer_width = "64", inline(never))]
+    fn push_piece(&mut self, bytes: &[u8], now: Instant) -> usize {
         // Moving what is there can wait until there is no room behind it.
-        if BUFFER_LEN.saturating_sub(usize::from(self.end)) < bytes.len() {
+        if BUFFER_LEN.saturating_sub(index(self.window.end)) < bytes.len() {
             self.compact();
         }
-        let len = zero_extend(bytes, self.buffer.get_mut(usize::from(self.end)..).unwrap_or_default());
-        self.commit(len, now);
+        let len = zero_extend(bytes, self.buffer.get_mut(index(self.window.end)..).unwrap_or_default());
+        self.window.end = self.window.end.wrapping_add(position(len));
+        self.grown = now;
         len
     }
 
@@ -272,7 +328,7 @@ impl Decoder {
         is_known: impl Fn(Address) -> bool,
         vouches: impl Fn(&[u8]) -> bool,
     ) -> Option<Frame<'_>> {
-        if self.end.wrapping_sub(self.start) < self.need && now.since(self.grown) < IDLE {
+        if self.window.is_waiting() && now.since(self.grown) < IDLE {
             // Most calls end here: a piece of a frame came. So this much is inlined, however often it is called.
             return None;
         }
@@ -289,144 +345,89 @@ impl Decoder {
         is_known: impl Fn(Address) -> bool,
         vouches: impl Fn(&[u8]) -> bool,
     ) -> Option<Frame<'_>> {
-        let (header, info) = self.advance(now, messages, budget, is_known, vouches)?;
-        let end = usize::from(self.start);
-        let raw = self.buffer.get(end.checked_sub(header.frame_len())?..end)?;
-        let payload = raw.get(header.version.header_len()..header.payload_end())?;
-        Some(Frame { header, payload, raw, info })
-    }
-
-    /// Goes on to the end of the next frame.
-    fn advance(
-        &mut self,
-        now: Instant,
-        messages: MessageTable,
-        budget: &mut u32,
-        is_known: impl Fn(Address) -> bool,
-        vouches: impl Fn(&[u8]) -> bool,
-    ) -> Option<(Header, Option<&'static MessageInfo>)> {
-        loop {
-            let candidate = self.candidate();
-            if candidate.len() < usize::from(self.need) {
-                let quiet = now.since(self.grown);
+        let Self { buffer, window, counters, accepts_component_0, grown, stale_after, .. } = self;
+        let (candidate, extent, info) = loop {
+            let candidate = window.of(buffer)?;
+            if window.is_waiting() {
+                let quiet = now.since(*grown);
                 if candidate.is_empty() || quiet < IDLE {
                     return None;
                 }
                 *budget = budget.checked_sub(1)?;
-                if let Verdict::Unknown(header) = examine(candidate, messages, self.accepts_component_0) {
-                    return Some(self.accept_unchecked(header));
+                if let Verdict::Unknown(extent) = examine(candidate, messages, *accepts_component_0) {
+                    break (candidate, extent, None);
                 }
-                if quiet < self.stale_after() {
+                if quiet < duration(*stale_after) {
                     return None;
                 }
-                self.reject(Reason::Stale);
+                reject(Reason::Stale, window, counters);
                 continue;
             }
             if !matches!(candidate.first(), Some(&(STX_V1 | STX_V2))) {
-                let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
-                let garbage = garbage.unwrap_or(candidate.len());
-                self.counters.skipped = self.counters.skipped.wrapping_add(u32::try_from(garbage).unwrap_or(u32::MAX));
-                self.start = self.start.saturating_add(short(garbage));
-                self.need = 1;
+                skip(candidate, window, counters);
                 continue;
             }
             if *budget == 0 {
                 return None;
             }
-            match examine(candidate, messages, self.accepts_component_0) {
+            match examine(candidate, messages, *accepts_component_0) {
                 Verdict::Need(need) => {
                     *budget = budget.saturating_sub(1);
-                    self.need = need;
+                    window.want(need);
                 }
                 Verdict::Reject(reason) => {
                     *budget = budget.saturating_sub(1);
-                    self.reject(reason);
+                    reject(reason, window, counters);
                 }
-                Verdict::Check(header, info) => {
-                    let end = header.payload_end();
-                    let cost = u32::from(header.payload_len).saturating_add(11);
-                    *budget = budget.checked_sub(cost)?;
-                    let sum = candidate.get(1..end).map_or(0, |bytes| crc::update(crc::INIT, bytes));
-                    let sum = crc::step(sum, info.crc_extra());
-                    if candidate.get(end..).and_then(<[u8]>::first_chunk) == Some(&sum.to_le_bytes()) {
-                        self.counters.frames = self.counters.frames.wrapping_add(1);
-                        self.consume(header.frame_len());
-                        return Some((header, Some(info)));
+                Verdict::Check(extent, info) => {
+                    *budget = budget.checked_sub(checksum_cost(candidate))?;
+                    let (summed, behind) = candidate.split_at_checked(extent.payload_end)?;
+                    let sum = crc::with_extra(crc::update(crc::INIT, summed.get(1..)?), info.crc_extra());
+                    if behind.first_chunk() == Some(&sum.to_le_bytes()) {
+                        break (candidate, extent, Some(info));
                     }
-                    self.reject(Reason::Checksum);
+                    reject(Reason::Checksum, window, counters);
                 }
-                Verdict::Unknown(header) => {
-                    let len = header.frame_len();
+                Verdict::Unknown(extent) => {
+                    let header = Header::parse(candidate)?;
                     if cfg!(feature = "signing") && header.is_signed() {
-                        *budget = budget.checked_sub(u32::from(header.payload_len).saturating_add(11))?;
-                        if candidate.get(..len).is_some_and(&vouches) {
-                            return Some(self.accept_unchecked(header));
+                        *budget = budget.checked_sub(checksum_cost(candidate))?;
+                        if candidate.get(..extent.len).is_some_and(&vouches) {
+                            break (candidate, extent, None);
                         }
                     } else {
                         *budget = budget.saturating_sub(1);
                     }
-                    match candidate.get(len) {
-                        _ if !is_known(header.source) => self.reject(Reason::UnknownId),
-                        Some(&(STX_V1 | STX_V2)) => return Some(self.accept_unchecked(header)),
-                        Some(_) => self.reject(Reason::UnknownId),
+                    match candidate.get(extent.len) {
+                        _ if !is_known(header.source) => reject(Reason::UnknownId, window, counters),
+                        Some(&(STX_V1 | STX_V2)) => break (candidate, extent, None),
+                        Some(_) => reject(Reason::UnknownId, window, counters),
                         // Wait for the byte behind it, or for silence.
-                        None => self.need = short(len.saturating_add(1)),
+                        None => window.want(extent.len.wrapping_add(1)),
                     }
                 }
             }
-        }
-    }
-
-    fn accept_unchecked(&mut self, header: Header) -> (Header, Option<&'static MessageInfo>) {
-        self.counters.unchecked = self.counters.unchecked.wrapping_add(1);
-        self.consume(header.frame_len());
-        (header, None)
-    }
-
-    fn consume(&mut self, len: usize) {
-        self.start = self.start.wrapping_add(short(len));
-        self.need = 1;
-    }
-
-    fn candidate(&self) -> &[u8] {
-        self.buffer.get(usize::from(self.start)..usize::from(self.end)).unwrap_or_default()
-    }
-
-    fn stale_after(&self) -> Duration {
-        match self.stale_after {
-            u32::MAX => Duration::MAX,
-            micros => Duration::from_micros(u64::from(micros)),
-        }
-    }
-
-    /// Drops the candidate's first byte, so that the search goes on from its second.
-    fn reject(&mut self, reason: Reason) {
-        let counters = &mut self.counters;
-        let (counter, _name) = match reason {
-            Reason::IncompatFlags => (&mut counters.incompat_flags, "unknown incompatibility flag"),
-            Reason::ZeroSource => (&mut counters.zero_source, "source id 0"),
-            Reason::Length => (&mut counters.length, "v1 length"),
-            Reason::Checksum => (&mut counters.checksum, "checksum"),
-            Reason::UnknownId => (&mut counters.unknown_id, "unknown id"),
-            Reason::Stale => (&mut counters.stale, "stopped growing"),
         };
+        let counter = if info.is_some() { &mut counters.frames } else { &mut counters.unchecked };
         *counter = counter.wrapping_add(1);
-        event!("rx: candidate dropped: {=str}", _name);
-        self.consume(1);
+        window.consume(extent.len);
+        let raw = candidate.get(..extent.len)?;
+        let payload = raw.get(extent.header_len..extent.payload_end)?;
+        Some(Frame { header: Header::parse(raw)?, payload, raw, info })
     }
 
     /// When [`next`](Self::next) has something to do though no byte comes.
     pub(crate) fn deadline(&self) -> Instant {
-        let candidate = self.candidate();
+        let candidate = self.window.of(&self.buffer).unwrap_or_default();
         match candidate.len() {
             0 => Instant::NEVER,
             // Frames, or a search, wait for the next poll's budget.
-            received if received >= usize::from(self.need) => Instant::ZERO,
+            _ if !self.window.is_waiting() => Instant::ZERO,
             // A whole frame with an unknown id waits for one byte more, or for silence.
             received if Header::parse(candidate).is_some_and(|header| header.frame_len() == received) => {
                 self.grown.after(IDLE)
             }
-            _ => self.grown.after(self.stale_after()),
+            _ => self.grown.after(duration(self.stale_after)),
         }
     }
 }
@@ -437,43 +438,83 @@ impl Default for Decoder {
     }
 }
 
+/// Drops what is before the next start byte.
+#[cfg_attr(target_pointer_width = "64", cold, inline(never))]
+fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
+    let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
+    let garbage = garbage.unwrap_or(candidate.len());
+    counters.skipped = counters.skipped.wrapping_add(u32::try_from(garbage).unwrap_or(u32::MAX));
+    window.consume(garbage);
+}
+
+/// Drops the candidate's first byte, so that the search goes on from its second.
+#[cfg_attr(target_pointer_width = "64", cold, inline(never))]
+fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
+    let (counter, _name) = match reason {
+        Reason::IncompatFlags => (&mut counters.incompat_flags, "unknown incompatibility flag"),
+        Reason::ZeroSource => (&mut counters.zero_source, "source id 0"),
+        Reason::Length => (&mut counters.length, "v1 length"),
+        Reason::Checksum => (&mut counters.checksum, "checksum"),
+        Reason::UnknownId => (&mut counters.unknown_id, "unknown id"),
+        Reason::Stale => (&mut counters.stale, "stopped growing"),
+    };
+    *counter = counter.wrapping_add(1);
+    event!("rx: candidate dropped: {=str}", _name);
+    window.consume(1);
+}
+
 /// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller. Inlined where flash is no matter.
 #[cfg_attr(target_pointer_width = "64", inline(always))]
 fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) -> Verdict {
     // The flags come before the length is believed (SEC-3): they may change the header's own length.
-    match *candidate {
-        [STX_V2, _, incompat_flags, ..] if incompat_flags & !INCOMPAT_SIGNED != 0 => {
-            return Verdict::Reject(Reason::IncompatFlags);
+    let (header_len, payload_len, flags, system, component, id) = match *candidate {
+        [STX_V2, _, flags, ..] if flags & !INCOMPAT_SIGNED != 0 => return Verdict::Reject(Reason::IncompatFlags),
+        [STX_V2, len, flags, _, _, system, component, a, b, c, ..] => {
+            (Version::V2.header_len(), len, flags, system, component, u32::from_le_bytes([a, b, c, 0]))
         }
-        [STX_V2] | [STX_V2, _] => return Verdict::Need(3),
-        _ => {}
-    }
-    let Some(header) = Header::parse(candidate) else {
-        let version = if candidate.first() == Some(&STX_V2) { Version::V2 } else { Version::V1 };
-        return Verdict::Need(short(version.header_len()));
+        [STX_V2, _, _, ..] => return Verdict::Need(Version::V2.header_len()),
+        [STX_V2, ..] => return Verdict::Need(3),
+        [_, len, _, system, component, id, ..] => (Version::V1.header_len(), len, 0, system, component, u32::from(id)),
+        _ => return Verdict::Need(Version::V1.header_len()),
     };
-    if header.source.system.0 == 0 || (header.source.component.0 == 0 && !accepts_component_0) {
+    if system == 0 || (component == 0 && !accepts_component_0) {
         return Verdict::Reject(Reason::ZeroSource);
     }
-    let info = messages.get(header.id);
+    let info = messages.get(id);
     if let Some(info) = info
-        && header.version == Version::V1
-        && header.payload_len != info.base_len()
+        && header_len == Version::V1.header_len()
+        && payload_len != info.base_len()
     {
         return Verdict::Reject(Reason::Length);
     }
-    let len = header.frame_len();
+    let payload_end = header_len.wrapping_add(usize::from(payload_len));
+    let signature = if flags & INCOMPAT_SIGNED != 0 { SIGNATURE_LEN } else { 0 };
+    let len = payload_end.wrapping_add(2).wrapping_add(signature);
     match info {
-        _ if candidate.len() < len => Verdict::Need(short(len)),
-        Some(info) => Verdict::Check(header, info),
-        None => Verdict::Unknown(header),
+        _ if candidate.len() < len => Verdict::Need(len),
+        Some(info) => Verdict::Check(Extent { header_len, payload_end, len }, info),
+        None => Verdict::Unknown(Extent { header_len, payload_end, len }),
     }
 }
 
-/// A length within a buffer.
-#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
-const fn short(len: usize) -> u16 {
-    if len < u16::MAX as usize { len as u16 } else { u16::MAX }
+/// What a look at a header and the checksum behind it are charged with.
+fn checksum_cost(candidate: &[u8]) -> u32 {
+    candidate.get(1).map_or(0, |&payload_len| u32::from(payload_len)).saturating_add(11)
+}
+
+/// A length within the buffer.
+#[allow(clippy::as_conversions, reason = "what is cast is no longer than the buffer")]
+const fn position(len: usize) -> Position {
+    len as Position
+}
+
+#[allow(clippy::as_conversions, reason = "a host has no `From` for it; no target of ours is narrower than 32 bits")]
+const fn index(position: Position) -> usize {
+    position as usize
+}
+
+fn duration(micros: u32) -> Duration {
+    if micros == u32::MAX { Duration::MAX } else { Duration::from_micros(u64::from(micros)) }
 }
 
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]

@@ -298,6 +298,8 @@ impl MessageTable {
     pub fn get(&self, id: u32) -> Option<&'static MessageInfo> {
         let bucket = (id / BUCKET) as usize;
         match self.index.get(bucket..).unwrap_or_default() {
+            // The only one that it can be.
+            [from, ..] if BUCKET == 1 => self.rows.get(usize::from(*from)).filter(|row| row.id() == id),
             [from, to, ..] => self.rows.get(usize::from(*from)..usize::from(*to))?.iter().find(|row| row.id() == id),
             _ => {
                 let index = self.rows.partition_point(|row| row.id() < id);
