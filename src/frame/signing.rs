@@ -48,7 +48,10 @@ impl SigningKey {
         let mut hash = Sha256::new();
         hash.update(self.0.0);
         hash.update(bytes);
-        let [a, b, c, d, e, f, ..] = hash.finalize().0;
+        // In place, which also leaves nothing of the key in the state.
+        let mut digest = [0; Self::LEN];
+        hash.finalize_into_reset((&mut digest).into());
+        let [a, b, c, d, e, f, ..] = digest;
         [a, b, c, d, e, f]
     }
 

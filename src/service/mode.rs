@@ -132,6 +132,7 @@ pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
 }
 
 /// A command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE.
+#[inline(never)]
 pub(crate) fn on_command<V: Vehicle + Commands>(
     port: &mut Port,
     vehicle: &mut V,

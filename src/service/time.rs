@@ -225,6 +225,7 @@ fn nanos(now: Instant) -> i64 {
 }
 
 /// Takes PING and TIMESYNC, where the vehicle has a memory for them. False for other messages, and where it has none.
+#[inline(never)]
 pub(crate) fn on_frame(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
     let Some(time) = vehicle.time_sync() else { return false };
     let taken = time.on_frame(now, port.id, frame);

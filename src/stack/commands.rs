@@ -29,6 +29,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 impl Core {
     /// Takes a message that is a command in all but form: COMMAND_CANCEL, and SET_MODE where the vehicle has modes. False
     /// when it is neither.
+    #[inline(never)]
     pub(super) fn on_command_frame<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,

@@ -21,6 +21,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// What the flash reported when it could not be read. There is no key then, unless the vehicle has set one: a link that
     /// [requires](crate::Accept::Required) signatures hears nothing.
+    #[inline(never)]
     pub fn restore_signing<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -47,6 +48,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// A vehicle that does not permit it in flight begins, after a restart there, with the time of its take-off, until the first
     /// signed frame tells it better: see [`set_time`](crate::Signing::set_time) too.
+    #[inline(never)]
     pub fn persist_signing<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,

@@ -15,8 +15,9 @@ use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
 use crate::service::mode;
 use crate::service::param::{self, Params, Taken};
-use crate::service::statustext::MAX_TEXT_LEN;
+use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
 use crate::service::time;
+use crate::time::Instant;
 use crate::vehicle::{Autopilot, Command, Outcome, PeerEvent};
 
 impl Core {
@@ -38,8 +39,11 @@ impl Core {
             allowance.frames = allowance.frames.saturating_sub(1);
             #[cfg(feature = "signing")]
             let has_key = frame.id() == SetupSigning::ID;
-            let copied = self.on_frame(context, port, &frame);
+            let (copied, is_served) = self.on_frame(context, port, &frame);
             allowance.work = allowance.work.saturating_sub(copied);
+            if is_served {
+                self.serve(context, port, &frame);
+            }
             #[cfg(feature = "signing")]
             if has_key {
                 decoder.wipe();
@@ -47,14 +51,16 @@ impl Core {
         }
     }
 
-    /// A frame came in on a link: what is learned from it, where it goes on to, and whether it is for us. Tells what
-    /// forwarding it has cost, in units of the decoder's work.
+    /// A frame came in on a link: what is learned from it, and where it goes on to. Tells what forwarding it has cost, in
+    /// units of the decoder's work, and whether the services are to see it. Not inlined, and apart from what they do with it:
+    /// what this takes of the stack they need for themselves.
+    #[inline(never)]
     fn on_frame<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
-    ) -> u32 {
+    ) -> (u32, bool) {
         let own = self.config.address.get();
         if frame.source() == own {
             count_drop(&mut port.counters.own_address, frame, "our own address");
@@ -62,31 +68,26 @@ impl Core {
                 && port.is_conflict(frame.header().seq, context.seqs)
             {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
-                // Not made where there is no room for texts, and not linked.
-                if context.texts.has_slots() {
-                    let mut text = Text::<MAX_TEXT_LEN>::new("Another vehicle has system id ");
-                    text.push_number(u32::from(own.system.0));
-                    context.texts.push(context.now, self.normal, MavSeverity::WARNING, &text);
-                }
+                self.tell_conflict(context.now, context.texts);
             }
-            return 0;
+            return (0, false);
         }
         let from = Peer { address: frame.source(), link: port.id };
         // One that is not accepted is forwarded all the same; nothing is learned from it, and nothing done.
         let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
         let passage = self.examine(context, port, frame, is_accepted);
         if !is_accepted {
-            return self.pass_on(context, port, frame, passage, None);
+            return (self.pass_on(context, port, frame, passage, None), false);
         }
         if !frame.is_checked() {
             count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
             network::on_unchecked(context.peers, from, frame.header().seq);
-            return self.pass_on(context, port, frame, passage, None);
+            return (self.pass_on(context, port, frame, passage, None), false);
         }
         let was_heard = network::is_heard(context.peers, from);
         if passage == Passage::Again && !was_heard {
             // No way back to its sender is learned from what came around.
-            return 0;
+            return (0, false);
         }
         port.heard(frame.header().version);
         let class = port.config.class;
@@ -102,13 +103,23 @@ impl Core {
             network::forget_route(context.peers, from);
         }
         let copied = self.pass_on(context, port, frame, passage, is_his.then_some(booking));
-        if passage != Passage::Again {
-            self.serve(context, port, frame);
+        (copied, passage != Passage::Again)
+    }
+
+    /// Somebody else has our address. Not inlined: it hardly ever happens.
+    #[inline(never)]
+    fn tell_conflict(&self, now: Instant, texts: &mut StatusTexts) {
+        // Not made where there is no room for texts, and not linked.
+        if texts.has_slots() {
+            let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
+            text.push_str("Another vehicle has system id ");
+            text.push_number(u32::from(self.config.address.get().system.0));
+            texts.push(now, self.normal, MavSeverity::WARNING, &text);
         }
-        copied
     }
 
     /// Hands a frame to the service that it is for, if it is for us.
+    #[inline(never)]
     fn serve<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
@@ -126,18 +137,41 @@ impl Core {
             count_drop(&mut port.counters.not_ours, frame, "for somebody else");
             return;
         }
+        if matches!(frame.id(), CommandLong::ID | CommandInt::ID) {
+            self.on_command_message(context, port, frame);
+        } else if !self.on_command_frame(context, port, frame, target) {
+            self.serve_others(context, port, frame, target);
+        }
+    }
+
+    /// A COMMAND_LONG or COMMAND_INT.
+    #[inline(never)]
+    fn on_command_message<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        frame: &Frame<'_>,
+    ) {
+        let origin = origin(context, port, frame);
+        if let Some(command) = command::of(frame, origin) {
+            self.on_command(context, port, frame, &command, None);
+        }
+    }
+
+    /// Hands a frame that is for us, and is no command, to its service.
+    #[inline(never)]
+    fn serve_others<V: Autopilot, P: PlanStorage>(
+        &mut self,
+        context: &mut Context<'_, V, P>,
+        port: &mut Port,
+        frame: &Frame<'_>,
+        target: Address,
+    ) {
+        let own = self.config.address.get();
         let from = Peer { address: frame.source(), link: port.id };
-        if let Some(command) = frame.decode::<CommandLong>() {
-            let command = command::from_long(&command, origin(context, port, frame));
-            self.on_command(context, port, frame, &command, None);
-        } else if let Some(command) = frame.decode::<CommandInt>() {
-            let command = command::from_int(&command, origin(context, port, frame));
-            self.on_command(context, port, frame, &command, None);
-        } else if self.on_command_frame(context, port, frame, target) {
-            // That was all.
-        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
+        if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
             count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
-        } else if is_plan {
+        } else if Missions::handles(frame.id()) {
             if target.system.0 == 0 {
                 // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
                 count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");

@@ -30,6 +30,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// What the flash reported when it could not be read. The plans that were not read are empty then; the store is in use
     /// nevertheless.
+    #[inline(never)]
     pub fn restore_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -83,6 +84,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// With [`Durability::Durable`] an upload's final answer waits for this: call it in every pass of the loop, or from an
     /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where
     /// an erase takes 100 ms.
+    #[inline(never)]
     pub fn persist_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -118,6 +120,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// What the flash reported when it could not be read. The parameters that were not read have their defaults then; the store
     /// is in use nevertheless.
+    #[inline(never)]
     pub fn restore_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -151,6 +154,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// Writes parameters that have changed, one step at a time, as [`persist_plans`](Self::persist_plans) does with plans: about a second
     /// behind a change, not more often than every ten seconds, and only while the vehicle
     /// [permits](crate::Plans::may_persist). True when there is more to do at once.
+    #[inline(never)]
     pub fn persist_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,

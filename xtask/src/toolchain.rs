@@ -115,6 +115,8 @@ pub fn cargo_for(choice: Choice, task: &str, target: &str, folder: &std::path::P
         // They would replace the link arguments of `.cargo/config.toml`.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
+        // Code that is compiled bit by bit is inlined otherwise: its size and stack would not be the firmware's.
+        .env_remove("CARGO_INCREMENTAL")
         .current_dir(crate::system::root());
     command
 }

@@ -47,23 +47,14 @@ impl Home {
     pub fn to_local(self, latitude: i32, longitude: i32) -> (f32, f32) {
         let north = i64::from(latitude) - i64::from(self.latitude);
         let east = i64::from(longitude) - i64::from(self.longitude);
-        // Without a division: the fence asks for every corner in every step.
-        let east = if east < -HALF_TURN {
-            east + 2 * HALF_TURN
-        } else if east >= HALF_TURN {
-            east - 2 * HALF_TURN
-        } else {
-            east
-        };
-        (north as f32 * METRES_PER_UNIT, east as f32 * METRES_PER_UNIT * self.cos_latitude)
+        (north as f32 * METRES_PER_UNIT, short_way(east) as f32 * METRES_PER_UNIT * self.cos_latitude)
     }
 
     /// Latitude and longitude (deg·1e7) of a place near the start.
     pub fn to_global(self, north: f32, east: f32) -> (i32, i32) {
         let latitude = i64::from(self.latitude) + round(north / METRES_PER_UNIT);
         let longitude = i64::from(self.longitude) + round(east / (METRES_PER_UNIT * self.cos_latitude));
-        let longitude = (longitude + HALF_TURN).rem_euclid(2 * HALF_TURN) - HALF_TURN;
-        (latitude.clamp(-HALF_TURN / 2, HALF_TURN / 2) as i32, longitude as i32)
+        (latitude.clamp(-HALF_TURN / 2, HALF_TURN / 2) as i32, short_way(longitude) as i32)
     }
 
     /// Height above the start (m) of an altitude in `frame`; `None` when the vehicle cannot tell.
@@ -84,6 +75,18 @@ impl Home {
     /// Whether a place is not further from home than `far`, nor higher above it than `high` (m); 0 is no limit.
     pub fn is_near(self, far: f32, high: f32, place: Vector) -> bool {
         (far == 0.0 || place.distance(self.spot) <= far) && (high == 0.0 || self.spot.down - place.down <= high)
+    }
+}
+
+/// So many 1e-7 degrees of longitude, which are less than one and a half turns, to within half a turn. Without a division: the
+/// fence asks for every corner in every step.
+fn short_way(longitude: i64) -> i64 {
+    if longitude < -HALF_TURN {
+        longitude + 2 * HALF_TURN
+    } else if longitude >= HALF_TURN {
+        longitude - 2 * HALF_TURN
+    } else {
+        longitude
     }
 }
 

@@ -66,10 +66,7 @@ impl Telemetry for Quadrotor {
             GpsGlobalOrigin::ID if self.has_fix() => out.put(&self.origin(now)),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
             FlightInformation::ID => out.put(&self.flight_information(now)),
-            ComponentMetadata::ID => match self.metadata() {
-                Some(&metadata) => out.put(&ComponentMetadata { time_boot_ms: boot_ms(now), ..metadata }),
-                None => false,
-            },
+            ComponentMetadata::ID => self.put_metadata(out),
             RcChannels::ID => out.put(&self.rc_channels(now)),
             ExtendedSysState::ID => {
                 out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })
@@ -117,6 +114,14 @@ impl Quadrotor {
             battery_remaining: percent(battery),
             ..SysStatus::default()
         }
+    }
+
+    /// Not inlined: of all messages only this one is large.
+    #[inline(never)]
+    fn put_metadata(&self, out: Fill<'_>) -> bool {
+        let Some(&metadata) = self.metadata() else { return false };
+        let message = ComponentMetadata { time_boot_ms: boot_ms(out.now()), ..metadata };
+        out.put(&message)
     }
 
     fn gps_raw(&self, now: Instant) -> GpsRawInt {

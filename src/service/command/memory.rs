@@ -336,6 +336,7 @@ impl CommandMemory {
     }
 
     /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
+    #[inline(never)]
     pub(crate) fn recall(
         &mut self,
         now: Instant,
@@ -363,6 +364,7 @@ impl CommandMemory {
     }
 
     /// `command` was handed to the vehicle, which answered `outcome`.
+    #[inline(never)]
     pub(crate) fn settle(
         &mut self,
         now: Instant,

@@ -154,6 +154,7 @@ pub(super) fn is_once<V: Commands>(command: MavCmd) -> bool {
 }
 
 /// Checks a command by its declaration, if there is one.
+#[inline(never)]
 pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), MavResult> {
     let policy = declared::<V>(command.id);
     policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(command)))

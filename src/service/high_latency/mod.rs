@@ -539,6 +539,7 @@ pub(crate) fn learn_links(links: &[Link], vehicle: &mut impl Vehicle) {
     }
 }
 
+#[inline(never)]
 fn learn(satellite: &mut HighLatency, links: &[Link]) {
     if satellite.links.is_empty() {
         let links = links.iter().filter(|link| is_satellite(&link.port));
@@ -550,12 +551,14 @@ fn is_satellite(port: &Port) -> bool {
     port.config.class == LinkClass::HighLatency
 }
 
+#[inline(never)]
 fn schedule(links: &mut [Link], satellite: &mut HighLatency) {
     let Some(next) = satellite.next.take() else { return };
     links.iter_mut().filter(|link| is_satellite(&link.port)).for_each(|link| link.port.heartbeat.postpone(next));
 }
 
 /// A command about the high-latency links; `None` for all others, and for a vehicle that has no memory for them.
+#[inline(never)]
 pub(crate) fn on_command(
     now: Instant,
     port: &mut Port,

@@ -10,7 +10,7 @@ use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
 use super::replies::{Reply, What};
 use super::upload::{Done, check_plan};
-use super::validate;
+use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::link::{LinkId, Peer};
@@ -313,7 +313,7 @@ impl Missions {
 impl Missions {
     /// Tells the operators that a plan did not come back from storage.
     pub(crate) fn tell_refused(&mut self, cx: &mut Context<'_, '_>, plan: PlanType, fault: PlanFault) {
-        cx.tell(&validate::plan_refused(plan, fault));
+        cx.tell(&Trouble::Refused(plan, fault));
     }
 
     /// From now on there is storage.
@@ -362,13 +362,13 @@ impl Missions {
         let Some(commit) = self.commit.take() else {
             self.saving.rests_until = cx.now.after(RETRY);
             if !was_told {
-                cx.tell(&validate::not_saved(None));
+                cx.tell(&Trouble::NotSaved(None));
             }
             return None;
         };
         self.saving.next_job();
         event!("plans: change by {}: not written", commit.to);
-        cx.tell(&validate::not_saved(Some(&commit.change)));
+        cx.tell(&Trouble::NotSaved(Some(&commit.change)));
         Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ERROR)))
     }
 }

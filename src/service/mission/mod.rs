@@ -40,8 +40,8 @@ use self::current::Current;
 use self::download::Sessions;
 use self::progress::Reached;
 use self::replies::What;
-use self::upload::{Arrival, Done, Upload};
-use self::validate::Words;
+use self::upload::{Done, Upload};
+use self::validate::Trouble;
 use crate::dialect::{
     MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionClearAll, MissionCount, MissionItem,
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
@@ -49,7 +49,7 @@ use crate::dialect::{
 };
 use crate::frame::{Frame, Version};
 use crate::link::{LinkId, LinkMask, Outbox, Peer};
-use crate::message::Message;
+use crate::message::{Message, Text};
 use crate::service::statustext::StatusTexts;
 use crate::time::Instant;
 use crate::vehicle::{Plans, Progress};
@@ -85,9 +85,14 @@ pub(crate) struct Context<'a, 'p> {
 }
 
 impl Context<'_, '_> {
-    fn tell(&mut self, words: &Words) {
-        if let Some(text) = validate::text(words) {
-            self.texts.push(self.now, self.normal, MavSeverity::WARNING, text);
+    /// Tells the operators; nothing of it is left in a firmware without texts about plans. Not inlined: the text takes 120
+    /// bytes of stack, and who tells it is deep down already.
+    #[inline(never)]
+    fn tell(&mut self, trouble: &Trouble<'_>) {
+        if cfg!(feature = "plan-texts") {
+            let mut words = Text::EMPTY;
+            trouble.write(&mut words);
+            self.texts.push(self.now, self.normal, MavSeverity::WARNING, &words);
         }
     }
 }
@@ -213,6 +218,7 @@ impl Missions {
     }
 
     /// A frame whose message [`handles`](Self::handles) names, addressed to exactly our system (M-10).
+    #[inline(never)]
     pub(crate) fn on_frame<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
@@ -237,11 +243,10 @@ impl Missions {
             MissionCount::ID => {
                 self.on_count(cx, vehicle, caller, mission_type, MissionCount::decode(payload).count);
             }
-            id @ (MissionItemInt::ID | MissionItem::ID) => {
-                let message = MissionItemInt::decode(payload);
-                let (item, is_float) = (Item::from_int(&message), id == MissionItem::ID);
-                let arrival = Arrival { mission_type, seq: message.seq, current: message.current, item, is_float };
-                self.on_item(cx, vehicle, caller, arrival);
+            MissionItemInt::ID | MissionItem::ID => {
+                if let Some(seq) = self.on_item(cx, vehicle, caller, frame) {
+                    self.complete(cx, vehicle, caller, seq);
+                }
             }
             MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),
             MissionRequestList::ID => caller.ask(cx, mission_type, What::Count),

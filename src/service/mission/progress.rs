@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::memory::{PlanType, PlansMut};
-use super::validate;
+use super::validate::Trouble;
 use super::{Context, Missions};
 use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached};
 use crate::link::{LinkMask, Outbox};
@@ -99,12 +99,13 @@ impl Missions {
             if seq < cx.plans.count(PlanType::Mission) { vehicle.set_current(seq, false) } else { MavResult::FAILED };
         if result != MavResult::ACCEPTED {
             event!("current item {=u16}: refused", seq);
-            cx.tell(&validate::current_refused(seq));
+            cx.tell(&Trouble::NotCurrent(seq));
         }
         self.current.announce_progress(vehicle.progress(), cx.normal);
     }
 
     /// A command about the mission's progress; `None` for all others.
+    #[inline(never)]
     pub(crate) fn on_command<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,

@@ -295,11 +295,11 @@ impl CommandRule {
     pub fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
         let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
         let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;
-        let [p1, p2, p3, p4] = item.params.map(Value::of_float);
-        refuse(!self.admits(1, p1), MavMissionResult::INVALID_PARAM1)?;
-        refuse(!self.admits(2, p2), MavMissionResult::INVALID_PARAM2)?;
-        refuse(!self.admits(3, p3), MavMissionResult::INVALID_PARAM3)?;
-        refuse(!self.admits(4, p4), MavMissionResult::INVALID_PARAM4)?;
+        for (index, param) in (1u8..).zip(item.params) {
+            // INVALID_PARAM1 to INVALID_PARAM4.
+            let result = MavMissionResult(MavMissionResult::INVALID_PARAM1.0.wrapping_add(index).wrapping_sub(1));
+            refuse(!self.admits(index, Value::of_float(param)), result)?;
+        }
         let (is_x_bad, is_y_bad) = if self.has(LOCATED) && is_global {
             // Half a position is none.
             let is_absent = item.x == i32::MAX && item.y == i32::MAX && self.has(POSITION_OPTIONAL);

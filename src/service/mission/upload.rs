@@ -8,11 +8,14 @@ use super::item::{Digest, Item};
 use super::memory::PlanType;
 use super::pace::Pace;
 use super::replies::{Reply, What};
-use super::validate::{self, Words};
-use super::{Caller, Context, Missions};
-use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
-use crate::frame::Address;
+use super::validate::{self, Trouble};
+use super::{Caller, Context, Missions, mission_type};
+use crate::dialect::{
+    MavMissionResult, MavMissionType, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt,
+};
+use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Outbox, Peer};
+use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PlanFault, Plans};
 
@@ -85,6 +88,7 @@ impl Upload {
 
 impl Missions {
     /// MISSION_COUNT: an upload begins, or begins anew.
+    #[inline(never)]
     pub(super) fn on_count<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
@@ -148,26 +152,35 @@ impl Missions {
         });
     }
 
-    /// MISSION_ITEM_INT or MISSION_ITEM.
+    /// MISSION_ITEM_INT or MISSION_ITEM. Its number, when it is the last one and the plan is to be
+    /// [completed](Self::complete): apart from here, for the item takes room on the stack that is needed there.
+    #[inline(never)]
     pub(super) fn on_item<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
-        arrival: Arrival,
-    ) {
-        let Arrival { mission_type, seq, current, item, is_float } = arrival;
+        frame: &Frame<'_>,
+    ) -> Option<u16> {
+        let Arrival { mission_type, seq, current, item, is_float } = Arrival::of(frame);
         let from = caller.from;
         let is_guided = matches!(current, 2 | 3);
         if let Some(commit) = self.committing_mut() {
-            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
+            if commit.is_by(caller) {
+                self.out_of_place();
+            } else {
+                caller.deny(mission_type);
+            }
+            return None;
         }
         let Some(upload) = &mut self.upload else {
-            return self.on_stray_item(cx, caller, mission_type, seq, is_guided);
+            self.on_stray_item(cx, caller, mission_type, seq, is_guided);
+            return None;
         };
         if !upload.is_by(from.address) || is_guided {
             // M-33, M-34
-            return caller.deny(mission_type);
+            caller.deny(mission_type);
+            return None;
         }
         // Also when it is not the item that is wanted: the partner is heard here now (M-11).
         upload.partner = from;
@@ -178,12 +191,13 @@ impl Missions {
             if seq.checked_add(1) == Some(next) {
                 upload.pace.repeated();
             }
-            return self.out_of_place();
+            self.out_of_place();
+            return None;
         }
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
         if is_last && self.lacks_result_slot(caller) {
             // Asked for again, when there is room to answer for the whole plan.
-            return;
+            return None;
         }
         // The command comes first, as the order of section 8.6 has it: of an unknown one the frame says nothing.
         let checked = validate::rule(plan, V::MISSION_COMMANDS, item.command).and_then(|rule| {
@@ -195,11 +209,12 @@ impl Missions {
         let item = match checked {
             Ok(item) => item,
             Err(result) => {
-                cx.tell(&validate::item_refused(plan, seq, result));
-                return self.finish(cx, caller, seq, result);
+                cx.tell(&Trouble::Refused(plan, PlanFault { seq: Some(seq), result }));
+                self.finish(cx, caller, seq, result);
+                return None;
             }
         };
-        let Some(upload) = &mut self.upload else { return };
+        let upload = self.upload.as_mut()?;
         // There is room: the count was checked before the first item (M-21).
         let _ = cx.plans.staging.push(item);
         upload.digest.add(&item);
@@ -208,17 +223,22 @@ impl Missions {
         }
         upload.pace.answered(cx.now);
         upload.owes_request = true;
-        if is_last {
-            self.complete(cx, vehicle, caller, seq);
-        }
+        is_last.then_some(seq)
     }
 
     /// The last item has come: the plan goes live, or to storage first, unless it is refused as a whole (M-39).
-    fn complete<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
+    #[inline(never)]
+    pub(super) fn complete<V: Plans>(
+        &mut self,
+        cx: &mut Context<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        seq: u16,
+    ) {
         let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
         let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
         if let Err(fault) = check_plan(cx, vehicle, plan) {
-            cx.tell(&validate::plan_refused(plan, fault));
+            cx.tell(&Trouble::Refused(plan, fault));
             return self.finish(cx, caller, seq, fault.result);
         }
         self.upload = None;
@@ -308,6 +328,7 @@ impl Missions {
     }
 
     /// MISSION_CLEAR_ALL.
+    #[inline(never)]
     pub(super) fn on_clear<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
@@ -387,9 +408,8 @@ impl Missions {
         let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
         let what = What::Refused(MavMissionResult::OPERATION_CANCELLED);
         event!("{} upload by {}: timed out", plan, upload.partner);
-        let mut words = validate::words(plan, " upload timed out at item ");
-        words.push_number(cx.plans.staged().into());
-        cx.tell(&words);
+        let seq = cx.plans.staged();
+        cx.tell(&Trouble::TimedOut(plan, seq));
         self.abandon(cx);
         Some((link, Reply::new(to, plan.mission_type(), what)))
     }
@@ -420,21 +440,33 @@ impl Missions {
         let storage = if self.is_durable() && !vehicle.may_persist() { Err(MavMissionResult::DENIED) } else { Ok(()) };
         let Err(result) = storage.and_then(|()| vehicle.may_change(plan, caller.from)) else { return true };
         event!("{} change by {}: refused by the vehicle", plan, caller.from);
-        let words: Words = validate::plan_refused(plan, result.into());
-        cx.tell(&words);
+        cx.tell(&Trouble::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);
         false
     }
 }
 
 /// An item as it arrived.
-pub(super) struct Arrival {
-    pub(super) mission_type: MavMissionType,
-    pub(super) seq: u16,
-    pub(super) current: u8,
+struct Arrival {
+    mission_type: MavMissionType,
+    seq: u16,
+    current: u8,
     /// As MISSION_ITEM_INT has it, also when it is the other form (M-37).
-    pub(super) item: Item,
-    pub(super) is_float: bool,
+    item: Item,
+    is_float: bool,
+}
+
+impl Arrival {
+    fn of(frame: &Frame<'_>) -> Self {
+        let message = MissionItemInt::decode(frame.payload());
+        Self {
+            mission_type: mission_type(frame),
+            seq: message.seq,
+            current: message.current,
+            item: Item::from_int(&message),
+            is_float: frame.id() == MissionItem::ID,
+        }
+    }
 }
 
 /// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.

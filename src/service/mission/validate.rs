@@ -62,83 +62,52 @@ pub(super) fn check_item(plan: PlanType, mission: &'static [CommandRule], item: 
     rule(plan, mission, item.command)?.check(item)
 }
 
-/// A text for the operator.
-#[cfg(feature = "plan-texts")]
-pub(super) type Words = Text<MAX_TEXT_LEN>;
-
-#[cfg(feature = "plan-texts")]
-pub(super) fn text(words: &Words) -> Option<&Text<MAX_TEXT_LEN>> {
-    Some(words)
+/// What the operators are told of a plan, where there are texts about plans (feature `plan-texts`).
+pub(super) enum Trouble<'a> {
+    /// "Mission item 12: parameter 3 out of range", for MISSION_ACK itself has no room for the number (M-38); "Mission
+    /// refused: not consistent", where no item is to blame.
+    Refused(PlanType, PlanFault),
+    /// "Mission upload timed out at item 12".
+    TimedOut(PlanType, u16),
+    /// "Mission item 12 cannot be made current" (M-93).
+    NotCurrent(u16),
+    /// "Mission not stored: the old one stays": what was to be written first, or what is live without being stored.
+    NotSaved(Option<&'a Change>),
 }
 
-/// The place of a text where there are none: nothing of it is left in the firmware.
-#[cfg(not(feature = "plan-texts"))]
-pub(super) struct Words;
-
-#[cfg(not(feature = "plan-texts"))]
-impl Words {
-    fn new(_: &str) -> Self {
-        Self
-    }
-
-    fn push_str(&mut self, _: &str) {}
-
-    pub(super) fn push_number(&mut self, _: u32) {}
-}
-
-#[cfg(not(feature = "plan-texts"))]
-pub(super) fn text(_: &Words) -> Option<&Text<MAX_TEXT_LEN>> {
-    None
-}
-
-/// Begins a text about a plan.
-pub(super) fn words(plan: PlanType, text: &str) -> Words {
-    let mut words = Words::new(match plan {
-        PlanType::Mission => "Mission",
-        PlanType::Fence => "Fence",
-        PlanType::Rally => "Rally",
-    });
-    words.push_str(text);
-    words
-}
-
-/// "Mission item 12: parameter 3 out of range": MISSION_ACK itself has no room for the number (M-38).
-pub(super) fn item_refused(plan: PlanType, seq: u16, result: MavMissionResult) -> Words {
-    let mut words = words(plan, " item ");
-    words.push_number(seq.into());
-    push_reason(&mut words, result);
-    words
-}
-
-/// "Mission refused: not consistent", or as [`item_refused`] says it where an item is to blame.
-pub(super) fn plan_refused(plan: PlanType, fault: PlanFault) -> Words {
-    if let Some(seq) = fault.seq {
-        return item_refused(plan, seq, fault.result);
-    }
-    let mut words = words(plan, " refused");
-    push_reason(&mut words, fault.result);
-    words
-}
-
-/// "Mission item 12 cannot be made current" (M-93).
-pub(super) fn current_refused(seq: u16) -> Words {
-    let mut words = words(PlanType::Mission, " item ");
-    words.push_number(seq.into());
-    words.push_str(" cannot be made current");
-    words
-}
-
-/// "Mission not stored: the old one stays": what was to be written first, or what is live without being stored.
-pub(super) fn not_saved(change: Option<&Change>) -> Words {
-    match change {
-        Some(Change::Upload { plan, .. }) => words(*plan, " not stored: the old one stays"),
-        Some(Change::Clear(Some(plan))) => words(*plan, " not cleared: storage failed"),
-        Some(Change::Clear(None)) => Words::new("Plans not cleared: storage failed"),
-        None => Words::new("Plan storage failed"),
+impl Trouble<'_> {
+    /// Writes it where no text stands yet: there is one on the stack, and not one in each of those who write a part.
+    pub(super) fn write(&self, words: &mut Text<MAX_TEXT_LEN>) {
+        let name = |plan| match plan {
+            PlanType::Mission => "Mission",
+            PlanType::Fence => "Fence",
+            PlanType::Rally => "Rally",
+        };
+        let (subject, what, seq) = match self {
+            Self::Refused(plan, PlanFault { seq: None, .. }) => (name(*plan), " refused", None),
+            Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
+            Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
+            Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
+            Self::NotSaved(Some(Change::Upload { plan, .. })) => (name(*plan), " not stored: the old one stays", None),
+            Self::NotSaved(Some(Change::Clear(plan))) => {
+                (plan.map_or("Plans", name), " not cleared: storage failed", None)
+            }
+            Self::NotSaved(None) => ("Plan storage failed", "", None),
+        };
+        words.push_str(subject);
+        words.push_str(what);
+        if let Some(seq) = seq {
+            words.push_number(seq.into());
+        }
+        match self {
+            Self::Refused(_, fault) => push_reason(words, fault.result),
+            Self::NotCurrent(_) => words.push_str(" cannot be made current"),
+            Self::TimedOut(..) | Self::NotSaved(_) => {}
+        }
     }
 }
 
-fn push_reason(words: &mut Words, result: MavMissionResult) {
+fn push_reason(words: &mut Text<MAX_TEXT_LEN>, result: MavMissionResult) {
     words.push_str(": ");
     let reason = match result {
         MavMissionResult::UNSUPPORTED_FRAME => "frame not supported",
@@ -335,16 +304,19 @@ mod tests {
     }
 
     /// M-38
-    #[cfg(feature = "plan-texts")]
     #[test]
     fn texts_name_the_item_and_the_reason() {
-        let text = |words: Words| std::string::String::from(words.as_str().unwrap());
-        let item = |result| text(item_refused(PlanType::Mission, 65_534, result));
+        let refused = |plan, seq, result| {
+            let mut text = Text::EMPTY;
+            Trouble::Refused(plan, PlanFault { seq, result }).write(&mut text);
+            std::string::String::from(text.as_str().unwrap())
+        };
+        let item = |result| refused(PlanType::Mission, Some(65_534), result);
         assert_eq!(item(MavMissionResult::UNSUPPORTED), "Mission item 65534: command not supported");
         assert_eq!(item(MavMissionResult::INVALID_PARAM1), "Mission item 65534: parameter 1 out of range");
         assert_eq!(item(MavMissionResult::INVALID_PARAM7), "Mission item 65534: parameter 7 out of range");
         assert_eq!(item(MavMissionResult(200)), "Mission item 65534: refused by the vehicle");
-        let whole = |seq| text(plan_refused(PlanType::Fence, PlanFault { seq, result: MavMissionResult::INVALID }));
+        let whole = |seq| refused(PlanType::Fence, seq, MavMissionResult::INVALID);
         assert_eq!(whole(None), "Fence refused: not consistent");
         assert_eq!(whole(Some(12)), "Fence item 12: not consistent");
         // None of them is cut off.

@@ -13,6 +13,7 @@ type Checked = Result<(), PlanFault>;
 
 /// Refuses jumps that lead nowhere, and fences with polygons that are not whole. The items have passed
 /// [`check_item`](super::validate::check_item).
+#[inline(never)]
 pub(super) fn check_plan(plan: PlanType, items: &[Item]) -> Checked {
     match plan {
         PlanType::Mission => check_jumps(items),

@@ -148,6 +148,7 @@ impl Params {
     }
 
     /// A frame whose message [`handles`](Self::handles) names, addressed to us or to all.
+    #[inline(never)]
     pub(crate) fn on_frame<V: Parameters>(
         &mut self,
         cx: &mut Context<'_>,
@@ -177,6 +178,7 @@ impl Params {
     }
 
     /// MAV_CMD_PREFLIGHT_STORAGE (P-17); `None` for any other command, and where there are no parameters.
+    #[inline(never)]
     pub(crate) fn on_command<V: Parameters + Vehicle>(
         &mut self,
         cx: &mut Context<'_>,

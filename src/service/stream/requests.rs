@@ -44,6 +44,7 @@ impl Fixed {
 }
 
 /// A command about messages; `None` for all others, and for messages of others.
+#[inline(never)]
 pub(crate) fn on_command<V: Telemetry>(
     now: Instant,
     fixed: Fixed,
@@ -139,6 +140,7 @@ fn on_interval(
 }
 
 /// What else came in about streams; true when nobody else needs to see it.
+#[inline(never)]
 pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], slots: &mut [Slot], frame: &Frame<'_>) -> bool {
     if let Some(status) = frame.decode::<RadioStatus>() {
         port.streams.on_radio(now, status.txbuf);

@@ -108,13 +108,13 @@ impl Quadrotor {
             MavCmd::NAV_TAKEOFF if self.may_be_late(command.class) => {
                 self.refuse(MavResult::DENIED, "Takeoff refused: by satellite")
             }
-            MavCmd::NAV_TAKEOFF => self.take_off(&command.decode()?)?,
-            MavCmd::NAV_LAND => self.land(&command.decode()?)?,
+            MavCmd::NAV_TAKEOFF => self.take_off(command)?,
+            MavCmd::NAV_LAND => self.land(command)?,
             MavCmd::NAV_RETURN_TO_LAUNCH => self.start(Mode::Return, Maneuver::Return),
-            MavCmd::DO_REPOSITION => self.reposition(&command.decode()?)?,
+            MavCmd::DO_REPOSITION => self.reposition(command)?,
             MavCmd::DO_CHANGE_SPEED => self.change_speed(p2),
             MavCmd::CONDITION_YAW => self.turn(command),
-            MavCmd::DO_SET_HOME => self.set_home(&command.decode()?),
+            MavCmd::DO_SET_HOME => self.set_home(command)?,
             MavCmd::DO_FLIGHTTERMINATION => {
                 let DoFlighttermination { terminate } = command.decode()?;
                 self.terminate(terminate == 1)
@@ -209,7 +209,10 @@ impl Quadrotor {
         MavResult::ACCEPTED
     }
 
-    fn take_off(&mut self, command: &NavTakeoff) -> Result<MavResult, MavResult> {
+    // Those with a place are not inlined: each takes room on the stack for its own parameters, and one at a time.
+    #[inline(never)]
+    fn take_off(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let command: NavTakeoff = command.decode()?;
         let location = &command.location;
         // 0 is what some send who leave it to us (C-8).
         let to = match location.altitude.filter(|&altitude| altitude != 0.0) {
@@ -220,7 +223,9 @@ impl Quadrotor {
         Ok(self.point(result, command.yaw.map(f32::to_radians)))
     }
 
-    fn land(&mut self, command: &NavLand) -> Result<MavResult, MavResult> {
+    #[inline(never)]
+    fn land(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let command: NavLand = command.decode()?;
         // How high the ground is it feels.
         let to = self.destination(&command.location, ABOVE_HOME, None)?;
         let result = self.start(Mode::Land, Maneuver::Land(to));
@@ -228,9 +233,10 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_DO_REPOSITION: to a place, at a height, at a speed, where they are given; and stays there.
-    fn reposition(&mut self, command: &DoReposition) -> Result<MavResult, MavResult> {
-        let DoReposition { speed, bitmask, yaw, location, .. } = command;
-        let to = self.destination(location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
+    #[inline(never)]
+    fn reposition(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let DoReposition { speed, bitmask, yaw, location, .. } = command.decode()?;
+        let to = self.destination(&location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
         let to = to.map_err(|result| self.refuse(result, "Goto refused: under the ground"))?;
         if self.armed && self.is_landed() {
             return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Goto refused: on the ground"));
@@ -244,7 +250,7 @@ impl Quadrotor {
             // Less is "as it is".
             self.speed = speed.filter(|&speed| speed > 0.0).or(self.speed);
         }
-        Ok(self.point(result, *yaw))
+        Ok(self.point(result, yaw))
     }
 
     /// MAV_CMD_DO_CHANGE_SPEED: until it lands, or the next mission begins.
@@ -260,6 +266,7 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_CONDITION_YAW, outside of a mission.
+    #[inline(never)]
     fn turn(&mut self, command: &Command) -> MavResult {
         if self.mode != Mode::Hold || self.is_landed() {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Turn refused: not holding in the air");
@@ -280,9 +287,11 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_DO_SET_HOME: here, or at a place that is given as a whole.
-    fn set_home(&mut self, command: &DoSetHome) -> MavResult {
+    #[inline(never)]
+    fn set_home(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let command: DoSetHome = command.decode()?;
         if !self.has_fix() {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Home refused: no GPS fix yet");
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Home refused: no GPS fix yet"));
         }
         let spot = if command.use_current {
             self.body.position
@@ -290,22 +299,22 @@ impl Quadrotor {
             let Location { position, altitude, frame } = command.location;
             let frame = frame.unwrap_or(MavFrame::GLOBAL);
             let height = altitude.and_then(|altitude| self.home.to_height(frame, altitude));
-            let (Some(position), Some(height)) = (position, height) else { return MavResult::DENIED };
+            let (Some(position), Some(height)) = (position, height) else { return Err(MavResult::DENIED) };
             let (north, east) = self.home.to_local(position.latitude, position.longitude);
             Vector { north, east, down: -height }
         };
         if spot.distance(Vector::ZERO) > FAR || spot.down.abs() > FAR {
-            return self.refuse(MavResult::DENIED, "Home refused: too far");
+            return Err(self.refuse(MavResult::DENIED, "Home refused: too far"));
         }
         let far = self.tuning.get(Tuning::GF_MAX_HOR_DIST);
         let high = self.tuning.get(Tuning::GF_MAX_VER_DIST);
         let home = self.home.moved_to(spot);
         if self.armed && !home.is_near(far, high, self.body.position) {
-            return self.refuse(MavResult::DENIED, "Home refused: the fence around it");
+            return Err(self.refuse(MavResult::DENIED, "Home refused: the fence around it"));
         }
         self.home = home;
         self.has_new_home = true;
-        MavResult::ACCEPTED
+        Ok(MavResult::ACCEPTED)
     }
 
     pub(super) fn start(&mut self, mode: Mode, maneuver: Maneuver) -> MavResult {

@@ -180,13 +180,18 @@ impl Quadrotor {
 
     /// Flies the mission from where it was left; from its beginning when it was flown to its end.
     pub(super) fn fly_on(&mut self) -> MavResult {
+        self.fly_from(None)
+    }
+
+    /// The same, or from this item.
+    fn fly_from(&mut self, first: Option<u16>) -> MavResult {
         if self.mission.count == 0 {
             return self.refuse(MavResult::FAILED, "Mission refused: there is none");
         }
         let result = self.start(Mode::Mission, self.maneuver);
         if result == MavResult::ACCEPTED {
-            if self.mission.is_over {
-                self.mission = Mission::of(self.mission.count, 0);
+            if self.mission.is_over || first.is_some() {
+                self.mission = Mission::of(self.mission.count, first.unwrap_or(0));
             }
             if self.mission.state == MissionState::NOT_STARTED {
                 self.speed = None;
@@ -203,15 +208,9 @@ impl Quadrotor {
         if mission.count > 0 && (begin > end || end >= mission.count) {
             return MavResult::DENIED;
         }
-        let before = self.mission;
-        if let Some(first) = first {
-            self.mission = Mission::of(before.count, first);
-        }
-        let result = self.fly_on();
+        let result = self.fly_from(first);
         if result == MavResult::ACCEPTED {
             self.mission.last = end;
-        } else {
-            self.mission = before;
         }
         result
     }
