@@ -190,4 +190,28 @@ mod tests {
         }
         assert_eq!(calls, [3, 0]);
     }
+
+    /// The interrupt that counts laps may come after more than one poll, and the place may be told as the buffer's end.
+    #[test]
+    fn a_lap_may_be_counted_late_and_end_at_the_buffers_end() {
+        let mut reader = CircularReader::new();
+        let buffer: [u8; LEN] = core::array::from_fn(|at| at as u8);
+        let steps: [(u32, usize, &[u8]); 6] = [
+            (0, 12, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]),
+            (0, 2, &[12, 13, 14, 15, 0, 1]),
+            (0, 4, &[2, 3]),
+            (1, 5, &[4]),
+            (1, LEN, &[5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]),
+            (2, 1, &[0]),
+        ];
+        for (laps, place, expected) in steps {
+            let mut received = Vec::new();
+            let result = reader.poll(&buffer, laps, place, |bytes| {
+                received.extend(bytes);
+                bytes.len()
+            });
+            assert_eq!((result, &received[..]), (Ok(()), expected), "lap {laps}, place {place}");
+        }
+        assert_eq!(reader.overruns(), 0);
+    }
 }

@@ -143,6 +143,23 @@ mod tests {
     struct Fifo {
         rx: VecDeque<Result<u8, serial::ErrorKind>>,
         tx: VecDeque<u8>,
+        /// It sends so many bytes, then fails once.
+        fails_after: Option<usize>,
+    }
+
+    impl Fifo {
+        fn fails(&mut self) -> nb::Result<(), serial::ErrorKind> {
+            match self.fails_after {
+                Some(0) => {
+                    self.fails_after = None;
+                    Err(nb::Error::Other(serial::ErrorKind::Other))
+                }
+                left => {
+                    self.fails_after = left.map(|left| left - 1);
+                    Ok(())
+                }
+            }
+        }
     }
 
     impl serial::ErrorType for Fifo {
@@ -157,6 +174,7 @@ mod tests {
 
     impl serial::Write for Fifo {
         fn write(&mut self, byte: u8) -> nb::Result<(), serial::ErrorKind> {
+            self.fails()?;
             if self.tx.len() == 4 {
                 return Err(nb::Error::WouldBlock);
             }
@@ -165,6 +183,7 @@ mod tests {
         }
 
         fn flush(&mut self) -> nb::Result<(), serial::ErrorKind> {
+            self.fails()?;
             if self.tx.is_empty() { Ok(()) } else { Err(nb::Error::WouldBlock) }
         }
     }
@@ -207,5 +226,42 @@ mod tests {
         assert_eq!(uart.read(&mut buffer), Err(HalError::Hal(serial::ErrorKind::Overrun)));
         assert_eq!((uart.read(&mut buffer), buffer[0]), (Ok(1), 3));
         assert_eq!(uart.read_ready(), Ok(false));
+        assert_eq!(uart.read(&mut []), Ok(0));
+    }
+
+    const FAILED: HalError<serial::ErrorKind> = HalError::Hal(serial::ErrorKind::Other);
+
+    /// The bytes before an error are told as written, and those behind it are the next call's.
+    #[test]
+    fn an_error_while_writing_is_told_once_and_loses_nothing_behind_it() {
+        let mut uart = NbSerial::new(Fifo { fails_after: Some(0), ..Fifo::default() });
+        assert_eq!(uart.write(b"ab"), Err(FAILED));
+        uart.get_mut().fails_after = Some(2);
+        assert_eq!((uart.write(b"abc"), uart.write(b"c")), (Ok(2), Ok(1)));
+        assert_eq!(
+            (uart.write(b"def"), uart.write_ready()),
+            (Ok(2), Ok(false)),
+            "the FIFO is full, and one byte waits"
+        );
+        uart.get_mut().fails_after = Some(0);
+        assert_eq!(
+            (uart.write(b"f"), uart.write_ready()),
+            (Err(FAILED), Ok(true)),
+            "the byte that failed is not tried again"
+        );
+        assert!(uart.serial.tx.iter().eq(b"abcd"));
+    }
+
+    /// It is done when the UART has sent all, and an error of the UART is its own.
+    #[test]
+    fn flush_asks_and_does_not_wait() {
+        let mut uart = NbSerial::new(Fifo::default());
+        assert_eq!((uart.flush(), uart.write(b"abcde")), (Ok(()), Ok(5)));
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "a byte is still here");
+        uart.get_mut().tx.pop_front();
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "all are in the FIFO");
+        uart.get_mut().tx.clear();
+        uart.get_mut().fails_after = Some(0);
+        assert_eq!((uart.flush(), uart.flush()), (Err(FAILED), Ok(())));
     }
 }

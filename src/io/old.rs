@@ -52,3 +52,66 @@ impl<S: old::Write> embedded_io::Write for Io06<S> {
         self.0.flush().map_err(HalError::Hal)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use embedded_io::{Read, ReadReady, Write, WriteReady};
+    use std::vec::Vec;
+
+    /// A UART that gives back what it was sent, and fails when it is empty.
+    #[derive(Default)]
+    struct Loopback(Vec<u8>);
+
+    impl old::ErrorType for Loopback {
+        type Error = old::ErrorKind;
+    }
+
+    impl old::ReadReady for Loopback {
+        fn read_ready(&mut self) -> Result<bool, old::ErrorKind> {
+            Ok(!self.0.is_empty())
+        }
+    }
+
+    impl old::Read for Loopback {
+        fn read(&mut self, buffer: &mut [u8]) -> Result<usize, old::ErrorKind> {
+            if self.0.is_empty() {
+                return Err(old::ErrorKind::TimedOut);
+            }
+            let len = buffer.len().min(self.0.len());
+            buffer[..len].copy_from_slice(&self.0[..len]);
+            self.0.drain(..len);
+            Ok(len)
+        }
+    }
+
+    impl old::WriteReady for Loopback {
+        fn write_ready(&mut self) -> Result<bool, old::ErrorKind> {
+            Ok(self.0.len() < 4)
+        }
+    }
+
+    impl old::Write for Loopback {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, old::ErrorKind> {
+            let len = bytes.len().min(4 - self.0.len());
+            self.0.extend(&bytes[..len]);
+            Ok(len)
+        }
+
+        fn flush(&mut self) -> Result<(), old::ErrorKind> {
+            if self.0.is_empty() { Ok(()) } else { Err(old::ErrorKind::Other) }
+        }
+    }
+
+    #[test]
+    fn each_call_is_the_uarts_own() {
+        let mut uart = Io06::new(Loopback::default());
+        let mut buffer = [0; 8];
+        assert_eq!((uart.read_ready(), uart.write_ready(), uart.flush()), (Ok(false), Ok(true), Ok(())));
+        assert_eq!(uart.read(&mut buffer), Err(HalError::Hal(old::ErrorKind::TimedOut)));
+        assert_eq!((uart.write(b"abcdef"), uart.write_ready(), uart.read_ready()), (Ok(4), Ok(false), Ok(true)));
+        assert_eq!(uart.flush(), Err(HalError::Hal(old::ErrorKind::Other)));
+        uart.get_mut().0.remove(0);
+        assert_eq!((uart.read(&mut buffer), &buffer[..3]), (Ok(3), &b"bcd"[..]));
+    }
+}

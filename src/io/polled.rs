@@ -115,6 +115,8 @@ mod tests {
     struct Buffered {
         rx: Vec<u8>,
         tx: Vec<u8>,
+        /// Its next write fails.
+        fails: bool,
     }
 
     impl ErrorType for Buffered {
@@ -143,6 +145,9 @@ mod tests {
     impl embedded_io_async::Write for Buffered {
         async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
             assert!(bytes.len() <= 40, "a write that can never be done");
+            if core::mem::take(&mut self.fails) {
+                return Err(embedded_io::ErrorKind::Other);
+            }
             if self.tx.len() + bytes.len() > 40 {
                 return pending().await;
             }
@@ -193,5 +198,18 @@ mod tests {
         assert_eq!(uart.flush(), Err(HalError::WouldBlock));
         uart.get_mut().tx.clear();
         assert_eq!(uart.flush(), Ok(()));
+    }
+
+    /// What could not be sent is not tried again, or the line would fail for good.
+    #[test]
+    fn an_error_is_told_once() {
+        const FAILED: HalError<embedded_io::ErrorKind> = HalError::Hal(embedded_io::ErrorKind::Other);
+        let mut uart = Polled::new(Buffered { fails: true, ..Buffered::default() });
+        assert_eq!((uart.write(b"ab"), uart.write(&[7; 32]), uart.write(&[8; 32])), (Err(FAILED), Ok(32), Ok(32)));
+        assert_eq!(uart.write_ready(), Ok(false), "the second piece waits");
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock));
+        uart.get_mut().fails = true;
+        assert_eq!((uart.write(b"c"), uart.write(b"d")), (Err(FAILED), Ok(1)));
+        assert_eq!(uart.serial.tx, [&[7; 32][..], b"d"].concat());
     }
 }

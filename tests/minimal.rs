@@ -1,0 +1,164 @@
+//! A vehicle that implements no more than it has to: whoever asks it for what it leaves out is told so, and not left waiting.
+//! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2.
+
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{
+    Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, FlightMode, LinkId, Message, NoParams,
+    NoPlans, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+};
+use support::*;
+
+/// It declares a command, a mode and a message, and takes the traits' word for the rest.
+#[derive(Default)]
+struct Minimal {
+    memory: CommandSlots<2>,
+}
+
+impl Vehicle for Minimal {
+    fn state(&self) -> Option<VehicleState> {
+        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
+        Some(VehicleState { base_mode, custom_mode: 4, system_status: MavState::STANDBY })
+    }
+}
+
+impl Commands for Minimal {
+    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::PREFLIGHT_CALIBRATION)];
+    const MODES: &'static [FlightMode] = &[FlightMode::new(4, "Hold")];
+
+    fn command(&mut self, command: &Command) -> Outcome {
+        match command.id {
+            MavCmd::PREFLIGHT_CALIBRATION => self.memory.start(command),
+            _ => MavResult::UNSUPPORTED.into(),
+        }
+    }
+
+    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+        Some(&mut self.memory)
+    }
+}
+
+impl Telemetry for Minimal {
+    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>()];
+}
+
+impl Plans for Minimal {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[];
+
+    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+impl Parameters for Minimal {
+    type Table = NoParams;
+}
+
+fn world() -> World<1, NoPlans, 8, Minimal> {
+    World::with_plans(Setup::new())
+}
+
+/// What a command is answered.
+fn result(world: &mut World<1, NoPlans, 8, Minimal>, command: MavCmd, params: [f32; 7]) -> MavResult {
+    world.gcs[0].forget();
+    world.gcs[0].command_long(command, params);
+    let ack: CommandAck = world.expect(0, millis(100));
+    assert_eq!(ack.command, command);
+    ack.result
+}
+
+/// M-25: whatever is asked of plans that have no memory; what asks nothing gets no answer.
+#[test]
+fn without_plans_each_question_is_refused_and_nothing_else_is_answered() {
+    let mut world = world();
+    let (target_system, target_component) = (1, 1);
+    let mission_type = MavMissionType::FENCE;
+    let answers = |world: &mut World<1, NoPlans, 8, Minimal>| {
+        world.run_for(millis(100));
+        let acks = world.gcs[0].all::<MissionAck>();
+        world.gcs[0].forget();
+        acks.into_iter().map(|(_, ack)| (ack.r#type, ack.mission_type)).collect::<Vec<_>>()
+    };
+    let refused = (MavMissionResult::UNSUPPORTED, mission_type);
+
+    world.gcs[0].send(&MissionRequestList { target_system, target_component, mission_type });
+    assert_eq!(answers(&mut world), [refused]);
+    let count = MissionCount { target_system, target_component, mission_type, count: 3, ..MissionCount::default() };
+    world.gcs[0].send(&count);
+    assert_eq!(answers(&mut world), [refused]);
+    world.gcs[0].send(&MissionClearAll { target_system, target_component, mission_type });
+    assert_eq!(answers(&mut world), [refused]);
+
+    let r#type = MavMissionResult::ACCEPTED;
+    world.gcs[0].send(&MissionAck { target_system, target_component, mission_type, r#type, ..MissionAck::default() });
+    world.gcs[0].send(&MissionItemInt { target_system, target_component, mission_type, ..MissionItemInt::default() });
+    world.gcs[0].send(&MissionSetCurrent { target_system, target_component, seq: 0 });
+    assert_eq!(answers(&mut world), []);
+}
+
+/// D-3: questions that a stalled line cannot be owed answers to are counted, and the others answered when it goes on.
+#[test]
+fn refusals_wait_for_the_line() {
+    let mut world = world();
+    let until = world.now().after(secs(2));
+    world.uarts[0].stall_writes_until(until);
+    let list = |mission_type| MissionRequestList { target_system: 1, target_component: 1, mission_type };
+    for station in 0..40 {
+        world.gcs[0].send_from(mavstack::Address::new(200 + station, 190), &list(MavMissionType::MISSION));
+        world.run_for(millis(10));
+    }
+    let uncounted = world.stack.link_counters(LinkId(0)).expect("exists").no_answer_slot;
+    assert!((1..40).contains(&uncounted), "{uncounted}");
+    world.run_for(secs(4));
+    assert_eq!(world.gcs[0].count_of::<MissionAck>() as u32, 40 - uncounted);
+}
+
+/// C-1, C-32: a mode that is declared and never entered.
+#[test]
+fn a_mode_that_nobody_enters_is_unsupported() {
+    let mut world = world();
+    let params = [f32::from(MavModeFlag::CUSTOM_MODE_ENABLED.0), 4.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(result(&mut world, MavCmd::DO_SET_MODE, params), MavResult::UNSUPPORTED);
+    world.gcs[0].forget();
+    world.gcs[0].send(&pilot::set_mode(MavModeFlag::CUSTOM_MODE_ENABLED.0, 4));
+    assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, MavResult::UNSUPPORTED);
+}
+
+/// there is no such message now, and there never is.
+#[test]
+fn a_message_that_nobody_fills_is_refused() {
+    let mut world = world();
+    let params = [Attitude::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_ne!(result(&mut world, MavCmd::REQUEST_MESSAGE, params), MavResult::ACCEPTED);
+    world.run_for(secs(1));
+    assert_eq!(world.gcs[0].count_of::<Attitude>(), 0);
+}
+
+/// C-23: everybody is in control, and a command that cannot be given up goes on.
+#[test]
+fn a_command_that_cannot_be_cancelled_goes_on() {
+    let mut world = world();
+    let params = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(result(&mut world, MavCmd::PREFLIGHT_CALIBRATION, params), MavResult::IN_PROGRESS);
+    let command = MavCmd::PREFLIGHT_CALIBRATION;
+    world.gcs[0].send(&CommandCancel { command, target_system: 1, target_component: 1 });
+    world.run_for(secs(3));
+    assert!(world.vehicle.memory.is_running(command));
+    assert!(world.gcs[0].all::<CommandAck>().iter().all(|(_, ack)| ack.result == MavResult::IN_PROGRESS));
+    world.vehicle.memory.finish(command, MavResult::ACCEPTED);
+    world.gcs[0].forget();
+    assert_eq!(world.expect::<CommandAck>(0, secs(1)).result, MavResult::ACCEPTED);
+}
+
+/// J-2: sticks are not for a vehicle that takes none.
+#[test]
+fn sticks_move_nothing() {
+    let mut world = world();
+    world.gcs[0].send(&ManualControl { target: 1, x: 500, ..ManualControl::default() });
+    world.run_for(millis(100));
+    let counters = world.stack.rx_counters(LinkId(0)).expect("exists");
+    assert_eq!((counters.frames, world.gcs[0].count_of::<CommandAck>()), (1, 0));
+}
