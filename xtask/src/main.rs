@@ -12,8 +12,9 @@ mod fuzz;
 mod integration;
 mod log;
 mod miri;
-mod options;
+mod mutants;
 mod nightly;
+mod options;
 mod panic_free;
 mod publish;
 mod qemu;
@@ -57,15 +58,15 @@ enum Task {
     /// Run the library's tests in Miri, which sees undefined behaviour, of the libraries that it uses too. What is missing (a nightly
     /// toolchain, Miri) is installed first; where it cannot be had, that is said, and nothing is run.
     Miri,
+    Mutants(Mutants),
     /// Check that the crates could be published: contents, metadata, documentation, a dry run.
     PublishCheck,
     Trace(Trace),
     PanicFree(PanicFree),
     Stack(Stack),
     Work(Work),
-}
-    Faults(Faults),
     Nightly(Nightly),
+}
 
 /// Build the firmware and run it on an emulated Cortex-M4.
 ///
@@ -244,7 +245,6 @@ struct Coverage {
     missing: bool,
 }
 
-fn resolve(address: &str) -> Result<SocketAddr, String> {
 /// Run what takes too long for every change: coverage, mutants, Miri, long fuzzing, comparisons. For the night.
 ///
 /// Prints how long each took. What failed is said at the end, and does not keep the rest from running.
@@ -270,6 +270,24 @@ struct Faults {
     toolchain: Option<Choice>,
 }
 
+/// Change the library in one place at a time: which changes do the tests not notice? Fails when one is not listed in
+/// xtask/mutants.txt, with a reason.
+///
+/// What is missing (cargo-mutants) is installed first. A change takes seconds, all of them hours: for the night.
+#[derive(Args)]
+struct Mutants {
+    /// Which of signing, frame, mission, storage; all, when none is named.
+    #[arg(value_name = "AREA")]
+    areas: Vec<String>,
+    /// Only a part of them: the K-th of N, from 0.
+    #[arg(long, value_name = "K/N")]
+    shard: Option<String>,
+    /// Only those in lines that this file changes, the output of `git diff`.
+    #[arg(long, value_name = "FILE")]
+    in_diff: Option<PathBuf>,
+}
+
+fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
     match found.next() {
         Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
@@ -294,6 +312,9 @@ fn main() -> ExitCode {
         Task::Compare(arguments) => compare::run_all(arguments.rounds, arguments.toolchain),
         Task::Coverage(arguments) => coverage::measure(arguments.missing),
         Task::Miri => miri::run_tests(),
+        Task::Mutants(Mutants { areas, shard, in_diff }) => {
+            mutants::survive(&mutants::Options { areas, shard, in_diff })
+        }
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }
@@ -302,8 +323,8 @@ fn main() -> ExitCode {
         Task::Trace(arguments) => trace::run(arguments.write),
         Task::PanicFree(arguments) => panic_free::prove(arguments.toolchain),
         Task::Stack(arguments) => stack::prove(arguments.toolchain),
-        Task::Work(arguments) => work::measure(arguments.toolchain),
         Task::Nightly(arguments) => nightly::run(&arguments.steps),
+        Task::Work(arguments) => work::measure(arguments.toolchain),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
