@@ -59,6 +59,39 @@ fn farewell_of_a_dead_upload_does_not_reach_the_next_client() {
     assert!(world.gcs[0].count_of::<MissionRequestInt>() > 0);
 }
 
+/// M-22: within a second of an item the client gives its plan up and begins another one of as many, and answers whatever it is
+/// asked for, as QGroundControl does. No item of the old one goes live with the new one.
+#[test]
+fn another_plan_of_the_same_length_is_not_completed_with_the_old_one() {
+    let new = plan(4, 9);
+    for taken in 1..4 {
+        let mut world = world::<1>();
+        world.run_for(secs(1));
+        world.gcs[0].send(&count(4));
+        for seq in 0..taken {
+            assert_eq!(world.expect::<MissionRequestInt>(0, millis(100)).seq, seq);
+            world.gcs[0].send(&item(seq));
+        }
+        world.run_for(millis(100));
+        world.gcs[0].send(&count(4));
+        let mut ack = None;
+        world.run_until(secs(5), |world| {
+            while let Some((_, request)) = world.gcs[0].take::<MissionRequestInt>() {
+                world.gcs[0].send(&MissionItemInt {
+                    target_system: 1,
+                    target_component: 1,
+                    ..new[usize::from(request.seq)]
+                });
+            }
+            ack = world.gcs[0].take::<MissionAck>();
+            ack.is_some()
+        });
+        assert_eq!(ack.map(|(_, ack)| ack.r#type), Some(MavMissionResult::ACCEPTED), "{taken}");
+        let variants: Vec<_> = world.stack.mission().items().iter().map(|item| item.params[1]).collect();
+        assert_eq!(variants, [9.0; 4], "{taken} items of the old one");
+    }
+}
+
 /// M-11: a partner whose downlink died repeats its last item on another link, and is asked there for the next.
 #[test]
 fn partner_that_repeats_itself_on_another_link_is_followed() {

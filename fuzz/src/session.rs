@@ -70,6 +70,8 @@ struct Session {
     seq: u8,
     /// The upload of each link's client, and how many of its items were asked for.
     uploads: [Option<(Tag, u16)>; LINKS],
+    /// Whether frames of a link's client may be lost.
+    loses: [bool; LINKS],
     last_tag: u16,
     checks: Checks,
 }
@@ -130,6 +132,7 @@ impl Session {
             timestamp: NOW + 100_000,
             seq: 0,
             uploads: [None; LINKS],
+            loses: [false; LINKS],
             last_tag: 0,
             checks: Checks::new(Instant::from_micros(start), setup[1] & 4 == 0),
         };
@@ -229,9 +232,10 @@ impl Session {
         };
         let me = client(link);
         let is_me = (request.target_system, request.target_component) == (me.system.0, me.component.0);
-        // As MAVSDK does it, from the first item on: by M-22 b a count like that of an upload which got an item within the
-        // last second is an echo, and is not answered by a request for the first.
-        if is_me && request.mission_type == tag.plan && request.seq < tag.count && request.seq <= asked {
+        // Whatever is asked for, as QGroundControl does it; but where its COUNT may be lost, from the first item on, as MAVSDK does
+        // it: it would complete the plan that it gave up.
+        let is_wanted = request.seq < tag.count && (request.seq <= asked || !self.loses[link]);
+        if is_me && request.mission_type == tag.plan && is_wanted {
             self.uploads[link] = Some((tag, asked.max(request.seq + 1)));
             self.send(link, me, link == 3, &tag.item(request.seq));
         }
@@ -276,12 +280,16 @@ impl Session {
                     None => (u32::from(id), Common::MESSAGES.get(id.into()).map_or(0, |row| row.crc_extra())),
                 };
                 let from = sender(way);
+                if id == SetupSigning::ID {
+                    self.loses = [true; LINKS];
+                }
                 let frame = reference::v2(id, [0, 0], [from.system.0, from.component.0], payload, extra);
                 self.lines[usize::from(way & 3)].receive(&frame);
             }
             4 => {
                 let (link, len): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
                 let bytes = u.bytes(usize::from(len).min(u.len()))?;
+                self.loses[usize::from(link & 3)] = true;
                 self.lines[usize::from(link & 3)].receive(bytes);
             }
             5 => {
@@ -296,6 +304,7 @@ impl Session {
                 let id = usize::from(link & 3);
                 if kind % 8 == 7 {
                     self.stack.restart_link(LinkId(id as u8));
+                    self.loses[id] = true;
                     self.lines[id].cut();
                     self.checks.restarted_link(id);
                 } else {
@@ -459,6 +468,7 @@ impl Session {
                 self.send(link, from, signed, &rc);
             }
             20 => {
+                self.loses = [true; LINKS];
                 let secret_key = mavstack::Secret(if a == 0 { [0; 32] } else { KEY });
                 let initial_timestamp = self.timestamp + (u64::from(b) << 20);
                 let setup = SetupSigning { target_system, target_component, initial_timestamp, secret_key };

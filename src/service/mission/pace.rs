@@ -85,7 +85,7 @@ impl Pace {
     }
 
     /// How long ago the last item came.
-    pub(super) fn since_progress(&self, now: Instant) -> Duration {
+    fn since_progress(&self, now: Instant) -> Duration {
         now.since(self.progress_at)
     }
 

@@ -19,7 +19,7 @@ use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PlanFault, Plans};
 
-/// A COUNT like the running upload's, so soon after an item, is an echo of its beginning (M-22).
+/// A COUNT like that of the upload that was done so short a time ago may be a late copy of it (M-22).
 const ECHO: Duration = Duration::from_secs(1);
 
 /// So long the last item of a finished upload is answered again (M-31).
@@ -110,16 +110,16 @@ impl Missions {
                 // M-23
                 return caller.deny(mission_type);
             }
-            if (upload.plan, upload.count) == (plan, count)
-                && (cx.plans.staged() == 0 || upload.pace.since_progress(cx.now) < ECHO)
-            {
-                // The request that is out, or that the retry timer will send, is the answer (M-22 a, b).
+            if (upload.plan, upload.count) == (plan, count) && cx.plans.staged() == 0 {
+                // The request that is out, or that the retry timer will send, is the answer (M-22 a).
                 upload.partner = caller.from;
-                upload.owes_request |= upload.may_be_echo && cx.plans.staged() == 0;
+                upload.owes_request |= upload.may_be_echo;
                 return;
             }
         }
-        // Whatever comes of it, an earlier upload of the same partner is over (M-22 c, M-24), and what was to be said of it.
+        // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it. A COUNT
+        // behind the first item may be a late copy, and then items are asked for twice; but it may be another plan's, whose
+        // items would complete the old one, were the request that is out left to stand.
         caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
         if count > cx.plans.capacity(plan) {

@@ -36,7 +36,7 @@ use std::collections::HashSet;
 use std::string::String;
 use std::sync::Mutex;
 
-/// A frame is late by at most so much. Less than what the engine takes for an echo (M-22).
+/// A frame is late by at most so much. Less than what the engine takes for a late copy (M-22).
 const LIFETIME: Duration = Duration::from_millis(900);
 
 type Tasks = &'static [Op];
