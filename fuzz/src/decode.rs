@@ -2,27 +2,35 @@
 //! SEC-5, R-9).
 //!
 //! ```text
-//!   budget  number of pieces  their lengths …  the stream
+//!   budget  number of pieces, and what is mended  their lengths …  the stream
 //! ```
+//!
+//! So few of all changes leave a checksum right that it can be put right afterwards: bits 4 to 7 of the second byte say on which
+//! candidates, of each four.
 
 use crate::support::{Receiver, reference};
 use arbitrary::Unstructured;
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect};
+use mavstack::{Address, Decoder, Dialect, MAX_FRAME_LEN};
 
-/// So many bytes behind a stream end every candidate in it.
-const FILLER: [u8; 300] = [0; 300];
 /// Longer streams show nothing new, and cost time.
 const MAX_LEN: usize = 2_048;
+/// How much longer than its payload a frame is at most, and one byte behind it, for which one of an unknown id waits.
+const BEYOND: usize = MAX_FRAME_LEN - 255 + 1;
 
 /// Decodes.
 pub fn run(data: &[u8]) {
     let mut u = Unstructured::new(data);
     let budget: u8 = u.arbitrary().unwrap_or(0);
-    let pieces = usize::from(u.arbitrary::<u8>().unwrap_or(0) % 16);
-    let pieces = u.bytes(pieces.min(u.len())).unwrap_or(&[]);
+    let how: u8 = u.arbitrary().unwrap_or(0);
+    let pieces = u.bytes(usize::from(how % 16).min(u.len())).unwrap_or(&[]);
     let stream = u.take_rest();
-    let stream = [&stream[..stream.len().min(MAX_LEN)], &FILLER].concat();
+    let stream = &stream[..stream.len().min(MAX_LEN)];
+    // Zeros behind it end every candidate in it.
+    let mut buffer = [0; MAX_LEN + 255 + BEYOND];
+    buffer[..stream.len()].copy_from_slice(stream);
+    reference::mend(&mut buffer[..stream.len()], Common::MESSAGES, how >> 4);
+    let stream = &buffer[..end_of_candidates(&buffer[..stream.len()])];
 
     let budget = (budget != 0).then(|| Decoder::MIN_BUDGET + u32::from(budget));
     let mut receiver = Receiver { known: vec![Address::new(2, 1)], budget, ..Receiver::default() };
@@ -33,7 +41,7 @@ pub fn run(data: &[u8]) {
         rest = behind;
     }
     receiver.receive(rest);
-    assert_eq!(receiver.found, reference::decode(&stream, Common::MESSAGES, |source| source == [2, 1]));
+    assert_eq!(receiver.found, reference::decode(stream, Common::MESSAGES, |source| source == [2, 1]));
 
     // Every frame and every refused candidate is counted once.
     let counters = receiver.decoder.counters();
@@ -51,4 +59,14 @@ pub fn run(data: &[u8]) {
     ];
     let refused: u32 = refused.iter().sum();
     assert_eq!(found + refused as usize, stream.len(), "every byte is in a frame, or was given up: {counters:?}");
+}
+
+/// Where the last one has its last byte, by what it says itself.
+fn end_of_candidates(stream: &[u8]) -> usize {
+    let longest = |(at, bytes): (usize, &[u8])| match *bytes {
+        [0xFD | 0xFE, len] => at + usize::from(len) + BEYOND,
+        _ => 0,
+    };
+    // The last byte of all has no length behind it.
+    stream.windows(2).enumerate().map(longest).fold(stream.len() + BEYOND, usize::max)
 }
