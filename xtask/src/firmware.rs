@@ -89,8 +89,17 @@ pub fn build_work(choice: Choice) -> Result<PathBuf> {
     build_apart(choice, "work", &[])
 }
 
-/// In a folder of its own: what is built for proofs is built by other rules.
+/// Builds the firmware of the fault matrix, with its stack below everything else in RAM.
+pub fn build_faults(choice: Choice) -> Result<PathBuf> {
+    build_linked(choice, "faults", &["--features", "faults"], &["-Clink-arg=-Tflipped.x"])
+}
+
 fn build_apart(choice: Choice, bin: &str, arguments: &[&str]) -> Result<PathBuf> {
+    build_linked(choice, bin, arguments, &[])
+}
+
+/// In a folder of its own: what is built for proofs is built by other rules.
+fn build_linked(choice: Choice, bin: &str, arguments: &[&str], linker: &[&str]) -> Result<PathBuf> {
     let folder = toolchain::build_dir(choice).join("proofs");
     let mut command = toolchain::cargo_for(choice, "rustc", TARGET, &folder);
     run(command
@@ -98,7 +107,8 @@ fn build_apart(choice: Choice, bin: &str, arguments: &[&str]) -> Result<PathBuf>
         .args(arguments)
         // The flag behind it is for nightly, which this is not.
         .env("RUSTC_BOOTSTRAP", "1")
-        .args(["--", "-Zemit-stack-sizes"]))?;
+        .args(["--", "-Zemit-stack-sizes"])
+        .args(linker))?;
     Ok(folder.join(TARGET).join("firmware").join(bin))
 }
 

@@ -7,6 +7,7 @@ mod bridge;
 mod compare;
 mod coverage;
 mod dialects;
+mod faults;
 mod firmware;
 mod fuzz;
 mod integration;
@@ -65,6 +66,7 @@ enum Task {
     PanicFree(PanicFree),
     Stack(Stack),
     Work(Work),
+    Faults(Faults),
     Nightly(Nightly),
 }
 
@@ -325,6 +327,7 @@ fn main() -> ExitCode {
         Task::Stack(arguments) => stack::prove(arguments.toolchain),
         Task::Nightly(arguments) => nightly::run(&arguments.steps),
         Task::Work(arguments) => work::measure(arguments.toolchain),
+        Task::Faults(arguments) => faults::play(arguments.scenario.as_deref(), arguments.toolchain),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

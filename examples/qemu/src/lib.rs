@@ -21,6 +21,8 @@ pub mod flash;
 mod log;
 pub mod memory;
 pub mod polled;
+#[cfg(all(feature = "faults", not(any(feature = "defmt", feature = "panic-never"))))]
+mod report;
 pub mod serial;
 #[cfg(all(feature = "defmt", feature = "panic-never"))]
 mod wire;
@@ -29,7 +31,7 @@ mod wire;
 use panic_never as _;
 
 /// Without a log there is nobody to tell. A real vehicle would cut its motors here and reset.
-#[cfg(not(any(feature = "defmt", feature = "panic-never")))]
+#[cfg(not(any(feature = "defmt", feature = "faults", feature = "panic-never")))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     loop {

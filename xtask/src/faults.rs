@@ -1,0 +1,165 @@
+//! The fault matrix: what may go wrong, as scenarios that the firmware `faults` plays inside the emulator.
+//!
+//! Time there is the emulated one, 16 ns for an instruction, and all numbers are seeded: each run is the same, on every machine.
+//! What needs a real client at a real socket is among the tests with ground stations (`test_faults.py`, `test_power.py`).
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::firmware;
+use crate::qemu::{self, Ended};
+use crate::system::Result;
+use crate::toolchain::{self, Choice, TARGET};
+
+/// The row of the stack that is too small, which takes one start of the emulator for each size.
+const OVERFLOW: &str = "stack-overflow";
+/// Bytes; with the last of them the work is done. What the vehicle needs is `cargo xtask stack`'s to say.
+const STACKS: [u32; 10] = [64, 128, 256, 512, 768, 1_024, 1_536, 2_048, 4_096, 16_384];
+/// No scenario takes longer, on a machine that has other things to do too.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// `cargo xtask faults`.
+pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
+    qemu::prepare()?;
+    let choice = toolchain::prepare(choice, &[TARGET])?;
+    let elf = firmware::build_faults(choice)?;
+    let began = Instant::now();
+    if scenario != Some(OVERFLOW) {
+        let arguments: Vec<_> = scenario.into_iter().collect();
+        run(&elf, &arguments, |line, took| println!("{line} [{:.1} s]", took.as_secs_f32()))?;
+    }
+    if scenario.is_none_or(|scenario| scenario == OVERFLOW) {
+        let mut found = Vec::new();
+        for size in STACKS {
+            let mut unknown = Vec::new();
+            let result = run(&elf, &[OVERFLOW, &size.to_string()], |line, _| match Overflow::parse(line) {
+                Some(overflow) if overflow.size == size => found.push(overflow),
+                _ => unknown.push(line.to_owned()),
+            });
+            unknown.iter().for_each(|line| println!("{line}"));
+            result?;
+        }
+        println!("{}", report(&found)?);
+    }
+    println!("In all: {:.0} s.", began.elapsed().as_secs_f32());
+    Ok(())
+}
+
+/// Runs the firmware to its end, and hands on each line that it says, with how long it took for it.
+fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> Result {
+    let (mut emulator, output) = qemu::start(&mut command(elf, arguments))?;
+    let (sender, lines) = mpsc::channel();
+    thread::spawn(move || {
+        // Nobody listens any more when it took too long.
+        BufReader::new(output).lines().map_while(std::result::Result::ok).try_for_each(|line| sender.send(line))
+    });
+    let mut last = Instant::now();
+    loop {
+        match lines.recv_timeout(PATIENCE) {
+            Ok(line) => each(&line, last.elapsed()),
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => return Err(format!("the firmware says nothing for {PATIENCE:?}")),
+        }
+        last = Instant::now();
+    }
+    let (_nobody, stop) = mpsc::channel();
+    match emulator.wait(&stop)? {
+        Ended::ByItself(status) if status.success() => Ok(()),
+        Ended::ByItself(status) => Err(format!("the firmware found a fault ({status})")),
+        Ended::Stopped => Err("stopped".to_owned()),
+    }
+}
+
+fn command(elf: &Path, arguments: &[&str]) -> std::process::Command {
+    let mut command = qemu::emulator();
+    let arguments: String = arguments.iter().map(|argument| format!(",arg={argument}")).collect();
+    command
+        .args(["-machine", qemu::BOARD, "-display", "none", "-monitor", "none", "-serial", "none"])
+        .args(["-icount", "shift=4", "-chardev", "stdio,id=log,signal=off", "-semihosting-config"])
+        .arg(format!("enable=on,target=native,chardev=log,arg=faults{arguments}"))
+        .arg("-kernel")
+        .arg(elf)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped());
+    command
+}
+
+/// What became of a stack of some size.
+#[derive(Debug, PartialEq, Eq)]
+struct Overflow {
+    size: u32,
+    /// How far outside of RAM the fault was, in bytes; `None` without one.
+    outside: Option<u32>,
+}
+
+impl Overflow {
+    fn parse(line: &str) -> Option<Self> {
+        let mut words = line.split_whitespace();
+        if words.next()? != OVERFLOW {
+            return None;
+        }
+        let size = words.next()?.parse().ok()?;
+        let ended = words.next()?;
+        let outside = words.next()?.parse().ok()?;
+        let outside = match ended {
+            "fault" => Some(outside),
+            "enough" => None,
+            _ => return None,
+        };
+        words.next().is_none().then_some(Self { size, outside })
+    }
+}
+
+/// A larger stack does what a smaller one did, and the smallest is too small: else nothing was tried.
+fn report(found: &[Overflow]) -> Result<String> {
+    let is_fault = |overflow: &Overflow| overflow.outside.is_some();
+    let faults = found.iter().take_while(|overflow| is_fault(overflow)).count();
+    if found.len() != STACKS.len() || faults == 0 || faults == found.len() || found.iter().skip(faults).any(is_fault) {
+        return Err(format!("{OVERFLOW}: {found:?}"));
+    }
+    let farthest = found.iter().filter_map(|overflow| overflow.outside).max().unwrap_or(0);
+    let (largest, enough) = (found[faults - 1].size, found[faults].size);
+    Ok(format!(
+        "{OVERFLOW}: {faults} stacks of {} to {largest} bytes: a fault at once, at most {farthest} bytes outside of RAM, nothing \
+         else changed; {enough} bytes are enough",
+        found[0].size
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_became_of_a_stack_is_read_whole_or_not_at_all() {
+        assert_eq!(Overflow::parse("stack-overflow 64 fault 12"), Some(Overflow { size: 64, outside: Some(12) }));
+        assert_eq!(Overflow::parse("stack-overflow 4096 enough 0"), Some(Overflow { size: 4_096, outside: None }));
+        for line in
+            ["", "stack-overflow 64", "stack-overflow 64 panic 0", "stack-overflow 64 fault 1 2", "other 64 fault 1"]
+        {
+            assert_eq!(Overflow::parse(line), None, "{line}");
+        }
+    }
+
+    #[test]
+    fn small_stacks_fault_and_large_ones_do_not() {
+        let found = |faults: usize| -> Vec<_> {
+            STACKS
+                .iter()
+                .enumerate()
+                .map(|(at, &size)| Overflow { size, outside: (at < faults).then_some(8) })
+                .collect()
+        };
+        assert!(
+            report(&found(5)).is_ok_and(|line| line.contains("768 bytes") && line.contains("1024 bytes are enough"))
+        );
+        assert!(report(&found(0)).is_err() && report(&found(STACKS.len())).is_err());
+        let mut holed = found(5);
+        holed[2].outside = None;
+        assert!(report(&holed).is_err() && report(&found(5)[1..]).is_err());
+    }
+}
