@@ -16,7 +16,7 @@ mod transmit;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
-use crate::config::{Config, RxAllowance, VehicleAddress};
+use crate::config::{Allowance, Config, VehicleAddress};
 use crate::dialect::{MavProtocolCapability, MavSeverity};
 use crate::frame::{Frame, RxCounters};
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Transport};
@@ -196,9 +196,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         uart: &mut U,
         vehicle: &mut V,
     ) -> Result<(), LinkError<U::Error>> {
-        let budget = self.core.config.budget;
-        let read = self.poll_read(now, link, uart, vehicle, budget.rx_bytes);
-        let write = self.poll_write(now, link, uart, vehicle, budget.tx_bytes);
+        let mut allowance = self.core.config.budget.allowance();
+        let read = self.poll_read(now, link, uart, vehicle, &mut allowance);
+        let write = self.poll_write(now, link, uart, vehicle, &mut allowance);
         read.and(write)
     }
 
@@ -208,12 +208,13 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         link: LinkId,
         uart: &mut U,
         vehicle: &mut V,
-        rx_bytes: u16,
+        allowance: &mut Allowance,
     ) -> Result<(), LinkError<U::Error>> {
-        let mut allowance = self.core.config.budget.rx();
-        let mut left = usize::from(rx_bytes);
+        let mut left = usize::from(self.core.config.budget.rx_bytes);
         let result = loop {
-            let spare = self.link_mut(link).ok_or(LinkError::NoSuchLink)?.decoder.spare();
+            let decoder = &mut self.link_mut(link).ok_or(LinkError::NoSuchLink)?.decoder;
+            allowance.spend_but_for_a_frame(decoder.spare_cost());
+            let spare = decoder.spare();
             let room = spare.len().min(left);
             let Some(room) = spare.get_mut(..room).filter(|room| !room.is_empty()) else { break Ok(()) };
             let read = match uart.read_ready() {
@@ -225,7 +226,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 Ok(0) => break Err(LinkError::Closed),
                 Ok(len) => {
                     left = left.saturating_sub(len);
-                    self.commit(now, link, len, vehicle, &mut allowance);
+                    self.commit(now, link, len, vehicle, allowance);
                 }
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
@@ -238,7 +239,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             }
         };
         // What waits in the decoder from before: for silence, or for more budget.
-        self.commit(now, link, 0, vehicle, &mut allowance);
+        self.commit(now, link, 0, vehicle, allowance);
         result
     }
 
@@ -248,11 +249,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         link: LinkId,
         uart: &mut U,
         vehicle: &mut V,
-        tx_bytes: u16,
+        allowance: &mut Allowance,
     ) -> Result<(), LinkError<U::Error>> {
-        let mut left = usize::from(tx_bytes);
+        let mut left = usize::from(self.core.config.budget.tx_bytes);
         let result = loop {
-            if left == 0 {
+            let begins = self.link_mut(link).is_none_or(|link| link.port.outbox.is_empty());
+            if left == 0 || (begins && !allowance.may_send()) {
                 return Ok(());
             }
             // Asked first: a frame that cannot begin yet is not made yet, so that after a stall the line is told how things
@@ -266,6 +268,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                         return Ok(());
                     }
                     let pending = self.transmit(now, link, vehicle);
+                    if begins {
+                        allowance.send(signing::cost_of_sending(pending));
+                    }
                     let pending = pending.get(..left).unwrap_or(pending);
                     if pending.is_empty() {
                         return Ok(());
@@ -295,7 +300,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// [`next_deadline`]: Self::next_deadline
     pub fn receive<V: Autopilot>(&mut self, now: Instant, link: LinkId, bytes: &[u8], vehicle: &mut V) -> usize {
-        let mut allowance = self.core.config.budget.rx();
+        let mut allowance = self.core.config.budget.allowance();
         let mut taken = 0usize;
         // A buffer's worth at a time; more than two turns are only needed when the bytes are more than a buffer's worth.
         while let Some(rest) = bytes.get(taken..).filter(|rest| !rest.is_empty()) {
@@ -322,7 +327,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// The first `len` bytes of [`receive_buffer`](Self::receive_buffer) were filled. Handles the frames in them, up to the
     /// budget of one poll.
     pub fn received<V: Autopilot>(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut V) {
-        let mut allowance = self.core.config.budget.rx();
+        let mut allowance = self.core.config.budget.allowance();
         self.commit(now, link, len, vehicle, &mut allowance);
     }
 
@@ -449,7 +454,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         link: LinkId,
         len: usize,
         vehicle: &mut V,
-        allowance: &mut RxAllowance,
+        allowance: &mut Allowance,
     ) {
         let mut seqs = [0; LINKS];
         for (seq, link) in seqs.iter_mut().zip(&self.links) {

@@ -60,7 +60,7 @@ fn partial_reads_and_writes_change_nothing() {
 #[test]
 fn one_poll_keeps_to_its_budget() {
     let mut setup = Setup::<1>::new();
-    setup.config.budget = PollBudget { rx_bytes: 100, rx_work: 300, frames: 2, tx_bytes: 30 };
+    setup.config.budget = PollBudget { rx_bytes: 100, work: 300, frames: 2, tx_bytes: 30 };
     let mut world = World::new(setup);
     world.run_for(millis(5));
     for round in 1..=50 {

@@ -21,6 +21,9 @@ type Position = u16;
 /// For how long nothing may come after a frame with an unknown id before the line counts as idle.
 const IDLE: Duration = Duration::from_millis(20);
 
+/// What looking at a header takes of the budget: on a microcontroller as long as so many bytes of a checksum.
+const HEADER_COST: u32 = 16;
+
 /// What a decoder has seen and dropped. Numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -192,7 +195,7 @@ impl core::fmt::Debug for Decoder {
 
 impl Decoder {
     /// The least budget that lets [`next`](Self::next) always get on: one header and the longest frame's checksum.
-    pub const MIN_BUDGET: u32 = 281;
+    pub const MIN_BUDGET: u32 = HEADER_COST + 10 + 255;
 
     /// After how long a candidate that does not grow is dropped, by default: packet radios pause in the middle of a
     /// frame (SEC-4).
@@ -244,6 +247,12 @@ impl Decoder {
     pub fn spare(&mut self) -> &mut [u8] {
         self.compact();
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default()
+    }
+
+    /// What [`spare`](Self::spare) takes of a budget: bytes are moved.
+    pub(crate) fn spare_cost(&self) -> u32 {
+        let moved = if self.window.start > 0 { self.window.end.wrapping_sub(self.window.start) } else { 0 };
+        u32::from(moved) / 2
     }
 
     /// Moves the candidate to the front of the buffer.
@@ -299,9 +308,9 @@ impl Decoder {
 
     /// The next frame.
     ///
-    /// `budget` is what this call may still spend: 1 for each header looked at and 1 for each byte put through the
-    /// checksum. When it does not suffice, `None` is returned and the search goes on from the same place at the next
-    /// call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
+    /// `budget` is what this call may still spend: 16 for each header looked at and 1 for each byte put through the
+    /// checksum, so that it bounds the time. When it does not suffice, `None` is returned and the search goes on from the same
+    /// place at the next call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
     ///
     /// `is_known` tells whether a source was heard of before. That, together with a start byte or silence behind it, speaks
     /// for a frame whose id is not in `messages`; it is then returned whole and unchecked, else searched. Either by
@@ -314,11 +323,11 @@ impl Decoder {
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
     ) -> Option<Frame<'_>> {
-        self.next_vouched(now, messages, budget, is_known, |_| false)
+        self.next_vouched(now, messages, budget, is_known, |_, _| false)
     }
 
-    /// The same. `vouches` tells whether a whole signed frame bears a right signature: then it is one, though its id is unknown
-    /// (SEC-5).
+    /// The same. `vouches` tells whether a whole signed frame bears a right signature, and takes from the budget what that costs:
+    /// then it is one, though its id is unknown (SEC-5).
     #[inline(always)]
     pub(crate) fn next_vouched(
         &mut self,
@@ -326,7 +335,7 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
-        vouches: impl Fn(&[u8]) -> bool,
+        vouches: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
         if self.window.is_waiting() && now.since(self.grown) < IDLE {
             // Most calls end here: a piece of a frame came. So this much is inlined, however often it is called.
@@ -343,7 +352,7 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
-        vouches: impl Fn(&[u8]) -> bool,
+        vouches: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
         let Self { buffer, window, counters, accepts_component_0, grown, stale_after, .. } = self;
         let (candidate, extent, info) = loop {
@@ -353,7 +362,10 @@ impl Decoder {
                 if candidate.is_empty() || quiet < IDLE {
                     return None;
                 }
-                *budget = budget.checked_sub(1)?;
+                if *budget == 0 {
+                    return None;
+                }
+                *budget = budget.saturating_sub(HEADER_COST);
                 if let Verdict::Unknown(extent) = examine(candidate, messages, *accepts_component_0) {
                     break (candidate, extent, None);
                 }
@@ -372,11 +384,11 @@ impl Decoder {
             }
             match examine(candidate, messages, *accepts_component_0) {
                 Verdict::Need(need) => {
-                    *budget = budget.saturating_sub(1);
+                    *budget = budget.saturating_sub(HEADER_COST);
                     window.want(need);
                 }
                 Verdict::Reject(reason) => {
-                    *budget = budget.saturating_sub(1);
+                    *budget = budget.saturating_sub(HEADER_COST);
                     reject(reason, window, counters);
                 }
                 Verdict::Check(extent, info) => {
@@ -390,13 +402,13 @@ impl Decoder {
                 }
                 Verdict::Unknown(extent) => {
                     let header = Header::parse(candidate)?;
-                    if cfg!(feature = "signing") && header.is_signed() {
-                        *budget = budget.checked_sub(checksum_cost(candidate))?;
-                        if candidate.get(..extent.len).is_some_and(&vouches) {
-                            break (candidate, extent, None);
-                        }
-                    } else {
-                        *budget = budget.saturating_sub(1);
+                    // Whether its sender is known costs as much again.
+                    *budget = budget.saturating_sub(const { 2 * HEADER_COST });
+                    if cfg!(feature = "signing")
+                        && header.is_signed()
+                        && candidate.get(..extent.len).is_some_and(|raw| vouches(raw, budget))
+                    {
+                        break (candidate, extent, None);
                     }
                     match candidate.get(extent.len) {
                         _ if !is_known(header.source) => reject(Reason::UnknownId, window, counters),
@@ -499,7 +511,7 @@ fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) 
 
 /// What a look at a header and the checksum behind it are charged with.
 fn checksum_cost(candidate: &[u8]) -> u32 {
-    candidate.get(1).map_or(0, |&payload_len| u32::from(payload_len)).saturating_add(11)
+    candidate.get(1).map_or(0, |&payload_len| u32::from(payload_len)).saturating_add(const { HEADER_COST + 10 })
 }
 
 /// A length within the buffer.

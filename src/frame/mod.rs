@@ -14,7 +14,7 @@ pub use decoder::{Decoder, RxCounters};
 pub(crate) use encoder::wrap;
 pub use encoder::{EncodeError, encode};
 #[cfg(feature = "signing")]
-pub(crate) use signing::MAX_TIMESTAMP;
+pub(crate) use signing::{MAX_TIMESTAMP, signature_cost};
 #[cfg(feature = "signing")]
 pub use signing::{SigningKey, encode_signed};
 

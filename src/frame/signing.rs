@@ -73,6 +73,15 @@ impl SigningKey {
     }
 }
 
+/// What a signature of a frame of `len` bytes counts as work, made or compared (SEC-2): 150 units for each block that is hashed.
+/// On a microcontroller a block takes four times as long; but at its full price two frames would be a poll's work.
+pub(crate) fn signature_cost(len: usize) -> u32 {
+    const BLOCK: u32 = 150;
+    // Key, and at least 9 bytes of padding.
+    let hashed = len.saturating_add(const { SigningKey::LEN + 9 - TAG_LEN });
+    u32::try_from(hashed.div_ceil(64)).unwrap_or(u32::MAX).saturating_mul(BLOCK)
+}
+
 /// Whether the bytes are the same, found out in the same time wherever they differ (G-7).
 fn is_same<const N: usize>(ours: &[u8; N], theirs: &[u8; N]) -> bool {
     black_box(ours.iter().zip(theirs).fold(0, |sum, (a, b)| sum | (a ^ b))) == 0

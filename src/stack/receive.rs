@@ -1,7 +1,7 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
 use super::{Context, Core, count, count_drop, signing, streams};
-use crate::config::RxAllowance;
+use crate::config::Allowance;
 #[cfg(feature = "signing")]
 use crate::dialect::SetupSigning;
 use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
@@ -27,16 +27,17 @@ impl Core {
         context: &mut Context<'_, V, P>,
         link: &mut Link,
         messages: MessageTable,
-        allowance: &mut RxAllowance,
+        allowance: &mut Allowance,
     ) {
         let Link { decoder, port } = link;
         while allowance.frames > 0 {
             let is_known = |address| network::is_known(context.peers, address);
             let key = signing::key_of(context.vehicle);
-            let vouches = |raw: &[u8]| signing::vouches_for(raw, key);
+            let vouches = |raw: &[u8], work: &mut u32| signing::vouches_for(raw, key, work);
             let next = decoder.next_vouched(context.now, messages, &mut allowance.work, is_known, vouches);
             let Some(frame) = next else { return };
-            allowance.frames = allowance.frames.saturating_sub(1);
+            allowance.handle();
+            allowance.spend(signing::cost(&frame, context.vehicle));
             #[cfg(feature = "signing")]
             let has_key = frame.id() == SetupSigning::ID;
             let (copied, is_served) = self.on_frame(context, port, &frame);

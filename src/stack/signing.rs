@@ -2,7 +2,8 @@
 
 #[cfg(feature = "signing")]
 pub(super) use crate::service::signing::{
-    admits, age, believes_unsigned, key_of, knows_sender, next, on_frame, prepare, sign, signed_at, vouches_for,
+    admits, age, believes_unsigned, cost, cost_of_sending, key_of, knows_sender, next, on_frame, prepare, sign,
+    signed_at, vouches_for,
 };
 #[cfg(not(feature = "signing"))]
 pub(super) use without::*;
@@ -43,8 +44,16 @@ mod without {
         None
     }
 
-    pub(crate) fn vouches_for(_: &[u8], _: Option<()>) -> bool {
+    pub(crate) fn vouches_for(_: &[u8], _: Option<()>, _: &mut u32) -> bool {
         false
+    }
+
+    pub(crate) fn cost(_: &Frame<'_>, _: &mut impl Vehicle) -> u32 {
+        0
+    }
+
+    pub(crate) fn cost_of_sending(_: &[u8]) -> u32 {
+        0
     }
 
     /// SETUP_SIGNING is dropped: nobody here has business with somebody's key (G-11).

@@ -15,7 +15,7 @@ use mavstack::dialect::{
 use mavstack::{Dialect, Duration, Instant, Item, Message, PlanType};
 
 /// Numbers of commands that only this gives out begin here.
-const FIRST: u16 = 50_000;
+pub const FIRST: u16 = 50_000;
 
 /// A command that was given once.
 struct Unique {

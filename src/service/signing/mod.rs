@@ -14,7 +14,7 @@ use core::num::NonZeroU64;
 use core::ops::{Deref, DerefMut};
 
 use crate::dialect::SetupSigning;
-use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey, Version};
+use crate::frame::{Frame, Header, MAX_TIMESTAMP, SigningKey, Version, signature_cost};
 use crate::link::{LinkClass, LinkConfig, Port};
 use crate::message::Message;
 use crate::service::command::SignedAt;
@@ -511,9 +511,19 @@ pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle
     }
 }
 
-/// Whether a frame with an unknown id is a frame, for its signature is right (SEC-5). Not whether it is accepted.
-pub(crate) fn vouches_for(raw: &[u8], key: Option<&SigningKey>) -> bool {
-    key.is_some_and(|key| key.has_signed(raw))
+/// Whether a frame with an unknown id is a frame, for its signature is right (SEC-5). Not whether it is accepted. What the look
+/// costs is taken from `work`.
+pub(crate) fn vouches_for(raw: &[u8], key: Option<&SigningKey>, work: &mut u32) -> bool {
+    key.is_some_and(|key| {
+        *work = work.saturating_sub(signature_cost(raw.len()));
+        key.has_signed(raw)
+    })
+}
+
+/// What [`admits`] does for a frame, as work.
+pub(crate) fn cost(frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> u32 {
+    let is_judged = frame.header().is_signed() && key_of(vehicle).is_some();
+    if is_judged { signature_cost(frame.raw().len()) } else { 0 }
 }
 
 /// The key that [`vouches_for`] needs.
@@ -539,6 +549,12 @@ pub(crate) fn sign(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
         let timestamp = signing.stamp(now);
         port.outbox.sign(signing.key.as_ref(), timestamp);
     }
+}
+
+/// What [`sign`] did for a frame, as work. Counts those of others too, which were signed elsewhere.
+pub(crate) fn cost_of_sending(frame: &[u8]) -> u32 {
+    let is_signed = Header::parse(frame).is_some_and(|header| header.is_signed());
+    if is_signed { signature_cost(frame.len()) } else { 0 }
 }
 
 /// Units of 10 µs since boot.
