@@ -252,7 +252,7 @@ impl Decoder {
     /// What [`spare`](Self::spare) takes of a budget: bytes are moved.
     pub(crate) fn spare_cost(&self) -> u32 {
         let moved = if self.window.start > 0 { self.window.end.wrapping_sub(self.window.start) } else { 0 };
-        u32::from(moved) / 2
+        u32::try_from(index(moved) / 2).unwrap_or(u32::MAX)
     }
 
     /// Moves the candidate to the front of the buffer.
