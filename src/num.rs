@@ -3,6 +3,8 @@
 //! Total over NaN and infinities, and without `f64`, which microcontrollers compute in software. Degrees are scaled by
 //! integer arithmetic on the float's parts, so the result is the exact product, rounded once (M-37).
 
+use core::num::NonZeroU32;
+
 /// Bits of an `f32` below the exponent.
 const FRACTION_BITS: u32 = 23;
 const FRACTION: u32 = (1 << FRACTION_BITS) - 1;
@@ -82,6 +84,26 @@ pub(crate) fn unsigned(value: f32) -> Option<u32> {
 #[allow(clippy::as_conversions, reason = "float to integer is total: it saturates")]
 pub(crate) fn saturated(value: f32) -> u32 {
     value as u32
+}
+
+/// The quotient, rounded down, of a divisor below 2^16. Not the compiler's division of 64 bits, which is 900 bytes where
+/// nothing else needs it.
+#[inline(never)]
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
+#[allow(clippy::arithmetic_side_effects, reason = "the divisor is not 0, and 4 no large number")]
+pub(crate) const fn quotient(dividend: u64, divisor: NonZeroU32) -> u64 {
+    let (mut left, mut quotient, mut rest) = (dividend, 0u64, 0u32);
+    let mut digits = 0;
+    // Digits of 16 bits: what one leaves is less than the divisor, so it has room in front of the next.
+    while digits < 4 {
+        let [high, low, ..] = left.to_be_bytes();
+        left = left.wrapping_shl(16);
+        let part = rest.wrapping_shl(16) | u32::from_be_bytes([0, 0, high, low]);
+        quotient = quotient.wrapping_shl(16) | (part / divisor.get()) as u64;
+        rest = part % divisor.get();
+        digits += 1;
+    }
+    quotient
 }
 
 /// The integer nearest to `value`, halves away from 0, within `min` and `max`; `None` for NaN. Not inlined:
@@ -217,6 +239,13 @@ mod tests {
             prop_assert_eq!(integer::<i32>(value), expected);
             let expected = (wide.trunc() == wide && wide >= 0.0 && wide <= f64::from(u32::MAX)).then_some(wide as u32);
             prop_assert_eq!(unsigned(value), expected);
+        }
+
+        #[test]
+        fn quotients_are_the_compilers(dividend: u64, shift in 0u32..64, divisor in 1u32..1 << 16) {
+            let dividend = dividend >> shift;
+            let by = NonZeroU32::new(divisor).unwrap();
+            prop_assert_eq!(quotient(dividend, by), dividend / u64::from(divisor));
         }
 
         #[test]

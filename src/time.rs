@@ -2,6 +2,13 @@
 //!
 //! Microseconds since boot in a `u64`, which lasts 584,000 years; only fields on the wire wrap (D-1).
 
+use core::num::NonZeroU32;
+
+use crate::num;
+
+/// Microseconds of a millisecond.
+const THOUSAND: NonZeroU32 = NonZeroU32::MIN.saturating_add(999);
+
 /// A moment: microseconds since boot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -34,7 +41,7 @@ impl Instant {
     /// Milliseconds since boot, rounded down.
     #[inline]
     pub const fn as_millis(self) -> u64 {
-        self.0 / 1_000
+        num::quotient(self.0, THOUSAND)
     }
 
     /// The time in units of 1,024 µs, for what is kept once a link and may be wrong once in 50 days, when this wraps: compare by
@@ -46,13 +53,13 @@ impl Instant {
     }
 
     /// How long ago `earlier` was; zero when it is in the future.
-    #[inline]
+    #[inline(never)]
     pub const fn since(self, earlier: Self) -> Duration {
         Duration(self.0.saturating_sub(earlier.0))
     }
 
     /// `duration` later.
-    #[inline]
+    #[inline(never)]
     #[must_use]
     pub const fn after(self, duration: Duration) -> Self {
         Self(self.0.saturating_add(duration.0))
@@ -97,7 +104,7 @@ impl Duration {
     /// Milliseconds, rounded down.
     #[inline]
     pub const fn as_millis(self) -> u64 {
-        self.0 / 1_000
+        num::quotient(self.0, THOUSAND)
     }
 }
 

@@ -50,23 +50,6 @@ pub(crate) const fn may_leave(id: u32, class: LinkClass) -> bool {
     }
 }
 
-/// Where a message [may leave](may_leave), known when it is compiled.
-#[derive(Clone, Copy)]
-struct Places {
-    normal: bool,
-    high_latency: bool,
-}
-
-impl Places {
-    const fn of(id: u32) -> Self {
-        Self { normal: may_leave(id, LinkClass::Normal), high_latency: may_leave(id, LinkClass::HighLatency) }
-    }
-
-    fn have(self, class: LinkClass) -> bool {
-        if class == LinkClass::HighLatency { self.high_latency } else { self.normal }
-    }
-}
-
 /// Where the payload stands: behind the longer header.
 const PAYLOAD_AT: usize = Version::V2.header_len();
 
@@ -155,23 +138,28 @@ impl Outbox {
     /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10), nor one that
     /// [may not leave](may_leave) on this link: false.
     pub(crate) fn send<M: Message>(&mut self, message: &M) -> bool {
-        self.send_as(self.version, message)
-    }
-
-    /// Sends `message` in `version`, whatever the link's own (V-6).
-    pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
         // At a constant place, whatever the version, so that the encoders need no checks.
         let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
         if payload.and_then(|payload| message.encode(payload)).is_none() {
             return false;
         }
-        self.finish(const { &M::INFO }, const { Places::of(M::ID) }, version)
+        self.finish(const { &M::INFO })
     }
 
-    /// Makes the payload that stands in its place a frame. Compiled once for all messages.
+    /// Sends `message` in `version`, whatever the link's own (V-6).
+    pub(crate) fn send_as<M: Message>(&mut self, version: Version, message: &M) -> bool {
+        let own = core::mem::replace(&mut self.version, version);
+        let sent = self.send(message);
+        self.version = own;
+        sent
+    }
+
+    /// Makes the payload that stands in its place a frame. Compiled once for all messages, and with one argument, as there are
+    /// many who call it.
     #[inline(never)]
-    fn finish(&mut self, info: &MessageInfo, places: Places, version: Version) -> bool {
-        if !places.have(self.class) {
+    fn finish(&mut self, info: &MessageInfo) -> bool {
+        let version = self.version;
+        if !may_leave(info.id(), self.class) {
             event!("tx: message {=u32} is not for link {=u8}", info.id(), self.link.0);
             return false;
         }

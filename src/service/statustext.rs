@@ -160,7 +160,11 @@ impl StatusTexts {
             let front = rest.get(..crate::message::cut(rest, CHUNK)).unwrap_or_default();
             // A chunk without a NUL promises another one, even an empty one.
             let is_last = rest.len() < CHUNK;
-            let mut chunk = [if is_last { 0 } else { b' ' }; CHUNK];
+            let mut chunk = [0; CHUNK];
+            // No more than what is left of a code point is cut off.
+            if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {
+                *end = [b' '; 3];
+            }
             let len = crate::message::zero_extend(front, &mut chunk);
             message.text = Text::from_wire(chunk);
             message.id = entry.number;

@@ -26,7 +26,8 @@ impl Mean {
     }
 
     /// `last` when there was no sample.
-    fn or(self, last: f32) -> f32 {
+    #[inline(never)]
+    fn or(&self, last: f32) -> f32 {
         if self.count > 0.0 { self.mean } else { last }
     }
 }

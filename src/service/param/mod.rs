@@ -123,10 +123,16 @@ impl Params {
     /// The vehicle's table.
     fn table<'v, V: Parameters>(&mut self, vehicle: &'v mut V) -> Option<TableMut<'v>> {
         let table = vehicle.parameters_mut()?.table_mut();
-        if !self.restarted.is_empty() {
-            table.state.forget(core::mem::take(&mut self.restarted));
-        }
+        self.catch_up(table.state);
         Some(table)
+    }
+
+    /// Tells the table what it does not know yet. Not inlined, as it is for every vehicle the same.
+    #[inline(never)]
+    fn catch_up(&mut self, state: &mut state::State) {
+        if !self.restarted.is_empty() {
+            state.forget(core::mem::take(&mut self.restarted));
+        }
     }
 
     /// The table was worked with.

@@ -10,13 +10,14 @@ pub use policy::{Accept, LinkSigning};
 pub(crate) use setup::{Answer, next, on_frame};
 pub use streams::SigningStream;
 
-use core::num::NonZeroU64;
+use core::num::{NonZeroU32, NonZeroU64};
 use core::ops::{Deref, DerefMut};
 
 use crate::dialect::SetupSigning;
 use crate::frame::{Frame, Header, MAX_TIMESTAMP, SigningKey, Version, signature_cost};
 use crate::link::{LinkClass, LinkConfig, Port};
 use crate::message::Message;
+use crate::num;
 use crate::service::command::SignedAt;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
@@ -260,6 +261,7 @@ impl Signing {
 
     /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): what the next signed frame bears at least. It is no time of day: without
     /// somebody who knew that, it began where it was last.
+    #[inline(never)]
     pub fn timestamp(&self, now: Instant) -> u64 {
         self.last.max(self.boot.saturating_add(ticks(now))).min(MAX_TIMESTAMP)
     }
@@ -289,9 +291,10 @@ impl Signing {
     /// is right. So a clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]), a satellite receiver on the
     /// ground by some days, in flight by some seconds.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
-        let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000)) / 10;
+        let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
+        let timestamp = num::quotient(timestamp, TEN);
         let step = timestamp.saturating_sub(self.timestamp(now));
-        if step > max_step.as_micros() / 10 || timestamp > MAX_TIMESTAMP {
+        if step > num::quotient(max_step.as_micros(), TEN) || timestamp > MAX_TIMESTAMP {
             count(&mut self.counters.refused_times);
             event!("signing: time refused");
             return false;
@@ -342,6 +345,7 @@ impl Signing {
     }
 
     /// Moves the time forward (G-6).
+    #[inline(never)]
     fn advance(&mut self, now: Instant, timestamp: u64) {
         self.boot = self.boot.max(timestamp.min(MAX_TIMESTAMP).saturating_sub(ticks(now)));
     }
@@ -557,9 +561,12 @@ pub(crate) fn cost_of_sending(frame: &[u8]) -> u32 {
     if is_signed { signature_cost(frame.len()) } else { 0 }
 }
 
+/// Microseconds of a unit of a timestamp.
+const TEN: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
+
 /// Units of 10 µs since boot.
 const fn ticks(now: Instant) -> u64 {
-    now.as_micros() / 10
+    num::quotient(now.as_micros(), TEN)
 }
 
 fn count(counter: &mut u32) {
