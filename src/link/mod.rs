@@ -362,6 +362,7 @@ impl LinkMask {
     pub(crate) const ALL: Self = Self(u16::MAX);
 
     /// Only `link`; none when its number is beyond [`MAX_LINKS`].
+    #[inline(never)]
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
     pub(crate) const fn of(link: LinkId) -> Self {
         match 1u16.checked_shl(link.0 as u32) {
