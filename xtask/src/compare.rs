@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::integration;
 use crate::system::{Result, apt_install, cargo, has, root, run, target_dir};
 use crate::toolchain::{self, Choice, TARGET};
+use crate::{compare_firmware, integration};
 
 /// A library's name, the program that measures it, and the feature of `benches/compare` that it is built with.
 struct Peer {
@@ -91,7 +91,10 @@ pub fn run_all(rounds: u16, choice: Option<Choice>) -> Result {
 
     println!("\nFirmware, Cortex-M4F, 12 messages in and 8 out, less the empty loop: bytes, without the stack");
     header(&["mavstack", "C -Os"]);
-    firmware(&library, choice, &mut behind)?;
+    let choice = firmware(&library, choice, &mut behind)?;
+
+    println!("\nThe same with the line simulated, and run; and how often ours goes into it");
+    compare_firmware::measure(choice, &folder, &library, &folder.join("twelve.bin"), &mut behind)?;
     if behind.is_empty() { Ok(()) } else { Err(format!("not ahead of every library: {}", behind.join("; "))) }
 }
 
@@ -221,7 +224,7 @@ fn recovery(programs: &[PathBuf], folder: &Path, behind: &mut Vec<String>) -> Re
 }
 
 /// Ours has a table of the 12 messages, C's of all of common.
-fn firmware(library: &Path, choice: Option<Choice>, behind: &mut Vec<String>) -> Result {
+fn firmware(library: &Path, choice: Option<Choice>, behind: &mut Vec<String>) -> Result<Choice> {
     // The C library is a package of its own; the compiler prints the bare name when it has none.
     let specs = output(Command::new("arm-none-eabi-gcc").arg("-print-file-name=nano.specs"));
     if !specs.is_ok_and(|path| path.contains('/')) {
@@ -251,7 +254,7 @@ fn firmware(library: &Path, choice: Option<Choice>, behind: &mut Vec<String>) ->
             behind.push(format!("{what} of the firmware, C: {c} bytes against our {ours}"));
         }
     }
-    Ok(())
+    Ok(choice)
 }
 
 /// Bytes of flash and of static RAM.

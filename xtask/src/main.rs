@@ -5,6 +5,7 @@
 mod boards;
 mod bridge;
 mod compare;
+mod compare_firmware;
 mod coverage;
 mod dialects;
 mod faults;

@@ -1,5 +1,6 @@
 /* The C library in a firmware that does what examples/size/src/bin/frames.rs does: 12 messages in, every field of each read, 8
- * out. With EMPTY it is the loop and nothing else. It is measured, not run. */
+ * out. With EMPTY it is the loop and nothing else. With RUN it is what benches/compare/firmware runs: the line is its, and so is
+ * the counting. */
 
 #include <stdint.h>
 
@@ -15,6 +16,13 @@ static void put(uint8_t byte) {
     }
     REGISTER(0) = byte;
 }
+
+#ifdef RUN
+#include <stdbool.h>
+#include <stddef.h>
+size_t compare_read(uint8_t *out, size_t len);
+void compare_send(const uint8_t *bytes, size_t len);
+#endif
 
 #ifdef EMPTY
 
@@ -36,6 +44,10 @@ int main(void) {
 static mavlink_system_t mavlink_system = {1, 1};
 static void send_bytes(mavlink_channel_t chan, const uint8_t *bytes, uint16_t len) {
     (void)chan;
+#ifdef RUN
+    compare_send(bytes, len);
+    return;
+#endif
     while (len--) {
         put(*bytes++);
     }
@@ -131,6 +143,28 @@ static void handle(void) {
     }
 }
 
+#ifdef RUN
+
+uint32_t compare_run(bool framing) {
+    uint8_t bytes[64];
+    uint32_t frames = 0;
+    for (size_t len; (len = compare_read(bytes, sizeof bytes)) > 0;) {
+        for (size_t i = 0; i < len; i++) {
+            if (mavlink_parse_char(MAVLINK_COMM_0, bytes[i], &received, &status)) {
+                frames++;
+                if (framing) {
+                    LOOK(&received);
+                } else {
+                    handle();
+                }
+            }
+        }
+    }
+    return frames;
+}
+
+#else
+
 int main(void) {
     for (;;) {
         if (REGISTER(4) & RX_FULL && mavlink_parse_char(MAVLINK_COMM_0, (uint8_t)REGISTER(0), &received, &status)) {
@@ -138,5 +172,7 @@ int main(void) {
         }
     }
 }
+
+#endif
 
 #endif

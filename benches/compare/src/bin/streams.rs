@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use mavstack::dialect::*;
-use mavstack::{Address, MAX_FRAME_LEN};
+use mavstack::{Address, MAX_FRAME_LEN, Message, Version, encode};
 use mavstack_compare::{DAMAGED, DAMAGED_SOURCE, FILLER, FRAMES, SOURCE};
 
 #[path = "../../../../tests/support/damage.rs"]
@@ -36,6 +36,8 @@ fn main() {
     println!("{FRAMES} frames, {:.1} bytes a frame", frames.len() as f64 / FRAMES as f64);
     write("frames", &frames);
 
+    write("twelve", &twelve());
+
     let how = |flips, losses, bursts| Damage { flips, losses, bursts };
     let ways = [how(true, false, false), how(false, true, false), how(false, false, true), how(true, true, true)];
     // As tests/frames.rs has them; and seeds for which no damaged frame has the right checksum by chance.
@@ -50,6 +52,47 @@ fn main() {
         write(name, &stream);
         write(&format!("{name}-intact"), &intact.concat());
     }
+}
+
+/// Frames of the twelve messages that the firmwares read, each twenty times, with numbers that the definitions name.
+fn twelve() -> Vec<u8> {
+    let mut rng = Rng::new(5);
+    let mut all = Vec::new();
+    for round in 0..20u16 {
+        let mut frame = |message: &dyn Fn(&[u8], &mut [u8]) -> usize| {
+            let (payload, mut out) = (std::array::from_fn::<u8, 255, _>(|_| rng.byte()), [0; MAX_FRAME_LEN]);
+            let len = message(&payload, &mut out);
+            all.extend_from_slice(&out[..len]);
+        };
+        macro_rules! frames {
+            ($($message:ident { $($field:ident: $value:expr),* },)+) => { $(
+                frame(&|payload, out| {
+                    let message = $message { $($field: $value,)* ..$message::decode(&payload[..$message::BASE_LEN]) };
+                    encode(&message, Version::V2, SENDER, round as u8, out).expect("every message fits")
+                });
+            )+ };
+        }
+        let command = MavCmd([16, 20, 21, 22, 176, 400, 511, 512][usize::from(round % 8)]);
+        let number = round as u8;
+        frames! {
+            Heartbeat {
+                r#type: MavType(number), autopilot: MavAutopilot(number % 19), system_status: MavState(number % 9),
+                mavlink_version: 3
+            },
+            CommandLong { command: command },
+            CommandInt { command: command, frame: MavFrame(number % 7) },
+            MissionCount {},
+            MissionItemInt { command: command, frame: MavFrame(number % 7) },
+            MissionRequestInt {},
+            MissionRequestList {},
+            MissionAck { r#type: MavMissionResult(number % 16) },
+            MissionClearAll {},
+            ParamRequestList {},
+            ParamRequestRead {},
+            ParamSet { param_type: MavParamType(1 + number % 10) },
+        }
+    }
+    all
 }
 
 /// Numbers that the definitions name: some libraries refuse a whole message for one that they do not, or write another.

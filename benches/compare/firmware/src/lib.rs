@@ -1,0 +1,223 @@
+//! What the firmwares have in common: a line on which the stream comes, one on which nothing is lost, and how instructions and
+//! stack are counted.
+//!
+//! The emulator takes one nanosecond of its own time for an instruction, and SysTick ticks every 40: the counts are the same on
+//! every machine.
+#![no_std]
+
+use core::convert::Infallible;
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+use embedded_io::{ErrorType, Read, Write};
+
+/// Whole frames of the twelve messages.
+static STREAM: &[u8] = include_bytes!(env!("COMPARE_STREAM"));
+/// So many as `streams` has put there.
+pub const FRAMES: u32 = 240;
+/// Instructions for a tick of the timer.
+const INSTRUCTIONS: u32 = 40;
+const LONGEST: u32 = 0x00FF_FFFF;
+/// What the unused stack is filled with.
+const PAINT: u32 = 0xA5C3_5A3C;
+
+/// The line. Reading gives what is left of a piece; where the stream ends it gives nothing.
+#[derive(Debug)]
+pub struct Uart {
+    rest: &'static [u8],
+    piece: usize,
+    left: usize,
+}
+
+/// What was written last, that nothing is optimized away.
+static SENT: AtomicU32 = AtomicU32::new(0);
+
+impl Uart {
+    const fn new(piece: usize) -> Self {
+        Self { rest: STREAM, piece, left: piece }
+    }
+
+    /// Fills the front of `out`.
+    #[inline(never)]
+    pub fn take(&mut self, out: &mut [u8]) -> usize {
+        let len = out.len().min(self.left).min(self.rest.len());
+        let (Some(out), Some((now, rest))) = (out.get_mut(..len), self.rest.split_at_checked(len)) else { return 0 };
+        if let ([to], [from]) = (&mut *out, now) {
+            *to = *from;
+        } else {
+            out.copy_from_slice(now);
+        }
+        self.rest = rest;
+        self.left = self.left.wrapping_sub(len);
+        if self.left == 0 {
+            self.left = self.piece;
+        }
+        len
+    }
+
+    /// Fills all of `out`; false when the stream ends before.
+    pub fn take_exact(&mut self, mut out: &mut [u8]) -> bool {
+        while !out.is_empty() {
+            let len = self.take(out);
+            if len == 0 {
+                return false;
+            }
+            out = out.get_mut(len..).unwrap_or_default();
+        }
+        true
+    }
+
+    /// Sends a frame.
+    #[inline(never)]
+    pub fn send(bytes: &[u8]) {
+        for byte in bytes {
+            SENT.store((*byte).into(), Relaxed);
+        }
+    }
+}
+
+impl ErrorType for Uart {
+    type Error = Infallible;
+}
+
+impl Read for Uart {
+    fn read(&mut self, out: &mut [u8]) -> Result<usize, Infallible> {
+        Ok(self.take(out))
+    }
+}
+
+/// The other direction.
+#[derive(Debug)]
+pub struct Tx;
+
+impl ErrorType for Tx {
+    type Error = Infallible;
+}
+
+impl Write for Tx {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Uart::send(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// Runs `app` on the stream in pieces of 64 bytes, and byte by byte; prints for each the piece, instructions, what it returned,
+/// the bytes of the stream and of the stack.
+pub fn measure(app: fn(Uart) -> u32) -> ! {
+    // Not a part of us, or its stack would be ours.
+    let app = core::hint::black_box(app);
+    if let Some(mut peripherals) = cortex_m::Peripherals::take() {
+        let timer = &mut peripherals.SYST;
+        timer.set_clock_source(SystClkSource::Core);
+        timer.set_reload(LONGEST);
+        timer.clear_current();
+        timer.enable_counter();
+    }
+    console::begin();
+    for piece in [64, 1] {
+        let top = stack::paint();
+        let before = SYST::get_current();
+        let result = app(Uart::new(piece));
+        let ticks = before.wrapping_sub(SYST::get_current()) & LONGEST;
+        let stack = stack::used(top);
+        for number in [piece as u32, ticks * INSTRUCTIONS, result, STREAM.len() as u32, stack] {
+            console::number(number);
+        }
+        console::put(b'\n');
+    }
+    console::put(b'.');
+    console::put(b'\n');
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+mod stack {
+    use super::PAINT;
+
+    unsafe extern "C" {
+        /// Where static memory ends.
+        static mut __sheap: u32;
+    }
+
+    fn bottom() -> *mut u32 {
+        &raw mut __sheap
+    }
+
+    /// Paints what is below us; where that ends.
+    #[inline(never)]
+    pub fn paint() -> *mut u32 {
+        let top = cortex_m::register::msp::read() as *mut u32;
+        let mut at = bottom();
+        // What may be kept below it for us alone stays.
+        while at < top.wrapping_sub(16) {
+            // SAFETY: between static memory and the stack pointer nothing is kept.
+            unsafe { at.write_volatile(PAINT) };
+            at = at.wrapping_add(1);
+        }
+        top
+    }
+
+    /// How much of it is no longer as it was painted (bytes).
+    pub fn used(top: *mut u32) -> u32 {
+        let mut at = bottom();
+        // SAFETY: as for `paint`.
+        while at < top && unsafe { at.read_volatile() } == PAINT {
+            at = at.wrapping_add(1);
+        }
+        (top as u32).wrapping_sub(at as u32)
+    }
+}
+
+/// The board's first UART, whose other end is the emulator's standard output.
+mod console {
+    const BASE: usize = 0x4000_4000;
+
+    fn register(offset: usize) -> *mut u32 {
+        core::ptr::with_exposed_provenance_mut(BASE + offset)
+    }
+
+    pub fn begin() {
+        // SAFETY: registers of the UART: divisor and control.
+        unsafe {
+            register(16).write_volatile(16);
+            register(8).write_volatile(1);
+        }
+    }
+
+    pub fn put(byte: u8) {
+        // SAFETY: registers of the UART: state and data.
+        unsafe {
+            while register(4).read_volatile() & 1 != 0 {}
+            register(0).write_volatile(byte.into());
+        }
+    }
+
+    pub fn number(mut number: u32) {
+        let mut digits = [b'0'; 10];
+        let mut first = digits.len();
+        while first > 0 && (number > 0 || first == digits.len()) {
+            first -= 1;
+            digits[first] += (number % 10) as u8;
+            number /= 10;
+        }
+        digits[first..].iter().for_each(|digit| put(*digit));
+        put(b' ');
+    }
+}
+
+/// Says so, and stops.
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    console::put(b'!');
+    console::put(b'\n');
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

@@ -1,0 +1,166 @@
+//! The firmwares of `cargo xtask compare`: twelve messages in, every field of each read, eight out, with each library on an
+//! emulated Cortex-M4F.
+//!
+//! Flash and RAM are less those of a firmware that only reads the line. RAM is what is static and the peak of the stack, which the
+//! firmware has painted. Instructions are the emulator's, of each byte of the stream, and what reading the line takes is in them.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::firmware;
+use crate::qemu;
+use crate::system::{Result, root, run};
+use crate::toolchain::{self, Choice, TARGET};
+
+/// A library's name, its firmware, and the feature that this is built with. Ours is the first.
+const PEERS: [(&str, &str, Option<&str>); 6] = [
+    ("mavstack", "ours", None),
+    ("mavlink enum", "mavlink-enum", Some("mavlink")),
+    ("mavlink lean", "mavlink-lean", Some("mavlink")),
+    ("mavio enum", "mavio-enum", Some("mavio")),
+    ("mavio lean", "mavio-lean", Some("mavio")),
+    ("C -Os", "c-library", Some("c")),
+];
+
+const LABEL: usize = 36;
+const COLUMN: usize = 16;
+
+/// A row of the table.
+struct Row {
+    what: &'static str,
+    /// What we aim at.
+    goal: f64,
+    /// So many times ours must every other one be, at least.
+    floor: f64,
+    of: fn(&Figures) -> f64,
+}
+
+const ROWS: [Row; 6] = [
+    Row { what: "flash, bytes", goal: 4_000.0, floor: 1.0, of: |figures| figures.flash },
+    Row { what: "RAM with peak stack, bytes", goal: 750.0, floor: 1.0, of: |figures| figures.ram },
+    // mavlink with a dialect of the twelve is ahead of us here, by its table of 512 bytes for the checksum.
+    Row { what: "framing, pieces of 64: instr/byte", goal: 17.0, floor: 0.9, of: |figures| figures.framing[0] },
+    Row { what: "framing, byte by byte", goal: 45.0, floor: 1.0, of: |figures| figures.framing[1] },
+    Row { what: "all of it, pieces of 64", goal: 42.0, floor: 0.9, of: |figures| figures.whole[0] },
+    Row { what: "all of it, byte by byte", goal: 75.0, floor: 1.0, of: |figures| figures.whole[1] },
+];
+
+/// What was measured of a firmware: bytes, and instructions a byte in both ways of reading.
+#[derive(Debug, Default)]
+struct Figures {
+    flash: f64,
+    ram: f64,
+    framing: [f64; 2],
+    whole: [f64; 2],
+}
+
+/// Prints the table. `stream` is what the firmwares read, `library` the folder of the C library.
+pub fn measure(choice: Choice, folder: &Path, library: &Path, stream: &Path, behind: &mut Vec<String>) -> Result {
+    qemu::prepare()?;
+    archive(library)?;
+    let build_dir = folder.join("build");
+    let build = |framing: bool| -> Result {
+        let mut command = toolchain::cargo_for(choice, "build", TARGET, &build_dir);
+        run(command
+            .args(["--package", "mavstack-compare-firmware", "--profile", "firmware", "--locked", "--bins"])
+            .args(["--features", if framing { "framing,mavlink,mavio,c" } else { "mavlink,mavio,c" }])
+            .env("COMPARE_C_LIBRARY", library)
+            .env("COMPARE_STREAM", stream)
+            .current_dir(root().join("benches/compare")))
+    };
+    let built = build_dir.join(TARGET).join("firmware");
+    let mut all: Vec<Figures> = PEERS.iter().map(|_| Figures::default()).collect();
+    let mut reading = [0.0; 2];
+    for framing in [true, false] {
+        build(framing)?;
+        let empty = Measured::of(&built.join("empty"))?;
+        reading = empty.instructions;
+        for ((name, program, _), figures) in PEERS.iter().zip(&mut all) {
+            let measured = Measured::of(&built.join(program))?;
+            if measured.frames != empty.frames {
+                return Err(format!("{name} found {} of {} frames", measured.frames, empty.frames));
+            }
+            if framing {
+                figures.framing = measured.instructions;
+            } else {
+                figures.whole = measured.instructions;
+                figures.flash = measured.flash - empty.flash;
+                figures.ram = measured.ram - empty.ram;
+            }
+        }
+    }
+    print!("{:LABEL$}", "");
+    PEERS.iter().for_each(|(name, ..)| print!("{name:>COLUMN$}"));
+    println!("{:>COLUMN$}", "goal");
+    for row in &ROWS {
+        let numbers: Vec<f64> = all.iter().map(row.of).collect();
+        print_row(row, &numbers, behind);
+    }
+    let [pieces, bytes] = reading;
+    println!("reading the line alone takes {pieces:.1} instructions a byte in pieces, {bytes:.1} byte by byte");
+    Ok(())
+}
+
+fn print_row(row: &Row, numbers: &[f64], behind: &mut Vec<String>) {
+    let [ours, others @ ..] = numbers else { return };
+    print!("{:LABEL$}{ours:>COLUMN$.1}", row.what);
+    for (other, (name, ..)) in others.iter().zip(&PEERS[1..]) {
+        let ratio = other / ours;
+        print!("{:>COLUMN$}", format!("{other:.1} = {ratio:.2}x"));
+        if ratio < row.floor {
+            let floor = row.floor;
+            behind.push(format!("{}, {name}: {other:.1} against our {ours:.1}, bound {floor:.2} times", row.what));
+        }
+    }
+    println!("{:>COLUMN$}", row.goal);
+}
+
+/// Compiles the C library for the microcontroller.
+fn archive(library: &Path) -> Result {
+    let object = library.join("firmware.o");
+    let mut gcc = Command::new("arm-none-eabi-gcc");
+    gcc.args(["-std=gnu11", "-Os", "-w", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]);
+    gcc.args(["-ffunction-sections", "-fdata-sections", "-DRUN", "-c", "-I"]).arg(library.join("headers"));
+    run(gcc.arg(root().join("benches/compare/c/firmware.c")).arg("-o").arg(&object))?;
+    run(Command::new("arm-none-eabi-ar").arg("rcs").arg(library.join("libcomparefirmware.a")).arg(&object))
+}
+
+/// A firmware, and what it said.
+struct Measured {
+    flash: f64,
+    ram: f64,
+    /// A byte, in pieces and byte by byte.
+    instructions: [f64; 2],
+    frames: u32,
+}
+
+impl Measured {
+    fn of(elf: &Path) -> Result<Self> {
+        let size = firmware::measure(&firmware::read(elf)?)?;
+        let mut command = qemu::emulator();
+        command
+            .args(["-machine", qemu::BOARD, "-display", "none", "-monitor", "none", "-icount", "shift=0"])
+            .args(["-serial", "stdio", "-kernel"])
+            .arg(elf)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped());
+        let (_emulator, output) = qemu::start(&mut command)?;
+        let (mut instructions, mut frames, mut stack) = (Vec::new(), 0, 0);
+        for line in BufReader::new(output).lines() {
+            let line = line.map_err(|error| format!("the emulator's output: {error}"))?;
+            if line.trim() == "." {
+                break;
+            }
+            let said = || format!("{}: the firmware said: {line}", elf.display());
+            let numbers: Vec<u32> = line.split_whitespace().flat_map(str::parse).collect();
+            let &[_, count, found, bytes, deepest] = &numbers[..] else { return Err(said()) };
+            instructions.push(f64::from(count) / f64::from(bytes));
+            frames = found;
+            stack = stack.max(deepest);
+        }
+        let instructions = instructions[..].try_into().map_err(|_| format!("{} ended too early", elf.display()))?;
+        let (flash, ram) = (size.flash as f64, size.ram as f64 + f64::from(stack));
+        Ok(Self { flash, ram, instructions, frames })
+    }
+}
