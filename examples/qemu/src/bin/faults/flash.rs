@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use mavstack_qemu::flash::PsramFlash;
+use mavstack_qemu::memory::DemoApp;
 
 /// No cut, no fault.
 const NEVER: u32 = u32::MAX;
@@ -145,6 +146,25 @@ const COPY: usize = KEPT + 4096;
 const FLASH: usize = 0x2100_0000;
 /// So many of them.
 const WORDS: usize = 3 * Flash::LEN as usize / 4;
+
+/// Room for a new vehicle behind that.
+const NEW: usize = COPY + 4 * WORDS;
+
+fn new() -> *mut DemoApp {
+    core::ptr::with_exposed_provenance_mut(NEW)
+}
+
+/// Keeps a copy of `app`, which is new.
+pub fn keep_new(app: &DemoApp) {
+    // SAFETY: PSRAM of this board, which nothing else uses. The copy is never dropped.
+    unsafe { new().copy_from_nonoverlapping(app, 1) }
+}
+
+/// Makes `app` new. To make it anew takes 30 kB of stack, where the compiler is not sure that it may be made in its place.
+pub fn renew(app: &mut DemoApp) {
+    // SAFETY: `keep_new` was called at the start; what was there is not dropped, which would only wipe a key.
+    unsafe { core::ptr::from_mut(app).copy_from_nonoverlapping(new(), 1) }
+}
 
 fn word(base: usize, index: usize) -> *mut u32 {
     core::ptr::with_exposed_provenance_mut::<u32>(base).wrapping_add(index)

@@ -62,7 +62,9 @@ fn main() -> ! {
 
     overflow::guard();
     let Some(board) = Board::take() else { Board::reset() };
-    let mut parts = Parts { app: memory::make(APP), lines: PLACE, flash: board.flash.map(Flash) };
+    let app = memory::make(APP);
+    flash::keep_new(app);
+    let mut parts = Parts { app, lines: PLACE, flash: board.flash.map(Flash) };
     let arguments = env::args::<128>().expect("the emulator tells what to run");
     let mut arguments = (&arguments).flatten().skip(1);
     let wanted = arguments.next();

@@ -37,13 +37,6 @@ impl Parts {
     }
 }
 
-/// Not on the stack of whoever wants one.
-#[inline(never)]
-fn renew(app: &mut DemoApp, lines: &mut [Line; LINKS]) {
-    *app = DemoApp::new();
-    *lines = LINES;
-}
-
 /// The lines of the vehicle's configuration.
 pub const LINES: [Line; LINKS] = [Line::new(115_200), Line::new(921_600), Line::new(2_400)];
 
@@ -148,7 +141,8 @@ impl World {
     /// The vehicle is switched on at `now`, with what is in its flash.
     pub fn start(parts: Parts, now: Instant) -> Self {
         let Parts { app, lines, flash: [plans, settings, key] } = parts;
-        renew(app, lines);
+        flash::renew(app);
+        *lines = LINES;
         let mut world = Self {
             app,
             settings: Settings::new(settings, 0..Settings::region_len(Tuning::INFO.len())),
