@@ -14,9 +14,9 @@ pub struct PollBudget {
     pub rx_bytes: u16,
     /// Work, of which a unit is about ten instructions of a Cortex-M4. A byte put through the checksum, or copied for another
     /// link, takes 1, a byte moved aside for new ones a half, a header looked at 16, one with an unknown id 32, a frame handled
-    /// with its answer 400, any other frame sent 220, and each 64 bytes that are hashed for a signature 150. What came is handled
-    /// first; then as many frames are sent, and one at least, and more of them as long as something is left. Less than
-    /// [`Decoder::MIN_BUDGET`] counts as that.
+    /// with its answer 450, any other frame sent 220, and each 64 bytes that are hashed for a signature 150. What came is handled
+    /// first, a frame at least; then as many frames are sent, and one at least, and more of them as long as something is left.
+    /// Less than [`Decoder::MIN_BUDGET`] counts as that.
     pub work: u16,
     /// Frames handled; what is left waits in the decoder. 0 counts as 1.
     pub frames: u8,
@@ -25,7 +25,8 @@ pub struct PollBudget {
 }
 
 impl PollBudget {
-    /// 128 bytes in, 8 frames, 280 bytes out: enough for 1 Mbit/s at a poll a millisecond.
+    /// 128 bytes in, 280 out, and work for three frames: enough for 1 Mbit/s of usual frames at a poll a millisecond, and for
+    /// 57,600 bit/s at one every 20 ms.
     pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
 
     /// What one poll may still do.
@@ -42,7 +43,7 @@ impl Default for PollBudget {
 }
 
 /// What a frame counts as work that is handled, and its answer sent.
-const HANDLED: u32 = 400;
+const HANDLED: u32 = 450;
 /// The same of one that is sent without that.
 const MADE: u32 = 220;
 
@@ -58,6 +59,11 @@ pub(crate) struct Allowance {
 }
 
 impl Allowance {
+    /// Whether one more frame may be handled: the first in any case.
+    pub(crate) fn may_handle(&self) -> bool {
+        self.frames > 0 && (self.answers == 0 || self.work >= HANDLED)
+    }
+
     /// A frame is handled.
     pub(crate) fn handle(&mut self) {
         self.frames = self.frames.saturating_sub(1);

@@ -30,7 +30,7 @@ impl Core {
         allowance: &mut Allowance,
     ) {
         let Link { decoder, port } = link;
-        while allowance.frames > 0 {
+        while allowance.may_handle() {
             let is_known = |address| network::is_known(context.peers, address);
             let key = signing::key_of(context.vehicle);
             let vouches = |raw: &[u8], work: &mut u32| signing::vouches_for(raw, key, work);

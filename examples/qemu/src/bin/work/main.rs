@@ -6,24 +6,26 @@
 #![no_std]
 #![no_main]
 
-use core::convert::Infallible;
+mod corpus;
+mod line;
+mod traffic;
+
 use core::fmt::Write as _;
 use core::mem::MaybeUninit;
 
+use corpus::Corpus;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
-use mavstack::dialect::{
-    CommandLong, EncapsulatedData, Heartbeat, MavCmd, MissionCount, MissionItemInt, MissionRequestList,
-    ParamRequestList, ParamSet,
-};
+use line::Line;
 use mavstack::{
-    Address, Config, Duration, Instant, LinkConfig, LinkId, Message, PollBudget, Pulse, Stack, Text, Version, encode,
+    Address, Config, Duration, Instant, LinkClass, LinkConfig, LinkId, LinkSigning, PollBudget, Pulse, SigningKey,
+    Stack, StreamProfile, Vehicle,
 };
 use mavstack_demo::{LINKS, Quadrotor};
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::memory::DemoPlans;
+use traffic::{Forgery, KEY, Kind, SIGNED_AT, Sender};
 
 static PULSE: Pulse = Pulse::new();
 const US: Address = Address::new(1, 1);
@@ -31,265 +33,89 @@ const US: Address = Address::new(1, 1);
 const INSTRUCTIONS: u32 = 40;
 const LONGEST: u32 = 0x00FF_FFFF;
 const POLLS: u32 = 600;
+/// A minute.
+const NOISY_POLLS: u32 = 60_000;
+/// 1 Mbit/s, ten bits a byte, for a millisecond.
+const NOISE: usize = 100;
 
 type Subject = Stack<LINKS, DemoPlans>;
 
-/// What the others send.
-#[derive(Clone, Copy)]
-enum Kind {
-    Nothing,
-    /// A ground station's heartbeat every second, between silence.
-    Heartbeats,
-    /// Two COMMAND_LONG in each poll's 64 bytes, by nobody in a hurry: the same command again.
-    Commands,
-    /// Another command, another sender, another sequence number each.
-    CommandFlood,
-    CountFlood,
-    ListFlood,
-    ParamListFlood,
-    ParamSetFlood,
-    ItemFlood,
-    /// Heartbeats from everybody there may be.
-    Crowd,
-    /// The largest frames, for everybody.
-    Largest,
-    /// Frames whose ids nobody knows.
-    Unknown,
-    /// One byte, for ever.
-    Byte(u8),
-    /// Begins of large frames, one in another.
-    Headers,
-    /// The same, as dense as it goes.
-    DenseHeaders,
-    Noise,
+/// How the vehicle stands when it begins.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Scene {
+    Plain,
+    /// All places of its plan are taken.
+    Loaded,
+    /// It has a key, and accepts nothing unsigned.
+    Signed,
+    /// The line takes nothing.
+    Stalled,
+    /// The line is as fast as it is polled.
+    Unlimited,
+    /// By satellite.
+    Satellite,
+    /// The same comes by the other links too.
+    Everywhere,
 }
 
-const KINDS: [(&str, Kind); 17] = [
-    ("nothing", Kind::Nothing),
-    ("heartbeats", Kind::Heartbeats),
-    ("two-commands", Kind::Commands),
-    ("command-flood", Kind::CommandFlood),
-    ("count-flood", Kind::CountFlood),
-    ("list-flood", Kind::ListFlood),
-    ("param-list-flood", Kind::ParamListFlood),
-    ("param-set-flood", Kind::ParamSetFlood),
-    ("item-flood", Kind::ItemFlood),
-    ("crowd", Kind::Crowd),
-    ("largest", Kind::Largest),
-    ("unknown-ids", Kind::Unknown),
-    ("all-stx-2", Kind::Byte(0xFD)),
-    ("all-stx-1", Kind::Byte(0xFE)),
-    ("false-headers", Kind::Headers),
-    ("dense-headers", Kind::DenseHeaders),
-    ("noise", Kind::Noise),
+const ROWS: [(&str, Kind, Scene); 44] = [
+    ("nothing", Kind::Nothing, Scene::Plain),
+    ("heartbeats", Kind::Heartbeats, Scene::Plain),
+    ("two-commands", Kind::Commands, Scene::Plain),
+    ("command-flood", Kind::CommandFlood, Scene::Plain),
+    ("command-flood-stalled", Kind::CommandFlood, Scene::Stalled),
+    ("command-flood-satellite", Kind::CommandFlood, Scene::Satellite),
+    ("count-flood", Kind::CountFlood, Scene::Plain),
+    ("list-flood", Kind::ListFlood, Scene::Plain),
+    ("list-flood-loaded", Kind::ListFlood, Scene::Loaded),
+    ("list-seq-jumps", Kind::SeqJumps, Scene::Loaded),
+    ("list-seq-jumps-stalled", Kind::SeqJumps, Scene::Stalled),
+    ("item-flood", Kind::ItemFlood, Scene::Plain),
+    ("upload-250", Kind::Upload, Scene::Plain),
+    ("upload-fence-64", Kind::FenceUpload, Scene::Plain),
+    ("param-list-flood", Kind::ParamListFlood, Scene::Plain),
+    ("param-set-flood", Kind::ParamSetFlood, Scene::Plain),
+    ("param-miss", Kind::ParamMiss, Scene::Plain),
+    ("param-hash", Kind::ParamHash, Scene::Plain),
+    ("time-flood", Kind::TimeFlood, Scene::Plain),
+    ("stream-requests", Kind::StreamRequests, Scene::Plain),
+    ("all-streams", Kind::AllStreams, Scene::Unlimited),
+    ("crowd", Kind::Crowd, Scene::Plain),
+    ("crowd-everywhere", Kind::Crowd, Scene::Everywhere),
+    ("largest", Kind::Largest, Scene::Plain),
+    ("largest-everywhere", Kind::Largest, Scene::Everywhere),
+    ("unknown-ids", Kind::Unknown, Scene::Plain),
+    ("all-stx-2", Kind::Byte(0xFD), Scene::Plain),
+    ("all-stx-1", Kind::Byte(0xFE), Scene::Plain),
+    ("unknown-headers", Kind::Unknown1, Scene::Plain),
+    ("false-headers", Kind::Headers, Scene::Plain),
+    ("dense-headers", Kind::DenseHeaders, Scene::Plain),
+    ("nest-stx-2", Kind::Nest(0xFD), Scene::Plain),
+    ("nest-stx-1", Kind::Nest(0xFE), Scene::Plain),
+    ("nest-frames", Kind::FrameNest, Scene::Plain),
+    ("noise", Kind::Noise, Scene::Plain),
+    ("signed", Kind::Signed(Forgery::None), Scene::Signed),
+    ("signed-bad-key", Kind::Signed(Forgery::BadKey), Scene::Signed),
+    ("signed-replayed", Kind::Signed(Forgery::Replayed), Scene::Signed),
+    ("signed-new-streams", Kind::Signed(Forgery::NewStreams), Scene::Signed),
+    ("signed-unknown-id", Kind::Signed(Forgery::UnknownId), Scene::Signed),
+    ("signed-largest", Kind::LargestSigned, Scene::Signed),
+    ("signed-nest", Kind::SignedNest, Scene::Signed),
+    ("signed-crowd", Kind::Crowd, Scene::Signed),
+    ("signed-nest-stx-1", Kind::Nest(0xFE), Scene::Signed),
 ];
 
-/// The other end of a line.
-struct Source {
-    kind: Kind,
-    frame: [u8; 280],
-    len: usize,
-    at: usize,
-    /// Of frames.
-    number: u32,
-    /// Bytes that may still be read in this poll.
-    left: usize,
-    /// Frames, or pieces of them, that may still be written in this poll.
-    room: usize,
-    random: u32,
-}
-
-impl Source {
-    fn new(kind: Kind) -> Self {
-        Self { kind, frame: [0; 280], len: 0, at: 0, number: 0, left: 0, room: 0, random: 0x2545_F491 }
-    }
-
-    fn random(&mut self) -> u32 {
-        self.random ^= self.random << 13;
-        self.random ^= self.random >> 17;
-        self.random ^= self.random << 5;
-        self.random
-    }
-
-    fn put<M: Message>(&mut self, message: &M, from: Address, seq: u8) {
-        self.len = encode(message, Version::V2, from, seq, &mut self.frame).unwrap_or(0);
-    }
-
-    /// Another frame, or piece of none.
-    fn refill(&mut self) {
-        self.at = 0;
-        self.number = self.number.wrapping_add(1);
-        let n = self.number;
-        let some = self.random();
-        let [byte, other, ..] = some.to_le_bytes();
-        let gcs = Address::new(255, 190);
-        let crowd = Address::new(2 + byte % 250, 1 + other % 200);
-        let target = (1, 1);
-        match self.kind {
-            Kind::Nothing | Kind::Heartbeats => {
-                self.put(&Heartbeat { mavlink_version: 3, ..Default::default() }, gcs, n as u8);
-            }
-            Kind::Commands | Kind::CommandFlood => {
-                let (from, command, seq) = match self.kind {
-                    Kind::Commands => (gcs, MavCmd::REQUEST_PROTOCOL_VERSION, n as u8),
-                    _ => {
-                        let commands = [
-                            MavCmd::COMPONENT_ARM_DISARM,
-                            MavCmd::REQUEST_MESSAGE,
-                            MavCmd::SET_MESSAGE_INTERVAL,
-                            MavCmd::NAV_TAKEOFF,
-                            MavCmd::DO_SET_MODE,
-                            MavCmd::DO_SET_HOME,
-                            MavCmd(byte.into()),
-                        ];
-                        (crowd, commands[n as usize % commands.len()], byte)
-                    }
-                };
-                let params = CommandLong { param1: f32::from(byte), param2: 1.0, param7: 1.0, ..Default::default() };
-                let message = CommandLong { target_system: target.0, target_component: target.1, command, ..params };
-                self.put(&message, from, seq);
-            }
-            Kind::CountFlood => {
-                let count = 1 + some as u16 % 250;
-                let message =
-                    MissionCount { count, target_system: target.0, target_component: target.1, ..Default::default() };
-                self.put(&message, if n.is_multiple_of(2) { gcs } else { crowd }, byte);
-            }
-            Kind::ListFlood => {
-                let message =
-                    MissionRequestList { target_system: target.0, target_component: target.1, ..Default::default() };
-                self.put(&message, crowd, byte);
-            }
-            Kind::ParamListFlood => {
-                self.put(&ParamRequestList { target_system: target.0, target_component: target.1 }, crowd, byte);
-            }
-            Kind::ParamSetFlood => {
-                let id = if n.is_multiple_of(2) { "MAV_HL_LOSS_T" } else { "ZZZ_NOT_THERE_ZZ" };
-                let message = ParamSet {
-                    param_id: Text::new(id),
-                    param_value: f32::from(byte),
-                    target_system: target.0,
-                    target_component: target.1,
-                    ..Default::default()
-                };
-                self.put(&message, crowd, byte);
-            }
-            Kind::ItemFlood => {
-                let message = MissionItemInt {
-                    seq: byte.into(),
-                    command: MavCmd::NAV_WAYPOINT,
-                    target_system: target.0,
-                    target_component: target.1,
-                    ..Default::default()
-                };
-                self.put(&message, gcs, byte);
-            }
-            Kind::Crowd => self.put(&Heartbeat { mavlink_version: 3, ..Default::default() }, crowd, byte),
-            Kind::Largest => self.put(&EncapsulatedData { seqnr: n as u16, data: [byte | 1; 253] }, crowd, byte),
-            Kind::Unknown => {
-                self.put(&Heartbeat { mavlink_version: 3, ..Default::default() }, crowd, byte);
-                self.frame[7..10].copy_from_slice(&[byte, other, 0x70]);
-            }
-            Kind::Byte(byte) => {
-                self.frame.fill(byte);
-                self.len = 280;
-            }
-            Kind::Headers => self.repeat(&[0xFD, 255, 0, 0, 7, 255, 190, 131, 0, 0]),
-            Kind::DenseHeaders => self.repeat(&[0xFD, 0xFD, 0, 0, 0, 0, 0xFD, 131, 0, 0]),
-            Kind::Noise => {
-                for at in 0..280 {
-                    self.frame[at] = self.random() as u8;
-                }
-                self.len = 280;
-            }
-        }
-    }
-
-    fn repeat(&mut self, piece: &[u8]) {
-        for (byte, piece) in self.frame.iter_mut().zip(piece.iter().cycle()) {
-            *byte = *piece;
-        }
-        self.len = 280;
-    }
-}
-
-impl ErrorType for Source {
-    type Error = Infallible;
-}
-
-impl ReadReady for Source {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.left > 0)
-    }
-}
-
-impl Read for Source {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
-        let len = bytes.len().min(self.left).min(self.len - self.at);
-        bytes[..len].copy_from_slice(&self.frame[self.at..self.at + len]);
-        self.at += len;
-        self.left -= len;
-        Ok(len)
-    }
-}
-
-impl WriteReady for Source {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.room > 0)
-    }
-}
-
-impl Write for Source {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.room -= 1;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-/// The next bytes lie ready: a whole frame's, or at most what one poll reads. So making them is not counted.
-fn feed(source: &mut Source, poll: u32, bytes: usize) {
-    let is_quiet = match source.kind {
-        Kind::Nothing => true,
-        Kind::Heartbeats => !poll.is_multiple_of(200),
-        _ => false,
-    };
-    if is_quiet {
-        source.left = 0;
-        return;
-    }
-    // The frames that fit in, one behind the other.
-    let mut piece = [0; 280];
-    let mut len = 0;
-    while len < bytes {
-        if source.at == source.len {
-            source.refill();
-        }
-        let take = (source.len - source.at).min(bytes - len);
-        piece[len..len + take].copy_from_slice(&source.frame[source.at..source.at + take]);
-        source.at += take;
-        len += take;
-        if matches!(source.kind, Kind::Heartbeats) {
-            break;
-        }
-    }
-    source.staged(&piece[..len]);
-}
-
-impl Source {
-    /// Keeps what is left of its frame behind what is to be read now.
-    fn staged(&mut self, piece: &[u8]) {
-        let mut frame = [0; 280];
-        let rest = self.len - self.at;
-        let rest = rest.min(280 - piece.len());
-        frame[..piece.len()].copy_from_slice(piece);
-        frame[piece.len()..piece.len() + rest].copy_from_slice(&self.frame[self.at..self.at + rest]);
-        self.frame = frame;
-        (self.at, self.len, self.left) = (0, piece.len() + rest, piece.len());
-    }
+/// A vehicle under measurement.
+struct Bench<'a> {
+    stack: &'a mut Subject,
+    vehicle: &'a mut Quadrotor,
+    now: Instant,
+    line: Line,
+    others: [Line; 2],
+    polls: u32,
+    most: u32,
+    sum: u64,
+    most_timers: u32,
 }
 
 /// Instructions that `work` takes.
@@ -299,13 +125,95 @@ fn count(work: impl FnOnce()) -> u32 {
     (before.wrapping_sub(SYST::get_current()) & LONGEST) * INSTRUCTIONS
 }
 
-#[inline(never)]
-fn make<'a>(
-    stack: &'a mut MaybeUninit<Subject>,
-    vehicle: &'a mut MaybeUninit<Quadrotor>,
-    config: Config,
-) -> (&'a mut Subject, &'a mut Quadrotor) {
-    (stack.write(Stack::new(config, [LinkConfig::uart(921_600); LINKS])), vehicle.write(Quadrotor::new()))
+impl<'a> Bench<'a> {
+    #[inline(never)]
+    fn new(
+        stack: &'a mut MaybeUninit<Subject>,
+        vehicle: &'a mut MaybeUninit<Quadrotor>,
+        budget: PollBudget,
+        scene: Scene,
+    ) -> Self {
+        let config = Config { budget, accepts_component_0: true, ..Config::new(US, &PULSE) };
+        let link = match scene {
+            Scene::Unlimited => LinkConfig::unlimited().with_streams(StreamProfile::Onboard),
+            Scene::Satellite => LinkConfig::uart(921_600).with_class(LinkClass::HighLatency),
+            Scene::Signed => LinkConfig::uart(921_600).with_signing(LinkSigning::SIGNED),
+            _ => LinkConfig::uart(921_600),
+        };
+        let mut bench = Self {
+            stack: stack.write(Stack::new(config, [link, LinkConfig::uart(921_600), LinkConfig::uart(921_600)])),
+            vehicle: vehicle.write(Quadrotor::new()),
+            now: Instant::from_millis(10_000),
+            line: Line::new(),
+            others: [Line::new(), Line::new()],
+            polls: 0,
+            most: 0,
+            sum: 0,
+            most_timers: 0,
+        };
+        if scene == Scene::Loaded {
+            let mut sender = Sender::new(Kind::Upload);
+            while bench.stack.mission().items().is_empty() {
+                bench.poll(budget.rx_bytes.into(), || sender.next());
+            }
+            (bench.polls, bench.most, bench.sum, bench.most_timers) = (0, 0, 0, 0);
+        }
+        if let Some(signing) = bench.vehicle.signing().filter(|_| scene == Scene::Signed) {
+            signing.set_key(bench.now, SigningKey::new(KEY), SIGNED_AT);
+        }
+        bench.line.takes = scene != Scene::Stalled;
+        bench
+    }
+
+    /// A millisecond, in which so many bytes come by the first link.
+    fn poll(&mut self, bytes: usize, next: impl FnMut() -> Option<u8>) {
+        self.now = self.now.after(Duration::from_millis(1));
+        let Self { stack, vehicle, line, now, .. } = self;
+        PULSE.tick();
+        line.now = *now;
+        line.fill(bytes, next);
+        let timers = count(|| stack.poll(*now, *vehicle));
+        let work = count(|| {
+            let _ = stack.poll_link(*now, LinkId(0), line, *vehicle);
+        });
+        for (link, line) in [LinkId(1), LinkId(2)].into_iter().zip(&mut self.others) {
+            let _ = stack.poll_link(*now, link, line, *vehicle);
+        }
+        self.polls += 1;
+        self.most = self.most.max(work);
+        self.sum += u64::from(work);
+        self.most_timers = self.most_timers.max(timers);
+    }
+
+    fn run(&mut self, kind: Kind, scene: Scene, bytes: usize) {
+        let mut sender = Sender::new(kind);
+        let mut elsewhere = [Sender::new(kind), Sender::new(kind)];
+        for (index, sender) in elsewhere.iter_mut().enumerate() {
+            (0..=index * 999).for_each(|_| {
+                sender.next();
+            });
+        }
+        for poll in 0..POLLS {
+            if scene == Scene::Everywhere {
+                for (line, sender) in self.others.iter_mut().zip(&mut elsewhere) {
+                    line.fill(bytes, || sender.next());
+                }
+            }
+            let mut is_quiet = sender.is_quiet(poll);
+            self.poll(bytes, || {
+                let byte = if is_quiet { None } else { sender.next() };
+                is_quiet |= sender.is_slow() && sender.is_between();
+                byte
+            });
+        }
+    }
+
+    fn report(&self, out: &mut Report<'_>, budget: &str, row: &str) {
+        let (average, polls) = (self.sum / u64::from(self.polls.max(1)), self.polls);
+        let Self { most, most_timers, .. } = self;
+        let gap = self.line.gap.as_micros();
+        let _ = writeln!(out, "{budget} {row} {polls} {average} {most} {most_timers} {gap}");
+    }
 }
 
 #[entry]
@@ -320,35 +228,30 @@ fn main() -> ! {
     syst.clear_current();
     syst.enable_counter();
     let mut out = Report(&mut board.uarts[0]);
-    for (name, budget, frames_out) in [
-        ("small", PollBudget { rx_bytes: 64, frames: 2, ..PollBudget::DEFAULT }, 1),
-        ("default", PollBudget::DEFAULT, usize::MAX),
+    let mut corpus = Corpus::new(board.flash);
+    for (name, budget) in [
+        ("small", PollBudget { rx_bytes: 64, work: 1_000, frames: 2, ..PollBudget::DEFAULT }),
+        ("default", PollBudget::DEFAULT),
     ] {
-        for (what, kind) in KINDS {
-            let config = Config { budget, accepts_component_0: true, ..Config::new(US, &PULSE) };
-            let (stack, vehicle) = make(STACK, VEHICLE, config);
-            let mut source = Source::new(kind);
-            let mut others = Source::new(Kind::Nothing);
-            let mut now = Instant::from_millis(10_000);
-            let (mut most, mut sum, mut most_timers) = (0, 0, 0);
-            for poll in 0..POLLS {
-                now = now.after(Duration::from_millis(1));
-                PULSE.tick();
-                feed(&mut source, poll, budget.rx_bytes.into());
-                source.room = frames_out;
-                others.room = frames_out;
-                most_timers = most_timers.max(count(|| stack.poll(now, vehicle)));
-                let work = count(|| {
-                    let _ = stack.poll_link(now, LinkId(0), &mut source, vehicle);
-                });
-                most = most.max(work);
-                sum += work;
-                for link in [1, 2] {
-                    let _ = stack.poll_link(now, LinkId(link), &mut others, vehicle);
-                }
-            }
-            let _ = writeln!(out, "{name} {what} {} {most} {most_timers}", sum / POLLS);
+        let bytes = budget.rx_bytes.into();
+        for (what, kind, scene) in ROWS {
+            let mut bench = Bench::new(STACK, VEHICLE, budget, scene);
+            bench.run(kind, scene, bytes);
+            bench.report(&mut out, name, what);
         }
+        corpus.rewind();
+        let mut bench = Bench::new(STACK, VEHICLE, budget, Scene::Plain);
+        while !corpus.is_over() {
+            bench.poll(bytes, || corpus.next());
+        }
+        bench.report(&mut out, name, "corpus");
+        let mut bench = Bench::new(STACK, VEHICLE, budget, Scene::Plain);
+        let mut sender = Sender::new(Kind::Noise);
+        for _ in 0..NOISY_POLLS {
+            // Not all of it may be read at once.
+            bench.poll(NOISE, || sender.next());
+        }
+        bench.report(&mut out, name, "noise-1-mbaud-60-s");
     }
     let _ = writeln!(out, "end");
     loop {
