@@ -35,9 +35,21 @@ pub(crate) fn with_extra(sum: u16, crc_extra: u8) -> u16 {
 
 #[cfg(any(test, not(target_pointer_width = "64")))]
 mod narrow {
-    /// Byte by byte, by shifting.
+    /// Four bytes at a time, by shifting: what is not summed yet moves down with the sum.
     pub(super) fn update(sum: u16, bytes: &[u8]) -> u16 {
-        bytes.iter().fold(sum, |sum, &byte| super::step(sum, byte))
+        let (words, rest) = bytes.as_chunks::<4>();
+        let sum = words.iter().fold(sum, |sum, &word| {
+            let [low, high, ..] = shift(shift(shift(shift(u32::from(sum) ^ u32::from_le_bytes(word))))).to_le_bytes();
+            u16::from_le_bytes([low, high])
+        });
+        rest.iter().fold(sum, |sum, &byte| super::step(sum, byte))
+    }
+
+    /// Sums the lowest byte.
+    #[inline(always)]
+    fn shift(word: u32) -> u32 {
+        let low = (word ^ (word << 4)) & 0xFF;
+        (word >> 8) ^ (low << 8) ^ (low << 3) ^ (low >> 4)
     }
 }
 
