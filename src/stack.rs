@@ -83,6 +83,8 @@ struct Core {
     /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
     /// be told: who sleeps is to look once more.
     has_acted: bool,
+    /// Somebody else has our address, which is to be told.
+    has_conflict: bool,
     /// Links with frames of others in their queues.
     forwards: LinkMask,
     /// When the loss of all ground stations has a consequence (L-14).
@@ -145,6 +147,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 params: Params::new(),
                 mode: 0,
                 has_acted: false,
+                has_conflict: false,
                 forwards: LinkMask::NONE,
                 loss_due: Instant::NEVER,
             },
@@ -470,6 +473,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
         const { V::MESSAGES.check() };
         self.core.drain(&mut context, link, V::MESSAGES, allowance);
+        // Not linked where there is no room for texts.
+        if TEXTS > 0 && self.core.has_conflict {
+            self.core.tell_conflict(now, &mut self.texts);
+        }
         high_latency::received(&mut self.links, vehicle);
     }
 }

@@ -82,11 +82,6 @@ impl StatusTexts {
         self.dropped
     }
 
-    /// Whether there is room for texts at all.
-    pub(crate) const fn has_slots(&self) -> bool {
-        !self.entries.is_empty()
-    }
-
     /// Queues `text` for `links`.
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
         let repeated =

@@ -69,7 +69,7 @@ impl Core {
                 && port.is_conflict(frame.header().seq, context.seqs)
             {
                 context.vehicle.peer(PeerEvent::AddressConflict(port.id));
-                self.tell_conflict(context.now, context.texts);
+                self.has_conflict = true;
             }
             return (0, false);
         }
@@ -109,14 +109,12 @@ impl Core {
 
     /// Somebody else has our address. Not inlined: it hardly ever happens.
     #[inline(never)]
-    fn tell_conflict(&self, now: Instant, texts: &mut StatusTexts) {
-        // Not made where there is no room for texts, and not linked.
-        if texts.has_slots() {
-            let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
-            text.push_str("Another vehicle has system id ");
-            text.push_number(u32::from(self.config.address.get().system.0));
-            texts.push(now, self.normal, MavSeverity::WARNING, &text);
-        }
+    pub(super) fn tell_conflict(&mut self, now: Instant, texts: &mut StatusTexts) {
+        self.has_conflict = false;
+        let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
+        text.push_str("Another vehicle has system id ");
+        text.push_number(u32::from(self.config.address.get().system.0));
+        texts.push(now, self.normal, MavSeverity::WARNING, &text);
     }
 
     /// Hands a frame to the service that it is for, if it is for us.
