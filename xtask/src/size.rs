@@ -40,7 +40,7 @@ const ITEM: u64 = 32;
 /// 100 items with the fence of 40 and the 10 rally points, and the largest of these once more as staging.
 const PLANS_3: u64 = ITEM * (100 + 40 + 10 + 100);
 /// `size_of::<ForwardQueues<3>>()`.
-const QUEUES_3: u64 = 3_760;
+const QUEUES_3: u64 = 3_816;
 
 const fn kib(flash: u64, ram: u64) -> Option<Size> {
     Some(Size { flash: flash * 1024, ram: ram * 1024 / 10 })
@@ -120,7 +120,7 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     // Debian's toolchain links for one target only.
     let columns = if choice == Choice::Debian { 1 } else { COLUMNS.len() };
     for (column, (target, level, name)) in COLUMNS.into_iter().enumerate().take(columns) {
-        println!("Building for {name}");
+        println!("\n{name}");
         let build = |bin, features| {
             let elf = firmware::build_measured(choice, &Measured { bin, features, target, level })?;
             Result::Ok((measure(&elf)?, elf))
@@ -130,6 +130,7 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
             let (size, elf) = build(row.bin, row.features)?;
             line.flash[column] = Some(size.flash.saturating_sub(empty.flash));
             line.ram = line.ram.max(size.ram.saturating_sub(empty.ram + row.apart));
+            println!("{:58}{:>12}", row.name, size.flash.saturating_sub(empty.flash));
             if column == 0 && options.symbols > 0 {
                 print_symbols(row.name, &elf, options.symbols)?;
             }

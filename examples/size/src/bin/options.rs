@@ -85,6 +85,10 @@ dialect! {
     struct Few: [Heartbeat, CommandLong, CommandInt, CommandAck, Timesync, MissionCount, MissionItemInt, MissionRequestList];
 }
 
+/// What `cargo xtask size` lists apart.
+#[cfg(all(feature = "forwarding", feature = "link-3"))]
+const _: () = assert!(size_of::<ForwardQueues<3>>() == 3_816);
+
 struct Rover {
     armed: bool,
     mode: u32,
