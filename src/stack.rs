@@ -306,19 +306,17 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let mut allowance = self.core.config.budget.allowance();
         let mut taken = 0usize;
         // A buffer's worth at a time; more than two turns are only needed when the bytes are more than a buffer's worth.
-        while let Some(rest) = bytes.get(taken..).filter(|rest| !rest.is_empty()) {
+        loop {
+            let rest = bytes.get(taken..).unwrap_or_default();
             let Some(state) = self.link_mut(link) else { return 0 };
-            let len = state.decoder.push(rest, now);
-            if len == 0 {
-                break;
-            }
+            let len = if rest.is_empty() { 0 } else { state.decoder.push(rest, now) };
             taken = taken.saturating_add(len);
+            // Also where there was no room: what fills the buffer waits for this call's budget.
             self.commit(now, link, 0, vehicle, &mut allowance);
+            if len == 0 || taken >= bytes.len() {
+                return taken;
+            }
         }
-        if bytes.is_empty() {
-            self.commit(now, link, 0, vehicle, &mut allowance);
-        }
-        taken
     }
 
     /// Room in the link's own buffer for bytes to be received into without a copy; then call

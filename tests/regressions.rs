@@ -211,3 +211,21 @@ fn unknown_ids_are_no_losses() {
     assert!(peer.received >= 30);
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().unknown, 50);
 }
+
+/// S-13, SEC-2: whoever hands bytes over until all are taken comes to an end, also where a call's budget ends before a frame that
+/// fills the buffer.
+#[test]
+fn bytes_are_taken_in_the_end_whatever_the_budget() {
+    for noise in 0..200 {
+        let mut world = world::<1>();
+        let long = reference::v2(FileTransferProtocol::ID, [1, 0], [9, 9], &[7; 254], 84);
+        let mut stream = [&[0xFD; 200][..noise], &long, &[1; 13]].concat().repeat(3);
+        stream.extend([0; 300]);
+        let mut rest = &stream[..];
+        for _ in 0..200 {
+            let taken = world.stack.receive(Instant::ZERO, LinkId(0), rest, &mut world.vehicle);
+            rest = &rest[taken..];
+        }
+        assert!(rest.is_empty(), "{} bytes are left behind {noise}", rest.len());
+    }
+}
