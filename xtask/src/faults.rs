@@ -1,7 +1,8 @@
 //! The fault matrix: what may go wrong, as scenarios that the firmware `faults` plays inside the emulator.
 //!
 //! Time there is the emulated one, 16 ns for an instruction, and all numbers are seeded: each run is the same, on every machine.
-//! What needs a real client at a real socket is among the tests with ground stations (`test_faults.py`, `test_power.py`).
+//! With a real client at a real socket, and the emulator's own reset button, are `test_faults.py` and `test_power.py` among the
+//! tests with ground stations.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
