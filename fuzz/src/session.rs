@@ -618,10 +618,12 @@ impl Tag {
     }
 }
 
-/// Without what the numbers of commands have that are given once: the fuzzer sees what is compared, and has made such a command.
+/// Without what only the numbers of commands have that are given once, and the addresses of clients that upload: the fuzzer sees what
+/// is compared, and has spoken for them.
 fn unmarked(bytes: &[u8]) -> Vec<u8> {
     let [_, mark] = checks::FIRST.to_le_bytes();
-    bytes.iter().map(|byte| if *byte == mark { 0 } else { *byte }).collect()
+    let is_mark = |byte: u8| byte == mark || (0..LINKS).any(|link| client(link).system.0 == byte);
+    bytes.iter().map(|byte| if is_mark(*byte) { 0 } else { *byte }).collect()
 }
 
 /// Sender, id and payload of a frame.
