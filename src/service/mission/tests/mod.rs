@@ -3,6 +3,7 @@
 mod collision;
 mod commit;
 mod download;
+mod edges;
 mod model;
 mod random;
 mod table;
