@@ -150,7 +150,9 @@ pub fn hung_loop(parts: Parts) -> Parts {
             free(|cs| HUNG.borrow(cs).set(Some(board::now())));
             HANGS.store(true, Relaxed);
             // For ever, as far as this loop can do anything about it.
-            while HANGS.load(Relaxed) {}
+            while HANGS.load(Relaxed) {
+                core::hint::spin_loop();
+            }
         }
     }
     syst.disable_interrupt();
