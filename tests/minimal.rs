@@ -1,6 +1,9 @@
 //! A vehicle that implements no more than it has to: whoever asks it for what it leaves out is told so, and not left waiting.
 //! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2.
 
+#[cfg(feature = "storage")]
+#[path = "support/flash.rs"]
+mod flash;
 mod support;
 
 use mavstack::dialect::*;
@@ -161,4 +164,47 @@ fn sticks_move_nothing() {
     world.run_for(millis(100));
     let counters = world.stack.rx_counters(LinkId(0)).expect("exists");
     assert_eq!((counters.frames, world.gcs[0].count_of::<CommandAck>()), (1, 0));
+}
+
+/// Memory by its default is memory by its `new`.
+#[test]
+fn defaults_are_new() {
+    fn shown<T: std::fmt::Debug>(default: T, new: T) {
+        assert_eq!(format!("{default:?}"), format!("{new:?}"));
+    }
+    shown(mavstack::Pulse::default(), mavstack::Pulse::new());
+    shown(CommandSlots::<2>::default(), CommandSlots::new());
+    shown(mavstack::TimeSlots::<2>::default(), mavstack::TimeSlots::new());
+    shown(mavstack::Text::<8>::default(), mavstack::Text::new(""));
+    shown(mavstack::io::SerialQueues::<8, 8>::default(), mavstack::io::SerialQueues::new());
+    #[cfg(feature = "signing")]
+    shown(mavstack::SigningMemory::<4>::default(), mavstack::SigningMemory::new());
+}
+
+/// Storage for what the vehicle does not have is neither read nor written.
+#[cfg(feature = "storage")]
+#[test]
+fn storage_of_nothing_is_left_alone() {
+    use mavstack::{Durability, ParamStore, PlanStore};
+    type Flash = flash::RamFlash<8, 512>;
+
+    let mut world = world();
+    let mut flash = Flash::new(4_096);
+    flash.fault = flash::Fault::Read(0..4_096);
+    let now = world.now();
+    let mut plans = PlanStore::new(&mut flash, 0..4_096);
+    assert_eq!(world.stack.restore_plans(now, &mut plans, Durability::Durable, &mut world.vehicle), Ok(()));
+    assert!(!world.stack.persist_plans(now, &mut plans, &mut world.vehicle));
+    world.stack.mission_item_reached(now, 3);
+    world.run_for(secs(2));
+    assert_eq!(world.gcs[0].count_of::<MissionItemReached>(), 0);
+    #[cfg(feature = "signing")]
+    {
+        let mut key = mavstack::SigningStore::new(&mut flash, 0..4_096);
+        assert_eq!(world.stack.restore_signing(now, &mut key, &mut world.vehicle), Ok(()));
+        assert!(!world.stack.persist_signing(now, &mut key, &mut world.vehicle));
+    }
+    let mut params = ParamStore::new(&mut flash, 0..4_096);
+    assert!(!world.stack.persist_parameters(now, &mut params, &mut world.vehicle));
+    assert_eq!((flash.writes, flash.erases), (0, 0));
 }

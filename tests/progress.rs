@@ -108,6 +108,7 @@ fn mission_start() {
     for (p1, p2, result, call) in [
         (0.0, 0.0, R::ACCEPTED, Some((Some(0), None))),
         (1.0, 2.0, R::ACCEPTED, Some((Some(1), Some(2)))),
+        (1.0, 1.0, R::ACCEPTED, Some((Some(1), Some(1)))),
         (NAN, NAN, R::ACCEPTED, Some((None, None))),
         (NAN, 1.0, R::ACCEPTED, Some((None, Some(1)))),
         (2.0, 1.0, R::DENIED, None),
@@ -254,4 +255,21 @@ fn the_firmware_may_bring_a_plan() {
     }
     assert_eq!(world.stack.load_plan(now, PlanType::Mission, [], &mut world.vehicle), Ok(()));
     assert_eq!((world.stack.mission().items().len(), world.stack.mission().id()), (0, 0));
+}
+
+/// Q-1, L-4: asked for by itself, MISSION_CURRENT goes where it is sent anyway, and to somebody.
+#[test]
+fn mission_current_is_asked_for() {
+    let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+    let setup = Setup { links: [LinkConfig::uart(115_200), satellite], ..Setup::new() };
+    let mut world = World::<2, Plans>::with_plans(setup);
+    settle(&mut world);
+    for (link, target, is_taken) in [(0, 0.0, true), (0, 1.0, true), (0, 3.0, false), (1, 0.0, false)] {
+        world.gcs[link].forget();
+        let id = MissionCurrent::ID as f32;
+        world.gcs[link].command_long(MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, target]);
+        let ack: CommandAck = world.expect(link, secs(5));
+        assert_eq!(ack.result == MavResult::ACCEPTED, is_taken, "link {link}, target {target}");
+    }
+    assert_eq!(world.gcs[1].count_of::<MissionCurrent>(), 0);
 }

@@ -140,9 +140,13 @@ fn location() {
     }
 
     let take_off = |frame, x, y, z| int(MavCmd::NAV_TAKEOFF, frame, [0.0, 0.0, NAN, NAN], x, y, z).decode();
-    let relative = Some(MavFrame::GLOBAL_RELATIVE_ALT);
-    for frame in [MavFrame::GLOBAL_RELATIVE_ALT, MavFrame::GLOBAL_RELATIVE_ALT_INT] {
-        assert_eq!(take_off(frame, 473_977_432, 85_455_952, 2.0), Ok(place(zurich, Some(2.0), relative)));
+    for (frame, twin) in [
+        (MavFrame::GLOBAL, MavFrame::GLOBAL_INT),
+        (MavFrame::GLOBAL_RELATIVE_ALT, MavFrame::GLOBAL_RELATIVE_ALT_INT),
+        (MavFrame::GLOBAL_TERRAIN_ALT, MavFrame::GLOBAL_TERRAIN_ALT_INT),
+    ] {
+        let expected = Ok(place(zurich, Some(2.0), Some(frame)));
+        assert_eq!([frame, twin].map(|frame| take_off(frame, 473_977_432, 85_455_952, 2.0)), [expected; 2]);
     }
     assert_eq!(take_off(MavFrame::GLOBAL_INT, i32::MAX, i32::MAX, NAN), Ok(place(None, None, Some(MavFrame::GLOBAL))));
     assert_eq!(take_off(MavFrame::MISSION, 0, 0, 7.0), Ok(place(None, Some(7.0), Some(MavFrame::MISSION))));

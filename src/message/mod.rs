@@ -87,22 +87,32 @@ mod tests {
             e: u8,
         } extensions {
             f: u32,
+            g: Char,
         }
     }
 
     #[test]
     fn layout_is_the_wire_order_and_extensions_are_not_in_the_base() {
-        assert_eq!((Kinds::BASE_LEN, Kinds::MAX_LEN), (24, 28));
-        let message = Kinds { a: 0x0102, b: [1.0, f32::NAN], c: -2, d: Text::new("abcdefg"), e: 7, f: 0xA0B0_C0D0 };
+        assert_eq!((Kinds::BASE_LEN, Kinds::MAX_LEN), (24, 29));
+        let message = Kinds {
+            a: 0x0102,
+            b: [1.0, f32::NAN],
+            c: -2,
+            d: Text::new("abcdefg"),
+            e: 7,
+            f: 0xA0B0_C0D0,
+            g: Char(b'x'),
+        };
         let mut payload = [0xFF; 30];
-        assert_eq!(message.encode(&mut payload), Some(28));
+        assert_eq!(message.encode(&mut payload), Some(29));
         assert_eq!(payload[..8], [2, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(payload[8..12], 1.0f32.to_le_bytes());
         assert_eq!(payload[16..18], [0xFE, 0xFF]);
         assert_eq!(&payload[18..23], b"abcde");
-        assert_eq!(payload[24..30], [0xD0, 0xC0, 0xB0, 0xA0, 0xFF, 0xFF]);
+        assert_eq!(payload[24..30], [0xD0, 0xC0, 0xB0, 0xA0, b'x', 0xFF]);
         let back = Kinds::decode(&payload);
-        assert_eq!((back.a, back.b[0], back.c, back.e, back.f), (0x0102, 1.0, -2, 7, 0xA0B0_C0D0));
+        assert_eq!((back.a, back.b[0], back.c, back.e), (0x0102, 1.0, -2, 7));
+        assert_eq!((back.f, back.g), (0xA0B0_C0D0, Char(b'x')));
         assert!(back.b[1].is_nan());
     }
 
@@ -110,6 +120,6 @@ mod tests {
     fn short_payload_reads_as_zeros_and_a_short_buffer_is_refused() {
         // S-6: field `a` is cut in its middle.
         assert_eq!(Kinds::decode(&[1, 2]), Kinds { a: 0x0201, ..Kinds::default() });
-        assert_eq!(Kinds::default().encode(&mut [0; 27]), None);
+        assert_eq!(Kinds::default().encode(&mut [0; 28]), None);
     }
 }

@@ -320,3 +320,79 @@ fn plans_come_back_from_storage() {
     assert_eq!(read(&items, 5, id ^ 1, None), fault(None, INVALID));
     assert_eq!(read(&items, 4, id, None), fault(None, INVALID));
 }
+
+/// M-22, M-44: where an answer of storage still waits for the line, no last item is taken; it is asked for again.
+#[test]
+fn the_last_item_waits_for_room_to_answer_it() {
+    let mut bench = durable();
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    bench.saved();
+    // Link 0 does not send, and owes A its answer. B begins on link 1, and goes on where A is.
+    let moved = Peer { link: A.link, ..B };
+    bench.send(B, &count(MISSION, 1));
+    assert_eq!(bench.drain_link(1), [to_b(Ask(0))]);
+    bench.send(moved, &int(MISSION, 0, &item(2, 0)));
+    assert_eq!((bench.unsaved(), bench.missions.counters().no_answer_slot), (None, 1));
+    assert_eq!(bench.drain_link(0)[0], to_a(Ack(ACCEPTED, id_of(&plan(1, 2)))));
+    assert_eq!(bench.ask(moved, &int(MISSION, 0, &item(2, 0))), []);
+    bench.saved();
+    assert_eq!(bench.drain(), [to_b(Ack(ACCEPTED, id_of(&plan(2, 1))))]);
+}
+
+/// M-11, M-44: who waits for storage is answered where he was heard last, but not where another answer waits.
+#[test]
+fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
+    for is_taken in [false, true] {
+        let mut bench = durable();
+        if is_taken {
+            upload_to_storage(&mut bench, B, MISSION, &plan(2, 1));
+            bench.saved();
+        }
+        bench.send(A, &count(MISSION, 1));
+        assert_eq!(bench.drain_link(0), [to_a(Ask(0))]);
+        bench.send(A, &int(MISSION, 0, &item(1, 0)));
+        bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
+        bench.saved();
+        let answer = to_a(Ack(ACCEPTED, id_of(&plan(1, 1))));
+        let other = to_b(Ack(ACCEPTED, id_of(&plan(2, 1))));
+        let links = [bench.drain_link(0), bench.drain_link(1)];
+        assert_eq!(
+            links,
+            if is_taken { [std::vec![answer], std::vec![other]] } else { [std::vec![], std::vec![answer]] }
+        );
+    }
+}
+
+/// M-31: what has no id is not said twice.
+#[test]
+fn a_clear_is_answered_once() {
+    let mut bench = durable();
+    bench.second_ack = true;
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    bench.saved();
+    bench.drain();
+    assert_eq!(bench.ask(A, &clear(MISSION)), []);
+    bench.saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.wait(2_000), []);
+}
+
+/// What storage has does not come into an upload, nor while what was uploaded is being stored.
+#[test]
+fn nothing_is_loaded_into_an_upload() {
+    let mut bench = durable();
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    let none = |_| None;
+    let loaded = bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, PlanType::Mission, None, none));
+    assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
+    bench.saved();
+    assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
+
+    let mut bench = Bench::new();
+    assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
+    let read = |_| Some(item(3, 0));
+    let loaded =
+        bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, PlanType::Mission, Some((1, 7)), read));
+    assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
+}

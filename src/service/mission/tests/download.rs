@@ -69,6 +69,17 @@ fn the_old_request_is_answered_as_configured() {
     }
 }
 
+/// M-61: what is no latitude is not scaled.
+#[test]
+fn local_positions_are_floats_of_their_own() {
+    let local =
+        Item { frame: MavFrame::MISSION, command: MavCmd::DO_JUMP, params: [0.0; 4], x: 3, y: -4, ..item(1, 1) };
+    let mut bench = Bench::of(true, Version::V2);
+    bench.upload(A, MISSION, &[item(1, 0), local]);
+    let old = MissionRequest { seq: 1, ..Default::default() };
+    assert_eq!(bench.ask(A, &old), [to_a(FloatPart(1, 3.0, -4.0))]);
+}
+
 /// T-M14, M-63: who began with another plan gets no item of the new one, until it asks for the count again.
 #[test]
 fn a_download_does_not_mix_two_plans() {
