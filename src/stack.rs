@@ -28,7 +28,7 @@ use crate::service::high_latency;
 use crate::service::mission::{self, Missions, NoPlans, PlanStorage, PlanType, PlansMut};
 use crate::service::mode::{self, FlightMode};
 use crate::service::param::Params;
-use crate::service::statustext::{Entry as TextEntry, MAX_TEXT_LEN, StatusTexts};
+use crate::service::statustext::{Entry as TextEntry, StatusTexts};
 use crate::service::stream::Slot;
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
@@ -334,6 +334,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 
     /// The bytes to be sent next on a link, at most the rest of one frame; then call
     /// [`transmitted`](Self::transmitted). Empty when there is nothing to say.
+    #[inline(never)]
     pub fn transmit<V: Autopilot>(&mut self, now: Instant, link: LinkId, vehicle: &mut V) -> &[u8] {
         const { streams::check::<V>(STREAMS) };
         const { FlightMode::check(V::MODES) };
@@ -387,7 +388,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// [`&Text`](crate::Text) that numbers were put into. At most [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes, the rest is cut
     /// off; the same text again within five seconds is dropped. When four wait, the least severe goes.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
-        self.push_text(now, severity, &Text::from_bytes(text.as_ref()));
+        self.push_text(now, severity, text.as_ref());
     }
 
     /// The same, formatted by `core::fmt`, which costs some kilobytes of flash:
@@ -395,15 +396,17 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes is cut off.
     #[cfg(feature = "fmt")]
     pub fn send_fmt(&mut self, now: Instant, severity: MavSeverity, text: core::fmt::Arguments<'_>) {
-        let mut built = Text::EMPTY;
+        let mut built = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
         // An error is a text that was cut off.
         let _ = core::fmt::Write::write_fmt(&mut built, text);
-        self.push_text(now, severity, &built);
+        self.push_text(now, severity, built.as_bytes());
     }
 
-    fn push_text(&mut self, now: Instant, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
+    /// Not inlined: the text takes 120 bytes of stack, which are to be free again in the caller.
+    #[inline(never)]
+    fn push_text(&mut self, now: Instant, severity: MavSeverity, text: &[u8]) {
         let texts: &mut StatusTexts = &mut self.texts;
-        texts.push(now, self.core.normal, severity, text);
+        texts.push(now, self.core.normal, severity, &Text::from_bytes(text));
     }
 
     /// Who was heard, and how well. At most `PEERS`; see H-12 for who has to go when the table is full.

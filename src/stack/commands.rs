@@ -1,14 +1,14 @@
 //! Commands as the stack sees them beside COMMAND_LONG and COMMAND_INT: the one that takes one back, the mode's old message,
 //! and when an answer has left.
 
-use super::receive::origin;
 use super::{Context, Core, Stack, count_drop};
-use crate::dialect::{CommandCancel, SetMode};
+use crate::dialect::{CommandCancel, CommandInt, CommandLong, SetMode};
 use crate::frame::{Address, Frame};
-use crate::link::{LinkClass, LinkId, Peer, Port};
+use crate::link::{LinkId, Peer, Port};
+use crate::service::command::{self, Origin};
 use crate::service::mission::PlanStorage;
-use crate::service::{command, mode};
-use crate::vehicle::Autopilot;
+use crate::service::mode;
+use crate::vehicle::{Autopilot, Command};
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
@@ -27,35 +27,40 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 }
 
 impl Core {
-    /// Takes a message that is a command in all but form: COMMAND_CANCEL, and SET_MODE where the vehicle has modes. False
-    /// when it is neither.
+    /// Takes back a command (COMMAND_CANCEL, C-23). False when the frame is none.
     #[inline(never)]
-    pub(super) fn on_command_frame<V: Autopilot, P: PlanStorage>(
+    pub(super) fn on_cancel<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
         target: Address,
     ) -> bool {
-        let from = Peer { address: frame.source(), link: port.id };
-        if context.vehicle.command_memory().is_some()
-            && let Some(message) = frame.decode::<CommandCancel>()
-        {
-            // Not for everyone (C-23).
-            if target == self.config.address.get() {
-                command::cancel(message.command, from, context.vehicle);
-                self.has_acted = true;
-            } else {
-                count_drop(&mut port.counters.out_of_place, frame, "not for everyone");
-            }
-            return true;
-        }
-        if V::MODES.is_empty() || port.config.class == LinkClass::HighLatency {
+        if context.vehicle.command_memory().is_none() {
             return false;
         }
-        let Some(message) = frame.decode::<SetMode>() else { return false };
-        let command = mode::from_set_mode(&message, origin(context, port, frame));
-        self.on_command(context, port, frame, &command, Some(message.custom_mode));
+        let Some(message) = frame.decode::<CommandCancel>() else { return false };
+        if target == self.config.address.get() {
+            let from = Peer { address: frame.source(), link: port.id };
+            command::cancel(message.command, from, context.vehicle);
+            self.has_acted = true;
+        } else {
+            count_drop(&mut port.counters.out_of_place, frame, "not for everyone");
+        }
         true
     }
+}
+
+/// The command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE where that is one in all but form; with its `custom_mode`
+/// then. Not inlined: no message is needed any longer when the command is carried out.
+#[inline(never)]
+pub(super) fn command_of(frame: &Frame<'_>, origin: Origin, has_set_mode: bool) -> Option<(Command, Option<u32>)> {
+    if let Some(message) = frame.decode::<CommandLong>() {
+        return Some((command::from_long(&message, origin), None));
+    }
+    if let Some(message) = frame.decode::<CommandInt>() {
+        return Some((command::from_int(&message, origin), None));
+    }
+    let message = frame.decode::<SetMode>().filter(|_| has_set_mode)?;
+    Some((mode::from_set_mode(&message, origin), Some(message.custom_mode)))
 }

@@ -1,10 +1,11 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
+use super::commands::command_of;
 use super::{Context, Core, count, count_drop, signing, streams};
 use crate::config::Allowance;
 #[cfg(feature = "signing")]
 use crate::dialect::SetupSigning;
-use crate::dialect::{CommandInt, CommandLong, Heartbeat, ManualControl, MavComponent, MavSeverity};
+use crate::dialect::{Heartbeat, ManualControl, MavComponent, MavSeverity};
 use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
@@ -42,8 +43,11 @@ impl Core {
             let has_key = frame.id() == SetupSigning::ID;
             let (copied, is_served) = self.on_frame(context, port, &frame);
             allowance.work = allowance.work.saturating_sub(copied);
-            if is_served {
-                self.serve(context, port, &frame);
+            if is_served
+                && let Some(target) = self.addressee(port, &frame)
+                && !self.on_command(context, port, &frame)
+            {
+                self.serve(context, port, &frame, target);
             }
             #[cfg(feature = "signing")]
             if has_key {
@@ -117,49 +121,24 @@ impl Core {
         texts.push(now, self.normal, MavSeverity::WARNING, &text);
     }
 
-    /// Hands a frame to the service that it is for, if it is for us.
-    #[inline(never)]
-    fn serve<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        frame: &Frame<'_>,
-    ) {
+    /// Whom a frame is for, if it is for us.
+    fn addressee(&self, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
         let own = self.config.address.get();
         let target = target_of(frame);
-        let is_plan = Missions::handles(frame.id());
         // Old ground stations address plans to component 190 (M-10).
         let is_our_component = target.component.0 == 0
             || target.component == own.component
-            || (is_plan && target.component.0 == MavComponent::MISSIONPLANNER.0);
+            || (Missions::handles(frame.id()) && target.component.0 == MavComponent::MISSIONPLANNER.0);
         if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
             count_drop(&mut port.counters.not_ours, frame, "for somebody else");
-            return;
+            return None;
         }
-        if matches!(frame.id(), CommandLong::ID | CommandInt::ID) {
-            self.on_command_message(context, port, frame);
-        } else if !self.on_command_frame(context, port, frame, target) {
-            self.serve_others(context, port, frame, target);
-        }
-    }
-
-    /// A COMMAND_LONG or COMMAND_INT.
-    #[inline(never)]
-    fn on_command_message<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        frame: &Frame<'_>,
-    ) {
-        let origin = origin(context, port, frame);
-        if let Some(command) = command::of(frame, origin) {
-            self.on_command(context, port, frame, &command, None);
-        }
+        Some(target)
     }
 
     /// Hands a frame that is for us, and is no command, to its service.
     #[inline(never)]
-    fn serve_others<V: Autopilot, P: PlanStorage>(
+    fn serve<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
@@ -168,7 +147,9 @@ impl Core {
     ) {
         let own = self.config.address.get();
         let from = Peer { address: frame.source(), link: port.id };
-        if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
+        if self.on_cancel(context, port, frame, target) {
+            // That was all.
+        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
             count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
         } else if Missions::handles(frame.id()) {
             if target.system.0 == 0 {
@@ -206,25 +187,27 @@ impl Core {
         }
     }
 
-    /// A command that came in `frame`, or a SET_MODE, which is one in all but form; `set_mode` is its `custom_mode` then.
-    pub(super) fn on_command<V: Autopilot, P: PlanStorage>(
+    /// Carries out the command in a frame, and owes its answer. False when there is none in it.
+    #[inline(never)]
+    fn on_command<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         frame: &Frame<'_>,
-        command: &Command,
-        set_mode: Option<u32>,
-    ) {
+    ) -> bool {
+        let has_set_mode = const { !V::MODES.is_empty() } && port.config.class != LinkClass::HighLatency;
+        let command = command_of(frame, origin(context, port, frame), has_set_mode);
+        let Some((command, set_mode)) = &command else { return false };
         let id = if set_mode.is_some() { mode::SET_MODE } else { command.id };
         if port.acks.is_full() {
             event!("command {=u16} dropped: no room for its answer", id.0);
             count(&mut port.counters.no_answer_slot);
-            return;
+            return true;
         }
         let signed_at = signing::signed_at(frame, context.vehicle);
         if let Some(answer) = command::answered(context.now, command, signed_at, context.vehicle) {
             port.acks.push(command.from.address, id, answer);
-            return;
+            return true;
         }
         let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command, signed_at);
         let Context { now, texts, vehicle, .. } = context;
@@ -239,20 +222,17 @@ impl Core {
         });
         let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
             Some(result) => result.into(),
-            None => execute(context, port, command, set_mode),
+            None => execute(context, port, command, *set_mode),
         };
         command::carried_out(context.now, command, signed_at, outcome, context.vehicle);
         self.has_acted = true;
         port.acks.push(command.from.address, id, outcome);
+        true
     }
 }
 
 /// Where the command in a frame comes from, and how old it is if that is known (L-16).
-pub(super) fn origin<V: Autopilot, P: PlanStorage>(
-    context: &mut Context<'_, V, P>,
-    port: &Port,
-    frame: &Frame<'_>,
-) -> Origin {
+fn origin<V: Autopilot, P: PlanStorage>(context: &mut Context<'_, V, P>, port: &Port, frame: &Frame<'_>) -> Origin {
     let from = Peer { address: frame.source(), link: port.id };
     Origin { from, class: port.config.class, age: signing::age(context.now, frame, context.vehicle) }
 }

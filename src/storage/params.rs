@@ -104,6 +104,7 @@ impl<F: NorFlash> ParamStore<F> {
     }
 
     /// A row of those that [`open`](Self::open) has found.
+    #[inline(never)]
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
         Ok(self.record.row(index)?.map(|row| Stored::from_row(&row)))
     }
@@ -111,6 +112,7 @@ impl<F: NorFlash> ParamStore<F> {
     /// At most one erase unit or one write of at most 256 bytes, towards the table being durable, with a number that stands
     /// for its content. What changes between two steps is in the record or not. Without a number, towards the next record
     /// having an erased slot.
+    #[inline(never)]
     pub(crate) fn step(&mut self, table: &TableMut<'_>, job: Option<u32>) -> Step {
         let len = u32::from(table.count()).saturating_mul(32);
         let job = job.map(|id| Job { id, schema: SCHEMA, len });

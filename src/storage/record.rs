@@ -29,17 +29,13 @@ pub(crate) const BODY: u32 = 256;
 
 const MAGIC: [u8; 4] = *b"MVSR";
 
-/// A buffer on the stack that a body goes through. The signing key does so too: then it is overwritten behind that (SEC-15).
-#[cfg(feature = "signing")]
-type Passing<const N: usize> = zeroize::Zeroizing<[u8; N]>;
-
-#[cfg(not(feature = "signing"))]
-type Passing<const N: usize> = [u8; N];
-
-fn passing<const N: usize>(bytes: [u8; N]) -> Passing<N> {
+/// Ends the use of a buffer on the stack that a body went through. The signing key does so too: so it is overwritten (SEC-15).
+/// A guard would do that by itself, and be moved to its place: the buffer would be on the stack twice.
+fn wipe(buffer: &mut [u8]) {
     #[cfg(feature = "signing")]
-    let bytes = zeroize::Zeroizing::new(bytes);
-    bytes
+    zeroize::Zeroize::zeroize(buffer);
+    #[cfg(not(feature = "signing"))]
+    let _ = buffer;
 }
 
 /// What one [`step`](Record::step) did.
@@ -266,18 +262,17 @@ impl<F: NorFlash> Record<F> {
 
     /// Reads `len` bytes, until `each` says that it has seen enough.
     fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
-        let mut chunk = passing([0; CHUNK]);
+        let mut chunk = [0; CHUNK];
         let mut done = 0;
-        while done < len {
+        let mut result = Ok(true);
+        while done < len && matches!(result, Ok(true)) {
             let part = clamped(len.saturating_sub(done));
             let bytes = chunk.get_mut(..part).unwrap_or_default();
-            self.flash.read(at.saturating_add(done), bytes)?;
-            if !each(bytes) {
-                return Ok(false);
-            }
+            result = self.flash.read(at.saturating_add(done), bytes).map(|()| each(bytes));
             done = done.saturating_add(BODY);
         }
-        Ok(true)
+        wipe(&mut chunk);
+        result
     }
 
     /// Whether a slot could not be read.
@@ -325,7 +320,7 @@ impl<F: NorFlash> Record<F> {
             (Spare::Dirty(done), _) => self.clear(done),
             (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
             (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {
-                self.write(job, written, crc, row)
+                if written < job.len { self.write(job, written, crc, row) } else { self.finish(job, crc) }
             }
             // Something else is wanted now.
             (Spare::Writing { .. }, _) => self.clear(0),
@@ -346,22 +341,27 @@ impl<F: NorFlash> Record<F> {
         Step::Busy
     }
 
-    /// Writes the next chunk of the body, or the header behind the last one.
+    /// Writes the next chunk of the body.
     fn write(&mut self, job: Job, written: u32, mut crc: Crc32, mut row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
         // Whatever fails, the slot has to be erased again.
         self.spare = Spare::Dirty(0);
-        let mut chunk = passing([0xFF; CHUNK]);
-        if written >= job.len {
-            return self.finish(job, crc, chunk);
-        }
-        let len = clamped(job.len.saturating_sub(written));
-        let (rows, _) = chunk.as_chunks_mut::<ROW>();
-        let first = written / 32;
-        for (index, place) in (first..job.len / 32).zip(rows) {
-            let Some(bytes) = row(index) else { return Step::Failed };
+        let mut chunk = [0xFF; CHUNK];
+        let mut is_whole = true;
+        for (index, place) in (written / 32..job.len / 32).zip(chunk.as_chunks_mut::<ROW>().0) {
+            let Some(bytes) = row(index) else {
+                is_whole = false;
+                break;
+            };
             *place = bytes;
             crc.add(place);
         }
+        let step = if is_whole { self.write_chunk(job, written, crc, &chunk) } else { Step::Failed };
+        wipe(&mut chunk);
+        step
+    }
+
+    fn write_chunk(&mut self, job: Job, written: u32, crc: Crc32, chunk: &[u8; CHUNK]) -> Step {
+        let len = clamped(job.len.saturating_sub(written));
         let bytes = chunk.get(..len.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
         let at = self.spare_slot.saturating_add(BODY).saturating_add(written);
         if self.flash.write(at, bytes).is_err() || !self.reads_back(at, bytes) {
@@ -372,7 +372,11 @@ impl<F: NorFlash> Record<F> {
     }
 
     /// Writes the header: with it the spare slot has the newest record.
-    fn finish(&mut self, job: Job, crc: Crc32, mut chunk: Passing<CHUNK>) -> Step {
+    #[inline(never)]
+    fn finish(&mut self, job: Job, crc: Crc32) -> Step {
+        // Whatever fails, the slot has to be erased again.
+        self.spare = Spare::Dirty(0);
+        let mut chunk = [0xFF; CHUNK];
         let slot = self.spare_slot;
         let sequence = self.newest.map_or(1, |newest| newest.header.sequence.wrapping_add(1));
         let header = Header { schema: job.schema, sequence, len: job.len, body_crc: crc.sum() };
@@ -397,15 +401,15 @@ impl<F: NorFlash> Record<F> {
 
     fn reads_back(&mut self, at: u32, bytes: &[u8]) -> bool {
         let mut at = at;
-        let mut row = passing([0; ROW]);
+        let mut row = [0; ROW];
         let (rows, _) = bytes.as_chunks::<ROW>();
-        for expected in rows {
-            if self.flash.read(at, &mut row[..]).is_err() || row[..] != expected[..] {
-                return false;
-            }
+        let is_same = rows.iter().all(|expected| {
+            let is_same = self.flash.read(at, &mut row).is_ok() && row == *expected;
             at = at.saturating_add(32);
-        }
-        true
+            is_same
+        });
+        wipe(&mut row);
+        is_same
     }
 }
 

@@ -93,6 +93,8 @@ impl<P: PlanStorage> App<P> {
     }
 
     /// One pass of the flight loop. True when it left something to tell: who speaks for it and sleeps is to be woken.
+    // Neither this nor `poll` and `serve` is inlined: a loop with all of them in it would take their stack together.
+    #[inline(never)]
     pub fn fly(&mut self, now: Instant) -> bool {
         let before = self.vehicle.state();
         let (mission, fence, rally) = (self.stack.mission(), self.stack.fence(), self.stack.rally());
@@ -115,6 +117,7 @@ impl<P: PlanStorage> App<P> {
     }
 
     /// What of the stack's work belongs to no link; as [`Stack::poll`].
+    #[inline(never)]
     pub fn poll(&mut self, now: Instant) {
         if self.vehicle.is_going_down() && self.saving == Saving::No {
             self.saving = Saving::Busy;
@@ -210,6 +213,7 @@ impl<P: PlanStorage> App<P> {
     /// # Errors
     ///
     /// As [`Stack::poll_link`].
+    #[inline(never)]
     pub fn serve<U: Read + Write + ReadReady + WriteReady>(
         &mut self,
         now: Instant,

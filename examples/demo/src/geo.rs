@@ -51,6 +51,8 @@ impl Home {
     }
 
     /// Latitude and longitude (deg·1e7) of a place near the start.
+    // Messages are made deep down: what a call takes of the stack is dear there.
+    #[inline(always)]
     pub fn to_global(self, north: f32, east: f32) -> (i32, i32) {
         let latitude = i64::from(self.latitude) + round(north / METRES_PER_UNIT);
         let longitude = i64::from(self.longitude) + round(east / (METRES_PER_UNIT * self.cos_latitude));

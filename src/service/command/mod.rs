@@ -20,7 +20,6 @@ pub use policy::CommandPolicy;
 pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
 
 use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
-use crate::frame::Frame;
 use crate::link::{LinkClass, Peer, Port};
 use crate::service::identity::Owed;
 use crate::time::{Duration, Instant};
@@ -32,16 +31,6 @@ pub(crate) struct Origin {
     pub(crate) from: Peer,
     pub(crate) class: LinkClass,
     pub(crate) age: Option<Duration>,
-}
-
-/// The command of a COMMAND_LONG or COMMAND_INT; `None` for every other frame. Not inlined: neither message is needed any
-/// longer when the command is carried out.
-#[inline(never)]
-pub(crate) fn of(frame: &Frame<'_>, origin: Origin) -> Option<Command> {
-    if let Some(message) = frame.decode::<CommandLong>() {
-        return Some(from_long(&message, origin));
-    }
-    frame.decode::<CommandInt>().map(|message| from_int(&message, origin))
 }
 
 /// The command of a COMMAND_LONG.

@@ -127,8 +127,12 @@ impl CommandParams {
     }
 
     fn set(&mut self, params: [f32; 4], p5: Value, p6: Value, z: f32) {
-        let [p1, p2, p3, p4] = params.map(Value::of_float);
-        self.values = [p1, p2, p3, p4, p5, p6, Value::of_float(z)];
+        // In place: an array of all of them would be on the stack twice.
+        let [first @ .., x, y, altitude] = &mut self.values;
+        for (value, param) in first.iter_mut().zip(params) {
+            *value = Value::of_float(param);
+        }
+        (*x, *y, *altitude) = (p5, p6, Value::of_float(z));
     }
 
     /// The field of parameter `index`.

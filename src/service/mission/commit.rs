@@ -241,6 +241,7 @@ impl Missions {
 
     /// A plan that comes from the vehicle's side: from storage, with the `count` and `id` that it must have, or from the
     /// firmware. `item` gives the items in their order. It is checked as an upload is, and goes live at once.
+    #[inline(never)]
     pub(crate) fn load<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,

@@ -295,7 +295,7 @@ impl CommandRule {
     pub fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
         let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
         let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;
-        for (index, param) in (1u8..).zip(item.params) {
+        for (index, &param) in (1u8..).zip(&item.params) {
             // INVALID_PARAM1 to INVALID_PARAM4.
             let result = MavMissionResult(MavMissionResult::INVALID_PARAM1.0.wrapping_add(index).wrapping_sub(1));
             refuse(!self.admits(index, Value::of_float(param)), result)?;

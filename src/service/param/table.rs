@@ -313,13 +313,14 @@ impl<const N: usize> ParamMemory<N> {
     )]
     #[inline(never)]
     pub const fn new(table: &'static [ParamInfo]) -> Self {
-        let mut values = [0; N];
+        // Filled where it will be, not copied there.
+        let mut memory = Self { values: [0; N], untold: [LinkMask::NONE; N], state: State::new() };
         let mut i = 0;
         while i < N && i < table.len() {
-            values[i] = table[i].default;
+            memory.values[i] = table[i].default;
             i += 1;
         }
-        Self { values, untold: [LinkMask::NONE; N], state: State::new() }
+        memory
     }
 
     #[inline]

@@ -101,10 +101,7 @@ impl Quadrotor {
         }
         let [_, p2, ..] = command.params;
         let result = match command.id {
-            MavCmd::COMPONENT_ARM_DISARM => {
-                let ComponentArmDisarm { arm, force } = command.decode()?;
-                self.arm_disarm(arm, force == Some(FORCE), command)
-            }
+            MavCmd::COMPONENT_ARM_DISARM => self.arm_disarm(command)?,
             MavCmd::NAV_TAKEOFF if self.may_be_late(command.class) => {
                 self.refuse(MavResult::DENIED, "Takeoff refused: by satellite")
             }
@@ -115,46 +112,48 @@ impl Quadrotor {
             MavCmd::DO_CHANGE_SPEED => self.change_speed(p2),
             MavCmd::CONDITION_YAW => self.turn(command),
             MavCmd::DO_SET_HOME => self.set_home(command)?,
-            MavCmd::DO_FLIGHTTERMINATION => {
-                let DoFlighttermination { terminate } = command.decode()?;
-                self.terminate(terminate == 1)
-            }
+            MavCmd::DO_FLIGHTTERMINATION => self.terminate(command)?,
             MavCmd::RUN_PREARM_CHECKS => self.run_checks(),
-            MavCmd::PREFLIGHT_CALIBRATION => return Ok(self.calibrate(command, &command.decode()?)),
-            MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.ask_reboot(command.from.link, &command.decode()?),
+            MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(command),
+            MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.ask_reboot(command)?,
             _ => MavResult::UNSUPPORTED,
         };
         Ok(result.into())
     }
 
-    fn arm_disarm(&mut self, arms: bool, is_forced: bool, command: &Command) -> MavResult {
-        if !arms {
+    // None of those who decode is inlined: each takes room on the stack for its own parameters, and one at a time.
+
+    #[inline(never)]
+    fn arm_disarm(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let ComponentArmDisarm { arm, force } = command.decode()?;
+        let is_forced = force == Some(FORCE);
+        if !arm {
             if self.armed && !self.is_landed() && !is_forced {
-                return self.refuse(MavResult::TEMPORARILY_REJECTED, "Disarming refused: flying");
+                return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Disarming refused: flying"));
             }
             self.disarm();
-            return MavResult::ACCEPTED;
+            return Ok(MavResult::ACCEPTED);
         }
         if command.is_broadcast {
-            return self.refuse(MavResult::DENIED, "Arming refused: sent to all vehicles");
+            return Err(self.refuse(MavResult::DENIED, "Arming refused: sent to all vehicles"));
         }
         if self.may_be_late(command.class) {
-            return self.refuse(MavResult::DENIED, "Arming refused: by satellite");
+            return Err(self.refuse(MavResult::DENIED, "Arming refused: by satellite"));
         }
         if let Err(why) = self.check_arming() {
             if self.is_terminated {
-                return self.refuse(MavResult::FAILED, why);
+                return Err(self.refuse(MavResult::FAILED, why));
             }
             // No force makes sensors that are being calibrated useful.
             if !self.armed && (!is_forced || self.is_calibrating()) {
-                return self.refuse(MavResult::TEMPORARILY_REJECTED, why);
+                return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, why));
             }
         }
         if !self.armed {
             self.armed = true;
             self.times.armed = self.time;
         }
-        MavResult::ACCEPTED
+        Ok(MavResult::ACCEPTED)
     }
 
     /// What is in the way of arming.
@@ -197,19 +196,20 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_DO_FLIGHTTERMINATION: the motors are off until it is switched on again.
-    fn terminate(&mut self, terminates: bool) -> MavResult {
-        if !terminates {
-            return if self.is_terminated { MavResult::DENIED } else { MavResult::ACCEPTED };
+    #[inline(never)]
+    fn terminate(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let DoFlighttermination { terminate } = command.decode()?;
+        if terminate != 1 {
+            return if self.is_terminated { Err(MavResult::DENIED) } else { Ok(MavResult::ACCEPTED) };
         }
         if !self.is_terminated {
             self.is_terminated = true;
             self.disarm();
             self.say(MavSeverity::EMERGENCY, "Flight terminated");
         }
-        MavResult::ACCEPTED
+        Ok(MavResult::ACCEPTED)
     }
 
-    // Those with a place are not inlined: each takes room on the stack for its own parameters, and one at a time.
     #[inline(never)]
     fn take_off(&mut self, command: &Command) -> Result<MavResult, MavResult> {
         let command: NavTakeoff = command.decode()?;

@@ -41,20 +41,22 @@ pub struct Reboot {
 impl Quadrotor {
     /// MAV_CMD_PREFLIGHT_CALIBRATION takes its time, and can be cancelled (C-20, C-23). With all parameters 0, as PX4 has
     /// it, it asks for nothing: one that runs is given up by COMMAND_CANCEL.
-    pub(super) fn calibrate(&mut self, command: &Command, what: &PreflightCalibration) -> Outcome {
+    #[inline(never)]
+    pub(super) fn calibrate(&mut self, command: &Command) -> Result<Outcome, MavResult> {
+        let what: PreflightCalibration = command.decode()?;
         let sensors = [what.gyro_temperature, what.magnetometer.0, what.accelerometer.0];
         if sensors == [0; 3] && !what.ground_pressure {
-            return MavResult::ACCEPTED.into();
+            return Ok(MavResult::ACCEPTED.into());
         }
         if self.armed {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Calibration refused: armed").into();
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Calibration refused: armed"));
         }
         let outcome = self.commands.start(command);
         if outcome.result == MavResult::IN_PROGRESS {
             self.calibration = Some(self.time);
             self.say(MavSeverity::INFO, "Calibrating: keep it still");
         }
-        outcome
+        Ok(outcome)
     }
 
     pub(super) fn is_calibrating(&self) -> bool {
@@ -67,7 +69,7 @@ impl Quadrotor {
         let Some(since) = self.calibration else { return };
         let passed = self.time.since(since);
         if passed < TIME {
-            let percent = 100 * passed.as_millis() / TIME.as_millis();
+            let percent = 100 * passed.as_millis() / const { TIME.as_millis() };
             return self.commands.progress(COMMAND, percent as u8);
         }
         self.calibration = None;
@@ -84,23 +86,25 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. In the air it is refused, forced or not (SEC-13).
-    pub(super) fn ask_reboot(&mut self, link: LinkId, what: &PreflightRebootShutdown) -> MavResult {
+    #[inline(never)]
+    pub(super) fn ask_reboot(&mut self, command: &Command) -> Result<MavResult, MavResult> {
+        let what: PreflightRebootShutdown = command.decode()?;
         if what.autopilot != RebootShutdownAction::REBOOT || self.reboot.is_some() {
-            return MavResult::ACCEPTED;
+            return Ok(MavResult::ACCEPTED);
         }
         if self.armed && !self.is_landed() {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: flying");
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: flying"));
         }
         if self.armed && what.conditions != Some(RebootShutdownConditions::FORCE) {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: armed");
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Reboot refused: armed"));
         }
         // Whoever had it calibrate is to hear of the end.
         if self.cancel_calibration(MavCmd::PREFLIGHT_CALIBRATION) {
             self.commands.finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::CANCELLED);
         }
         self.disarm();
-        self.reboot = Some(Reboot { link, since: self.time });
-        MavResult::ACCEPTED
+        self.reboot = Some(Reboot { link: command.from.link, since: self.time });
+        Ok(MavResult::ACCEPTED)
     }
 
     /// Whether a reboot was asked for, and its answer has left, which `has_answered` is to say of a link; or waits for too

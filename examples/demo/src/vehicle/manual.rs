@@ -55,6 +55,7 @@ impl Quadrotor {
     }
 
     /// Without fresh sticks it holds.
+    #[inline(never)]
     pub(super) fn watch_sticks(&mut self) {
         if self.mode == Mode::Position && self.sticks().is_none() {
             self.stop();
@@ -63,6 +64,7 @@ impl Quadrotor {
     }
 
     /// A step by hand.
+    #[inline(never)]
     pub(super) fn follow_sticks(&mut self, live: &Live<'_>) {
         let Some(sticks) = self.sticks() else { return };
         let [forward, right, up, turn] = sticks.map(|stick| if stick.abs() < DEAD_BAND { 0.0 } else { stick });

@@ -167,6 +167,7 @@ pub fn check(items: &[Item]) -> Result<(), PlanFault> {
 
 impl Quadrotor {
     /// A new plan is live. Under way it goes on with that, or stops where it is when there is none (M-94).
+    #[inline(never)]
     pub(super) fn replace_mission(&mut self, count: u16, first: u16) {
         self.mission = Mission::of(count, first);
         if self.mode == Mode::Mission {
@@ -234,6 +235,7 @@ impl Quadrotor {
     }
 
     /// A step of it.
+    #[inline(never)]
     pub(super) fn fly_mission(&mut self, live: &Live<'_>) {
         let count = live.mission.len().min(usize::from(self.mission.last) + 1);
         let items = live.mission.get(..count).unwrap_or_default();
@@ -267,6 +269,7 @@ impl Quadrotor {
         }
     }
 
+    #[inline(never)]
     fn begin_leg(&mut self, seq: u16, items: &[Item], live: &Live<'_>) -> Leg {
         let mut leg = self.end_of_legs();
         leg.seq = Some(seq);
@@ -286,6 +289,7 @@ impl Quadrotor {
     }
 
     /// Nothing is flown any more: it stays where it is.
+    #[inline(never)]
     fn begin_end(&mut self) -> Leg {
         let leg = self.end_of_legs();
         self.mission.leg = Some(leg);
@@ -311,6 +315,7 @@ impl Quadrotor {
 
     /// Carries out what comes before the leg's item; true when all of it is. As many items at most as there are: a way
     /// round without a leg is not begun.
+    #[inline(never)]
     fn carry_out(&mut self, leg: &Leg, items: &[Item]) -> bool {
         for _ in 0..=items.len() {
             let seq = self.mission.current;

@@ -336,6 +336,7 @@ impl Quadrotor {
         }
     }
 
+    #[inline(never)]
     fn watch_ground(&mut self) {
         let is_in_air = !self.is_landed();
         if is_in_air == self.is_in_air {
@@ -357,6 +358,7 @@ impl Quadrotor {
         }
     }
 
+    #[inline(never)]
     fn watch_battery(&mut self) {
         let current = self.tuning.get(match self.armed {
             false => Tuning::SIM_AMP_OFF,
@@ -381,6 +383,7 @@ impl Quadrotor {
         }
     }
 
+    #[inline(never)]
     fn watch_time(&mut self) {
         let most = self.tuning.get(Tuning::COM_FLT_TIME_MAX);
         let is_over = most > 0 && self.time.since(self.times.took_off) >= Duration::from_secs(most.into());
@@ -487,6 +490,7 @@ impl Quadrotor {
 
     /// To land at the nearest of home and the rally points within the fence, from no lower than where it is, and than the
     /// rally point says.
+    #[inline(never)]
     fn way_home(&self, live: &Live<'_>) -> Maneuver {
         let here = self.body.position;
         let rally = if self.tuning.get(Tuning::RTL_TYPE) == 0 { live.rally } else { &[] };

@@ -27,6 +27,7 @@ impl Quadrotor {
     }
 
     /// Takes in what the satellite link is to report, and tells what it has cost.
+    #[inline(never)]
     pub(super) fn watch_satellite(&mut self) {
         if self.time.since(self.sampled) < SAMPLING {
             return;

@@ -27,7 +27,7 @@ mod app {
     use mavstack::{Duration, LinkId};
     use mavstack_qemu::board::{self, Board, CLOCK_HZ, COMPANION_BAUD, SATELLITE_BAUD, TELEMETRY_BAUD};
     use mavstack_qemu::device::Interrupt;
-    use mavstack_qemu::memory::{DemoApp, Memory};
+    use mavstack_qemu::memory::{self, DemoApp, Memory};
     use mavstack_qemu::serial::SerialInterrupt;
     use rtic_monotonics::systick::prelude::*;
 
@@ -58,7 +58,7 @@ mod app {
 
     #[init(local = [app: MaybeUninit<DemoApp> = MaybeUninit::uninit()])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let app = cx.local.app.write(DemoApp::new());
+        let app = memory::make(cx.local.app);
         let Some(Board { uarts: [uart0, uart1, uart2], flash, .. }) = Board::take() else {
             unreachable!("the firmware starts once")
         };

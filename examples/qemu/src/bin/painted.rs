@@ -1,0 +1,349 @@
+//! How much stack the firmware `loop` really takes: the same loop, but that what it does not use of the RAM is painted, and that
+//! others make it do everything that it can. `cargo xtask stack` runs it, and holds what it finds against what can be at most.
+//! Nobody flies with it.
+#![no_std]
+#![no_main]
+// Memory below the stack is nobody's, and painted.
+#![allow(unsafe_code)]
+
+use core::convert::Infallible;
+use core::mem::MaybeUninit;
+
+use cortex_m_rt::entry;
+use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use mavstack::dialect::{
+    CommandInt, CommandLong, EncapsulatedData, Heartbeat, ManualControl, MavCmd, MavFrame, MavMissionType, MavModeFlag,
+    MavParamType, MavType, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList,
+    MissionSetCurrent, ParamRequestList, ParamSet, RequestDataStream, SetMode, SetupSigning, Timesync,
+};
+use mavstack::{
+    Address, Instant, LinkId, Message, PlanCounters, Secret, SigningKey, Text, Version, encode, encode_signed,
+};
+use mavstack_demo::LINKS;
+use mavstack_qemu::board::{Board, Uart};
+use mavstack_qemu::memory::{self, DemoApp, Memory};
+
+const PAINT: u32 = 0xC5C5_C5C5;
+/// What `paint` itself, and what it calls, may stand on.
+const MARGIN: u32 = 256;
+/// From one pass of the loop to the next, ms.
+const PERIOD: u64 = 10;
+const PASSES: u64 = 6_000;
+/// So many frames of the script one after another, each in a pass of its own; then it begins again.
+const LEN: u64 = 190;
+
+const US: u8 = 1;
+const KEY: [u8; 32] = [0x42; 32];
+
+/// Commands, and their parameters 1 to 7.
+const COMMANDS: [(MavCmd, [f32; 7]); 24] = {
+    const ANY: f32 = f32::NAN;
+    const LAT: f32 = 47.398;
+    const LON: f32 = 8.546;
+    [
+        (MavCmd::COMPONENT_ARM_DISARM, [1.0, 21_196.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::NAV_TAKEOFF, [ANY, ANY, ANY, 1.0, LAT, LON, 30.0]),
+        (MavCmd::DO_SET_HOME, [0.0, ANY, ANY, ANY, LAT, LON, 490.0]),
+        (MavCmd::MISSION_START, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_SET_MISSION_CURRENT, [3.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_CHANGE_SPEED, [1.0, 12.0, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_SET_MODE, [209.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_REPOSITION, [5.0, 1.0, 0.0, ANY, LAT, LON, 520.0]),
+        (MavCmd::CONDITION_YAW, [90.0, 10.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_SET_STANDARD_MODE, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::NAV_RETURN_TO_LAUNCH, [0.0; 7]),
+        (MavCmd::NAV_LAND, [0.0, 0.0, 0.0, 2.0, LAT, LON, ANY]),
+        (MavCmd::PREFLIGHT_CALIBRATION, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::RUN_PREARM_CHECKS, [0.0; 7]),
+        (MavCmd::REQUEST_AUTOPILOT_CAPABILITIES, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::SET_MESSAGE_INTERVAL, [31.0, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::GET_MESSAGE_INTERVAL, [30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::CONTROL_HIGH_LATENCY, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::PREFLIGHT_STORAGE, [1.0, ANY, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::PREFLIGHT_STORAGE, [0.0, ANY, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::REQUEST_MESSAGE, [435.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::REQUEST_MESSAGE, [300.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::REQUEST_MESSAGE, [235.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (MavCmd::DO_FLIGHTTERMINATION, [0.0; 7]),
+    ]
+};
+
+/// Messages that the vehicle fills: what is asked for one after the other.
+const MESSAGES: [u16; 16] = [1, 2, 24, 30, 31, 32, 33, 74, 147, 242, 65, 264, 49, 397, 245, 436];
+
+/// The other end of a link: takes all, and has the script's frame.
+struct Line {
+    frame: [u8; 293],
+    len: usize,
+    at: usize,
+    seq: u8,
+}
+
+impl Line {
+    const SILENT: Self = Self { frame: [0; 293], len: 0, at: 0, seq: 0 };
+
+    /// The next frame, in its signed form where there is a time for that. Not inlined: one message at a time is on the stack.
+    #[inline(never)]
+    fn put<M: Message>(&mut self, message: &M, signed_at: Option<u64>) {
+        let from = Address::new(255, 190);
+        self.seq = self.seq.wrapping_add(1);
+        let len = match signed_at {
+            None => encode(message, Version::V2, from, self.seq, &mut self.frame),
+            Some(time) => encode_signed(message, from, self.seq, &SigningKey::new(KEY), 7, time, &mut self.frame),
+        };
+        self.len = len.unwrap_or(0);
+        self.at = 0;
+    }
+}
+
+impl ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(self.at < self.len)
+    }
+}
+
+impl Read for Line {
+    fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
+        let rest = self.frame.get(self.at..self.len).unwrap_or_default();
+        let len = rest.len().min(buf.len());
+        for (to, from) in buf.iter_mut().zip(rest) {
+            *to = *from;
+        }
+        self.at += len;
+        Ok(len)
+    }
+}
+
+impl WriteReady for Line {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+impl Write for Line {
+    fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        Ok(buf.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// What comes in pass `pass`.
+#[inline(never)]
+fn speak(line: &mut Line, pass: u64) {
+    let step = pass % LEN;
+    // Once it has a key it hears only who signs.
+    let signed_at = (pass >= LEN).then_some(40_000_000_000_000 + pass * 1_000);
+    let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
+    match step {
+        0 => line.put(&heartbeat, signed_at),
+        1..=60 => upload(line, MavMissionType::MISSION, step - 1, 58, signed_at),
+        61..=66 => upload(line, MavMissionType::FENCE, step - 61, 4, signed_at),
+        67..=70 => upload(line, MavMissionType::RALLY, step - 67, 2, signed_at),
+        71 => line.put(&ParamRequestList { target_system: US, target_component: 1 }, signed_at),
+        72..=75 => {
+            // Good, too large, of another type, and none.
+            let (name, value) = [("NAV_ACC_RAD", 3.0), ("NAV_ACC_RAD", 1e9), ("MPC_XY_CRUISE", 7.0), ("NOTHING", 1.0)]
+                [(step - 72) as usize];
+            let param_type = if step == 74 { MavParamType::INT8 } else { MavParamType::REAL32 };
+            let (param_value, param_id) = (value, Text::new(name));
+            line.put(
+                &ParamSet { param_value, target_system: US, target_component: 1, param_id, param_type },
+                signed_at,
+            );
+        }
+        76..=99 => command(line, COMMANDS[(step - 76) as usize], false, signed_at),
+        100..=123 => command(line, COMMANDS[(step - 100) as usize], true, signed_at),
+        124..=139 => {
+            let id = f32::from(MESSAGES[(step - 124) as usize]);
+            command(line, (MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), false, signed_at);
+        }
+        140 => {
+            line.put(&SetMode { custom_mode: 0x0304_0000, target_system: US, base_mode: MavModeFlag(209) }, signed_at)
+        }
+        141 => line.put(&MissionSetCurrent { seq: 900, target_system: US, target_component: 1 }, signed_at),
+        142 => {
+            let list =
+                MissionRequestList { target_system: US, target_component: 1, mission_type: MavMissionType::MISSION };
+            line.put(&list, signed_at);
+        }
+        143..=150 => {
+            let seq = (step - 143) as u16;
+            let mission_type = MavMissionType::MISSION;
+            line.put(&MissionRequestInt { seq, target_system: US, target_component: 1, mission_type }, signed_at);
+        }
+        151 => line.put(&Timesync { ts1: 1_000, ..Timesync::default() }, signed_at),
+        152 => {
+            let request =
+                RequestDataStream { req_message_rate: 10, target_system: US, start_stop: 1, ..Default::default() };
+            line.put(&request, signed_at);
+        }
+        153..=156 => line.put(&ManualControl { target: US, x: 500, y: -500, z: 600, ..Default::default() }, signed_at),
+        // For everybody else there is.
+        157..=164 => line.put(&EncapsulatedData { seqnr: step as u16, data: [0x55; 253] }, signed_at),
+        // A polygon of two corners.
+        165..=166 => upload(line, MavMissionType::FENCE, step - 165, 2, signed_at),
+        167 => {
+            let clear = MissionClearAll { target_system: US, target_component: 1, mission_type: MavMissionType::RALLY };
+            line.put(&clear, signed_at);
+        }
+        // The key comes at the end of the first time.
+        LAST if signed_at.is_none() => line.put(
+            &SetupSigning {
+                initial_timestamp: 40_000_000_000_000,
+                target_system: US,
+                target_component: 1,
+                secret_key: Secret(KEY),
+            },
+            None,
+        ),
+        _ => line.len = 0,
+    }
+}
+
+const LAST: u64 = LEN - 1;
+
+/// A step of an upload: MISSION_COUNT, then the items one by one.
+#[inline(never)]
+fn upload(line: &mut Line, mission_type: MavMissionType, step: u64, count: u16, signed_at: Option<u64>) {
+    let (target_system, target_component) = (US, 1);
+    if step == 0 {
+        let message = MissionCount { count, target_system, target_component, mission_type, ..MissionCount::default() };
+        return line.put(&message, signed_at);
+    }
+    let seq = (step - 1) as u16;
+    let (side, last) = (i32::from(seq), count.saturating_sub(1));
+    let (command, param1, x, y) = match mission_type {
+        MavMissionType::FENCE => (
+            MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+            f32::from(count),
+            473_977_420 + [-90_000, 90_000, 90_000, -90_000][(seq % 4) as usize],
+            85_455_940 + [-90_000, -90_000, 90_000, 90_000][(seq % 4) as usize],
+        ),
+        MavMissionType::RALLY => (MavCmd::NAV_RALLY_POINT, 0.0, 473_977_420 + side * 500, 85_455_940),
+        _ if seq == last => (MavCmd::DO_JUMP, 1.0, 0, 0),
+        _ if seq % 7 == 5 => (MavCmd::CONDITION_YAW, 45.0, 0, 0),
+        _ => (MavCmd::NAV_WAYPOINT, 0.0, 473_977_420 + side % 8 * 300, 85_455_940 + side * 200),
+    };
+    let frame = match command {
+        MavCmd::DO_JUMP | MavCmd::CONDITION_YAW => MavFrame::MISSION,
+        _ => MavFrame::GLOBAL_RELATIVE_ALT_INT,
+    };
+    let item = MissionItemInt {
+        param1,
+        param2: if command == MavCmd::DO_JUMP { 3.0 } else { 0.0 },
+        x,
+        y,
+        z: if frame == MavFrame::MISSION { 0.0 } else { 25.0 },
+        seq,
+        command,
+        target_system,
+        target_component,
+        frame,
+        autocontinue: 1,
+        mission_type,
+        ..MissionItemInt::default()
+    };
+    line.put(&item, signed_at);
+}
+
+/// A command, in either form.
+#[inline(never)]
+fn command(line: &mut Line, (command, params): (MavCmd, [f32; 7]), is_int: bool, signed_at: Option<u64>) {
+    let [param1, param2, param3, param4, param5, param6, z] = params;
+    let (target_system, target_component) = (US, 1);
+    if is_int {
+        let (frame, x, y) = (MavFrame::GLOBAL, (param5 * 1e7) as i32, (param6 * 1e7) as i32);
+        let to = CommandInt { target_system, target_component, command, frame, ..CommandInt::default() };
+        line.put(&CommandInt { param1, param2, param3, param4, x, y, z, ..to }, signed_at);
+    } else {
+        let to = CommandLong { target_system, target_component, command, ..CommandLong::default() };
+        line.put(&CommandLong { param1, param2, param3, param4, param5, param6, param7: z, ..to }, signed_at);
+    }
+}
+
+// From the linker: where static memory ends, and where the stack begins.
+unsafe extern "C" {
+    static mut __sheap: u32;
+    static mut _stack_start: u32;
+}
+
+/// Paints what is free below the stack.
+#[inline(never)]
+fn paint() {
+    let mut word = &raw mut __sheap;
+    let end = cortex_m::register::msp::read().saturating_sub(MARGIN);
+    while (word.addr() as u32) < end {
+        // SAFETY: behind all statics, and well below the stack as it is now.
+        unsafe { word.write_volatile(PAINT) };
+        word = word.wrapping_add(1);
+    }
+}
+
+/// How much of the paint is gone, from where the stack begins: bytes.
+#[inline(never)]
+fn mark() -> u32 {
+    let mut word = &raw mut __sheap;
+    let end = &raw mut _stack_start;
+    // SAFETY: between the statics and where the stack begins there is RAM.
+    while word < end && unsafe { word.read_volatile() } == PAINT {
+        word = word.wrapping_add(1);
+    }
+    end.addr().saturating_sub(word.addr()) as u32
+}
+
+/// Tells the host. Without `core::fmt`, whose calls nobody can follow.
+#[inline(never)]
+fn report(uart: &mut Uart, plans: PlanCounters, mark: u32) {
+    let mut text = Text::<120>::EMPTY;
+    for number in [mark, plans.accepted, plans.refused] {
+        text.push_number(number);
+        text.push_str(" ");
+    }
+    text.push_str("\n");
+    for &byte in text.as_bytes() {
+        while !uart.has_room() {}
+        uart.send(byte);
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
+    static mut LINES: [Line; LINKS] = [Line::SILENT; LINKS];
+
+    let app = memory::make(APP);
+    let Some(Board { uarts: [mut uart, ..], flash, .. }) = Board::take() else { Board::reset() };
+    let mut memory = Memory::new(flash);
+    paint();
+    memory.restore(app, Instant::ZERO);
+    for pass in 0..PASSES {
+        let now = Instant::from_millis(1_000 + pass * PERIOD);
+        app.control(now);
+        // By the companion's wire, where the key may come from, and by the radio in turn; the satellite hears commands.
+        let turn = pass / LEN % 4;
+        let link = match turn {
+            1 => 0,
+            3 if (76..140).contains(&(pass % LEN)) => 2,
+            _ => 1,
+        };
+        if let Some(line) = LINES.get_mut(link) {
+            speak(line, pass);
+        }
+        for (link, line) in (0..).map(LinkId).zip(LINES.iter_mut()) {
+            let _ = app.serve(now, link, line);
+        }
+        memory.persist(app, now);
+    }
+    let mark = mark();
+    report(&mut uart, app.parts().0.plan_counters(), mark);
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
