@@ -14,7 +14,7 @@ pub struct PollBudget {
     pub rx_bytes: u16,
     /// Work, of which a unit is about ten instructions of a Cortex-M4. A byte put through the checksum, or copied for another
     /// link, takes 1, a byte moved aside for new ones a half, a header looked at 16, one with an unknown id 32, a frame handled
-    /// with its answer 450, any other frame sent 220, and each 64 bytes that are hashed for a signature 150. What came is handled
+    /// with its answer 500, any other frame sent 220, and each 64 bytes that are hashed for a signature 150. What came is handled
     /// first, a frame at least; then as many frames are sent, and one at least, and more of them as long as something is left.
     /// Less than [`Decoder::MIN_BUDGET`] counts as that.
     pub work: u16,
@@ -43,7 +43,7 @@ impl Default for PollBudget {
 }
 
 /// What a frame counts as work that is handled, and its answer sent.
-const HANDLED: u32 = 450;
+const HANDLED: u32 = 500;
 /// The same of one that is sent without that.
 const MADE: u32 = 220;
 

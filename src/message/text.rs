@@ -119,10 +119,11 @@ fn append(field: &mut [u8], text: &[u8]) -> bool {
         None => &mut [],
     };
     let front = text.get(..cut(text, room.len())).unwrap_or_default();
-    // Behind the NUL something else may have stood.
-    for (to, from) in room.iter_mut().zip(front.iter().chain(core::iter::repeat(&0))) {
+    for (to, from) in room.iter_mut().zip(front) {
         *to = *from;
     }
+    // Behind the NUL something else may have stood.
+    room.get_mut(front.len()..).unwrap_or_default().fill(0);
     front.len() == text.len()
 }
 

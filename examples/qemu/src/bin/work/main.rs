@@ -230,7 +230,7 @@ fn main() -> ! {
     let mut out = Report(&mut board.uarts[0]);
     let mut corpus = Corpus::new(board.flash);
     for (name, budget) in [
-        ("small", PollBudget { rx_bytes: 64, work: 1_000, frames: 2, ..PollBudget::DEFAULT }),
+        ("small", PollBudget { rx_bytes: 64, work: 1_100, frames: 2, ..PollBudget::DEFAULT }),
         ("default", PollBudget::DEFAULT),
     ] {
         let bytes = budget.rx_bytes.into();
