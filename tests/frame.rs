@@ -330,3 +330,29 @@ fn candidate_that_stops_growing_is_dropped() {
     }
     assert_eq!(slow.found, [(heartbeat(), true)]);
 }
+
+/// A line that was opened anew begins with nothing: half a frame of before hides none. The counters stay.
+#[test]
+fn a_cleared_decoder_begins_anew() {
+    let mut receiver = Receiver::default();
+    receiver.receive(&heartbeat());
+    receiver.receive(&heartbeat()[..12]);
+    receiver.decoder.clear();
+    receiver.receive(&heartbeat());
+    assert_eq!(receiver.found, [(heartbeat(), true), (heartbeat(), true)]);
+    let counters = receiver.decoder.counters();
+    assert_eq!((counters.frames, counters.skipped, counters.checksum), (2, 0, 0));
+}
+
+/// What is known of a frame's message; and its `Debug`, as the decoder's, says what it is without its payload.
+#[test]
+fn a_frame_says_what_it_is() {
+    let mut decoder = Decoder::default();
+    let _ = decoder.push(&heartbeat(), Instant::ZERO);
+    assert!(format!("{decoder:?}").starts_with("Decoder { waiting: 21"), "{decoder:?}");
+    let frame = decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).expect("a frame");
+    assert_eq!(frame.info().map(|info| info.id()), Some(Heartbeat::ID));
+    assert_eq!(frame.decode::<SysStatus>(), None, "another message");
+    let shown = format!("{frame:?}");
+    assert!(shown.starts_with("Frame { header: Header") && shown.contains("is_checked: true"), "{shown}");
+}

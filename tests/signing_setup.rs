@@ -217,6 +217,8 @@ fn an_armed_vehicle_keeps_its_key() {
             let sent = rig.transmit(0);
             assert_eq!(texts(&sent), [("Signing not changed: vehicle is armed".to_owned(), false)]);
             assert_eq!(sent.len(), 1, "no heartbeat that could be taken for a yes");
+            let text: Statustext = sent[0].decode().expect("a text");
+            assert_eq!(text.severity, MavSeverity::WARNING);
         }
         rig.run_for(secs(1));
         let heartbeat = &rig.sent::<Heartbeat>(0)[0];

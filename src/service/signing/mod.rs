@@ -5,6 +5,8 @@
 mod policy;
 mod setup;
 mod streams;
+#[cfg(all(test, feature = "storage"))]
+mod tests;
 
 pub use policy::{Accept, LinkSigning};
 pub(crate) use setup::{Answer, next, on_frame};
