@@ -124,6 +124,11 @@ fn check<T: TypedCommand + Debug>(fields: &[(u8, &str)]) {
         if !ty.contains("f32") {
             assert_eq!(long::<T>(with(index, 0.5)).err(), Some(MavResult::DENIED), "parameter {index}");
             assert_eq!(long::<T>(with(index, -3e9)).err(), Some(MavResult::DENIED), "parameter {index}");
+            // A vehicle whose own rule admits anything is told what the type cannot hold.
+            let anything = CommandRule::any(T::RULE.command());
+            let by_any = |value| item::<T>(frame, with(index, value)).decode_by::<T>(&anything).err();
+            let invalid = Some(INVALID[usize::from(index) - 1]);
+            assert!(ty.contains("i32") || by_any(-3e9) == invalid, "parameter {index}: {:?}", by_any(-3e9));
         }
     }
     // C-8: 0 and NaN where the command uses nothing.

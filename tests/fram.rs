@@ -6,9 +6,11 @@ mod support;
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use mavstack::dialect::MavCmd;
-use mavstack::{Durability, Fram, FramError, Instant, Item, PlanStore, PlanType, Stack, plan_memory};
-use support::{Setup, TestVehicle};
+use mavstack::dialect::{MavCmd, MavParamType, ParamSet, Statustext};
+use mavstack::{
+    Durability, Fram, FramError, Instant, Item, ParamStore, ParamTable, PlanStore, PlanType, Stack, Text, plan_memory,
+};
+use support::{Setup, TestVehicle, Tuning, World, millis};
 
 type Bus = Vec<Transaction<u8>>;
 
@@ -72,7 +74,9 @@ fn another_chip_is_refused() {
     shifted.rotate_left(1);
     let mut fujitsu = [0; 9];
     fujitsu[..4].copy_from_slice(&[0x04, 0x7F, 0x27, 0x03]);
-    let others = [[0; 9], [0xFF; 9], shifted, fujitsu, id(0x20, 0), id(0x27, 0), id(0x02, 0), id(0x42, 0)];
+    let mut stranger = id(0x22, 0);
+    stranger[6] = 0xC3;
+    let others = [[0; 9], [0xFF; 9], shifted, stranger, fujitsu, id(0x20, 0), id(0x27, 0), id(0x02, 0), id(0x42, 0)];
     for answer in others {
         let mut mock = Mock::new(&question(&[0x9F], &answer));
         assert_eq!(Fram::new(&mut mock).err(), Some(FramError::Id(answer)));
@@ -235,4 +239,79 @@ fn plans_are_kept() {
         while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
     }
     assert!(chip.memory[REGION as usize..].iter().all(|byte| *byte == 0x55), "the rest is left alone");
+}
+
+/// A bus that fails at any moment of a restart: it is an error, and each plan is whole or empty.
+#[test]
+fn plans_that_cannot_be_read_are_empty() {
+    type Plans = plan_memory!(mission: 5, fence: 0, rally: 0);
+    type Store<'a> = PlanStore<Fram<&'a mut Chip>>;
+    const REGION: u32 = Store::region_len(5, 0, 0);
+
+    let setup = Setup::<1>::new();
+    let mut vehicle = TestVehicle::new();
+    let start = |chip: &mut Chip, vehicle: &mut TestVehicle| {
+        let mut store = Store::new(Fram::new(chip).unwrap(), 0..REGION);
+        let mut stack = Box::new(Stack::<1, Plans>::new(setup.config, setup.links));
+        let restored = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, vehicle);
+        if restored == Ok(()) && stack.mission().items().is_empty() {
+            let items = (0..5).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, ..Item::default() });
+            stack.load_plan(Instant::ZERO, PlanType::Mission, items, vehicle).unwrap();
+            while stack.persist_plans(Instant::ZERO, &mut store, vehicle) {}
+        }
+        (restored.is_ok(), stack.mission().items().len())
+    };
+    let mut whole = chip(None);
+    assert_eq!(start(&mut whole, &mut vehicle), (true, 5));
+    let mut failures = 0;
+    loop {
+        let good_for = failures + 2;
+        let mut chip = Chip { memory: whole.memory.clone(), enabled: false, good_for: Some(good_for) };
+        match start(&mut chip, &mut vehicle) {
+            (true, len) => {
+                assert_eq!(len, 5);
+                break;
+            }
+            (false, len) => assert!(len == 0 || len == 5, "{len} items after {good_for} transfers"),
+        }
+        failures += 1;
+    }
+    assert!(failures > 5, "{failures}");
+}
+
+/// The same of parameters: each has the stored value or its default, and others are told.
+#[test]
+fn parameters_that_cannot_be_read_have_their_defaults() {
+    type Store<'a> = ParamStore<Fram<&'a mut Chip>>;
+    const REGION: u32 = Store::region_len(Tuning::INFO.len());
+
+    let cruise = |world: &World<1>| world.vehicle.tuning.get(Tuning::CRUISE);
+    let default = cruise(&World::new(Setup::new()));
+    let mut whole = chip(None);
+    let mut world = World::<1>::new(Setup::new());
+    let mut store = Store::new(Fram::new(&mut whole).unwrap(), 0..REGION);
+    world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle).unwrap();
+    let param_id = Text::new("CRUISE");
+    let (param_value, param_type) = (default + 1.0, MavParamType::REAL32);
+    world.gcs[0].send(&ParamSet { param_value, target_system: 1, target_component: 1, param_id, param_type });
+    for _ in 0..20_000 {
+        world.step();
+        world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+    }
+    let mut failures = 0;
+    loop {
+        let good_for = failures + 2;
+        let mut chip = Chip { memory: whole.memory.clone(), enabled: false, good_for: Some(good_for) };
+        let mut world = World::<1>::new(Setup::new());
+        let mut store = Store::new(Fram::new(&mut chip).unwrap(), 0..REGION);
+        if world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle).is_ok() {
+            assert_eq!(cruise(&world), default + 1.0);
+            break;
+        }
+        assert!([default, default + 1.0].contains(&cruise(&world)));
+        let text: Statustext = world.expect(0, millis(100));
+        assert_eq!(text.text.as_str(), Some("Stored parameters cannot be read"));
+        failures += 1;
+    }
+    assert!(failures > 5, "{failures}");
 }

@@ -237,6 +237,14 @@ fn requests_for_others_are_counted() {
     assert_eq!((counters.out_of_place, counters.not_ours), (1, 2));
 }
 
+/// In a log a parameter is told by its name and its place.
+#[test]
+fn what_a_log_shows_of_parameters() {
+    let at = Tuning::INFO.iter().position(|info| info.name() == "CRUISE").expect("declared");
+    assert_eq!(format!("{:?}", Clone::clone(&Tuning::CRUISE)), format!("Param({at})"));
+    assert!(format!("{:?}", Tuning::INFO[at]).contains("\"CRUISE\""));
+}
+
 #[cfg(feature = "storage")]
 mod stored {
     use super::flash::{Fault, RamFlash};

@@ -230,6 +230,9 @@ impl Parameters for TestVehicle {
     }
 
     fn parameter_changed(&mut self, change: &ParamChange<Tuning>) {
+        if let Some(cruise) = change.value(Tuning::CRUISE) {
+            assert_eq!(cruise, self.tuning.get(Tuning::CRUISE), "{change:?}");
+        }
         self.calls.push(Call::ParameterChanged(change.index()));
     }
 }
