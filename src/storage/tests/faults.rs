@@ -69,6 +69,46 @@ fn a_doubtful_header_is_erased_first() {
     assert_eq!(restart(store.into_inner()), Some(old));
 }
 
+/// Without a record the first one goes to the slot that could not be read, for erasing may mend that, and what is in the other may
+/// be wanted; the second one goes to the other.
+#[test]
+fn the_first_record_mends_the_slot_that_cannot_be_read() {
+    let (old, new) = contents();
+    let mut store = store(Flash::new(4096));
+    store.flash_mut().fault = Fault::Read(2048..2052);
+    assert!(store.open().is_err());
+    while store.flash().erases == 0 {
+        assert_eq!(store.step(Some((1, old.views()))), Step::Busy);
+    }
+    store.flash_mut().fault = Fault::None;
+    assert_eq!(write(&mut store, 1, &old), Step::Done);
+    assert_eq!(layout::sequences(&store.flash().bytes, 2048), [None, Some(1)]);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    assert_eq!(layout::sequences(&store.flash().bytes, 2048), [Some(2), Some(1)]);
+}
+
+/// What is being written is not what is stored, until all of it is.
+#[test]
+fn what_is_begun_is_not_stored_yet() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    let last = new.items[0].len() as u16 - 1;
+    assert_eq!(store.step(Some((2, new.views()))), Step::Busy);
+    assert_eq!(store.item(PlanType::Mission, last).unwrap(), None);
+    assert_eq!(write(&mut store, 2, &new), Step::Done);
+    assert!(store.item(PlanType::Mission, last).unwrap().is_some());
+}
+
+/// Which of two slots could not be read is told: the newer record may be there.
+#[test]
+fn a_slot_that_cannot_be_read_is_told() {
+    let (old, _) = contents();
+    let mut store = holding(&old);
+    assert!(store.open().unwrap().is_some() && !store.is_impaired());
+    store.flash_mut().fault = Fault::Read(2048..2052);
+    assert!(store.open().unwrap().is_some() && store.is_impaired());
+}
+
 /// A flash that cannot be erased is not tried again and again, but once for each new content.
 #[test]
 fn failing_erases_are_not_repeated() {

@@ -91,6 +91,31 @@ fn bytes_are_as_documented() {
     assert_eq!(restart(expected), Some(second));
 }
 
+/// A record of another version is none, and is told from no record.
+#[test]
+fn another_version_is_foreign() {
+    let content = Content::new([2, 0, 0], 5);
+    for (schema, is_foreign) in [(1, false), (2, true)] {
+        let mut store = store(flash([&slot(schema, 1, &body(&content)), &[]]));
+        assert_eq!(store.open().unwrap().is_none(), is_foreign);
+        assert_eq!(store.is_foreign(), is_foreign);
+    }
+    assert!(!store(Flash::new(4096)).is_foreign());
+}
+
+/// What stands behind a record that is too short belongs to nobody.
+#[cfg(feature = "signing")]
+#[test]
+fn a_short_record_is_no_key() {
+    let mut short = slot(1, 1, &[7; 32]);
+    short[4] = 3;
+    let mut crc = crc_any::CRCu32::crc32();
+    crc.digest(&short[..28]);
+    short[28..32].copy_from_slice(&crc.get_crc().to_le_bytes());
+    let mut store = crate::SigningStore::new(flash([&short, &[]]), 0..4096);
+    assert!(matches!(store.open(), Ok(None)));
+}
+
 /// The bytes of version 1, written down: no later version may read them otherwise.
 #[test]
 fn old_bytes_are_read_for_ever() {
