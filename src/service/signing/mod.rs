@@ -5,7 +5,7 @@
 mod policy;
 mod setup;
 mod streams;
-#[cfg(all(test, feature = "storage"))]
+#[cfg(test)]
 mod tests;
 
 pub use policy::{Accept, LinkSigning};

@@ -1,5 +1,7 @@
 //! What no frame shows: the edges of times, when something is to be stored, and that keys do not stay in a buffer.
 
+#![cfg(feature = "storage")]
+
 use super::*;
 use crate::dialect::Common;
 use crate::frame::{Decoder, encode};
