@@ -29,23 +29,21 @@ pub const MODEL: &str = "tests::model::";
 
 /// What has to be reached at least, in whole percent: of lines, of branches. What was measured, rounded down.
 const BOUNDS: [(&str, &[&str], usize, usize); 5] = [
-    ("src", &[""], 0, 0),
-    ("decoder", &["frame/decoder", "frame/crc", "frame/mod"], 0, 0),
-    ("mission", &["service/mission", "stack/plans"], 0, 0),
-    ("signing", &["frame/signing", "service/signing", "stack/signing", "stack/key", "storage/signing"], 0, 0),
-    ("storage", &["storage", "stack/storage"], 0, 0),
+    ("src", &[""], 99, 96),
+    ("decoder", &["frame/decoder", "frame/crc", "frame/mod"], 99, 98),
+    ("mission", &["service/mission", "stack/plans"], 99, 100),
+    ("signing", &["frame/signing", "service/signing", "stack/signing", "stack/key", "storage/signing"], 98, 100),
+    ("storage", &["storage", "stack/storage"], 98, 100),
 ];
 
 /// Branches that no input can take, in files of the areas that are to have all taken: where, the line, and why it is there. They
 /// are not counted; one that is taken after all is.
 const EXCUSED: &[(&str, &str, &str)] = &[
-    ("frame/decoder", "if len < u16::MAX as usize { len as u16 } else { u16::MAX }", "no buffer is so long"),
     (
         "service/mission/download",
         "} else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {",
         "there are always places for sessions",
     ),
-    ("service/mission/upload", "let Some(upload) = &mut self.upload else { return };", IS_UPLOADING),
     (
         "service/mission/upload",
         "let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };",
@@ -64,7 +62,7 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ("storage/record", "let &[_, what, sequence, len, body_crc, ..] = words else { return None };", IS_LONG_ENOUGH),
     ("storage/record", "let Some(Newest { slot, header }) = self.newest else { return Ok(None) };", HAS_ROW),
     ("storage/record", "if index >= header.len / 32 {", HAS_ROW),
-    ("storage/record", "let Some(bytes) = row(index) else { return Step::Failed };", HAS_ROW),
+    ("storage/record", "let Some(bytes) = row(index) else {", HAS_ROW),
     ("storage/record", "if let Some(place) = chunk.first_chunk_mut::<ROW>() {", IS_LONG_ENOUGH),
     (
         "storage/record",
