@@ -320,7 +320,11 @@ impl<F: NorFlash> Record<F> {
             (Spare::Dirty(done), _) => self.clear(done),
             (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
             (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {
-                if written < job.len { self.write(job, written, crc, row) } else { self.finish(job, crc) }
+                if written < job.len {
+                    self.write(job, written, crc, row)
+                } else {
+                    self.finish(job, crc)
+                }
             }
             // Something else is wanted now.
             (Spare::Writing { .. }, _) => self.clear(0),

@@ -68,11 +68,17 @@ const FLIGHT_PRIORITY: u8 = 0x80;
 static COMMS: InterruptExecutor = InterruptExecutor::new();
 const COMMS_PRIORITY: u8 = 0xC0;
 
-#[entry]
-fn main() -> ! {
+/// The vehicle, written to its place. Apart from `main`, which never ends: what this takes of the stack is free again.
+#[inline(never)]
+fn make() -> &'static mut SharedApp {
     static APP: StaticCell<SharedApp> = StaticCell::new();
 
-    let app = APP.init_with(|| Mutex::new(DemoApp::new()));
+    APP.init_with(|| Mutex::new(DemoApp::new()))
+}
+
+#[entry]
+fn main() -> ! {
+    let app = make();
     let (Some(mut core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
         unreachable!("the firmware starts once")
     };
