@@ -99,7 +99,7 @@ fn corpus() -> Result<PathBuf> {
         .arg(root().join("fuzz").join("Cargo.toml"))
         .arg("--target-dir")
         .arg(target_dir().join("fuzz").join("test"))
-        .args(["--", "--quiet", "--ignored", "write_streams"])
+        .args(["--", "--ignored", "write_streams"])
         .env("MAVSTACK_STREAMS", &path))?;
     Ok(path)
 }
