@@ -144,7 +144,7 @@ impl Area {
         command.args(["--no-shuffle", "--timeout-multiplier", "5", "--output"]).arg(folder);
         command.args(self.files.iter().flat_map(|glob| ["--file", glob]));
         command.args(options.shard.iter().flat_map(|part| ["--shard", part.as_str()]));
-        for file in &options.in_diff {
+        if let Some(file) = &options.in_diff {
             command.arg("--in-diff").arg(file);
         }
         // Building is most of it. Random tests need no more cases than find what is grossly wrong.
