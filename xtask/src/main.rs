@@ -210,7 +210,7 @@ struct Compare {
 /// Prove that the demo vehicle's firmware, with the whole library in it, cannot panic: it links without a panic handler.
 ///
 /// At opt-level s and 3, with overflow checks on in the library, with and without a log. `core::fmt`, an allocator and arithmetic in
-/// f64 outside the demo vehicle's sines are errors too.
+/// f64 are errors too.
 #[derive(Args)]
 struct PanicFree {
     /// Which Rust toolchain to build with; without this option the first that works.

@@ -12,9 +12,10 @@ const STEPS: [(&str, &[&str]); 8] = [
     ("mutants", &["xtask", "mutants"]),
     ("miri", &["xtask", "miri"]),
     ("fuzzing, half an hour each", &["xtask", "fuzz", "--seconds", "1800"]),
-    ("10^7 changed signed frames", &[
-        "test", "--release", "--features", "signing", "--test", "signing_vectors", "--", "--include-ignored",
-    ]),
+    (
+        "10^7 changed signed frames",
+        &["test", "--release", "--features", "signing", "--test", "signing_vectors", "--", "--include-ignored"],
+    ),
     ("sizes of each option", &["xtask", "size", "--options"]),
     ("the peers beside us", &["xtask", "compare"]),
     ("the benchmarks", &["bench"]),

@@ -70,7 +70,8 @@ pub fn nightly(components: &[&str]) -> Result {
 pub fn tests_of_library(left_out: &[&str]) -> Result<Vec<String>> {
     let folder = root().join("tests");
     let entries = std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let files = entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|it| it == "rs"));
+    let files =
+        entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|it| it == "rs"));
     let names = files.filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()));
     let mut names: Vec<_> = names.filter(|name| !left_out.contains(&name.as_str())).collect();
     names.sort_unstable();
