@@ -43,6 +43,8 @@ struct Case {
     number: u16,
     /// All that came, by link.
     history: [Vec<u8>; 2],
+    /// The commands of frames that came by the open link without a signature, made so by changed bits.
+    unsigned: Vec<u16>,
 }
 
 /// Runs the script.
@@ -57,7 +59,8 @@ pub fn run(data: &[u8]) {
     let signer = |address, link| Signer::new(key).of(address).link(link);
     let (near, far) = (Address::new(255, 190), Address::new(7, 1));
     let signers = [signer(near, 0), signer(near, 1), signer(far, 0), signer(Address::new(255, 191), 255)];
-    let mut case = Case { rig, signers, made: Vec::new(), number: 50_000, history: Default::default() };
+    let mut case =
+        Case { rig, signers, made: Vec::new(), number: 50_000, history: Default::default(), unsigned: Vec::new() };
     let mut u = Unstructured::new(data);
     for _ in 0..MAX_STEPS {
         if u.is_empty() || case.step(&mut u).is_err() {
@@ -141,17 +144,20 @@ impl Case {
     }
 
     /// Bytes come, and the vehicle does what it does. On the link that requires signatures nothing is carried out but what came
-    /// as it was made with the key, for the first time; on the open one the same goes for frames that say they are signed.
+    /// as it was made with the key, for the first time; on the open one the same goes for frames that say they are signed, and what
+    /// is carried out may have come before, too.
     fn deliver(&mut self, link: usize, bytes: &[u8]) {
         self.rig.vehicle.calls.clear();
         self.rig.receive(link, bytes);
         // A frame may have come before, behind what seemed to be the front of a longer one.
         self.history[link].extend(bytes);
-        let is_bound = link == 0 || bytes.get(2).is_some_and(|flags| flags & 1 == 1);
+        if let (1, Some(0), Some(&[low, high])) = (link, bytes.get(2).map(|flags| flags & 1), bytes.get(38..40)) {
+            self.unsigned.push(u16::from_le_bytes([low, high]));
+        }
         for command in self.rig.vehicle.commands() {
             let number = command.id.0;
             let made = self.made.iter_mut().find(|made| made.number == number);
-            if !is_bound {
+            if link == 1 && self.unsigned.contains(&number) {
                 continue;
             }
             let Some(made) = made else { panic!("command {number} was never signed: {bytes:02X?}") };
