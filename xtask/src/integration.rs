@@ -54,6 +54,7 @@ const OVER_TCP: &[&str] = &[
     "test_satellite.py",
     "test_signing.py",
     "test_power.py",
+    "test_differential.py",
     "test_faults.py",
     "test_plan_file.py",
     "test_log.py",
