@@ -1,5 +1,5 @@
 //! The board's flash, as bad as is wanted; copies of it; and what the scenarios themselves remember over a reset.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "memory that outlives a reset, and vehicles that are copied into it")]
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 

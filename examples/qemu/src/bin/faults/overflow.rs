@@ -1,7 +1,7 @@
 //! A stack that is too small, and what becomes of it: it lies below everything else (`flipped.x`), and whoever leaves it leaves
 //! the RAM, which is a fault at once. On the emulated board the bus answers there too: a region of the MPU stands in for one
 //! that does not.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the registers of the MPU and of faults, and memory where no stack may be")]
 
 use core::arch::{asm, global_asm};
 use core::cell::RefCell;
