@@ -1,0 +1,315 @@
+//! What the bytes of a script mean.
+//!
+//! The first two say how the vehicle is set up; then come steps, of which the first byte says what is done:
+//!
+//! ```text
+//!   0  time goes by              steps, ms each
+//!   1  much time at once         0.1 s × n
+//!   2  a usual message           way, which, two numbers
+//!   3  any message               way, id (2 bytes), length, payload
+//!   4  any bytes                 link, length, bytes
+//!   5  what the vehicle sent comes back           link, which
+//!   6  a fault of a line         link, what
+//!   7  a fault of the flash      which, for how long (2 bytes)
+//!   8  something on board        what, number
+//!   9  a command that nobody else gives           way
+//!  10  an upload begins          link, plan and items
+//!  11  a second goes by
+//! ```
+//!
+//! A way is link (bits 0, 1), sender (bits 2 to 4), and whether it is signed (bit 7).
+
+use super::{LINKS, Session, Tag, checks, client, vehicle};
+use crate::flash::{Fault, Torn};
+use crate::signer::KEY;
+use crate::support::{Tuning, reference};
+use arbitrary::{Result, Unstructured};
+use mavstack::dialect::*;
+use mavstack::{Address, Dialect, Duration, LinkId, Message, ParamTable, Text};
+
+/// Those that the stack, or the vehicle, does something about.
+const COMMANDS: [u16; 20] =
+    [400, 22, 21, 300, 512, 511, 510, 246, 245, 176, 262, 2600, 519, 520, 521, 184, 192, 209, 42_428, 224];
+
+impl Session {
+    /// Does the next step.
+    pub fn step(&mut self, u: &mut Unstructured<'_>) -> Result<()> {
+        let what: u8 = u.arbitrary()?;
+        match what % 12 {
+            0 => {
+                let (steps, ms): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
+                for _ in 0..=steps % 32 {
+                    self.pass(Duration::from_millis(u64::from(ms % 50) + 1));
+                }
+            }
+            1 => self.pass(Duration::from_millis(100 * (u64::from(u.arbitrary::<u8>()?) + 1))),
+            2 => {
+                let (way, which, a, b) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
+                self.usual(way, which, a, b);
+            }
+            3 => {
+                let (way, id, len): (u8, u16, u8) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
+                let payload = &unmarked(u.bytes(usize::from(len).min(u.len()))?);
+                let rows = Common::MESSAGES.rows();
+                // One of the known ones, or any other.
+                let (id, extra) = match rows.get(usize::from(id)) {
+                    Some(row) => (row.id(), row.crc_extra()),
+                    None => (u32::from(id), Common::MESSAGES.get(id.into()).map_or(0, |row| row.crc_extra())),
+                };
+                let from = sender(way);
+                if id == SetupSigning::ID {
+                    self.loses = [true; LINKS];
+                }
+                let frame = reference::v2(id, [0, 0], [from.system.0, from.component.0], payload, extra);
+                self.lines[usize::from(way & 3)].receive(&frame);
+            }
+            4 => {
+                let (link, len): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
+                let bytes = u.bytes(usize::from(len).min(u.len()))?;
+                self.loses[usize::from(link & 3)] = true;
+                self.lines[usize::from(link & 3)].receive(&unmarked(bytes));
+            }
+            5 => {
+                let (link, which): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
+                let frames = &self.lines[usize::from(link >> 2 & 3)].frames;
+                if let Some(frame) = frames.get(usize::from(which) % frames.len().max(1)).cloned() {
+                    self.lines[usize::from(link & 3)].receive(&frame);
+                }
+            }
+            6 => {
+                let (link, kind): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
+                let id = usize::from(link & 3);
+                if kind % 8 == 7 {
+                    self.stack.restart_link(LinkId(id as u8));
+                    self.loses[id] = true;
+                    self.lines[id].cut();
+                    self.checks.restarted_link(id);
+                } else {
+                    self.lines[id].fail(kind);
+                }
+            }
+            7 => {
+                let (which, fuel): (u8, u16) = (u.arbitrary()?, u.arbitrary()?);
+                let flash = if which & 1 == 0 { self.plans.flash_mut() } else { self.params.flash_mut() };
+                // One kind of flash, or what was unreadable would never be mended.
+                flash.torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(self.setup[0] >> 6) % 3];
+                match which >> 3 & 7 {
+                    0..=3 => flash.fuel = Some(u64::from(fuel % 2_048) + 1),
+                    _ if flash.torn == Torn::Unreadable => {}
+                    4 => flash.fault = Fault::None,
+                    5 => flash.fault = Fault::Write(flash.writes + u32::from(fuel % 8)),
+                    6 => flash.fault = Fault::HalfWrite(flash.writes + u32::from(fuel % 8)),
+                    _ => flash.fault = Fault::Erase,
+                }
+                self.checks.has_faults |= which & 1 == 0 && which >> 3 & 7 > 4;
+            }
+            8 => {
+                let (kind, number) = (u.arbitrary()?, u.arbitrary()?);
+                self.on_board(kind, number);
+            }
+            9 => {
+                let way: u8 = u.arbitrary()?;
+                let link = usize::from(way & 3);
+                let command = MavCmd(self.checks.new_command(link));
+                if way & 0x40 == 0 {
+                    let long = CommandLong { command, target_system: 1, target_component: 1, ..CommandLong::default() };
+                    self.send(link, sender(way), way & 0x80 != 0, &long);
+                } else {
+                    let int = CommandInt { command, target_system: 1, target_component: 1, ..CommandInt::default() };
+                    self.send(link, sender(way), way & 0x80 != 0, &int);
+                }
+            }
+            10 => {
+                let (link, what): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
+                let link = usize::from(link & 3);
+                let plan =
+                    [MavMissionType::MISSION, MavMissionType::FENCE, MavMissionType::RALLY, MavMissionType::MISSION];
+                self.last_tag += 1;
+                let (plan, count) = (plan[usize::from(what & 3)], u16::from(what >> 2) % 9);
+                let tag = Tag { plan, count, number: self.last_tag };
+                self.uploads[link] = Some((tag, 0));
+                self.checks.tags.push(tag);
+                let (target_system, target_component) = (1, 1);
+                let count = MissionCount { count, target_system, target_component, mission_type: plan, opaque_id: 0 };
+                self.send(link, client(link), link == 3, &count);
+            }
+            _ => (0..20).for_each(|_| self.pass(Duration::from_millis(50))),
+        }
+        Ok(())
+    }
+
+    /// What ground stations send.
+    fn usual(&mut self, way: u8, which: u8, a: u8, b: u8) {
+        let (link, from, signed) = (usize::from(way & 3), sender(way), way & 0x80 != 0);
+        let (target_system, target_component) = if way & 0x20 == 0 { (1, 1) } else { (b & 3, a & 1) };
+        let mission_type = MavMissionType(if a == 0xFF { 255 } else { a & 3 });
+        match which % 24 {
+            0 => self.send(link, from, signed, &Heartbeat { r#type: MavType(a), ..Heartbeat::default() }),
+            1 => {
+                let list = MissionRequestList { target_system, target_component, mission_type };
+                self.send(link, from, signed, &list);
+            }
+            2 => {
+                let request = MissionRequestInt { target_system, target_component, seq: b.into(), mission_type };
+                self.send(link, from, signed, &request);
+            }
+            3 => {
+                let request = MissionRequest { target_system, target_component, seq: b.into(), mission_type };
+                self.send(link, from, signed, &request);
+            }
+            4 => {
+                let r#type = MavMissionResult(b);
+                let ack = MissionAck { target_system, target_component, r#type, mission_type, opaque_id: 0 };
+                self.send(link, from, signed, &ack);
+            }
+            5 => self.send(link, from, signed, &MissionClearAll { target_system, target_component, mission_type }),
+            6 => {
+                let count = u16::from(b) << (a >> 4);
+                let count = MissionCount { target_system, target_component, count, mission_type, opaque_id: 0 };
+                self.send(link, from, signed, &count);
+            }
+            7 => {
+                let item = MissionItemInt {
+                    target_system,
+                    target_component,
+                    seq: b.into(),
+                    mission_type,
+                    command: MavCmd(if a & 0x80 == 0 { 16 } else { u16::from(a) + 100 }),
+                    frame: MavFrame(a >> 2 & 7),
+                    ..MissionItemInt::default()
+                };
+                self.send(link, from, signed, &item);
+            }
+            8 => self.send(link, from, signed, &MissionSetCurrent { target_system, target_component, seq: b.into() }),
+            9 => self.send(link, from, signed, &ParamRequestList { target_system, target_component }),
+            10 => {
+                let param_id = Text::new(Tuning::INFO[usize::from(b) % 9].name());
+                let param_index = if a & 1 == 0 { -1 } else { i16::from(b.cast_signed()) };
+                let read = ParamRequestRead { target_system, target_component, param_index, param_id };
+                self.send(link, from, signed, &read);
+            }
+            11 => {
+                let index = usize::from(b) % 9;
+                let param_id = Text::new(Tuning::INFO[index].name());
+                let param_value =
+                    if [0, 1, 3, 4, 8].contains(&index) { f32::from(a) / 4.0 } else { f32::from_bits(a.into()) };
+                let param_type = [9, 9, 6, 9, 9, 5, 1, 2, 9][index];
+                let param_type = MavParamType(param_type);
+                let set = ParamSet { target_system, target_component, param_value, param_id, param_type };
+                self.send(link, from, signed, &set);
+            }
+            12 => {
+                let command = MavCmd(COMMANDS[usize::from(a) % COMMANDS.len()]);
+                let param1 = [f32::from(b), 0.0, -1.0, f32::NAN, 30.0, 147.0, 148.0, 435.0][usize::from(b & 7)];
+                let param2 = f32::from(b >> 3) * 10_000.0;
+                let confirmation = b & 3;
+                let long = CommandLong {
+                    command,
+                    target_system,
+                    target_component,
+                    confirmation,
+                    param1,
+                    param2,
+                    ..CommandLong::default()
+                };
+                self.send(link, from, signed, &long);
+            }
+            13 => {
+                let command = MavCmd(COMMANDS[usize::from(a) % COMMANDS.len()]);
+                let frame = MavFrame(b);
+                let int = CommandInt { command, target_system, target_component, frame, ..CommandInt::default() };
+                self.send(link, from, signed, &int);
+            }
+            14 => {
+                let command = MavCmd(COMMANDS[usize::from(a) % COMMANDS.len()]);
+                self.send(link, from, signed, &CommandCancel { command, target_system, target_component });
+            }
+            15 => self.send(link, from, signed, &Ping { seq: a.into(), target_system: b & 1, ..Ping::default() }),
+            16 => {
+                let sync = Timesync { tc1: i64::from(a & 1), ts1: i64::from(b), target_system, target_component };
+                self.send(link, from, signed, &sync);
+            }
+            17 => self.send(link, from, signed, &RadioStatus { txbuf: a, remrssi: b, ..RadioStatus::default() }),
+            18 => {
+                let control = ManualControl {
+                    target: target_system,
+                    x: i16::from(a) << 3,
+                    buttons: b.into(),
+                    ..Default::default()
+                };
+                self.send(link, from, signed, &control);
+            }
+            19 => {
+                let chan1_raw = u16::from(a) << 8 | u16::from(b);
+                let rc = RcChannelsOverride { target_system, target_component, chan1_raw, ..Default::default() };
+                self.send(link, from, signed, &rc);
+            }
+            20 => {
+                self.loses = [true; LINKS];
+                let secret_key = mavstack::Secret(if a == 0 { [0; 32] } else { KEY });
+                let initial_timestamp = self.timestamp + (u64::from(b) << 20);
+                let setup = SetupSigning { target_system, target_component, initial_timestamp, secret_key };
+                self.send(link, from, signed, &setup);
+            }
+            21 => self.send(
+                link,
+                from,
+                signed,
+                &SetMode { target_system, custom_mode: a.into(), base_mode: MavModeFlag(b).into() },
+            ),
+            22 => {
+                let req_stream_id = MavDataStream(a);
+                let rate = RequestDataStream {
+                    target_system,
+                    target_component,
+                    req_stream_id,
+                    req_message_rate: b.into(),
+                    start_stop: a >> 7,
+                };
+                self.send(link, from, signed, &rate);
+            }
+            _ => self.send(link, from, signed, &HighLatency2 { custom_mode: a.into(), ..HighLatency2::default() }),
+        }
+    }
+
+    /// What happens in the vehicle.
+    fn on_board(&mut self, kind: u8, number: u8) {
+        let now = self.now;
+        match kind % 12 {
+            0 => self.loop_runs = !self.loop_runs,
+            1 => {
+                let well = vehicle(self.setup).state;
+                self.vehicle.state = if self.vehicle.state.is_some() { None } else { well };
+            }
+            2 => self.vehicle.may_persist = number & 1 == 0,
+            3 => self.vehicle.may_change = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::DENIED) },
+            4 => self.vehicle.plan_verdict = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::INVALID) },
+            5 => {
+                self.vehicle.memory.finish(MavCmd::NAV_LAND, MavResult(number % 7));
+            }
+            6 => self.vehicle.memory.progress(MavCmd::NAV_LAND, number),
+            7 => {
+                self.vehicle.tuning.set(Tuning::YAW_NOW, f32::from(number) / 2.0);
+            }
+            8 => self.stack.send_text(now, MavSeverity(number & 7), &[b'x'; 60][..usize::from(number % 61)]),
+            9 => self.stack.save_parameters(now, &mut self.vehicle),
+            10 => self.vehicle.progress.current = number.into(),
+            _ => self.reboot(),
+        }
+    }
+}
+
+/// Who sends.
+fn sender(way: u8) -> Address {
+    let (system, component) =
+        [(255, 190), (254, 190), (1, 154), (1, 1), (51, 68), (2, 1), (255, 0), (3, 3)][usize::from(way >> 2 & 7)];
+    Address::new(system, component)
+}
+
+/// Without what only the numbers of commands have that are given once, and the addresses of clients that upload: the fuzzer sees what
+/// is compared, and has spoken for them.
+fn unmarked(bytes: &[u8]) -> Vec<u8> {
+    let [_, mark] = checks::FIRST.to_le_bytes();
+    let is_mark = |byte: u8| byte == mark || (0..LINKS).any(|link| client(link).system.0 == byte);
+    bytes.iter().map(|byte| if is_mark(*byte) { 0 } else { *byte }).collect()
+}
