@@ -24,7 +24,7 @@ pub enum Target {
     Qemu,
     /// On this machine.
     Sitl,
-    /// Both, one after the other.
+    /// Both, side by side.
     All,
 }
 

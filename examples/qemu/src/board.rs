@@ -1,6 +1,5 @@
-//! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, an alarm. Registers are memory: `unsafe`, here
-//! and in the flash beside.
-#![allow(unsafe_code)]
+//! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, an alarm. Its flash is beside.
+#![allow(unsafe_code, reason = "registers of the board, and its interrupts")]
 
 use core::cell::Cell;
 

@@ -1,7 +1,8 @@
 //! What a crate made from the chip's description would bring: its interrupts, and where their handlers are.
 //!
-//! Only what the firmware uses. Names and numbers of a handler meet in the vector table: `unsafe`.
-#![allow(unsafe_code, non_snake_case)]
+//! Only what the firmware uses.
+#![allow(unsafe_code, reason = "names and numbers of handlers meet in the vector table, which the linker places")]
+#![allow(non_snake_case, reason = "handlers are called as their interrupts")]
 
 use cortex_m::interrupt::InterruptNumber;
 pub use cortex_m_rt::interrupt;

@@ -1,7 +1,6 @@
 //! A stand-in for the flash that a real flight controller keeps its plans, parameters and key in: a piece of the board's PSRAM,
-//! which the emulator leaves alone when the processor is reset, and which behaves as NOR flash does. Memory is memory:
-//! `unsafe`.
-#![allow(unsafe_code)]
+//! which the emulator leaves alone when the processor is reset, and which behaves as NOR flash does.
+#![allow(unsafe_code, reason = "memory of the board")]
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,

@@ -2,7 +2,7 @@
 //! emulator's own, which `log.rs` has, checks what it is given and panics.
 //!
 //! For a firmware whose interrupts are masked, as the bare loop's are: nothing here holds off another one's line.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "a register of the board, and what the trait of a log demands")]
 
 use crate::board;
 

@@ -18,7 +18,7 @@ use rp2040_hal::{Clock, Sio, Timer, Watchdog, pac};
 use static_cell::StaticCell;
 
 /// The second stage of the boot loader, for the flash chip of the Pico. Where it stands is part of the chip: see `memory.x`.
-#[allow(unsafe_code)]
+#[allow(unsafe_code, reason = "a section of its own, which nothing else is in")]
 #[unsafe(link_section = ".boot2")]
 #[used]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;

@@ -51,7 +51,7 @@ fn main() -> ! {
     uart.listen(Event::RxNotEmpty);
     critical_section::with(|section| UART.replace(section, Some(uart)));
     // SAFETY: no critical section is open that the interrupt could break.
-    #[allow(unsafe_code)]
+    #[allow(unsafe_code, reason = "an interrupt is unmasked")]
     unsafe {
         NVIC::unmask(Interrupt::USART1)
     };

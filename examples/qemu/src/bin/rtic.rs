@@ -13,8 +13,7 @@
 //! When flight hangs and awaits, the heartbeats stop and comms goes on. When it hangs and does not await, both are silent.
 #![no_std]
 #![no_main]
-// In what the macro writes.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "in what the macro writes")]
 
 use mavstack_qemu as _;
 

@@ -17,8 +17,7 @@
 //! When flight hangs and awaits, the heartbeats stop and comms goes on. When it hangs and does not await, both are silent.
 #![no_std]
 #![no_main]
-// For the executors' interrupts: their priorities, and their handlers.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the executors' interrupts: their priorities, and their handlers")]
 
 mod time;
 mod uart;
