@@ -108,6 +108,58 @@ fn a_firmware_has_the_last_word() {
     }
 }
 
+/// M-70: what is optional, and what is required, is so however often it is said, and nothing else becomes so by it.
+#[test]
+fn words_may_be_said_twice() {
+    let here = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], NONE, NONE, 10.0);
+    let as_it_is = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 0, 0, NAN);
+    let off_the_globe = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 900_000_001, 0, 10.0);
+    let passes = |rule: CommandRule| [here, as_it_is, off_the_globe].map(|item| rule.check(&item).is_ok());
+    let position = NAV_WAYPOINT.position_optional();
+    let altitude = NAV_WAYPOINT.altitude_optional();
+    let both = position.altitude_optional();
+    for (rule, expected) in [
+        (NAV_WAYPOINT, [false, false, false]),
+        (position, [true, false, false]),
+        (position.position_optional(), [true, false, false]),
+        (altitude, [false, true, false]),
+        (altitude.altitude_optional(), [false, true, false]),
+        (both, [true, true, false]),
+        (altitude.position_optional(), [true, true, false]),
+        (both.position_required(), [false, true, false]),
+        (both.position_required().position_required(), [false, true, false]),
+        (both.altitude_required(), [true, false, false]),
+        (both.altitude_required().altitude_required(), [true, false, false]),
+    ] {
+        assert_eq!(passes(rule), expected, "{rule:?}");
+    }
+}
+
+/// Which parameter a rule is for.
+#[test]
+fn a_rule_knows_its_parameter() {
+    let rules = [
+        ParamRule::any(1),
+        ParamRule::range(2, 0.0, 1.0),
+        ParamRule::at_least(3, 0.0),
+        ParamRule::at_most(4, 0.0),
+        ParamRule::integers(5, 0, 1),
+        ParamRule::bits(6, 1),
+        ParamRule::one_of(7, &[]).or_nan(),
+    ];
+    assert_eq!(rules.map(|rule| rule.index()), [1, 2, 3, 4, 5, 6, 7]);
+}
+
+/// M-74: an integer that is no float passes as what it is.
+#[test]
+fn integers_are_not_rounded() {
+    const ODD: i32 = (1 << 24) + 1;
+    const RULE: CommandRule = CommandRule::any(MavCmd(31_010)).with_params(&[ParamRule::one_of(5, &[ODD])]);
+    let with = |x| RULE.check(&item(2, MavCmd(31_010), [0.0; 4], x, 0, 0.0));
+    assert_eq!(with(ODD), Ok(()));
+    assert_eq!(with(ODD - 1), Err(MavMissionResult::INVALID_PARAM5_X));
+}
+
 type Memory = plan_memory!(mission: 10, fence: 10, rally: 3);
 
 fn wire(plan: MavMissionType, items: &[Item]) -> Vec<MissionItemInt> {
