@@ -3,10 +3,12 @@
 mod support;
 
 use mavstack::dialect::{
-    MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItemInt,
-    MissionRequestInt, MissionRequestList, MissionState, Statustext,
+    MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent,
+    MissionItemInt, MissionRequestInt, MissionRequestList, MissionState, Statustext,
 };
-use mavstack::{LinkClass, LinkConfig, LinkId, Message, Peer, PlanType, TxVersion, Version, plan_memory};
+use mavstack::{
+    LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version, plan_memory,
+};
 use support::*;
 
 const CAPACITY: u16 = 60;
@@ -56,6 +58,53 @@ fn what_was_uploaded_is_downloaded() {
     assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::NO_SPACE)));
     assert_eq!(world.gcs[0].count_of::<MissionRequestInt>(), 0);
     assert_downloads(&mut world, 0, &plan(2, 1));
+}
+
+/// M-2, M-21: each plan takes as many items as there is room for, whichever has the most, and not one more.
+#[test]
+fn each_plan_may_be_full() {
+    fn fills<P: PlanStorage>() {
+        let mut world = World::<1, P>::with_plans(Setup::new());
+        for (kind, capacity) in PlanType::ALL.into_iter().zip(P::CAPACITIES) {
+            let mission_type = kind.mission_type();
+            let command = match kind {
+                PlanType::Mission => MavCmd::NAV_WAYPOINT,
+                PlanType::Fence => MavCmd::NAV_FENCE_CIRCLE_INCLUSION,
+                PlanType::Rally => MavCmd::NAV_RALLY_POINT,
+            };
+            let of_kind = |count| {
+                let item =
+                    |item| MissionItemInt { mission_type, command, param1: 9.0, param2: 0.0, param4: 0.0, ..item };
+                plan(count, count).into_iter().map(item).collect::<Vec<_>>()
+            };
+            world.upload(0, &of_kind(capacity)).expect("room");
+            assert_eq!(world.download(0, mission_type).expect("complete").len(), usize::from(capacity));
+            let refused = world.upload(0, &of_kind(capacity + 1));
+            assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::NO_SPACE)));
+        }
+    }
+    fills::<plan_memory!(mission: 9, fence: 5, rally: 2)>();
+    fills::<plan_memory!(mission: 5, fence: 9, rally: 2)>();
+    fills::<plan_memory!(mission: 2, fence: 5, rally: 9)>();
+}
+
+/// What became of uploads is counted, each as what it was.
+#[test]
+fn uploads_are_counted() {
+    let mut world = world::<1>();
+    let counters = |world: &TestWorld<1>| world.stack.plan_counters();
+    assert_eq!(counters(&world), PlanCounters::default());
+    world.upload(0, &plan(2, 1)).expect("accepted");
+    assert_eq!(counters(&world), counted(|counters: &mut PlanCounters| counters.accepted = 1));
+    let stranger = MissionItemInt { command: MavCmd(31_999), ..plan(1, 2)[0] };
+    world.upload(0, &[stranger]).expect_err("no such command");
+    assert_eq!((counters(&world).accepted, counters(&world).refused), (1, 1));
+    let (target_system, target_component) = (1, 1);
+    world.gcs[0].send(&MissionCount { target_system, target_component, count: 3, ..MissionCount::default() });
+    world.gcs[0].send(&MissionItemInt { target_system, target_component, ..plan(3, 1)[2] });
+    world.run_for(secs(60));
+    assert_eq!((counters(&world).out_of_place, counters(&world).abandoned), (1, 1), "the first item never came");
+    assert_eq!((counters(&world).accepted, counters(&world).refused), (1, 1));
 }
 
 /// A lossless transfer is a request and an item each, and two frames more: no request is sent twice.
