@@ -31,7 +31,7 @@ const MAGIC: [u8; 4] = *b"MVSR";
 
 /// Ends the use of a buffer on the stack that a body went through. The signing key does so too: so it is overwritten (SEC-15).
 /// A guard would do that by itself, and be moved to its place: the buffer would be on the stack twice.
-fn wipe(buffer: &mut [u8]) {
+pub(super) fn wipe(buffer: &mut [u8]) {
     #[cfg(feature = "signing")]
     zeroize::Zeroize::zeroize(buffer);
     #[cfg(not(feature = "signing"))]

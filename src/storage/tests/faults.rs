@@ -176,6 +176,28 @@ fn wear_is_what_was_written() {
     assert_eq!((flash.erases, flash.writes), (used, 7));
 }
 
+/// What fills whole chunks is written in as many calls, and the header in one more: none for nothing.
+#[test]
+fn no_write_is_empty() {
+    for (items, chunks) in [(7, 1), (15, 2), (23, 3)] {
+        let mut store = store(Flash::new(4096));
+        assert_eq!(store.open(), Ok(None));
+        let content = Content::new([items, 0, 0], 5);
+        assert_eq!(write(&mut store, 1, &content), Step::Done);
+        assert_eq!(store.flash().writes, chunks + 1);
+        assert_eq!(restart(store.into_inner()), Some(content));
+    }
+}
+
+/// SEC-15: of a body that may be a key nothing is left where it went through.
+#[cfg(feature = "signing")]
+#[test]
+fn buffers_are_overwritten() {
+    let mut buffer = [7; 48];
+    super::super::record::wipe(&mut buffer);
+    assert_eq!(buffer, [0; 48]);
+}
+
 #[test]
 fn done_is_said_once_a_job() {
     let (old, new) = contents();
