@@ -7,8 +7,8 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Accept, Address, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningCounters,
-    SigningKey, SigningMemory, TxVersion, Version,
+    Accept, Address, Config, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, PollBudget, Pulse, Secret,
+    SigningCounters, SigningKey, SigningMemory, Stack, TxVersion, Version,
 };
 use signer::*;
 use support::*;
@@ -515,4 +515,107 @@ fn an_exception_teaches_no_route() {
     let frame = Signer::new(KEY).unsigned(Version::V2, &Gcs::heartbeat());
     rig.receive(1, &frame);
     assert!(rig.transmit(0).iter().any(|sent| sent.raw == frame));
+}
+
+/// R-3, G-11: nor from SETUP_SIGNING, which anybody may send as long as there is no key, whatever he has signed it with.
+#[test]
+fn a_first_key_teaches_no_route() {
+    let signing = [LinkSigning::REQUIRED.with_provisioning(), LinkSigning::OPEN];
+    let mut rig: Rig = Rig::new(signing.map(|signing| LinkConfig::uart(115_200).with_signing(signing)));
+    rig.vehicle.queues = Some(Box::new(mavstack::ForwardQueues::new()));
+    for link in [0, 1] {
+        assert!(!rig.transmit(link).is_empty(), "the first heartbeats");
+    }
+    let setup = SetupSigning { target_system: 1, target_component: 1, secret_key: Secret(KEY), initial_timestamp: NOW };
+    rig.receive(0, &Signer::new(OTHER_KEY).frame(&setup));
+    assert_eq!((rig.counters().setups, rig.stack.peers().len()), (1, 1), "it is carried out all the same");
+    rig.transmit(0);
+    let frame = Signer::new(KEY).unsigned(Version::V2, &Gcs::heartbeat());
+    rig.receive(1, &frame);
+    assert!(rig.transmit(0).iter().any(|sent| sent.raw == frame));
+}
+
+/// A line that takes everything at once, and on which nothing comes.
+#[derive(Default)]
+struct Line {
+    written: Vec<u8>,
+}
+
+impl embedded_io::ErrorType for Line {
+    type Error = core::convert::Infallible;
+}
+
+impl embedded_io::Read for Line {
+    fn read(&mut self, _: &mut [u8]) -> Result<usize, Self::Error> {
+        unreachable!("it is not ready")
+    }
+}
+
+impl embedded_io::ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(false)
+    }
+}
+
+impl embedded_io::Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        self.written.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}
+
+impl embedded_io::WriteReady for Line {
+    fn write_ready(&mut self) -> Result<bool, Self::Error> {
+        Ok(true)
+    }
+}
+
+/// SEC-2: a signature that is made or compared is work: fewer frames have room in a poll. One that nobody compares is none.
+#[test]
+fn signatures_are_work() {
+    let budget = |work| PollBudget { work, frames: u8::MAX, ..PollBudget::DEFAULT };
+    let rig = |work, key: Option<[u8; 32]>| {
+        let mut rig: Rig<1> = Rig::new([LinkConfig::uart(115_200)]);
+        let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
+        let config = Config { budget: budget(work), ..Config::new(VEHICLE, pulse) };
+        rig.stack = Box::new(Stack::new(config, [LinkConfig::uart(115_200)]));
+        if let Some(key) = key {
+            rig.set_key(key);
+        }
+        rig
+    };
+    // Two blocks each. 500 units for a frame that is handled; its bytes and its header are 48, and 300 the signature.
+    for (key, is_signed, handled) in
+        [(None, false, 5), (None, true, 5), (Some(KEY), false, 5), (Some(KEY), true, 3), (Some(OTHER_KEY), true, 3)]
+    {
+        let mut rig = rig(3_000, key);
+        let mut signer = Signer::new(KEY);
+        let next = |_| match is_signed {
+            true => signer.frame(&Gcs::heartbeat()),
+            false => signer.unsigned(Version::V2, &Gcs::heartbeat()),
+        };
+        let bytes: Vec<u8> = (0..8).flat_map(next).collect();
+        assert_eq!(rig.stack.receive(rig.now, LINKS[0], &bytes, &mut rig.vehicle), bytes.len());
+        assert_eq!(rig.stack.rx_counters(LINKS[0]).unwrap().frames, handled, "{key:?} {is_signed}");
+    }
+    // 220 units for a frame that is sent.
+    for (key, sent) in [(None, 3), (Some(KEY), 1)] {
+        let mut rig = rig(500, key);
+        for _ in 0..8 {
+            rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &command()));
+        }
+        let mut line = Line::default();
+        rig.stack.poll_link(rig.now, LINKS[0], &mut line, &mut rig.vehicle).unwrap();
+        let mut frames = 0;
+        let mut rest = &line.written[..];
+        while let [0xFD, len, incompat_flags, ..] = *rest {
+            rest = &rest[usize::from(len) + 12 + 13 * usize::from(incompat_flags)..];
+            frames += 1;
+        }
+        assert_eq!((frames, rest.len()), (sent, 0), "{key:?}");
+    }
 }
