@@ -34,7 +34,7 @@ pub fn run(data: &[u8]) {
 
     let budget = (budget != 0).then(|| Decoder::MIN_BUDGET + u32::from(budget));
     let mut receiver = Receiver { known: vec![Address::new(2, 1)], budget, ..Receiver::default() };
-    let mut rest = &stream[..];
+    let mut rest = stream;
     for piece in pieces {
         let (piece, behind) = rest.split_at(usize::from(*piece).min(rest.len()));
         receiver.receive(piece);

@@ -141,7 +141,7 @@ impl Session {
         for flash in [self.plans.flash_mut(), self.params.flash_mut(), self.signing.flash_mut()] {
             flash.power_on();
         }
-        self.stack = Box::new(stack(self.setup));
+        *self.stack = stack(self.setup);
         self.vehicle = vehicle(self.setup);
         self.lines.iter_mut().for_each(Uart::cut);
         self.restore();

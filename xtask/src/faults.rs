@@ -4,11 +4,9 @@
 //! With a real client at a real socket, and the emulator's own reset button, are `test_faults.py` and `test_power.py` among the
 //! tests with ground stations.
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use crate::firmware;
@@ -20,8 +18,22 @@ use crate::toolchain::{self, Choice, TARGET};
 const OVERFLOW: &str = "stack-overflow";
 /// Bytes; with the last of them the work is done. What the vehicle needs is `cargo xtask stack`'s to say.
 const STACKS: [u32; 10] = [64, 128, 256, 512, 768, 1_024, 1_536, 2_048, 4_096, 16_384];
-/// No scenario takes longer, on a machine that has other things to do too.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// The others, which the firmware plays one after the other; what each has found begins with its name.
+const SCENARIOS: [&str; 13] = [
+    "uart-damage",
+    "uart-stall",
+    "gcs-dies",
+    "two-gcs",
+    "reset-in-upload",
+    "reset-in-commit",
+    "reset-in-parameters",
+    "reset-in-key",
+    "write-errors",
+    "clock-wraps",
+    "replay",
+    "floods",
+    "hung-loop",
+];
 
 /// `cargo xtask faults`.
 pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
@@ -31,7 +43,14 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
     let began = Instant::now();
     if scenario != Some(OVERFLOW) {
         let arguments: Vec<_> = scenario.into_iter().collect();
-        run(&elf, &arguments, |line, took| println!("{line} [{:.1} s]", took.as_secs_f32()))?;
+        let mut missing = scenario.map_or(SCENARIOS.to_vec(), |scenario| vec![scenario]);
+        run(&elf, &arguments, |line, took| {
+            println!("{line} [{:.1} s]", took.as_secs_f32());
+            missing.retain(|name| line.split([' ', ':']).next() != Some(name));
+        })?;
+        if !missing.is_empty() {
+            return Err(format!("not played: {}", missing.join(", ")));
+        }
     }
     if scenario.is_none_or(|scenario| scenario == OVERFLOW) {
         let mut found = Vec::new();
@@ -53,18 +72,10 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
 /// Runs the firmware to its end, and hands on each line that it says, with how long it took for it.
 fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> Result {
     let (mut emulator, output) = qemu::start(&mut command(elf, arguments))?;
-    let (sender, lines) = mpsc::channel();
-    thread::spawn(move || {
-        // Nobody listens any more when it took too long.
-        BufReader::new(output).lines().map_while(std::result::Result::ok).try_for_each(|line| sender.send(line))
-    });
+    let lines = qemu::Lines::of(output);
     let mut last = Instant::now();
-    loop {
-        match lines.recv_timeout(PATIENCE) {
-            Ok(line) => each(&line, last.elapsed()),
-            Err(RecvTimeoutError::Disconnected) => break,
-            Err(RecvTimeoutError::Timeout) => return Err(format!("the firmware says nothing for {PATIENCE:?}")),
-        }
+    while let Some(line) = lines.next()? {
+        each(&line, last.elapsed());
         last = Instant::now();
     }
     let (_nobody, stop) = mpsc::channel();

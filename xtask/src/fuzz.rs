@@ -6,13 +6,16 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::thread;
 
-use crate::system::{Result, output, root, run, succeeds, target_dir};
+use crate::system::{Result, apt_install, has, output, root, run, succeeds, target_dir};
 
 /// All of them, the quick ones first.
 const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "session"];
 
-/// An input that takes longer than this (s) ends the run; what takes more than a hundredth of it is reported.
+/// An input that takes longer than this (s) ends the run.
 const TIMEOUT: u32 = 1;
+/// No input takes longer than this (ms), by itself, at the best of so many times: the machine has other things to do too (GOAL-4).
+const SLOWEST: u64 = 10;
+const TIMES: u32 = 3;
 
 /// Of what is checked in beside the seeds.
 const MAX_BYTES: u64 = 100_000;
@@ -93,6 +96,9 @@ fn build() -> Result<PathBuf> {
         println!("Installing cargo-fuzz: cargo install cargo-fuzz --locked");
         run(Command::new("rustup").args(["run", "stable", "cargo", "install", "--quiet", "cargo-fuzz", "--locked"]))?;
     }
+    if !has("c++") {
+        apt_install("a C++ compiler, for the fuzzer", &["g++"], "a C++ compiler, as `c++`")?;
+    }
     let host = output("rustup", &["run", "nightly", "rustc", "-vV"]).unwrap_or_default();
     let host = host.lines().find_map(|line| line.strip_prefix("host: ")).ok_or("rustc does not say what it is for")?;
     let folder = target_dir().join("fuzz").join("build");
@@ -147,7 +153,7 @@ impl Target {
             Some(count) => command.arg(format!("-runs={count}")),
             None => command.arg(format!("-max_total_time={}", options.seconds)),
         };
-        command.arg(format!("-max_len={}", self.max_len())).args(["-print_final_stats=1", "-report_slow_units=1"]);
+        command.arg(format!("-max_len={}", self.max_len())).arg("-print_final_stats=1");
         let folders = [&self.found, &self.corpus, &self.regressions];
         command.args(folders.into_iter().filter(|folder| folder.is_dir()));
         let log = self.log(&mut command)?;
@@ -160,32 +166,57 @@ impl Target {
                 self.artifacts.display()
             ));
         }
-        let statistic = |name: &str| log.number(&format!("stat::{name}:")).unwrap_or(0);
+        let statistic = |name: &str| {
+            let number = log.number(&format!("stat::{name}:"));
+            number.ok_or_else(|| format!("{}: the fuzzer does not say its {name}", self.name))
+        };
         let last = |name: &str| log.last_in_line(name).unwrap_or("-").to_owned();
-        let slowest = self.slowest()?;
+        let executions = statistic("number_of_executed_units")?;
+        let (slowest, ms) = self.slowest()?;
         println!(
-            "{:<10} {:>13} {:>9} {:>7} {:>7} {:>7} {:>11}",
+            "{:<10} {executions:>13} {:>9} {:>7} {:>7} {:>7} {ms:>11}",
             self.name,
-            statistic("number_of_executed_units"),
-            statistic("average_exec_per_sec"),
+            statistic("average_exec_per_sec")?,
             last("cov:"),
             last("ft:"),
             last("corp:").split('/').next().unwrap_or("-"),
-            slowest,
         );
+        if executions == 0 {
+            return Err(format!("{}: nothing was run", self.name));
+        }
+        if ms > SLOWEST {
+            return Err(format!("{}: {} takes {ms} ms, bound {SLOWEST}", self.name, slowest.display()));
+        }
         Ok(())
     }
 
-    /// How long the slowest input takes (ms), each run by itself.
-    fn slowest(&self) -> Result<u64> {
-        let mut slowest = 0;
+    /// The input that takes longest by itself, and how long that is (ms).
+    fn slowest(&self) -> Result<(PathBuf, u64)> {
+        let mut slowest = (PathBuf::new(), 0);
         for files in files(&[&self.found, &self.corpus, &self.regressions])?.chunks(500) {
-            let log = self.log(self.command().args(files.iter().map(|(file, _)| file)))?;
-            let times = log.text.lines().filter_map(|line| line.strip_prefix("Executed ")?.strip_suffix(" ms"));
-            let times = times.filter_map(|line| line.rsplit(' ').next()?.parse::<u64>().ok());
-            slowest = times.fold(slowest, u64::max);
+            let files: Vec<_> = files.iter().map(|(file, _)| file.as_path()).collect();
+            for (file, ms) in files.iter().zip(self.times(&files)?) {
+                let mut best = ms;
+                for _ in 1..TIMES {
+                    if best > SLOWEST {
+                        best = self.times(&[file])?.into_iter().fold(best, u64::min);
+                    }
+                }
+                if best >= slowest.1 {
+                    slowest = (file.to_path_buf(), best);
+                }
+            }
         }
         Ok(slowest)
+    }
+
+    /// How long each of `files` takes (ms), in their order.
+    fn times(&self, files: &[&Path]) -> Result<Vec<u64>> {
+        let log = self.log(self.command().args(files))?;
+        let times = log.text.lines().filter_map(|line| line.strip_prefix("Executed ")?.strip_suffix(" ms"));
+        let times: Vec<_> = times.filter_map(|line| line.rsplit(' ').next()?.parse().ok()).collect();
+        let is_whole = log.is_success && times.len() == files.len();
+        is_whole.then_some(times).ok_or_else(|| format!("{}: its inputs could not be run one by one", self.name))
     }
 
     /// Replaces what is checked in beside the seeds by the least that reaches all the code that is reached, as far as there is

@@ -29,7 +29,7 @@ const F64: [&str; 12] = [
 pub fn prove(choice: Option<Choice>) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let mut rows = Vec::new();
-    for (log, what) in [(false, "all features but the log"), (true, "with defmt, by a logger that cannot panic")] {
+    for (log, what) in [(false, "signing and storage, no log"), (true, "and defmt, by a logger that cannot panic")] {
         for level in ["s", "3"] {
             println!("Linking the demo vehicle, {what}, opt-level {level}, overflow checks on in mavstack");
             let elf = read(&firmware::build_proof(choice, "loop", log, level)?)?;

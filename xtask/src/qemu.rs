@@ -1,8 +1,10 @@
 //! The firmware on an emulated Cortex-M4.
 
+use std::io::{BufRead, BufReader};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
@@ -184,6 +186,32 @@ pub fn start(command: &mut Command) -> Result<(Emulator, ChildStdout)> {
     // From here on it is ended whatever happens.
     let emulator = Emulator(child);
     output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())
+}
+
+/// The lines that a firmware says. A thread reads them, so that one that says nothing any more is found out.
+pub struct Lines(mpsc::Receiver<String>);
+
+impl Lines {
+    /// No firmware of ours is silent for so long, on a machine that has other things to do too.
+    const PATIENCE: Duration = Duration::from_secs(300);
+
+    pub fn of(output: ChildStdout) -> Self {
+        let (sender, lines) = mpsc::channel();
+        std::thread::spawn(move || {
+            // Nobody listens any more when it took too long.
+            BufReader::new(output).lines().map_while(std::result::Result::ok).try_for_each(|line| sender.send(line))
+        });
+        Self(lines)
+    }
+
+    /// The next one; `None` behind the last.
+    pub fn next(&self) -> Result<Option<String>> {
+        match self.0.recv_timeout(Self::PATIENCE) {
+            Ok(line) => Ok(Some(line)),
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+            Err(RecvTimeoutError::Timeout) => Err(format!("the firmware says nothing for {:?}", Self::PATIENCE)),
+        }
+    }
 }
 
 impl Drop for Emulator {

@@ -10,7 +10,6 @@
 //! table of cases, to an address that only shows when it runs.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
 
@@ -124,8 +123,7 @@ impl Mark {
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
         let (_emulator, output) = qemu::start(&mut command)?;
-        let mut line = String::new();
-        BufReader::new(output).read_line(&mut line).map_err(|error| format!("the emulator's output: {error}"))?;
+        let line = qemu::Lines::of(output).next()?.unwrap_or_default();
         Self::parse(&line).ok_or_else(|| format!("the firmware said: {line}"))
     }
 

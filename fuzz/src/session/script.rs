@@ -255,7 +255,7 @@ impl Session {
                 link,
                 from,
                 signed,
-                &SetMode { target_system, custom_mode: a.into(), base_mode: MavModeFlag(b).into() },
+                &SetMode { target_system, custom_mode: a.into(), base_mode: MavModeFlag(b) },
             ),
             22 => {
                 let req_stream_id = MavDataStream(a);
