@@ -28,7 +28,15 @@ const AREAS: [Area; 4] = [
     Area {
         name: "signing",
         files: &["src/service/signing/**", "src/frame/signing.rs", "src/storage/signing.rs"],
-        tests: &["high_latency_signed", "secrets", "signing", "signing_replay", "signing_setup", "signing_storage"],
+        tests: &[
+            "high_latency_signed",
+            "secrets",
+            "signing",
+            "signing_replay",
+            "signing_setup",
+            "signing_storage",
+            "signing_vectors",
+        ],
     },
     Area {
         name: "frame",
@@ -38,7 +46,17 @@ const AREAS: [Area; 4] = [
     Area {
         name: "mission",
         files: &["src/service/mission/**"],
-        tests: &["mission", "mission_lossy", "no_block", "power_cut", "progress", "rules"],
+        tests: &[
+            "links",
+            "minimal",
+            "mission",
+            "mission_lossy",
+            "no_block",
+            "power_cut",
+            "progress",
+            "rules",
+            "typed_commands",
+        ],
     },
     Area {
         name: "storage",
@@ -49,7 +67,7 @@ const AREAS: [Area; 4] = [
             "src/storage/record.rs",
             "src/storage/mod.rs",
         ],
-        tests: &["flash_garbage", "fram", "power_cut", "signing_storage"],
+        tests: &["errors", "flash_garbage", "fram", "power_cut", "signing_storage"],
     },
 ];
 
