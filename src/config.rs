@@ -18,16 +18,49 @@ pub struct PollBudget {
     /// first, a frame at least; then as many frames are sent, and one at least, and more of them as long as something is left.
     /// Less than [`Decoder::MIN_BUDGET`] counts as that.
     pub work: u16,
-    /// Frames handled; what is left waits in the decoder. 0 counts as 1.
+    /// Frames handled, if [`work`](Self::work) does not end it before; what is left waits in the decoder. 0 counts as 1.
     pub frames: u8,
     /// Bytes handed to the transport. 0 sends nothing.
     pub tx_bytes: u16,
 }
 
 impl PollBudget {
-    /// 128 bytes in, 280 out, and work for three frames: enough for 1 Mbit/s of usual frames at a poll a millisecond, and for
-    /// 57,600 bit/s at one every 20 ms.
+    /// 128 bytes in, 280 out, and work for three frames, or two that are signed: enough for what a ground station sends by
+    /// 1 Mbit/s at a poll a millisecond, and by 57,600 bit/s at one every 20 ms. No more than that many frames come through however
+    /// short they are, 150 a second at a poll every 20 ms; for lines that others fill there is [`for_line`](Self::for_line).
     pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
+
+    /// Enough for a line of `baud` bit/s that is full of short frames, signed or not, and polled every `period`; and a quarter more,
+    /// for what waits after a poll that came late. Never less than [`DEFAULT`](Self::DEFAULT).
+    ///
+    /// ```
+    /// use mavstack::{Duration, PollBudget};
+    /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
+    /// assert_eq!(BUDGET.rx_bytes, 289);
+    /// ```
+    #[allow(
+        clippy::as_conversions,
+        reason = "const fn: `From` cannot be called; what is made narrower is no larger than its type"
+    )]
+    #[must_use]
+    pub const fn for_line(baud: u32, period: Duration) -> Self {
+        /// What a byte of the shortest frames takes of the budget: 16 bytes are a MISSION_REQUEST_INT, which takes 545.
+        const WORK: u64 = 35;
+        const SHORTEST: u64 = 16;
+        const fn at_least(least: u64, value: u64, most: u64) -> u64 {
+            let value = if value < least { least } else { value };
+            if value > most { most } else { value }
+        }
+        // A byte is ten bits.
+        let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(8_000_000);
+        let (least, most) = (Self::DEFAULT, u16::MAX as u64);
+        Self {
+            rx_bytes: at_least(least.rx_bytes as u64, bytes, most) as u16,
+            work: at_least(least.work as u64, bytes.saturating_mul(WORK), most) as u16,
+            frames: at_least(least.frames as u64, bytes.div_ceil(SHORTEST), u8::MAX as u64) as u8,
+            tx_bytes: at_least(least.tx_bytes as u64, bytes, most) as u16,
+        }
+    }
 
     /// What one poll may still do.
     pub(crate) fn allowance(&self) -> Allowance {

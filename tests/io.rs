@@ -2,10 +2,16 @@
 
 mod support;
 
+use std::collections::VecDeque;
+use std::convert::Infallible;
+
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::io::{CircularReader, LoopEnd, SerialCounters, SerialError, SerialQueues, queue_len};
-use mavstack::{Duration, Instant, LinkConfig, LinkError, LinkId, NoPlans, PlanStorage, Stack, plan_memory};
+use mavstack::{
+    Address, Duration, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, NoPlans, PlanStorage, PollBudget, Stack,
+    Version, encode, plan_memory,
+};
 use support::*;
 
 const LINK: LinkId = LinkId(0);
@@ -272,4 +278,96 @@ fn circular_dma_through_the_byte_level_calls() {
     assert_eq!(commands.iter().filter(|command| command.params[0] == 3.0).count(), 1);
     assert_eq!(rig.gcs.count_of::<CommandAck>(), commands.len());
     assert_eq!((rig.gcs.counters().checksum, rig.gcs.counters().skipped), (0, 0));
+}
+
+/// A queue that an interrupt fills; what finds it full is lost.
+struct Queue {
+    bytes: VecDeque<u8>,
+    len: usize,
+    lost: usize,
+}
+
+impl embedded_io::ErrorType for Queue {
+    type Error = Infallible;
+}
+
+impl Read for Queue {
+    fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
+        let len = into.len().min(self.bytes.len());
+        into.iter_mut().zip(self.bytes.drain(..len)).for_each(|(to, byte)| *to = byte);
+        Ok(len)
+    }
+}
+
+impl ReadReady for Queue {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.bytes.is_empty())
+    }
+}
+
+impl Write for Queue {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl WriteReady for Queue {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+/// D-2: lines that are full all the time, with the queue and the budget that are made for them: no byte is lost and every frame is
+/// heard, however short they are.
+#[test]
+fn full_lines_are_read_whole() {
+    let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+    let request = MissionRequestInt { seq: 3, target_system: 1, target_component: 1, ..Default::default() };
+    let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, param7: 1.0, ..Default::default() };
+    let mut frames = [vec![], vec![], vec![]];
+    for (bytes, which) in frames.iter_mut().zip(0..) {
+        let mut buffer = [0; MAX_FRAME_LEN];
+        let (version, from) = (Version::V2, Address::new(255, 190));
+        let len = match which {
+            0 => encode(&heartbeat, version, from, 1, &mut buffer),
+            1 => encode(&request, version, from, 1, &mut buffer),
+            _ => encode(&command, version, from, 1, &mut buffer),
+        };
+        bytes.extend(&buffer[..len.unwrap()]);
+    }
+    for (baud, millis) in
+        [(57_600, 4), (57_600, 20), (115_200, 4), (115_200, 20), (921_600, 1), (921_600, 4), (1_000_000, 1)]
+    {
+        let period = Duration::from_millis(millis);
+        for frame in &frames {
+            let mut setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::<1>::new() };
+            setup.config.budget = PollBudget::for_line(baud, period);
+            let mut stack: Box<Stack<1>> = Box::new(Stack::new(setup.config, setup.links));
+            let mut vehicle = TestVehicle::default();
+            let mut queue = Queue { bytes: VecDeque::new(), len: queue_len(baud, period), lost: 0 };
+            let mut line = frame.iter().copied().cycle();
+            let (mut now, mut sent, mut polls) = (Instant::ZERO, 0, 0);
+            while now < Instant::ZERO.after(Duration::from_secs(3)) {
+                // Each tenth poll comes half a period late.
+                polls += 1;
+                now = now.after(Duration::from_micros(period.as_micros() * if polls % 10 == 0 { 3 } else { 2 } / 2));
+                while sent < now.as_micros() * u64::from(baud) / 10_000_000 {
+                    sent += 1;
+                    let byte = line.next().unwrap();
+                    if queue.bytes.len() < queue.len { queue.bytes.push_back(byte) } else { queue.lost += 1 }
+                }
+                stack.poll(now, &mut vehicle);
+                assert_eq!(stack.poll_link(now, LINK, &mut queue, &mut vehicle), Ok(()));
+            }
+            let (what, whole) = (format!("{baud} every {millis} ms, {} bytes", frame.len()), sent / frame.len() as u64);
+            assert_eq!(queue.lost, 0, "{what}");
+            let counters = stack.rx_counters(LINK).unwrap();
+            assert!(u64::from(counters.frames) + 20 >= whole, "{what}: {} of {whole}", counters.frames);
+            assert_eq!((counters.skipped, counters.checksum), (0, 0), "{what}");
+        }
+    }
 }

@@ -56,30 +56,79 @@ fn partial_reads_and_writes_change_nothing() {
     }
 }
 
-/// D-2, SEC-2: one poll reads, handles and writes no more than its budget; the rest waits and is not lost.
+/// D-2, SEC-2: one poll reads, handles and writes no more than its budget, whichever of its parts that is; the rest waits and is not
+/// lost.
 #[test]
 fn one_poll_keeps_to_its_budget() {
-    let mut setup = Setup::<1>::new();
-    setup.config.budget = PollBudget { rx_bytes: 100, work: 300, frames: 2, tx_bytes: 30 };
-    let mut world = World::new(setup);
-    world.run_for(millis(5));
-    for round in 1..=50 {
-        world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
-        world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
-        let now = world.now();
-        world.gcs[0].poll(now);
-        let (written, waiting) = (world.uarts[0].written(), world.uarts[0].readable());
-        let handled = world.vehicle.calls.len();
-        let result = world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle);
-        assert_eq!(result, Ok(()));
-        assert!(waiting - world.uarts[0].readable() <= 100, "round {round}");
-        assert!(world.uarts[0].written() - written <= 30, "round {round}");
-        assert!(world.vehicle.calls.len() - handled <= 2, "round {round}");
+    for (work, frames, most) in [(u16::MAX, 2, 2), (300, 8, 1), (1_200, 8, 2)] {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { rx_bytes: 150, work, frames, tx_bytes: 30 };
+        let mut world = World::new(setup);
+        world.run_for(millis(5));
+        let mut handled_at_most = 0;
+        for round in 1..=20 {
+            for _ in 0..3 {
+                world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+            }
+            let now = world.now();
+            world.gcs[0].poll(now);
+            let (written, waiting) = (world.uarts[0].written(), world.uarts[0].readable());
+            let handled = world.vehicle.calls.len();
+            let result = world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle);
+            assert_eq!(result, Ok(()));
+            assert!(waiting - world.uarts[0].readable() <= 150, "round {round}");
+            assert!(world.uarts[0].written() - written <= 30, "round {round}");
+            handled_at_most = handled_at_most.max(world.vehicle.calls.len() - handled);
+        }
+        assert_eq!(handled_at_most, most, "work {work}, {frames} frames");
+        world.run_for(secs(2));
+        let counters = world.stack.link_counters(LINK).unwrap();
+        assert_eq!(world.vehicle.calls.len() + counters.no_answer_slot as usize, 60);
+        assert_eq!(world.gcs[0].count_of::<CommandAck>(), world.vehicle.calls.len());
     }
-    world.run_for(secs(2));
-    let counters = world.stack.link_counters(LINK).unwrap();
-    assert_eq!(world.vehicle.calls.len() + counters.no_answer_slot as usize, 100);
-    assert_eq!(world.gcs[0].count_of::<CommandAck>(), world.vehicle.calls.len());
+}
+
+/// D-2: however much work there may be, no more frames are handled at once than the budget says; the others wait.
+#[test]
+fn one_poll_handles_no_more_frames_than_it_may() {
+    for frames in [0, 1, 2, 5] {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { rx_bytes: u16::MAX, work: u16::MAX, frames, tx_bytes: 280 };
+        let mut world = World::new(setup);
+        let bytes: Vec<u8> = (0..5).flat_map(|_| world.gcs[0].frame_from(STATION, &Attitude::default())).collect();
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, &bytes, &mut world.vehicle), bytes.len());
+        let most = usize::from(frames.max(1));
+        let handled = |vehicle: &TestVehicle| {
+            vehicle.calls.iter().filter(|call| matches!(call, Call::Message { id: Attitude::ID, .. })).count()
+        };
+        for round in 1..=5 {
+            assert_eq!(handled(&world.vehicle), 5.min(round * most), "{frames} frames, round {round}");
+            assert_eq!(world.stack.next_deadline(now) == now, round * most < 5, "{frames} frames, round {round}");
+            world.stack.receive(now, LINK, &[], &mut world.vehicle);
+        }
+    }
+}
+
+/// What is done with a link that there is not is nothing, and others do not notice.
+#[test]
+fn a_link_that_there_is_not_takes_and_gives_nothing() {
+    const NOWHERE: LinkId = LinkId(1);
+    let mut world = World::new(Setup::<1>::new());
+    let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
+    let frame = world.gcs[0].frame_from(STATION, &command);
+    let now = world.now();
+    let World { stack, vehicle, .. } = &mut world;
+    assert_eq!(stack.receive(now, NOWHERE, &frame, vehicle), 0);
+    assert!(stack.receive_buffer(NOWHERE).is_empty());
+    stack.received(now, NOWHERE, frame.len(), vehicle);
+    assert!(stack.transmit(now, NOWHERE, vehicle).is_empty());
+    stack.transmitted(NOWHERE, 20);
+    stack.restart_link(NOWHERE);
+    assert!(stack.link_counters(NOWHERE).is_none());
+    assert_eq!((vehicle.calls.len(), stack.peers().len()), (0, 0));
+    assert_eq!(stack.receive(now, LINK, &frame, vehicle), frame.len());
+    assert_eq!(vehicle.commands().len(), 1);
 }
 
 /// S-20: a failing transport is reported with its own error and counted, and the link goes on: what was half sent is
@@ -101,6 +150,11 @@ fn transport_errors_are_reported_and_survived() {
     // A link that there is not.
     let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
     assert_eq!(nowhere, Err(LinkError::NoSuchLink));
+    world.uarts[0].fail_next_write(SimError::Injected);
+    let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
+    assert_eq!(nowhere, Err(LinkError::NoSuchLink));
+    let counters = world.stack.link_counters(LINK).unwrap();
+    assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
 }
 
 /// S-20: a line that brings more than is read of it: what is lost is counted, what is not lost is served.

@@ -259,7 +259,7 @@ fn next_deadline_knows_of_queues() {
 fn forwarding_is_within_the_budget() {
     let links = [LinkConfig::unlimited(); 5];
     let mut setup = Setup { links, ..Setup::<5>::new() };
-    setup.config.budget = PollBudget { rx_bytes: 1_000, work: 562, frames: 8, tx_bytes: 2_000 };
+    setup.config.budget = PollBudget { rx_bytes: 1_000, work: 1_700, frames: 8, tx_bytes: 2_000 };
     let mut world = World::new(setup);
     world.vehicle.queues = Some(Box::new(ForwardQueues::new()));
     world.run_for(millis(10));

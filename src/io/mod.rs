@@ -18,13 +18,16 @@
 //! Between two polls a line brings baud × poll period / 10 bytes. A receive queue has room for twice that, for the poll that
 //! comes late; [`queue_len`] computes it:
 //!
-//! | baud | polled every | bytes between two polls | queue | [`PollBudget::rx_bytes`](crate::PollBudget::rx_bytes) at least |
-//! |---:|---:|---:|---:|---:|
-//! | 57,600 | 4 ms | 24 | 64 | the default, 128 |
+//! | baud | polled every | bytes between two polls | queue | [`PollBudget`](crate::PollBudget) |
+//! |---:|---:|---:|---:|---|
+//! | 57,600 | 4 ms | 24 | 64 | the default |
 //! | 115,200 | 4 ms | 47 | 128 | the default |
-//! | 115,200 | 20 ms | 231 | 512 | 231 |
-//! | 921,600 | 1 ms | 93 | 256 | the default |
-//! | 921,600 | 4 ms | 369 | 1,024 | 369 |
+//! | 115,200 | 20 ms | 231 | 512 | [`for_line`](crate::PollBudget::for_line) |
+//! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_line` |
+//! | 921,600 | 4 ms | 369 | 1,024 | `for_line` |
+//!
+//! The default handles three frames a poll: more than any line brings of long ones, and fewer than a fast one can bring of short
+//! ones. What is beyond it waits, and in the end finds the queue full.
 //!
 //! A transmit queue of the same length keeps the line busy. A longer one is worse: what stands in it is not taken back, and
 //! an answer waits behind it.
