@@ -54,11 +54,13 @@ def answer(message):
     return (message.get_type(), *(struct.pack("<f", field) if isinstance(field, float) else field for field in fields))
 
 
-def hear(sides, is_silence_likely=False):
+def hear(sides, is_silence_likely=False, is_late=False):
     """What each says until it is quiet. Copies do not count, for each repeats itself in its own time."""
     heard, last = [[] for _ in sides], time.monotonic()
 
     def patience():
+        if is_late:
+            return 4 * SLOW
         return QUIET if all(words == heard[0] and (words or is_silence_likely) for words in heard) else SLOW
 
     while time.monotonic() - last < patience():
@@ -124,11 +126,19 @@ class Pair:
         said = []
         for step in steps:
             ours, theirs = self.say(step)
+
+            def why():
+                return [difference for difference in differences if difference.applies(said, step, ours, theirs)]
+
+            if ours != theirs and not why():
+                # Perhaps one of them is only late, on a machine that has other things to do.
+                for words, late in zip((ours, theirs), hear([self.ours, self.theirs.gcs], is_late=True)):
+                    words.extend(word for word in late if word not in words)
             if ours != theirs:
-                found = [difference for difference in differences if difference.applies(said, step, ours, theirs)]
-                assert found, f"after {said}\n{step}\n  ours {ours}\ntheirs {theirs}"
-                note[found[0].name] += 1
-                return found[0], [*said, (step, ours)]
+                assert why(), f"after {said}\n{step}\n  ours {ours}\ntheirs {theirs}"
+                difference = why()[0]
+                note[difference.name] += 1
+                return difference, [*said, (step, ours)]
             said.append((step, ours))
         note["the same"] += 1
         return None, said
@@ -294,6 +304,7 @@ def test_plans_are_exchanged_as_with_mavsdks_server(ours, seed, figure):
             if (difference and difference.is_over) or transfer(said) == "upload":
                 pair.renew()
             pair.say(CANCEL)
+    assert note["the same"] >= CONVERSATIONS // 4, note
     figure(f"MAVSDK's mission_raw_server and ours, {CONVERSATIONS} conversations: {dict(note)}")
 
 
@@ -384,4 +395,5 @@ def test_parameters_are_asked_for_and_set_as_with_mavsdks_server(ours, seed, fig
                 _, _, kind, bits = answer(ours.wait("PARAM_VALUE"))
                 send(pair.theirs.gcs, Step("param_set", (name, struct.unpack("<f", bits)[0], kind)))
                 hear([pair.theirs.gcs])
+    assert note["the same"] >= CONVERSATIONS // 4, note
     figure(f"MAVSDK's param_server and ours, {CONVERSATIONS} conversations: {dict(note)}")
