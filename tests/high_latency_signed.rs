@@ -36,9 +36,8 @@ fn rig() -> Rig {
     rig
 }
 
-/// A command of the station that was sent when the vehicle's clock had run for so long, over its own stream for the link.
-fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
-    let message = CommandLong {
+fn long(command: MavCmd, p1: f32) -> CommandLong {
+    CommandLong {
         command,
         target_system: 1,
         target_component: 1,
@@ -46,9 +45,17 @@ fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
         param3: 3.0,
         param4: 0.5,
         ..CommandLong::default()
-    };
-    let timestamp = NOW + at.as_millis() * (SECOND / 1_000);
-    Signer::new(KEY).link(link as u8).at(timestamp).frame(&message)
+    }
+}
+
+/// The station when the vehicle's clock had run for so long, over its own stream for the link.
+fn station(link: usize, at: Duration) -> Signer {
+    Signer::new(KEY).link(link as u8).at(NOW + at.as_millis() * (SECOND / 1_000))
+}
+
+/// A command of the station that was sent then.
+fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
+    station(link, at).frame(&long(command, p1))
 }
 
 fn order(rig: &mut Rig, link: usize, at: Duration, enable: f32) -> (MavResult, bool) {
@@ -159,6 +166,21 @@ fn a_copy_was_sent_when_its_original_was() {
     until(&mut rig, secs(50));
     assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(30), ONCE, 2.0)).0, LATER);
     assert_eq!(rig.vehicle.commands().len(), 3);
+}
+
+/// C-12: a repetition was signed after its original, and is one for as long as a satellite may take.
+#[test]
+fn a_repetition_was_sent_later() {
+    let mut rig = rig();
+    until(&mut rig, secs(10));
+    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE);
+    until(&mut rig, secs(40));
+    let again = |confirmation| CommandLong { confirmation, ..long(ONCE, 1.0) };
+    assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(25)).frame(&again(1))).0, DONE);
+    assert_eq!(rig.vehicle.commands().len(), 1);
+    // Without a higher confirmation it is given anew.
+    assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(30)).frame(&again(0))).0, DONE);
+    assert_eq!(rig.vehicle.commands().len(), 2);
 }
 
 /// The vehicle learns that it is so much later than it thought.

@@ -1,5 +1,5 @@
 //! A vehicle that implements no more than it has to: whoever asks it for what it leaves out is told so, and not left waiting.
-//! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2.
+//! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
 
 #[cfg(feature = "storage")]
 #[path = "support/flash.rs"]
@@ -8,8 +8,9 @@ mod support;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, FlightMode, LinkId, Message, NoParams,
-    NoPlans, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, FlightMode, Instant, LinkId,
+    MAX_FRAME_LEN, Message, NoParams, NoPlans, Outcome, Parameters, PlanChange, Plans, Progress, Stack, Stream,
+    Telemetry, Vehicle, VehicleState, Version, encode,
 };
 use support::*;
 
@@ -207,4 +208,36 @@ fn storage_of_nothing_is_left_alone() {
     let mut params = ParamStore::new(&mut flash, 0..4_096);
     assert!(!world.stack.persist_parameters(now, &mut params, &mut world.vehicle));
     assert_eq!((flash.writes, flash.erases), (0, 0));
+}
+
+/// T-5, H-14: a stack without room for texts sends none, whatever happens; what else it does with a stranger who has our address
+/// it does.
+#[test]
+fn without_room_for_texts_there_are_none() {
+    let Setup { config, links, .. } = Setup::<1>::new();
+    let mut stack = Stack::<1, NoPlans, 8, 0, 1>::with_capacities(config, links);
+    let mut vehicle = Minimal::default();
+    let mut gcs = Receiver::default();
+    for step in 0..50 {
+        let now = Instant::from_millis(step * 100);
+        config.pulse.tick();
+        stack.poll(now, &mut vehicle);
+        stack.send_text(now, MavSeverity::EMERGENCY, "nobody hears this");
+        let mut frame = [0; MAX_FRAME_LEN];
+        let len = encode(&Heartbeat::default(), Version::V2, VEHICLE, 100, &mut frame).unwrap();
+        assert_eq!(stack.receive(now, LinkId(0), &frame[..len], &mut vehicle), len);
+        loop {
+            let sent = stack.transmit(now, LinkId(0), &mut vehicle);
+            if sent.is_empty() {
+                break;
+            }
+            gcs.receive(sent);
+            let len = sent.len();
+            stack.transmitted(LinkId(0), len);
+        }
+    }
+    assert_eq!(stack.link_counters(LinkId(0)).unwrap().own_address, 50);
+    let ids: Vec<u8> = gcs.checked().iter().map(|raw| raw[7]).collect();
+    assert_eq!(ids.iter().filter(|id| **id == Heartbeat::ID as u8).count(), 5);
+    assert!(!ids.contains(&(Statustext::ID as u8)), "{ids:?}");
 }

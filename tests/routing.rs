@@ -374,6 +374,23 @@ fn private_links_are_left_in_peace() {
     assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 2);
 }
 
+/// A link that the vehicle has no queue for gets nothing of others, and is served as any other.
+#[test]
+fn a_link_without_a_queue_gets_nothing_of_others() {
+    let mut world = normal::<7>();
+    assert_eq!(reaches(&mut world, 0, STATION, &Gcs::heartbeat()), [1, 2, 3, 4, 5]);
+    world.gcs[6].send_from(WINGMAN, &Attitude::default());
+    world.run_for(millis(5));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0]);
+    assert_eq!(world.vehicle.queues.as_ref().unwrap().counters(LinkId(6)), None);
+    let request = [Attitude::ID as f32, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    world.gcs[6].command_long(MavCmd::SET_MESSAGE_INTERVAL, request);
+    world.expect::<CommandAck>(6, millis(100));
+    world.run_for(millis(500));
+    assert!(world.gcs[6].count_of::<Attitude>() >= 10);
+}
+
 /// A link that takes no part: nothing of it goes on, nothing of others goes there.
 #[test]
 fn link_may_be_left_out() {

@@ -1,4 +1,4 @@
-//! Forwarding of frames that are refused where they come in: rules. What is accepted: `routing.rs`.
+//! Forwarding of frames that are refused where they come in: rules, G-9. What is accepted: `routing.rs`.
 #![cfg(feature = "signing")]
 
 #[path = "support/signer.rs"]
@@ -213,4 +213,23 @@ fn refused_copies_cut_no_patience() {
         rig.now = rig.now.after(millis(400));
         assert_eq!(sent_on(&mut rig, &second), if arrives { vec![RADIO, OTHER_WIRE] } else { vec![] });
     }
+}
+
+/// R-3, G-9: what is accepted unsigned as an exception teaches no way to anybody, and takes none away from him who is known.
+#[test]
+fn an_exception_takes_no_route_away() {
+    let open = LinkConfig::unlimited();
+    let mut rig = Rig::new([open.with_signing(LinkSigning::SIGNED), open, open, open]);
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    sent_on(&mut rig, &[]);
+    let tune = PlayTune { target_system: 2, target_component: 1, ..PlayTune::default() };
+    let mut companion = Signer::new(KEY).of(COMPANION);
+    let (first, second) = (companion.unsigned(Version::V2, &tune), companion.unsigned(Version::V2, &tune));
+    rig.receive(RADIO, &Signer::new(KEY).of(WINGMAN).frame(&Gcs::heartbeat()));
+    assert_eq!(passes(&mut rig, WIRE, &first), [RADIO]);
+    // In his name, by anybody who is near the radio.
+    rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V2, &RadioStatus::default()));
+    assert_eq!(rig.vehicle.calls.len(), 2, "it is served");
+    assert_eq!(passes(&mut rig, WIRE, &second), [RADIO]);
 }

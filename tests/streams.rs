@@ -1,9 +1,12 @@
-//! Streams: rules, D-4, H-8, L-4, D-1.
+//! Streams: rules, D-4, H-8, L-4, D-1.
 
 mod support;
 
 use mavstack::dialect::*;
-use mavstack::{Duration, Instant, LinkClass, LinkConfig, Message, StreamProfile};
+use mavstack::{
+    Command, CommandRule, Commands, Duration, Fill, Instant, LinkClass, LinkConfig, Message, NoParams, NoPlans,
+    Outcome, Parameters, PlanChange, Plans, Progress, Stream, StreamProfile, Telemetry, Vehicle, VehicleState,
+};
 use proptest::prelude::*;
 use support::*;
 
@@ -71,6 +74,131 @@ fn interval_takes_effect() {
     set_interval(&mut world, 0, Attitude::ID, 0.0);
     set_interval(&mut world, 0, BatteryStatus::ID, 0.0);
     assert_eq!(counts(&mut world, 0, secs(10)), [500, 250, 20, 0]);
+}
+
+/// Sends commands that all wait for the line: what each is answered.
+fn results(world: &mut World<1>, commands: &[(MavCmd, [f32; 2])]) -> Vec<MavResult> {
+    let stalled_until = world.now().after(millis(50));
+    world.uarts[0].stall_writes_until(stalled_until);
+    for &(command, [param1, param2]) in commands {
+        world.gcs[0].command_long(command, [param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+    world.run_for(millis(200));
+    world.gcs[0].all::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect()
+}
+
+/// of messages with an index one is owed at a time: another one is to be asked for again, the same one is not sent twice.
+#[test]
+fn one_message_with_an_index_is_owed_at_a_time() {
+    const DONE: MavResult = MavResult::ACCEPTED;
+    const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
+    let battery = |index: f32| (MavCmd::REQUEST_MESSAGE, [BatteryStatus::ID as f32, index]);
+    let location = |index: f32| (MavCmd::REQUEST_MESSAGE, [OpenDroneIdLocation::ID as f32, index]);
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(10));
+    assert_eq!(
+        results(&mut world, &[battery(1.0), location(1.0), battery(1.0), battery(0.0)]),
+        [DONE, LATER, DONE, DONE]
+    );
+    let mut packs: Vec<u8> = world.gcs[0].all::<BatteryStatus>().into_iter().map(|(_, status)| status.id).collect();
+    packs.sort();
+    assert_eq!((packs, world.gcs[0].count_of::<OpenDroneIdLocation>()), (vec![0, 1], 0));
+    world.gcs[0].forget();
+    assert_eq!(results(&mut world, &[location(1.0), location(2.0), location(1.0)]), [DONE, LATER, DONE]);
+    assert_eq!(world.gcs[0].count_of::<OpenDroneIdLocation>(), 1);
+}
+
+/// as many questions about intervals wait as there is room for; who asks more is told to ask again, and is not left without
+/// an answer.
+#[test]
+fn questions_that_find_no_room_are_to_be_asked_again() {
+    const IDS: [u32; 5] = [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID, BatteryStatus::ID, SystemTime::ID];
+    // An answer takes some 20 ms.
+    let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+    let lines = [LineConfig { down, ..LineConfig::default() }];
+    let mut world = World::new(Setup { lines, ..Setup::<1>::new() });
+    world.run_for(millis(100));
+    for (number, id) in IDS.into_iter().enumerate() {
+        if number == 4 {
+            // An answer has left, and made room for this one's; the questions wait behind all of them.
+            world.run_for(millis(40));
+        }
+        world.gcs[0].command_long(MavCmd::GET_MESSAGE_INTERVAL, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+    world.run_for(millis(400));
+    let acks: Vec<_> = world.gcs[0].all::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect();
+    let [done, later] = [MavResult::ACCEPTED, MavResult::TEMPORARILY_REJECTED];
+    assert_eq!(acks, [done, done, done, done, later]);
+    let told: Vec<_> = world.gcs[0].all::<MessageInterval>();
+    let told: Vec<_> = told.into_iter().map(|(_, interval)| u32::from(interval.message_id)).collect();
+    assert_eq!(told, IDS[..4]);
+}
+
+/// CURRENT_MODE is no stream of a vehicle that has no modes.
+#[test]
+fn without_modes_there_is_no_current_mode() {
+    let mut world = World::new(Setup::<1>::new());
+    let ask = |world: &mut World<1>, command, id, micros| {
+        world.gcs[0].command_long(command, [id as f32, micros, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.expect::<CommandAck>(0, millis(100)).result
+    };
+    assert_eq!(ask(&mut world, MavCmd::SET_MESSAGE_INTERVAL, CurrentMode::ID, 500_000.0), MavResult::DENIED);
+    for (id, micros) in [(CurrentMode::ID, 0), (Heartbeat::ID, 1_000_000)] {
+        assert_eq!(ask(&mut world, MavCmd::GET_MESSAGE_INTERVAL, id, 0.0), MavResult::ACCEPTED);
+        let told: MessageInterval = world.expect(0, millis(100));
+        assert_eq!((u32::from(told.message_id), told.interval_us), (id, micros));
+    }
+}
+
+/// A vehicle that hands over another message than it was asked for.
+#[derive(Default)]
+struct Mistaken;
+
+impl Vehicle for Mistaken {
+    fn state(&self) -> Option<VehicleState> {
+        TestVehicle::new().state
+    }
+}
+
+impl Telemetry for Mistaken {
+    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>().onboard(millis(20)), Stream::of::<SysStatus>()];
+
+    fn fill(&mut self, _: u32, out: Fill<'_>) -> bool {
+        out.put(&SysStatus::default())
+    }
+}
+
+impl Commands for Mistaken {
+    fn command(&mut self, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Plans for Mistaken {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[];
+
+    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+impl Parameters for Mistaken {
+    type Table = NoParams;
+}
+
+/// what nobody asked for is not sent for what was asked, at its rate or once: who asks is told that it is not to be had.
+#[test]
+fn another_message_is_not_sent_instead() {
+    let links = [LinkConfig::uart(115_200).with_streams(ONBOARD)];
+    let mut world: World<1, NoPlans, 8, Mistaken> = World::with_plans(Setup { links, ..Setup::new() });
+    for (id, result) in [(Attitude::ID, MavResult::DENIED), (SysStatus::ID, MavResult::ACCEPTED)] {
+        world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, result);
+    }
+    world.run_for(secs(1));
+    assert_eq!((world.gcs[0].count_of::<Attitude>(), world.gcs[0].count_of::<SysStatus>()), (0, 1));
 }
 
 /// groups; ALL is what is in any group; 0 stops, as does a rate of 0; anything else is no request.

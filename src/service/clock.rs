@@ -177,6 +177,16 @@ mod tests {
         assert!(!filter.is_settled());
     }
 
+    /// T-3: whatever it is told, what took longer than a minute tells nothing.
+    #[test]
+    fn no_round_trip_is_longer_than_a_minute() {
+        for limit in [Duration::from_secs(60), Duration::from_secs(61), Duration::MAX] {
+            let mut filter = ClockFilter::new(limit);
+            assert!(!filter.add(&sample(0, 5, 60_000_000_001)));
+            assert!(filter.add(&sample(0, 5, 60_000_000_000)));
+        }
+    }
+
     /// T-3: two samples that no delay explains are left out; three are the clock's own doing.
     #[test]
     fn a_jump_is_followed_and_a_stray_is_not() {

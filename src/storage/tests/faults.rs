@@ -198,6 +198,28 @@ fn buffers_are_overwritten() {
     assert_eq!(buffer, [0; 48]);
 }
 
+/// Rows end before the job says: it is given up, the old record stays, and the next job is written.
+#[test]
+fn a_job_that_is_given_up_leaves_what_was() {
+    use super::super::record::{Job, ROW, Record};
+
+    let finish = |record: &mut Record<Flash>, id, rows| {
+        let job = Job { id, schema: 1, len: 20 * ROW as u32 };
+        let row = |index: u32| (index < rows).then_some([id as u8; ROW]);
+        (0..100).map(|_| record.step(Some(job), row)).find(|step| *step != Step::Busy)
+    };
+    for rows in [0, 7, 8, 19] {
+        let mut record = Record::new(Flash::new(4096), 0..4096, 1);
+        assert_eq!(finish(&mut record, 1, 20), Some(Step::Done));
+        assert_eq!(finish(&mut record, 2, rows), Some(Step::Failed), "{rows} rows");
+        let mut restarted = Record::new(record.flash.clone(), 0..4096, 1);
+        assert!(restarted.open().unwrap().is_some());
+        assert_eq!(restarted.row(19), Ok(Some([1; ROW])), "{rows} rows");
+        assert_eq!(finish(&mut record, 3, 20), Some(Step::Done));
+        assert_eq!(record.row(19), Ok(Some([3; ROW])), "{rows} rows");
+    }
+}
+
 #[test]
 fn done_is_said_once_a_job() {
     let (old, new) = contents();
