@@ -160,7 +160,7 @@ impl Digits {
         let mut free = text.iter_mut().rev();
         let mut put = |byte: u8| free.next().map_or((), |place| *place = byte);
         let mut count = 0u8;
-        while count == 0 || self.rest != 0 || count <= self.point && self.point > 0 || count < self.least {
+        while count == 0 || self.rest != 0 || count <= self.point || count < self.least {
             if count == self.point && count > 0 {
                 put(b'.');
             }
