@@ -460,6 +460,35 @@ fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u16) -> (Vec<Received>, Vec<Ca
     (world.gcs.remove(0).received, world.vehicle.calls, wakes)
 }
 
+/// What came waits as long as it has to: a whole frame of a message that nobody knows for silence, a part of a frame for its rest,
+/// and what a poll's budget left for the next poll.
+#[test]
+fn next_deadline_knows_what_is_received() {
+    let mut setup = Setup::<1>::new();
+    setup.config.budget.frames = 1;
+    let mut world = World::new(setup);
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.expect::<Heartbeat>(0, secs(2));
+    world.gcs[0].forget();
+    world.expect::<Heartbeat>(0, secs(2));
+    let deadline = |world: &mut World<1>, bytes: &[u8]| {
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, bytes, &mut world.vehicle), bytes.len());
+        let deadline = world.stack.next_deadline(now).since(now);
+        world.run_for(millis(25));
+        deadline
+    };
+    assert!(deadline(&mut world, &[]) > millis(600), "the next heartbeat");
+    let unknown = reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 3], 0);
+    let mut signed = reference::v2(0x00AB_CDEF, [1, 0], [255, 190], &[1, 2, 3], 0);
+    signed.extend(1..=13);
+    assert_eq!(deadline(&mut world, &unknown), millis(20));
+    assert_eq!(deadline(&mut world, &signed), millis(20));
+    let heartbeat = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
+    assert_eq!(deadline(&mut world, &[&heartbeat[..], &heartbeat].concat()), millis(0));
+    assert_eq!(deadline(&mut world, &unknown[..unknown.len() - 1]), millis(500));
+}
+
 /// A driver that sleeps until `next_deadline`, a byte, or room on the line says the same at the same times as one that
 /// polls every millisecond; and it does sleep. Whether the line's room or the poll's budget ends a frame makes no
 /// difference.
