@@ -356,3 +356,30 @@ fn a_frame_says_what_it_is() {
     let shown = format!("{frame:?}");
     assert!(shown.starts_with("Frame { header: Header") && shown.contains("is_checked: true"), "{shown}");
 }
+
+/// SEC-3: three bytes say that a frame cannot be read; its length, and what else is in its header, is not waited for.
+#[test]
+fn flags_are_refused_at_the_third_byte() {
+    for flags in [2, 0x80, 0xFF] {
+        let mut receiver = Receiver::default();
+        receiver.receive(&[0xFD, 9]);
+        assert_eq!(receiver.decoder.counters(), RxCounters::default());
+        receiver.receive(&[flags]);
+        assert_eq!(receiver.decoder.counters().incompat_flags, 1);
+    }
+}
+
+mavstack::message! {
+    /// The last that a MAVLink 1 frame has an id for.
+    pub struct LastOfV1: LAST_OF_V1 = 255 {
+        n: u8,
+    }
+}
+
+/// S-10: and the last id that does.
+#[test]
+fn the_last_id_fits_into_v1() {
+    let mut out = [0; MAX_FRAME_LEN];
+    assert_eq!(encode(&LastOfV1 { n: 7 }, Version::V1, SOURCE, 0, &mut out), Ok(9));
+    assert_eq!((out[5], out[6]), (255, 7));
+}
