@@ -41,7 +41,7 @@ const AREAS: [Area; 4] = [
     Area {
         name: "frame",
         files: &["src/frame/crc.rs", "src/frame/decoder.rs", "src/frame/encoder.rs", "src/frame/mod.rs"],
-        tests: &["frame", "frames", "golden", "links", "peers", "properties", "secrets"],
+        tests: &["errors", "frame", "frames", "golden", "links", "peers", "properties", "secrets"],
     },
     Area {
         name: "mission",
