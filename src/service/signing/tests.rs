@@ -57,6 +57,15 @@ fn time_has_an_end() {
     assert_eq!(signing.counters().refused_times, 1);
 }
 
+/// SEC-2: a signature costs by the blocks of SHA-256 in it: 32 bytes of key, the frame without its last 6, and 9 of padding.
+#[test]
+fn a_signature_costs_by_its_blocks() {
+    for blocks in 1..6 {
+        let full = 64 * blocks - 32 - 9 + 6;
+        assert_eq!([full, full + 1].map(signature_cost), [blocks, blocks + 1].map(|blocks| 150 * blocks as u32));
+    }
+}
+
 /// SEC-15: a key that came in a frame is overwritten where it was received.
 #[test]
 fn a_received_key_is_wiped() {
