@@ -131,6 +131,33 @@ fn a_link_that_there_is_not_takes_and_gives_nothing() {
     assert_eq!(vehicle.commands().len(), 1);
 }
 
+/// SEC-2: bytes that are moved aside for new ones cost half a unit each: a poll needs so much more to do the same.
+#[test]
+fn moved_bytes_are_work() {
+    const HELD: usize = 240;
+    let file = FileTransferProtocol { target_network: 0, target_system: 1, target_component: 1, payload: [7; 251] };
+    let handled = |garbage: usize, work: u16| {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { work, frames: u8::MAX, ..PollBudget::DEFAULT };
+        let mut world = World::new(setup);
+        let frame = world.gcs[0].frame_from(STATION, &file);
+        let held = [&vec![0; garbage][..], &frame[..HELD]].concat();
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, &held, &mut world.vehicle), held.len());
+        world.gcs[0].send_raw(&frame[HELD..]);
+        world.gcs[0].send(&Gcs::heartbeat());
+        world.gcs[0].send(&Gcs::heartbeat());
+        world.gcs[0].poll(now);
+        world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle).unwrap();
+        world.stack.rx_counters(LINK).unwrap().frames
+    };
+    let works: Vec<u16> = (700..3_000).collect();
+    for frames in [2, 3] {
+        let least = |garbage| 700 + works.partition_point(|work| handled(garbage, *work) < frames);
+        assert_eq!(least(30) - least(0), HELD / 2, "{frames} frames");
+    }
+}
+
 /// S-20: a failing transport is reported with its own error and counted, and the link goes on: what was half sent is
 /// finished, what comes next is read.
 #[test]
