@@ -17,6 +17,7 @@
 pub mod board;
 pub mod device;
 pub mod flash;
+pub mod line;
 #[cfg(all(feature = "defmt", not(feature = "panic-never")))]
 mod log;
 pub mod memory;

@@ -5,21 +5,21 @@
 #![no_main]
 #![allow(unsafe_code, reason = "memory below the stack is nobody's, and painted")]
 
-use core::convert::Infallible;
 use core::mem::MaybeUninit;
 
 use cortex_m_rt::entry;
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::{
     CommandInt, CommandLong, EncapsulatedData, Heartbeat, ManualControl, MavCmd, MavFrame, MavMissionType, MavModeFlag,
     MavParamType, MavType, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList,
     MissionSetCurrent, ParamRequestList, ParamSet, RequestDataStream, SetMode, SetupSigning, Timesync,
 };
 use mavstack::{
-    Address, Instant, LinkId, Message, PlanCounters, Secret, SigningKey, Text, Version, encode, encode_signed,
+    Address, Instant, LinkId, MAX_FRAME_LEN, Message, PlanCounters, Secret, SigningKey, Text, Version, encode,
+    encode_signed,
 };
 use mavstack_demo::LINKS;
 use mavstack_qemu::board::{Board, Uart};
+use mavstack_qemu::line::Line;
 use mavstack_qemu::memory::{self, DemoApp, Memory};
 
 const PAINT: u32 = 0xC5C5_C5C5;
@@ -70,130 +70,92 @@ const COMMANDS: [(MavCmd, [f32; 7]); 24] = {
 /// Messages that the vehicle fills: what is asked for one after the other.
 const MESSAGES: [u16; 16] = [1, 2, 24, 30, 31, 32, 33, 74, 147, 242, 65, 264, 49, 397, 245, 436];
 
-/// The other end of a link: takes all, and has the script's frame.
-struct Line {
-    frame: [u8; 293],
-    len: usize,
-    at: usize,
+/// Who speaks by a link, and what takes all that comes.
+struct Station {
+    line: Line<MAX_FRAME_LEN>,
     seq: u8,
 }
 
-impl Line {
-    const SILENT: Self = Self { frame: [0; 293], len: 0, at: 0, seq: 0 };
+impl Station {
+    const SILENT: Self = Self { line: Line::SILENT, seq: 0 };
 
     /// The next frame, in its signed form where there is a time for that. Not inlined: one message at a time is on the stack.
     #[inline(never)]
     fn put<M: Message>(&mut self, message: &M, signed_at: Option<u64>) {
         let from = Address::new(255, 190);
         self.seq = self.seq.wrapping_add(1);
-        let len = match signed_at {
-            None => encode(message, Version::V2, from, self.seq, &mut self.frame),
-            Some(time) => encode_signed(message, from, self.seq, &SigningKey::new(KEY), 7, time, &mut self.frame),
-        };
-        self.len = len.unwrap_or(0);
-        self.at = 0;
-    }
-}
-
-impl ErrorType for Line {
-    type Error = Infallible;
-}
-
-impl ReadReady for Line {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.at < self.len)
-    }
-}
-
-impl Read for Line {
-    fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
-        let rest = self.frame.get(self.at..self.len).unwrap_or_default();
-        let len = rest.len().min(buf.len());
-        for (to, from) in buf.iter_mut().zip(rest) {
-            *to = *from;
-        }
-        self.at += len;
-        Ok(len)
-    }
-}
-
-impl WriteReady for Line {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(true)
-    }
-}
-
-impl Write for Line {
-    fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
-        Ok(buf.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
+        self.line.put(|frame| {
+            let len = match signed_at {
+                None => encode(message, Version::V2, from, self.seq, frame),
+                Some(time) => encode_signed(message, from, self.seq, &SigningKey::new(KEY), 7, time, frame),
+            };
+            len.unwrap_or(0)
+        });
     }
 }
 
 /// What comes in pass `pass`.
 #[inline(never)]
-fn speak(line: &mut Line, pass: u64) {
+fn speak(station: &mut Station, pass: u64) {
     let step = pass % LEN;
     // Once it has a key it hears only who signs.
     let signed_at = (pass >= LEN).then_some(40_000_000_000_000 + pass * 1_000);
     let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
     match step {
-        0 => line.put(&heartbeat, signed_at),
-        1..=60 => upload(line, MavMissionType::MISSION, step - 1, 58, signed_at),
-        61..=66 => upload(line, MavMissionType::FENCE, step - 61, 4, signed_at),
-        67..=70 => upload(line, MavMissionType::RALLY, step - 67, 2, signed_at),
-        71 => line.put(&ParamRequestList { target_system: US, target_component: 1 }, signed_at),
+        0 => station.put(&heartbeat, signed_at),
+        1..=60 => upload(station, MavMissionType::MISSION, step - 1, 58, signed_at),
+        61..=66 => upload(station, MavMissionType::FENCE, step - 61, 4, signed_at),
+        67..=70 => upload(station, MavMissionType::RALLY, step - 67, 2, signed_at),
+        71 => station.put(&ParamRequestList { target_system: US, target_component: 1 }, signed_at),
         72..=75 => {
             // Good, too large, of another type, and none.
             let (name, value) = [("NAV_ACC_RAD", 3.0), ("NAV_ACC_RAD", 1e9), ("MPC_XY_CRUISE", 7.0), ("NOTHING", 1.0)]
                 [(step - 72) as usize];
             let param_type = if step == 74 { MavParamType::INT8 } else { MavParamType::REAL32 };
             let (param_value, param_id) = (value, Text::new(name));
-            line.put(
+            station.put(
                 &ParamSet { param_value, target_system: US, target_component: 1, param_id, param_type },
                 signed_at,
             );
         }
-        76..=99 => command(line, COMMANDS[(step - 76) as usize], false, signed_at),
-        100..=123 => command(line, COMMANDS[(step - 100) as usize], true, signed_at),
+        76..=99 => command(station, COMMANDS[(step - 76) as usize], false, signed_at),
+        100..=123 => command(station, COMMANDS[(step - 100) as usize], true, signed_at),
         124..=139 => {
             let id = f32::from(MESSAGES[(step - 124) as usize]);
-            command(line, (MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), false, signed_at);
+            command(station, (MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), false, signed_at);
         }
-        140 => {
-            line.put(&SetMode { custom_mode: 0x0304_0000, target_system: US, base_mode: MavModeFlag(209) }, signed_at)
-        }
-        141 => line.put(&MissionSetCurrent { seq: 900, target_system: US, target_component: 1 }, signed_at),
+        140 => station
+            .put(&SetMode { custom_mode: 0x0304_0000, target_system: US, base_mode: MavModeFlag(209) }, signed_at),
+        141 => station.put(&MissionSetCurrent { seq: 900, target_system: US, target_component: 1 }, signed_at),
         142 => {
             let list =
                 MissionRequestList { target_system: US, target_component: 1, mission_type: MavMissionType::MISSION };
-            line.put(&list, signed_at);
+            station.put(&list, signed_at);
         }
         143..=150 => {
             let seq = (step - 143) as u16;
             let mission_type = MavMissionType::MISSION;
-            line.put(&MissionRequestInt { seq, target_system: US, target_component: 1, mission_type }, signed_at);
+            station.put(&MissionRequestInt { seq, target_system: US, target_component: 1, mission_type }, signed_at);
         }
-        151 => line.put(&Timesync { ts1: 1_000, ..Timesync::default() }, signed_at),
+        151 => station.put(&Timesync { ts1: 1_000, ..Timesync::default() }, signed_at),
         152 => {
             let request =
                 RequestDataStream { req_message_rate: 10, target_system: US, start_stop: 1, ..Default::default() };
-            line.put(&request, signed_at);
+            station.put(&request, signed_at);
         }
-        153..=156 => line.put(&ManualControl { target: US, x: 500, y: -500, z: 600, ..Default::default() }, signed_at),
+        153..=156 => {
+            station.put(&ManualControl { target: US, x: 500, y: -500, z: 600, ..Default::default() }, signed_at)
+        }
         // For everybody else there is.
-        157..=164 => line.put(&EncapsulatedData { seqnr: step as u16, data: [0x55; 253] }, signed_at),
+        157..=164 => station.put(&EncapsulatedData { seqnr: step as u16, data: [0x55; 253] }, signed_at),
         // A polygon of two corners.
-        165..=166 => upload(line, MavMissionType::FENCE, step - 165, 2, signed_at),
+        165..=166 => upload(station, MavMissionType::FENCE, step - 165, 2, signed_at),
         167 => {
             let clear = MissionClearAll { target_system: US, target_component: 1, mission_type: MavMissionType::RALLY };
-            line.put(&clear, signed_at);
+            station.put(&clear, signed_at);
         }
         // The key comes at the end of the first time.
-        LAST if signed_at.is_none() => line.put(
+        LAST if signed_at.is_none() => station.put(
             &SetupSigning {
                 initial_timestamp: 40_000_000_000_000,
                 target_system: US,
@@ -202,7 +164,7 @@ fn speak(line: &mut Line, pass: u64) {
             },
             None,
         ),
-        _ => line.len = 0,
+        _ => station.line.put(|_| 0),
     }
 }
 
@@ -210,11 +172,11 @@ const LAST: u64 = LEN - 1;
 
 /// A step of an upload: MISSION_COUNT, then the items one by one.
 #[inline(never)]
-fn upload(line: &mut Line, mission_type: MavMissionType, step: u64, count: u16, signed_at: Option<u64>) {
+fn upload(station: &mut Station, mission_type: MavMissionType, step: u64, count: u16, signed_at: Option<u64>) {
     let (target_system, target_component) = (US, 1);
     if step == 0 {
         let message = MissionCount { count, target_system, target_component, mission_type, ..MissionCount::default() };
-        return line.put(&message, signed_at);
+        return station.put(&message, signed_at);
     }
     let seq = (step - 1) as u16;
     let (side, last) = (i32::from(seq), count.saturating_sub(1));
@@ -249,21 +211,21 @@ fn upload(line: &mut Line, mission_type: MavMissionType, step: u64, count: u16, 
         mission_type,
         ..MissionItemInt::default()
     };
-    line.put(&item, signed_at);
+    station.put(&item, signed_at);
 }
 
 /// A command, in either form.
 #[inline(never)]
-fn command(line: &mut Line, (command, params): (MavCmd, [f32; 7]), is_int: bool, signed_at: Option<u64>) {
+fn command(station: &mut Station, (command, params): (MavCmd, [f32; 7]), is_int: bool, signed_at: Option<u64>) {
     let [param1, param2, param3, param4, param5, param6, z] = params;
     let (target_system, target_component) = (US, 1);
     if is_int {
         let (frame, x, y) = (MavFrame::GLOBAL, (param5 * 1e7) as i32, (param6 * 1e7) as i32);
         let to = CommandInt { target_system, target_component, command, frame, ..CommandInt::default() };
-        line.put(&CommandInt { param1, param2, param3, param4, x, y, z, ..to }, signed_at);
+        station.put(&CommandInt { param1, param2, param3, param4, x, y, z, ..to }, signed_at);
     } else {
         let to = CommandLong { target_system, target_component, command, ..CommandLong::default() };
-        line.put(&CommandLong { param1, param2, param3, param4, param5, param6, param7: z, ..to }, signed_at);
+        station.put(&CommandLong { param1, param2, param3, param4, param5, param6, param7: z, ..to }, signed_at);
     }
 }
 
@@ -315,7 +277,7 @@ fn report(uart: &mut Uart, plans: PlanCounters, mark: u32) {
 #[entry]
 fn main() -> ! {
     static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
-    static mut LINES: [Line; LINKS] = [Line::SILENT; LINKS];
+    static mut STATIONS: [Station; LINKS] = [Station::SILENT; LINKS];
 
     let app = memory::make(APP);
     let Some(Board { uarts: [mut uart, ..], flash, .. }) = Board::take() else { Board::reset() };
@@ -332,11 +294,11 @@ fn main() -> ! {
             3 if (76..140).contains(&(pass % LEN)) => 2,
             _ => 1,
         };
-        if let Some(line) = LINES.get_mut(link) {
-            speak(line, pass);
+        if let Some(station) = STATIONS.get_mut(link) {
+            speak(station, pass);
         }
-        for (link, line) in (0..).map(LinkId).zip(LINES.iter_mut()) {
-            let _ = app.serve(now, link, line);
+        for (link, station) in (0..).map(LinkId).zip(STATIONS.iter_mut()) {
+            let _ = app.serve(now, link, &mut station.line);
         }
         memory.persist(app, now);
     }

@@ -7,7 +7,6 @@
 #![no_main]
 
 mod corpus;
-mod line;
 mod traffic;
 
 use core::fmt::Write as _;
@@ -17,13 +16,13 @@ use corpus::Corpus;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
-use line::Line;
 use mavstack::{
     Address, Config, Duration, Instant, LinkClass, LinkConfig, LinkId, LinkSigning, PollBudget, Pulse, SigningKey,
     Stack, StreamProfile, Vehicle,
 };
 use mavstack_demo::{LINKS, Quadrotor};
 use mavstack_qemu::board::{Board, Uart};
+use mavstack_qemu::line;
 use mavstack_qemu::memory::DemoPlans;
 use traffic::{Forgery, KEY, Kind, SIGNED_AT, Sender};
 
@@ -105,6 +104,9 @@ const ROWS: [(&str, Kind, Scene); 44] = [
     ("signed-nest-stx-1", Kind::Nest(0xFE), Scene::Signed),
 ];
 
+/// A poll is given 128 bytes at most.
+type Line = line::Line<128>;
+
 /// A vehicle under measurement.
 struct Bench<'a> {
     stack: &'a mut Subject,
@@ -144,8 +146,8 @@ impl<'a> Bench<'a> {
             stack: stack.write(Stack::new(config, [link, LinkConfig::uart(921_600), LinkConfig::uart(921_600)])),
             vehicle: vehicle.write(Quadrotor::new()),
             now: Instant::from_millis(10_000),
-            line: Line::new(),
-            others: [Line::new(), Line::new()],
+            line: Line::SILENT,
+            others: [Line::SILENT, Line::SILENT],
             polls: 0,
             most: 0,
             sum: 0,
