@@ -369,6 +369,30 @@ fn flags_are_refused_at_the_third_byte() {
     }
 }
 
+/// SEC-2: the least budget is what the longest frame needs, and not more.
+#[test]
+fn the_least_budget_is_for_the_longest_frame() {
+    let longest = frame(&LoggingData { data: [7; 249], ..LoggingData::default() }, Version::V2);
+    assert_eq!(longest.len(), 10 + 255 + 2);
+    for (mut budget, is_found) in [(Decoder::MIN_BUDGET, true), (Decoder::MIN_BUDGET - 1, false)] {
+        let mut decoder = Decoder::default();
+        assert_eq!(decoder.push(&longest, Instant::ZERO), longest.len());
+        assert_eq!(decoder.next(Instant::ZERO, TABLE, &mut budget, |_| false).is_some(), is_found);
+    }
+}
+
+/// SEC-2: a look at the header of a message that nobody knows costs as much again as one at others.
+#[test]
+fn an_unknown_id_costs_two_looks() {
+    let mut stream = reference::v2(0x00AB_CDEF, [0, 0], [42, 17], &[1, 2, 3], 0);
+    stream.push(0xFD);
+    let mut decoder = Decoder::default();
+    assert_eq!(decoder.push(&stream, Instant::ZERO), stream.len());
+    let mut budget = 1_000;
+    assert!(decoder.next(Instant::ZERO, TABLE, &mut budget, |_| true).is_some());
+    assert_eq!(budget, 1_000 - 32);
+}
+
 mavstack::message! {
     /// The last that a MAVLink 1 frame has an id for.
     pub struct LastOfV1: LAST_OF_V1 = 255 {
