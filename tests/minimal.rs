@@ -206,6 +206,7 @@ fn storage_of_nothing_is_left_alone() {
         assert!(!world.stack.persist_signing(now, &mut key, &mut world.vehicle));
     }
     let mut params = ParamStore::new(&mut flash, 0..4_096);
+    world.stack.save_parameters(now, &mut world.vehicle);
     assert!(!world.stack.persist_parameters(now, &mut params, &mut world.vehicle));
     assert_eq!((flash.writes, flash.erases), (0, 0));
 }

@@ -34,6 +34,33 @@ fn known<const N: usize>(world: &World<N>, link: usize) -> BTreeMap<u16, ParamVa
     world.gcs[link].all::<ParamValue>().into_iter().map(|(_, value)| (value.param_index, value)).collect()
 }
 
+/// P-20: the hash is of all lasting parameters, however many there are: of nine here, of which the last is volatile, in the order
+/// of their names.
+#[test]
+fn the_hash_is_of_all_parameters() {
+    let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
+    for (name, value) in [
+        ("BAT_LOW", &10.5f32.to_le_bytes()[..]),
+        ("CRUISE", &5.0f32.to_le_bytes()),
+        ("FENCE_ACT", &1i32.to_le_bytes()),
+        ("LAND_SPEED", &0.7f32.to_le_bytes()),
+        ("RTL_ALT", &30.0f32.to_le_bytes()),
+        ("STAT_STARTS", &0u32.to_le_bytes()),
+        ("SYS_ID", &1u8.to_le_bytes()),
+        ("TRIM_ROLL", &(-3i8).to_le_bytes()),
+    ] {
+        crc.digest(name.as_bytes());
+        crc.digest(value);
+    }
+    assert_eq!(COUNT, 9);
+    let mut world = World::new(Setup::<1>::new());
+    for _ in 0..2 {
+        world.gcs[0].send(&read(-1, "_HASH_CHECK"));
+        let hash: ParamValue = world.expect(0, millis(100));
+        assert_eq!((hash.param_value.to_bits(), hash.param_id.as_str()), (crc.get_crc(), Some("_HASH_CHECK")));
+    }
+}
+
 /// T-P1, P-12: a client that asks for what it misses, on a line that loses a third of all frames each way.
 #[test]
 fn every_value_arrives_over_a_lossy_line() {
