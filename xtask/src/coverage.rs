@@ -29,16 +29,49 @@ pub const MODEL: &str = "tests::model::";
 
 /// What has to be reached at least, in whole percent: of lines, of branches. What was measured, rounded down.
 const BOUNDS: [(&str, &[&str], usize, usize); 5] = [
-    ("src", &[""], 99, 96),
+    ("src", &[""], 99, 99),
     ("decoder", &["frame/decoder", "frame/crc", "frame/mod"], 99, 98),
     ("mission", &["service/mission", "stack/plans"], 99, 100),
     ("signing", &["frame/signing", "service/signing", "stack/signing", "stack/key", "storage/signing"], 98, 100),
-    ("storage", &["storage", "stack/storage"], 98, 100),
+    ("storage", &["storage", "stack/storage"], 99, 100),
 ];
 
-/// Branches that no input can take, in files of the areas that are to have all taken: where, the line, and why it is there. They
-/// are not counted; one that is taken after all is.
+/// Branches that no input can take: where, the line, and why it is there. They are not counted; one that is taken after all is.
 const EXCUSED: &[(&str, &str, &str)] = &[
+    ("io/ring", "if let Some(cell) = self.cell(end) {", IN_RANGE),
+    ("link/outbox", "if payload.and_then(|payload| message.encode(payload)).is_none() {", IN_RANGE),
+    ("message/mod", "if let (Some(from), Some(to)) = (payload.get(..len), out.get_mut(..len)) {", IN_RANGE),
+    (
+        "network/forward",
+        "let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };",
+        "there is room for each lane",
+    ),
+    ("network/memory", "if let Some(held) = self.held.get_mut(usize::from(oldest.from.0)) {", IN_RANGE),
+    (
+        "network/memory",
+        "if let (Ok(()), Some(held)) = (self.seen.push_back(seen), self.held.get_mut(usize::from(from.0))) {",
+        "asked whether it has room before",
+    ),
+    (
+        "network/queue",
+        "let (Ok(len), size) = (u16::try_from(frame.len()), bytes.len()) else { return false };",
+        "no frame is that long",
+    ),
+    ("network/queue", "let Some((front, back)) = ring.split_at_mut_checked(at) else { return };", IN_RANGE),
+    ("service/command/acks", "if self.is_full() {", "asked before the command is carried out"),
+    ("service/command/acks", "if let Some(slot) = self.slot(self.count) {", IN_RANGE),
+    ("service/command/acks", "let Some(ack) = self.slot(0).copied() else { return false };", IN_RANGE),
+    ("service/high_latency/order", "if let Some(place) = place {", "there are always places for orders"),
+    (
+        "service/high_latency/mod",
+        "let Some(satellite) = vehicle.high_latency() else { return false };",
+        "asked for just before",
+    ),
+    (
+        "service/manual_control",
+        "} else if let Some(message) = frame.decode::<RcChannelsOverride>() {",
+        "called for the two messages only",
+    ),
     (
         "service/mission/download",
         "} else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {",
@@ -50,19 +83,37 @@ const EXCUSED: &[(&str, &str, &str)] = &[
         IS_UPLOADING,
     ),
     ("service/mission/upload", "let Some(Upload { plan, .. }) = self.upload.take() else { return };", IS_UPLOADING),
+    ("service/param/mod", "let Some(mut table) = self.table(vehicle) else { return Taken::Yes };", HAS_TABLE),
+    ("service/param/mod", "if let Some(mut table) = self.table(vehicle) {", HAS_TABLE),
+    ("service/param/mod", "let Some(mut table) = self.table(vehicle) else { return };", HAS_TABLE),
+    ("service/param/mod", "let Some(mut table) = self.table(vehicle) else { return false };", HAS_TABLE),
+    ("service/param/mod", "let Some((info, bits)) = self.get(index) else { return false };", IN_RANGE),
+    ("service/param/replies", "if let Some(slot) = self.0.get_mut(place) {", IN_RANGE),
+    ("service/param/requests", "let Some((info, _)) = self.get(index) else { return };", IN_RANGE),
+    ("service/param/table", "let Some((info, old)) = self.get(index) else { return false };", IN_RANGE),
+    (
+        "service/param/table",
+        "let Some((value, info)) = self.values.get_mut(place).zip(self.info.get(place)) else { return };",
+        IN_RANGE,
+    ),
+    ("service/param/table", "if let Some(untold) = self.untold.get_mut(usize::from(index)) {", IN_RANGE),
     ("service/signing/mod", "if let Some(timestamp) = self.saving.next.take() {", "what was saved was to be saved"),
+    ("service/statustext", "if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {", "a chunk is 50 bytes long"),
+    ("service/stream/requests", "let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };", IN_RANGE),
+    ("stack", "if let Some(link) = links.get_mut(usize::from(link.0)) {", IN_RANGE),
+    ("stack", "if let Some(link) = self.link_mut(link) {", "of a link that there is not nothing is read or written"),
     ("stack/storage", "if let Some(stored) = store.row(index)? {", HAS_ROW),
     (
         "storage/params",
         "let [name0, name1, name2, name3, value, what, ..] = row.as_chunks_mut().0 else { return row };",
         IS_LONG_ENOUGH,
     ),
+    ("stack/streams", "let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };", IN_RANGE),
     ("storage/params", "let rows = if count < 0x0400_0000 { count as u32 } else { 0x0400_0000 };", "a table of 2 GiB"),
     ("storage/record", "if let Some(place) = places.last_mut() {", IS_LONG_ENOUGH),
     ("storage/record", "let &[_, what, sequence, len, body_crc, ..] = words else { return None };", IS_LONG_ENOUGH),
     ("storage/record", "let Some(Newest { slot, header }) = self.newest else { return Ok(None) };", HAS_ROW),
     ("storage/record", "if index >= header.len / 32 {", HAS_ROW),
-    ("storage/record", "let Some(bytes) = row(index) else {", HAS_ROW),
     ("storage/record", "if let Some(place) = chunk.first_chunk_mut::<ROW>() {", IS_LONG_ENOUGH),
     (
         "storage/record",
@@ -80,7 +131,13 @@ const EXCUSED: &[(&str, &str, &str)] = &[
         IS_LONG_ENOUGH,
     ),
     ("storage/signing", "let [time, what, ..] = row.as_chunks_mut().0 else { return None };", IS_LONG_ENOUGH),
+    ("wpl/line", "if let Some(end) = self.bytes.get_mut(self.len) {", "the longest line has room"),
+    ("wpl/wide", "if let [.., high, lowest] = wide.whole() {", IN_RANGE),
+    ("wpl/wide", "if let Some(lowest) = self.whole().last_mut() {", IN_RANGE),
+    ("wpl/wide", "let [high, middle, lowest, rest @ ..] = self.words.get(skipped..)? else { return None };", IN_RANGE),
 ];
+const IN_RANGE: &str = "what is asked for is there; without the condition it could panic";
+const HAS_TABLE: &str = "called for a vehicle that has parameters only";
 const IS_UPLOADING: &str = "called during an upload only";
 const HAS_ROW: &str = "the header, which is checked, says how many rows there are";
 const IS_LONG_ENOUGH: &str = "a row is 32 bytes long; without the condition the slice could panic";
