@@ -123,8 +123,9 @@ struct Size {
     /// List the largest functions and constants of each firmware too, for Cortex-M4F at opt-level s.
     #[arg(long, value_name = "COUNT", num_args = 0..=1, default_value_t = 0, default_missing_value = "20")]
     symbols: usize,
-    /// What each option adds instead, as in docs/sizing.md: some forty firmwares, which take minutes.
-    #[arg(long, conflicts_with_all = ["accept", "symbols"])]
+    /// What each option adds instead, as in docs/sizing.md: some forty firmwares, which take minutes. Whole vehicles that moved
+    /// by more than 1 % fail until they are accepted.
+    #[arg(long, conflicts_with = "symbols")]
     options: bool,
     /// Which Rust toolchain to build with; without this option the first that works.
     #[arg(long)]
@@ -305,7 +306,7 @@ fn main() -> ExitCode {
             let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
             qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
-        Task::Size(Size { options: true, toolchain, .. }) => options::report(toolchain),
+        Task::Size(Size { options: true, accept, toolchain, .. }) => options::report(toolchain, accept),
         Task::Size(Size { options: false, accept, symbols, toolchain }) => {
             size::report(toolchain, size::Options { accepts: accept, symbols })
         }

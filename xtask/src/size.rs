@@ -8,10 +8,10 @@ use crate::firmware::{self, App, Measured, Size, measure, read};
 use crate::system::{Result, output, root};
 use crate::toolchain::{self, Choice, TARGET, TARGETS};
 
-const SIZING: &str = "docs/sizing.md";
+pub const SIZING: &str = "docs/sizing.md";
 /// The table is between these lines.
 const BEGIN: &str = "<!-- Written by `cargo xtask size --accept`. -->";
-const END: &str = "<!-- End of what is written. -->";
+pub const END: &str = "<!-- End of what is written. -->";
 
 /// Cortex-M4F at `s` first, which has all rows.
 const COLUMNS: [(&str, &str, &str); 6] = [
@@ -155,21 +155,18 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     let text = std::fs::read_to_string(&path).map_err(|error| format!("{SIZING}: {error}"))?;
     let (before, rest) = text.split_once(BEGIN).ok_or_else(|| format!("{SIZING} has no line {BEGIN}"))?;
     let (table, after) = rest.split_once(END).ok_or_else(|| format!("{SIZING} has no line {END}"))?;
-    let compiler = output("rustc", &["--version"]).unwrap_or_default();
-    let compiler = compiler.split_whitespace().nth(1).unwrap_or_default();
     let changes = changes(&parse(table)?, &lines);
     for change in &changes {
         println!("{change}");
     }
     if options.accepts {
-        let text = format!("{before}{BEGIN}\n{}{END}{after}", written(&lines, compiler));
+        let text = format!("{before}{BEGIN}\n{}{END}{after}", written(&lines, &compiler()));
         return std::fs::write(&path, text).map_err(|error| format!("{SIZING}: {error}"));
     }
     if changes.is_empty() {
         return Ok(());
     }
-    if choice == Choice::Debian || !table.contains(&format!("rustc {compiler},")) {
-        println!("The table in {SIZING} is by another compiler: these are no errors.");
+    if is_by_another(choice, &text) {
         return Ok(());
     }
     Err(format!(
@@ -177,6 +174,21 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
          belongs into CHANGELOG.md",
         changes.len()
     ))
+}
+
+/// Its version.
+fn compiler() -> String {
+    let version = output("rustc", &["--version"]).unwrap_or_default();
+    version.split_whitespace().nth(1).unwrap_or_default().to_owned()
+}
+
+/// Whether what `text` says of sizes was measured with another compiler, so that it cannot be held against these. Says so.
+pub fn is_by_another(choice: Choice, text: &str) -> bool {
+    let is_other = choice == Choice::Debian || !text.contains(&format!("By rustc {},", compiler()));
+    if is_other {
+        println!("The tables in {SIZING} are by another compiler: these are no errors.");
+    }
+    is_other
 }
 
 fn print(lines: &[Line]) {
@@ -227,10 +239,14 @@ fn changes(old: &[Line], new: &[Line]) -> Vec<String> {
             continue;
         };
         for ((_, _, name), (old, new)) in COLUMNS.iter().zip(before.flash.iter().zip(line.flash)) {
-            if let (Some(old), Some(new)) = (*old, new)
-                && has_moved(old, new)
-            {
-                changes.push(format!("{}: {name}: {old} -> {new} bytes, {:+.1} %", line.name, percent(old, new)));
+            match (*old, new) {
+                (Some(old), Some(new)) if has_moved(old, new) => {
+                    changes.push(format!("{}: {name}: {old} -> {new} bytes, {:+.1} %", line.name, percent(old, new)));
+                }
+                (Some(_), None) | (None, Some(_)) => {
+                    changes.push(format!("{}: {name}: in one of both only", line.name))
+                }
+                _ => {}
             }
         }
         if has_moved(before.ram, line.ram) {
@@ -261,7 +277,7 @@ fn written(lines: &[Line], compiler: &str) -> String {
 }
 
 /// With commas between thousands.
-fn grouped(number: u64) -> String {
+pub fn grouped(number: u64) -> String {
     if number < 1000 { number.to_string() } else { format!("{},{:03}", grouped(number / 1000), number % 1000) }
 }
 
@@ -335,6 +351,9 @@ mod tests {
     #[test]
     fn rows_that_come_and_go_are_changes() {
         assert_eq!(changes(&[line("a", 1, 1)], &[line("b", 1, 1)]), ["b: is new", "a: is gone"]);
+        let mut empty = line("a", 1, 1);
+        empty.flash[0] = None;
+        assert_eq!(changes(&[line("a", 1, 1)], &[empty]), ["a: M4F, s: in one of both only"]);
     }
 
     #[test]
