@@ -9,7 +9,7 @@
 use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
 use super::replies::{Reply, What};
-use super::upload::{Done, check_plan};
+use super::upload::{Done, Number, check_plan};
 use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
@@ -69,6 +69,7 @@ pub(super) enum Change {
         seq: u16,
         first: u16,
         id: u32,
+        last: Number,
     },
     /// This plan becomes empty, or all do.
     Clear(Option<PlanType>),
@@ -219,9 +220,9 @@ impl Missions {
         let &Commit { to, mission_type, change, .. } = commit;
         self.current.announce(cx.normal);
         let id = match change {
-            Change::Upload { plan, seq, id, .. } => {
+            Change::Upload { plan, seq, id, last, .. } => {
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
-                self.finished(cx, Done { partner: to.address, plan, seq, result, id, at: cx.now });
+                self.finished(cx, Done { partner: to.address, plan, seq, result, id, last, at: cx.now });
                 id
             }
             Change::Clear(_) => 0,

@@ -241,7 +241,8 @@ impl Missions {
         }
         match frame.id() {
             MissionCount::ID => {
-                self.on_count(cx, vehicle, caller, mission_type, MissionCount::decode(payload).count);
+                let count = MissionCount::decode(payload).count;
+                self.on_count(cx, vehicle, caller, mission_type, count, frame.header().seq);
             }
             MissionItemInt::ID | MissionItem::ID => {
                 if let Some(seq) = self.on_item(cx, vehicle, caller, frame) {

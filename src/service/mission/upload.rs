@@ -25,6 +25,18 @@ const ECHO: Duration = Duration::from_secs(1);
 /// So long the last item of a finished upload is answered again (M-31).
 const MEMORY: Duration = Duration::from_secs(10);
 
+/// The link that a frame came by, and its sequence number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Number(pub(super) LinkId, pub(super) u8);
+
+impl Number {
+    /// Whether this frame was sent after `other`, as far as that can be told: on another link they count apart, and there are
+    /// senders that do not count.
+    fn is_after(self, other: Self) -> bool {
+        self.0 == other.0 && matches!(self.1.wrapping_sub(other.1), 1..=127)
+    }
+}
+
 /// An upload that is running. What has come so far is in the staging area.
 #[derive(Clone, Debug)]
 pub(super) struct Upload {
@@ -42,7 +54,10 @@ pub(super) struct Upload {
     asks_legacy: bool,
     /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
     /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
+    /// Until that comes it keeps nobody out, and nobody is told how it ends.
     may_be_echo: bool,
+    /// The last item that was wanted, or the last upload's where this may be an echo: what came later is none (M-22).
+    last: Number,
 }
 
 /// How the last upload ended, so that a lost final ACK can be sent again (M-31).
@@ -54,6 +69,7 @@ pub(super) struct Done {
     pub(super) seq: u16,
     pub(super) result: MavMissionResult,
     pub(super) id: u32,
+    pub(super) last: Number,
     pub(super) at: Instant,
 }
 
@@ -96,6 +112,7 @@ impl Missions {
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
         count: u16,
+        number: u8,
     ) {
         let plan = match caller.plan(cx, mission_type) {
             Ok(plan) => plan,
@@ -105,21 +122,25 @@ impl Missions {
             // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
             return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if let Some(upload) = &mut self.upload {
-            if !upload.is_by(caller.from.address) {
-                // M-23
-                return caller.deny(mission_type);
-            }
-            if (upload.plan, upload.count) == (plan, count) && cx.plans.staged() == 0 {
-                // The request that is out, or that the retry timer will send, is the answer (M-22 a).
-                upload.partner = caller.from;
-                upload.owes_request |= upload.may_be_echo;
-                return;
-            }
+        if self.is_kept_out(caller) {
+            // M-23
+            return caller.deny(mission_type);
         }
-        // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it. A COUNT
-        // behind the first item may be a late copy, and then items are asked for twice; but it may be another plan's, whose
-        // items would complete the old one, were the request that is out left to stand.
+        if let Some(upload) = &mut self.upload
+            && upload.is_by(caller.from.address)
+            && (upload.plan, upload.count) == (plan, count)
+            && cx.plans.staged() == 0
+            && !(upload.may_be_echo && Number(caller.from.link, number).is_after(upload.last))
+        {
+            // The request that is out, or that the retry timer will send, is the answer (M-22 a).
+            upload.partner = caller.from;
+            upload.owes_request |= upload.may_be_echo;
+            return;
+        }
+        // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it; and
+        // one that a late copy began. A COUNT behind the first item may be a late copy as well, and then items are asked for
+        // twice; but it may be another plan's, whose items would complete the old one, were the request that is out left to
+        // stand.
         caller.replies.forget_result(caller.from.address);
         self.abandon(cx);
         if count > cx.plans.capacity(plan) {
@@ -129,11 +150,14 @@ impl Missions {
         if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
             return;
         }
-        let may_be_echo = self.done.as_ref().is_some_and(|done| {
+        let number = Number(caller.from.link, number);
+        let is_echo = |done: &&Done| {
             (done.partner, done.plan) == (caller.from.address, plan)
                 && done.seq.checked_add(1) == Some(count)
                 && cx.now.since(done.at) < ECHO
-        });
+                && !number.is_after(done.last)
+        };
+        let echoed = self.done.as_ref().filter(is_echo).map(|done| done.last);
         self.done = None;
         if count == 0 {
             return self.clear(cx, vehicle, caller, mission_type, Some(plan));
@@ -148,8 +172,14 @@ impl Missions {
             pace: Pace::new(cx.now),
             owes_request: true,
             asks_legacy: false,
-            may_be_echo,
+            may_be_echo: echoed.is_some(),
+            last: echoed.unwrap_or(number),
         });
+    }
+
+    /// Whether somebody else's upload is running, other than by a late copy.
+    fn is_kept_out(&self, caller: &Caller<'_>) -> bool {
+        self.upload.as_ref().is_some_and(|upload| !upload.may_be_echo && !upload.is_by(caller.from.address))
     }
 
     /// MISSION_ITEM_INT or MISSION_ITEM. Its number, when it is the last one and the plan is to be
@@ -194,6 +224,7 @@ impl Missions {
             self.out_of_place();
             return None;
         }
+        upload.last = Number(from.link, frame.header().seq);
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
         if is_last && self.lacks_result_slot(caller) {
             // Asked for again, when there is room to answer for the whole plan.
@@ -223,6 +254,7 @@ impl Missions {
         }
         upload.pace.answered(cx.now);
         upload.owes_request = true;
+        upload.may_be_echo = false;
         is_last.then_some(seq)
     }
 
@@ -235,14 +267,14 @@ impl Missions {
         caller: &mut Caller<'_>,
         seq: u16,
     ) {
-        let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };
-        let (plan, id, first) = (*plan, digest.id(), first.unwrap_or(0));
+        let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
+        let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         if let Err(fault) = check_plan(cx, vehicle, plan) {
             cx.tell(&Trouble::Refused(plan, fault));
             return self.finish(cx, caller, seq, fault.result);
         }
         self.upload = None;
-        let change = Change::Upload { plan, seq, first, id };
+        let change = Change::Upload { plan, seq, first, id, last };
         if let Some(reply) = self.change(cx, vehicle, caller.from, plan.mission_type(), change) {
             caller.replies.push(reply);
         }
@@ -250,9 +282,9 @@ impl Missions {
 
     /// The upload is over with item `seq`, which was not good, or the plan was not.
     fn finish(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
-        let Some(Upload { plan, .. }) = self.upload.take() else { return };
+        let Some(Upload { plan, last, .. }) = self.upload.take() else { return };
         cx.plans.staging.clear();
-        self.finished(cx, Done { partner: caller.from.address, plan, seq, result, id: 0, at: cx.now });
+        self.finished(cx, Done { partner: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
         caller.ack(plan.mission_type(), result, 0);
     }
 
@@ -348,7 +380,7 @@ impl Missions {
             let is_repeated = commit.clears(mission_type) && commit.is_by(caller);
             return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if self.upload.as_ref().is_some_and(|upload| !upload.is_by(caller.from.address)) {
+        if self.is_kept_out(caller) {
             // M-51
             return caller.deny(mission_type);
         }
@@ -401,13 +433,18 @@ impl Missions {
             return None;
         }
         if !upload.pace.is_over(cx.now) {
-            upload.owes_request = !(upload.may_be_echo && cx.plans.staged() == 0);
+            upload.owes_request = !upload.may_be_echo;
             upload.pace.retry(cx.now);
+            return None;
+        }
+        event!("{} upload by {}: timed out", upload.plan, upload.partner);
+        if upload.may_be_echo {
+            // Nobody waits for it: who does has sent COUNT again, or given up.
+            self.abandon(cx);
             return None;
         }
         let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
         let what = What::Refused(MavMissionResult::OPERATION_CANCELLED);
-        event!("{} upload by {}: timed out", plan, upload.partner);
         let seq = cx.plans.staged();
         cx.tell(&Trouble::TimedOut(plan, seq));
         self.abandon(cx);

@@ -12,6 +12,7 @@ mod upload;
 use std::vec::Vec;
 
 use super::memory::sealed::Sealed;
+use super::upload::Number;
 use super::*;
 use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext, command_rules};
 use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
@@ -118,6 +119,8 @@ struct Bench {
     vehicle: Vehicle,
     texts: StatusTexts<[Entry; 8]>,
     now: Instant,
+    /// The sequence number of the frames that come in: the same for all, but where a test counts.
+    number: u8,
     replies: [Replies; 2],
     boxes: [Outbox; 2],
 }
@@ -144,6 +147,7 @@ impl Bench {
             },
             texts: StatusTexts::new(),
             now: Instant::from_millis(60_000),
+            number: 0,
             replies: [const { Replies::new() }; 2],
             boxes: [0, 1].map(|link| outbox(LinkId(link), version)),
         }
@@ -156,7 +160,7 @@ impl Bench {
 
     fn send_as<M: Message>(&mut self, version: Version, from: Peer, message: &M) {
         let mut bytes = [0; MAX_FRAME_LEN];
-        let len = encode(message, version, from.address, 0, &mut bytes).expect("fits");
+        let len = encode(message, version, from.address, self.number, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
             assert!(Missions::handles(frame.id()));
             let link = usize::from(from.link.0);

@@ -2,6 +2,7 @@
 
 use super::*;
 use core::fmt::{self, Debug, Write};
+use std::collections::BTreeSet;
 use std::hash::DefaultHasher;
 use std::string::String;
 
@@ -31,6 +32,8 @@ impl Msg {
 pub(super) struct Flying {
     pub(super) msg: Msg,
     pub(super) sent: Instant,
+    /// The vehicle's have none: nobody looks at them.
+    pub(super) number: Option<Number>,
     /// Others may overtake it.
     pub(super) is_late: bool,
 }
@@ -42,6 +45,10 @@ pub(super) struct State {
     pub(super) client: Client,
     /// In the order in which they were sent.
     pub(super) line: Vec<Flying>,
+    /// The sequence number of the client's last frame.
+    pub(super) number: u8,
+    /// Whether the client numbers its frames.
+    pub(super) is_counting: bool,
     /// What may still go wrong.
     pub(super) faults: u8,
     /// What storage holds, where there is one.
@@ -76,7 +83,9 @@ impl State {
 
     pub(super) fn fly(&mut self, msg: Msg) {
         let sent = self.now();
-        self.line.push(Flying { msg, sent, is_late: false });
+        self.number = self.number.wrapping_add(u8::from(self.is_counting && msg.is_to_vehicle()));
+        let number = msg.is_to_vehicle().then_some(Number(A.link, self.number));
+        self.line.push(Flying { msg, sent, number, is_late: false });
     }
 
     pub(super) fn remove(&mut self, flying: Flying) {
@@ -91,7 +100,8 @@ impl State {
     }
 
     /// A frame arrives.
-    pub(super) fn arrive(&mut self, msg: Msg, op: Option<Op>) {
+    pub(super) fn arrive(&mut self, Flying { msg, number, .. }: Flying, op: Option<Op>) {
+        self.bench.number = number.map_or(0, |number| number.1);
         match msg {
             Msg::Count(len) => self.bench.send(A, &count(MISSION, len.into())),
             Msg::Item { op, seq } => self.bench.send(A, &int(MISSION, seq.into(), &item(tag(op), seq))),
@@ -122,19 +132,21 @@ impl State {
         }
     }
 
-    /// Takes note of all that anybody's future depends on, times as they are from now. That leaves out counters, sequence
-    /// numbers and texts, downloads and MISSION_CURRENT, and the ids of plans, which follow from their items.
+    /// Takes note of all that anybody's future depends on, times as they are from now; of sequence numbers their order. That
+    /// leaves out counters and texts, downloads and MISSION_CURRENT, and the ids of plans, which follow from their items.
     pub(super) fn note(&mut self) {
         let Missions { upload, commit, saving, done, again, .. } = &self.bench.missions;
         let mut text = std::format!("{upload:?}{commit:?}{saving:?}{done:?}{again:?}{:?}", self.bench.replies);
         let mut line = self.line.clone();
-        line.sort_by_key(|flying| flying.is_late.then_some((flying.sent, flying.msg)));
+        line.sort_by_key(|flying| {
+            flying.is_late.then_some((flying.sent, flying.msg, flying.number.map(|number| number.1)))
+        });
         let mut memory = self.bench.memory.clone();
         let staged = memory.parts(&mut Missions::new()).map(|(_, plans)| names(plans.staging.as_slice()));
         let plans = (names(self.live()), names(&self.stored), staged);
         write!(text, "{:?}{line:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
         let mut hasher = DefaultHasher::new();
-        relative(&text, self.now()).hash(&mut hasher);
+        ranked(&relative(&text, self.now()), self.number).hash(&mut hasher);
         self.key = hasher.finish();
     }
 }
@@ -167,6 +179,23 @@ fn relative(text: &str, now: Instant) -> String {
         let micros: u64 = micros.parse().expect("an instant is a number");
         let distance = (micros as i64).saturating_sub(now.since(Instant::ZERO).as_micros() as i64);
         write!(key, "{}{rest}", distance.max(FORGOTTEN)).expect("a String takes everything");
+    }
+    key
+}
+
+/// `text` with each sequence number as its place in the order of those that are there, from `newest` on.
+fn ranked(text: &str, newest: u8) -> String {
+    let mut parts = text.split("Number(");
+    let mut key = String::from(parts.next().unwrap_or_default());
+    let parts = parts.map(|part| {
+        let (link, rest) = part.split_once("), ").expect("a number follows the link");
+        let (number, rest) = rest.split_once(')').expect("a number ends");
+        let age = newest.wrapping_sub(number.parse().expect("a number is one"));
+        (link, age, rest)
+    });
+    let ages: BTreeSet<u8> = parts.clone().map(|(_, age, _)| age).collect();
+    for (link, age, rest) in parts {
+        write!(key, "{link}{}{rest}", ages.range(..age).count()).expect("a String takes everything");
     }
     key
 }
