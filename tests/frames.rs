@@ -51,6 +51,20 @@ fn every_split_of_three_frames_gives_the_same() {
     }
 }
 
+/// `bytes` are read into the decoder's own room.
+fn read_into(receiver: &mut Receiver, bytes: &[u8]) {
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let room = receiver.decoder.spare();
+        let (now, behind) = rest.split_at(rest.len().min(room.len()));
+        assert!(!now.is_empty(), "no frame waits, and there is no room");
+        room[..now.len()].copy_from_slice(now);
+        receiver.decoder.commit(now.len(), receiver.now);
+        receiver.drain();
+        rest = behind;
+    }
+}
+
 /// What a line may carry: frames of known and unknown messages, whole and damaged, one inside the other, and noise rich in
 /// start bytes.
 fn any_stream() -> impl Strategy<Value = Vec<u8>> {
@@ -97,17 +111,19 @@ proptest! {
         prop_assert_eq!(receiver.found, reference::decode(&stream, TABLE, |source| source == [2, 1]));
     }
 
-    /// S-20, T-S7: the same frames and the same counters, however the bytes are cut.
+    /// S-20, T-S7: the same frames and the same counters, however the bytes are cut, and however they come in.
     #[test]
     fn output_does_not_depend_on_chunking(stream in any_stream(), cuts in vec(1usize..300, 1..50)) {
         let mut whole = Receiver { known: vec![KNOWN], ..Receiver::default() };
         whole.receive(&stream);
         let mut cut = Receiver { known: vec![KNOWN], ..Receiver::default() };
         let mut bytewise = Receiver { known: vec![KNOWN], ..Receiver::default() };
+        let mut direct = Receiver { known: vec![KNOWN], ..Receiver::default() };
         let mut rest = &stream[..];
         for len in cuts.into_iter().cycle() {
             let (piece, behind) = rest.split_at(len.min(rest.len()));
             cut.receive(piece);
+            read_into(&mut direct, piece);
             rest = behind;
             if rest.is_empty() {
                 break;
@@ -116,8 +132,10 @@ proptest! {
         stream.iter().for_each(|byte| bytewise.receive(&[*byte]));
         prop_assert_eq!(&cut.found, &whole.found);
         prop_assert_eq!(&bytewise.found, &whole.found);
+        prop_assert_eq!(&direct.found, &whole.found);
         prop_assert_eq!(cut.decoder.counters(), whole.decoder.counters());
         prop_assert_eq!(bytewise.decoder.counters(), whole.decoder.counters());
+        prop_assert_eq!(direct.decoder.counters(), whole.decoder.counters());
     }
 
     /// SEC-2, T-S8: a search that runs out of budget goes on where it stopped, and finds the same.
@@ -216,6 +234,22 @@ fn unknown_ids_are_taken_only_when_something_speaks_for_them() {
     assert_eq!(searched.decoder.counters().unknown_id, 1);
     let strange = receive(&[&stranger[..], &heartbeat()].concat());
     assert_eq!(strange.found, [(arm(), true), (heartbeat(), true)], "nobody knows the sender: searched");
+}
+
+/// SEC-2, R-9: such a frame, whole on a silent line, waits for budget, and comes out with the next one, once.
+#[test]
+fn an_unknown_id_waits_for_budget_in_silence() {
+    let frame = reference::v2(UNKNOWN, [0, 0], [2, 1], &arm(), 0);
+    let mut receiver = Receiver { known: vec![KNOWN], ..Receiver::default() };
+    receiver.receive(&frame);
+    receiver.budget = Some(0);
+    receiver.wait(millis(20));
+    assert_eq!(receiver.found, [], "no budget");
+    receiver.budget = Some(Decoder::MIN_BUDGET);
+    receiver.drain();
+    receiver.wait(millis(1_000));
+    assert_eq!(receiver.found, [(frame, false)]);
+    assert_eq!(receiver.decoder.counters().unchecked, 1);
 }
 
 /// GOAL-5, S-13, S-20: of 20,000 frames every one that the line left alone is found, in order, and nothing else is.

@@ -103,7 +103,8 @@ impl RxCounters {
 #[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
-    accepts_component_0: bool,
+    /// Source components below this are refused: 1, or 0 where one may be 0 (S-11).
+    least_component: u8,
     window: Window,
     /// When the last byte came.
     grown: Instant,
@@ -202,26 +203,29 @@ impl Decoder {
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
     /// Before it is [configured](Self::configure); all zero bits.
-    pub(crate) const VACANT: Self = Self {
-        buffer: [0; BUFFER_LEN],
-        accepts_component_0: false,
-        window: Window { wanted: 0, ..Window::EMPTY },
-        grown: Instant::ZERO,
-        stale_after: 0,
-        counters: RxCounters::ZERO,
-    };
+    pub(crate) const VACANT: Self = Self::with(0, 0, 0);
 
     /// An empty decoder that drops a candidate `stale_after` its last byte; from 71 minutes on never.
     pub const fn new(stale_after: Duration) -> Self {
-        let mut new = Self::VACANT;
-        new.configure(stale_after, false);
-        new
+        Self::with(micros(stale_after), 1, 1)
+    }
+
+    /// Made here and not from a constant: that would be an image of the whole buffer in flash.
+    const fn with(stale_after: u32, least_component: u8, wanted: Position) -> Self {
+        Self {
+            buffer: [0; BUFFER_LEN],
+            least_component,
+            window: Window { wanted, ..Window::EMPTY },
+            grown: Instant::ZERO,
+            stale_after,
+            counters: RxCounters::ZERO,
+        }
     }
 
     pub(crate) const fn configure(&mut self, stale_after: Duration, accepts_component_0: bool) {
         self.window.wanted = 1;
         self.stale_after = micros(stale_after);
-        self.accepts_component_0 = accepts_component_0;
+        self.least_component = if accepts_component_0 { 0 } else { 1 };
     }
 
     /// What was seen and dropped so far.
@@ -241,18 +245,26 @@ impl Decoder {
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
-    /// Room for new bytes: read into its front, then [`commit`](Self::commit).
+    /// Room for new bytes, at least half of what there is: read into its front, then [`commit`](Self::commit).
     ///
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
-        self.compact();
+        if self.is_cramped() {
+            self.compact();
+        }
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default()
     }
 
     /// What [`spare`](Self::spare) takes of a budget: bytes are moved.
     pub(crate) fn spare_cost(&self) -> u32 {
-        let moved = if self.window.start > 0 { self.window.end.wrapping_sub(self.window.start) } else { 0 };
+        let moved = if self.is_cramped() { self.window.end.wrapping_sub(self.window.start) } else { 0 };
         u32::try_from(index(moved) / 2).unwrap_or(u32::MAX)
+    }
+
+    /// Whether there is less room behind the candidate than in front of it: only then it is worth moving.
+    #[inline]
+    fn is_cramped(&self) -> bool {
+        index(self.window.start).wrapping_add(index(self.window.end)) > BUFFER_LEN
     }
 
     /// Moves the candidate to the front of the buffer.
@@ -273,8 +285,7 @@ impl Decoder {
     /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
     #[inline]
     pub fn commit(&mut self, len: usize, now: Instant) {
-        let room = BUFFER_LEN.saturating_sub(index(self.window.end));
-        self.window.end = self.window.end.wrapping_add(position(len.min(room)));
+        self.window.end = position(index(self.window.end).saturating_add(len).min(BUFFER_LEN));
         self.grown = now;
     }
 
@@ -308,9 +319,9 @@ impl Decoder {
 
     /// The next frame.
     ///
-    /// `budget` is what this call may still spend: 16 for each header looked at and 1 for each byte put through the
-    /// checksum, so that it bounds the time. When it does not suffice, `None` is returned and the search goes on from the same
-    /// place at the next call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
+    /// `budget` is what this call may still spend: 16 for each header looked at, 32 for one with an unknown id, and 1 for each
+    /// byte put through the checksum, so that it bounds the time. When it does not suffice, `None` is returned and the search
+    /// goes on from the same place at the next call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
     ///
     /// `is_known` tells whether a source was heard of before. That, together with a start byte or silence behind it, speaks
     /// for a frame whose id is not in `messages`; it is then returned whole and unchecked, else searched. Either by
@@ -354,7 +365,7 @@ impl Decoder {
         is_known: impl Fn(Address) -> bool,
         vouches: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
-        let Self { buffer, window, counters, accepts_component_0, grown, stale_after, .. } = self;
+        let Self { buffer, window, counters, least_component, grown, stale_after, .. } = self;
         let (candidate, extent, info) = loop {
             let candidate = window.of(buffer)?;
             if window.is_waiting() {
@@ -366,7 +377,7 @@ impl Decoder {
                     return None;
                 }
                 *budget = budget.saturating_sub(HEADER_COST);
-                if let Verdict::Unknown(extent) = examine(candidate, messages, *accepts_component_0) {
+                if let Verdict::Unknown(extent) = examine(candidate, messages, *least_component) {
                     break (candidate, extent, None);
                 }
                 if quiet < duration(*stale_after) {
@@ -382,7 +393,7 @@ impl Decoder {
             if *budget == 0 {
                 return None;
             }
-            match examine(candidate, messages, *accepts_component_0) {
+            match examine(candidate, messages, *least_component) {
                 Verdict::Need(need) => {
                     *budget = budget.saturating_sub(HEADER_COST);
                     window.want(need);
@@ -394,7 +405,7 @@ impl Decoder {
                 Verdict::Check(extent, info) => {
                     *budget = budget.checked_sub(checksum_cost(candidate))?;
                     let (summed, behind) = candidate.split_at_checked(extent.payload_end)?;
-                    let sum = crc::with_extra(crc::update(crc::INIT, summed.get(1..)?), info.crc_extra());
+                    let sum = crc::checksum(summed.get(1..)?, info.crc_extra());
                     if behind.first_chunk() == Some(&sum.to_le_bytes()) {
                         break (candidate, extent, Some(info));
                     }
@@ -451,7 +462,8 @@ impl Default for Decoder {
 }
 
 /// Drops what is before the next start byte.
-#[cfg_attr(target_pointer_width = "64", cold, inline(never))]
+#[cold]
+#[inline(never)]
 fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
     let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
     let garbage = garbage.unwrap_or(candidate.len());
@@ -460,7 +472,8 @@ fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
 }
 
 /// Drops the candidate's first byte, so that the search goes on from its second.
-#[cfg_attr(target_pointer_width = "64", cold, inline(never))]
+#[cold]
+#[inline(never)]
 fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
     let (counter, _name) = match reason {
         Reason::IncompatFlags => (&mut counters.incompat_flags, "unknown incompatibility flag"),
@@ -477,7 +490,7 @@ fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
 
 /// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller. Inlined where flash is no matter.
 #[cfg_attr(target_pointer_width = "64", inline(always))]
-fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) -> Verdict {
+fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Verdict {
     // The flags come before the length is believed (SEC-3): they may change the header's own length.
     let (header_len, payload_len, flags, system, component, id) = match *candidate {
         [STX_V2, _, flags, ..] if flags & !INCOMPAT_SIGNED != 0 => return Verdict::Reject(Reason::IncompatFlags),
@@ -489,7 +502,7 @@ fn examine(candidate: &[u8], messages: MessageTable, accepts_component_0: bool) 
         [_, len, _, system, component, id, ..] => (Version::V1.header_len(), len, 0, system, component, u32::from(id)),
         _ => return Verdict::Need(Version::V1.header_len()),
     };
-    if system == 0 || (component == 0 && !accepts_component_0) {
+    if system == 0 || component < least_component {
         return Verdict::Reject(Reason::ZeroSource);
     }
     let info = messages.get(id);

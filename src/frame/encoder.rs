@@ -94,7 +94,7 @@ pub(crate) fn wrap(
     let start = payload_at.wrapping_sub(version.header_len());
     let end = payload_at.wrapping_add(usize::from(payload_len));
     let summed = out.get(start.wrapping_add(1)..end).ok_or(too_small)?;
-    let sum = crc::with_extra(crc::update(crc::INIT, summed), info.crc_extra());
+    let sum = crc::checksum(summed, info.crc_extra());
     *out.get_mut(end..).and_then(<[u8]>::first_chunk_mut).ok_or(too_small)? = sum.to_le_bytes();
     Ok(start..end.wrapping_add(2))
 }

@@ -104,7 +104,7 @@ pub struct Header {
 
 impl Header {
     /// Reads a header; `None` when `bytes` is shorter than one, or does not begin with a start byte.
-    #[cfg_attr(target_pointer_width = "64", inline(always))]
+    #[inline(always)]
     pub(crate) fn parse(bytes: &[u8]) -> Option<Self> {
         match *bytes {
             [STX_V2, payload_len, incompat_flags, compat_flags, seq, system, component, a, b, c, ..] => Some(Self {

@@ -200,12 +200,12 @@ const INDEXED: u32 = 256;
 /// So many ids share an entry of the index. On a host each has its own: how long a search takes cannot be predicted there,
 /// and a branch that was not predicted costs more than its comparisons.
 const BUCKET: u32 = if cfg!(target_pointer_width = "64") { 1 } else { 8 };
-/// The index: where in the rows the ids of each bucket begin, and, last, where those end.
+/// The index: where in the rows the ids of each bucket begin.
 type Index = [u16; INDEX_LEN];
-const INDEX_LEN: usize = (INDEXED / BUCKET) as usize + 1;
+const INDEX_LEN: usize = (INDEXED / BUCKET) as usize;
 
-/// The messages that are known, sorted by id. An id below 256 is found in at most 8 comparisons, through an index of 66
-/// bytes (on a 64-bit host in one, through 514 bytes); any other by binary search.
+/// The messages that are known, sorted by id. An id below 256 is found in at most 8 comparisons, through an index of 64
+/// bytes (on a 64-bit host in one, through 512 bytes); any other by binary search.
 #[derive(Clone, Copy, Debug)]
 pub struct MessageTable {
     rows: &'static [MessageInfo],
@@ -297,11 +297,14 @@ impl MessageTable {
     #[inline]
     pub fn get(&self, id: u32) -> Option<&'static MessageInfo> {
         let bucket = (id / BUCKET) as usize;
-        match self.index.get(bucket..).unwrap_or_default() {
+        match self.index.get(bucket) {
             // The only one that it can be.
-            [from, ..] if BUCKET == 1 => self.rows.get(usize::from(*from)).filter(|row| row.id() == id),
-            [from, to, ..] => self.rows.get(usize::from(*from)..usize::from(*to))?.iter().find(|row| row.id() == id),
-            _ => {
+            Some(&from) if BUCKET == 1 => self.rows.get(usize::from(from)).filter(|row| row.id() == id),
+            Some(&from) => {
+                let row = self.rows.get(usize::from(from)..)?.iter().find(|row| row.id() >= id);
+                row.filter(|row| row.id() == id)
+            }
+            None => {
                 let index = self.rows.partition_point(|row| row.id() < id);
                 self.rows.get(index).filter(|row| row.id() == id)
             }
