@@ -36,7 +36,7 @@ impl PollBudget {
     /// ```
     /// use mavstack::{Duration, PollBudget};
     /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
-    /// assert_eq!(BUDGET.rx_bytes, 289);
+    /// assert_eq!(BUDGET.rx_bytes, 288);
     /// ```
     #[allow(
         clippy::as_conversions,

@@ -33,12 +33,12 @@ const BUDGETS: [Budget; 2] = [
     Budget {
         name: "small",
         what: "small: 64 bytes, 2 frames, 1,100 units of work",
-        pinned: Pinned { typical: 6_300, worst: 19_280, signed: 51_040 },
+        pinned: Pinned { typical: 5_810, worst: 18_680, signed: 50_800 },
     },
     Budget {
         name: "default",
         what: "the default: 128 bytes, 1,700 units of work, which are 3 frames",
-        pinned: Pinned { typical: 10_650, worst: 23_040, signed: 66_680 },
+        pinned: Pinned { typical: 9_800, worst: 23_960, signed: 66_360 },
     },
 ];
 
@@ -46,8 +46,8 @@ const BUDGETS: [Budget; 2] = [
 const TYPICAL: &str = "two-commands";
 /// A poll with nothing signed takes at most this, whatever comes (GOAL-3).
 const BOUND: u32 = 25_000;
-/// And at most so many times what that pair takes. The goal is twice.
-const TIMES: f64 = 2.3;
+/// And at most so many times what that pair takes: twice, and the tolerance.
+const TIMES: f64 = 2.2;
 /// So many kinds of traffic there are, with the noise and this: what the fuzzer found.
 const KINDS: usize = 46;
 const CORPUS: &str = "corpus";
