@@ -13,6 +13,8 @@ use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use embedded_io::{ErrorType, Read, Write};
 
+pub mod c;
+
 /// Whole frames of the twelve messages.
 static STREAM: &[u8] = include_bytes!(env!("COMPARE_STREAM"));
 /// So many as `streams` has put there.
