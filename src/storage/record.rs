@@ -22,6 +22,8 @@ use crate::crc32::Crc32;
 
 /// The most that is written at once; every unit that storage may be written in divides it.
 pub(crate) const CHUNK: usize = 256;
+/// The most that is read at once: it is on the stack where that is deepest.
+const PIECE: usize = 128;
 /// Bodies come in rows of so many bytes; every unit that storage may be read in divides it.
 pub(crate) const ROW: usize = 32;
 /// Where the body begins in its slot: the header can be written alone.
@@ -262,16 +264,16 @@ impl<F: NorFlash> Record<F> {
 
     /// Reads `len` bytes, until `each` says that it has seen enough.
     fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
-        let mut chunk = [0; CHUNK];
+        let mut piece = [0; PIECE];
         let mut done = 0;
         let mut result = Ok(true);
         while done < len && matches!(result, Ok(true)) {
-            let part = clamped(len.saturating_sub(done));
-            let bytes = chunk.get_mut(..part).unwrap_or_default();
+            let part = clamped(len.saturating_sub(done), PIECE);
+            let bytes = piece.get_mut(..part).unwrap_or_default();
             result = self.flash.read(at.saturating_add(done), bytes).map(|()| each(bytes));
-            done = done.saturating_add(BODY);
+            done = done.saturating_add(u32::try_from(part).unwrap_or(u32::MAX));
         }
-        wipe(&mut chunk);
+        wipe(&mut piece);
         result
     }
 
@@ -365,7 +367,7 @@ impl<F: NorFlash> Record<F> {
     }
 
     fn write_chunk(&mut self, job: Job, written: u32, crc: Crc32, chunk: &[u8; CHUNK]) -> Step {
-        let len = clamped(job.len.saturating_sub(written));
+        let len = clamped(job.len.saturating_sub(written), CHUNK);
         let bytes = chunk.get(..len.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
         let at = self.spare_slot.saturating_add(BODY).saturating_add(written);
         if self.flash.write(at, bytes).is_err() || !self.reads_back(at, bytes) {
@@ -417,7 +419,6 @@ impl<F: NorFlash> Record<F> {
     }
 }
 
-/// At most a chunk.
-fn clamped(len: u32) -> usize {
-    usize::try_from(len).unwrap_or(CHUNK).min(CHUNK)
+fn clamped(len: u32, most: usize) -> usize {
+    usize::try_from(len).unwrap_or(most).min(most)
 }
