@@ -30,7 +30,7 @@ pub const MODEL: &str = "tests::model::";
 /// What has to be reached at least, in whole percent: of lines, of branches. What was measured, rounded down.
 const BOUNDS: [(&str, &[&str], usize, usize); 5] = [
     ("src", &[""], 99, 99),
-    ("decoder", &["frame/decoder", "frame/crc", "frame/mod"], 99, 98),
+    ("decoder", &["frame/decoder", "frame/crc", "frame/mod"], 100, 100),
     ("mission", &["service/mission", "stack/plans"], 99, 100),
     ("signing", &["frame/signing", "service/signing", "stack/signing", "stack/key", "storage/signing"], 98, 100),
     ("storage", &["storage", "stack/storage"], 99, 100),
@@ -79,10 +79,14 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ),
     (
         "service/mission/upload",
-        "let Some(Upload { plan, digest, first, .. }) = &self.upload else { return };",
+        "let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };",
         IS_UPLOADING,
     ),
-    ("service/mission/upload", "let Some(Upload { plan, .. }) = self.upload.take() else { return };", IS_UPLOADING),
+    (
+        "service/mission/upload",
+        "let Some(Upload { plan, last, .. }) = self.upload.take() else { return };",
+        IS_UPLOADING,
+    ),
     ("service/param/mod", "let Some(mut table) = self.table(vehicle) else { return Taken::Yes };", HAS_TABLE),
     ("service/param/mod", "if let Some(mut table) = self.table(vehicle) {", HAS_TABLE),
     ("service/param/mod", "let Some(mut table) = self.table(vehicle) else { return };", HAS_TABLE),

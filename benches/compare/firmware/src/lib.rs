@@ -113,8 +113,9 @@ impl Write for Tx {
 pub fn measure(app: fn(Uart) -> u32) -> ! {
     // Not a part of us, or its stack would be ours.
     let app = core::hint::black_box(app);
-    // Every firmware has it: it is no library's flash.
+    // Every firmware has them: they are no library's flash.
     core::hint::black_box(memcpy as unsafe extern "C" fn(_, _, _) -> _);
+    core::hint::black_box(memset as unsafe extern "C" fn(_, _, _) -> _);
     if let Some(mut peripherals) = cortex_m::Peripherals::take() {
         let timer = &mut peripherals.SYST;
         timer.set_clock_source(SystClkSource::Core);
@@ -143,6 +144,7 @@ pub fn measure(app: fn(Uart) -> u32) -> ! {
 
 unsafe extern "C" {
     fn memcpy(to: *mut u8, from: *const u8, len: usize) -> *mut u8;
+    fn memset(to: *mut u8, byte: i32, len: usize) -> *mut u8;
 }
 
 mod stack {
