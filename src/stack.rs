@@ -320,7 +320,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 
     /// Room in the link's own buffer for bytes to be received into without a copy; then call
-    /// [`received`](Self::received). Empty while frames wait for more budget.
+    /// [`received`](Self::received). Empty while frames wait for more budget; where nothing waits at all, room for the longest
+    /// frame: see [`Decoder::spare`](crate::Decoder::spare).
     pub fn receive_buffer(&mut self, link: LinkId) -> &mut [u8] {
         self.link_mut(link).map(|link| link.decoder.spare()).unwrap_or_default()
     }

@@ -65,6 +65,21 @@ fn read_into(receiver: &mut Receiver, bytes: &[u8]) {
     }
 }
 
+/// A line that gives packets gives each once: where nothing waits there is room for the longest frame, whatever came before.
+#[test]
+fn a_packet_of_any_length_has_room() {
+    let mut receiver = Receiver::default();
+    for _ in 0..40 {
+        let room = receiver.decoder.spare();
+        assert!(room.len() >= MAX_FRAME_LEN, "{}", room.len());
+        let frame = heartbeat();
+        room[..frame.len()].copy_from_slice(&frame);
+        receiver.decoder.commit(frame.len(), receiver.now);
+        receiver.drain();
+    }
+    assert_eq!(receiver.found.len(), 40);
+}
+
 /// What a line may carry: frames of known and unknown messages, whole and damaged, one inside the other, and noise rich in
 /// start bytes.
 fn any_stream() -> impl Strategy<Value = Vec<u8>> {

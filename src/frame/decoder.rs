@@ -245,7 +245,8 @@ impl Decoder {
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
-    /// Room for new bytes, at least half of what there is: read into its front, then [`commit`](Self::commit).
+    /// Room for new bytes: read into its front, then [`commit`](Self::commit). It is at least half of the buffer, and where
+    /// nothing waits all of it, 281 bytes: the longest frame has room, for a line that gives packets.
     ///
     /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
@@ -261,10 +262,11 @@ impl Decoder {
         u32::try_from(index(moved) / 2).unwrap_or(u32::MAX)
     }
 
-    /// Whether there is less room behind the candidate than in front of it: only then it is worth moving.
+    /// Whether there is less room behind the candidate than in front of it, or none to be moved: else it is not worth it.
     #[inline]
     fn is_cramped(&self) -> bool {
-        index(self.window.start).wrapping_add(index(self.window.end)) > BUFFER_LEN
+        let Window { start, end, .. } = self.window;
+        start == end || index(start).wrapping_add(index(end)) > BUFFER_LEN
     }
 
     /// Moves the candidate to the front of the buffer.

@@ -178,9 +178,9 @@ fn print_row(what: &str, row: &[f64], unit: &str, behind: &mut Vec<String>) {
     println!();
 }
 
-/// Whether another's number is more than `times` ours; never of what is no number.
+/// Whether another's number is more than `times` ours; never of what is no number, or none that can be measured.
 pub fn ahead(ours: f64, other: f64, times: f64) -> bool {
-    other.partial_cmp(&(ours * times)).is_some_and(std::cmp::Ordering::is_gt)
+    ours > 0.0 && other > ours * times
 }
 
 /// Those of one pass, without what comes before the first: a run with a pass less one without.
@@ -223,7 +223,7 @@ fn recovery(programs: &[PathBuf], folder: &Path, behind: &mut Vec<String>) -> Re
                 .collect();
             let &[intact, found, false_accepts] = &cells[..] else { return Err(format!("{}: {output}", peer.name)) };
             print!("{:>COLUMN$}", format!("{:.2} %, {false_accepts}", f64::from(found) * 100.0 / f64::from(intact)));
-            if peer.feature.is_none() && (found != intact || false_accepts > 0) {
+            if peer.feature.is_none() && (intact == 0 || found != intact || false_accepts > 0) {
                 behind.push(format!("{}: {found} of {intact} found, {false_accepts} false", damage(name)));
             }
         }

@@ -162,7 +162,7 @@ impl Measured {
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
         let (_emulator, output) = qemu::start(&mut command)?;
-        let (mut instructions, mut frames, mut stack) = (Vec::new(), 0, 0);
+        let (mut instructions, mut frames, mut stack) = (Vec::new(), None, 0);
         let lines = qemu::Lines::of(output);
         while let Some(line) = lines.next()? {
             if line.trim() == "." {
@@ -172,11 +172,14 @@ impl Measured {
             let numbers: Vec<u32> = line.split_whitespace().flat_map(str::parse).collect();
             let &[_, count, found, bytes, deepest] = &numbers[..] else { return Err(said()) };
             instructions.push(f64::from(count) / f64::from(bytes));
-            frames = found;
+            // In pieces it finds as many as byte by byte.
+            if *frames.get_or_insert(found) != found {
+                return Err(said());
+            }
             stack = stack.max(deepest);
         }
         let instructions = instructions[..].try_into().map_err(|_| format!("{} ended too early", elf.display()))?;
         let (flash, ram) = (size.flash as f64, size.ram as f64 + f64::from(stack));
-        Ok(Self { flash, ram, instructions, frames })
+        Ok(Self { flash, ram, instructions, frames: frames.unwrap_or(0) })
     }
 }

@@ -38,7 +38,7 @@ const BUDGETS: [Budget; 2] = [
     Budget {
         name: "default",
         what: "the default: 128 bytes, 1,700 units of work, which are 3 frames",
-        pinned: Pinned { typical: 9_800, worst: 23_960, signed: 66_360 },
+        pinned: Pinned { typical: 9_800, worst: 24_040, signed: 66_360 },
     },
 ];
 

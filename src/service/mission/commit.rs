@@ -9,7 +9,7 @@
 use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
 use super::replies::{Reply, What};
-use super::upload::{Done, Number, check_plan};
+use super::upload::{Done, Number, Upload, check_plan};
 use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
@@ -251,7 +251,7 @@ impl Missions {
         expected: Option<(u16, u32)>,
         mut item: impl FnMut(u16) -> Option<Item>,
     ) -> Result<(), PlanFault> {
-        if self.committing().is_some() || self.upload.is_some() {
+        if self.committing().is_some() || self.upload.as_ref().is_some_and(Upload::keeps_out) {
             return Err(MavMissionResult::DENIED.into());
         }
         let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {

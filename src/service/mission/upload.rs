@@ -54,7 +54,7 @@ pub(super) struct Upload {
     asks_legacy: bool,
     /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
     /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
-    /// Until that comes it keeps nobody out, and nobody is told how it ends.
+    /// Until that comes it keeps nobody out, nobody is told how it ends, and what is known and owed of the last upload stays.
     may_be_echo: bool,
     /// The last item that was wanted, or the last upload's where this may be an echo: what came later is none (M-22).
     last: Number,
@@ -76,6 +76,11 @@ pub(super) struct Done {
 impl Upload {
     fn is_by(&self, address: Address) -> bool {
         self.partner.address == address
+    }
+
+    /// Whether nothing else may change plans meanwhile.
+    pub(super) fn keeps_out(&self) -> bool {
+        !self.may_be_echo
     }
 
     /// The link that the next request goes out on.
@@ -137,19 +142,6 @@ impl Missions {
             upload.owes_request |= upload.may_be_echo;
             return;
         }
-        // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it; and
-        // one that a late copy began. A COUNT behind the first item may be a late copy as well, and then items are asked for
-        // twice; but it may be another plan's, whose items would complete the old one, were the request that is out left to
-        // stand.
-        caller.replies.forget_result(caller.from.address);
-        self.abandon(cx);
-        if count > cx.plans.capacity(plan) {
-            event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
-            return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
-        }
-        if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
-            return;
-        }
         let number = Number(caller.from.link, number);
         let is_echo = |done: &&Done| {
             (done.partner, done.plan) == (caller.from.address, plan)
@@ -158,7 +150,25 @@ impl Missions {
                 && !number.is_after(done.last)
         };
         let echoed = self.done.as_ref().filter(is_echo).map(|done| done.last);
-        self.done = None;
+        if echoed.is_none() {
+            // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it;
+            // and one that a late copy began. A COUNT behind the first item may be a late copy as well, and then items are asked
+            // for twice; but it may be another plan's, whose items would complete the old one, were the request that is out
+            // left to stand.
+            self.forget_answer(caller);
+            self.abandon(cx);
+        }
+        if count > cx.plans.capacity(plan) {
+            event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
+            return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
+        }
+        if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
+            return;
+        }
+        if echoed.is_none() || count == 1 {
+            // An item 0 that comes is the answer to what is asked now, and no repetition of the last one.
+            self.done = None;
+        }
         if count == 0 {
             return self.clear(cx, vehicle, caller, mission_type, Some(plan));
         }
@@ -179,7 +189,7 @@ impl Missions {
 
     /// Whether somebody else's upload is running, other than by a late copy.
     fn is_kept_out(&self, caller: &Caller<'_>) -> bool {
-        self.upload.as_ref().is_some_and(|upload| !upload.may_be_echo && !upload.is_by(caller.from.address))
+        self.upload.as_ref().is_some_and(|upload| upload.keeps_out() && !upload.is_by(caller.from.address))
     }
 
     /// MISSION_ITEM_INT or MISSION_ITEM. Its number, when it is the last one and the plan is to be
@@ -203,10 +213,11 @@ impl Missions {
             }
             return None;
         }
-        let Some(upload) = &mut self.upload else {
+        if self.upload.as_ref().is_none_or(|upload| upload.may_be_echo && seq > 0) {
             self.on_stray_item(cx, caller, mission_type, seq, is_guided);
             return None;
-        };
+        }
+        let upload = self.upload.as_mut()?;
         if !upload.is_by(from.address) || is_guided {
             // M-33, M-34
             caller.deny(mission_type);
@@ -225,7 +236,12 @@ impl Missions {
             return None;
         }
         upload.last = Number(from.link, frame.header().seq);
+        let was_echo = core::mem::take(&mut upload.may_be_echo);
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
+        if was_echo {
+            self.done = None;
+            self.forget_answer(caller);
+        }
         if is_last && self.lacks_result_slot(caller) {
             // Asked for again, when there is room to answer for the whole plan.
             return None;
@@ -254,7 +270,6 @@ impl Missions {
         }
         upload.pace.answered(cx.now);
         upload.owes_request = true;
-        upload.may_be_echo = false;
         is_last.then_some(seq)
     }
 
@@ -300,7 +315,8 @@ impl Missions {
         self.done = Some(done);
     }
 
-    /// An item while no upload is running: the last one's final ACK was lost (M-31), or it is nobody's (M-36).
+    /// An item while no upload is running, or what may be none: the last one's final ACK was lost (M-31), or it is nobody's
+    /// (M-36).
     fn on_stray_item(
         &mut self,
         cx: &Context<'_, '_>,
@@ -324,7 +340,7 @@ impl Missions {
             return caller.ack(mission_type, done.result, done.id);
         }
         self.out_of_place();
-        if caller.replies.may_answer_stray(cx.now) {
+        if self.upload.is_none() && caller.replies.may_answer_stray(cx.now) {
             caller.ack(mission_type, MavMissionResult::ERROR, 0);
         }
     }
@@ -384,7 +400,7 @@ impl Missions {
             // M-51
             return caller.deny(mission_type);
         }
-        caller.replies.forget_result(caller.from.address);
+        self.forget_answer(caller);
         self.abandon(cx);
         if self.is_clear(cx, only) {
             // M-52: also where nothing may be changed.
@@ -417,9 +433,15 @@ impl Missions {
         }
     }
 
+    /// What the last request of `caller` came to is not said any more.
+    #[inline(never)]
+    fn forget_answer(&mut self, caller: &mut Caller<'_>) {
+        caller.replies.forget_result(caller.from.address);
+        self.again = None;
+    }
+
     /// Forgets the running upload.
     fn abandon(&mut self, cx: &mut Context<'_, '_>) {
-        self.again = None;
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
         }

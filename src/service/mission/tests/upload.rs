@@ -402,6 +402,72 @@ fn a_late_copy_keeps_nobody_out() {
     assert_eq!(bench.texts(), ["Mission upload timed out at item 1"]);
 }
 
+/// M-31, M-32: while a late copy waits, the last upload is remembered: its last item again has its answer again, and another
+/// copy is one too.
+#[test]
+fn a_late_copy_forgets_nothing() {
+    let mut bench = Bench::new();
+    upload_numbered(&mut bench, 12);
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+    let accepted = [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))];
+    for number in [12, 13] {
+        assert_eq!(ask_numbered(&mut bench, number, A, &int(MISSION, 1, &item(1, 1))), accepted);
+    }
+    assert!(bench.ask(A, &ack(MISSION, CANCELLED)).is_empty());
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+    assert_eq!(bench.ask(B, &clear(FENCE)), [(B.address, FENCE, Ack(ACCEPTED, 0))], "that is a copy as well");
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), accepted);
+    assert_eq!(bench.wait(8_000), []);
+    // From item 0 on the old one is forgotten.
+    let mut bench = Bench::new();
+    upload_numbered(&mut bench, 12);
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(2, 0))), [to_a(Ask(1))]);
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ERROR, 0))]);
+}
+
+/// M-22, M-42, M-44: an answer that is still to be sent when the late copy comes is sent.
+#[test]
+fn a_late_copy_takes_no_answer() {
+    let mut bench = Bench::new();
+    bench.missions.attach_storage(Durability::Durable);
+    ask_numbered(&mut bench, 10, A, &count(MISSION, 2));
+    ask_numbered(&mut bench, 11, A, &int(MISSION, 0, &item(1, 0)));
+    assert_eq!(ask_numbered(&mut bench, 12, A, &int(MISSION, 1, &item(1, 1))), []);
+    bench.saved();
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
+    assert_eq!(bench.wait(8_000), []);
+    // The second of two, as some ground stations need it.
+    let mut bench = Bench::new();
+    bench.second_ack = true;
+    ask_numbered(&mut bench, 10, A, &count(MISSION, 1));
+    let accepted = to_a(Ack(ACCEPTED, id_of(&plan(1, 1))));
+    assert_eq!(ask_numbered(&mut bench, 11, A, &int(MISSION, 0, &item(1, 0))), [accepted]);
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 1)), [to_a(Ask(0))]);
+    let later: Vec<_> = bench.wait(8_000).into_iter().map(|(_, sent)| sent).collect();
+    assert_eq!(later, [accepted]);
+}
+
+/// M-23: nor is the vehicle itself kept from loading a plan, and the upload goes on if it is one.
+#[test]
+fn a_late_copy_keeps_no_plan_from_being_loaded() {
+    let mut bench = Bench::new();
+    upload_numbered(&mut bench, 12);
+    assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+    let items = plan(5, 2);
+    let load = |bench: &mut Bench| {
+        bench.with(|missions, cx, vehicle, _| {
+            missions.load(cx, vehicle, PlanType::Mission, None, |seq| items.get(usize::from(seq)).copied())
+        })
+    };
+    assert_eq!(load(&mut bench), Ok(()));
+    assert_eq!(bench.live(PlanType::Mission).0, items);
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(2, 0))), [to_a(Ask(1))]);
+    assert_eq!(load(&mut bench), Err(DENIED.into()), "now it is an upload");
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(2, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(2, 2))))]);
+}
+
 /// M-34: "go there now" is no part of a plan.
 #[test]
 fn guided_items_are_not_stored() {
