@@ -262,11 +262,12 @@ impl Decoder {
         u32::try_from(index(moved) / 2).unwrap_or(u32::MAX)
     }
 
-    /// Whether there is less room behind the candidate than in front of it, or none to be moved: else it is not worth it.
+    /// Whether there is less room behind the candidate than in front of it, or nothing to be moved: else it is not worth it.
     #[inline]
     fn is_cramped(&self) -> bool {
         let Window { start, end, .. } = self.window;
-        start == end || index(start).wrapping_add(index(end)) > BUFFER_LEN
+        // While a frame comes it is at the front.
+        start > 0 && (start == end || index(start).wrapping_add(index(end)) > BUFFER_LEN)
     }
 
     /// Moves the candidate to the front of the buffer.

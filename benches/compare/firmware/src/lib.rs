@@ -116,6 +116,8 @@ pub fn measure(app: fn(Uart) -> u32) -> ! {
     // Every firmware has them: they are no library's flash.
     core::hint::black_box(memcpy as unsafe extern "C" fn(_, _, _) -> _);
     core::hint::black_box(memset as unsafe extern "C" fn(_, _, _) -> _);
+    core::hint::black_box(__aeabi_memclr as unsafe extern "C" fn(_, _));
+    core::hint::black_box(__aeabi_memclr4 as unsafe extern "C" fn(_, _));
     if let Some(mut peripherals) = cortex_m::Peripherals::take() {
         let timer = &mut peripherals.SYST;
         timer.set_clock_source(SystClkSource::Core);
@@ -145,6 +147,9 @@ pub fn measure(app: fn(Uart) -> u32) -> ! {
 unsafe extern "C" {
     fn memcpy(to: *mut u8, from: *const u8, len: usize) -> *mut u8;
     fn memset(to: *mut u8, byte: i32, len: usize) -> *mut u8;
+    // What Rust's compiler calls instead where the byte is 0.
+    fn __aeabi_memclr(to: *mut u8, len: usize);
+    fn __aeabi_memclr4(to: *mut u8, len: usize);
 }
 
 mod stack {
