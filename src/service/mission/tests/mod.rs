@@ -4,6 +4,7 @@ mod collision;
 mod commit;
 mod download;
 mod edges;
+mod late_copy;
 mod model;
 mod random;
 mod table;
@@ -391,4 +392,16 @@ fn list(mission_type: MavMissionType) -> MissionRequestList {
 
 fn request(mission_type: MavMissionType, seq: u16) -> MissionRequestInt {
     MissionRequestInt { seq, mission_type, ..Default::default() }
+}
+
+/// A frame with this sequence number comes in, and everything owed goes out.
+fn ask_numbered<M: Message>(bench: &mut Bench, number: u8, from: Peer, message: &M) -> Vec<Sent> {
+    bench.number = number;
+    bench.ask(from, message)
+}
+
+/// The live mission and its id.
+fn seen(bench: &Bench) -> (Vec<Item>, u32) {
+    let (items, id) = bench.live(PlanType::Mission);
+    (items.to_vec(), id)
 }
