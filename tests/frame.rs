@@ -75,8 +75,7 @@ fn frame_is_what_the_guide_says() {
     assert_eq!(frame(&zero, Version::V1), reference::v1(0, source, &[0; 9], 50));
 }
 
-/// S-1, T-S1: the shortest and the longest frame of every message of common, in both versions, are found; so is each with
-/// a payload of random bytes.
+/// S-1, S-8, T-S1: a frame of every message of common with every length that its version allows is found.
 #[test]
 fn every_message_is_framed_in_both_versions() {
     let mut rng = Rng::new(1);
@@ -87,9 +86,10 @@ fn every_message_is_framed_in_both_versions() {
             let frame = reference::v2(row.id(), [0, 0], [1, 1], &payload, extra);
             assert_eq!(decode(&frame), [(frame.clone(), true)], "{row:?} with {len} bytes");
         }
-        if let Ok(id) = u8::try_from(row.id()) {
-            let frame = reference::v1(id, [1, 1], &vec![rng.byte(); usize::from(row.base_len())], extra);
-            assert_eq!(decode(&frame), [(frame.clone(), true)], "{row:?} as v1");
+        let Ok(id) = u8::try_from(row.id()) else { continue };
+        for len in row.base_len()..=row.max_len() {
+            let frame = reference::v1(id, [1, 1], &vec![rng.byte(); usize::from(len)], extra);
+            assert_eq!(decode(&frame), [(frame.clone(), true)], "{row:?} with {len} bytes as v1");
         }
     }
 }
@@ -212,13 +212,39 @@ fn source_zero_is_no_frame() {
     }
 }
 
-/// S-8, SEC-4: a v1 payload has the length of its message or is none; the frame behind it is found at once.
+/// S-8, S-13, SEC-4: a v1 header with a length that its message cannot have is rejected before its payload comes; the frame
+/// behind it is found at once. STATUSTEXT may have 51 to 54 bytes, HEARTBEAT has no extensions.
 #[test]
 fn v1_length_must_fit() {
-    for len in (0..=60).filter(|&len| len != 9) {
-        let bytes = [&reference::v1(0, [9, 9], &vec![5; len], 50)[..6], &heartbeat()].concat();
-        assert_eq!(decode(&bytes), [(heartbeat(), true)], "{len} bytes");
-        assert_eq!(counters_of(&bytes).length, 1);
+    for (id, extra, lens) in [(0, Heartbeat::CRC_EXTRA, 9..=9), (253, Statustext::CRC_EXTRA, 51..=54)] {
+        for len in (0..=100).filter(|len| !lens.contains(len)) {
+            let bytes = [&reference::v1(id, [9, 9], &vec![5; len], extra)[..6], &heartbeat()].concat();
+            assert_eq!(decode(&bytes), [(heartbeat(), true)], "{len} bytes");
+            assert_eq!(counters_of(&bytes).length, 1);
+        }
+    }
+}
+
+/// S-8: pymavlink's MAVLink 1 frames end with the extensions. Those that are there are decoded, half a field too; the rest is
+/// zero. The frame is kept as received, for forwarding.
+#[test]
+fn v1_extensions_that_are_there_are_decoded() {
+    let count = [3, 0, 1, 1, 1];
+    for len in [4, 5] {
+        let bytes = reference::v1(44, [9, 9], &count[..len], MissionCount::CRC_EXTRA);
+        let expected = MavMissionType(if len == 5 { 1 } else { 0 });
+        let received = message::<MissionCount>(&bytes).expect("a frame");
+        assert_eq!((received.count, received.mission_type), (3, expected), "{len} bytes");
+        assert_eq!(decode(&bytes), [(bytes.clone(), true)]);
+    }
+    let text = Statustext { text: Text::new("Gear down"), ..Statustext::default() };
+    let mut payload = [0; Statustext::MAX_LEN];
+    text.encode(&mut payload);
+    payload[51..].copy_from_slice(&[0x34, 0x12, 2]);
+    for (len, id, chunk_seq) in [(51, 0, 0), (52, 0x34, 0), (53, 0x1234, 0), (54, 0x1234, 2)] {
+        let bytes = reference::v1(253, [9, 9], &payload[..len], Statustext::CRC_EXTRA);
+        let expected = Statustext { id, chunk_seq, ..text };
+        assert_eq!(message::<Statustext>(&bytes), Some(expected), "{len} bytes");
     }
 }
 
@@ -258,6 +284,7 @@ fn kinds() -> Vec<Vec<u8>> {
         frame(&sample(), Version::V2),
         frame(&sample(), Version::V1),
         frame(&Heartbeat::default(), Version::V1),
+        reference::v1(44, [42, 17], &[3, 0, 1, 1, 1], MissionCount::CRC_EXTRA),
         frame(&text, Version::V2),
         signed(),
     ]

@@ -92,8 +92,13 @@ fn any_stream() -> impl Strategy<Value = Vec<u8>> {
         frame.extend(vec![0xFD; if flags & 1 == 0 { 0 } else { 13 }]);
         frame
     });
-    let v1 = (any::<u8>(), payload).prop_map(move |(id, payload)| {
-        let len = TABLE.get(u32::from(id)).map_or(payload.len(), |row| usize::from(row.base_len()));
+    let v1 = (prop_oneof![any::<u8>(), Just(44), Just(253)], 0u8..6, payload).prop_map(move |(id, more, payload)| {
+        let row = TABLE.get(u32::from(id));
+        // With some of its extensions, and now and then a byte more.
+        let len = row.map_or(payload.len(), |row| {
+            usize::from(row.base_len())
+                + usize::from(more).min(usize::from(row.max_len() - row.base_len()) + usize::from(more / 5))
+        });
         let payload: Vec<u8> = payload.into_iter().cycle().chain([7]).take(len).collect();
         reference::v1(id, [1, 1], &payload, extra(u32::from(id)))
     });

@@ -39,7 +39,7 @@ pub struct RxCounters {
     pub incompat_flags: u32,
     /// Candidates with 0 as source system or component (S-11).
     pub zero_source: u32,
-    /// v1 candidates whose length does not fit their id (S-8).
+    /// v1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
     pub length: u32,
     /// Candidates with a wrong checksum (S-2).
     pub checksum: u32,
@@ -511,7 +511,7 @@ fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Ver
     let info = messages.get(id);
     if let Some(info) = info
         && header_len == Version::V1.header_len()
-        && payload_len != info.base_len()
+        && !(info.base_len()..=info.max_len()).contains(&payload_len)
     {
         return Verdict::Reject(Reason::Length);
     }

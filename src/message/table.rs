@@ -143,7 +143,7 @@ impl MessageInfo {
         (self.id_and_crc >> 24) as u8
     }
 
-    /// Length of the base fields (bytes): every v1 frame's payload.
+    /// Length of the base fields (bytes): the payload of a v1 frame that is sent, and the shortest of one that is received (S-8).
     #[inline]
     pub const fn base_len(&self) -> u8 {
         self.base_len

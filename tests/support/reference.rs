@@ -91,7 +91,7 @@ fn frame_at(bytes: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> boo
         let followed = matches!(bytes.get(len), Some(0xFD | 0xFE));
         return (is_known(source) && followed).then_some((len, false));
     };
-    let fits = header == 10 || end - header == usize::from(info.base_len());
+    let fits = header == 10 || (usize::from(info.base_len())..=usize::from(info.max_len())).contains(&(end - header));
     let sum = checksum(&bytes[1..end], info.crc_extra());
     (fits && bytes[end..end + 2] == sum.to_le_bytes()).then_some((len, true))
 }
