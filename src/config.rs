@@ -170,8 +170,10 @@ pub struct Config {
     /// Whether a link's streams wait until a peer on it is alive (H-8); heartbeats never do. False at first: ground stations
     /// that find telemetry need not ask for it.
     pub streams_wait_for_peer: bool,
-    /// Whether frames with source component 0 are taken. They are illegal, and dropped at first (S-11); but pymavlink's
-    /// `mavlink_connection` sends them unless its user names a `source_component`.
+    /// Whether frames with source component 0 are accepted: true (S-11). MAVLink does not allow them, but pymavlink's
+    /// `mavlink_connection` sends them unless `source_component` is given, and PX4 and ArduPilot answer. Answers are addressed
+    /// to component 0 of that system. Otherwise such frames are dropped and counted in
+    /// [`zero_source`](crate::RxCounters::zero_source).
     pub accepts_component_0: bool,
     /// The bound of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,
@@ -236,7 +238,7 @@ impl Config {
             peer_timeout: Duration::from_secs(5),
             stale_after: Decoder::STALE_AFTER,
             streams_wait_for_peer: false,
-            accepts_component_0: false,
+            accepts_component_0: true,
             budget: PollBudget::DEFAULT,
             float_mission_items: false,
             second_mission_ack: false,

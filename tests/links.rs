@@ -5,8 +5,8 @@ mod support;
 use embedded_io::{Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Config, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans, PollBudget, Stack,
-    TimeSlots, TxVersion, Version, encode,
+    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans,
+    PollBudget, Stack, TimeSlots, TxVersion, Version, encode,
 };
 use support::*;
 
@@ -612,11 +612,11 @@ fn vehicle_is_told_the_sender() {
     assert!(matches!(world.vehicle.calls[..], [Call::Message { id: 30, from, link: LINK, .. }] if from == camera));
 }
 
-/// S-11: component 0 as a source is illegal and dropped, unless the firmware wants to serve pymavlink's default.
+/// S-11: pymavlink sends as component 0 by default. It is answered, at that address, unless the firmware refuses it.
 #[test]
-fn component_0_is_served_only_where_that_is_wanted() {
-    for (accepts_component_0, answers) in [(false, 0), (true, 1)] {
-        let config = Config { accepts_component_0, ..Setup::<1>::new().config };
+fn component_0_is_served_unless_it_is_refused() {
+    let config = Setup::<1>::new().config;
+    for (config, answers) in [(config, 1), (Config { accepts_component_0: false, ..config }, 0)] {
         let mut stack: Stack<1> = Stack::new(config, [LinkConfig::uart(57_600)]);
         let mut vehicle = TestVehicle::default();
         let mut frame = [0; MAX_FRAME_LEN];
@@ -625,6 +625,11 @@ fn component_0_is_served_only_where_that_is_wanted() {
         assert_eq!(stack.receive(Instant::ZERO, LINK, &frame[..len], &mut vehicle), len);
         let dropped = stack.rx_counters(LINK).unwrap().zero_source;
         assert_eq!((vehicle.commands().len(), dropped), (answers, 1 - answers as u32));
-        assert_eq!(stack.transmit(Instant::ZERO, LINK, &mut vehicle).is_empty(), answers == 0);
+        let mut decoder = Decoder::default();
+        let _ = decoder.push(stack.transmit(Instant::ZERO, LINK, &mut vehicle), Instant::ZERO);
+        let answer = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| false);
+        let ack = answer.and_then(|frame| frame.decode::<CommandAck>());
+        let target = ack.map(|ack| (ack.target_system, ack.target_component));
+        assert_eq!(target, (answers == 1).then_some((255, 0)));
     }
 }

@@ -62,7 +62,7 @@ def test_a_command_gets_exactly_one_answer(gcs, command, params, result):
 
 
 def test_a_script_with_the_defaults_is_answered(port):
-    """Without a word about it, pymavlink sends as component 0."""
+    """S-11: without `source_component`, pymavlink sends as component 0."""
     link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}")
     try:
         assert link.wait_heartbeat(timeout=5)

@@ -263,7 +263,7 @@ fn stack(setup: [u8; 2]) -> TestStack {
         second_mission_ack: setup[1] & 8 != 0,
         float_mission_items: setup[1] & 0x10 != 0,
         streams_wait_for_peer: setup[1] & 0x20 != 0,
-        accepts_component_0: setup[1] & 0x40 != 0,
+        accepts_component_0: setup[1] & 0x40 == 0,
         item_reached_repeats: setup[1] >> 6,
         ..Config::new(VEHICLE, &PULSE)
     };

@@ -37,7 +37,7 @@ pub struct RxCounters {
     pub skipped: u32,
     /// Candidates with an incompatibility flag that we do not know (S-9).
     pub incompat_flags: u32,
-    /// Candidates with 0 as source system or component (S-11).
+    /// Candidates with source system 0, or source component 0 where the [`Config`](crate::Config) refuses it (S-11).
     pub zero_source: u32,
     /// v1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
     pub length: u32,
@@ -103,7 +103,7 @@ impl RxCounters {
 #[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
-    /// Source components below this are refused: 1, or 0 where one may be 0 (S-11).
+    /// Source components below this are refused: 0, or 1 where component 0 is (S-11).
     least_component: u8,
     window: Window,
     /// When the last byte came.
@@ -203,18 +203,19 @@ impl Decoder {
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
     /// Before it is [configured](Self::configure); all zero bits.
-    pub(crate) const VACANT: Self = Self::with(0, 0, 0);
+    pub(crate) const VACANT: Self = Self::with(0, 0);
 
-    /// An empty decoder that drops a candidate `stale_after` its last byte; from 71 minutes on never.
+    /// An empty decoder that drops a candidate `stale_after` its last byte; from 71 minutes on never. It accepts frames with
+    /// source component 0, which MAVLink does not allow and pymavlink sends by default (S-11).
     pub const fn new(stale_after: Duration) -> Self {
-        Self::with(micros(stale_after), 1, 1)
+        Self::with(micros(stale_after), 1)
     }
 
-    /// Made here and not from a constant: that would be an image of the whole buffer in flash.
-    const fn with(stale_after: u32, least_component: u8, wanted: Position) -> Self {
+    /// Made here and not from a constant: that would be an initialiser copied from flash.
+    const fn with(stale_after: u32, wanted: Position) -> Self {
         Self {
             buffer: [0; BUFFER_LEN],
-            least_component,
+            least_component: 0,
             window: Window { wanted, ..Window::EMPTY },
             grown: Instant::ZERO,
             stale_after,

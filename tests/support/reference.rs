@@ -77,7 +77,7 @@ fn claim(bytes: &[u8]) -> Option<Claim> {
         _ => return None,
     };
     let end = header + usize::from(bytes[1]);
-    Some(Claim { source, id, payload: [header, end], len: end + 2 + signature }).filter(|_| !source.contains(&0))
+    Some(Claim { source, id, payload: [header, end], len: end + 2 + signature }).filter(|_| source[0] != 0)
 }
 
 /// Length of the frame at the front of `bytes`, and whether it could be checked.

@@ -26,9 +26,7 @@ pub const LINKS: usize = 3;
 /// Ticked by the flight loop.
 static PULSE: Pulse = Pulse::new();
 
-/// Scripts with pymavlink's defaults are to get an answer.
-const CONFIG: Config =
-    Config { accepts_component_0: true, identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
+const CONFIG: Config = Config { identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
 
 /// The vehicle's component id; its system id is a parameter.
 const COMPONENT: u8 = 1;

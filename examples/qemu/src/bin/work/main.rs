@@ -135,7 +135,7 @@ impl<'a> Bench<'a> {
         budget: PollBudget,
         scene: Scene,
     ) -> Self {
-        let config = Config { budget, accepts_component_0: true, ..Config::new(US, &PULSE) };
+        let config = Config { budget, ..Config::new(US, &PULSE) };
         let link = match scene {
             Scene::Unlimited => LinkConfig::unlimited().with_streams(StreamProfile::Onboard),
             Scene::Satellite => LinkConfig::uart(921_600).with_class(LinkClass::HighLatency),
