@@ -96,8 +96,9 @@ struct Qemu {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
-    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. SETUP_SIGNING is left out: it has
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that
+    /// the vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink
+    /// read it. SETUP_SIGNING is left out: it has
     /// the key. An older file of that name is replaced.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,

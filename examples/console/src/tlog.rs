@@ -1,14 +1,16 @@
 //! The log of what passed over the links, as Mission Planner, QGroundControl, MAVProxy and pymavlink write and read it
 //! (".tlog"): before each frame the time, in µs since 1970, as eight bytes, the most significant first.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{self, SystemTime, UNIX_EPOCH};
 
-use mavstack::dialect::{Common, SetupSigning};
-use mavstack::{Decoder, Dialect, Frame, Instant, Message};
+use mavstack::dialect::SetupSigning;
+use mavstack::{Address, Decoder, Frame, Instant, Message, Vehicle};
+use mavstack_demo::Quadrotor;
 
 /// A file of frames with their times.
 #[derive(Debug)]
@@ -16,6 +18,9 @@ pub struct Tlog {
     path: PathBuf,
     /// None after an error.
     file: Mutex<Option<Open>>,
+    /// The senders of checked frames: only from them does the vehicle take frames with an unknown id.
+    heard: Mutex<BTreeSet<Address>>,
+    began: time::Instant,
 }
 
 #[derive(Debug)]
@@ -29,11 +34,24 @@ impl Tlog {
     /// Begins the file anew.
     pub fn create(path: &Path) -> Result<Arc<Self>, String> {
         let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
-        Ok(Arc::new(Self { path: path.into(), file: Mutex::new(Some(Open { file, last: 0 })) }))
+        let file = Mutex::new(Some(Open { file, last: 0 }));
+        Ok(Arc::new(Self { path: path.into(), file, heard: Mutex::default(), began: time::Instant::now() }))
+    }
+
+    /// Time since the log began.
+    fn now(&self) -> Instant {
+        Instant::from_micros(u64::try_from(self.began.elapsed().as_micros()).unwrap_or(u64::MAX))
+    }
+
+    fn is_heard(&self, sender: Address) -> bool {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner).contains(&sender)
     }
 
     /// Appends a frame, unless it is one that brings a signing key: whoever has that can sign.
     fn record(&self, frame: &Frame<'_>) {
+        if frame.is_checked() {
+            self.heard.lock().unwrap_or_else(PoisonError::into_inner).insert(frame.source());
+        }
         if frame.id() == SetupSigning::ID {
             return;
         }
@@ -50,26 +68,38 @@ impl Tlog {
     }
 }
 
-/// Finds the frames in what goes over a line in one direction.
+/// Finds the frames in what goes over a line in one direction, as the vehicle's own decoder does: its settings are the defaults
+/// of the library, too.
 #[derive(Debug, Default)]
 pub struct Frames {
     decoder: Decoder,
 }
 
 impl Frames {
-    /// Hands over the frames that are whole with these bytes; the rest waits for its end.
-    pub fn cut(&mut self, mut bytes: &[u8], mut each: impl FnMut(&Frame<'_>)) {
+    /// Hands over the frames that are whole with these bytes, of which none is damaged; the rest waits for its end.
+    pub fn cut(&mut self, bytes: &[u8], each: impl FnMut(&Frame<'_>)) {
+        self.find(Instant::ZERO, bytes, |_| true, each);
+    }
+
+    /// The same of bytes that came at `now`, of which any may be noise. `is_known` as for [`Decoder::next`].
+    fn find(
+        &mut self,
+        now: Instant,
+        mut bytes: &[u8],
+        is_known: impl Fn(Address) -> bool,
+        mut each: impl FnMut(&Frame<'_>),
+    ) {
         loop {
-            // Sockets damage nothing, so nothing grows stale and time may stand still.
-            let taken = self.decoder.push(bytes, Instant::ZERO);
-            bytes = &bytes[taken..];
+            // Before the first byte, too: the time since the last one decides about what waits.
             let mut budget = u32::MAX;
-            while let Some(frame) = self.decoder.next(Instant::ZERO, Common::MESSAGES, &mut budget, |_| true) {
+            while let Some(frame) = self.decoder.next(now, Quadrotor::MESSAGES, &mut budget, &is_known) {
                 each(&frame);
             }
             if bytes.is_empty() {
                 return;
             }
+            let taken = self.decoder.push(bytes, now);
+            bytes = &bytes[taken..];
         }
     }
 }
@@ -90,12 +120,20 @@ impl Tap {
     /// These bytes passed.
     pub fn pass(&mut self, bytes: &[u8]) {
         if let Some(tlog) = &self.tlog {
-            self.frames.cut(bytes, |frame| tlog.record(frame));
+            let now = tlog.now();
+            self.pass_at(now, bytes);
+        }
+    }
+
+    fn pass_at(&mut self, now: Instant, bytes: &[u8]) {
+        if let Some(tlog) = &self.tlog {
+            self.frames.find(now, bytes, |sender| tlog.is_heard(sender), |frame| tlog.record(frame));
         }
     }
 
     /// What comes now is no end of what came last.
     pub fn restart(&mut self) {
+        self.pass(&[]);
         self.frames = Frames::default();
     }
 }
@@ -107,13 +145,23 @@ mod tests {
     use mavstack::{Address, MAX_FRAME_LEN, Version, encode};
 
     fn frame<M: Message>(message: &M, version: Version, seq: u8) -> Vec<u8> {
+        frame_of(message, version, Address::new(1, 1), seq)
+    }
+
+    fn frame_of<M: Message>(message: &M, version: Version, source: Address, seq: u8) -> Vec<u8> {
         let mut bytes = [0; MAX_FRAME_LEN];
-        let len = encode(message, version, Address::new(1, 1), seq, &mut bytes).unwrap();
+        let len = encode(message, version, source, seq, &mut bytes).unwrap();
         bytes[..len].to_vec()
     }
 
     /// A file of this test, removed afterwards.
     struct Temporary(PathBuf);
+
+    impl Temporary {
+        fn new(name: &str) -> Self {
+            Self(std::env::temp_dir().join(format!("mavstack-{name}-{}.tlog", std::process::id())))
+        }
+    }
 
     impl Drop for Temporary {
         fn drop(&mut self) {
@@ -124,7 +172,7 @@ mod tests {
     /// Whole frames with times that do not go back, whatever the pieces; nothing of half a frame, noise or a signing key.
     #[test]
     fn the_log_holds_whole_frames_with_their_times_and_no_key() {
-        let path = Temporary(std::env::temp_dir().join(format!("mavstack-{}.tlog", std::process::id())));
+        let path = Temporary::new("whole");
         let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
         let frames: Vec<_> = [Version::V1, Version::V2, Version::V2]
             .iter()
@@ -150,6 +198,38 @@ mod tests {
             let time = u128::from(u64::from_be_bytes(time.try_into().unwrap()));
             assert!((last..=after).contains(&time), "{time} is not from {last} to {after}");
             last = time;
+            assert_eq!(&tail[..frame.len()], &frame[..]);
+            rest = &tail[frame.len()..];
+        }
+        assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
+    }
+
+    mavstack::message! {
+        /// A message that the vehicle does not know.
+        struct Foreign: FOREIGN = 200 { a: u8, }
+    }
+
+    /// S-8, S-11, R-9: the log holds what the vehicle's own decoder takes: frames of component 0, MAVLink 1 frames with
+    /// extensions, and frames with an unknown id, once their sender was heard and a frame or silence follows.
+    #[test]
+    fn the_log_holds_what_the_vehicle_takes() {
+        let path = Temporary::new("taken");
+        let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+        let (script, stranger) = (Address::new(255, 0), Address::new(9, 9));
+        let component_0 = frame_of(&heartbeat, Version::V2, script, 0);
+        let foreign = |source, seq| frame_of(&Foreign { a: 1 }, Version::V2, source, seq);
+        // MISSION_REQUEST_LIST with a mission type, as pymavlink's `force_mavlink1` sends it.
+        let v1 = [0xFE, 3, 0, 255, 190, 43, 1, 1, 1, 0x84, 0x57].to_vec();
+        let at = Instant::from_millis;
+        let mut tap = Tap::new(Some(Tlog::create(&path.0).unwrap()));
+        tap.pass_at(at(0), &[foreign(stranger, 0), component_0.clone(), foreign(script, 1), v1.clone()].concat());
+        tap.pass_at(at(10), &foreign(script, 2));
+        // Silence.
+        tap.pass_at(at(40), &[]);
+
+        let mut rest = &std::fs::read(&path.0).unwrap()[..];
+        for frame in [component_0, foreign(script, 1), v1, foreign(script, 2)] {
+            let (_, tail) = rest.split_at(8);
             assert_eq!(&tail[..frame.len()], &frame[..]);
             rest = &tail[frame.len()..];
         }

@@ -74,8 +74,9 @@ struct Arguments {
     /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
-    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. SETUP_SIGNING is left out: it has
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that
+    /// the vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink
+    /// read it. SETUP_SIGNING is left out: it has
     /// the key. An older file of that name is replaced.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
