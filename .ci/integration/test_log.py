@@ -6,7 +6,7 @@ import time
 
 import pytest
 from conftest import Gcs, is_armed
-from plans import differences, plan
+from plans import MISSION, differences, plan
 from pymavlink import mavutil
 from transfer import upload
 
@@ -60,6 +60,11 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     items = plan(5)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     logged.says("disarmed, Hold, mission 0/5 not started")
+    # MAVLink 1 with an extension, from component 0: the vehicle takes it (S-8, S-11), so it is in the log.
+    gcs.mav.srcComponent = 0
+    gcs.mav.mission_request_int_send(1, 1, 0, MISSION, force_mavlink1=True)
+    assert gcs.wait("MISSION_ITEM_INT").target_component == 0
+    gcs.mav.srcComponent = 190
     # Noise, half a frame of it, and a key, which is in no log.
     gcs.mav.setup_signing_send(1, 1, list(range(32)), 7)
     gcs.link.write(b"\xfd\x09\x00noise")
@@ -88,6 +93,8 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     assert of("HEARTBEAT", 255) and of("HEARTBEAT", 1) and any(map(is_armed, of("HEARTBEAT", 1)))
     sent = [{field: getattr(item, field) for field in items[0]} for item in of("MISSION_ITEM_INT", 255)]
     assert differences(items, sent) == []
+    [request] = of("MISSION_REQUEST_INT", 255)
+    assert request.get_srcComponent() == 0
     [ack] = of("COMMAND_ACK", 1)
     assert (ack.command, ack.result) == (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_RESULT_ACCEPTED)
     [command] = of("COMMAND_LONG", 255)

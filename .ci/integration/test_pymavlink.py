@@ -73,6 +73,20 @@ def test_a_script_with_the_defaults_is_answered(port):
         link.close()
 
 
+def test_a_mavlink_1_station_downloads_a_plan(gcs):
+    """S-8: with `force_mavlink1` pymavlink sends the extensions of a message, too."""
+    items = plan(3)
+    assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
+    gcs.mav.mission_request_list_send(1, 1, MISSION, force_mavlink1=True)
+    count = gcs.wait("MISSION_COUNT")
+    assert count and count.count == 3
+    for seq in range(3):
+        gcs.mav.mission_request_int_send(1, 1, seq, MISSION, force_mavlink1=True)
+        item = gcs.wait("MISSION_ITEM_INT")
+        assert item and item.seq == seq
+    gcs.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED, MISSION, force_mavlink1=True)
+
+
 def test_a_command_for_somebody_else_gets_no_answer(gcs):
     """C-2."""
     gcs.mav.command_long_send(1, 77, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
