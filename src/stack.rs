@@ -31,7 +31,7 @@ use crate::service::param::Params;
 use crate::service::statustext::{Entry as TextEntry, StatusTexts};
 use crate::service::stream::Slot;
 use crate::time::Instant;
-use crate::vehicle::Autopilot;
+use crate::vehicle::{Autopilot, VehicleState};
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
 /// texts, room for `STREAMS` messages that the vehicle fills. All memory is inside.
@@ -78,8 +78,12 @@ struct Core {
     normal: LinkMask,
     capabilities: MavProtocolCapability,
     params: Params,
-    /// The vehicle's mode, as it was told last.
+    /// The vehicle's mode, as last reported in CURRENT_MODE.
     mode: u32,
+    /// What heartbeats say, as of the last look.
+    state: VehicleState,
+    /// Links on which an extra heartbeat is pending (H-16).
+    extra_heartbeats: LinkMask,
     /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
     /// be told: who sleeps is to look once more.
     has_acted: bool,
@@ -146,6 +150,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 capabilities: capabilities::<P>(),
                 params: Params::new(),
                 mode: 0,
+                state: VehicleState::ZERO,
+                extra_heartbeats: LinkMask::NONE,
                 has_acted: false,
                 has_conflict: false,
                 forwards: LinkMask::NONE,
@@ -160,7 +166,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
     }
 
-    /// Runs the timers: peers that fell silent, transfers that stopped. Bounded; call it in every pass of the loop.
+    /// Runs the timers: peers that fell silent, transfers that stopped. Looks whether the vehicle's state has changed. Bounded;
+    /// call it in every pass of the loop.
     pub fn poll<V: Autopilot>(&mut self, now: Instant, vehicle: &mut V) {
         let core = &mut self.core;
         core.has_acted = false;
@@ -173,8 +180,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         if !vehicle.may_persist() {
             core.params.rest();
         }
+        let state = vehicle.state();
+        core.notice(state);
         if !V::MODES.is_empty() {
-            mode::poll(&mut core.mode, &mut self.links, vehicle);
+            mode::poll(&mut core.mode, &mut self.links, state);
         }
         if let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) {
             let mut context = core.plan_context(now, &mut plans, &mut self.texts);
@@ -512,6 +521,14 @@ impl Core {
         texts: &'a mut StatusTexts,
     ) -> mission::Context<'a, 'p> {
         mission::Context { now, plans, texts, normal: self.normal, second_ack: self.config.second_mission_ack }
+    }
+
+    /// Each normal link owes an extra heartbeat when what it says has changed (H-16).
+    fn notice(&mut self, state: Option<VehicleState>) {
+        if let Some(state) = state.filter(|state| *state != self.state) {
+            self.state = state;
+            self.extra_heartbeats = self.normal;
+        }
     }
 
     fn has_credit(&mut self, now: Instant) -> bool {

@@ -32,6 +32,12 @@ pub struct VehicleState {
     pub system_status: MavState,
 }
 
+impl VehicleState {
+    /// Nothing said yet; all zero bits.
+    pub(crate) const ZERO: Self =
+        Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
+}
+
 /// What happened to a peer (H-11, H-14). The states are drawn at [`PeerInfo`](crate::PeerInfo).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -87,7 +93,10 @@ pub trait Vehicle {
     /// ```
     const MESSAGES: MessageTable = Common::MESSAGES;
 
-    /// What the next heartbeat says; `None` while the vehicle is in a fault, which stops the heartbeats (H-5).
+    /// Returns what the next heartbeat says; `None` while the vehicle is in a fault, which stops the heartbeats (H-5).
+    ///
+    /// The stack asks in every [`poll`](crate::Stack::poll), so make it cheap. A change is reported at once, by an extra heartbeat
+    /// on each normal link; each link sends at most one of those every 200 ms (H-16).
     fn state(&self) -> Option<VehicleState>;
 
     /// A peer was found, lost, regained. For the failsafe that watches the ground station.

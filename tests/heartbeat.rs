@@ -1,4 +1,4 @@
-//! HEARTBEAT: rules H-1 to H-7, V-5, tests T-H1 to T-H3, GOAL-13.
+//! HEARTBEAT: rules H-1 to H-7, H-16, V-5, tests T-H1 to T-H3, GOAL-13.
 
 mod support;
 
@@ -226,4 +226,111 @@ fn high_latency_link_gets_no_heartbeat() {
     world.run_for(millis(59_999));
     assert_eq!(world.uarts[0].written(), 0);
     assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 60);
+}
+
+/// A radio, a companion computer's link, and one by satellite, 2.5 s after boot.
+fn three_links() -> World<3> {
+    let links = [
+        LinkConfig::uart(57_600),
+        LinkConfig::uart(921_600),
+        LinkConfig::uart(9_600).with_class(LinkClass::HighLatency),
+    ];
+    let mut world = World::new(Setup { links, ..Setup::new() });
+    world.run_for(millis(2_500));
+    world.gcs.iter_mut().for_each(Gcs::forget);
+    world
+}
+
+/// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the rhythm stays.
+#[test]
+fn change_is_reported_at_once() {
+    let armed = |state: &mut VehicleState| state.base_mode = MavModeFlag::SAFETY_ARMED;
+    let changes: [fn(&mut VehicleState); 3] =
+        [armed, |state| state.custom_mode = 7, |state| state.system_status = MavState::CRITICAL];
+    for change in changes {
+        let mut world = three_links();
+        change(world.vehicle.state.as_mut().unwrap());
+        let state = world.vehicle.state.unwrap();
+        world.run_for(secs(2));
+        for link in 0..2 {
+            assert_eq!(times(&world, link), [2_501, 3_000, 4_000].map(Instant::from_millis), "link {link}");
+            let (_, first) = world.gcs[link].all::<Heartbeat>()[0];
+            let told = (first.base_mode, first.custom_mode, first.system_status);
+            assert_eq!(told, (state.base_mode, state.custom_mode, state.system_status));
+        }
+        assert_eq!(world.uarts[2].written(), 0);
+    }
+}
+
+/// H-16: what a command changes is reported before its answer: clients look at the last HEARTBEAT when the ACK comes.
+#[test]
+fn heartbeat_precedes_the_answer_to_arming() {
+    let mut world = three_links();
+    world.vehicle.arms = true;
+    for (command, is_armed) in [(1.0, true), (0.0, false)] {
+        world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.run_for(millis(20));
+        let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
+        assert_eq!(ids, [0, 77], "armed: {is_armed}");
+        let (_, heartbeat) = world.gcs[0].take::<Heartbeat>().unwrap();
+        assert_eq!(heartbeat.base_mode.contains(MavModeFlag::SAFETY_ARMED), is_armed);
+        assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 1, "on the other link, too");
+        world.run_for(millis(200));
+        world.gcs.iter_mut().for_each(Gcs::forget);
+    }
+}
+
+/// H-16: however often the state changes, a link sends at most one extra heartbeat every 200 ms, and the last state is
+/// reported when they are over. `next_deadline` wakes the driver for it.
+#[test]
+fn extra_heartbeats_are_limited() {
+    let mut world = three_links();
+    world.run_for(millis(520));
+    world.gcs[0].forget();
+    for mode in 100..150 {
+        world.vehicle.state.as_mut().unwrap().custom_mode = mode;
+        world.run_for(millis(9));
+    }
+    let last_change = world.now();
+    while world.now() < last_change.after(millis(190)) {
+        world.skip_to(last_change.after(millis(190)));
+    }
+    let times: Vec<u64> = times(&world, 0).into_iter().map(Instant::as_millis).collect();
+    assert_eq!(times, [3_021, 3_221, 3_421, 3_621]);
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[3].1.custom_mode, 149);
+}
+
+/// H-16, H-5: a link that takes nothing gets one when it does again; one from a standing flight loop gets none.
+#[test]
+fn extra_heartbeat_needs_room_and_credit() {
+    let mut world = three_links();
+    world.uarts[0].stall_writes_until(Instant::from_millis(2_800));
+    world.vehicle.state.as_mut().unwrap().custom_mode = 8;
+    world.run_for(millis(50));
+    world.vehicle.state.as_mut().unwrap().custom_mode = 9;
+    world.run_for(millis(400));
+    assert_eq!(world.gcs[0].all::<Heartbeat>().len(), 1);
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 9, "as things are when it is sent");
+    world.loop_runs = false;
+    world.run_for(secs(1));
+    world.gcs.iter_mut().for_each(Gcs::forget);
+    world.vehicle.state.as_mut().unwrap().custom_mode = 10;
+    world.run_for(secs(2));
+    assert_eq!((world.gcs[0].received.len(), world.gcs[1].received.len()), (0, 0));
+    world.loop_runs = true;
+    world.run_for(millis(300));
+    assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1), "no burst");
+}
+
+/// H-16: while the vehicle says that it is in a fault nothing is reported, and nobody is woken for it.
+#[test]
+fn change_to_a_fault_is_silent() {
+    let mut world = three_links();
+    world.vehicle.state.as_mut().unwrap().custom_mode = 8;
+    world.uarts[0].stall_writes_until(Instant::from_millis(2_600));
+    world.run_for(millis(10));
+    world.vehicle.state = None;
+    world.run_for(millis(200));
+    assert_eq!(times(&world, 0).len(), 0);
+    assert!(world.stack.next_deadline(world.now()) > world.now());
 }

@@ -209,6 +209,32 @@ fn messages_of_the_stack_keep_their_intervals() {
     assert_eq!((world.gcs[0].count_of::<Heartbeat>(), world.gcs[0].count_of::<MissionCurrent>()), (10, 10));
 }
 
+/// Q-1, H-5: HEARTBEAT can be asked for while there is one, also of a vehicle without streams; not on a high-latency link. At
+/// most one extra one is sent every 200 ms (H-16).
+#[test]
+fn heartbeat_can_be_asked_for() {
+    let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
+    let mut world = World::new(Setup { links: [LinkConfig::uart(57_600), satellite], ..Setup::new() });
+    world.run_for(millis(1_500));
+    world.gcs[0].forget();
+    assert_eq!(request(&mut world, Heartbeat::ID, 0.0), MavResult::ACCEPTED);
+    assert_eq!(request(&mut world, Heartbeat::ID, f32::NAN), MavResult::ACCEPTED);
+    world.run_for(millis(300));
+    let times: Vec<u64> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at.as_millis()).collect();
+    assert_eq!((times.len(), times[1] - times[0]), (2, 200), "{times:?}");
+    world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0]);
+    let no_such_target: CommandAck = world.expect(0, millis(100));
+    assert_eq!(no_such_target.result, MavResult::DENIED);
+    let zero = [0.0; 7];
+    assert_eq!(ask(&mut world, 1, MavCmd::REQUEST_MESSAGE, zero), MavResult::DENIED);
+    world.loop_runs = false;
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    assert_eq!(request(&mut world, Heartbeat::ID, 0.0), MavResult::DENIED, "the flight loop stands");
+    world.run_for(secs(1));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0);
+}
+
 /// MISSION_CURRENT can be asked for where there are missions, and nowhere else.
 #[test]
 fn mission_current_can_be_asked_for() {

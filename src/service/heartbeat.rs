@@ -1,6 +1,6 @@
 //! HEARTBEAT: sent while the flight loop ticks, and only then.
 //!
-//! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7. The states are drawn at
+//! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7 and H-16. The states are drawn at
 //! [`Pulse`](crate::Pulse).
 
 use crate::pulse::Pulse;
@@ -57,19 +57,35 @@ impl Credit {
 /// A shorter period counts as this: a link must get round to something else.
 const MIN_PERIOD: Duration = Duration::from_millis(10);
 
-/// When a link's next heartbeat is due: a phase without drift, and no burst after a stall (H-6).
+/// A link sends at most one extra heartbeat in this time (H-16).
+const EXTRA_PERIOD: Duration = Duration::from_millis(200);
+
+/// When a link's next heartbeat is due: a phase without drift, and no burst after a stall (H-6). Extra heartbeats, which report
+/// a change, leave that phase alone (H-16).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Schedule {
     due: Instant,
+    /// From when on an extra one may be sent.
+    extra: Instant,
 }
 
 impl Schedule {
     pub(crate) const fn new() -> Self {
-        Self { due: Instant::ZERO }
+        Self { due: Instant::ZERO, extra: Instant::ZERO }
     }
 
     pub(crate) fn is_due(&self, now: Instant) -> bool {
         now >= self.due
+    }
+
+    /// Whether an extra one may be sent.
+    pub(crate) fn may_send_extra(&self, now: Instant) -> bool {
+        now >= self.extra
+    }
+
+    /// An extra one was sent.
+    pub(crate) fn sent_extra(&mut self, now: Instant) {
+        self.extra = now.after(EXTRA_PERIOD);
     }
 
     /// One was sent: the next follows a period after this one was *due*, or, when that is past too, after now.
@@ -86,6 +102,11 @@ impl Schedule {
 
     pub(crate) fn due(&self) -> Instant {
         self.due
+    }
+
+    /// When the next one is due while an extra one is pending.
+    pub(crate) fn due_with_extra(&self) -> Instant {
+        self.due.min(self.extra)
     }
 }
 

@@ -18,7 +18,7 @@ use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, Text};
 use crate::num;
 use crate::time::Duration;
-use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle};
+use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle, VehicleState};
 
 /// The most modes that a vehicle can declare.
 pub const MAX_MODES: usize = 32;
@@ -229,9 +229,9 @@ fn tell(port: &mut Port) {
     }
 }
 
-/// Looks whether the vehicle is in another mode than `told`, the one that was told last.
-pub(crate) fn poll(told: &mut u32, links: &mut [Link], vehicle: &impl Vehicle) {
-    let Some(state) = vehicle.state().filter(|state| state.custom_mode != *told) else { return };
+/// Sends CURRENT_MODE when `state` has another mode than `told`, the last one that was reported.
+pub(crate) fn poll(told: &mut u32, links: &mut [Link], state: Option<VehicleState>) {
+    let Some(state) = state.filter(|state| state.custom_mode != *told) else { return };
     *told = state.custom_mode;
     event!("mode {=u32}", state.custom_mode);
     links.iter_mut().for_each(|link| tell(&mut link.port));

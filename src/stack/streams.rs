@@ -49,15 +49,16 @@ impl Core {
         }
     }
 
-    /// A command about messages, of those that the vehicle fills; `None` for all others.
+    /// A command about HEARTBEAT, or about messages that the vehicle fills; `None` for all others.
     pub(super) fn on_message_command<V: Autopilot, P: PlanStorage>(
-        &self,
+        &mut self,
         context: &mut Context<'_, V, P>,
         port: &mut Port,
         command: &Command,
     ) -> Option<MavResult> {
-        if V::STREAMS.is_empty() {
-            return None;
+        let of_heartbeat = self.on_heartbeat_request(context.now, port, context.vehicle, command);
+        if of_heartbeat.is_some() || V::STREAMS.is_empty() {
+            return of_heartbeat;
         }
         stream::on_command(context.now, self.fixed::<V>(), port, context.slots, context.vehicle, command)
     }

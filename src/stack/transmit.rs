@@ -1,15 +1,17 @@
 //! What a link sends next: the services in a fixed order (D-4), one frame at a time, and when there is something to send.
 
 use super::{Context, Core, count, signing};
-use crate::dialect::Heartbeat;
+use crate::dialect::{Heartbeat, MavCmd, MavResult};
 use crate::link::{LinkClass, LinkMask, Port, Transport};
+use crate::message::Message;
+use crate::num;
 use crate::service::high_latency;
 use crate::service::mission::{Missions, PlanStorage};
 use crate::service::param;
 use crate::service::statustext::StatusTexts;
 use crate::service::{command, mode, time};
 use crate::time::{Duration, Instant};
-use crate::vehicle::Autopilot;
+use crate::vehicle::{Autopilot, Command};
 
 impl Core {
     /// Puts the next frame into the link's outbound buffer, which is empty.
@@ -34,18 +36,32 @@ impl Core {
         }
     }
 
-    /// The heartbeat, when it is due and the flight loop is well (H-1, H-5).
+    /// Sends the heartbeat, when it is due or what it says has changed, and the flight loop is well (H-1, H-5, H-16).
     fn heartbeat<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
-        if !port.heartbeat.is_due(now) || !self.has_credit(now) {
+        if self.has_acted {
+            // A command may have changed it: then the heartbeat precedes the answer, after which clients look at it.
+            self.notice(vehicle.state());
+        }
+        let link = LinkMask::of(port.id);
+        let is_due = port.heartbeat.is_due(now);
+        let is_extra = self.extra_heartbeats.contains(link) && port.heartbeat.may_send_extra(now);
+        if !(is_due || is_extra) || !self.has_credit(now) {
             return false;
         }
+        self.extra_heartbeats = self.extra_heartbeats.without(link);
         let Some(state) = vehicle.state() else {
-            port.heartbeat.postpone(now.after(RETRY));
+            if is_due {
+                port.heartbeat.postpone(now.after(RETRY));
+            }
             return false;
         };
-        port.heartbeat.sent(now, self.config.heartbeat_period);
-        if !V::MODES.is_empty() {
-            mode::on_heartbeat(port);
+        if is_due {
+            port.heartbeat.sent(now, self.config.heartbeat_period);
+            if !V::MODES.is_empty() {
+                mode::on_heartbeat(port);
+            }
+        } else {
+            port.heartbeat.sent_extra(now);
         }
         port.outbox.send(&Heartbeat {
             custom_mode: state.custom_mode,
@@ -55,6 +71,31 @@ impl Core {
             system_status: state.system_status,
             mavlink_version: MAVLINK_VERSION,
         })
+    }
+
+    /// A request for HEARTBEAT, which is sent like one that reports a change, or refused while there is none (H-5, Q-1); `None`
+    /// for all other commands.
+    pub(super) fn on_heartbeat_request<V: Autopilot>(
+        &mut self,
+        now: Instant,
+        port: &Port,
+        vehicle: &V,
+        command: &Command,
+    ) -> Option<MavResult> {
+        let [id, ..] = command.params;
+        if command.id != MavCmd::REQUEST_MESSAGE || num::unsigned(id) != Some(Heartbeat::ID) {
+            return None;
+        }
+        let link = LinkMask::of(port.id);
+        if !self.normal.contains(link)
+            || !command.has_response_target()
+            || vehicle.state().is_none()
+            || !self.has_credit(now)
+        {
+            return Some(MavResult::DENIED);
+        }
+        self.extra_heartbeats = self.extra_heartbeats.with(link);
+        Some(MavResult::ACCEPTED)
     }
 
     /// HIGH_LATENCY2, when it is due: like a heartbeat, only while the flight loop is well (L-3, H-5).
@@ -101,7 +142,12 @@ impl Core {
         missions: Option<&Missions>,
     ) -> Instant {
         let is_normal = port.config.class != LinkClass::HighLatency;
-        let heartbeat = match port.heartbeat.due() {
+        let heartbeat = if self.extra_heartbeats.contains(LinkMask::of(port.id)) {
+            port.heartbeat.due_with_extra()
+        } else {
+            port.heartbeat.due()
+        };
+        let heartbeat = match heartbeat {
             Instant::NEVER => Instant::NEVER,
             due if due > now => self.credit.look_for(due, self.config.max_loop_gap),
             due if self.credit.is_good(now, self.config.max_loop_gap) => due,

@@ -48,6 +48,8 @@ pub struct TestVehicle {
     pub state: Option<VehicleState>,
     /// Answers to commands by number; a command that is not here is UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
+    /// Whether it arms and disarms when it is told to.
+    pub arms: bool,
     /// Commands that it starts and leaves to the test to finish, unless it has another answer.
     pub long: BTreeSet<u16>,
     /// Its memory for those, and for DO_REPEAT_SERVO, which it does not do twice.
@@ -102,6 +104,7 @@ impl TestVehicle {
                 system_status: MavState::STANDBY,
             }),
             outcomes: known.into_iter().map(|id| (id.0, MavResult::ACCEPTED.into())).collect(),
+            arms: false,
             long: BTreeSet::new(),
             memory: CommandSlots::new(),
             cancels: true,
@@ -214,6 +217,11 @@ impl Commands for TestVehicle {
 
     fn command(&mut self, command: &Command) -> Outcome {
         self.calls.push(Call::Command(*command));
+        if let Some(state) = self.state.as_mut().filter(|_| self.arms && command.id == MavCmd::COMPONENT_ARM_DISARM) {
+            let is_armed = command.params[0] == 1.0;
+            let armed = if is_armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
+            state.base_mode = MavModeFlag::CUSTOM_MODE_ENABLED | armed;
+        }
         if self.long.contains(&command.id.0) {
             let started = self.memory.start(command);
             return self.outcomes.get(&command.id.0).copied().unwrap_or(started);
