@@ -48,9 +48,10 @@ use crate::vehicle::{Autopilot, VehicleState};
 ///                                              │
 ///                                              └─────▶ for others? ──▶ the queues of their links
 ///
-///   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, messages asked for          at once
-///            ◀── plan requests and items, texts, MISSION_CURRENT                  within the link's byte rate
-///            ◀── streams and what is forwarded, in turn                           while the line is idle
+///   transmit ◀── HEARTBEAT, COMMAND_ACK, MISSION_ACK, PING, TIMESYNC                        at once
+///            ◀── plan requests and items, parameter values, texts, messages on request    while the link has room
+///            ◀── streams and forwarded frames by turns                                    while the link is idle
+///            ◀── the list of all parameters                                               at 40 % of the link's rate
 /// ```
 #[derive(Debug)]
 pub struct Stack<

@@ -7,7 +7,8 @@ use crate::frame::Frame;
 use crate::link::{LinkClass, Port};
 use crate::message::Message;
 use crate::service::mission::PlanStorage;
-use crate::service::stream::{self, Fill, Fixed, Stream};
+use crate::service::stream::{self, Fill, Fixed, Slot, Stream};
+use crate::time::Instant;
 use crate::vehicle::{Autopilot, Command, Telemetry};
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
@@ -63,15 +64,11 @@ impl Core {
         stream::on_command(context.now, self.fixed::<V>(), port, context.slots, context.vehicle, command)
     }
 
-    /// A message that somebody asked for. False when none is owed.
-    pub(super) fn answer<V: Autopilot, P: PlanStorage>(
-        &self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-    ) -> bool {
+    /// Sends a message that was asked for. False when none is pending.
+    pub(super) fn answer<V: Autopilot>(&self, now: Instant, slots: &[Slot], port: &mut Port, vehicle: &mut V) -> bool {
         !V::STREAMS.is_empty()
-            && (stream::next_interval(context.now, self.fixed::<V>(), port, V::STREAMS, context.slots)
-                || stream::next_asked(context.now, &mut port.streams, &mut port.outbox, context.vehicle))
+            && (stream::next_interval(now, self.fixed::<V>(), port, V::STREAMS, slots)
+                || stream::next_asked(now, &mut port.streams, &mut port.outbox, vehicle))
     }
 
     /// A stream that is due, while nothing else waits for the line (D-4, Q-8). False when none is.

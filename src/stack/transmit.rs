@@ -1,4 +1,5 @@
 //! What a link sends next: the services in a fixed order (D-4), one frame at a time, and when there is something to send.
+//! `docs/architecture.md` has that order as a table, and `tests/order.rs` holds it.
 
 use super::{Context, Core, count, signing};
 use crate::dialect::{Heartbeat, MavCmd, MavResult};
@@ -20,13 +21,18 @@ impl Core {
         port.bucket.drain(now);
         signing::prepare(port, context.vehicle);
         let is_normal = port.config.class != LinkClass::HighLatency;
-        let sent = (is_normal && (self.heartbeat(now, port, context.vehicle) || signing::next(port)))
+        // On a line that streams fill the list still gets its share (P-11).
+        let is_list_late = port.params.is_late(now);
+        let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || command::next(port, context.vehicle)
             || (is_normal
                 && (port.plans.next_ack(&mut port.outbox)
+                    || signing::next(port)
                     || time::next(now, port, context.vehicle)
                     || (port.bucket.has_room() && self.transfer(context, port))
-                    || self.share(context, port)))
+                    || (!is_list_late && self.share(context, port))
+                    || (port.bucket.has_room() && self.list(now, port, context.vehicle))
+                    || (is_list_late && self.share(context, port))))
             || (port.config.class == LinkClass::HighLatency
                 && (self.high_latency(now, port, context.vehicle) || self.forward(context, port)));
         if sent {
@@ -106,31 +112,31 @@ impl Core {
             && high_latency::next(now, &self.config, port, vehicle)
     }
 
-    /// What can wait for the link's byte rate.
+    /// Sends what can wait for the link's byte rate: of plans, parameters and texts, and messages on request.
     fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let Context { now, texts, missions, plans, vehicle, slots, .. } = context;
         let capabilities = self.capabilities | param::capability::<V>();
         let has_modes = const { !V::MODES.is_empty() };
-        if port.owed.next(&self.config.identity, capabilities, &mut port.outbox)
-            || self.answer(context, port)
-            || (has_modes && mode::next_current(port, context.vehicle))
+        let mut of_plans = plans.parts(missions).map(|(missions, plans)| (missions, plans, vehicle.progress()));
+        if let Some((missions, plans, progress)) = &mut of_plans
+            && missions.next(*now, &mut port.plans, plans, progress, self.config.float_mission_items, &mut port.outbox)
         {
             return true;
         }
-        let Context { now, texts, missions, plans, vehicle, .. } = context;
-        let rate = port.config.bytes_per_second;
-        let Some((missions, plans)) = plans.parts(missions) else {
-            return self.params.next(*vehicle, &mut port.params, &mut port.outbox)
-                || texts.next(&mut port.text, &mut port.outbox)
-                || (has_modes && mode::next_listed(port, V::MODES))
-                || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox);
-        };
-        let progress = vehicle.progress();
-        missions.next(*now, &mut port.plans, &plans, &progress, self.config.float_mission_items, &mut port.outbox)
-            || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
+        self.params.next(*vehicle, &mut port.params, &mut port.outbox)
             || texts.next(&mut port.text, &mut port.outbox)
+            || port.owed.next(&self.config.identity, capabilities, &mut port.outbox)
+            || self.answer(*now, slots, port, *vehicle)
+            || (has_modes && mode::next_current(port, *vehicle))
+            || of_plans
+                .is_some_and(|(missions, plans, progress)| missions.next_progress(&plans, &progress, &mut port.outbox))
             || (has_modes && mode::next_listed(port, V::MODES))
-            || missions.next_progress(&plans, &progress, &mut port.outbox)
-            || self.params.next_listed(*now, *vehicle, &mut port.params, rate, &mut port.outbox)
+    }
+
+    /// Sends the next value of the list of parameters, when it is due. False when it is not.
+    fn list<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
+        let rate = port.config.bytes_per_second;
+        self.params.next_listed(now, vehicle, &mut port.params, rate, &mut port.outbox)
     }
 
     /// When something is to be sent on a link.

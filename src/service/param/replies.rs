@@ -16,6 +16,10 @@ const PACE: u32 = 92_500_000;
 /// What a list has not used of its share is lost after this time: so much may a poll be late.
 const CATCH_UP: Duration = Duration::from_millis(100);
 
+/// A value of a list that has waited so long goes before streams and forwarded frames, or a full line would starve the list
+/// (D-4, P-11). Less than [`CATCH_UP`], so that the list loses nothing of its share by waiting.
+const PATIENCE: Duration = Duration::from_millis(20);
+
 /// A request that is refused.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Refusal {
@@ -133,6 +137,11 @@ impl List {
         (self.is_going_on && now >= self.due).then_some(self.next)
     }
 
+    /// Whether the list falls behind its share.
+    pub(crate) fn is_late(&self, now: Instant) -> bool {
+        self.is_going_on && now >= self.due.after(PATIENCE)
+    }
+
     /// When the next value of the list is due; never, when there is no list.
     pub(crate) const fn due(&self) -> Instant {
         if self.is_going_on { self.due } else { Instant::NEVER }
@@ -142,7 +151,11 @@ impl List {
     pub(super) fn go_on(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
         self.next = self.next.saturating_add(1);
         self.is_going_on = self.next < count;
-        let pause = PACE.checked_div(bytes_per_second).unwrap_or(0);
+        // A line without a limit is never behind.
+        let Some(pause) = PACE.checked_div(bytes_per_second) else {
+            self.due = now;
+            return;
+        };
         let earliest = Instant::from_micros(now.as_micros().saturating_sub(CATCH_UP.as_micros()));
         self.due = self.due.max(earliest).after(Duration::from_micros(u64::from(pause)));
     }

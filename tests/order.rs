@@ -1,0 +1,210 @@
+//! The order in which a link sends: rules D-4, P-11, R-14. `docs/architecture.md` has it as a table.
+
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{
+    Address, CommandMemory, CommandPolicy, CommandRule, Commands, Duration, Fill, FlightMode, ForwardQueues,
+    Forwarding, Frame, Instant, LinkConfig, LinkId, Message, Outcome, ParamTable, Parameters, PlanChange, Plans,
+    Progress, Stream, StreamProfile, Telemetry, TimeSlots, TimeSync, Vehicle, VehicleState, plan_memory,
+};
+use support::*;
+
+/// Another vehicle, behind the second link.
+const WINGMAN: Address = Address::new(2, 1);
+
+/// The vehicle of the tests, with flight modes.
+struct Everything(TestVehicle);
+
+impl Default for Everything {
+    fn default() -> Self {
+        let queues = Some(Box::new(ForwardQueues::new()));
+        Self(TestVehicle { time: Some(TimeSlots::new()), queues, ..TestVehicle::new() })
+    }
+}
+
+impl Vehicle for Everything {
+    fn state(&self) -> Option<VehicleState> {
+        self.0.state()
+    }
+
+    fn time_sync(&mut self) -> Option<&mut TimeSync> {
+        self.0.time_sync()
+    }
+
+    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
+        self.0.forwarding()
+    }
+
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
+        self.0.message(frame, link);
+    }
+}
+
+impl Commands for Everything {
+    const COMMANDS: &'static [CommandPolicy] = TestVehicle::COMMANDS;
+    const MODES: &'static [FlightMode] = pilot::MODES;
+
+    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
+        self.0.command_memory()
+    }
+
+    fn command(&mut self, command: &mavstack::Command) -> Outcome {
+        self.0.command(command)
+    }
+}
+
+impl Parameters for Everything {
+    type Table = Tuning;
+
+    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
+        self.0.parameters_mut()
+    }
+}
+
+impl Plans for Everything {
+    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
+
+    fn plan_changed(&mut self, change: PlanChange<'_>) {
+        self.0.plan_changed(change);
+    }
+
+    fn progress(&self) -> Progress {
+        self.0.progress()
+    }
+}
+
+impl Telemetry for Everything {
+    const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
+
+    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+        self.0.fill(id, out)
+    }
+}
+
+type Loaded = World<2, plan_memory!(mission: 4), 8, Everything>;
+
+/// `frame` comes in by a link.
+fn receive<M: Message>(world: &mut Loaded, now: Instant, link: usize, from: Address, message: &M) {
+    let frame = world.gcs[link].frame_from(from, message);
+    let taken = world.stack.receive(now, LinkId(link as u8), &frame, &mut world.vehicle);
+    assert_eq!(taken, frame.len());
+}
+
+/// What link 0 sends at `now`: ids, and whether it is a forwarded frame.
+fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
+    let mut sent = Vec::new();
+    loop {
+        let bytes = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
+        if bytes.is_empty() {
+            return sent;
+        }
+        world.stack.transmitted(LinkId(0), bytes.len());
+        let id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
+        sent.push((id, bytes[5] != VEHICLE.system.0));
+    }
+}
+
+/// D-4, Q-2, R-14: a link that owes one of everything sends it in this order.
+#[test]
+fn everything_at_once_is_sent_in_order() {
+    let off = LinkConfig::unlimited().with_streams(StreamProfile::Off);
+    let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
+    let mut world = Loaded::with_plans(Setup { links, ..Setup::new() });
+    world.run_for(secs(2));
+    // By now everything is due that is periodic.
+    let now = world.now().after(millis(1_400));
+    world.pulse.tick();
+    world.stack.poll(now.after(Duration::ZERO), &mut world.vehicle);
+    world.pulse.tick();
+    world.vehicle.0.state.as_mut().unwrap().custom_mode = pilot::HOLD;
+    world.stack.send_text(now, MavSeverity::INFO, "Gear down");
+
+    for _ in 0..2 {
+        receive(&mut world, now, 1, WINGMAN, &Tunnel { payload: [1; 128], ..Tunnel::default() });
+    }
+    receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
+    for (command, id) in [
+        (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
+        (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),
+        (MavCmd::GET_MESSAGE_INTERVAL, Attitude::ID),
+        (MavCmd::REQUEST_MESSAGE, AutopilotVersion::ID),
+    ] {
+        let message = world.gcs[0].long(command, [id as f32, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        receive(&mut world, now, 0, STATION, &message);
+    }
+    let to_us = ParamRequestRead { param_index: 3, target_system: 1, target_component: 1, ..Default::default() };
+    receive(&mut world, now, 0, STATION, &to_us);
+    let list = MissionRequestList { target_system: 1, target_component: 1, ..Default::default() };
+    receive(&mut world, now, 0, STATION, &list);
+    receive(&mut world, now, 0, STATION, &Timesync { ts1: 7, ..Timesync::default() });
+    let rally = MissionRequestList { mission_type: MavMissionType::RALLY, ..list };
+    receive(&mut world, now, 0, STATION, &rally);
+    world.stack.poll(now, &mut world.vehicle);
+
+    let mut sent = sent(&mut world, now);
+    sent.dedup();
+    let own = |id| (id, false);
+    assert_eq!(
+        sent,
+        [
+            own(Heartbeat::ID),
+            own(CommandAck::ID),
+            own(MissionAck::ID),
+            own(Timesync::ID),
+            own(MissionCount::ID),
+            own(ParamValue::ID),
+            own(Statustext::ID),
+            own(AutopilotVersion::ID),
+            own(MessageInterval::ID),
+            own(BatteryStatus::ID),
+            own(CurrentMode::ID),
+            own(MissionCurrent::ID),
+            own(AvailableModes::ID),
+            (Tunnel::ID, true),
+            own(Attitude::ID),
+            (Tunnel::ID, true),
+            own(GlobalPositionInt::ID),
+            own(SysStatus::ID),
+            own(ParamValue::ID),
+        ]
+    );
+}
+
+/// D-4, P-11: on a line that streams fill the list of parameters gets 30 % of the rate, however far apart the polls are, and
+/// the streams get most of the rest.
+#[test]
+fn list_keeps_its_share_on_a_full_line() {
+    const RATE: u64 = 5_760;
+    for step in [1, 5, 19, 20, 25] {
+        let links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard), LinkConfig::uart(57_600)];
+        let down = Wire { bytes_per_second: RATE, tx_fifo: 512, ..Wire::default() };
+        let lines = [LineConfig { down, ..LineConfig::default() }, LineConfig::default()];
+        let mut world = Loaded::with_plans(Setup { links, lines, step: millis(step), ..Setup::new() });
+        for id in [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID] {
+            world.gcs[0].command_long(MavCmd::SET_MESSAGE_INTERVAL, [id as f32, 5_000.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            world.run_for(millis(200));
+        }
+        world.gcs[0].forget();
+        let begin = world.now();
+        // From one value of a list to the next (µs).
+        let mut pauses = Vec::new();
+        for list in 0..20 {
+            world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
+            let last = Tuning::INFO.len() as u16 - 1;
+            let has_ended = |world: &mut Loaded| {
+                let values = world.gcs[0].all::<ParamValue>();
+                values.last().is_some_and(|(_, value)| value.param_index == last)
+            };
+            assert!(world.run_until(secs(5), has_ended), "polls {step} ms apart: list {list} does not end");
+            let values = world.gcs[0].all::<ParamValue>();
+            pauses.extend(values.windows(2).map(|pair| pair[1].0.since(pair[0].0).as_micros()));
+            world.gcs[0].received.retain(|frame| frame.header.id != ParamValue::ID);
+        }
+        let list = 37 * 1_000_000 * 100 * pauses.len() as u64 / pauses.iter().sum::<u64>() / RATE;
+        let rest: usize = world.gcs[0].received.iter().map(|frame| frame.raw.len()).sum();
+        let rest = rest as u64 * 100 * 1_000_000 / world.now().since(begin).as_micros() / RATE;
+        assert!(list >= 30, "polls {step} ms apart: {list} % for the list");
+        assert!(rest >= 40, "polls {step} ms apart: {rest} % for the streams");
+    }
+}
