@@ -11,17 +11,17 @@ use crate::time::Duration;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PollBudget {
     /// Bytes read from the transport. 0 reads nothing.
-    pub rx_bytes: u16,
+    pub rx_bytes: u32,
     /// Work, of which a unit is about ten instructions of a Cortex-M4. A byte put through the checksum, or copied for another
     /// link, takes 1, a byte moved aside for new ones a half, a header looked at 16, one with an unknown id 32, a frame handled
     /// with its answer 500, any other frame sent 220, and each 64 bytes that are hashed for a signature 150. What came is handled
     /// first, a frame at least; then as many frames are sent, and one at least, and more of them as long as something is left.
     /// Less than [`Decoder::MIN_BUDGET`] counts as that.
-    pub work: u16,
+    pub work: u32,
     /// Frames handled, if [`work`](Self::work) does not end it before; what is left waits in the decoder. 0 counts as 1.
-    pub frames: u8,
+    pub frames: u32,
     /// Bytes handed to the transport. 0 sends nothing.
-    pub tx_bytes: u16,
+    pub tx_bytes: u32,
 }
 
 impl PollBudget {
@@ -38,6 +38,10 @@ impl PollBudget {
     /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
     /// assert_eq!(BUDGET.rx_bytes, 288);
     /// ```
+    ///
+    /// # Panics
+    ///
+    /// When the line brings more than 98 MB between two polls, which no budget can express: in a `const` a compile error.
     #[allow(
         clippy::as_conversions,
         reason = "const fn: `From` cannot be called; what is made narrower is no larger than its type"
@@ -47,24 +51,28 @@ impl PollBudget {
         /// What a byte of the shortest frames takes of the budget: 16 bytes are a MISSION_REQUEST_INT, which takes 545.
         const WORK: u64 = 35;
         const SHORTEST: u64 = 16;
-        const fn at_least(least: u64, value: u64, most: u64) -> u64 {
-            let value = if value < least { least } else { value };
-            if value > most { most } else { value }
+        const fn at_least(least: u32, value: u64) -> u32 {
+            if value < least as u64 { least } else { value as u32 }
         }
         // A byte is ten bits.
         let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(8_000_000);
-        let (least, most) = (Self::DEFAULT, u16::MAX as u64);
+        let work = bytes.saturating_mul(WORK);
+        assert!(
+            work <= u32::MAX as u64,
+            "no budget is enough for so many bytes between two polls: poll the link more often"
+        );
+        let least = Self::DEFAULT;
         Self {
-            rx_bytes: at_least(least.rx_bytes as u64, bytes, most) as u16,
-            work: at_least(least.work as u64, bytes.saturating_mul(WORK), most) as u16,
-            frames: at_least(least.frames as u64, bytes.div_ceil(SHORTEST), u8::MAX as u64) as u8,
-            tx_bytes: at_least(least.tx_bytes as u64, bytes, most) as u16,
+            rx_bytes: at_least(least.rx_bytes, bytes),
+            work: at_least(least.work, work),
+            frames: at_least(least.frames, bytes.div_ceil(SHORTEST)),
+            tx_bytes: at_least(least.tx_bytes, bytes),
         }
     }
 
     /// What one poll may still do.
     pub(crate) fn allowance(&self) -> Allowance {
-        let work = u32::from(self.work).max(Decoder::MIN_BUDGET);
+        let work = self.work.max(Decoder::MIN_BUDGET);
         Allowance { work, frames: self.frames.max(1), answers: 0, has_sent: false }
     }
 }
@@ -84,9 +92,9 @@ const MADE: u32 = 220;
 pub(crate) struct Allowance {
     pub(crate) work: u32,
     /// That may be handled.
-    pub(crate) frames: u8,
+    pub(crate) frames: u32,
     /// Answers that are paid for.
-    answers: u8,
+    answers: u32,
     /// Whether a frame was sent.
     has_sent: bool,
 }

@@ -223,7 +223,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         vehicle: &mut V,
         allowance: &mut Allowance,
     ) -> Result<(), LinkError<U::Error>> {
-        let mut left = usize::from(self.core.config.budget.rx_bytes);
+        let mut left = length(self.core.config.budget.rx_bytes);
         let result = loop {
             let decoder = &mut self.link_mut(link).ok_or(LinkError::NoSuchLink)?.decoder;
             allowance.spend_but_for_a_frame(decoder.spare_cost());
@@ -264,7 +264,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         vehicle: &mut V,
         allowance: &mut Allowance,
     ) -> Result<(), LinkError<U::Error>> {
-        let mut left = usize::from(self.core.config.budget.tx_bytes);
+        let mut left = length(self.core.config.budget.tx_bytes);
         let result = loop {
             let begins = self.link_mut(link).is_none_or(|link| link.port.outbox.is_empty());
             if left == 0 || (begins && !allowance.may_send()) {
@@ -543,6 +543,11 @@ fn owe(links: &mut [Link], owed: Option<(LinkId, mission::Reply)>) {
     if let Some(link) = links.get_mut(usize::from(link.0)) {
         link.port.plans.owe_result(reply);
     }
+}
+
+/// So many bytes.
+fn length(bytes: u32) -> usize {
+    usize::try_from(bytes).unwrap_or(usize::MAX)
 }
 
 /// A frame is not acted on, for this reason.

@@ -339,9 +339,18 @@ fn full_lines_are_read_whole() {
         };
         bytes.extend(&buffer[..len.unwrap()]);
     }
-    for (baud, millis) in
-        [(57_600, 4), (57_600, 20), (115_200, 4), (115_200, 20), (921_600, 1), (921_600, 4), (1_000_000, 1)]
-    {
+    for (baud, millis) in [
+        (57_600, 4),
+        (57_600, 20),
+        (115_200, 4),
+        (115_200, 20),
+        (921_600, 1),
+        (921_600, 4),
+        (921_600, 20),
+        (1_000_000, 1),
+        (2_000_000, 20),
+        (3_000_000, 50),
+    ] {
         let period = Duration::from_millis(millis);
         for frame in &frames {
             let mut setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::<1>::new() };

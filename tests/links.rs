@@ -60,7 +60,7 @@ fn partial_reads_and_writes_change_nothing() {
 /// lost.
 #[test]
 fn one_poll_keeps_to_its_budget() {
-    for (work, frames, most) in [(u16::MAX, 2, 2), (300, 8, 1), (1_200, 8, 2)] {
+    for (work, frames, most) in [(u32::MAX, 2, 2), (300, 8, 1), (1_200, 8, 2)] {
         let mut setup = Setup::<1>::new();
         setup.config.budget = PollBudget { rx_bytes: 150, work, frames, tx_bytes: 30 };
         let mut world = World::new(setup);
@@ -93,12 +93,12 @@ fn one_poll_keeps_to_its_budget() {
 fn one_poll_handles_no_more_frames_than_it_may() {
     for frames in [0, 1, 2, 5] {
         let mut setup = Setup::<1>::new();
-        setup.config.budget = PollBudget { rx_bytes: u16::MAX, work: u16::MAX, frames, tx_bytes: 280 };
+        setup.config.budget = PollBudget { rx_bytes: u32::MAX, work: u32::MAX, frames, tx_bytes: 280 };
         let mut world = World::new(setup);
         let bytes: Vec<u8> = (0..5).flat_map(|_| world.gcs[0].frame_from(STATION, &Attitude::default())).collect();
         let now = world.now();
         assert_eq!(world.stack.receive(now, LINK, &bytes, &mut world.vehicle), bytes.len());
-        let most = usize::from(frames.max(1));
+        let most = usize::try_from(frames.max(1)).unwrap();
         let handled = |vehicle: &TestVehicle| {
             vehicle.calls.iter().filter(|call| matches!(call, Call::Message { id: Attitude::ID, .. })).count()
         };
@@ -136,9 +136,9 @@ fn a_link_that_there_is_not_takes_and_gives_nothing() {
 fn moved_bytes_are_work() {
     const HELD: usize = 240;
     let file = FileTransferProtocol { target_network: 0, target_system: 1, target_component: 1, payload: [7; 251] };
-    let handled = |garbage: usize, work: u16| {
+    let handled = |garbage: usize, work: u32| {
         let mut setup = Setup::<1>::new();
-        setup.config.budget = PollBudget { work, frames: u8::MAX, ..PollBudget::DEFAULT };
+        setup.config.budget = PollBudget { work, frames: u32::MAX, ..PollBudget::DEFAULT };
         let mut world = World::new(setup);
         let frame = world.gcs[0].frame_from(STATION, &file);
         let held = [&vec![0; garbage][..], &frame[..HELD]].concat();
@@ -151,7 +151,7 @@ fn moved_bytes_are_work() {
         world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle).unwrap();
         world.stack.rx_counters(LINK).unwrap().frames
     };
-    let works: Vec<u16> = (700..3_000).collect();
+    let works: Vec<u32> = (700..3_000).collect();
     for frames in [2, 3] {
         let least = |garbage| 700 + works.partition_point(|work| handled(garbage, *work) < frames);
         assert_eq!(least(30) - least(0), HELD / 2, "{frames} frames");
@@ -449,7 +449,7 @@ fn byte_level_calls_equal_poll_link() {
 
 /// What a stack says and asks its vehicle for in a minute, and how often it was run: every millisecond, or only at its
 /// deadline, for a byte, and when there is room on the line again. The line stands still for ten seconds of it.
-fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u16) -> (Vec<Received>, Vec<Call>, u32) {
+fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Call>, u32) {
     let down = Wire { bytes_per_second: 2_000, tx_fifo, ..Wire::default() };
     let lines = [LineConfig { down, ..LineConfig::default() }];
     let mut setup = Setup { links: [LinkConfig::uart(9_600)], lines, ..Setup::<1>::new() };

@@ -85,6 +85,11 @@ fn cases() -> Vec<(&'static str, String, &'static str)> {
         ("system_255", config(255, 1), address),
         ("component_0", config(1, 0), address),
         ("baud_0", constant("const LINK: LinkConfig = LinkConfig::uart(0);"), "a UART has a baud rate"),
+        (
+            "budget",
+            constant("const BUDGET: PollBudget = PollBudget::for_line(3_000_000, Duration::from_secs(600));"),
+            "poll the link more often",
+        ),
         ("links_0", main_does("run(Stack::<0>::new(CONFIG, []))"), links),
         ("links_17", main_does("run(Stack::<17>::new(CONFIG, [UART; 17]))"), links),
         ("peers_0", main_does("run(Stack::<1, NoPlans, 0>::with_capacities(CONFIG, [UART]))"), "needs room for a peer"),

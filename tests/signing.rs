@@ -577,7 +577,7 @@ impl embedded_io::WriteReady for Line {
 /// SEC-2: a signature that is made or compared is work: fewer frames have room in a poll. One that nobody compares is none.
 #[test]
 fn signatures_are_work() {
-    let budget = |work| PollBudget { work, frames: u8::MAX, ..PollBudget::DEFAULT };
+    let budget = |work| PollBudget { work, frames: u32::MAX, ..PollBudget::DEFAULT };
     let rig = |work, key: Option<[u8; 32]>| {
         let mut rig: Rig<1> = Rig::new([LinkConfig::uart(115_200)]);
         let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));

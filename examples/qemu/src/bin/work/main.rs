@@ -156,7 +156,7 @@ impl<'a> Bench<'a> {
         if scene == Scene::Loaded {
             let mut sender = Sender::new(Kind::Upload);
             while bench.stack.mission().items().is_empty() {
-                bench.poll(budget.rx_bytes.into(), || sender.next());
+                bench.poll(budget.rx_bytes as usize, || sender.next());
             }
             (bench.polls, bench.most, bench.sum, bench.most_timers) = (0, 0, 0, 0);
         }
@@ -235,7 +235,7 @@ fn main() -> ! {
         ("small", PollBudget { rx_bytes: 64, work: 1_100, frames: 2, ..PollBudget::DEFAULT }),
         ("default", PollBudget::DEFAULT),
     ] {
-        let bytes = budget.rx_bytes.into();
+        let bytes = budget.rx_bytes as usize;
         for (what, kind, scene) in ROWS {
             let mut bench = Bench::new(STACK, VEHICLE, budget, scene);
             bench.run(kind, scene, bytes);
