@@ -90,14 +90,21 @@ fn requests_are_checked() {
     check::<QUIET>();
 }
 
-/// the table cannot change, so its number does not; and it is only told to who asks.
+/// the table cannot change, so its sequence number does not, and the monitor is sent on request only. Each row carries
+/// the monitor's number, so a ground station knows that its list is current (mavlink#2557).
 #[test]
 fn the_table_does_not_change() {
     let mut world = world::<1, PX4>();
     world.expect_no::<AvailableModesMonitor>(0, secs(30));
     assert_eq!(request(&mut world, 0, MONITOR, 0.0), ACCEPTED);
-    assert_eq!(world.expect::<AvailableModesMonitor>(0, millis(50)).seq, 0);
+    let seq = world.expect::<AvailableModesMonitor>(0, millis(50)).seq;
+    assert_eq!(seq, 0);
     world.expect_no::<AvailableModesMonitor>(0, secs(30));
+    assert_eq!(request(&mut world, 0, AVAILABLE, 0.0), ACCEPTED);
+    world.run_for(millis(100));
+    let rows = world.gcs[0].all::<AvailableModes>();
+    assert_eq!(rows.len(), 7);
+    assert!(rows.iter().all(|(_, row)| row.seq == seq));
 }
 
 /// CURRENT_MODE every two seconds on each normal link; also for a driver that sleeps until it is told to look again.

@@ -2382,6 +2382,8 @@ crate::wire_bitmask! {
         SENSOR_3D_ACCEL3 = 8,
         SENSOR_3D_GYRO4 = 0x10,
         SENSOR_3D_ACCEL4 = 0x20,
+        SENSOR_3D_MAG3 = 0x40,
+        SENSOR_3D_MAG4 = 0x80,
     }
 }
 
@@ -9475,6 +9477,8 @@ crate::message! {
         mode_index: u8,
         standard_mode: MavStandardMode,
         mode_name: Text<35>,
+    } extensions {
+        seq: u8,
     }
 }
 

@@ -26,6 +26,10 @@ pub const MAX_MODES: usize = 32;
 /// The longest name: AVAILABLE_MODES ends it with a NUL.
 const MAX_NAME: usize = 34;
 
+/// The revision of the table, the same in AVAILABLE_MODES and AVAILABLE_MODES_MONITOR. It starts at 0 and counts changes; the
+/// table is a constant and has none. Source: mavlink#2557.
+const SEQ: u8 = 0;
+
 /// A flight mode: a row of [`Commands::MODES`](crate::Commands::MODES).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -258,7 +262,7 @@ pub(crate) fn next_current<V: Vehicle + Commands>(port: &mut Port, vehicle: &V) 
             standard_mode: mode.map_or(MavStandardMode::NON_STANDARD, |mode| mode.standard_mode),
         });
     }
-    owed.take(Owed::AVAILABLE_MODES_MONITOR) && outbox.send(&AvailableModesMonitor { seq: 0 })
+    owed.take(Owed::AVAILABLE_MODES_MONITOR) && outbox.send(&AvailableModesMonitor { seq: SEQ })
 }
 
 /// Sends the next row of `table` that somebody asked for. False when none is owed, or can be sent.
@@ -281,6 +285,7 @@ pub(crate) fn next_listed(port: &mut Port, table: &[FlightMode]) -> bool {
             mode_index: u8::try_from(index).unwrap_or(0).saturating_add(1),
             standard_mode: mode.standard_mode,
             mode_name: Text::new(mode.name),
+            seq: SEQ,
         })
     })
 }
