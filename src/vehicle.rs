@@ -493,6 +493,9 @@ pub trait Plans {
 
 /// Telemetry: the messages in which the vehicle tells of itself, when it is asked to and in streams.
 ///
+/// A message that is filled only in part begins with its constant `UNKNOWN`: in most fields zero is a reading, an empty battery
+/// for example, and MAVLink has another value for "not known". `Default` is zero in every field.
+///
 /// ```
 /// use mavstack::dialect::{Attitude, BatteryStatus, MavDataStream};
 /// use mavstack::{Duration, Fill, Message, Stream, Telemetry};
@@ -508,12 +511,12 @@ pub trait Plans {
 ///     fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
 ///         let time_boot_ms = out.now().as_millis() as u32;
 ///         match id {
-///             Attitude::ID => out.put(&Attitude { time_boot_ms, yaw: self.yaw, ..Default::default() }),
+///             Attitude::ID => out.put(&Attitude { time_boot_ms, yaw: self.yaw, ..Attitude::UNKNOWN }),
 ///             // The second pack is not measured.
 ///             BatteryStatus::ID if out.index() == 0 => {
-///                 let mut voltages = [u16::MAX; 10];
+///                 let mut voltages = BatteryStatus::UNKNOWN.voltages;
 ///                 voltages[..4].copy_from_slice(&self.cells);
-///                 out.put(&BatteryStatus { voltages, ..Default::default() })
+///                 out.put(&BatteryStatus { voltages, ..BatteryStatus::UNKNOWN })
 ///             }
 ///             _ => false,
 ///         }

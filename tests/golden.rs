@@ -1,5 +1,5 @@
 //! Frames that the reference implementation encodes (T-S10): decoded and encoded again they are the same bytes. How
-//! golden/common.bin was made stands in golden/make_vectors.py.
+//! golden/common.bin and golden/unknown.bin were made stands in golden/make_vectors.py.
 
 #[path = "golden/all.rs"]
 mod all;
@@ -12,6 +12,7 @@ use mavstack::{CommandRule, Location, ParamRule};
 use std::{collections::BTreeMap, fmt::Debug};
 
 const STREAM: &[u8] = include_bytes!("golden/common.bin");
+const UNKNOWN: &[u8] = include_bytes!("golden/unknown.bin");
 /// As in make_vectors.py.
 const SOURCE: Address = Address::new(42, 17);
 
@@ -24,10 +25,10 @@ struct Golden {
 }
 
 /// The frames by message id, each id's in their order, and how many there are.
-fn golden() -> (BTreeMap<u32, Vec<Golden>>, usize) {
+fn golden(stream: &[u8]) -> (BTreeMap<u32, Vec<Golden>>, usize) {
     let mut decoder = Decoder::default();
     let (mut frames, mut count): (BTreeMap<u32, Vec<Golden>>, usize) = Default::default();
-    let mut rest = STREAM;
+    let mut rest = stream;
     while !rest.is_empty() {
         rest = &rest[decoder.push(rest, Instant::ZERO)..];
         while let Some(frame) = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| false) {
@@ -43,7 +44,7 @@ fn golden() -> (BTreeMap<u32, Vec<Golden>>, usize) {
         }
     }
     let raw: usize = frames.values().flatten().map(|frame| frame.raw.len()).sum();
-    assert_eq!(raw, STREAM.len(), "every byte belongs to a frame");
+    assert_eq!(raw, stream.len(), "every byte belongs to a frame");
     (frames, count)
 }
 
@@ -75,9 +76,37 @@ impl Visit for RoundTrip {
 
 #[test]
 fn what_the_reference_encodes_is_encoded_again_byte_by_byte() {
-    let (golden, count) = golden();
+    let (golden, count) = golden(STREAM);
     let mut visitor = RoundTrip { golden };
     all::each(&mut visitor);
     assert!(visitor.golden.is_empty(), "frames of no message: {:?}", visitor.golden.keys());
     assert_eq!(count, 1_128, "3 for each of 234 messages in v2, 3 for each of 142 in v1");
+}
+
+struct Unknown {
+    golden: BTreeMap<u32, Vec<Golden>>,
+    differ: usize,
+}
+
+impl Visit for Unknown {
+    fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self) {
+        let name = M::NAME;
+        let frames = self.golden.remove(&M::ID).unwrap_or_else(|| panic!("no frame of {name}: run make_vectors.py"));
+        let [frame] = &frames[..] else { panic!("one frame of {name}") };
+        let mut out = [0; MAX_FRAME_LEN];
+        let len = encode(&M::unknown(), frame.version, SOURCE, frame.seq, &mut out).expect("a frame has room");
+        assert_eq!(out[..len], frame.raw, "{name}: {:?}", M::unknown());
+        self.differ += usize::from(M::unknown() != M::default());
+    }
+}
+
+/// `UNKNOWN` has the values that the definitions' `invalid` marks, in every field of every message. The expected frames come
+/// from another reader of the definitions.
+#[test]
+fn unknown_messages_are_what_the_definitions_call_invalid() {
+    let (golden, count) = golden(UNKNOWN);
+    let mut visitor = Unknown { golden, differ: 0 };
+    all::each(&mut visitor);
+    assert!(visitor.golden.is_empty(), "frames of no message: {:?}", visitor.golden.keys());
+    assert_eq!((count, visitor.differ), (234, 71), "messages, and those with a value that is not zero");
 }

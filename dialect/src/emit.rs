@@ -7,7 +7,7 @@ use crate::{
     commands,
     doc::Doc,
     model::{Entry, Enum, Field, Message, Scalar},
-    names, rules,
+    names, rules, unknown,
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
@@ -83,7 +83,7 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     }
     for message in &selection.messages {
         out.push('\n');
-        types.message(&mut out, message);
+        types.message(&mut out, dialect, message);
     }
     out.push('\n');
     types.dialect(&mut out, dialect, options, &selection);
@@ -242,7 +242,7 @@ impl<'a> Types<'a> {
         out.push_str("    }\n}\n");
     }
 
-    fn message(&self, out: &mut String, message: &Message) {
+    fn message(&self, out: &mut String, dialect: &Dialect, message: &Message) {
         let _ = writeln!(out, "{}::message! {{", self.path);
         let mut doc = Doc::new();
         if message.description.is_empty() {
@@ -260,15 +260,15 @@ impl<'a> Types<'a> {
             message.id,
             message.crc_extra()
         );
-        message.base().into_iter().for_each(|field| self.field(out, message, field));
+        message.base().into_iter().for_each(|field| self.field(out, dialect, message, field));
         if message.extensions().next().is_some() {
             out.push_str("    } extensions {\n");
-            message.extensions().for_each(|field| self.field(out, message, field));
+            message.extensions().for_each(|field| self.field(out, dialect, message, field));
         }
         out.push_str("    }\n}\n");
     }
 
-    fn field(&self, out: &mut String, message: &Message, field: &Field) {
+    fn field(&self, out: &mut String, dialect: &Dialect, message: &Message, field: &Field) {
         let mut ty = field.scalar.rust_name();
         let mut see = None;
         if let Some((name, repr)) = self.enumerated(&field.enumeration) {
@@ -278,14 +278,20 @@ impl<'a> Types<'a> {
                 see = Some(name.as_str());
             }
         }
+        let is_secret = names::is_secret(&message.name, &field.name);
+        let mut unknown = unknown_value(dialect, field, ty);
+        if is_secret {
+            unknown = unknown.map(|value| format!("Secret({value})"));
+        }
         let ty = match field.array {
             None => ty.to_owned(),
             Some(length) if field.scalar == Scalar::Char => format!("Text<{length}>"),
             Some(length) => format!("[{ty}; {length}]"),
         };
-        let ty = if names::is_secret(&message.name, &field.name) { format!("Secret<{ty}>") } else { ty };
+        let ty = if is_secret { format!("Secret<{ty}>") } else { ty };
         field_doc(field, see).write(out, "        /// ");
-        let _ = writeln!(out, "        {}: {ty},", names::field(&field.name));
+        let unknown = unknown.map_or(String::new(), |value| format!(" = {value}"));
+        let _ = writeln!(out, "        {}: {ty}{unknown},", names::field(&field.name));
     }
 
     fn dialect(&self, out: &mut String, dialect: &Dialect, options: &Options, selection: &Selection) {
@@ -320,6 +326,42 @@ fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
     // `ALL` goes from small to large, unsigned before signed; `max_by_key` takes the last of equals.
     let candidates = Scalar::ALL.into_iter().filter(holds).rev();
     candidates.max_by_key(|scalar| uses.get(scalar).copied().unwrap_or(0)).unwrap_or(Scalar::U64)
+}
+
+/// The value of a field, whose elements have the type `element`, that says "not known"; `None` when it is zero or there is
+/// none.
+fn unknown_value(dialect: &Dialect, field: &Field, element: &str) -> Option<String> {
+    // Checked when it was loaded.
+    let values = unknown::values(dialect, field).unwrap_or_default();
+    let is_set = |value: &Option<unknown::Value>| value.is_some_and(|value| !value.is_zero());
+    if !values.iter().any(is_set) {
+        return None;
+    }
+    let is_number = match field.scalar {
+        // The bytes of a `Text`.
+        Scalar::Char => field.array.is_some(),
+        scalar => element == scalar.rust_name(),
+    };
+    let zero = match field.scalar {
+        Scalar::F32 | Scalar::F64 => unknown::Value::Float(0.0),
+        _ => unknown::Value::Integer(0),
+    };
+    let literal = |value: Option<unknown::Value>| {
+        let number = value.unwrap_or(zero).literal(field.scalar);
+        if is_number { number } else { format!("{element}({number})") }
+    };
+    let literals: Vec<_> = values.iter().map(|value| literal(*value)).collect();
+    let first = literals.first()?;
+    let all = match field.array {
+        None => return Some(first.clone()),
+        Some(length) if literals.iter().all(|literal| literal == first) => format!("[{first}; {length}]"),
+        Some(length) => {
+            let set = literals.iter().enumerate().filter(|&(at, _)| values.get(at).is_some_and(is_set));
+            let set: String = set.map(|(at, literal)| format!("all[{at}] = {literal}; ")).collect();
+            format!("{{ let mut all = [{}; {length}]; {set}all }}", literal(None))
+        }
+    };
+    Some(if field.scalar == Scalar::Char { format!("Text::from_wire({all})") } else { all })
 }
 
 fn entry_doc(entry: &Entry) -> Doc {

@@ -4,6 +4,7 @@ use crate::{
     Dialect, Error, builtin,
     model::{Enum, Message},
     parse::{self, Include},
+    unknown,
 };
 use std::{
     collections::{HashMap, hash_map::Entry as Slot},
@@ -177,15 +178,19 @@ fn place(origin: &crate::Origin) -> String {
     format!("{}:{}", origin.file.display(), origin.line)
 }
 
-/// Every enumeration that a field names is there. (A command's parameter may name one that is not: tools only show it.)
+/// Every enumeration that a field names is there, and its value for "not known" is one. (A command's parameter may name an
+/// enumeration that is not: tools only show it.)
 fn check_references(dialect: &Dialect) -> Result<(), Error> {
     for message in &dialect.messages {
-        for field in message.fields.iter().filter(|field| !field.enumeration.is_empty()) {
-            if dialect.enumeration(&field.enumeration).is_none() {
-                let problem =
-                    format!("there is no enum {}; define it, or include the file that does", field.enumeration);
-                return Err(field.origin.error(format!("field {}.{}", message.name, field.name), problem));
+        for field in &message.fields {
+            let error = |problem| field.origin.error(format!("field {}.{}", message.name, field.name), problem);
+            if !field.enumeration.is_empty() && dialect.enumeration(&field.enumeration).is_none() {
+                return Err(error(format!(
+                    "there is no enum {}; define it, or include the file that does",
+                    field.enumeration
+                )));
             }
+            unknown::values(dialect, field).map_err(error)?;
         }
     }
     Ok(())

@@ -400,7 +400,7 @@ fn text_attribute(node: &Node, name: &str) -> String {
 }
 
 /// The notations of MAVLink's schema: `5`, `0x1F`, `0b101`, `2**4`.
-fn integer(text: &str) -> Option<i128> {
+pub(crate) fn integer(text: &str) -> Option<i128> {
     if let Some((base, exponent)) = text.split_once("**") {
         return base.trim().parse::<i128>().ok()?.checked_pow(exponent.trim().parse().ok()?);
     }

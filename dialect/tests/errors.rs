@@ -74,6 +74,27 @@ fn bad_fields() {
         ("<field type=\"uint8_t\" name=\"a\" minValue=\"low\"/>", 4, "field M.a", "minValue: `low`"),
         ("<field type=\"uint8_t\" name=\"a\" instance=\"maybe\"/>", 4, "field M.a", "`true` or `false`"),
         (
+            "<field type=\"uint8_t\" name=\"a\" invalid=\"none\"/>",
+            4,
+            "field M.a",
+            "invalid: `none` is not a value; take",
+        ),
+        ("<field type=\"uint8_t\" name=\"a\" invalid=\"NaN\"/>", 4, "field M.a", "invalid: `NaN` is not a value"),
+        (
+            "<field type=\"uint8_t\" name=\"a\" invalid=\"UINT16_MAX\"/>",
+            4,
+            "field M.a",
+            "65535 does not fit in uint8_t",
+        ),
+        ("<field type=\"uint8_t\" name=\"a\" invalid=\"-1\"/>", 4, "field M.a", "take a value from 0 to 255"),
+        ("<field type=\"float\" name=\"a\" invalid=\"1e99\"/>", 4, "field M.a", "invalid: `1e99`"),
+        (
+            "<field type=\"uint8_t[2]\" name=\"a\" invalid=\"[1,2,3]\"/>",
+            4,
+            "field M.a",
+            "than the array has elements, 2",
+        ),
+        (
             "<field type=\"uint8_t\" name=\"a\" unit=\"m\"/>",
             4,
             "field M.a",

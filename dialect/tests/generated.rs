@@ -14,7 +14,8 @@ use std::{
 };
 use support::{path, xml_files};
 use tricky::{
-    Bits, EmptyOne, Lonely, NameTaken, NameTakenEnum, OddNames, OptionEnum, OptionMessage, Signed, SomeMessage, Tricky,
+    Bits, EmptyOne, Invalids, Lonely, NameTaken, NameTakenEnum, OddNames, OptionEnum, OptionMessage, Signed,
+    SomeMessage, Tricky,
 };
 
 /// Regenerates a checked-in file and compares.
@@ -98,6 +99,21 @@ fn names_and_types_are_as_documented() {
     assert_eq!(Lonely::SOMETHING_ELSE.0, 300_u16);
     assert_eq!(EmptyOne::SIZE, 1);
     assert_eq!((tricky::Array1_2::ID, tricky::Array12::ID), (902, 903));
+}
+
+/// A message that knows nothing says what `invalid` says, in each of its notations.
+#[test]
+fn unknown_is_read_in_every_notation() {
+    let Invalids { all, first, each, zeros, limit, nan, number, entry, entries, signed_wide, letter, word, none, most } =
+        Invalids::UNKNOWN;
+    assert_eq!((all, first), ([u16::MAX; 4], [i16::MIN, 0, 0, 0]));
+    assert_eq!((each, zeros, limit), ([1, 0, 3, 0], [0, 0], 65_535.0));
+    assert!(nan.is_nan());
+    assert_eq!((number, entry, entries), ([-1.5; 2], OptionEnum::SOME, [OptionEnum(255); 2]));
+    assert_eq!((signed_wide, letter, most), (-1, Char(0x7F), u64::MAX));
+    assert_eq!((word, none), (Text::from_wire([63, 0, 0]), Text::EMPTY));
+    // Without the attribute: as the default.
+    assert_eq!(SomeMessage::UNKNOWN, SomeMessage::default());
 }
 
 #[test]

@@ -5149,9 +5149,9 @@ crate::message! {
         /// (d%)
         load: u16,
         /// (mV) Unknown: `UINT16_MAX`.
-        voltage_battery: u16,
+        voltage_battery: u16 = u16::MAX,
         /// (cA) Unknown: `-1`.
-        current_battery: i16,
+        current_battery: i16 = -1,
         /// (c%)
         drop_rate_comm: u16,
         errors_comm: u16,
@@ -5160,7 +5160,7 @@ crate::message! {
         errors_count3: u16,
         errors_count4: u16,
         /// (%) Unknown: `-1`.
-        battery_remaining: i8,
+        battery_remaining: i8 = -1,
     } extensions {
         onboard_control_sensors_present_extended: MavSysStatusSensorExtended,
         onboard_control_sensors_enabled_extended: MavSysStatusSensorExtended,
@@ -5255,7 +5255,7 @@ crate::message! {
     /// Asks for one parameter, by name or by index.
     pub struct ParamRequestRead: PARAM_REQUEST_READ = 20, crc_extra = 214 {
         /// Unknown: `-1`.
-        param_index: i16,
+        param_index: i16 = -1,
         target_system: u8,
         target_component: u8,
         param_id: Text<16>,
@@ -5304,16 +5304,16 @@ crate::message! {
         /// (mm)
         alt: i32,
         /// Unknown: `UINT16_MAX`. In units of `1E-2`.
-        eph: u16,
+        eph: u16 = u16::MAX,
         /// Unknown: `UINT16_MAX`. In units of `1E-2`.
-        epv: u16,
+        epv: u16 = u16::MAX,
         /// (cm/s) Unknown: `UINT16_MAX`.
-        vel: u16,
+        vel: u16 = u16::MAX,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        cog: u16,
+        cog: u16 = u16::MAX,
         fix_type: GpsFixType,
         /// Unknown: `UINT8_MAX`.
-        satellites_visible: u8,
+        satellites_visible: u8 = u8::MAX,
     } extensions {
         /// (mm)
         alt_ellipsoid: i32,
@@ -5508,7 +5508,7 @@ crate::message! {
         /// (cm/s)
         vz: i16,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        hdg: u16,
+        hdg: u16 = u16::MAX,
     }
 }
 
@@ -5518,24 +5518,24 @@ crate::message! {
         /// (ms)
         time_boot_ms: u32,
         /// Unknown: `INT16_MAX`.
-        chan1_scaled: i16,
+        chan1_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan2_scaled: i16,
+        chan2_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan3_scaled: i16,
+        chan3_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan4_scaled: i16,
+        chan4_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan5_scaled: i16,
+        chan5_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan6_scaled: i16,
+        chan6_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan7_scaled: i16,
+        chan7_scaled: i16 = i16::MAX,
         /// Unknown: `INT16_MAX`.
-        chan8_scaled: i16,
+        chan8_scaled: i16 = i16::MAX,
         port: u8,
         /// Unknown: `UINT8_MAX`.
-        rssi: u8,
+        rssi: u8 = u8::MAX,
     }
 }
 
@@ -5545,24 +5545,24 @@ crate::message! {
         /// (ms)
         time_boot_ms: u32,
         /// (us) Unknown: `UINT16_MAX`.
-        chan1_raw: u16,
+        chan1_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan2_raw: u16,
+        chan2_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan3_raw: u16,
+        chan3_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan4_raw: u16,
+        chan4_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan5_raw: u16,
+        chan5_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan6_raw: u16,
+        chan6_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan7_raw: u16,
+        chan7_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan8_raw: u16,
+        chan8_raw: u16 = u16::MAX,
         port: u8,
         /// Unknown: `UINT8_MAX`.
-        rssi: u8,
+        rssi: u8 = u8::MAX,
     }
 }
 
@@ -5683,7 +5683,7 @@ crate::message! {
         seq: u16,
     } extensions {
         /// Unknown: `UINT16_MAX`.
-        total: u16,
+        total: u16 = u16::MAX,
         /// Unknown: `0`.
         mission_state: MissionState,
         /// Unknown: `0`.
@@ -5860,7 +5860,7 @@ crate::message! {
         /// (rad/s)
         yawspeed: f32,
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 9],
+        covariance: [f32; 9] = { let mut all = [0.0; 9]; all[0] = f32::NAN; all },
     }
 }
 
@@ -5906,7 +5906,7 @@ crate::message! {
         /// (m/s)
         vz: f32,
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 36],
+        covariance: [f32; 36] = { let mut all = [0.0; 36]; all[0] = f32::NAN; all },
         estimator_type: MavEstimatorType,
     }
 }
@@ -5935,7 +5935,7 @@ crate::message! {
         /// (m/s/s)
         az: f32,
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 45],
+        covariance: [f32; 45] = { let mut all = [0.0; 45]; all[0] = f32::NAN; all },
         estimator_type: MavEstimatorType,
     }
 }
@@ -5946,44 +5946,44 @@ crate::message! {
         /// (ms)
         time_boot_ms: u32,
         /// (us) Unknown: `UINT16_MAX`.
-        chan1_raw: u16,
+        chan1_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan2_raw: u16,
+        chan2_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan3_raw: u16,
+        chan3_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan4_raw: u16,
+        chan4_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan5_raw: u16,
+        chan5_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan6_raw: u16,
+        chan6_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan7_raw: u16,
+        chan7_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan8_raw: u16,
+        chan8_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan9_raw: u16,
+        chan9_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan10_raw: u16,
+        chan10_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan11_raw: u16,
+        chan11_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan12_raw: u16,
+        chan12_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan13_raw: u16,
+        chan13_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan14_raw: u16,
+        chan14_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan15_raw: u16,
+        chan15_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan16_raw: u16,
+        chan16_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan17_raw: u16,
+        chan17_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan18_raw: u16,
+        chan18_raw: u16 = u16::MAX,
         chancount: u8,
         /// Unknown: `UINT8_MAX`.
-        rssi: u8,
+        rssi: u8 = u8::MAX,
     }
 }
 
@@ -6014,13 +6014,13 @@ crate::message! {
     /// Stick positions and buttons of whoever steers by hand.
     pub struct ManualControl: MANUAL_CONTROL = 69, crc_extra = 243 {
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
-        x: i16,
+        x: i16 = i16::MAX,
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
-        y: i16,
+        y: i16 = i16::MAX,
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
-        z: i16,
+        z: i16 = i16::MAX,
         /// Range: -1000 to 1000. Unknown: `INT16_MAX`.
-        r: i16,
+        r: i16 = i16::MAX,
         buttons: u16,
         target: u8,
     } extensions {
@@ -6049,21 +6049,21 @@ crate::message! {
     /// Radio control channels to be taken in the place of the received ones.
     pub struct RcChannelsOverride: RC_CHANNELS_OVERRIDE = 70, crc_extra = 124 {
         /// (us) Unknown: `UINT16_MAX`.
-        chan1_raw: u16,
+        chan1_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan2_raw: u16,
+        chan2_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan3_raw: u16,
+        chan3_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan4_raw: u16,
+        chan4_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan5_raw: u16,
+        chan5_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan6_raw: u16,
+        chan6_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan7_raw: u16,
+        chan7_raw: u16 = u16::MAX,
         /// (us) Unknown: `UINT16_MAX`.
-        chan8_raw: u16,
+        chan8_raw: u16 = u16::MAX,
         target_system: u8,
         target_component: u8,
     } extensions {
@@ -6134,19 +6134,19 @@ crate::message! {
     /// A command with a position in scaled integers and a frame.
     pub struct CommandInt: COMMAND_INT = 75, crc_extra = 158 {
         /// Unknown: `NaN`.
-        param1: f32,
+        param1: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param2: f32,
+        param2: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param3: f32,
+        param3: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param4: f32,
+        param4: f32 = f32::NAN,
         /// Unknown: `INT32_MAX`.
-        x: i32,
+        x: i32 = i32::MAX,
         /// Unknown: `INT32_MAX`.
-        y: i32,
+        y: i32 = i32::MAX,
         /// Unknown: `NaN`.
-        z: f32,
+        z: f32 = f32::NAN,
         command: MavCmd,
         target_system: u8,
         target_component: u8,
@@ -6160,19 +6160,19 @@ crate::message! {
     /// A command with seven float parameters.
     pub struct CommandLong: COMMAND_LONG = 76, crc_extra = 152 {
         /// Unknown: `NaN`.
-        param1: f32,
+        param1: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param2: f32,
+        param2: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param3: f32,
+        param3: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param4: f32,
+        param4: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param5: f32,
+        param5: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param6: f32,
+        param6: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        param7: f32,
+        param7: f32 = f32::NAN,
         command: MavCmd,
         target_system: u8,
         target_component: u8,
@@ -6187,7 +6187,7 @@ crate::message! {
         result: MavResult,
     } extensions {
         /// (%) Unknown: `UINT8_MAX`.
-        progress: u8,
+        progress: u8 = u8::MAX,
         result_param2: i32,
         target_system: u8,
         target_component: u8,
@@ -6496,7 +6496,7 @@ crate::message! {
         /// (us)
         chan12_raw: u16,
         /// Unknown: `UINT8_MAX`.
-        rssi: u8,
+        rssi: u8 = u8::MAX,
     }
 }
 
@@ -6555,7 +6555,7 @@ crate::message! {
         yaw: f32,
     } extensions {
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 21],
+        covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
         reset_counter: u8,
     }
 }
@@ -6579,7 +6579,7 @@ crate::message! {
         yaw: f32,
     } extensions {
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 21],
+        covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
         reset_counter: u8,
     }
 }
@@ -6597,7 +6597,7 @@ crate::message! {
         z: f32,
     } extensions {
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 9],
+        covariance: [f32; 9] = { let mut all = [0.0; 9]; all[0] = f32::NAN; all },
         reset_counter: u8,
     }
 }
@@ -6621,7 +6621,7 @@ crate::message! {
         yaw: f32,
     } extensions {
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 21],
+        covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
     }
 }
 
@@ -6780,15 +6780,15 @@ crate::message! {
         rxerrors: u16,
         fixed: u16,
         /// Unknown: `UINT8_MAX`.
-        rssi: u8,
+        rssi: u8 = u8::MAX,
         /// Unknown: `UINT8_MAX`.
-        remrssi: u8,
+        remrssi: u8 = u8::MAX,
         /// (%)
         txbuf: u8,
         /// Unknown: `UINT8_MAX`.
-        noise: u8,
+        noise: u8 = u8::MAX,
         /// Unknown: `UINT8_MAX`.
-        remnoise: u8,
+        remnoise: u8 = u8::MAX,
     }
 }
 
@@ -6836,11 +6836,11 @@ crate::message! {
         /// (mm)
         alt: i32,
         /// Unknown: `UINT16_MAX`. In units of `1E-2`.
-        eph: u16,
+        eph: u16 = u16::MAX,
         /// Unknown: `UINT16_MAX`. In units of `1E-2`.
-        epv: u16,
+        epv: u16 = u16::MAX,
         /// (cm/s) Unknown: `UINT16_MAX`.
-        vel: u16,
+        vel: u16 = u16::MAX,
         /// (cm/s)
         vn: i16,
         /// (cm/s)
@@ -6848,10 +6848,10 @@ crate::message! {
         /// (cm/s)
         vd: i16,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        cog: u16,
+        cog: u16 = u16::MAX,
         fix_type: u8,
         /// Unknown: `UINT8_MAX`.
-        satellites_visible: u8,
+        satellites_visible: u8 = u8::MAX,
     } extensions {
         id: u8,
         /// (cdeg)
@@ -6879,7 +6879,7 @@ crate::message! {
         /// (us)
         time_delta_distance_us: u32,
         /// (m) Unknown: `-1.0`.
-        distance: f32,
+        distance: f32 = -1.0,
         /// (cdegC)
         temperature: i16,
         sensor_id: u8,
@@ -7040,16 +7040,16 @@ crate::message! {
         /// (ms)
         dgps_age: u32,
         /// Unknown: `UINT16_MAX`.
-        eph: u16,
+        eph: u16 = u16::MAX,
         /// Unknown: `UINT16_MAX`.
-        epv: u16,
+        epv: u16 = u16::MAX,
         /// (cm/s) Unknown: `UINT16_MAX`.
-        vel: u16,
+        vel: u16 = u16::MAX,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        cog: u16,
+        cog: u16 = u16::MAX,
         fix_type: GpsFixType,
         /// Unknown: `UINT8_MAX`.
-        satellites_visible: u8,
+        satellites_visible: u8 = u8::MAX,
         dgps_numch: u8,
     } extensions {
         /// (cdeg) Unknown: `0`.
@@ -7215,7 +7215,7 @@ crate::message! {
         id: u8,
         orientation: MavSensorOrientation,
         /// (cm^2) Unknown: `UINT8_MAX`.
-        covariance: u8,
+        covariance: u8 = u8::MAX,
     } extensions {
         /// (rad) Unknown: `0`.
         horizontal_fov: f32,
@@ -7314,7 +7314,7 @@ crate::message! {
         z: f32,
     } extensions {
         /// Unknown: `[NaN:]`.
-        covariance: [f32; 21],
+        covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
     }
 }
 
@@ -7437,7 +7437,7 @@ crate::message! {
         /// (m)
         z_pos: f32,
         /// (m/s) Unknown: `-1`.
-        airspeed: f32,
+        airspeed: f32 = -1.0,
         vel_variance: [f32; 3],
         pos_variance: [f32; 3],
         q: [f32; 4],
@@ -7454,21 +7454,21 @@ crate::message! {
     /// State of one battery.
     pub struct BatteryStatus: BATTERY_STATUS = 147, crc_extra = 154 {
         /// (mAh) Unknown: `-1`.
-        current_consumed: i32,
+        current_consumed: i32 = -1,
         /// (hJ) Unknown: `-1`.
-        energy_consumed: i32,
+        energy_consumed: i32 = -1,
         /// (cdegC) Unknown: `INT16_MAX`.
-        temperature: i16,
+        temperature: i16 = i16::MAX,
         /// (mV) Unknown: `[UINT16_MAX]`.
-        voltages: [u16; 10],
+        voltages: [u16; 10] = [u16::MAX; 10],
         /// (cA) Unknown: `-1`.
-        current_battery: i16,
+        current_battery: i16 = -1,
         /// Tells instances apart.
         id: u8,
         battery_function: MavBatteryFunction,
         r#type: MavBatteryType,
         /// (%) Unknown: `-1`.
-        battery_remaining: i8,
+        battery_remaining: i8 = -1,
     } extensions {
         /// (s) Unknown: `0`.
         time_remaining: i32,
@@ -7636,17 +7636,17 @@ crate::message! {
         /// (us)
         time_usec: u64,
         /// (m/s) Unknown: `NaN`.
-        wind_x: f32,
+        wind_x: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        wind_y: f32,
+        wind_y: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        wind_z: f32,
+        wind_z: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        var_horiz: f32,
+        var_horiz: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        var_vert: f32,
+        var_vert: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        wind_alt: f32,
+        wind_alt: f32 = f32::NAN,
         /// (m/s) Unknown: `0`.
         horiz_accuracy: f32,
         /// (m/s) Unknown: `0`.
@@ -7668,9 +7668,9 @@ crate::message! {
         /// (m)
         alt: f32,
         /// Unknown: `UINT16_MAX`.
-        hdop: f32,
+        hdop: f32 = 65535.0,
         /// Unknown: `UINT16_MAX`.
-        vdop: f32,
+        vdop: f32 = 65535.0,
         /// (m/s)
         vn: f32,
         /// (m/s)
@@ -7740,7 +7740,7 @@ crate::message! {
         /// (m/s)
         climb_rate: i8,
         /// Unknown: `UINT8_MAX`.
-        gps_nsat: u8,
+        gps_nsat: u8 = u8::MAX,
         gps_fix_type: GpsFixType,
         /// (%)
         battery_remaining: u8,
@@ -7798,7 +7798,7 @@ crate::message! {
         /// (dm/s)
         climb_rate: i8,
         /// (%) Unknown: `-1`.
-        battery: i8,
+        battery: i8 = -1,
         custom0: i8,
         custom1: i8,
         custom2: i8,
@@ -7835,7 +7835,7 @@ crate::message! {
         /// (m)
         z: f32,
         /// Unknown: `[NaN]`.
-        q: [f32; 4],
+        q: [f32; 4] = [f32::NAN; 4],
         /// (m)
         approach_x: f32,
         /// (m)
@@ -7899,17 +7899,17 @@ crate::message! {
     pub struct AdsbVehicle: ADSB_VEHICLE = 246, crc_extra = 184 {
         ICAO_address: u32,
         /// (degE7) Unknown: `INT32_MAX`.
-        lat: i32,
+        lat: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lon: i32,
+        lon: i32 = i32::MAX,
         /// (mm) Unknown: `INT32_MAX`.
-        altitude: i32,
+        altitude: i32 = i32::MAX,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        heading: u16,
+        heading: u16 = u16::MAX,
         /// (cm/s) Unknown: `UINT16_MAX`.
-        hor_velocity: u16,
+        hor_velocity: u16 = u16::MAX,
         /// (cm/s) Unknown: `INT16_MAX`.
-        ver_velocity: i16,
+        ver_velocity: i16 = i16::MAX,
         flags: AdsbFlags,
         squawk: u16,
         altitude_type: AdsbAltitudeType,
@@ -8054,11 +8054,11 @@ crate::message! {
         /// Unknown: `0`.
         firmware_version: u32,
         /// (mm) Unknown: `NaN`.
-        focal_length: f32,
+        focal_length: f32 = f32::NAN,
         /// (mm) Unknown: `NaN`.
-        sensor_size_h: f32,
+        sensor_size_h: f32 = f32::NAN,
         /// (mm) Unknown: `NaN`.
-        sensor_size_v: f32,
+        sensor_size_v: f32 = f32::NAN,
         flags: CameraCapFlags,
         /// (pix) Unknown: `0`.
         resolution_h: u16,
@@ -8086,9 +8086,9 @@ crate::message! {
         mode_id: CameraMode,
     } extensions {
         /// Unknown: `NaN`.
-        zoomLevel: f32,
+        zoomLevel: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        focusLevel: f32,
+        focusLevel: f32 = f32::NAN,
         /// Range: 0 to 6. Default: 0.
         camera_device_id: u8,
     }
@@ -8188,14 +8188,14 @@ crate::message! {
         /// (ms)
         time_boot_ms: u32,
         /// (deg) Unknown: `NaN`.
-        roll: f32,
+        roll: f32 = f32::NAN,
         /// (deg) Unknown: `NaN`.
-        pitch: f32,
+        pitch: f32 = f32::NAN,
         /// (deg) Unknown: `NaN`.
-        yaw: f32,
+        yaw: f32 = f32::NAN,
     } extensions {
         /// (deg) Unknown: `NaN`.
-        yaw_absolute: f32,
+        yaw_absolute: f32 = f32::NAN,
     }
 }
 
@@ -8208,7 +8208,7 @@ crate::message! {
         /// (bytes)
         length: u8,
         /// (bytes) Unknown: `UINT8_MAX`.
-        first_message_offset: u8,
+        first_message_offset: u8 = u8::MAX,
         data: [u8; 249],
     }
 }
@@ -8222,7 +8222,7 @@ crate::message! {
         /// (bytes)
         length: u8,
         /// (bytes) Unknown: `UINT8_MAX`.
-        first_message_offset: u8,
+        first_message_offset: u8 = u8::MAX,
         data: [u8; 249],
     }
 }
@@ -8295,22 +8295,22 @@ crate::message! {
         /// (ms)
         time_boot_ms: u32,
         /// (degE7) Unknown: `INT32_MAX`.
-        lat_camera: i32,
+        lat_camera: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lon_camera: i32,
+        lon_camera: i32 = i32::MAX,
         /// (mm) Unknown: `INT32_MAX`.
-        alt_camera: i32,
+        alt_camera: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lat_image: i32,
+        lat_image: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lon_image: i32,
+        lon_image: i32 = i32::MAX,
         /// (mm) Unknown: `INT32_MAX`.
-        alt_image: i32,
+        alt_image: i32 = i32::MAX,
         q: [f32; 4],
         /// (deg) Unknown: `NaN`.
-        hfov: f32,
+        hfov: f32 = f32::NAN,
         /// (deg) Unknown: `NaN`.
-        vfov: f32,
+        vfov: f32 = f32::NAN,
     } extensions {
         /// Range: 0 to 6. Default: 0.
         camera_device_id: u8,
@@ -8321,19 +8321,19 @@ crate::message! {
     /// `CAMERA_TRACKING_IMAGE_STATUS`.
     pub struct CameraTrackingImageStatus: CAMERA_TRACKING_IMAGE_STATUS = 275, crc_extra = 126 {
         /// Unknown: `NaN`.
-        point_x: f32,
+        point_x: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        point_y: f32,
+        point_y: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        radius: f32,
+        radius: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        rec_top_x: f32,
+        rec_top_x: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        rec_top_y: f32,
+        rec_top_y: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        rec_bottom_x: f32,
+        rec_bottom_x: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        rec_bottom_y: f32,
+        rec_bottom_y: f32 = f32::NAN,
         tracking_status: CameraTrackingStatusFlags,
         tracking_mode: CameraTrackingMode,
         target_data: CameraTrackingTargetData,
@@ -8353,23 +8353,23 @@ crate::message! {
         /// (m)
         alt: f32,
         /// (m) Unknown: `NaN`.
-        h_acc: f32,
+        h_acc: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        v_acc: f32,
+        v_acc: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vel_n: f32,
+        vel_n: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vel_e: f32,
+        vel_e: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vel_d: f32,
+        vel_d: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vel_acc: f32,
+        vel_acc: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        dist: f32,
+        dist: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        hdg: f32,
+        hdg: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        hdg_acc: f32,
+        hdg_acc: f32 = f32::NAN,
         tracking_status: CameraTrackingStatusFlags,
     } extensions {
         /// Range: 0 to 6. Default: 0.
@@ -8385,15 +8385,15 @@ crate::message! {
         /// (degC)
         max: f32,
         /// Unknown: `NaN`.
-        max_point_x: f32,
+        max_point_x: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        max_point_y: f32,
+        max_point_y: f32 = f32::NAN,
         /// (degC)
         min: f32,
         /// Unknown: `NaN`.
-        min_point_x: f32,
+        min_point_x: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        min_point_y: f32,
+        min_point_y: f32 = f32::NAN,
         /// Range: ≥ 1. Tells instances apart.
         stream_id: u8,
         /// Range: 0 to 6. Default: 0.
@@ -8445,11 +8445,11 @@ crate::message! {
         flags: GimbalManagerFlags,
         q: [f32; 4],
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_x: f32,
+        angular_velocity_x: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_y: f32,
+        angular_velocity_y: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_z: f32,
+        angular_velocity_z: f32 = f32::NAN,
         target_system: u8,
         target_component: u8,
         /// Tells instances apart.
@@ -8467,17 +8467,17 @@ crate::message! {
         firmware_version: u32,
         hardware_version: u32,
         /// (rad) Unknown: `NaN`.
-        roll_min: f32,
+        roll_min: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        roll_max: f32,
+        roll_max: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        pitch_min: f32,
+        pitch_min: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        pitch_max: f32,
+        pitch_max: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        yaw_min: f32,
+        yaw_min: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        yaw_max: f32,
+        yaw_max: f32 = f32::NAN,
         /// See [`GimbalDeviceCapFlags`].
         cap_flags: u16,
         custom_cap_flags: u16,
@@ -8496,13 +8496,13 @@ crate::message! {
     /// `GIMBAL_DEVICE_SET_ATTITUDE`.
     pub struct GimbalDeviceSetAttitude: GIMBAL_DEVICE_SET_ATTITUDE = 284, crc_extra = 99 {
         /// Unknown: `[NaN]`.
-        q: [f32; 4],
+        q: [f32; 4] = [f32::NAN; 4],
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_x: f32,
+        angular_velocity_x: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_y: f32,
+        angular_velocity_y: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_z: f32,
+        angular_velocity_z: f32 = f32::NAN,
         flags: GimbalDeviceFlags,
         target_system: u8,
         target_component: u8,
@@ -8516,20 +8516,20 @@ crate::message! {
         time_boot_ms: u32,
         q: [f32; 4],
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_x: f32,
+        angular_velocity_x: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_y: f32,
+        angular_velocity_y: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        angular_velocity_z: f32,
+        angular_velocity_z: f32 = f32::NAN,
         failure_flags: GimbalDeviceErrorFlags,
         flags: GimbalDeviceFlags,
         target_system: u8,
         target_component: u8,
     } extensions {
         /// (rad) Unknown: `NAN`.
-        delta_yaw: f32,
+        delta_yaw: f32 = f32::NAN,
         /// (rad/s) Unknown: `NAN`.
-        delta_yaw_velocity: f32,
+        delta_yaw_velocity: f32 = f32::NAN,
         /// Unknown: `0`.
         gimbal_device_id: u8,
     }
@@ -8544,15 +8544,15 @@ crate::message! {
         /// (us) Unknown: `0`.
         q_estimated_delay_us: u32,
         /// (m/s) Unknown: `NaN`.
-        vx: f32,
+        vx: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vy: f32,
+        vy: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        vz: f32,
+        vz: f32 = f32::NAN,
         /// (us) Unknown: `0`.
         v_estimated_delay_us: u32,
         /// (rad/s) Unknown: `NaN`.
-        feed_forward_angular_velocity_z: f32,
+        feed_forward_angular_velocity_z: f32 = f32::NAN,
         estimator_status: EstimatorStatusFlags,
         target_system: u8,
         target_component: u8,
@@ -8569,13 +8569,13 @@ crate::message! {
     pub struct GimbalManagerSetPitchyaw: GIMBAL_MANAGER_SET_PITCHYAW = 287, crc_extra = 1 {
         flags: GimbalManagerFlags,
         /// (rad) Unknown: `NaN`.
-        pitch: f32,
+        pitch: f32 = f32::NAN,
         /// (rad) Unknown: `NaN`.
-        yaw: f32,
+        yaw: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        pitch_rate: f32,
+        pitch_rate: f32 = f32::NAN,
         /// (rad/s) Unknown: `NaN`.
-        yaw_rate: f32,
+        yaw_rate: f32 = f32::NAN,
         target_system: u8,
         target_component: u8,
         /// Tells instances apart.
@@ -8588,13 +8588,13 @@ crate::message! {
     pub struct GimbalManagerSetManualControl: GIMBAL_MANAGER_SET_MANUAL_CONTROL = 288, crc_extra = 20 {
         flags: GimbalManagerFlags,
         /// Unknown: `NaN`.
-        pitch: f32,
+        pitch: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        yaw: f32,
+        yaw: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        pitch_rate: f32,
+        pitch_rate: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        yaw_rate: f32,
+        yaw_rate: f32 = f32::NAN,
         target_system: u8,
         target_component: u8,
         /// Tells instances apart.
@@ -8611,7 +8611,7 @@ crate::message! {
         counter: u16,
         failure_flags: [EscFailureFlags; 4],
         /// (cdegC) Unknown: `[INT16_MAX]`.
-        temperature: [i16; 4],
+        temperature: [i16; 4] = [i16::MAX; 4],
         /// Tells instances apart.
         index: u8,
         count: u8,
@@ -8642,9 +8642,9 @@ crate::message! {
         /// (m/s)
         airspeed: f32,
         /// (hPa) Unknown: `NaN`.
-        raw_press: f32,
+        raw_press: f32 = f32::NAN,
         /// (cdegC) Unknown: `INT16_MAX`.
-        temperature: i16,
+        temperature: i16 = i16::MAX,
         /// Tells instances apart.
         id: u8,
         flags: AirspeedSensorFlags,
@@ -8659,17 +8659,17 @@ crate::message! {
         /// (us)
         processing_time: u32,
         /// (degE7) Unknown: `INT32_MAX`.
-        lat: i32,
+        lat: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lon: i32,
+        lon: i32 = i32::MAX,
         /// (m) Unknown: `NaN`.
-        alt_ellipsoid: f32,
+        alt_ellipsoid: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        alt: f32,
+        alt: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        eph: f32,
+        eph: f32 = f32::NAN,
         /// (m) Unknown: `NaN`.
-        epv: f32,
+        epv: f32 = f32::NAN,
         /// Default: 0.
         target_system: u8,
         /// Default: 0.
@@ -8708,30 +8708,30 @@ crate::message! {
     pub struct AisVessel: AIS_VESSEL = 301, crc_extra = 243 {
         MMSI: u32,
         /// (degE7) Unknown: `INT32_MAX`.
-        lat: i32,
+        lat: i32 = i32::MAX,
         /// (degE7) Unknown: `INT32_MAX`.
-        lon: i32,
+        lon: i32 = i32::MAX,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        COG: u16,
+        COG: u16 = u16::MAX,
         /// (cdeg) Unknown: `UINT16_MAX`.
-        heading: u16,
+        heading: u16 = u16::MAX,
         /// (cm/s) Unknown: `UINT16_MAX`.
-        velocity: u16,
+        velocity: u16 = u16::MAX,
         /// (m) Unknown: `UINT16_MAX`.
-        dimension_bow: u16,
+        dimension_bow: u16 = u16::MAX,
         /// (m) Unknown: `UINT16_MAX`.
-        dimension_stern: u16,
+        dimension_stern: u16 = u16::MAX,
         /// (s)
         tslc: u16,
         flags: AisFlags,
         /// (ddeg/s) Unknown: `INT8_MAX`.
-        turn_rate: i8,
+        turn_rate: i8 = i8::MAX,
         navigational_status: AisNavStatus,
         r#type: AisType,
         /// (m) Unknown: `UINT8_MAX`.
-        dimension_port: u8,
+        dimension_port: u8 = u8::MAX,
         /// (m) Unknown: `UINT8_MAX`.
-        dimension_starboard: u8,
+        dimension_starboard: u8 = u8::MAX,
         callsign: Text<7>,
         name: Text<20>,
     }
@@ -8773,7 +8773,7 @@ crate::message! {
     /// Asks for one extended parameter, by name or by index.
     pub struct ParamExtRequestRead: PARAM_EXT_REQUEST_READ = 320, crc_extra = 243 {
         /// Unknown: `-1`.
-        param_index: i16,
+        param_index: i16 = -1,
         target_system: u8,
         target_component: u8,
         param_id: Text<16>,
@@ -8826,7 +8826,7 @@ crate::message! {
         /// (us)
         time_usec: u64,
         /// (cm) Unknown: `[UINT16_MAX]`.
-        distances: [u16; 72],
+        distances: [u16; 72] = [u16::MAX; 72],
         /// (cm)
         min_distance: u16,
         /// (cm)
@@ -8868,9 +8868,9 @@ crate::message! {
         /// (rad/s)
         yawspeed: f32,
         /// Unknown: `[NaN:]`.
-        pose_covariance: [f32; 21],
+        pose_covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
         /// Unknown: `[NaN:]`.
-        velocity_covariance: [f32; 21],
+        velocity_covariance: [f32; 21] = { let mut all = [0.0; 21]; all[0] = f32::NAN; all },
         frame_id: MavFrame,
         child_frame_id: MavFrame,
     } extensions {
@@ -8887,29 +8887,29 @@ crate::message! {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `[NaN]`.
-        pos_x: [f32; 5],
+        pos_x: [f32; 5] = [f32::NAN; 5],
         /// (m) Unknown: `[NaN]`.
-        pos_y: [f32; 5],
+        pos_y: [f32; 5] = [f32::NAN; 5],
         /// (m) Unknown: `[NaN]`.
-        pos_z: [f32; 5],
+        pos_z: [f32; 5] = [f32::NAN; 5],
         /// (m/s) Unknown: `[NaN]`.
-        vel_x: [f32; 5],
+        vel_x: [f32; 5] = [f32::NAN; 5],
         /// (m/s) Unknown: `[NaN]`.
-        vel_y: [f32; 5],
+        vel_y: [f32; 5] = [f32::NAN; 5],
         /// (m/s) Unknown: `[NaN]`.
-        vel_z: [f32; 5],
+        vel_z: [f32; 5] = [f32::NAN; 5],
         /// (m/s/s) Unknown: `[NaN]`.
-        acc_x: [f32; 5],
+        acc_x: [f32; 5] = [f32::NAN; 5],
         /// (m/s/s) Unknown: `[NaN]`.
-        acc_y: [f32; 5],
+        acc_y: [f32; 5] = [f32::NAN; 5],
         /// (m/s/s) Unknown: `[NaN]`.
-        acc_z: [f32; 5],
+        acc_z: [f32; 5] = [f32::NAN; 5],
         /// (rad) Unknown: `[NaN]`.
-        pos_yaw: [f32; 5],
+        pos_yaw: [f32; 5] = [f32::NAN; 5],
         /// (rad/s) Unknown: `[NaN]`.
-        vel_yaw: [f32; 5],
+        vel_yaw: [f32; 5] = [f32::NAN; 5],
         /// Unknown: `[UINT16_MAX]`.
-        command: [MavCmd; 5],
+        command: [MavCmd; 5] = [MavCmd(u16::MAX); 5],
         valid_points: u8,
     }
 }
@@ -8920,15 +8920,15 @@ crate::message! {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `[NaN]`.
-        pos_x: [f32; 5],
+        pos_x: [f32; 5] = [f32::NAN; 5],
         /// (m) Unknown: `[NaN]`.
-        pos_y: [f32; 5],
+        pos_y: [f32; 5] = [f32::NAN; 5],
         /// (m) Unknown: `[NaN]`.
-        pos_z: [f32; 5],
+        pos_z: [f32; 5] = [f32::NAN; 5],
         /// (s) Unknown: `[NaN]`.
-        delta: [f32; 5],
+        delta: [f32; 5] = [f32::NAN; 5],
         /// (rad) Unknown: `[NaN]`.
-        pos_yaw: [f32; 5],
+        pos_yaw: [f32; 5] = [f32::NAN; 5],
         valid_points: u8,
     }
 }
@@ -8937,16 +8937,16 @@ crate::message! {
     /// `CELLULAR_STATUS`.
     pub struct CellularStatus: CELLULAR_STATUS = 334, crc_extra = 72 {
         /// Unknown: `UINT16_MAX`.
-        mcc: u16,
+        mcc: u16 = u16::MAX,
         /// Unknown: `UINT16_MAX`.
-        mnc: u16,
+        mnc: u16 = u16::MAX,
         /// Unknown: `0`.
         lac: u16,
         status: CellularStatusFlag,
         failure_reason: CellularNetworkFailedReason,
         r#type: CellularNetworkRadioType,
         /// Unknown: `UINT8_MAX`.
-        quality: u8,
+        quality: u8 = u8::MAX,
     } extensions {
         /// Range: ≥ 1. Tells instances apart.
         id: u8,
@@ -9113,19 +9113,19 @@ crate::message! {
     /// `SMART_BATTERY_INFO`. Superseded since 2024-02: BATTERY_INFO.
     pub struct SmartBatteryInfo: SMART_BATTERY_INFO = 370, crc_extra = 75 {
         /// (mAh) Unknown: `-1`.
-        capacity_full_specification: i32,
+        capacity_full_specification: i32 = -1,
         /// (mAh) Unknown: `-1`.
-        capacity_full: i32,
+        capacity_full: i32 = -1,
         /// Unknown: `UINT16_MAX`.
-        cycle_count: u16,
+        cycle_count: u16 = u16::MAX,
         /// (g) Unknown: `0`.
         weight: u16,
         /// (mV) Unknown: `UINT16_MAX`.
-        discharge_minimum_voltage: u16,
+        discharge_minimum_voltage: u16 = u16::MAX,
         /// (mV) Unknown: `UINT16_MAX`.
-        charging_minimum_voltage: u16,
+        charging_minimum_voltage: u16 = u16::MAX,
         /// (mV) Unknown: `UINT16_MAX`.
-        resting_minimum_voltage: u16,
+        resting_minimum_voltage: u16 = u16::MAX,
         /// Tells instances apart.
         id: u8,
         battery_function: MavBatteryFunction,
@@ -9153,18 +9153,18 @@ crate::message! {
     pub struct FuelStatus: FUEL_STATUS = 371, crc_extra = 10 {
         maximum_fuel: f32,
         /// Unknown: `NaN`.
-        consumed_fuel: f32,
+        consumed_fuel: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        remaining_fuel: f32,
+        remaining_fuel: f32 = f32::NAN,
         /// Unknown: `NaN`.
-        flow_rate: f32,
+        flow_rate: f32 = f32::NAN,
         /// (K) Unknown: `NaN`.
-        temperature: f32,
+        temperature: f32 = f32::NAN,
         fuel_type: MavFuelType,
         /// Tells instances apart.
         id: u8,
         /// (%) Unknown: `UINT8_MAX`.
-        percent_remaining: u8,
+        percent_remaining: u8 = u8::MAX,
     }
 }
 
@@ -9190,9 +9190,9 @@ crate::message! {
         /// (Ah) Unknown: `0`.
         design_capacity: f32,
         /// (Ah) Unknown: `NaN`.
-        full_charge_capacity: f32,
+        full_charge_capacity: f32 = f32::NAN,
         /// Unknown: `UINT16_MAX`.
-        cycle_count: u16,
+        cycle_count: u16 = u16::MAX,
         /// (g) Unknown: `0`.
         weight: u16,
         /// Tells instances apart.
@@ -9200,7 +9200,7 @@ crate::message! {
         battery_function: MavBatteryFunction,
         r#type: MavBatteryType,
         /// (%) Unknown: `UINT8_MAX`.
-        state_of_health: u8,
+        state_of_health: u8 = u8::MAX,
         /// Unknown: `0`.
         cells_in_series: u8,
         /// Unknown: `[0]`.
@@ -9217,25 +9217,25 @@ crate::message! {
     pub struct GeneratorStatus: GENERATOR_STATUS = 373, crc_extra = 117 {
         status: MavGeneratorStatusFlag,
         /// (A) Unknown: `NaN`.
-        battery_current: f32,
+        battery_current: f32 = f32::NAN,
         /// (A) Unknown: `NaN`.
-        load_current: f32,
+        load_current: f32 = f32::NAN,
         /// (W) Unknown: `NaN`.
-        power_generated: f32,
+        power_generated: f32 = f32::NAN,
         /// (V)
         bus_voltage: f32,
         /// (A) Unknown: `NaN`.
-        bat_current_setpoint: f32,
+        bat_current_setpoint: f32 = f32::NAN,
         /// (s) Unknown: `UINT32_MAX`.
-        runtime: u32,
+        runtime: u32 = u32::MAX,
         /// (s) Unknown: `INT32_MAX`.
-        time_until_maintenance: i32,
+        time_until_maintenance: i32 = i32::MAX,
         /// (rpm) Unknown: `UINT16_MAX`.
-        generator_speed: u16,
+        generator_speed: u16 = u16::MAX,
         /// (degC) Unknown: `INT16_MAX`.
-        rectifier_temperature: i16,
+        rectifier_temperature: i16 = i16::MAX,
         /// (degC) Unknown: `INT16_MAX`.
-        generator_temperature: i16,
+        generator_temperature: i16 = i16::MAX,
     }
 }
 
@@ -9267,11 +9267,11 @@ crate::message! {
         /// (s)
         land: i32,
         /// (s) Unknown: `-1`.
-        mission_next_item: i32,
+        mission_next_item: i32 = -1,
         /// (s) Unknown: `-1`.
-        mission_end: i32,
+        mission_end: i32 = -1,
         /// (s) Unknown: `-1`.
-        commanded_action: i32,
+        commanded_action: i32 = -1,
     }
 }
 
@@ -9330,39 +9330,39 @@ crate::message! {
         /// (ms)
         uptime: u32,
         /// (MiB) Unknown: `UINT32_MAX`.
-        ram_usage: u32,
+        ram_usage: u32 = u32::MAX,
         /// (MiB) Unknown: `UINT32_MAX`.
-        ram_total: u32,
+        ram_total: u32 = u32::MAX,
         /// Unknown: `[UINT32_MAX]`.
-        storage_type: [u32; 4],
+        storage_type: [u32; 4] = [u32::MAX; 4],
         /// (MiB) Unknown: `[UINT32_MAX]`.
-        storage_usage: [u32; 4],
+        storage_usage: [u32; 4] = [u32::MAX; 4],
         /// (MiB) Unknown: `[UINT32_MAX]`.
-        storage_total: [u32; 4],
+        storage_total: [u32; 4] = [u32::MAX; 4],
         link_type: [u32; 6],
         /// (KiB/s) Unknown: `[UINT32_MAX]`.
-        link_tx_rate: [u32; 6],
+        link_tx_rate: [u32; 6] = [u32::MAX; 6],
         /// (KiB/s) Unknown: `[UINT32_MAX]`.
-        link_rx_rate: [u32; 6],
+        link_rx_rate: [u32; 6] = [u32::MAX; 6],
         /// (KiB/s) Unknown: `[UINT32_MAX]`.
-        link_tx_max: [u32; 6],
+        link_tx_max: [u32; 6] = [u32::MAX; 6],
         /// (KiB/s) Unknown: `[UINT32_MAX]`.
-        link_rx_max: [u32; 6],
+        link_rx_max: [u32; 6] = [u32::MAX; 6],
         /// (rpm) Unknown: `[INT16_MAX]`.
-        fan_speed: [i16; 4],
+        fan_speed: [i16; 4] = [i16::MAX; 4],
         r#type: u8,
         /// Unknown: `[UINT8_MAX]`.
-        cpu_cores: [u8; 8],
+        cpu_cores: [u8; 8] = [u8::MAX; 8],
         /// Unknown: `[UINT8_MAX]`.
-        cpu_combined: [u8; 10],
+        cpu_combined: [u8; 10] = [u8::MAX; 10],
         /// Unknown: `[UINT8_MAX]`.
-        gpu_cores: [u8; 4],
+        gpu_cores: [u8; 4] = [u8::MAX; 4],
         /// Unknown: `[UINT8_MAX]`.
-        gpu_combined: [u8; 10],
+        gpu_combined: [u8; 10] = [u8::MAX; 10],
         /// (degC) Unknown: `INT8_MAX`.
-        temperature_board: i8,
+        temperature_board: i8 = i8::MAX,
         /// (degC) Unknown: `[INT8_MAX]`.
-        temperature_core: [i8; 8],
+        temperature_core: [i8; 8] = [i8::MAX; 8],
     } extensions {
         status_flags: ComputerStatusFlags,
     }
@@ -9539,18 +9539,18 @@ crate::message! {
         /// (us)
         time_usec: u64,
         /// (m) Unknown: `NaN`.
-        line_length: f32,
+        line_length: f32 = f32::NAN,
         /// (m/s) Unknown: `NaN`.
-        speed: f32,
+        speed: f32 = f32::NAN,
         /// (kg) Unknown: `NaN`.
-        tension: f32,
+        tension: f32 = f32::NAN,
         /// (V) Unknown: `NaN`.
-        voltage: f32,
+        voltage: f32 = f32::NAN,
         /// (A) Unknown: `NaN`.
-        current: f32,
+        current: f32 = f32::NAN,
         status: MavWinchStatusFlag,
         /// (degC) Unknown: `INT16_MAX`.
-        temperature: i16,
+        temperature: i16 = i16::MAX,
     }
 }
 
@@ -9574,15 +9574,15 @@ crate::message! {
         /// (degE7) Unknown: `0`.
         longitude: i32,
         /// (m) Unknown: `-1000`.
-        altitude_barometric: f32,
+        altitude_barometric: f32 = -1000.0,
         /// (m) Unknown: `-1000`.
-        altitude_geodetic: f32,
+        altitude_geodetic: f32 = -1000.0,
         /// (m) Unknown: `-1000`.
-        height: f32,
+        height: f32 = -1000.0,
         /// (s) Unknown: `0xFFFF`.
-        timestamp: f32,
+        timestamp: f32 = 65535.0,
         /// (cdeg) Unknown: `36100`.
-        direction: u16,
+        direction: u16 = 36100,
         /// (cm/s)
         speed_horizontal: u16,
         /// (cm/s)
@@ -9636,11 +9636,11 @@ crate::message! {
         /// (degE7) Unknown: `0`.
         operator_longitude: i32,
         /// (m) Unknown: `-1000`.
-        area_ceiling: f32,
+        area_ceiling: f32 = -1000.0,
         /// (m) Unknown: `-1000`.
-        area_floor: f32,
+        area_floor: f32 = -1000.0,
         /// (m) Unknown: `-1000`.
-        operator_altitude_geo: f32,
+        operator_altitude_geo: f32 = -1000.0,
         /// (s)
         timestamp: u32,
         area_count: u16,
@@ -9696,7 +9696,7 @@ crate::message! {
         /// (degE7) Unknown: `0`.
         operator_longitude: i32,
         /// (m) Unknown: `-1000`.
-        operator_altitude_geo: f32,
+        operator_altitude_geo: f32 = -1000.0,
         /// (s)
         timestamp: u32,
         target_system: u8,

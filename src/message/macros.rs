@@ -10,6 +10,9 @@
 /// integers, floats, arrays of them, [`Text<N>`](crate::Text) for `char[N]`, and types made by
 /// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
 ///
+/// A field's type may be followed by `= value`: the value that means "not known". The constant `UNKNOWN` has it in that field,
+/// and zero in fields without; `Default` is zero in all. So a message that a vehicle fills only in part begins with `UNKNOWN`.
+///
 /// The generator writes `, crc_extra = n` behind the id: it has computed the digest already, for the compiler that is slow
 /// work. It is not checked; leave it out of a declaration by hand.
 ///
@@ -20,7 +23,7 @@
 ///         /// Length of line that is out (mm).
 ///         line_out: u32,
 ///         /// Tension (N).
-///         tension: i16,
+///         tension: i16 = i16::MAX,
 ///         r#type: u8,
 ///     } extensions {
 ///         /// Temperature of the motor (°C).
@@ -30,7 +33,8 @@
 /// use mavstack::Message;
 ///
 /// assert_eq!((WinchReport::ID, WinchReport::BASE_LEN, WinchReport::MAX_LEN), (53_001, 7, 8));
-/// let report = WinchReport { line_out: 1_500, tension: -3, ..Default::default() };
+/// let report = WinchReport { line_out: 1_500, ..WinchReport::UNKNOWN };
+/// assert_eq!((report.tension, report.temperature), (i16::MAX, 0));
 /// let mut payload = [0; 8];
 /// assert_eq!(report.encode(&mut payload), Some(8));
 /// assert_eq!(WinchReport::decode(&payload), report);
@@ -51,10 +55,10 @@ macro_rules! message {
     (
         $(#[$meta:meta])*
         $vis:vis struct $name:ident: $wire:ident = $id:literal $(, crc_extra = $crc_extra:literal)? {
-            $( $(#[$field_meta:meta])* $field:ident: $ty:ty ),+ $(,)?
+            $( $(#[$field_meta:meta])* $field:ident: $ty:ty $(= $unknown:expr)? ),+ $(,)?
         }
         $( extensions {
-            $( $(#[$ext_meta:meta])* $ext:ident: $ext_ty:ty ),+ $(,)?
+            $( $(#[$ext_meta:meta])* $ext:ident: $ext_ty:ty $(= $ext_unknown:expr)? ),+ $(,)?
         } )?
     ) => {
         $(#[$meta])*
@@ -105,13 +109,23 @@ macro_rules! message {
             // Checked where the message is declared, not where it is first used.
             const _: $crate::MessageInfo = <$name as $crate::Message>::INFO;
 
+            /// All bytes zero.
+            const __ZERO: $name = $name {
+                $( $field: <$ty as $crate::Field>::ZERO, )+
+                $($( $ext: <$ext_ty as $crate::Field>::ZERO, )+)?
+            };
+
+            impl $name {
+                /// A message that knows nothing: each field has the value that means "not known", and zero where the
+                /// definition has no such value. Fill in what you know: `Self { …, ..Self::UNKNOWN }`.
+                #[allow(clippy::needless_update, reason = "each field may have such a value")]
+                pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..__ZERO };
+            }
+
             impl Default for $name {
                 #[inline]
                 fn default() -> Self {
-                    Self {
-                        $( $field: <$ty as $crate::Field>::ZERO, )+
-                        $($( $ext: <$ext_ty as $crate::Field>::ZERO, )+)?
-                    }
+                    __ZERO
                 }
             }
 

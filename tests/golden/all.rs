@@ -15,13 +15,16 @@ pub trait Visit {
 /// What the macros compute from a declaration, beside what the generator has written down.
 pub trait Declared {
     fn crc_extra() -> u8;
+
+    /// The constant `UNKNOWN`.
+    fn unknown() -> Self;
 }
 
 macro_rules! declared {
     (
         $(#[$_meta:meta])*
         pub struct $name:ident: $wire:ident = $id:literal, crc_extra = $crc_extra:literal {
-            $( $(#[$_field_meta:meta])* $field:ident: $ty:ty, )+
+            $( $(#[$_field_meta:meta])* $field:ident: $ty:ty $(= $_unknown:expr)?, )+
         }
         $($_extensions:tt)*
     ) => {
@@ -32,6 +35,10 @@ macro_rules! declared {
                 fn crc_extra() -> u8 {
                     use mavstack::FieldInfo;
                     FieldInfo::crc_extra(stringify!($wire), &[ $( FieldInfo::of::<$ty>(stringify!($field)), )+ ])
+                }
+
+                fn unknown() -> Self {
+                    Self::UNKNOWN
                 }
             }
         };

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes common.bin: frames that the reference implementation encodes, from our own definitions.
+"""Makes common.bin and unknown.bin: frames that the reference implementation encodes, from our own definitions.
 
     python3 tests/golden/make_vectors.py
 
@@ -10,6 +10,10 @@ infinities and the extremes of integers among them; all bits set. First the v2 f
 
 common.bin is these frames end to end, as they stand on a wire: a frame says itself how long it is. Messages come by id;
 sequence numbers count up. Run it again after a change of the definitions; what did not change stays byte for byte.
+
+unknown.bin has one v2 frame of each message in the same form: each field has the value that the definitions' `invalid`
+marks as "not known", and zero where there is none. The notations are read here a second time, by MAVLink's own words:
+https://mavlink.io/en/guide/xml_schema.html.
 
 Works in a virtual environment of its own (target/golden), with pinned versions.
 """
@@ -27,6 +31,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(HERE))
 DEFINITIONS = os.path.join(ROOT, "dialect", "definitions", "common.xml")
 OUTPUT = os.path.join(HERE, "common.bin")
+UNKNOWN = os.path.join(HERE, "unknown.bin")
 PINNED = ["pymavlink==2.4.50", "fastcrc==0.5.0", "lxml==6.1.3"]
 SYSTEM, COMPONENT = 42, 17
 
@@ -100,6 +105,56 @@ def frames(protocol, generated, message, sequence):
         yield decoded.pack(link)
 
 
+def constant(text, entries):
+    """A single value of the attribute `invalid`."""
+    limits = {f"UINT{bits}_MAX": (1 << bits) - 1 for bits in (8, 16, 32, 64)}
+    limits |= {f"INT{bits}_MAX": (1 << bits - 1) - 1 for bits in (8, 16, 32, 64)}
+    if text in limits or text in entries:
+        return limits.get(text, entries.get(text))
+    return float(text) if text.lower() == "nan" or "." in text else int(text, 0)
+
+
+def invalid(field, entries):
+    """The elements of a field that is not known, zero where the definition has no such value."""
+    count, text = field.array_length or 1, field.invalid
+    if not text:
+        values = []
+    elif not text.startswith("["):
+        values = [constant(text, entries)] * count
+    elif text.endswith(":]"):
+        values = [constant(text[1:-2], entries)]
+    elif "," in text:
+        values = [constant(part, entries) if part else 0 for part in text[1:-1].split(",")]
+    else:
+        values = [constant(text[1:-1], entries)] * count
+    return (values + [0] * count)[:count]
+
+
+def unknown(field, entries):
+    """The same, as the generated code wants it."""
+    values = invalid(field, entries)
+    if field.type == "char":
+        return bytes(values)
+    values = [float(value) for value in values] if field.type in ("float", "double") else values
+    return values if field.array_length else values[0]
+
+
+def unknown_frames(generated):
+    """A frame of each message whose fields are not known."""
+    from pymavlink.generator import mavparse
+
+    directory = os.path.dirname(DEFINITIONS)
+    files = [os.path.join(directory, name) for name in ("minimal.xml", "standard.xml", "common.xml")]
+    parsed = [mavparse.MAVXML(path, mavparse.PROTOCOL_2_0) for path in files]
+    entries = {entry.name: int(entry.value) for xml in parsed for enum in xml.enum for entry in enum.entry}
+    link = generated.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+    for message in sorted((message for xml in parsed for message in xml.message), key=lambda message: message.id):
+        fields = {field.name: unknown(field, entries) for field in message.fields}
+        made = generated.mavlink_map[message.id]
+        yield made(**{name: fields[name] for name in made.fieldnames}).pack(link)
+        link.seq = (link.seq + 1) % 256
+
+
 def main():
     sequence = iter(range(1 << 32))
     with tempfile.TemporaryDirectory() as directory:
@@ -116,6 +171,10 @@ def main():
     with open(OUTPUT, "wb") as file:
         file.write(out)
     print(f"{OUTPUT}: {next(sequence)} frames, {len(out)} bytes")
+    out = b"".join(unknown_frames(v2))
+    with open(UNKNOWN, "wb") as file:
+        file.write(out)
+    print(f"{UNKNOWN}: {len(out)} bytes")
 
 
 def enter_environment(script):

@@ -283,6 +283,41 @@ mavstack::message! {
 }
 
 mavstack::message! {
+    /// `INVALIDS`.
+    pub struct Invalids: INVALIDS = 904, crc_extra = 159 {
+        /// Unknown: `nan`.
+        nan: f64 = f64::NAN,
+        /// Unknown: `UINT16_MAX`.
+        limit: f32 = 65535.0,
+        /// Unknown: `[-1.5]`.
+        number: [f32; 2] = [-1.5; 2],
+        /// Unknown: `SIGNED_MINUS`. See [`Signed`].
+        signed_wide: i32 = -1,
+        /// Unknown: `[UINT16_MAX]`.
+        all: [u16; 4] = [u16::MAX; 4],
+        /// Unknown: `[INT16_MIN:]`.
+        first: [i16; 4] = { let mut all = [0; 4]; all[0] = i16::MIN; all },
+        /// Unknown: `[1,,0x03,]`.
+        each: [u8; 4] = { let mut all = [0; 4]; all[0] = 1; all[2] = 3; all },
+        /// Unknown: `[0,]`.
+        zeros: [u8; 2],
+        /// Unknown: `OPTION_SOME`.
+        entry: OptionEnum = OptionEnum(1),
+        /// Unknown: `[UINT8_MAX]`.
+        entries: [OptionEnum; 2] = [OptionEnum(u8::MAX); 2],
+        /// Unknown: `0x7F`.
+        letter: Char = Char(127),
+        /// Unknown: `[63:]`.
+        word: Text<3> = Text::from_wire({ let mut all = [0; 3]; all[0] = 63; all }),
+        /// Unknown: `0`.
+        none: Text<3>,
+    } extensions {
+        /// Unknown: `UINT64_MAX`.
+        most: u64 = u64::MAX,
+    }
+}
+
+mavstack::message! {
     /// A description with \[brackets\], \*stars\*, \<tags\>, a \`tick\`, under_scores and <https://mavlink.io/en/>.
     pub struct NameTaken: NAME_TAKEN = 16777215, crc_extra = 49 {
         /// A description over two lines
@@ -293,7 +328,7 @@ mavstack::message! {
         mavlink_version: u8,
     } extensions {
         /// (m/s\*5) Unknown: `[NaN:]`.
-        unsorted: f64,
+        unsorted: f64 = f64::NAN,
     }
 }
 
@@ -304,6 +339,7 @@ mavstack::dialect! {
         SomeMessage,
         Array1_2,
         Array12,
+        Invalids,
         NameTaken,
     ];
 }

@@ -69,7 +69,7 @@ impl Telemetry for Quadrotor {
             ComponentMetadata::ID => self.put_metadata(out),
             RcChannels::ID => out.put(&self.rc_channels(now)),
             ExtendedSysState::ID => {
-                out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::default() })
+                out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::UNKNOWN })
             }
             _ => false,
         }
@@ -112,7 +112,7 @@ impl Quadrotor {
             voltage_battery: scaled(battery.voltage, 1e3) as u16,
             current_battery: scaled(battery.current, 1e2) as i16,
             battery_remaining: percent(battery),
-            ..SysStatus::default()
+            ..SysStatus::UNKNOWN
         }
     }
 
@@ -125,17 +125,12 @@ impl Quadrotor {
     }
 
     fn gps_raw(&self, now: Instant) -> GpsRawInt {
-        const UNKNOWN: u16 = u16::MAX;
         let Some(position) = self.global_position() else {
             return GpsRawInt {
                 time_usec: now.as_micros(),
-                eph: UNKNOWN,
-                epv: UNKNOWN,
-                vel: UNKNOWN,
-                cog: UNKNOWN,
                 fix_type: GpsFixType::NO_FIX,
                 satellites_visible: 3,
-                ..GpsRawInt::default()
+                ..GpsRawInt::UNKNOWN
             };
         };
         let Vector { north, east, .. } = self.velocity();
@@ -149,14 +144,14 @@ impl Quadrotor {
             epv: 120,
             vel: scaled(speed, 1e2) as u16,
             // Standing still it has no course.
-            cog: if speed > 0.1 { compass(atan2f(east, north)) } else { UNKNOWN },
+            cog: if speed > 0.1 { compass(atan2f(east, north)) } else { GpsRawInt::UNKNOWN.cog },
             fix_type: GpsFixType::_3D_FIX,
             satellites_visible: self.tuning().get(Tuning::SIM_GPS_SATS),
             alt_ellipsoid: scaled(position.altitude + f32::from(self.tuning().get(Tuning::SIM_GEOID_SEP)), 1e3),
             h_acc: scaled(GPS_ERROR.0, 1e3) as u32,
             v_acc: scaled(GPS_ERROR.1, 1e3) as u32,
             vel_acc: 100,
-            ..GpsRawInt::default()
+            ..GpsRawInt::UNKNOWN
         }
     }
 
@@ -178,7 +173,7 @@ impl Quadrotor {
             rollspeed,
             pitchspeed,
             yawspeed,
-            ..AttitudeQuaternion::default()
+            ..AttitudeQuaternion::UNKNOWN
         }
     }
 
@@ -231,7 +226,7 @@ impl Quadrotor {
 
     fn battery_status(&self) -> BatteryStatus {
         let battery = self.battery();
-        let mut voltages = [u16::MAX; 10];
+        let mut voltages = BatteryStatus::UNKNOWN.voltages;
         for cell in voltages.iter_mut().take(usize::from(battery.cells)) {
             *cell = scaled(battery.voltage / f32::from(battery.cells), 1e3) as u16;
         }
@@ -239,8 +234,6 @@ impl Quadrotor {
         BatteryStatus {
             // 1 mAh is 3.6 A·s.
             current_consumed: scaled((1.0 - battery.remaining) * battery.capacity, 1.0 / 3.6),
-            energy_consumed: -1,
-            temperature: i16::MAX,
             voltages,
             current_battery: scaled(battery.current, 1e2) as i16,
             battery_function: MavBatteryFunction::ALL,
@@ -252,7 +245,7 @@ impl Quadrotor {
                 Charge::Low => MavBatteryChargeState::LOW,
                 Charge::Good => MavBatteryChargeState::OK,
             },
-            ..BatteryStatus::default()
+            ..BatteryStatus::UNKNOWN
         }
     }
 
@@ -277,7 +270,7 @@ impl Quadrotor {
             q: [1.0, 0.0, 0.0, 0.0],
             approach_z: -1.0,
             time_usec: now.as_micros(),
-            ..HomePosition::default()
+            ..HomePosition::UNKNOWN
         }
     }
 

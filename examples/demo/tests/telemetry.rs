@@ -112,6 +112,8 @@ fn nothing_is_said_of_a_position_before_there_is_one() {
     assert!(!flight.has::<GlobalPositionInt>(TELEMETRY) && !flight.has::<HomePosition>(COMPANION));
     let gps: GpsRawInt = flight.get(TELEMETRY);
     assert_eq!((gps.fix_type, gps.lat, gps.eph), (GpsFixType::NO_FIX, 0, u16::MAX));
+    // Zero would be a reading.
+    assert_eq!((gps.epv, gps.vel, gps.cog, gps.yaw), (u16::MAX, u16::MAX, u16::MAX, 0));
     let has_gps = |status: SysStatus| {
         let sensor = MavSysStatusSensor::SENSOR_GPS;
         (
@@ -170,6 +172,7 @@ fn flight_is_what_the_messages_say() {
     assert!((10_500..12_600).contains(&status.voltage_battery), "{status:?}");
     assert_eq!(status.current_battery, 1_800);
     assert_eq!(battery.voltages[3], u16::MAX, "three cells");
+    assert_eq!((battery.temperature, battery.energy_consumed), (i16::MAX, -1), "not measured");
     let cells: u16 = battery.voltages[..3].iter().sum();
     assert!(cells.abs_diff(status.voltage_battery) <= 3 && battery.current_consumed > 0, "{battery:?}");
     assert_eq!(battery.battery_remaining, status.battery_remaining);

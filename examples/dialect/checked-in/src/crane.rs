@@ -62,8 +62,8 @@ mavstack::message! {
         time_boot_ms: u32,
         /// Length of line that is out. (m)
         line_out: f32,
-        /// Tension of the line. (N)
-        tension: i16,
+        /// Tension of the line. (N) Unknown: `INT16_MAX`.
+        tension: i16 = i16::MAX,
         /// Whether it holds on to something.
         hook: CraneHook,
         /// What became of the last order.

@@ -37,6 +37,7 @@ fn a_report_comes_back_as_it_was() {
         temperature: 41,
         ..Default::default()
     };
+    assert_eq!((CraneReport::UNKNOWN.tension, CraneReport::default().tension), (i16::MAX, 0));
     let mut payload = [0; CraneReport::MAX_LEN];
     assert_eq!(report.encode(&mut payload), Some(29));
     assert_eq!(CraneReport::decode(&payload), report);

@@ -26,8 +26,8 @@ mavstack::message! {
         time_boot_ms: u32,
         /// Length of line that is out (m).
         line_out: f32,
-        /// Tension (N).
-        tension: i16,
+        /// Tension (N), and what it is when nobody measures it.
+        tension: i16 = i16::MAX,
         hook: CraneHook,
         /// What became of the last order.
         result: MavResult,
@@ -88,7 +88,7 @@ impl Telemetry for Crane {
         match id {
             CraneReport::ID => {
                 let time_boot_ms = u32::try_from(out.now().as_millis()).unwrap_or(u32::MAX);
-                out.put(&CraneReport { time_boot_ms, line_out: self.line_out, ..Default::default() })
+                out.put(&CraneReport { time_boot_ms, line_out: self.line_out, ..CraneReport::UNKNOWN })
             }
             _ => false,
         }

@@ -52,7 +52,7 @@ impl Telemetry for Vessel {
                 result: self.result,
                 cargo: mavstack::Text::new("anchor"),
                 temperature: 41,
-                ..Default::default()
+                ..CraneReport::UNKNOWN
             })
     }
 }

@@ -1,0 +1,120 @@
+//! The `invalid` attribute: the value of a field that says "not known".
+//!
+//! Notations: <https://mavlink.io/en/guide/xml_schema.html>. `v` is the value of a field; for an array `[v]` is the value of
+//! each element, `[v:]` the value of the first one, which speaks for all, and `[v,,w,]` has a value by element, with gaps.
+//! A value is a number, NaN, a limit of C (`UINT16_MAX`) or an entry of the field's enumeration.
+
+use crate::{
+    Dialect,
+    model::{Enum, Field, Scalar},
+    parse,
+};
+
+/// The values of a field's elements, one for a field that is no array: `None` where there is no way to say "not known".
+///
+/// # Errors
+///
+/// What is wrong with the attribute.
+pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Value>>, String> {
+    let count = usize::from(field.array.unwrap_or(1));
+    let text = field.invalid.as_str();
+    if text.is_empty() {
+        return Ok(vec![None; count]);
+    }
+    let enumeration = dialect.enumeration(&field.enumeration);
+    let one = |text: &str| value(text.trim(), field.scalar, enumeration);
+    let Some(list) = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) else {
+        return Ok(vec![Some(one(text)?); count]);
+    };
+    if let Some(first) = list.strip_suffix(':') {
+        let mut values = vec![None; count];
+        values[0] = Some(one(first)?);
+        return Ok(values);
+    }
+    if !list.contains(',') {
+        return Ok(vec![Some(one(list)?); count]);
+    }
+    let mut values = Vec::new();
+    for text in list.split(',') {
+        values.push(if text.trim().is_empty() { None } else { Some(one(text)?) });
+    }
+    // A comma at the end: the rest cannot say so.
+    if values.len() > count && values[count..].iter().any(Option::is_some) {
+        return Err(format!("invalid: `{text}` has more values than the array has elements, {count}"));
+    }
+    values.resize(count, None);
+    Ok(values)
+}
+
+/// A value that says "not known".
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Value {
+    Integer(i128),
+    Float(f64),
+}
+
+impl Value {
+    /// Whether all its bits are zero, as in a field that is not set.
+    pub(crate) fn is_zero(self) -> bool {
+        match self {
+            Self::Integer(value) => value == 0,
+            Self::Float(value) => value.to_bits() == 0,
+        }
+    }
+
+    /// The literal of Rust.
+    pub(crate) fn literal(self, scalar: Scalar) -> String {
+        let name = if scalar == Scalar::Char { "u8" } else { scalar.rust_name() };
+        match self {
+            Self::Integer(value) => match scalar.range() {
+                Some((_, max)) if value == max => format!("{name}::MAX"),
+                Some((min, _)) if value == min && min < 0 => format!("{name}::MIN"),
+                _ => value.to_string(),
+            },
+            Self::Float(value) if value.is_nan() => format!("{name}::NAN"),
+            Self::Float(value) => format!("{value:?}"),
+        }
+    }
+}
+
+fn value(text: &str, scalar: Scalar, enumeration: Option<&Enum>) -> Result<Value, String> {
+    let entry = || enumeration?.entries.iter().find(|entry| entry.name == text).map(|entry| entry.value);
+    let integer = parse::integer(text).or_else(|| limit(text)).or_else(entry);
+    let not_one = || format!("invalid: `{text}` is not a value; take a number, NaN or a limit such as UINT16_MAX");
+    if matches!(scalar, Scalar::F32 | Scalar::F64) {
+        let number = match integer {
+            Some(integer) => integer.to_string().parse().map_err(|_| not_one())?,
+            None => text.parse::<f64>().map_err(|_| not_one())?,
+        };
+        // As it arrives: `UINT64_MAX` has more digits than a float.
+        let number = if scalar == Scalar::F32 { f64::from(number as f32) } else { number };
+        if number.is_infinite() {
+            return Err(not_one());
+        }
+        return Ok(Value::Float(number));
+    }
+    let integer = integer.ok_or_else(not_one)?;
+    let (min, max) = scalar.range().unwrap_or((0, 255));
+    if !(min..=max).contains(&integer) {
+        return Err(format!(
+            "invalid: {integer} does not fit in {}; take a value from {min} to {max}",
+            scalar.wire_name()
+        ));
+    }
+    Ok(Value::Integer(integer))
+}
+
+/// `UINT16_MAX` and its like.
+fn limit(text: &str) -> Option<i128> {
+    let (name, limit) = text.rsplit_once('_')?;
+    let scalar = Scalar::ALL.into_iter().find(|scalar| {
+        scalar.range().is_some()
+            && scalar.wire_name().strip_suffix("_t").is_some_and(|of| of.eq_ignore_ascii_case(name))
+    })?;
+    let (min, max) = scalar.range()?;
+    match limit {
+        "MIN" => Some(min),
+        "MAX" => Some(max),
+        _ => None,
+    }
+}
