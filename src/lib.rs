@@ -130,7 +130,8 @@
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
-//! - `plan-texts` (default): a STATUSTEXT for every plan, item and parameter that is refused, with the reason.
+//! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
+//!   refuses; for commands and modes at most one a second and link.
 //! - `signing`: frames are signed and verified, see `Signing`.
 //! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]

@@ -246,6 +246,10 @@ impl From<MavResult> for Outcome {
 ///                 ├─▶ declared? form, control, frame, parameters ─▶ known? ┼─▶ requests ┼─▶ COMMAND_ACK
 ///   COMMAND_INT ──┘                 (COMMANDS)           (command_memory) └─▶ command ─┘
 /// ```
+///
+/// What the stack refuses on this way it explains in a STATUSTEXT on the sender's link, at most once a second (feature
+/// `plan-texts`). What the vehicle refuses in [`command`](Self::command) is the vehicle's to explain:
+/// [`Stack::send_text`](crate::Stack::send_text).
 pub trait Commands {
     /// Commands whose form, frame and parameters the stack checks before the vehicle hears of them (C-5), and those that
     /// must not be carried out twice. Others come to [`command`](Self::command) as they are.

@@ -246,6 +246,8 @@ pub(crate) struct Port {
     pub(crate) modes: u32,
     pub(crate) params: param::List,
     pub(crate) text: TextCursor,
+    /// Before that no text says why a command was refused.
+    pub(crate) refusals_from: Instant,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
     /// What somebody is to be told of his SETUP_SIGNING.
@@ -289,6 +291,7 @@ impl Link {
             modes: 0,
             params: param::List::new(),
             text: TextCursor::new(),
+            refusals_from: Instant::ZERO,
             streams: Streams::new(),
             counters: LinkCounters::ZERO,
             #[cfg(feature = "signing")]

@@ -135,36 +135,48 @@ pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
     }
 }
 
-/// A command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE.
+/// A mode that is not entered: its number where it has one, and why.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Refused(pub(crate) Option<u32>, pub(crate) &'static str);
+
+/// A command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE. An error is DENIED, and is to
+/// be explained.
 #[inline(never)]
 pub(crate) fn on_command<V: Vehicle + Commands>(
     port: &mut Port,
     vehicle: &mut V,
     command: &Command,
     set_mode: Option<u32>,
-) -> Option<Outcome> {
+) -> Option<Result<Outcome, Refused>> {
     let [first, ..] = command.params;
-    let mode = match command.id {
+    let (asked, mode) = match command.id {
         MavCmd::DO_SET_MODE => {
             let custom_mode = set_mode.or_else(|| custom_mode(V::CUSTOM_MODE, command.params));
             // The other flags name no mode that a vehicle would know.
             let is_custom =
                 num::integer(first).is_some_and(|flags| MavModeFlag(flags).contains(MavModeFlag::CUSTOM_MODE_ENABLED));
-            custom_mode.filter(|_| is_custom).and_then(|mode| find(V::MODES, mode))
+            if !is_custom {
+                return Some(Err(Refused(custom_mode, "no CUSTOM_MODE_ENABLED in base_mode")));
+            }
+            (custom_mode, custom_mode.and_then(|mode| find(V::MODES, mode)))
         }
-        MavCmd::DO_SET_STANDARD_MODE => num::integer(first).and_then(|mode| find_standard(V::MODES, mode)),
+        MavCmd::DO_SET_STANDARD_MODE => (None, num::integer(first).and_then(|mode| find_standard(V::MODES, mode))),
         MavCmd::REQUEST_MESSAGE => {
-            return request(V::MODES.len(), port, command, || vehicle.state().is_some()).map(Outcome::from);
+            let result = request(V::MODES.len(), port, command, || vehicle.state().is_some());
+            return result.map(|result| Ok(result.into()));
         }
         _ => return None,
     };
-    Some(match mode.filter(|mode| !mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE)) {
+    Some(match mode {
+        Some(mode) if mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE) => {
+            Err(Refused(asked, "it cannot be selected"))
+        }
         Some(mode) => {
             let Command { from, class, age, is_broadcast, .. } = *command;
-            vehicle.set_mode(mode, &ModeRequest { from, class, age, is_broadcast })
+            Ok(vehicle.set_mode(mode, &ModeRequest { from, class, age, is_broadcast }))
         }
         // The guide has FAILED for a standard mode that there is not; but asking again never helps (C-4).
-        None => MavResult::DENIED.into(),
+        None => Err(Refused(asked, "not one of AVAILABLE_MODES")),
     })
 }
 

@@ -5,12 +5,12 @@ use super::{Context, Core, count, count_drop, signing, streams};
 use crate::config::Allowance;
 #[cfg(feature = "signing")]
 use crate::dialect::SetupSigning;
-use crate::dialect::{Heartbeat, ManualControl, MavComponent, MavSeverity};
+use crate::dialect::{Heartbeat, ManualControl, MavComponent, MavResult, MavSeverity};
 use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
 use crate::network::{self, Booking, Passage};
-use crate::service::command::{self, Origin};
+use crate::service::command::{self, Origin, Refusal};
 use crate::service::high_latency;
 use crate::service::manual_control;
 use crate::service::mission::{Caller, Missions, PlanStorage};
@@ -206,10 +206,13 @@ impl Core {
         }
         let signed_at = signing::signed_at(frame, context.vehicle);
         if let Some(answer) = command::answered(context.now, command, signed_at, context.vehicle) {
+            let answer =
+                answer.unwrap_or_else(|refusal| self.refuse(context.now, port, context.texts, command, refusal));
             port.acks.push(command.from.address, id, answer);
             return true;
         }
         let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command, signed_at);
+        let satellite = satellite.map(accepted);
         let Context { now, texts, vehicle, .. } = context;
         let progress = satellite.or_else(|| {
             let (missions, mut plans) = context.plans.parts(context.missions)?;
@@ -218,10 +221,12 @@ impl Core {
         });
         let stored = progress.or_else(|| {
             let mut context = param::Context { now: *now, texts, normal: self.normal };
-            self.params.on_command(&mut context, *vehicle, command)
+            self.params.on_command(&mut context, *vehicle, command).map(accepted)
         });
-        let outcome = match stored.or_else(|| self.on_message_command(context, port, command)) {
-            Some(result) => result.into(),
+        let asked = stored.or_else(|| self.on_message_command(context, port, command).map(Ok));
+        let outcome = match asked {
+            Some(Ok(result)) => result.into(),
+            Some(Err(result)) => self.refuse(context.now, port, context.texts, command, result.into()),
             None => execute(context, port, command, *set_mode),
         };
         command::carried_out(context.now, command, signed_at, outcome, context.vehicle);
@@ -229,6 +234,24 @@ impl Core {
         port.acks.push(command.from.address, id, outcome);
         true
     }
+
+    /// Explains a refusal to the sender's link, and returns the answer.
+    fn refuse(
+        &self,
+        now: Instant,
+        port: &mut Port,
+        texts: &mut StatusTexts,
+        command: &Command,
+        refusal: Refusal,
+    ) -> Outcome {
+        command::explain(now, self.config.address.get().system, port, texts, command, refusal);
+        refusal.result.into()
+    }
+}
+
+/// What a service answers to a command, with what it refuses as an error.
+fn accepted(result: MavResult) -> Result<MavResult, MavResult> {
+    if result == MavResult::ACCEPTED { Ok(result) } else { Err(result) }
 }
 
 /// Where the command in a frame comes from, and how old it is if that is known (L-16).
@@ -245,8 +268,14 @@ fn execute<V: Autopilot, P: PlanStorage>(
     set_mode: Option<u32>,
 ) -> Outcome {
     let has_modes = const { !V::MODES.is_empty() };
-    let of_modes = has_modes.then(|| mode::on_command(port, context.vehicle, command, set_mode)).flatten();
-    of_modes.unwrap_or_else(|| command::execute(command, port.config.class, &mut port.owed, context.vehicle))
+    match has_modes.then(|| mode::on_command(port, context.vehicle, command, set_mode)).flatten() {
+        Some(Ok(outcome)) => outcome,
+        Some(Err(mode::Refused(mode, why))) => {
+            command::explain_mode(context.now, port, context.texts, mode, why);
+            MavResult::DENIED.into()
+        }
+        None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
+    }
 }
 
 /// Whom a frame is for; for everyone, where that is not known.

@@ -363,6 +363,11 @@ impl CommandMemory {
         (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
+    /// Whether it remembers this command of this sender.
+    pub(crate) fn knows(&self, command: &Command) -> bool {
+        self.slots.iter().any(|slot| slot.state != State::Free && slot.is_same(command))
+    }
+
     /// `command` was handed to the vehicle, which answered `outcome`.
     #[inline(never)]
     pub(crate) fn settle(

@@ -11,12 +11,14 @@ mod copies;
 mod macros;
 mod memory;
 mod policy;
+mod refusal;
 mod typed;
 
 pub(crate) use acks::Acks;
 pub(crate) use copies::{Copies, LATE, SOON, SignedAt, is_well_after};
 pub use memory::{CommandMemory, CommandSlot, CommandSlots};
 pub use policy::CommandPolicy;
+pub(crate) use refusal::{Refusal, explain, explain_mode};
 pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
 
 use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
@@ -64,18 +66,23 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
 }
 
 /// The answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12, C-21,
-/// C-24). Nothing is left of this for a vehicle that declares nothing and has no memory for commands.
+/// C-24). An error is a refusal that is to be explained. Nothing is left of this for a vehicle that declares nothing and has no
+/// memory for commands.
 pub(crate) fn answered<V: Commands>(
     now: Instant,
     command: &Command,
     signed_at: SignedAt,
     vehicle: &mut V,
-) -> Option<Outcome> {
-    if let Err(result) = policy::check(command, vehicle) {
-        return Some(result.into());
+) -> Option<Result<Outcome, Refusal>> {
+    if let Err(refusal) = policy::check(command, vehicle) {
+        return Some(Err(refusal));
     }
     let once = policy::is_once::<V>(command.id);
-    vehicle.command_memory().and_then(|memory| memory.recall(now, command, signed_at, once))
+    let memory = vehicle.command_memory()?;
+    let outcome = memory.recall(now, command, signed_at, once)?;
+    // Of a duplicate the first one was explained.
+    let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !memory.knows(command);
+    Some(if is_busy { Err(outcome.result.into()) } else { Ok(outcome) })
 }
 
 /// A command was carried out.

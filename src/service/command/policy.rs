@@ -2,6 +2,7 @@
 //!
 //! Rules C-1 and C-5 to C-9. The declaration is data; only what a vehicle declares costs flash.
 
+use super::refusal::{Refusal, Why};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::service::mission::{CommandRule, Item, Value};
 use crate::vehicle::{Command, CommandPosition, Commands};
@@ -99,21 +100,27 @@ impl CommandPolicy {
     }
 
     /// Checks what does not depend on the vehicle's state, in the order of C-5.
-    fn check(&self, command: &Command, is_in_control: impl FnOnce() -> bool) -> Result<(), MavResult> {
+    fn check(&self, command: &Command, is_in_control: impl FnOnce() -> bool) -> Result<(), Refusal> {
         let is_int = matches!(command.position, CommandPosition::Int { .. });
         refuse(is_int && self.has(LONG_ONLY), MavResult::COMMAND_LONG_ONLY)?;
         refuse(!is_int && self.has(INT_ONLY), MavResult::COMMAND_INT_ONLY)?;
         refuse(!is_in_control(), MavResult::NOT_IN_CONTROL)?;
-        refuse(command.is_broadcast && self.has(NO_BROADCAST), MavResult::DENIED)?;
+        let denied = |why| Refusal { result: MavResult::DENIED, why };
+        if command.is_broadcast && self.has(NO_BROADCAST) {
+            return Err(denied(Why::Broadcast));
+        }
         if !self.rule.is_located() {
             // Without a position a frame says nothing (C-7).
             let [p1, p2, p3, p4] = command.params;
             let (p5, p6) = command.position.params();
             let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
-            let is_good = params.all(|(index, value)| self.rule.admits(index, Value::of_float(value)));
-            return refuse(!is_good, MavResult::DENIED);
+            let bad = params.find(|&(index, value)| !self.rule.admits(index, Value::of_float(value)));
+            return bad.map_or(Ok(()), |(index, _)| Err(denied(Why::Param(index))));
         }
-        check_item(&self.rule, &item(command, self.long_frame)?)
+        self.rule.check(&item(command, self.long_frame)?).map_err(|fault| match fault {
+            MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME.into(),
+            _ => denied(Why::Param(fault.0.wrapping_sub(MavMissionResult::INVALID_PARAM1.0).wrapping_add(1))),
+        })
     }
 }
 
@@ -155,7 +162,7 @@ pub(super) fn is_once<V: Commands>(command: MavCmd) -> bool {
 
 /// Checks a command by its declaration, if there is one.
 #[inline(never)]
-pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), MavResult> {
+pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), Refusal> {
     let policy = declared::<V>(command.id);
     policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(command)))
 }

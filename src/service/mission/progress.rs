@@ -104,22 +104,22 @@ impl Missions {
         self.current.announce_progress(vehicle.progress(), cx.normal);
     }
 
-    /// A command about the mission's progress; `None` for all others.
+    /// A command about the mission's progress; `None` for all others. An error is a refusal that the vehicle had no part in.
     #[inline(never)]
     pub(crate) fn on_command<V: Plans>(
         &mut self,
         cx: &mut Context<'_, '_>,
         vehicle: &mut V,
         command: &Command,
-    ) -> Option<MavResult> {
+    ) -> Option<Result<MavResult, MavResult>> {
         let count = cx.plans.count(PlanType::Mission);
         let result = match command.id {
             MavCmd::DO_SET_MISSION_CURRENT => set_current(vehicle, command, count),
             MavCmd::MISSION_START => start(vehicle, command, count),
-            MavCmd::REQUEST_MESSAGE => return self.request_current(cx.normal, command),
+            MavCmd::REQUEST_MESSAGE => return self.request_current(cx.normal, command).map(Ok),
             _ => return None,
         };
-        if result == MavResult::ACCEPTED {
+        if result == Ok(MavResult::ACCEPTED) {
             self.current.announce_progress(vehicle.progress(), cx.normal);
         }
         Some(result)
@@ -138,42 +138,42 @@ impl Missions {
 }
 
 /// MAV_CMD_DO_SET_MISSION_CURRENT: the item, or -1 for the one that is current; 1 to begin its counters anew (M-92).
-fn set_current<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavResult {
+fn set_current<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> Result<MavResult, MavResult> {
     let [item, reset, ..] = command.params;
     let reset = match num::integer::<i32>(reset) {
         Some(0) => false,
         Some(1) => true,
         None if reset.is_nan() => false,
-        _ => return MavResult::DENIED,
+        _ => return Err(MavResult::DENIED),
     };
     let seq = match num::integer::<i32>(item) {
         Some(-1) => Some(vehicle.progress().current),
         Some(seq) if seq >= 0 => u16::try_from(seq).ok(),
         // Whole numbers, and no item of any plan.
         None if item > 1e9 && item.is_finite() => None,
-        _ => return MavResult::DENIED,
+        _ => return Err(MavResult::DENIED),
     };
     match seq.filter(|&seq| seq < count) {
-        Some(seq) => vehicle.set_current(seq, reset),
-        None => MavResult::FAILED,
+        Some(seq) => Ok(vehicle.set_current(seq, reset)),
+        None => Err(MavResult::FAILED),
     }
 }
 
 /// MAV_CMD_MISSION_START: the first item and the last one; NaN says neither, nor does 0 as the last, which is what clients
 /// send that leave it out (M-95).
-fn start<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> MavResult {
+fn start<V: Plans>(vehicle: &mut V, command: &Command, count: u16) -> Result<MavResult, MavResult> {
     if count == 0 {
-        return MavResult::FAILED;
+        return Err(MavResult::FAILED);
     }
     let [first, last, ..] = command.params;
     let item = |param: f32| num::integer::<u16>(param).filter(|&seq| seq < count);
     let (first_item, last_item) = (item(first), item(last));
     if (first_item.is_none() && !first.is_nan()) || (last_item.is_none() && !last.is_nan()) {
-        return MavResult::DENIED;
+        return Err(MavResult::DENIED);
     }
     let last_item = last_item.filter(|&seq| seq > 0);
     match (first_item, last_item) {
-        (Some(first), Some(last)) if first > last => MavResult::DENIED,
-        (first, last) => vehicle.start_mission(command, first, last),
+        (Some(first), Some(last)) if first > last => Err(MavResult::DENIED),
+        (first, last) => Ok(vehicle.start_mission(command, first, last)),
     }
 }

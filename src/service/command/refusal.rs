@@ -1,0 +1,101 @@
+//! Why a command is refused, in words: a COMMAND_ACK has a result and no reason (C-4).
+//!
+//! Only what the stack itself refuses; what the vehicle refuses the vehicle explains. There is no text about messages on request:
+//! programs ask for those, and ask for many that a vehicle does not have. COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED say
+//! by themselves what is wrong.
+
+use crate::dialect::{MavCmd, MavResult, MavSeverity};
+use crate::frame::SystemId;
+use crate::link::{LinkClass, LinkMask, Port};
+use crate::message::Text;
+use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
+use crate::time::{Duration, Instant};
+use crate::vehicle::Command;
+
+/// A link is told of no more than one refusal in this time, whatever is sent to it.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// A refusal, and what is wrong where the result does not say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Refusal {
+    pub(crate) result: MavResult,
+    pub(super) why: Why,
+}
+
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Why {
+    /// What the result says.
+    Result,
+    /// It was sent to every system.
+    Broadcast,
+    /// This parameter.
+    Param(u8),
+}
+
+impl From<MavResult> for Refusal {
+    fn from(result: MavResult) -> Self {
+        Self { result, why: Why::Result }
+    }
+}
+
+/// Tells the link that `command` came by why it is refused. `own` is our system id.
+#[inline(never)]
+pub(crate) fn explain(
+    now: Instant,
+    own: SystemId,
+    port: &mut Port,
+    texts: &mut StatusTexts,
+    command: &Command,
+    refusal: Refusal,
+) {
+    // A broadcast never resets anything (C-14).
+    let is_reset = command.is_broadcast && command.id == MavCmd::PREFLIGHT_STORAGE;
+    let why = if is_reset { Why::Broadcast } else { refusal.why };
+    let reason = match (refusal.result, why) {
+        _ if command.id == MavCmd::REQUEST_MESSAGE => return,
+        (MavResult::DENIED, Why::Broadcast) => "addressed to 0; use system ",
+        (MavResult::DENIED, Why::Param(_)) => "parameter ",
+        (MavResult::DENIED, Why::Result) => "a parameter is out of range",
+        (MavResult::TEMPORARILY_REJECTED, _) => "not now; try again later",
+        (MavResult::FAILED, _) => "there is no such item",
+        (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => "frame not supported",
+        (MavResult::NOT_IN_CONTROL, _) => "another station is in control",
+        _ => return,
+    };
+    let mut text = Text::new("Command ");
+    text.push_signed(command.id.0.into());
+    text.push_str(" refused: ");
+    text.push_str(reason);
+    match why {
+        _ if refusal.result != MavResult::DENIED => {}
+        Why::Broadcast => text.push_signed(own.0.into()),
+        Why::Param(param) => {
+            text.push_signed(param.into());
+            text.push_str(" out of range");
+        }
+        Why::Result => {}
+    }
+    tell(now, port, texts, &text);
+}
+
+/// The same of a mode, `mode` where it has a number.
+#[inline(never)]
+pub(crate) fn explain_mode(now: Instant, port: &mut Port, texts: &mut StatusTexts, mode: Option<u32>, why: &str) {
+    let mut text = Text::new("Mode ");
+    if let Some(mode) = mode.and_then(|mode| i32::try_from(mode).ok()) {
+        text.push_signed(mode);
+        text.push_str(" ");
+    }
+    text.push_str("refused: ");
+    text.push_str(why);
+    tell(now, port, texts, &text);
+}
+
+fn tell(now: Instant, port: &mut Port, texts: &mut StatusTexts, text: &Text<MAX_TEXT_LEN>) {
+    // On a high-latency link there are no texts (L-4).
+    if cfg!(feature = "plan-texts") && port.config.class != LinkClass::HighLatency && now >= port.refusals_from {
+        port.refusals_from = now.after(PAUSE);
+        texts.push(now, LinkMask::of(port.id), MavSeverity::WARNING, text);
+    }
+}

@@ -1,0 +1,200 @@
+//! Why a command is refused, in words: rules C-4 and C-32, of what the stack refuses without asking the vehicle.
+#![cfg(feature = "plan-texts")]
+
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{Address, LinkClass, LinkConfig};
+use support::pilot::{self, ARDUPILOT, PX4};
+use support::*;
+
+const NAN: f32 = f32::NAN;
+/// See `support/vehicle.rs`: at a position above home; of COMMAND_LONG only and not for everyone; of COMMAND_INT only.
+const PLACE: MavCmd = MavCmd::NAV_VTOL_TAKEOFF;
+const MOTOR: MavCmd = MavCmd::DO_MOTOR_TEST;
+const FLY: MavCmd = MavCmd::DO_REPOSITION;
+
+fn texts<const N: usize, P: mavstack::PlanStorage, const A: usize, V: mavstack::Autopilot>(
+    world: &World<N, P, A, V>,
+    link: usize,
+) -> Vec<String> {
+    let texts = world.gcs[link].all::<Statustext>();
+    texts.iter().map(|(_, text)| text.text.as_str().expect("UTF-8").to_owned()).collect()
+}
+
+/// A COMMAND_LONG to `system`: its answer, and the texts that come with it, a while after the last.
+fn long<const N: usize>(
+    world: &mut World<N>,
+    system: u8,
+    command: MavCmd,
+    params: [f32; 7],
+) -> (MavResult, Vec<String>) {
+    world.run_for(secs(6));
+    world.gcs[0].forget();
+    let message = CommandLong { target_system: system, ..world.gcs[0].long(command, params) };
+    world.gcs[0].send(&message);
+    let result = world.expect::<CommandAck>(0, millis(50)).result;
+    world.run_for(millis(50));
+    (result, texts(world, 0))
+}
+
+fn one(text: &str) -> Vec<String> {
+    vec![text.to_owned()]
+}
+
+/// C-4, C-1, C-5: a refusal by the declaration says what is wrong and what to do.
+#[test]
+fn a_refused_declaration_is_explained() {
+    let mut world: World<1> = World::new(Setup::new());
+    let motor = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    for (system, command, params, result, text) in [
+        (0, MOTOR, motor, MavResult::DENIED, "Command 209 refused: addressed to 0; use system 1"),
+        (1, MOTOR, [0.5; 7], MavResult::DENIED, "Command 209 refused: parameter 1 out of range"),
+        (
+            1,
+            MOTOR,
+            [1.0, NAN, 0.0, 0.0, 0.0, 0.0, 0.0],
+            MavResult::DENIED,
+            "Command 209 refused: parameter 2 out of range",
+        ),
+        (
+            1,
+            PLACE,
+            [0.0, 0.0, 0.0, 0.0, 91.0, 0.0, 5.0],
+            MavResult::DENIED,
+            "Command 84 refused: parameter 5 out of range",
+        ),
+        (
+            1,
+            PLACE,
+            [0.0, 0.0, 0.0, 0.0, 1.0, 181.0, 5.0],
+            MavResult::DENIED,
+            "Command 84 refused: parameter 6 out of range",
+        ),
+        (
+            1,
+            PLACE,
+            [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, NAN],
+            MavResult::DENIED,
+            "Command 84 refused: parameter 7 out of range",
+        ),
+    ] {
+        assert_eq!(long(&mut world, system, command, params), (result, one(text)), "{params:?}");
+        assert!(text.len() <= 50, "{text}");
+    }
+    world.run_for(secs(1));
+    let frame = MavFrame::LOCAL_NED;
+    world.gcs[0].forget();
+    world.gcs[0].send(&CommandInt {
+        target_system: 1,
+        target_component: 1,
+        command: PLACE,
+        frame,
+        ..CommandInt::default()
+    });
+    world.run_for(secs(1));
+    assert_eq!(texts(&world, 0), ["Command 84 refused: frame not supported"]);
+    world.vehicle.controller = Some(Address::new(9, 9));
+    let refused = long(&mut world, 1, MOTOR, motor);
+    assert_eq!(refused, (MavResult::NOT_IN_CONTROL, one("Command 209 refused: another station is in control")));
+}
+
+/// C-4: a result that is a reason by itself has no text: a client tries the other form, and tells nobody.
+#[test]
+fn a_result_that_says_all_is_not_explained() {
+    let mut world: World<1> = World::new(Setup::new());
+    assert_eq!(long(&mut world, 1, FLY, [0.0; 7]), (MavResult::COMMAND_INT_ONLY, vec![]));
+    assert_eq!(long(&mut world, 1, MavCmd(31_999), [0.0; 7]), (MavResult::UNSUPPORTED, vec![]));
+    // A program asks for messages, and for many that there are not.
+    assert_eq!(long(&mut world, 1, MavCmd::REQUEST_MESSAGE, [9_999.0; 7]).1, [""; 0]);
+    assert_eq!(long(&mut world, 1, MavCmd::SET_MESSAGE_INTERVAL, [9_999.0; 7]).1, [""; 0]);
+    // The vehicle has its own words.
+    world.vehicle.outcomes.insert(MavCmd::DO_SET_HOME.0, MavResult::DENIED.into());
+    assert_eq!(long(&mut world, 1, MavCmd::DO_SET_HOME, [0.0; 7]), (MavResult::DENIED, vec![]));
+}
+
+/// C-4, C-22: so does a refusal by a service of the stack, and by the memory for commands.
+#[test]
+fn a_refusal_by_a_service_is_explained() {
+    let mut world: World<1, mavstack::plan_memory!(mission: 4)> = World::with_plans(Setup::new());
+    let mut ask = |command: MavCmd, first: f32| {
+        world.run_for(secs(6));
+        world.gcs[0].forget();
+        world.gcs[0].command_long(command, [first, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.run_for(millis(50));
+        (world.expect::<CommandAck>(0, millis(50)).result, texts(&world, 0))
+    };
+    let (denied, failed) = (MavResult::DENIED, MavResult::FAILED);
+    let no_item = |command: u16| one(&format!("Command {command} refused: there is no such item"));
+    let range = |command: u16| one(&format!("Command {command} refused: a parameter is out of range"));
+    assert_eq!(ask(MavCmd::MISSION_START, 0.0), (failed, no_item(300)));
+    assert_eq!(ask(MavCmd::DO_SET_MISSION_CURRENT, 3.0), (failed, no_item(224)));
+    assert_eq!(ask(MavCmd::DO_SET_MISSION_CURRENT, 0.5), (denied, range(224)));
+    assert_eq!(ask(MavCmd::PREFLIGHT_STORAGE, 9.0), (denied, range(245)));
+
+    let mut world: World<1> = World::new(Setup::new());
+    world.vehicle.long.insert(MavCmd::PREFLIGHT_CALIBRATION.0);
+    let calibrate = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(long(&mut world, 1, MavCmd::PREFLIGHT_CALIBRATION, calibrate), (MavResult::IN_PROGRESS, vec![]));
+    let other = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let busy = one("Command 241 refused: not now; try again later");
+    assert_eq!(long(&mut world, 1, MavCmd::PREFLIGHT_CALIBRATION, other), (MavResult::TEMPORARILY_REJECTED, busy));
+}
+
+/// C-32, C-4: a mode that is not there, one that is not for users, and a mode of the old kind; whichever way it was asked for.
+#[test]
+fn a_refused_mode_is_explained() {
+    let mut world = pilot::world::<1, PX4>();
+    let set = |mode: f32, sub: f32| (MavCmd::DO_SET_MODE, [1.0, mode, sub]);
+    for ((command, params), text) in [
+        // PX4's OFFBOARD.
+        (set(6.0, 0.0), "Mode 393216 refused: not one of AVAILABLE_MODES"),
+        (set(NAN, 0.0), "Mode refused: not one of AVAILABLE_MODES"),
+        (set(9.0, 0.0), "Mode 589824 refused: it cannot be selected"),
+        ((MavCmd::DO_SET_MODE, [0.0, 3.0, 0.0]), "Mode 196608 refused: no CUSTOM_MODE_ENABLED in base_mode"),
+        ((MavCmd::DO_SET_STANDARD_MODE, [8.0, 0.0, 0.0]), "Mode refused: not one of AVAILABLE_MODES"),
+    ] {
+        world.run_for(secs(6));
+        world.gcs[0].forget();
+        assert_eq!(pilot::command(&mut world, 0, command, &params), MavResult::DENIED, "{text}");
+        world.run_for(millis(50));
+        let told: String = texts(&world, 0).concat();
+        assert_eq!(told, text);
+    }
+    let mut world = pilot::world::<1, ARDUPILOT>();
+    // ArduPilot's GUIDED.
+    world.gcs[0].send(&pilot::set_mode(1, 4));
+    world.run_for(millis(50));
+    assert_eq!(texts(&world, 0), ["Mode 4 refused: not one of AVAILABLE_MODES"]);
+}
+
+/// C-4: whatever is sent, a link is told of one refusal a second, and no link of another's.
+#[test]
+fn nobody_floods_the_texts_with_refusals() {
+    let mut world: World<2> = World::new(Setup::new());
+    for number in 0..200_u8 {
+        let mut params = [0.0; 7];
+        params[usize::from(number % 7)] = f32::INFINITY;
+        world.gcs[0].command_long(PLACE, params);
+        world.run_for(millis(50));
+    }
+    let count = texts(&world, 0).len();
+    assert!((5..=10).contains(&count), "{count} in 10 s");
+    assert_eq!(texts(&world, 1), [""; 0]);
+    // The other link is told at once.
+    world.gcs[1].command_long(MOTOR, [0.5; 7]);
+    world.run_for(millis(50));
+    assert_eq!(texts(&world, 1), ["Command 209 refused: parameter 1 out of range"]);
+}
+
+/// C-4, L-4: no text goes over a high-latency link, nor to another link instead.
+#[test]
+fn a_refusal_by_satellite_is_not_explained() {
+    let mut setup = Setup::<2>::new();
+    setup.links[0] = LinkConfig { class: LinkClass::HighLatency, ..setup.links[0] };
+    let mut world: World<2> = World::new(setup);
+    world.gcs[0].command_long(MOTOR, [0.5; 7]);
+    assert_eq!(world.expect::<CommandAck>(0, secs(2)).result, MavResult::DENIED);
+    world.run_for(secs(2));
+    assert_eq!((texts(&world, 0).len(), texts(&world, 1).len()), (0, 0));
+}
