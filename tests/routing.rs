@@ -160,15 +160,40 @@ fn targets_that_were_cut_off_are_everyone() {
     assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1, 2]);
 }
 
-/// nothing of a source goes to a link that it was heard on.
+/// no broadcast of a source goes to a link that it is heard on; what is addressed goes to its target all the same.
 #[test]
-fn nothing_goes_to_where_its_source_is() {
+fn no_broadcast_goes_to_where_its_source_is() {
     let mut world = normal::<4>();
     introduce(&mut world, 0, WINGMAN);
     introduce(&mut world, 1, WINGMAN);
     introduce(&mut world, 1, STATION);
     assert_eq!(reaches(&mut world, 0, WINGMAN, &Attitude::default()), [2, 3]);
-    assert_eq!(reaches(&mut world, 0, WINGMAN, &tune(STATION)), [0; 0], "the station hears it there");
+    assert_eq!(counters(&world, 1).source_heard, 1);
+    assert_eq!(reaches(&mut world, 0, WINGMAN, &tune(STATION)), [1]);
+}
+
+/// one frame of a sender that another path brought, or that was forged, cuts no way off: addressed frames take it at once,
+/// broadcasts 5 s later, and what is withheld until then is counted.
+#[test]
+fn one_frame_cuts_no_way_off() {
+    let mut world = normal::<3>();
+    introduce(&mut world, 1, WINGMAN);
+    introduce(&mut world, 0, STATION);
+    // In the name of the station, where it is not.
+    introduce(&mut world, 1, STATION);
+    let begin = world.now();
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
+    let mut withheld = 0;
+    while world.now().since(begin) < millis(4_900) {
+        assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [2]);
+        withheld += 1;
+        assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
+    }
+    assert_eq!([0, 1, 2].map(|link| counters(&world, link).source_heard), [1, withheld, 0], "the forged one, and the true");
+    world.run_for(millis(110));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [1, 2]);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
 }
 
 /// T-R3, R-5, R-9, R-10: unknown ids, signatures of any key, compatibility flags, untrimmed payloads, longer ones than

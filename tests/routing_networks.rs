@@ -109,9 +109,16 @@ fn post<const PEERS: usize>(network: &mut Network<PEERS>, leaves: [usize; 3], le
     frames
 }
 
-/// Sends all letters and looks for how often each was delivered.
-fn is_bounded(joined: Joined, letters: &[Letter]) -> Result<(), TestCaseError> {
-    let (mut network, leaves) = joined.network::<8>();
+/// Sends all letters and looks for how often each was delivered. `roams`: everybody was heard at every leaf before.
+fn is_bounded<const PEERS: usize>(joined: Joined, letters: &[Letter], roams: bool) -> Result<(), TestCaseError> {
+    let (mut network, leaves) = joined.network::<PEERS>();
+    for (home, person) in (0..3).flat_map(|home| (0..3).map(move |person| (home, person))).filter(|_| roams) {
+        for (leaf, line) in leaves.into_iter().enumerate() {
+            let number = 2_000 + 100 * leaf + 10 * home + usize::from(person);
+            network.send(line, frame(address(home, person), Address::new(0, 0), leaf as u8, number));
+            network.run_for(millis(40));
+        }
+    }
     let frames = post(&mut network, leaves, letters);
     network.run_for(secs(3));
     for (frame, letter) in frames.iter().zip(letters) {
@@ -131,13 +138,19 @@ proptest! {
     /// a frame comes through no line twice in the same direction, and is delivered a bounded number of times.
     #[test]
     fn no_frame_goes_around_twice(joined in joined(0.3), letters in letters(60, 8, 1..150)) {
-        is_bounded(joined, &letters)?;
+        is_bounded::<8>(joined, &letters, false)?;
+    }
+
+    /// T-R2, R-4, R-6: the same where every sender was heard by every line, which keeps no addressed frame from going around.
+    #[test]
+    fn not_even_where_all_are_heard_everywhere(joined in joined(0.1), letters in letters(3, 8, 100..300), rate in 1..12_u64) {
+        is_bounded::<64>(Joined { rate, ..joined }, &letters, true)?;
     }
 
     /// The same under more traffic than slow lines take, for longer than anything is remembered.
     #[test]
     fn not_even_when_lines_are_full(joined in joined(0.3), letters in letters(60, 2, 300..900), rate in 6..12_u64) {
-        is_bounded(Joined { rate, ..joined }, &letters)?;
+        is_bounded::<8>(Joined { rate, ..joined }, &letters, false)?;
     }
 
     /// where the tables hold all, and nothing is lost, every frame comes to whom it is for, once.

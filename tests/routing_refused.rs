@@ -215,6 +215,31 @@ fn refused_copies_cut_no_patience() {
     }
 }
 
+/// a broadcast that comes again by a way on which its source is heard is no loop: R-4 keeps it from going around. An
+/// addressed frame is one, as nothing but the memory ends it.
+#[test]
+fn addressed_copies_by_known_ways_cut_patience() {
+    for (is_addressed, arrives) in [(false, true), (true, false)] {
+        let mut rig = rig();
+        let mut companion = Signer::new(KEY).of(COMPANION);
+        for link in [WIRE, OTHER_WIRE] {
+            rig.receive(link, &companion.unsigned(Version::V2, &Gcs::heartbeat()));
+        }
+        rig.receive(RADIO, &Signer::new(KEY).of(WINGMAN).frame(&Gcs::heartbeat()));
+        sent_on(&mut rig, &[]);
+        let target_system = if is_addressed { WINGMAN.system.0 } else { 0 };
+        let tune = PlayTune { target_system, ..PlayTune::default() };
+        let first = companion.unsigned(Version::V2, &tune);
+        passes(&mut rig, WIRE, &first);
+        passes(&mut rig, OTHER_WIRE, &first);
+        assert_eq!(forwarded(&rig, OTHER_WIRE).duplicates, 1);
+        let second = companion.unsigned(Version::V2, &tune);
+        rig.receive(WIRE, &second);
+        rig.now = rig.now.after(millis(400));
+        assert_eq!(sent_on(&mut rig, &second).contains(&RADIO), arrives);
+    }
+}
+
 /// R-3, G-9: what is accepted unsigned as an exception teaches no way to anybody, and takes none away from him who is known.
 #[test]
 fn an_exception_takes_no_route_away() {

@@ -41,6 +41,8 @@ pub struct ForwardCounters {
     pub stale: u32,
     /// MAVLink 2 frames for this link, which sends MAVLink 1.
     pub needs_v2: u32,
+    /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
+    pub source_heard: u32,
     /// Frames for this high-latency link that the link by which they came had refused: they are not paid for.
     pub not_accepted: u32,
     /// Frames that came by this link and had been forwarded a moment ago: dropped.
@@ -60,6 +62,7 @@ impl ForwardCounters {
         queue_full: 0,
         stale: 0,
         needs_v2: 0,
+        source_heard: 0,
         not_accepted: 0,
         duplicates: 0,
         no_route: 0,
@@ -189,12 +192,14 @@ fn is_command(id: u32) -> bool {
 /// - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros. One whose id is unknown goes
 ///   to all. One that is refused where it came in, for its signature or for want of one, goes on like any other,
 ///   but not by satellite, where each is paid for.
-/// - **Never back**: not to the link that it came by, nor to one that its source was heard on.
+/// - **Never back**: a frame is not sent on the link that it came by. A broadcast is not sent on a link on which its source was
+///   heard within the last 5 s either, which is counted as [`source_heard`](ForwardCounters::source_heard). An addressed
+///   frame is sent on every other link on which its target was heard.
 /// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time
 ///   a stack sends a frame at most once to each link, and once more if it had refused it the first time. So in a
 ///   ring of three, over lines of 57,600 bit/s and up to 40 ms, each frame passes each line at most once each way,
-///   whatever the traffic and however small the peer table; with up to four lines between the three it is delivered at
-///   most as often as there are lines, and twice more. Around longer ways R-4 alone ends a loop.
+///   whatever the traffic, however small the peer table, and wherever its source was heard; with up to four lines between the three it is delivered at
+///   most as often as there are lines, and twice more. Around longer ways only R-4 ends a loop, and only for broadcasts.
 /// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted.
 ///   As it is not remembered it is handled each time that it comes: twice, if during a flood it comes by two links. So
 ///   is what goes to no other link, and is not forwarded at all. A command that must not be carried out twice is told
@@ -208,8 +213,8 @@ fn is_command(id: u32) -> bool {
 /// - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
 ///   delay an answer by no more than one of them. Where answers fill a line, as in the transfer of a plan or of all
 ///   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
-///   150 ms, or a frame would be on its way for longer than it is known: for ten seconds after a copy came that can be no
-///   sender's, by another link than the first, on which its source was never heard.
+///   150 ms, or a frame would be on its way for longer than it is known. Links count as a loop for ten seconds after a
+///   duplicate came by another link than the first: of an addressed frame, or of a broadcast whose source was not heard there.
 /// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed and accepted.
 ///
 /// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there, a high-latency
@@ -272,7 +277,8 @@ pub(crate) enum Passage {
 }
 
 impl Forwarding<'_> {
-    /// Looks at a frame that came by a link, and was accepted there or not. `is_way`: its source was heard there before.
+    /// Looks at a frame that came by a link, and was accepted there or not. `is_way`: R-4 keeps it from going around, as it is a
+    /// broadcast whose source was heard there before.
     pub(crate) fn examine(
         &mut self,
         now: Instant,
@@ -309,14 +315,23 @@ impl Forwarding<'_> {
         target: Address,
         routes: Routes,
     ) -> LinkMask {
-        let away = routes.seen.with(LinkMask::of(from));
-        let is_taker =
-            |lane: &Lane| lane.takes(frame.id(), target) && routes.to.contains(lane.link) && !away.contains(lane.link);
+        let is_addressed = target.system.0 != 0;
+        let mut takers = LinkMask::NONE;
+        for lane in self.lanes.iter_mut() {
+            let is_way = lane.takes(frame.id(), target) && routes.to.contains(lane.link) && lane.link != LinkMask::of(from);
+            if !is_way {
+                continue;
+            }
+            if !is_addressed && routes.seen.contains(lane.link) {
+                count(&mut lane.counters.source_heard);
+            } else {
+                takers = takers.with(lane.link);
+            }
+        }
         // What was refused before is known as accepted from now on, or it would be handled at each copy.
-        if !ticket.was_refused && !self.lanes.iter().any(is_taker) {
+        if !ticket.was_refused && takers.is_empty() {
             return LinkMask::NONE;
         }
-        let is_addressed = target.system.0 != 0;
         if !self.memory.has_room(ticket, is_addressed) {
             self.count(from, |counters| &mut counters.not_remembered);
             return LinkMask::NONE;
@@ -332,7 +347,7 @@ impl Forwarding<'_> {
         for lane in self.lanes.iter_mut() {
             let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };
             rest = others;
-            if !is_taker(lane) {
+            if !takers.contains(lane.link) {
                 continue;
             }
             if lane.class == LinkClass::HighLatency && ticket.is_refused() {

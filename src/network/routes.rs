@@ -5,11 +5,15 @@ use crate::dialect::SystemTime;
 use crate::frame::{Address, Frame};
 use crate::link::{LinkMask, Peer};
 use crate::message::Message;
+use crate::time::{Duration, Instant};
+
+/// For so long after a frame of its source came by a link no broadcast of it goes there.
+const HEARD: Duration = Duration::from_secs(5);
 
 /// What the peer table says of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Routes {
-    /// Links that its source was heard on.
+    /// Links that its source was heard on [lately](HEARD).
     pub(crate) seen: LinkMask,
     /// Links that its target was heard on; all, for a broadcast.
     pub(crate) to: LinkMask,
@@ -17,7 +21,7 @@ pub(crate) struct Routes {
 
 /// Finds the routes of a frame of `from` for `target`. `is_learned`: the way to `from` is known from this very frame
 ///
-pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Address) -> Routes {
+pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bool, target: Address) -> Routes {
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
     let mut routes = Routes { seen: LinkMask::NONE, to };
     for info in peers.iter_mut() {
@@ -30,7 +34,9 @@ pub(crate) fn routes(peers: &mut Peers, from: Peer, is_learned: bool, target: Ad
             continue;
         }
         if address == from.address {
-            routes.seen = routes.seen.with(LinkMask::of(link));
+            if now.since(info.last_heard()) < HEARD {
+                routes.seen = routes.seen.with(LinkMask::of(link));
+            }
         } else if address.system == target.system && (target.component.0 == 0 || address.component == target.component)
         {
             routes.to = routes.to.with(LinkMask::of(link));

@@ -18,9 +18,11 @@ impl Core {
         frame: &Frame<'_>,
         is_accepted: bool,
     ) -> Passage {
+        let target = target_of(frame);
         match context.vehicle.forwarding() {
-            Some(mut forwarding) if port.config.forwards && target_of(frame) != self.config.address.get() => {
-                let is_way = || network::is_heard(context.peers, Peer { address: frame.source(), link: port.id });
+            Some(mut forwarding) if port.config.forwards && target != self.config.address.get() => {
+                let from = Peer { address: frame.source(), link: port.id };
+                let is_way = || target.system.0 == 0 && network::is_heard(context.peers, from);
                 forwarding.examine(context.now, port, frame, is_accepted, is_way)
             }
             _ => Passage::Stays,
@@ -49,7 +51,7 @@ impl Core {
             return len;
         }
         let target = target_of(frame);
-        let routes = network::routes(context.peers, from, booking.is_some(), target);
+        let routes = network::routes(context.peers, context.now, from, booking.is_some(), target);
         let is_ours_too = target.system == self.config.address.get().system && target.component.0 == 0;
         if routes.to.is_empty() && !is_ours_too {
             forwarding.count(port.id, |counters| &mut counters.no_route);
