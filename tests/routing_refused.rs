@@ -21,8 +21,13 @@ const COMPANION: Address = Address::new(1, 191);
 const GIMBAL: Address = Address::new(1, 154);
 const WINGMAN: Address = Address::new(2, 1);
 
+/// The wires take what the radio refuses, as their configuration allows.
 fn rig() -> Rig<4> {
-    let open = LinkConfig::unlimited();
+    rig_with(LinkConfig::unlimited().with_refused_frames(true))
+}
+
+/// The wires are `open`.
+fn rig_with(open: LinkConfig) -> Rig<4> {
     let mut rig =
         Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_class(LinkClass::HighLatency)]);
     rig.set_key(KEY);
@@ -75,6 +80,68 @@ fn what_was_refused_suppresses_nothing() {
         assert_eq!(forwarded(&rig, link).duplicates, 1);
     }
     assert_eq!(rig.vehicle.commands().len(), 1);
+}
+
+/// an unsigned command from a link that requires signatures reaches no wire that trusts us, whoever it is for; so none comes
+/// back to us by a second one. It is counted on each link that does not get it, and suppresses nothing.
+#[test]
+fn refused_frames_reach_no_open_link() {
+    let mut rig = rig_with(LinkConfig::unlimited());
+    let mut companion = Signer::new(KEY).of(COMPANION);
+    let mut station = Signer::new(KEY);
+    rig.receive(WIRE, &companion.unsigned(Version::V2, &Gcs::heartbeat()));
+    sent_on(&mut rig, &[]);
+    let arm = |target: Address| CommandLong {
+        command: MavCmd::COMPONENT_ARM_DISARM,
+        param1: 1.0,
+        target_system: target.system.0,
+        target_component: target.component.0,
+        ..CommandLong::default()
+    };
+    let mut held_back = 0;
+    for (target, wires) in
+        [(COMPANION, vec![WIRE]), (Address::new(1, 0), vec![WIRE]), (Address::new(0, 0), vec![WIRE, OTHER_WIRE])]
+    {
+        let refused = station.unsigned(Version::V2, &arm(target));
+        for _ in 0..2 {
+            assert_eq!(passes(&mut rig, RADIO, &refused), [0; 0], "for {target:?}");
+            held_back += 1;
+            assert_eq!(forwarded(&rig, WIRE).not_accepted, held_back);
+        }
+        // What a stranger has signed is no better.
+        let foreign = Signer::new(OTHER_KEY).frame(&arm(target));
+        assert_eq!(passes(&mut rig, RADIO, &foreign), [0; 0], "for {target:?}");
+        held_back += 1;
+        assert!(rig.vehicle.commands().is_empty());
+        assert_eq!(passes(&mut rig, RADIO, &station.frame(&arm(target))), wires, "a signed one");
+        rig.vehicle.calls.clear();
+    }
+    assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).not_accepted), [0, 9, 3]);
+    assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).duplicates), [0; 3]);
+    // The same bytes by a link that accepts them, from then on known.
+    let late = station.unsigned(Version::V2, &arm(Address::new(0, 0)));
+    assert_eq!(passes(&mut rig, RADIO, &late), [0; 0]);
+    assert_eq!(passes(&mut rig, OTHER_WIRE, &late), [WIRE]);
+    assert_eq!(rig.vehicle.commands().len(), 1);
+    assert_eq!(passes(&mut rig, WIRE, &late), [0; 0]);
+    assert_eq!(rig.vehicle.commands().len(), 1);
+}
+
+/// a bad signature is refused on every link, so what bears one reaches no open link by whatever link it came; a link that
+/// judges for itself gets it.
+#[test]
+fn bad_signatures_reach_links_that_judge_for_themselves() {
+    let open = LinkConfig::unlimited();
+    let mut rig = Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_signing(LinkSigning::SIGNED)]);
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    sent_on(&mut rig, &[]);
+    let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+    assert_eq!(passes(&mut rig, RADIO, &stranger.frame(&Gcs::heartbeat())), [3]);
+    assert_eq!(passes(&mut rig, WIRE, &stranger.frame(&Gcs::heartbeat())), [RADIO, 3]);
+    // An unknown message too.
+    assert_eq!(passes(&mut rig, RADIO, &Signer::new(KEY).of(WINGMAN).frame_of(0x00AB_CDEF, &[7])), [WIRE, OTHER_WIRE, 3]);
+    assert_eq!(forwarded(&rig, OTHER_WIRE).not_accepted, 2);
 }
 
 /// who is refused may send what he wants, as often as he wants: those who are heard find places in the memory.

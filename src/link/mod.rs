@@ -17,7 +17,7 @@ use crate::service::identity::Owed;
 use crate::service::mission::Replies;
 use crate::service::param;
 #[cfg(feature = "signing")]
-use crate::service::signing::{Answer, LinkSigning};
+use crate::service::signing::{Accept, Answer, LinkSigning};
 use crate::service::statustext::TextCursor;
 use crate::service::stream::{StreamProfile, Streams};
 use crate::time::Instant;
@@ -79,6 +79,10 @@ pub struct LinkConfig {
     /// Whether frames that come by this link are forwarded, and those of others to it, by a vehicle that
     /// [forwards](crate::Vehicle::forwarding) at all.
     pub forwards: bool,
+    /// Whether frames that were refused for their signature, or for want of one, are forwarded to this link although it is
+    /// open; false by default. A link that is not open gets them anyway; a high-latency link never does.
+    #[cfg(feature = "signing")]
+    pub takes_refused: bool,
     /// Which frames it accepts, and whether it signs.
     #[cfg(feature = "signing")]
     pub signing: LinkSigning,
@@ -105,6 +109,8 @@ impl LinkConfig {
             streams: StreamProfile::Radio,
             forwards: true,
             #[cfg(feature = "signing")]
+            takes_refused: false,
+            #[cfg(feature = "signing")]
             signing: LinkSigning::OPEN,
         }
     }
@@ -115,6 +121,24 @@ impl LinkConfig {
     pub const fn with_signing(mut self, signing: LinkSigning) -> Self {
         self.signing = signing;
         self
+    }
+
+    /// The same link, which gets frames that another link refused, or, as by default, does not: see
+    /// [`takes_refused`](Self::takes_refused). For an open wire whose components all verify signatures themselves.
+    #[cfg(feature = "signing")]
+    #[must_use]
+    pub const fn with_refused_frames(mut self, takes_refused: bool) -> Self {
+        self.takes_refused = takes_refused;
+        self
+    }
+
+    /// Whether frames that were refused where they came in are kept from this link.
+    pub(crate) const fn holds_refused(&self) -> bool {
+        #[cfg(feature = "signing")]
+        let trusts_us = matches!(self.signing.accept, Accept::Open) && !self.takes_refused;
+        #[cfg(not(feature = "signing"))]
+        let trusts_us = false;
+        trusts_us || matches!(self.class, LinkClass::HighLatency)
     }
 
     /// The same link, taking part in forwarding, as at first, or not.

@@ -43,7 +43,9 @@ pub struct ForwardCounters {
     pub needs_v2: u32,
     /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
     pub source_heard: u32,
-    /// Frames for this high-latency link that the link by which they came had refused: they are not paid for.
+    /// Frames that were not sent on this link because the link by which they came had refused them: on a high-latency link
+    /// they are not paid for, on an open link they could be carried out. See
+    /// `LinkConfig::with_refused_frames`.
     pub not_accepted: u32,
     /// Frames that came by this link and had been forwarded a moment ago: dropped.
     pub duplicates: u32,
@@ -78,6 +80,8 @@ struct Lane {
     link: LinkMask,
     class: LinkClass,
     version: Version,
+    /// Whether refused frames are kept from it.
+    holds_refused: bool,
     /// Whether a queued frame goes before a stream.
     has_turn: bool,
     ring: Ring,
@@ -89,6 +93,7 @@ impl Lane {
         link: LinkMask::NONE,
         class: LinkClass::Normal,
         version: Version::V1,
+        holds_refused: false,
         has_turn: false,
         ring: Ring::EMPTY,
         counters: ForwardCounters::ZERO,
@@ -190,8 +195,9 @@ fn is_command(id: u32) -> bool {
 /// - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
 ///   frame for somebody to the links that he was heard on, one for a component of our own system likewise.
 /// - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros. One whose id is unknown goes
-///   to all. One that is refused where it came in, for its signature or for want of one, goes on like any other,
-///   but not by satellite, where each is paid for.
+///   to all. One that is refused where it came in, for its signature or for want of one, is forwarded to the links that
+///   judge for themselves: not to an open link, where it could be carried out, and not by
+///   satellite, where each frame is paid for. [`not_accepted`](ForwardCounters::not_accepted) counts what is held back.
 /// - **Never back**: a frame is not sent on the link that it came by. A broadcast is not sent on a link on which its source was
 ///   heard within the last 5 s either, which is counted as [`source_heard`](ForwardCounters::source_heard). An addressed
 ///   frame is sent on every other link on which its target was heard.
@@ -324,6 +330,8 @@ impl Forwarding<'_> {
             }
             if !is_addressed && routes.seen.contains(lane.link) {
                 count(&mut lane.counters.source_heard);
+            } else if lane.holds_refused && ticket.is_refused() {
+                count(&mut lane.counters.not_accepted);
             } else {
                 takers = takers.with(lane.link);
             }
@@ -350,10 +358,6 @@ impl Forwarding<'_> {
             if !takers.contains(lane.link) {
                 continue;
             }
-            if lane.class == LinkClass::HighLatency && ticket.is_refused() {
-                count(&mut lane.counters.not_accepted);
-                continue;
-            }
             if frame.header().version == Version::V2 && lane.version == Version::V1 {
                 count(&mut lane.counters.needs_v2);
             } else if lane.ring.push(bytes, now, frame.raw(), spare) {
@@ -372,6 +376,7 @@ impl Forwarding<'_> {
         let Some(lane) = self.lanes.get_mut(usize::from(port.id.0)) else { return };
         lane.link = if port.config.forwards { LinkMask::of(port.id) } else { LinkMask::NONE };
         lane.class = port.config.class;
+        lane.holds_refused = port.config.holds_refused();
         lane.version = port.outbox.version();
     }
 

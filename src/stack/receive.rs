@@ -78,7 +78,7 @@ impl Core {
             return (0, false);
         }
         let from = Peer { address: frame.source(), link: port.id };
-        // One that is not accepted is forwarded all the same; nothing is learned from it, and nothing done.
+        // A refused frame may be forwarded to links that judge for themselves; nothing is learned from it, nothing done.
         let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
         let passage = self.examine(context, port, frame, is_accepted);
         if !is_accepted {

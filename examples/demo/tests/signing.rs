@@ -168,13 +168,19 @@ fn signatures_follow_the_clock() {
     assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 9_000 * 6_000_000));
 }
 
-/// what others say to each other goes on, whatever its signature.
+/// what others say to each other is forwarded to the companion's wire, which is open, if the radio's link accepts it.
 #[test]
-fn what_is_for_others_goes_on_whatever_its_signature() {
+fn what_the_radio_refuses_does_not_reach_the_companion() {
     let mut wire = signing();
     wire.received.clear();
     let stranger = Address::new(250, 190);
-    let beat = wire.send_as(TELEMETRY, stranger, &Heartbeat { r#type: MavType::GCS, ..Heartbeat::default() });
+    let beat = Heartbeat { r#type: MavType::GCS, ..Heartbeat::default() };
+    let refused = wire.send_as(TELEMETRY, stranger, &beat);
     wire.run(50);
-    assert!(wire.received.iter().any(|frame| frame.link == COMPANION && frame.raw == beat));
+    let mut frame = [0; 280];
+    let len = encode_signed(&beat, stranger, 7, &key(), 3, TIME + 1_000_000, &mut frame).unwrap();
+    wire.send_raw(TELEMETRY, &frame[..len]);
+    wire.run(50);
+    let reached = |frame: &[u8]| wire.received.iter().any(|got| got.link == COMPANION && got.raw == frame);
+    assert!(!reached(&refused) && reached(&frame[..len]));
 }

@@ -116,8 +116,8 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///               bad signature                replayed, too old, no place
 /// ```
 ///
-/// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason, and forwarded where
-///   frames are forwarded (R-10).
+/// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason. Where frames are
+///   forwarded, it is forwarded to links that are not open (R-10).
 /// - **Time** is one for all links and all keys: it runs with the clock, never goes back, and is never used twice. It starts
 ///   where storage says, and is moved forward by the vehicle, who may know the time of day, by peers whose signatures are right
 ///   (G-6, G-14), and by who sets a key. Neither another key nor none moves it back: only a new memory does, with storage that
