@@ -463,6 +463,44 @@ fn satellite_gets_commands_only() {
     assert_eq!(reaches!(1, STATION, &tune(WINGMAN)), [0; 0]);
 }
 
+/// a station that was heard once by satellite and lives on a radio gets what is for it by radio only; when it is lost
+/// there, by satellite again. A link that takes no part in forwarding, or only gets what is for a component, is no other way.
+#[test]
+fn satellite_is_not_used_for_those_who_live_elsewhere() {
+    let radio = LinkConfig::uart(57_600);
+    let ack = |component: u8| CommandAck { target_system: 255, target_component: component, ..CommandAck::default() };
+    for (radio, components, is_other_way) in [
+        (radio, [190, 0], true),
+        (radio.with_class(LinkClass::Private), [190, 190], true),
+        (radio.with_class(LinkClass::Private), [0, 0], false),
+        (radio.with_forwarding(false), [190, 0], false),
+    ] {
+        let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+        let mut world = world([radio, LinkConfig::uart(115_200), satellite]);
+        introduce(&mut world, 2, STATION);
+        let [one, all] = components.map(ack);
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), [2]);
+        let by_radio = |component| if component == 0 && radio.class == LinkClass::Private { vec![] } else { vec![0] };
+        world.gcs[0].heartbeat_period = Some(secs(1));
+        world.run_for(secs(120));
+        for ack in [one, all] {
+            let expected = if is_other_way { by_radio(ack.target_component) } else { vec![2] };
+            world.run_for(millis(300));
+            forget(&mut world);
+            assert_eq!(reaches(&mut world, 1, COMPANION, &ack), expected, "{radio:?} to {}", ack.target_component);
+        }
+        world.gcs[0].heartbeat_period = None;
+        world.run_for(secs(7));
+        forget(&mut world);
+        let expected = if radio.forwards && is_other_way { vec![0, 2] } else { vec![2] };
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "lost on {radio:?}");
+        // Any frame by radio is a sign of life there, for five seconds.
+        introduce(&mut world, 0, STATION);
+        let expected = if is_other_way { vec![0] } else { vec![2] };
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "heard on {radio:?}");
+    }
+}
+
 /// T-R5, R-4, H-12: a source without a place in the peer table is handled here, and goes no further.
 #[test]
 fn source_without_a_place_is_not_forwarded() {

@@ -174,6 +174,8 @@ fn refused_commands_are_not_paid_for() {
     for link in [WIRE, SATELLITE] {
         rig.receive(link, &station.unsigned(Version::V2, &CommandLong { target_system: 7, ..there }));
     }
+    // So long that it may be lost on the wire, or the satellite would not be used at all.
+    rig.now = rig.now.after(millis(6_000));
     sent_on(&mut rig, &[]);
     let unsigned = wingman.unsigned(Version::V2, &there);
     assert_eq!(passes(&mut rig, RADIO, &unsigned), [WIRE]);

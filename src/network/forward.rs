@@ -223,8 +223,10 @@ fn is_command(id: u32) -> bool {
 ///   duplicate came by another link than the first: of an addressed frame, or of a broadcast whose source was not heard there.
 /// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed and accepted.
 ///
-/// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there, a high-latency
-/// link only commands for somebody there and their answers.
+/// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there. A high-latency
+/// link gets only commands for a peer there, and their answers, and only while no other link reaches that peer: one on
+/// which its heartbeats are received, or any frame was within the last 5 s. What is for all components of a system counts
+/// as reaching it where one of them is.
 #[derive(Clone, Debug)]
 pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 256> {
     lanes: [Lane; LINKS],
@@ -322,10 +324,14 @@ impl Forwarding<'_> {
         routes: Routes,
     ) -> LinkMask {
         let is_addressed = target.system.0 != 0;
+        let (takes, from_link) = (|lane: &Lane| lane.takes(frame.id(), target), LinkMask::of(from));
+        let is_normal = |lane: &Lane| lane.class != LinkClass::HighLatency;
+        // Then no satellite message is paid for.
+        let lives_elsewhere = self.lanes.iter().any(|lane| is_normal(lane) && routes.alive.contains(lane.link) && takes(lane));
         let mut takers = LinkMask::NONE;
         for lane in self.lanes.iter_mut() {
-            let is_way = lane.takes(frame.id(), target) && routes.to.contains(lane.link) && lane.link != LinkMask::of(from);
-            if !is_way {
+            let is_way = routes.to.contains(lane.link) && lane.link != from_link && (is_normal(lane) || !lives_elsewhere);
+            if !is_way || !takes(lane) {
                 continue;
             }
             if !is_addressed && routes.seen.contains(lane.link) {

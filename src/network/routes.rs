@@ -7,7 +7,7 @@ use crate::link::{LinkMask, Peer};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 
-/// For so long after a frame of its source came by a link no broadcast of it goes there.
+/// For so long after a frame of a peer came by a link no broadcast of it goes there, and it counts as reachable there.
 const HEARD: Duration = Duration::from_secs(5);
 
 /// What the peer table says of a frame.
@@ -17,13 +17,15 @@ pub(crate) struct Routes {
     pub(crate) seen: LinkMask,
     /// Links that its target was heard on; all, for a broadcast.
     pub(crate) to: LinkMask,
+    /// Links that its target is alive on, or was heard on [lately](HEARD).
+    pub(crate) alive: LinkMask,
 }
 
 /// Finds the routes of a frame of `from` for `target`. `is_learned`: the way to `from` is known from this very frame
 ///
 pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bool, target: Address) -> Routes {
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
-    let mut routes = Routes { seen: LinkMask::NONE, to };
+    let mut routes = Routes { seen: LinkMask::NONE, to, alive: LinkMask::NONE };
     for info in peers.iter_mut() {
         let Peer { address, link } = info.peer;
         if address.system != from.address.system && address.system != target.system {
@@ -33,13 +35,14 @@ pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bo
         if !info.is_route {
             continue;
         }
+        let link = LinkMask::of(link);
+        let is_heard = now.since(info.last_heard()) < HEARD;
         if address == from.address {
-            if now.since(info.last_heard()) < HEARD {
-                routes.seen = routes.seen.with(LinkMask::of(link));
-            }
+            routes.seen = if is_heard { routes.seen.with(link) } else { routes.seen };
         } else if address.system == target.system && (target.component.0 == 0 || address.component == target.component)
         {
-            routes.to = routes.to.with(LinkMask::of(link));
+            routes.to = routes.to.with(link);
+            routes.alive = if is_heard || info.is_alive { routes.alive.with(link) } else { routes.alive };
         }
     }
     routes
