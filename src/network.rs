@@ -16,5 +16,5 @@ mod routes;
 pub(crate) use forward::Passage;
 pub use forward::{ForwardCounters, ForwardQueues, Forwarding};
 pub use peers::PeerInfo;
-pub(crate) use peers::{Booking, Peers, deadline, is_heard, is_known, on_frame, on_unchecked, poll};
-pub(crate) use routes::{forget_rebooted, forget_route, routes};
+pub(crate) use peers::{Booking, Peers, Reception, deadline, is_heard, is_known, on_frame, on_unchecked, poll};
+pub(crate) use routes::{forget_rebooted, routes};

@@ -420,7 +420,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         texts.push(now, self.core.normal, severity, &Text::from_bytes(text));
     }
 
-    /// Who was heard, and how well. At most `PEERS`; see H-12 for who has to go when the table is full.
+    /// The peers that were heard, and how well: at most `PEERS`. Which one is evicted when the table is full stands at
+    /// [`PeerInfo`](PeerInfo#when-the-table-is-full).
     pub fn peers(&self) -> &[PeerInfo] {
         &self.peers
     }

@@ -5,7 +5,7 @@ mod support;
 use mavstack::dialect::{
     Attitude, CommandAck, Heartbeat, MavAutopilot, MavCmd, MavSeverity, MavType, RadioStatus, Statustext,
 };
-use mavstack::{Address, LinkConfig, LinkId, NoPlans, Peer, PeerEvent, PeerInfo, Version};
+use mavstack::{Address, LinkClass, LinkConfig, LinkId, NoPlans, Peer, PeerEvent, PeerInfo, Version};
 use support::*;
 
 const ANTENNA: Address = Address::new(255, 197);
@@ -156,6 +156,113 @@ fn ground_stations_are_not_evicted() {
     let command = world.gcs[0].long(MavCmd::NAV_LAND, [0.0; 7]);
     world.gcs[0].send_from(Address::new(253, 1), &command);
     assert_eq!(world.expect::<CommandAck>(0, millis(10)).target_system, 253);
+}
+
+/// A table of eight for three links, the last of which is a satellite's.
+fn shared() -> World<3, NoPlans, 8> {
+    let link = LinkConfig::uart(921_600);
+    let satellite = link.with_class(LinkClass::HighLatency);
+    World::with_plans(Setup { links: [link, link, satellite], ..Setup::new() })
+}
+
+/// Which systems are in the table by a link, in order.
+fn systems_on(world: &World<3, NoPlans, 8>, link: u8) -> Vec<u8> {
+    let is_there = |info: &&PeerInfo| info.peer.link == LinkId(link);
+    let mut systems: Vec<u8> =
+        world.stack.peers().iter().filter(is_there).map(|info| info.peer.address.system.0).collect();
+    systems.sort_unstable();
+    systems
+}
+
+/// A heartbeat of component 1 of a system.
+fn beat(world: &mut World<3, NoPlans, 8>, link: usize, system: u8, r#type: MavType) {
+    world.gcs[link].send_from(Address::new(system, 1), &Heartbeat { r#type, ..Gcs::heartbeat() });
+    world.run_for(millis(2));
+}
+
+/// H-12: a link takes places from a link that holds more, silent ones first, then living ones, until both hold as many; whatever it
+/// sends, it takes no more.
+#[test]
+fn links_share_the_table() {
+    for r#type in [MavType::GCS, MavType::QUADROTOR] {
+        let mut world = shared();
+        for system in 1..=8 {
+            beat(&mut world, 0, 10 + system, r#type);
+        }
+        assert_eq!(systems_on(&world, 0).len(), 8);
+        // A modem that makes up ids gets none of the places of the living.
+        for system in 100..110 {
+            world.gcs[1].send_from(Address::new(system, 1), &Attitude::default());
+            world.run_for(millis(2));
+        }
+        assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (8, 0));
+        for system in 200..250 {
+            beat(&mut world, 1, system, r#type);
+            // Those who are there stay there.
+            for system in systems_on(&world, 0) {
+                beat(&mut world, 0, system, r#type);
+            }
+        }
+        assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (4, 4), "{:?}", r#type);
+        let lost = |event: &&PeerEvent| matches!(event, PeerEvent::Lost(peer) if peer.link == LinkId(0));
+        assert_eq!(world.vehicle.peer_events().iter().filter(lost).count(), 4, "it is told");
+        // The satellite's station sends no heartbeats, and is the longest silent; it gets its place, and keeps it.
+        world.gcs[2].send_from(Address::new(255, 190), &CommandAck::default());
+        for round in 0..30 {
+            world.run_for(secs(1));
+            for system in 0..4 {
+                beat(&mut world, 0, 20 + 4 * round + system, MavType::GCS);
+                beat(&mut world, 1, 20 + 4 * round + system, MavType::GCS);
+            }
+            assert_eq!(systems_on(&world, 2), [255], "{round}");
+        }
+    }
+}
+
+/// H-12: silent peers of a link that holds few stay as well, whoever floods another one.
+#[test]
+fn a_flood_takes_places_of_its_own_link() {
+    let mut world = shared();
+    world.gcs[1].send_from(Address::new(2, 1), &Attitude::default());
+    world.gcs[1].send_from(Address::new(3, 1), &Attitude::default());
+    world.gcs[2].send_from(Address::new(255, 190), &CommandAck::default());
+    world.run_for(secs(20));
+    for round in 0..200 {
+        world.gcs[0].send_from(Address::new(20 + round, 1), &Attitude::default());
+        world.run_for(millis(2));
+    }
+    assert_eq!((systems_on(&world, 1), systems_on(&world, 2)), (vec![2, 3], vec![255]));
+    assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the last that were heard");
+}
+
+/// H-12: components of our own system keep their places, silent or not, as long as they hold no more than half of them.
+#[test]
+fn own_components_keep_their_places() {
+    let mut world = shared();
+    for component in [100, 154, 191] {
+        world.gcs[0].send_from(Address::new(1, component), &Attitude::default());
+        world.run_for(secs(1));
+    }
+    for system in 10..200 {
+        beat(&mut world, 0, system, MavType::GCS);
+        beat(&mut world, 1, system, MavType::GCS);
+    }
+    assert_eq!(systems_on(&world, 0).iter().filter(|&&system| system == 1).count(), 3);
+    // Invented ones fill no more than half.
+    for component in 2..100 {
+        world.gcs[0].send_from(Address::new(1, component), &Gcs::heartbeat());
+        world.run_for(millis(2));
+    }
+    world.run_for(secs(6));
+    for component in 2..100 {
+        world.gcs[0].send_from(Address::new(1, component), &Attitude::default());
+        world.run_for(millis(2));
+    }
+    for system in 10..20 {
+        beat(&mut world, 0, system, MavType::GCS);
+    }
+    let ours = world.stack.peers().iter().filter(|info| info.peer.address.system.0 == 1).count();
+    assert_eq!(ours, 4);
 }
 
 /// S-16: losses are counted by sequence number, over its wrap. A repeated or late frame is no loss.

@@ -189,7 +189,11 @@ fn one_frame_cuts_no_way_off() {
         withheld += 1;
         assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
     }
-    assert_eq!([0, 1, 2].map(|link| counters(&world, link).source_heard), [1, withheld, 0], "the forged one, and the true");
+    assert_eq!(
+        [0, 1, 2].map(|link| counters(&world, link).source_heard),
+        [1, withheld, 0],
+        "the forged one, and the true"
+    );
     world.run_for(millis(110));
     forget(&mut world);
     assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [1, 2]);
@@ -501,27 +505,70 @@ fn satellite_is_not_used_for_those_who_live_elsewhere() {
     }
 }
 
-/// T-R5, R-4, H-12: a source without a place in the peer table is handled here, and goes no further.
+/// T-R5, R-4, H-12: of a source without a place in the peer table broadcasts are forwarded; what is addressed is handled here only,
+/// and counted.
 #[test]
-fn source_without_a_place_is_not_forwarded() {
+fn source_without_a_place_gets_its_broadcasts_through() {
     let mut world = World::<2, NoPlans, 2>::with_plans(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
     world.vehicle.queues = Some(Box::new(ForwardQueues::new()));
     world.run_for(millis(10));
-    for station in [STATION, OTHER_STATION] {
-        world.gcs[0].send_from(station, &Gcs::heartbeat());
-    }
+    world.gcs[0].send_from(STATION, &Gcs::heartbeat());
+    world.gcs[1].send_from(OTHER_STATION, &Gcs::heartbeat());
     world.run_for(millis(10));
     world.vehicle.calls.clear();
-    world.gcs[1].forget();
-    world.gcs[0].send_from(WINGMAN, &Attitude::default());
-    world.run_for(millis(10));
-    assert_eq!(world.vehicle.calls.len(), 1);
-    assert_eq!(world.gcs[1].count_of::<Attitude>(), 0);
-    let queues = world.vehicle.queues.as_ref().unwrap();
-    assert_eq!(queues.counters(LinkId(0)).unwrap().no_peer_slot, 1);
+    let send = |world: &mut World<2, NoPlans, 2>| {
+        world.gcs[1].forget();
+        world.gcs[0].send_from(WINGMAN, &Attitude::default());
+        world.gcs[0].send_from(WINGMAN, &tune(Address::new(1, 0)));
+        world.gcs[0].send_from(WINGMAN, &tune(OTHER_STATION));
+        world.run_for(millis(30));
+        (world.gcs[1].count_of::<Attitude>(), world.gcs[1].count_of::<PlayTune>())
+    };
+    assert_eq!(send(&mut world), (1, 0));
+    assert_eq!(world.vehicle.calls.len(), 2, "the first two are for us as well");
+    let no_slot = |world: &World<2, NoPlans, 2>| {
+        world.vehicle.queues.as_ref().unwrap().counters(LinkId(0)).map(|counters| counters.no_peer_slot)
+    };
+    assert_eq!(no_slot(&world), Some(2));
     // When a station is long gone its place is free.
+    world.gcs[1].heartbeat_period = Some(secs(1));
+    world.gcs[1].address = OTHER_STATION;
     world.run_for(secs(6));
-    world.gcs[0].send_from(WINGMAN, &Attitude::default());
-    world.run_for(millis(10));
-    assert_eq!(world.gcs[1].count_of::<Attitude>(), 1);
+    assert_eq!(send(&mut world), (1, 1));
+    assert_eq!(no_slot(&world), Some(2));
+}
+
+/// H-12, R-3, R-4: a link on which eight ground stations are invented fills the table, and takes nobody's way: those on other links
+/// get their places, and keep them. On that link itself broadcasts of newcomers are forwarded.
+#[test]
+fn invented_ground_stations_shut_nobody_out() {
+    let mut world = world([LinkConfig::uart(921_600); 3]);
+    let mut sent = [0; 3];
+    let mut arrived = [0; 3];
+    for round in 0..60 {
+        for system in 201..=240 {
+            // Eight that are alive, and more that try.
+            if system <= 208 || round % 4 == 0 {
+                world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
+            }
+        }
+        world.run_for(millis(20));
+        if round >= 10 {
+            world.gcs[1].send_from(STATION, &Gcs::heartbeat());
+            world.gcs[2].send_from(COMPANION, &Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..Gcs::heartbeat() });
+            world.run_for(millis(80));
+            forget(&mut world);
+            world.gcs[1].send_from(STATION, &tune(COMPANION));
+            world.gcs[2].send_from(COMPANION, &tune(STATION));
+            // A newcomer where the invented ones are.
+            world.gcs[0].send_from(WINGMAN, &Attitude::default());
+            world.run_for(millis(100));
+            sent = sent.map(|sent| sent + 1);
+            arrived[0] += world.gcs[2].count_of::<PlayTune>();
+            arrived[1] += world.gcs[1].count_of::<PlayTune>();
+            arrived[2] += world.gcs[2].count_of::<Attitude>();
+        }
+        world.run_for(millis(800));
+    }
+    assert_eq!((sent, arrived), ([50; 3], [50; 3]));
 }

@@ -132,7 +132,8 @@ fn refused_frames_reach_no_open_link() {
 #[test]
 fn bad_signatures_reach_links_that_judge_for_themselves() {
     let open = LinkConfig::unlimited();
-    let mut rig = Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_signing(LinkSigning::SIGNED)]);
+    let mut rig =
+        Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_signing(LinkSigning::SIGNED)]);
     rig.set_key(KEY);
     rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
     sent_on(&mut rig, &[]);
@@ -140,7 +141,10 @@ fn bad_signatures_reach_links_that_judge_for_themselves() {
     assert_eq!(passes(&mut rig, RADIO, &stranger.frame(&Gcs::heartbeat())), [3]);
     assert_eq!(passes(&mut rig, WIRE, &stranger.frame(&Gcs::heartbeat())), [RADIO, 3]);
     // An unknown message too.
-    assert_eq!(passes(&mut rig, RADIO, &Signer::new(KEY).of(WINGMAN).frame_of(0x00AB_CDEF, &[7])), [WIRE, OTHER_WIRE, 3]);
+    assert_eq!(
+        passes(&mut rig, RADIO, &Signer::new(KEY).of(WINGMAN).frame_of(0x00AB_CDEF, &[7])),
+        [WIRE, OTHER_WIRE, 3]
+    );
     assert_eq!(forwarded(&rig, OTHER_WIRE).not_accepted, 2);
 }
 
@@ -326,4 +330,45 @@ fn an_exception_takes_no_route_away() {
     rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V2, &RadioStatus::default()));
     assert_eq!(rig.vehicle.calls.len(), 2, "it is served");
     assert_eq!(passes(&mut rig, WIRE, &second), [RADIO]);
+}
+
+/// H-12, H-13, R-3: RADIO_STATUS needs no signature on a signed link, so anybody can send it in any name. It takes no place from a
+/// peer that signs, or that an open link accepts, silent or not; and its own place goes first.
+#[test]
+fn radio_reports_take_no_place_from_verified_peers() {
+    let open = LinkConfig::unlimited();
+    let mut rig = Rig::new([open.with_signing(LinkSigning::SIGNED), open, open, open]);
+    rig.set_key(KEY);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    sent_on(&mut rig, &[]);
+    let radio = |rig: &mut Rig<4>, system: u8| {
+        let mut radio = Signer::new(OTHER_KEY).of(Address::new(system, 68));
+        rig.receive(RADIO, &radio.unsigned(Version::V1, &RadioStatus { rssi: 200, ..RadioStatus::default() }));
+    };
+    let is_there = |rig: &Rig<4>, address: Address| rig.stack.peers().iter().any(|info| info.peer.address == address);
+    // Fills the table, and goes first when one comes that signs.
+    (20..40).for_each(|system| radio(&mut rig, system));
+    let mut wingmen: Vec<Signer> =
+        (2..9).map(|system| Signer::new(KEY).of(Address::new(system, 1)).at(NOW + 200_000)).collect();
+    for wingman in &mut wingmen {
+        rig.now = rig.now.after(millis(10));
+        rig.receive(RADIO, &wingman.frame(&Attitude::default()));
+    }
+    rig.receive(WIRE, &Signer::new(KEY).of(COMPANION).unsigned(Version::V2, &Gcs::heartbeat()));
+    let verified = || (2..9).map(|system| Address::new(system, 1)).chain([COMPANION]);
+    assert!(verified().all(|address| is_there(&rig, address)));
+    // They are silent for long; nothing that anybody may send pushes one out.
+    rig.now = rig.now.after(millis(30_000));
+    sent_on(&mut rig, &[]);
+    (40..=255).for_each(|system| radio(&mut rig, system));
+    assert!(verified().all(|address| is_there(&rig, address)));
+    let mut companion = Signer::new(KEY).of(COMPANION);
+    companion.seq = 9;
+    let tune = PlayTune { target_system: 2, target_component: 1, ..PlayTune::default() };
+    assert_eq!(passes(&mut rig, WIRE, &companion.unsigned(Version::V2, &tune)), [RADIO]);
+    // In the name of one that signs, it says not that it is heard there.
+    radio(&mut rig, 2);
+    rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V1, &RadioStatus::default()));
+    let hello = Signer::new(KEY).of(WINGMAN).unsigned(Version::V2, &Attitude::default());
+    assert!(passes(&mut rig, WIRE, &hello).contains(&RADIO));
 }

@@ -51,7 +51,8 @@ pub struct ForwardCounters {
     pub duplicates: u32,
     /// Frames that came by this link for somebody who was heard on none.
     pub no_route: u32,
-    /// Frames that came by this link and were handled here only, because their source had no place in the peer table.
+    /// Addressed frames that were received on this link and handled here only, because their source had no place in the peer
+    /// table. Broadcasts need none.
     pub no_peer_slot: u32,
     /// Frames that came by this link and were handled here only, because so many others of this link are to be known again that
     /// there was no place for them. One that comes a second time is handled a second time.
@@ -327,10 +328,12 @@ impl Forwarding<'_> {
         let (takes, from_link) = (|lane: &Lane| lane.takes(frame.id(), target), LinkMask::of(from));
         let is_normal = |lane: &Lane| lane.class != LinkClass::HighLatency;
         // Then no satellite message is paid for.
-        let lives_elsewhere = self.lanes.iter().any(|lane| is_normal(lane) && routes.alive.contains(lane.link) && takes(lane));
+        let lives_elsewhere =
+            self.lanes.iter().any(|lane| is_normal(lane) && routes.alive.contains(lane.link) && takes(lane));
         let mut takers = LinkMask::NONE;
         for lane in self.lanes.iter_mut() {
-            let is_way = routes.to.contains(lane.link) && lane.link != from_link && (is_normal(lane) || !lives_elsewhere);
+            let is_way =
+                routes.to.contains(lane.link) && lane.link != from_link && (is_normal(lane) || !lives_elsewhere);
             if !is_way || !takes(lane) {
                 continue;
             }

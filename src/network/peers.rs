@@ -5,8 +5,8 @@
 //! a peer are drawn at [`PeerInfo`].
 
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
-use crate::frame::{Address, Frame, Version};
-use crate::link::{LinkClass, LinkId, Peer};
+use crate::frame::{Address, Frame, SystemId, Version};
+use crate::link::{LinkClass, LinkId, MAX_LINKS, Peer};
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PeerEvent, Vehicle};
 
@@ -19,6 +19,28 @@ use crate::vehicle::{PeerEvent, Vehicle};
 ///                                                  ▲                                            │
 ///                                                  └──────────── HEARTBEAT (Regained) ──────────┘
 /// ```
+///
+/// # When the table is full
+///
+/// A new sender evicts the longest silent peer of the first of these rows that has one to give (H-12):
+///
+/// | evicted | by |
+/// |---|---|
+/// | an unverified peer that is not alive | any frame |
+/// | a verified peer that is not alive | a frame of a verified sender |
+/// | an unverified peer that is alive | a frame of a verified sender |
+/// | a living peer that is no ground station | a ground station's heartbeat, or any heartbeat by another link |
+/// | a living ground station | a heartbeat by another link |
+///
+/// - Verified is a peer whose signature was right, or who was heard on a link that is open. What is accepted unsigned elsewhere, as
+///   RADIO_STATUS is, can be anybody's.
+/// - Links share the table. A sender evicts no verified peer of another link, unless that link holds at least two places more than
+///   the sender's own.
+/// - Components of our own system are not evicted by other systems, as long as they hold no more than half of the places.
+/// - On a high-latency link, which has no heartbeats, any frame counts as one.
+///
+/// A sender that finds no place is served all the same, and its broadcasts are forwarded. Addressed frames of it and to it are not:
+/// see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeerInfo {
@@ -38,6 +60,8 @@ pub struct PeerInfo {
     /// Frames that its sequence numbers say were lost on the way (S-16). Wraps.
     pub lost: u32,
     has_heartbeat: bool,
+    /// Whether a frame of it was accepted that nobody else can have sent: a signed one, or any on an open link.
+    is_verified: bool,
     /// Whether frames for it go out on this link.
     pub(super) is_route: bool,
     seq: u8,
@@ -53,7 +77,8 @@ impl PeerInfo {
         self.has_heartbeat.then_some(self.heartbeat)
     }
 
-    /// When its last frame came.
+    /// When its last frame was received. One that needs no signature where others do, as RADIO_STATUS, counts only as long as
+    /// no other was received.
     pub const fn last_heard(&self) -> Instant {
         self.heard
     }
@@ -86,18 +111,47 @@ pub(crate) enum Booking {
 /// A number up to so many behind the one that is due is a late or repeated frame, not the loss of nearly all numbers.
 const LATE: u8 = 32;
 
-/// Books a checked frame.
+/// How a frame was received.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reception {
+    pub(crate) now: Instant,
+    pub(crate) link: LinkId,
+    pub(crate) class: LinkClass,
+    /// Whether it is its sender's, and not one that anybody may have sent.
+    pub(crate) is_verified: bool,
+}
+
+/// Books a checked frame. `own` is our own system.
 pub(crate) fn on_frame(
     peers: &mut Peers,
-    now: Instant,
-    (link, class): (LinkId, LinkClass),
+    by: Reception,
+    own: SystemId,
     frame: &Frame<'_>,
     vehicle: &mut impl Vehicle,
 ) -> Booking {
-    let heartbeat = frame.decode::<Heartbeat>().filter(|_| class != LinkClass::HighLatency);
+    let Reception { now, link, class, is_verified } = by;
+    let is_satellite = class == LinkClass::HighLatency;
+    let heartbeat = frame.decode::<Heartbeat>().filter(|_| !is_satellite);
     let peer = Peer { address: frame.source(), link };
     let header = frame.header();
-    let Some((info, evicted)) = find_or_insert(peers, now, peer, header.seq, heartbeat.as_ref()) else {
+    let new = PeerInfo {
+        peer,
+        r#type: heartbeat.map_or(MavType::GENERIC, |heartbeat| heartbeat.r#type),
+        autopilot: MavAutopilot::INVALID,
+        version: Version::V2,
+        is_alive: false,
+        received: 0,
+        lost: 0,
+        has_heartbeat: false,
+        is_verified,
+        // No way is learned from what anybody may have sent.
+        is_route: is_verified,
+        seq: header.seq,
+        time_boot_ms: 0,
+        heartbeat: now,
+        heard: now,
+    };
+    let Some((info, evicted)) = find_or_insert(peers, new, own, heartbeat.is_some() || is_satellite) else {
         return Booking::NoRoom;
     };
     if let Some(evicted) = evicted.filter(|evicted| evicted.is_alive) {
@@ -112,7 +166,11 @@ pub(crate) fn on_frame(
     }
     info.received = info.received.wrapping_add(1);
     info.version = header.version;
-    info.heard = now;
+    info.is_verified |= is_verified;
+    // In the name of a verified peer nobody else says where it is heard (R-4, R-7).
+    if is_verified || !info.is_verified {
+        info.heard = now;
+    }
     let Some(heartbeat) = heartbeat else { return booking };
     info.r#type = heartbeat.r#type;
     info.autopilot = heartbeat.autopilot;
@@ -154,51 +212,53 @@ pub(crate) fn deadline(peers: &Peers, timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
 }
 
-/// The entry of a peer, and which one had to go for it.
-fn find_or_insert<'a>(
-    peers: &'a mut Peers,
-    now: Instant,
-    peer: Peer,
-    seq: u8,
-    heartbeat: Option<&Heartbeat>,
-) -> Option<(&'a mut PeerInfo, Option<PeerInfo>)> {
-    if let Some(index) = peers.iter().position(|info| info.peer == peer) {
+/// The entry of the sender of `new`, and which one it evicted; `None` when the table is full of entries that keep their places.
+/// `beats`: it is more than an unknown broadcaster.
+fn find_or_insert(
+    peers: &mut Peers,
+    new: PeerInfo,
+    own: SystemId,
+    beats: bool,
+) -> Option<(&mut PeerInfo, Option<PeerInfo>)> {
+    if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
         return Some((peers.get_mut(index)?, None));
     }
-    let info = PeerInfo {
-        peer,
-        r#type: MavType::GENERIC,
-        autopilot: MavAutopilot::INVALID,
-        version: Version::V2,
-        is_alive: false,
-        received: 0,
-        lost: 0,
-        has_heartbeat: false,
-        is_route: true,
-        seq,
-        time_boot_ms: 0,
-        heartbeat: now,
-        heard: now,
-    };
-    if peers.push(info).is_ok() {
+    if peers.push(new).is_ok() {
         return Some((peers.last_mut()?, None));
     }
-    let is_gcs = heartbeat.is_some_and(|heartbeat| heartbeat.r#type == MavType::GCS);
-    // The longest silent of those that are not alive goes first (H-12). A ground station may also take the place of a
-    // living peer that is none; nobody takes a living ground station's.
-    const LOST: u64 = 1 << 63;
-    let (mut victim, mut highest) = (None, 0);
+    let (mut held, mut ours) = ([0_u16; MAX_LINKS], 0_usize);
+    for old in peers.iter() {
+        if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
+            *held = held.saturating_add(1);
+        }
+        ours = ours.saturating_add(usize::from(old.peer.address.system == own));
+    }
+    let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or(0);
+    let is_ours = |info: &PeerInfo| info.peer.address.system == own;
+    let ours_stay = !is_ours(&new) && ours.saturating_mul(2) <= peers.len();
+    // 0: keeps its place.
+    let rank = |old: &PeerInfo| {
+        let is_elsewhere = old.peer.link != new.peer.link;
+        let is_poor = is_elsewhere && held(old) <= held(&new).saturating_add(1);
+        let (is_lower, is_higher) = (!old.is_verified && new.is_verified, old.is_verified && !new.is_verified);
+        match old.is_alive {
+            _ if is_higher || (!is_lower && (is_poor || (ours_stay && is_ours(old)))) => 0,
+            false if old.is_verified => 4,
+            false => 5,
+            true if is_lower => 3,
+            true if !beats => 0,
+            true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_elsewhere) => 2,
+            true => u8::from(is_elsewhere),
+        }
+    };
+    let (mut victim, mut highest) = (None, (1, Duration::ZERO));
     for old in peers.iter_mut() {
-        let rank = match now.since(old.heard).as_micros() {
-            silence if !old.is_alive => silence | LOST,
-            silence if is_gcs && old.r#type != MavType::GCS => silence.max(1),
-            _ => 0,
-        };
-        if rank > 0 && rank >= highest {
-            (victim, highest) = (Some(old), rank);
+        let place = (rank(old), new.heard.since(old.heard));
+        if place >= highest {
+            (victim, highest) = (Some(old), place);
         }
     }
     let victim = victim?;
-    let evicted = core::mem::replace(victim, info);
+    let evicted = core::mem::replace(victim, new);
     Some((victim, Some(evicted)))
 }

@@ -48,13 +48,6 @@ pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bo
     routes
 }
 
-/// Forgets the way to `from` by his link.
-pub(crate) fn forget_route(peers: &mut Peers, from: Peer) {
-    for info in peers.iter_mut().filter(|info| info.peer == from) {
-        info.is_route = false;
-    }
-}
-
 /// Forgets the routes to who has rebooted: to `from`, if his SYSTEM_TIME went backwards. The link that told so is known
 /// again at once. The frame's checksum was seen to be right.
 pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {

@@ -9,7 +9,7 @@ use crate::dialect::{Heartbeat, ManualControl, MavComponent, MavResult, MavSever
 use crate::frame::{Address, Frame};
 use crate::link::{Link, LinkClass, Peer, Port};
 use crate::message::{Message, MessageTable, Text};
-use crate::network::{self, Booking, Passage};
+use crate::network::{self, Booking, Passage, Reception};
 use crate::service::command::{self, Origin, Refusal};
 use crate::service::high_latency;
 use crate::service::manual_control;
@@ -95,19 +95,15 @@ impl Core {
             return (0, false);
         }
         port.heard(frame.header().version);
-        let class = port.config.class;
-        let booking = network::on_frame(context.peers, context.now, (port.id, class), frame, context.vehicle);
+        let is_verified = signing::knows_sender(port, frame, context.vehicle);
+        let by = Reception { now: context.now, link: port.id, class: port.config.class, is_verified };
+        let booking = network::on_frame(context.peers, by, own.system, frame, context.vehicle);
         match booking {
             Booking::Evicted => count(&mut port.counters.evicted_peers),
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
             Booking::Kept => {}
         }
-        // He is listed, but no way to him is learned from what anybody may have sent.
-        let is_his = signing::knows_sender(port, frame, context.vehicle);
-        if !is_his && !was_heard {
-            network::forget_route(context.peers, from);
-        }
-        let copied = self.pass_on(context, port, frame, passage, is_his.then_some(booking));
+        let copied = self.pass_on(context, port, frame, passage, is_verified.then_some(booking));
         (copied, passage != Passage::Again)
     }
 

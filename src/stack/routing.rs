@@ -46,11 +46,12 @@ impl Core {
         }
         let Passage::Goes(ticket) = passage else { return 0 };
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
-        if booking == Some(Booking::NoRoom) {
+        let target = target_of(frame);
+        // A broadcast needs no answer to find its way back.
+        if booking == Some(Booking::NoRoom) && target.system.0 != 0 {
             forwarding.count(port.id, |counters| &mut counters.no_peer_slot);
             return len;
         }
-        let target = target_of(frame);
         let routes = network::routes(context.peers, context.now, from, booking.is_some(), target);
         let is_ours_too = target.system == self.config.address.get().system && target.component.0 == 0;
         if routes.to.is_empty() && !is_ours_too {
