@@ -423,16 +423,6 @@ fn the_time_of_day_moves_forward_and_is_bounded() {
     assert_eq!(signing.timestamp(now), start + MINUTE);
 }
 
-/// The last timestamp there is is not passed, whoever names it.
-#[test]
-fn time_ends() {
-    let mut rig = keyed([LinkSigning::OPEN; 2]);
-    rig.receive(0, &Signer::new(KEY).at((1 << 48) - 1).frame(&command()));
-    rig.run_for(secs(5));
-    assert_eq!(rig.timestamp(), (1 << 48) - 1);
-    assert!(rig.transmit(0).iter().all(|frame| frame.signature().timestamp == (1 << 48) - 1));
-}
-
 /// SEC-5: a frame with an unknown id that is signed rightly is a frame, whoever sends it: what its payload looks like is not
 /// served. One that is not signed rightly is searched, and what is found there stands on its own feet.
 #[test]

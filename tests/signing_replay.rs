@@ -68,15 +68,23 @@ fn session(seed: u64, streams: u8) {
                 rig.receive(link, &stranger.unsigned(Version::V1, &command(90_002)));
             }
             5 if rng.below(10) == 0 => {
-                // Another key for a while, or none; then the same again, with whatever time.
-                let now = rig.now;
-                if rng.below(2) == 0 {
-                    rig.set_key(OTHER_KEY);
-                    rig.run_for(millis(rng.below(400)));
-                } else {
-                    rig.signing().clear_key();
+                // The same key again, with whatever time; or another one for a while, or none, and then the same with a time
+                // a minute ahead of all that was signed, which leaves no window (G-17).
+                let mut time = rng.below(NOW);
+                let ahead = signers.iter().map(|signer| signer.timestamp).fold(rig.timestamp(), u64::max) + 6_000_000;
+                match rng.below(3) {
+                    0 => {
+                        rig.set_key(OTHER_KEY);
+                        rig.run_for(millis(rng.below(400)));
+                        time = ahead;
+                    }
+                    1 => {
+                        rig.signing().clear_key();
+                        time = ahead;
+                    }
+                    _ => {}
                 }
-                let time = rng.below(NOW);
+                let now = rig.now;
                 rig.signing().set_key(now, SigningKey::new(KEY), time);
             }
             _ => {

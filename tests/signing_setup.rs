@@ -13,6 +13,11 @@ use signer::*;
 use support::*;
 
 const WIRE: LinkSigning = LinkSigning::OPEN.with_provisioning();
+/// A minute and a day, in timestamps.
+const MINUTE: u64 = 6_000_000;
+const DAY: u64 = 24 * 60 * MINUTE;
+/// Unix time of timestamp 0 (µs).
+const UNIX: u64 = 1_420_070_400_000_000;
 
 /// Link 0 is a wire that keys come by, link 1 a radio.
 fn rig() -> Rig {
@@ -64,31 +69,12 @@ fn a_key_is_set_and_told_at_once() {
     }
 }
 
-/// G-11: time is not moved back by who sets a key.
+/// G-17: the same key again, as ground stations send it, moves our time forward and never back; streams stay as they are, so what
+/// was recorded is not accepted again.
 #[test]
-fn a_key_does_not_bring_an_older_time() {
-    let mut rig = rig();
-    rig.receive(0, &unsigned(&setup(KEY, NOW)));
-    rig.transmit(0);
-    rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW - 1_000_000)));
-    assert!(rig.timestamp() >= NOW);
-    assert!(rig.transmit(0).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
-}
-
-/// G-8, G-14: the same key once more, as ground stations send it; another one, or none, and then the first again, with its old
-/// time or none: no door opens to what was recorded, time does not go back, and who was heard is heard.
-#[test]
-fn a_key_that_comes_back_accepts_nothing_twice() {
-    let (none, other) = (([0; 32], 0), (OTHER_KEY, NOW + 7));
-    let ways: [&[([u8; 32], u64)]; 6] = [
-        &[(KEY, NOW)],
-        &[other, (KEY, NOW)],
-        &[none, (KEY, NOW)],
-        &[none, (KEY, 0)],
-        &[other, none, (KEY, 1)],
-        &[none, other, none, (KEY, NOW - 7_000_000)],
-    ];
-    for way in ways {
+fn the_same_key_again_changes_nothing() {
+    for (initial_timestamp, least) in [(NOW, NOW), (0, NOW), (NOW - 1_000_000, NOW), (NOW + 1_000_000, NOW + 1_000_000)]
+    {
         let mut rig = rig();
         rig.receive(0, &unsigned(&setup(KEY, NOW)));
         let mut signers = [STATION, OTHER_STATION].map(|address| Signer::new(KEY).of(address));
@@ -96,37 +82,85 @@ fn a_key_that_comes_back_accepts_nothing_twice() {
         for frame in &recorded {
             rig.receive(1, frame);
         }
-        assert_eq!(rig.counters().verified, 2);
         rig.transmit(0);
         let before = rig.timestamp();
-        for (key, initial_timestamp) in way {
-            rig.receive(0, &unsigned(&setup(*key, *initial_timestamp)));
-            rig.transmit(0);
-            assert!(rig.timestamp() >= before, "{way:?}");
-        }
+        rig.receive(0, &unsigned(&setup(KEY, initial_timestamp)));
+        assert!(rig.timestamp() >= before.max(least), "{initial_timestamp}");
         for frame in &recorded {
             rig.receive(1, frame);
         }
-        assert_eq!((rig.counters().verified, rig.counters().replayed), (2, 2), "{way:?}");
+        assert_eq!((rig.counters().verified, rig.counters().replayed), (2, 2), "{initial_timestamp}");
         for signer in &mut signers {
             rig.receive(1, &signer.frame(&Gcs::heartbeat()));
         }
-        assert_eq!(rig.counters().verified, 4, "{way:?}");
+        assert_eq!(rig.counters().verified, 4, "{initial_timestamp}");
     }
 }
 
-/// G-6: another key finds the streams as they were, so nobody gains by it either.
+/// G-17: another key begins with its own timestamp and with no streams, also when that is earlier, and after no key at all.
 #[test]
-fn another_key_has_the_same_streams() {
-    let mut rig = rig();
-    rig.set_key(KEY);
-    rig.receive(1, &Signer::new(KEY).at(NOW + 500).frame(&Gcs::heartbeat()));
-    rig.set_key(OTHER_KEY);
-    rig.receive(1, &Signer::new(OTHER_KEY).at(NOW + 500).frame(&Gcs::heartbeat()));
-    assert_eq!((rig.counters().verified, rig.counters().replayed), (1, 1));
-    rig.receive(1, &Signer::new(OTHER_KEY).at(NOW + 501).frame(&Gcs::heartbeat()));
-    rig.receive(1, &Signer::new(OTHER_KEY).at(NOW - 50_000).of(OTHER_STATION).frame(&Gcs::heartbeat()));
-    assert_eq!(rig.counters().verified, 3);
+fn another_key_begins_anew() {
+    for is_off_between in [false, true] {
+        let mut rig = rig();
+        rig.set_key(KEY);
+        rig.receive(1, &Signer::new(KEY).at(NOW + 9 * 6_000_000).frame(&Gcs::heartbeat()));
+        if is_off_between {
+            rig.receive(0, &unsigned(&setup([0; 32], 0)));
+            rig.transmit(0);
+        }
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW - 7_000_000)));
+        assert_eq!(rig.timestamp(), NOW - 7_000_000);
+        assert!(rig.transmit(0).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
+        for (n, at) in [NOW - 13_000_001, NOW - 12_900_000, NOW].into_iter().enumerate() {
+            rig.receive(1, &Signer::new(OTHER_KEY).at(at).frame(&Gcs::heartbeat()));
+            let counters = rig.counters();
+            assert_eq!((counters.too_old, counters.verified), (1, 1 + n as u32), "the stream is a new one");
+        }
+    }
+}
+
+/// G-17: what the vehicle itself told since the start counts more than an early timestamp of another key.
+#[test]
+fn another_key_starts_no_earlier_than_what_the_vehicle_told() {
+    for initial_timestamp in [0, NOW - 1_000_000, NOW + 1_000_000] {
+        let mut rig = rig();
+        rig.set_key(KEY);
+        let now = rig.now;
+        assert!(rig.signing().set_time(now, UNIX + 10 * NOW, mavstack::Duration::MAX));
+        rig.receive(0, &unsigned(&setup(OTHER_KEY, initial_timestamp)));
+        assert_eq!(rig.timestamp(), NOW.max(initial_timestamp));
+    }
+}
+
+/// G-8, G-17: a key that returns has forgotten its streams. What was recorded with it is accepted once more if it is no more than
+/// a minute older than the timestamp that the key returns with; so one of a minute from now leaves nothing.
+#[test]
+fn the_replay_window_of_a_key_that_returns() {
+    const RECORDED: u64 = NOW + 100_000;
+    let (none, other) = (([0; 32], 0), (OTHER_KEY, NOW + 7));
+    for way in [&[none][..], &[other], &[other, none]] {
+        for (initial_timestamp, is_open) in
+            [(0, true), (RECORDED, true), (RECORDED + MINUTE - 100, true), (RECORDED + MINUTE + 1, false)]
+        {
+            let mut rig = rig();
+            rig.set_key(KEY);
+            let recorded = Signer::new(KEY).at(RECORDED).frame(&Gcs::heartbeat());
+            rig.receive(1, &recorded);
+            for (key, initial_timestamp) in way.iter().copied().chain([(KEY, initial_timestamp)]) {
+                // What we say of it moves our time by the last digits.
+                rig.receive(0, &unsigned(&setup(key, initial_timestamp)));
+                rig.transmit(0);
+            }
+            for _ in 0..2 {
+                rig.receive(1, &recorded);
+            }
+            let counters = rig.counters();
+            let again = (counters.verified - 1, counters.replayed, counters.too_old);
+            assert_eq!(again, if is_open { (1, 1, 0) } else { (0, 0, 2) }, "{way:?}, {initial_timestamp}");
+            rig.receive(1, &Signer::new(KEY).at(initial_timestamp.max(RECORDED + 1)).frame(&Gcs::heartbeat()));
+            assert_eq!(rig.counters().verified, counters.verified + 1, "and a right clock is heard");
+        }
+    }
 }
 
 /// What a vehicle without a key has served unverified may come a second time with the key, for a minute; and not when it says
@@ -149,7 +183,7 @@ fn what_was_served_before_there_was_a_key() {
 }
 
 /// T-G7: zeros take the key away, here and in what is sent; the heartbeat that says so is unsigned, and so is the radio
-/// open. Time goes on, whatever time a new key brings (G-14).
+/// open.
 #[test]
 fn signing_is_turned_off() {
     let mut rig = rig();
@@ -160,27 +194,25 @@ fn signing_is_turned_off() {
     assert_eq!(sent[0].id(), Heartbeat::ID);
     assert!(sent.iter().all(|frame| !frame.is_signed()));
     assert_eq!(texts(&sent), [("Signing is off".to_owned(), false)]);
-    assert!(!rig.signing().is_active() && rig.timestamp() >= NOW);
+    assert!(!rig.signing().is_active());
     rig.receive(1, &unsigned(&Gcs::heartbeat()));
     rig.receive(1, &Signer::new(KEY).frame(&Gcs::heartbeat()));
     assert_eq!((rig.counters().unsigned, rig.counters().bad_signature), (0, 0));
-    rig.receive(0, &unsigned(&setup(KEY, NOW - 7_000_000)));
-    assert!((NOW..NOW + 1_000).contains(&rig.timestamp()));
 }
 
-/// G-11: zeros with a time are a key, though a bad one; a time without meaning is refused.
+/// G-11, G-17: zeros with a time are a key, though a bad one; a time without meaning, or without a successor, is refused.
 #[test]
 fn what_is_no_key() {
     let mut rig = rig();
     rig.receive(0, &unsigned(&setup([0; 32], 1)));
     assert!(rig.signing().is_active());
     rig.transmit(0);
-    for late in [1 << 48, u64::MAX] {
+    for late in [(1 << 48) - 1, 1 << 48, u64::MAX] {
         rig.receive(0, &unsigned(&setup(OTHER_KEY, late)));
         let sent = rig.transmit(0);
         assert_eq!(texts(&sent), [("Signing not changed: bad timestamp".to_owned(), false)]);
     }
-    assert_eq!(rig.counters().refused_setups, 2);
+    assert_eq!(rig.counters().refused_setups, 3);
     assert!(rig.sent::<Heartbeat>(0).iter().all(|frame| frame.is_signed_with([0; 32])));
 }
 
@@ -239,8 +271,6 @@ fn an_armed_vehicle_keeps_its_key() {
 /// who knows our time may say that, wherever it is.
 #[test]
 fn a_key_does_not_bring_a_time_far_ahead() {
-    const DAY: u64 = 86_400 * 100_000;
-    const UNIX: u64 = 1_420_070_400_000_000;
     let mut rig = rig();
     let now = rig.now;
     assert!(rig.signing().set_time(now, UNIX + 10 * NOW, mavstack::Duration::MAX));

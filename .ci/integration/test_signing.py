@@ -1,4 +1,4 @@
-"""Signed sessions: the key comes over the companion's wire, and from then on the radio hears only who has it (G-1 to G-16)."""
+"""Signed sessions: the key comes over the companion's wire, and from then on the radio hears only who has it (G-1 to G-17)."""
 
 import hashlib
 import time
@@ -151,16 +151,31 @@ def test_signatures_follow_real_time(gcs, other, target):
 
 
 def test_a_key_that_comes_back(gcs, other, signing):
-    """G-8, G-14: another key, and none, and the first again with an old time: what was sent before is not taken again."""
+    """G-8, G-17: another key, and none, and the first again, with the time of more than a minute from now: what was sent before
+    is not accepted again, and whoever follows the vehicle's time is heard."""
     sign(gcs.mav, link_id=7)
     frame = request(gcs)
     assert is_answered(gcs, frame)
     before = stamp_of(gcs.wait("HEARTBEAT").get_msgbuf())
     assert setup(other, bytes(range(32)), timestamp()) == "Signing key set"
     assert setup(other, bytes(32), 0) == "Signing is off"
-    assert setup(other, KEY, 1) == "Signing key set"
-    assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) > before
+    ahead = max(before, timestamp()) + 62 * 100_000
+    assert setup(other, KEY, ahead) == "Signing key set"
+    assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) >= ahead
     assert not is_answered(gcs, frame), "a replayed frame"
+    assert is_answered(gcs, request(gcs, ahead))
+
+
+def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
+    """G-17: it is refused where the vehicle has a clock. Where it has none, another key undoes what it did."""
+    sign(gcs.mav, link_id=8)
+    wrong = timestamp() + 14 * 365 * 86_400 * 100_000
+    assert is_answered(gcs, request(gcs, wrong)) == (target != "sitl")
+    if target != "sitl":
+        assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) >= wrong
+        assert setup(other, bytes(range(32)), timestamp()) == "Signing key set"
+        assert setup(other, KEY, timestamp()) == "Signing key set"
+    gcs.mav.signing.link_id = 9
     assert is_answered(gcs, request(gcs, timestamp()))
 
 

@@ -37,6 +37,11 @@ impl SigningKey {
         Self(Wiped(bytes))
     }
 
+    /// Whether both keys are the same, found out in the same time wherever they differ.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        is_same(&self.0.0, &other.0.0)
+    }
+
     /// For storage only.
     #[cfg(feature = "storage")]
     pub(crate) const fn bytes(&self) -> &[u8; Self::LEN] {

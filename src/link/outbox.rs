@@ -118,11 +118,11 @@ impl Outbox {
         self.signature == Signature::Due && !self.is_empty()
     }
 
-    /// Signs the frame, with the number of the link. Without a key it is given up.
+    /// Signs the frame, with the number of the link. Without a key and a timestamp it is given up.
     #[cfg(feature = "signing")]
-    pub(crate) fn sign(&mut self, key: Option<&SigningKey>, timestamp: u64) {
+    pub(crate) fn sign(&mut self, with: Option<(&SigningKey, u64)>) {
         let frame = usize::from(self.start)..usize::from(self.end);
-        let end = key.and_then(|key| key.sign(&mut self.bytes, frame, self.link.0, timestamp));
+        let end = with.and_then(|(key, timestamp)| key.sign(&mut self.bytes, frame, self.link.0, timestamp));
         self.signature = Signature::Made;
         match end {
             Some(end) => self.end = short(end),

@@ -69,7 +69,7 @@ mod without {
         false
     }
 
-    pub(crate) fn prepare(_: &mut Port, _: &mut impl Vehicle) {}
+    pub(crate) fn prepare(_: Instant, _: &mut Port, _: &mut impl Vehicle) {}
 
     pub(crate) fn sign(_: Instant, _: &mut Port, _: &mut impl Vehicle) {}
 }

@@ -19,7 +19,7 @@ impl Core {
     pub(super) fn fill<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) {
         let now = context.now;
         port.bucket.drain(now);
-        signing::prepare(port, context.vehicle);
+        signing::prepare(now, port, context.vehicle);
         let is_normal = port.config.class != LinkClass::HighLatency;
         // On a line that streams fill the list still gets its share (P-11).
         let is_list_late = port.params.is_late(now);

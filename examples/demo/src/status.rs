@@ -90,7 +90,8 @@ pub const LINK_DROPS: [&str; 19] = [
 ];
 
 /// Why else something is dropped: signatures, [`mavstack::SigningCounters`], and texts that found no place.
-pub const OTHER_DROPS: [&str; 5] = ["unsigned", "bad signature", "replayed", "no place for the signer", "texts"];
+pub const OTHER_DROPS: [&str; 6] =
+    ["unsigned", "bad signature", "replayed", "signed too far ahead", "no place for the signer", "texts"];
 
 impl Status {
     pub(crate) fn of<P: PlanStorage>(now: Instant, stack: &Stack<LINKS, P>, vehicle: &Quadrotor) -> Self {
@@ -139,6 +140,7 @@ impl Status {
             signing.unsigned,
             signing.bad_signature,
             signing.replayed.wrapping_add(signing.too_old),
+            signing.too_far_ahead,
             signing.no_stream_slot,
             stack.dropped_texts(),
         ];

@@ -163,9 +163,11 @@ fn signatures_follow_the_clock() {
     let told = wire.take::<SystemTime>();
     let (_, told) = told.last().expect("once a second");
     assert!(told.time_unix_usec - UNIX <= (wire.millis - millis) * 1_000 && told.time_unix_usec > UNIX + 34_000_000);
-    // Whoever signs moves it on (G-6).
-    assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 9_000 * 6_000_000)), 1);
-    assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 9_000 * 6_000_000));
+    // A signature moves it forward (G-6), unless it is from more than a day ahead (G-17).
+    assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 9_000 * 6_000_000)), 0);
+    assert!(timestamps(&mut wire).last().is_some_and(|last| *last < TIME + 5_010 * 6_000_000));
+    assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 6_000 * 6_000_000)), 1);
+    assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 6_000 * 6_000_000));
 }
 
 /// what others say to each other is forwarded to the companion's wire, which is open, if the radio's link accepts it.

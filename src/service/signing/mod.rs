@@ -1,6 +1,6 @@
-//! Message signing: who speaks, and that he speaks now.
+//! Message signing: that a frame's sender has the key, and that the frame is no recording.
 //!
-//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-16. How a frame is judged stands at [`Signing`].
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-17. [`Signing`] describes how a frame is judged.
 
 mod policy;
 mod setup;
@@ -28,8 +28,8 @@ use streams::{MINUTE, Stale};
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
 const EPOCH: u64 = 1_420_070_400;
 
-/// So far ahead of the time that the vehicle has told may be what comes with a key (10 µs): a day, for clocks that are badly set.
-const SETUP_STEP: u64 = 24 * 60 * MINUTE;
+/// How far a peer's clock may be ahead of the time that the vehicle told (10 µs): a day, for clocks that are badly set (G-17).
+const DAY: u64 = 24 * 60 * MINUTE;
 
 /// So far ahead the timestamp is stored (10 µs): what a restart skips at most (G-15).
 #[cfg(feature = "storage")]
@@ -43,7 +43,7 @@ const AHEAD: u64 = 500_000;
 #[cfg(feature = "storage")]
 const RETRY: Duration = Duration::from_secs(10);
 
-/// What was accepted and refused, on all links. Numbers wrap.
+/// What was accepted and refused, on all links. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -59,6 +59,9 @@ pub struct SigningCounters {
     pub replayed: u32,
     /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6), or from before a restart.
     pub too_old: u32,
+    /// Frames with a right signature from more than a day ahead of the time that the vehicle told, and frames that bear the last
+    /// timestamp of 48 bits, which has no successor (G-17).
+    pub too_far_ahead: u32,
     /// Frames with a right signature that would begin a stream, for which the table has no place (G-8).
     pub no_stream_slot: u32,
     /// Times of [`set_time`](Signing::set_time) that were too far ahead (G-14).
@@ -110,53 +113,68 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ may it be, on this link? ── no ──▶ refused
 ///                     │ yes                                          │ yes
 ///                     ▼                                              ▼
-///             right signature? ── yes ──▶ newer than all before it? ── yes ──▶ served; its time is ours at least
-///                     │ no                           │ no
+///             right signature? ── yes ──▶ newer than all before it,  ── yes ──▶ served; its time is ours at least
+///                     │ no                no more than a day ahead?
+///                     │                              │ no
 ///                     ▼                              ▼
-///               bad signature                replayed, too old, no place
+///               bad signature         replayed, too old, too far ahead, no place
 /// ```
 ///
 /// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason. Where frames are
 ///   forwarded, it is forwarded to links that are not open (R-10).
-/// - **Time** is one for all links and all keys: it runs with the clock, never goes back, and is never used twice. It starts
-///   where storage says, and is moved forward by the vehicle, who may know the time of day, by peers whose signatures are right
-///   (G-6, G-14), and by who sets a key. Neither another key nor none moves it back: only a new memory does, with storage that
-///   was erased.
-/// - **Streams**: a stream is known by who sends it and by his own number for the link. Of a known one each frame has to be
-///   newer than the one before, a new one may begin a minute behind our time. When the table is full, one that was silent for
-///   more than a minute gives way (G-8): so `STREAMS` bounds who can be heard at a time, and a key holder can lock nobody
-///   out for longer than that.
-/// - **Another key** finds time and streams as they were, and so does one that comes back: what was accepted with it is not
-///   accepted again.
+/// - **Time** is one for all links. It runs with the clock, and starts where storage says. A right signature, the vehicle
+///   ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key can move it back; until
+///   then no timestamp is sent twice.
+/// - **A bound on the future** (G-17): once the vehicle has told the time since the start, a frame from more than a day ahead of
+///   that is refused, or one peer with a wrong clock would shut out every peer with a right one. Stored times and a key's time
+///   bound nothing: a vehicle without a clock wakes days late. Nor does the bound apply while our own time is more than a day
+///   ahead of what the vehicle told. It would shut out the peers that follow our time, and let in nobody else.
+/// - **Streams**: a stream is known by its sender and by the sender's number of the link. Each frame of a known stream has to be
+///   newer than the one before; a new stream may begin a minute behind our time. When the table is full, a stream that was
+///   silent for more than a minute is evicted (G-8). So `STREAMS` bounds how many streams are heard at a time, and a key holder
+///   shuts nobody out for longer than that.
+/// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
+/// - **Another key** starts with the timestamp that comes with it, and with no streams, so that a new key heals a time that was
+///   moved too far ahead, also after a restart. The time that the vehicle told since the start still counts: our time starts no
+///   earlier than that.
 ///
-/// What is left to who records frames, for a minute each time, unless the vehicle [refuses it](Signing::refuse_recorded):
+/// The last timestamp of 48 bits, in 2104, has no successor, so it is never accepted. Once our own time has reached it, links that
+/// sign send unsigned frames instead of a timestamp a second time, until there is another key.
 ///
-/// - After a restart streams are known no more, and time begins up to a minute ahead of where it was (G-15). What was accepted
-///   in the last minute before may be accepted a second time, as in other implementations.
-/// - What was served unverified because there was no key is in no stream. If it was signed with the key that is set next, and is
-///   not a minute old, it may be served a second time.
+/// # What can be replayed
 ///
-/// And without that remedy: a frame that was kept from the vehicle is no replay. When it comes late it is accepted, by a known
-/// stream until that goes on, however late it is (see [`Signing::age`]).
+/// An attacker that recorded signed frames can have them accepted again in these cases:
 ///
-/// The secret is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING, on a link that is made for it (G-11). With it
-/// comes a timestamp, and time moves forward to that. One that is far ahead by mistake would lock everybody out whose clock is
-/// right, and cannot be taken back. So when the vehicle has told the time since the start ([`Signing::set_time`]), SETUP_SIGNING
-/// with one that is more than a day ahead of that, and of ours, is refused, told by a text and counted; else there is nothing to
-/// compare it with, and it is accepted as G-11 says.
+/// - **A key that returns.** What is set after another key, or after none, counts as another key: the one before was forgotten.
+///   So frames that were recorded with it are accepted once more, if they are no more than a minute older than the timestamp
+///   that it returns with, or than the time that the vehicle told. A timestamp of a minute from now leaves no window.
+/// - **A restart.** Streams are forgotten, and time begins up to a minute ahead of where it was (G-15). What was accepted in the
+///   last minute before may be accepted again, as in other implementations.
+/// - **The first key.** Frames that were served unverified because there was no key are in no stream. Those signed with the key
+///   that is set next may be served again for a minute.
+///
+/// [`refuse_recorded`](Signing::refuse_recorded) closes these windows, if our time is right. It cannot help with a frame that an
+/// attacker kept from the vehicle, which is no replay. A known stream accepts it until a newer frame comes, however late it is
+/// (see [`Signing::age`]).
+///
+/// # Setting the key
+///
+/// The firmware sets the key ([`Signing::set_key`]), or SETUP_SIGNING on a link that is made for it (G-11). SETUP_SIGNING is
+/// refused, reported by a text and counted when its timestamp is more than a day ahead of the time that the vehicle told, and ahead
+/// of ours. Before the vehicle has told the time there is nothing to compare it with.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
-    /// The timestamp at boot; with the clock it makes the time.
-    boot: u64,
-    /// The last one that was sent; time does not fall behind it.
+    /// Our time, less the clock.
+    boot: i64,
+    /// The last timestamp that was sent; time does not fall behind it.
     last: u64,
     /// Before this no new stream begins.
     floor: u64,
-    /// What the vehicle itself told last as the time, less the clock then; `None` when it has not.
-    told: Option<u64>,
-    /// The latest that peers on normal links told by their signatures, less the clock then.
-    heard: Option<u64>,
+    /// The latest time that the vehicle itself told since the start, less the clock.
+    told: Option<i64>,
+    /// The latest time that peers on normal links told by their signatures, less the clock.
+    heard: Option<i64>,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
     saving: Saving,
@@ -196,6 +214,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
                 bad_signature: 0,
                 replayed: 0,
                 too_old: 0,
+                too_far_ahead: 0,
                 no_stream_slot: 0,
                 refused_times: 0,
                 setups: 0,
@@ -261,42 +280,62 @@ impl Signing {
         self.counters
     }
 
-    /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): what the next signed frame bears at least. It is no time of day: without
-    /// somebody who knew that, it began where it was last.
+    /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): the next signed frame bears at least this. It is no time of day: unless
+    /// the vehicle or a peer knew that, it began where it was last.
     #[inline(never)]
     pub fn timestamp(&self, now: Instant) -> u64 {
-        self.last.max(self.boot.saturating_add(ticks(now))).min(MAX_TIMESTAMP)
+        self.time(now).min(MAX_TIMESTAMP)
     }
 
-    /// Signs with `key` from now on, and accepts what was signed with it; the time is moved forward to `timestamp` (10 µs since
-    /// 2015-01-01), if it is not there yet (G-11). Streams go on where they were under the key before (G-8), so who signs with an
-    /// earlier time than then is not heard until he is there again.
+    /// The same, and beyond the last timestamp when that was used.
+    fn time(&self, now: Instant) -> u64 {
+        self.last.max(at(now, self.boot))
+    }
+
+    /// Signs with `key` from now on, and accepts what was signed with it (G-17).
+    ///
+    /// - The key that is in use: our time moves forward to `timestamp` (10 µs since 2015-01-01), never back.
+    /// - Another key, also one that was in use before: our time starts at `timestamp`, or at what the vehicle
+    ///   [told](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] says what can be replayed
+    ///   with a key that returns, and [`refuse_recorded`](Self::refuse_recorded) prevents it.
+    ///
+    /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
+        let start = offset(now, if timestamp < MAX_TIMESTAMP { timestamp } else { 0 });
+        if self.key.as_ref().is_some_and(|known| known.is_same(&key)) {
+            self.boot = self.boot.max(start);
+        } else {
+            self.boot = self.told.map_or(start, |told| told.max(start));
+            (self.last, self.floor, self.heard) = (0, 0, None);
+            self.streams.fill(SigningStream::NONE);
+        }
         self.key = Some(key);
-        self.advance(now, timestamp);
         self.is_to_be_stored();
         event!("signing: key set");
     }
 
-    /// Signs no longer, and forgets the key. Time goes on, and streams are remembered: the key may come back.
+    /// Signs no longer, and forgets the key. Whatever key is set next is [another one](Self::set_key).
     pub fn clear_key(&mut self) {
         self.key = None;
         self.is_to_be_stored();
         event!("signing: off");
     }
 
-    /// It is `unix_usec` µs after the beginning of 1970 in UTC at `now`: moves the time forward to that (G-4), never back. False,
-    /// and counted, when that would be by more than `max_step`; nothing happens then (G-14). A time before 2015, as a clock has
-    /// that was never set, is no time: true, and nothing happens.
+    /// Tells the time: at `now` it is `unix_usec` µs after the beginning of 1970 in UTC. Moves our time forward to that (G-4),
+    /// never back (G-14), and from then on [bounds](Signing) how far ahead a peer's clock may be (G-17). An earlier time than was
+    /// told before changes nothing, nor does one before 2015, as of a clock that was never set: true.
     ///
-    /// Whoever can pretend a time far ahead, as with a satellite receiver, can make the vehicle refuse everybody whose clock
-    /// is right. So a clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]), a satellite receiver on the
-    /// ground by some days, in flight by some seconds.
+    /// False, and counted, when our time would move by more than `max_step`; nothing happens then (G-14).
+    ///
+    /// An attacker that can fake a time far ahead, as with a satellite receiver, can make the vehicle refuse every peer whose
+    /// clock is right. A clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]); a satellite receiver
+    /// by some days on the ground, and by some seconds in flight. Only a restart forgets what was told; our time then starts as
+    /// stored, until there is another key.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
         let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
         let timestamp = num::quotient(timestamp, TEN);
         let step = timestamp.saturating_sub(self.timestamp(now));
-        if step > num::quotient(max_step.as_micros(), TEN) || timestamp > MAX_TIMESTAMP {
+        if step > num::quotient(max_step.as_micros(), TEN) || timestamp >= MAX_TIMESTAMP {
             count(&mut self.counters.refused_times);
             event!("signing: time refused");
             return false;
@@ -304,34 +343,41 @@ impl Signing {
         self.advance(now, timestamp);
         // A clock that was never set tells a time before 2015.
         if timestamp != 0 {
-            self.told = Some(timestamp.saturating_sub(ticks(now)));
+            self.told = self.told.max(Some(offset(now, timestamp)));
         }
         true
     }
 
-    /// Refuses what was recorded before: a stream that is not known begins at our time or later, not a minute before (stricter
-    /// than G-6). To be called behind `Stack::restore_signing`, for what was recorded before a restart, and behind
-    /// [`set_key`](Self::set_key), for what was signed with that key while there was none.
+    /// Refuses what was recorded before: a new stream begins at our time or later, not a minute before (stricter than G-6). Call it
+    /// after `Stack::restore_signing`, for what was recorded before a restart, and after [`set_key`](Self::set_key), for what was
+    /// recorded with that key before. What was recorded from later than our time, as with a key that comes with an early one, is
+    /// not refused.
     ///
-    /// The price: our time is up to a minute ahead then. Who hears a signed frame of ours follows it, and is heard from there
-    /// on; who does not, as where the link does not sign, is heard when his clock gets there.
+    /// The price: our time is up to a minute ahead after a restart. A peer that hears a signed frame of ours follows it, and is
+    /// heard from there on. One that does not, as where the link does not sign, is heard when its clock gets there.
     pub fn refuse_recorded(&mut self, now: Instant) {
         self.floor = self.timestamp(now).saturating_add(1);
     }
 
-    /// How long ago a frame that the stack has accepted was signed (L-16): what time it is, less its timestamp. What time it
-    /// is says the vehicle's last [`set_time`](Self::set_time); before that, the peer whose signed frames by other than
-    /// high-latency links are furthest ahead. `None` when neither told it since the start, and when the frame has no signature
-    /// or there is no key to verify it with. Zero for a frame from later than now.
+    /// Returns how long ago a frame that the stack has accepted was signed (L-16): the time now, less its timestamp. Zero for a
+    /// frame from later than now. `None` for a frame without a signature, when there is no key to verify it with, and as long as
+    /// neither the vehicle nor a peer has told the time since the start.
     ///
-    /// It is not our own [time](Self::timestamp), which never goes back and begins up to a minute ahead after a restart
-    /// (G-15). A sender's clock that is late makes his frames older than they are, and so does, as long as the vehicle has told
-    /// nothing, a peer's that is ahead. One that is ahead makes them younger: by up to that minute where the sender follows
-    /// our time, as many do, when the vehicle has told a right one. A signature says nothing of how long a frame was on its way otherwise: one that begins
-    /// a stream is a minute old at most, one of a stream that is known has any age (G-6).
+    /// The time now is the latest that the vehicle told by [`set_time`](Self::set_time): a clock that is set back makes nothing
+    /// young. Before it told any, it is what the peer furthest ahead told by its signatures, on other than high-latency links.
+    /// So it is too when what the vehicle told is more than a day behind that peer, as with a clock that was never set.
+    ///
+    /// It is not our own [time](Self::timestamp), which begins up to a minute ahead after a restart (G-15). A sender whose clock is
+    /// late makes its frames look older than they are; so does a peer whose clock is ahead, as long as the vehicle has told
+    /// nothing. A sender whose clock is ahead makes its frames look younger, by up to that minute where it follows our time and
+    /// the vehicle told a right one. Otherwise a signature does not say how long a frame was on its way: a frame that begins a
+    /// stream is a minute old at most, one of a known stream has any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
         let signed_at = self.signed_at(frame)?.get();
-        let time = self.told.or(self.heard)?.saturating_add(ticks(now));
+        let heard = self.heard.map(|heard| at(now, heard));
+        let is_beyond = |heard: &u64| self.bound(now).is_some_and(|bound| *heard > bound);
+        let told = self.told.map(|told| at(now, told));
+        let time = heard.filter(is_beyond).or(told).or(heard)?;
         Some(Duration::from_micros(time.saturating_sub(signed_at).saturating_mul(10)))
     }
 
@@ -340,22 +386,41 @@ impl Signing {
         NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
     }
 
-    /// Whether somebody may set a key with this timestamp.
+    /// The latest timestamp that is accepted, once the vehicle has told the time (G-17).
+    fn bound(&self, now: Instant) -> Option<u64> {
+        Some(at(now, self.told?).saturating_add(DAY))
+    }
+
+    /// Whether SETUP_SIGNING may bring this timestamp.
     fn takes_setup(&self, now: Instant, timestamp: u64) -> bool {
-        let is_near = |told: u64| timestamp <= told.saturating_add(ticks(now)).saturating_add(SETUP_STEP);
-        timestamp <= MAX_TIMESTAMP && (timestamp <= self.timestamp(now) || self.told.is_none_or(is_near))
+        let is_near = timestamp <= self.timestamp(now) || self.bound(now).is_none_or(|bound| timestamp <= bound);
+        timestamp < MAX_TIMESTAMP && is_near
+    }
+
+    /// Whether a peer's clock is so far ahead that it must not move ours (G-17).
+    fn is_too_far_ahead(&self, now: Instant, timestamp: u64) -> bool {
+        let is_beyond = |bound: u64| timestamp > bound && self.timestamp(now) <= bound;
+        timestamp >= MAX_TIMESTAMP || self.bound(now).is_some_and(is_beyond)
     }
 
     /// Moves the time forward (G-6).
     #[inline(never)]
     fn advance(&mut self, now: Instant, timestamp: u64) {
-        self.boot = self.boot.max(timestamp.min(MAX_TIMESTAMP).saturating_sub(ticks(now)));
+        self.boot = self.boot.max(offset(now, timestamp));
     }
 
-    /// The timestamp of a frame that is signed now: one more than the last one at least (G-4).
-    fn stamp(&mut self, now: Instant) -> u64 {
-        self.last = self.timestamp(now).max(self.last.saturating_add(1)).min(MAX_TIMESTAMP);
-        self.last
+    /// Whether there is a timestamp left to sign with.
+    fn has_stamp(&self, now: Instant) -> bool {
+        self.last < MAX_TIMESTAMP && self.time(now) <= MAX_TIMESTAMP
+    }
+
+    /// The timestamp of a frame that is signed now: one more than the last one at least (G-4). `None` when there is none left.
+    fn stamp(&mut self, now: Instant) -> Option<u64> {
+        if !self.has_stamp(now) {
+            return None;
+        }
+        self.last = self.time(now).max(self.last.saturating_add(1));
+        Some(self.last)
     }
 
     /// Judges a frame, and learns from one that is accepted for its signature (G-6, G-7).
@@ -365,6 +430,9 @@ impl Signing {
             return self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
         }
         let timestamp = signature.timestamp;
+        if self.is_too_far_ahead(now, timestamp) {
+            return self.refuse(frame, |counters| &mut counters.too_far_ahead, "too far ahead");
+        }
         let oldest = self.timestamp(now).saturating_sub(MINUTE).max(self.floor);
         match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
             Ok(()) => {
@@ -398,7 +466,7 @@ impl Signing {
             Verdict::Verified => {
                 // What comes by satellite may tell the time of minutes ago.
                 if config.class != LinkClass::HighLatency {
-                    let told = frame.signature().map(|signature| signature.timestamp.saturating_sub(ticks(now)));
+                    let told = frame.signature().map(|signature| offset(now, signature.timestamp));
                     self.heard = self.heard.max(told);
                 }
                 true
@@ -439,11 +507,9 @@ impl Signing {
         if now < self.saving.rests_until {
             return None;
         }
-        let time = self.timestamp(now);
+        let time = self.time(now);
         if self.saving.next.is_none() {
-            // Also without a key, once there was one: it may come back, and time must not have gone back.
-            let keeps_time = self.is_active() || self.saving.reserved != 0;
-            let is_due = keeps_time && time.saturating_add(AHEAD) >= self.saving.reserved;
+            let is_due = self.is_active() && time.saturating_add(AHEAD) >= self.saving.reserved;
             if !is_due && !self.saving.is_new {
                 return None;
             }
@@ -537,10 +603,10 @@ pub(crate) fn key_of(vehicle: &mut impl Vehicle) -> Option<&SigningKey> {
     vehicle.signing()?.key.as_ref()
 }
 
-/// Has what is sent next signed, if the link signs and there is a key. Then it is MAVLink 2 (V-3).
-pub(crate) fn prepare(port: &mut Port, vehicle: &mut impl Vehicle) {
+/// Has what is sent next signed, if the link signs and there is a key and a timestamp for it. Then it is MAVLink 2 (V-3).
+pub(crate) fn prepare(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
     let Some(signing) = vehicle.signing() else { return };
-    let signs = signing.is_active() && port.config.signing.signs();
+    let signs = signing.is_active() && port.config.signing.signs() && signing.has_stamp(now);
     port.outbox.set_signs(signs);
     if signs {
         port.outbox.set_version(Version::V2);
@@ -548,12 +614,12 @@ pub(crate) fn prepare(port: &mut Port, vehicle: &mut impl Vehicle) {
 }
 
 /// Signs the frame that is about to leave, if it needs it: a new one, or one that is sent from its start again (G-4). Without
-/// a key it does not leave.
+/// a key, or a timestamp, it does not leave.
 pub(crate) fn sign(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
     let Some(signing) = vehicle.signing() else { return };
     if port.outbox.needs_signature() {
         let timestamp = signing.stamp(now);
-        port.outbox.sign(signing.key.as_ref(), timestamp);
+        port.outbox.sign(signing.key.as_ref().zip(timestamp));
     }
 }
 
@@ -569,6 +635,17 @@ const TEN: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 /// Units of 10 µs since boot.
 const fn ticks(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
+}
+
+/// A timestamp less the clock; beyond the last one all are the same.
+fn offset(now: Instant, timestamp: u64) -> i64 {
+    let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
+    timestamp.cast_signed().saturating_sub(ticks(now).cast_signed())
+}
+
+/// The time that has this [`offset`].
+const fn at(now: Instant, offset: i64) -> u64 {
+    ticks(now).saturating_add_signed(offset)
 }
 
 fn count(counter: &mut u32) {

@@ -17,7 +17,7 @@ const TIME: u64 = 33_000_000_000_000;
 fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
     let mut signing = SigningMemory::new();
     signing.restore(NOW, key.map(SigningKey::new), TIME);
-    assert!(signing.unsaved(NOW).is_some(), "the time, for the next start");
+    assert_eq!(signing.unsaved(NOW).is_some(), key.is_some(), "the time, for the next start");
     signing.saved();
     assert_eq!(signing.unsaved(NOW), None);
     signing
@@ -45,16 +45,47 @@ fn storage_that_failed_is_left_alone_for_ten_seconds() {
     assert!(signing.unsaved(again).is_some());
 }
 
-/// G-3, G-14: the last timestamp of 48 bits is one, in 2104; what comes after it is refused.
+/// G-3, G-14, G-17: the last timestamp of 48 bits, in 2104, has no successor and is refused; the one before is taken.
 #[test]
 fn time_has_an_end() {
     let last = (MAX_TIMESTAMP + EPOCH * 100_000) * 10;
     let mut signing = SigningMemory::<1>::new();
-    assert!(!signing.set_time(Instant::ZERO, last + 10, Duration::MAX));
+    for late in [last, last + 10, u64::MAX] {
+        assert!(!signing.set_time(Instant::ZERO, late, Duration::MAX));
+    }
     assert_eq!(signing.timestamp(Instant::ZERO), 0);
-    assert!(signing.set_time(Instant::ZERO, last, Duration::MAX));
-    assert_eq!(signing.timestamp(NOW), MAX_TIMESTAMP);
-    assert_eq!(signing.counters().refused_times, 1);
+    assert!(signing.set_time(Instant::ZERO, last - 10, Duration::MAX));
+    assert_eq!((signing.timestamp(Instant::ZERO), signing.timestamp(NOW)), (MAX_TIMESTAMP - 1, MAX_TIMESTAMP));
+    assert_eq!(signing.counters().refused_times, 3);
+}
+
+/// G-4, G-15, G-17: a stored time at the end may have been used up to the last, by a version that did so: nothing is signed with it
+/// again, whatever stands there. Another key begins with its own.
+#[test]
+fn a_stored_time_at_the_end_is_not_used_again() {
+    for stored in [MAX_TIMESTAMP + 1, MAX_TIMESTAMP + MINUTE, u64::MAX] {
+        let mut signing = SigningMemory::<1>::new();
+        signing.restore(NOW, Some(SigningKey::new(KEY)), stored);
+        assert_eq!((signing.timestamp(NOW), signing.stamp(NOW)), (MAX_TIMESTAMP, None));
+        signing.set_key(NOW, SigningKey::new(KEY), TIME);
+        assert_eq!(signing.stamp(NOW), None, "the same key");
+        signing.set_key(NOW, SigningKey::new([8; 32]), TIME);
+        assert_eq!((signing.stamp(NOW), signing.stamp(NOW)), (Some(TIME), Some(TIME + 1)));
+        assert!(signing.unsaved(NOW).is_some());
+        assert_eq!(signing.content().1, TIME + 1 + MINUTE, "and so it is stored");
+    }
+}
+
+/// G-17: our time starts with the timestamp of another key, also when that is less than the clock; a clock that reads less than it
+/// did then is no fault.
+#[test]
+fn another_key_may_begin_with_an_early_time() {
+    let mut signing = SigningMemory::<1>::new();
+    let hour = Instant::from_millis(3_600_000);
+    signing.set_key(hour, SigningKey::new(KEY), 5);
+    assert_eq!(signing.timestamp(hour), 5);
+    assert_eq!(signing.timestamp(hour.after(Duration::from_millis(1))), 105);
+    assert_eq!(signing.timestamp(NOW), 0);
 }
 
 /// SEC-2: a signature costs by the blocks of SHA-256 in it: 32 bytes of key, the frame without its last 6, and 9 of padding.

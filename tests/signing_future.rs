@@ -1,0 +1,194 @@
+//! Clocks that are wrong: a frame from far ahead, the end of the 48 bits, and a vehicle's clock that is set back. Rules G-4, G-6,
+//! G-14, G-17, L-16.
+#![cfg(feature = "signing")]
+
+#[path = "support/signer.rs"]
+mod signer;
+mod support;
+
+use mavstack::dialect::*;
+use mavstack::{Address, Duration, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, Version};
+use signer::*;
+use support::*;
+
+/// A minute, a day and a year, in timestamps.
+const MINUTE: u64 = 6_000_000;
+const DAY: u64 = 24 * 60 * MINUTE;
+const YEAR: u64 = 365 * DAY;
+const LAST: u64 = (1 << 48) - 1;
+
+/// A vehicle with a key over an open wire, a radio that wants signatures, and a satellite.
+fn rig() -> Rig<3> {
+    let link = LinkConfig::uart(115_200);
+    let mut rig = Rig::new([
+        link.with_signing(LinkSigning::OPEN),
+        link.with_signing(LinkSigning::REQUIRED),
+        link.with_signing(LinkSigning::REQUIRED).with_class(LinkClass::HighLatency),
+    ]);
+    rig.set_key(KEY);
+    rig
+}
+
+const WIRE: usize = 0;
+const RADIO: usize = 1;
+const SAT: usize = 2;
+
+/// The vehicle tells the time.
+fn tell(rig: &mut Rig<3>, timestamp: u64) {
+    let (now, unix) = (rig.now, 1_420_070_400_000_000);
+    assert!(rig.signing().set_time(now, unix + 10 * timestamp, Duration::MAX));
+}
+
+fn command() -> CommandLong {
+    CommandLong { target_system: 1, target_component: 1, command: MavCmd::NAV_LAND, ..CommandLong::default() }
+}
+
+/// A station like no other, whose clock says `timestamp`; whether it is heard.
+fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
+    let (commands, verified) = (rig.vehicle.commands().len(), rig.counters().verified);
+    rig.receive(RADIO, &Signer::new(KEY).of(Address::new(station, 190)).at(timestamp).frame(&command()));
+    rig.transmit(RADIO);
+    let is_heard = rig.vehicle.commands().len() > commands;
+    assert_eq!(rig.counters().verified > verified, is_heard);
+    is_heard
+}
+
+/// G-17: once the vehicle has told the time, a clock more than a day ahead is refused, counted, and moves nothing, on an open wire
+/// too; not by a day at a time either. Right clocks are heard as before.
+#[test]
+fn a_wrong_clock_shuts_nobody_out() {
+    let mut rig = rig();
+    tell(&mut rig, NOW);
+    for (n, ahead) in [DAY + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {
+        let before = rig.timestamp();
+        assert!(!hears(&mut rig, 10, NOW + ahead));
+        rig.receive(WIRE, &Signer::new(KEY).at(NOW + ahead).frame(&command()));
+        assert_eq!(rig.vehicle.commands().len(), n);
+        assert!(rig.timestamp() < before + 100, "it moves nothing");
+        assert_eq!(rig.counters().too_far_ahead, 2 * (n as u32 + 1));
+        assert!(hears(&mut rig, 20 + n as u8, NOW), "a right clock");
+    }
+    assert!(hears(&mut rig, 11, NOW + DAY), "badly set, and no more");
+    assert!(!hears(&mut rig, 12, NOW + 2 * DAY));
+    // A day later it is a day more, also when the vehicle told nothing since.
+    rig.now = rig.now.after(secs(86_400));
+    assert!(hears(&mut rig, 12, NOW + 2 * DAY));
+}
+
+/// G-17: before the vehicle has told the time there is nothing to compare with. What a wrong clock did then another key undoes;
+/// and once there is a right time again the bound holds.
+#[test]
+fn another_key_heals_what_a_wrong_clock_did() {
+    for is_told in [false, true] {
+        let mut rig = rig();
+        assert!(hears(&mut rig, 10, NOW + 14 * YEAR), "as after a year without power");
+        if is_told {
+            tell(&mut rig, NOW);
+        }
+        assert!(!hears(&mut rig, 20, NOW), "shut out");
+        // Whoever follows our time is heard: to refuse that as well would leave nobody.
+        let ours = rig.timestamp();
+        assert!(hears(&mut rig, 21, ours + 100));
+        let now = rig.now;
+        rig.signing().set_key(now, SigningKey::new(KEY), NOW);
+        assert!(!hears(&mut rig, 20, NOW), "the same key");
+        rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
+        rig.signing().set_key(now, SigningKey::new(KEY), NOW);
+        assert!(hears(&mut rig, 20, NOW));
+        assert_eq!(hears(&mut rig, 10, NOW + 14 * YEAR), !is_told);
+    }
+}
+
+/// G-4, G-17: the last timestamp of 48 bits is refused, whatever is known of the time. After the one before we sign one frame
+/// more; what follows is sent without a signature and not with a timestamp a second time, until there is another key.
+#[test]
+fn no_timestamp_is_sent_twice_at_the_end() {
+    let mut rig = rig();
+    assert!(!hears(&mut rig, 10, LAST));
+    assert_eq!((rig.counters().too_far_ahead, rig.timestamp() < LAST), (1, true));
+    assert!(hears(&mut rig, 10, LAST - 1));
+    let mut stamps = Vec::new();
+    let mut unsigned = 0;
+    for _ in 0..5 {
+        rig.receive(WIRE, &Signer::new(KEY).unsigned(Version::V2, &command()));
+        let frames: Vec<_> = [WIRE, RADIO].into_iter().flat_map(|link| rig.transmit(link)).collect();
+        assert!(frames.iter().any(|frame| frame.id() == CommandAck::ID), "no answer is lost");
+        for frame in frames {
+            if frame.is_signed() {
+                stamps.push(frame.signature().timestamp);
+            } else {
+                unsigned += 1;
+            }
+        }
+        rig.run_for(secs(1));
+    }
+    assert!(stamps.len() <= 1 && stamps.iter().all(|stamp| *stamp == LAST), "{stamps:?}");
+    assert!(unsigned >= 10);
+    assert_eq!(rig.timestamp(), LAST);
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), LAST);
+    rig.run_for(secs(1));
+    assert!(!rig.transmit(RADIO)[0].is_signed(), "the same key");
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
+    rig.run_for(secs(1));
+    assert!(rig.transmit(RADIO).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
+}
+
+/// G-4: a frame that is cut off when the last timestamp is used up is given up, and not signed with that again.
+#[test]
+fn what_is_cut_off_at_the_end_is_given_up() {
+    let mut rig = rig();
+    rig.transmit(RADIO);
+    rig.receive(RADIO, &Signer::new(KEY).at(LAST - 1).frame(&command()));
+    rig.begin(RADIO, 5);
+    rig.restart(RADIO);
+    rig.run_for(secs(1));
+    assert!(rig.transmit(RADIO).iter().all(|frame| frame.id() != CommandAck::ID && !frame.is_signed()));
+}
+
+/// The age of a command by satellite that was signed then.
+fn age(rig: &mut Rig<3>, timestamp: u64) -> Option<u64> {
+    let before = rig.vehicle.commands().len();
+    rig.receive(SAT, &Signer::new(KEY).link(SAT as u8).at(timestamp).frame(&command()));
+    rig.transmit(SAT);
+    assert_eq!(rig.vehicle.commands().len(), before + 1, "carried out");
+    rig.vehicle.commands()[before].age.map(|age| age.as_millis() / 1_000)
+}
+
+/// L-16, G-14: a clock that is set back, by minutes or to a year that was, makes no command younger. One that is set forward makes
+/// them older, and earlier times after that change nothing.
+#[test]
+fn a_clock_that_is_set_back_makes_nothing_young() {
+    let mut rig = rig();
+    assert_eq!(age(&mut rig, NOW), None, "nobody has told the time");
+    tell(&mut rig, NOW + 10 * MINUTE);
+    assert_eq!(age(&mut rig, NOW + 1), Some(599));
+    for back in [NOW + 10 * MINUTE - 1, NOW + MINUTE, NOW - 1, NOW - 9 * YEAR, 1] {
+        tell(&mut rig, back);
+        assert_eq!(age(&mut rig, NOW + 2), Some(599), "{back}");
+        rig = crate::rig();
+        age(&mut rig, NOW);
+        tell(&mut rig, NOW + 10 * MINUTE);
+    }
+    tell(&mut rig, NOW + 20 * MINUTE);
+    tell(&mut rig, NOW - 9 * YEAR);
+    rig.now = rig.now.after(secs(60));
+    assert_eq!(age(&mut rig, NOW + 2), Some(1_259));
+}
+
+/// L-16, G-17: before the vehicle has told the time a peer on a radio says it. A vehicle's clock that is a little behind the peer
+/// is believed, and one that was never set is not: it neither makes commands young nor refuses who has a right clock.
+#[test]
+fn a_first_time_that_is_years_behind_is_not_believed() {
+    for (told, expected) in [(NOW + 9 * MINUTE, 540), (NOW - 9 * YEAR, 600), (1, 600)] {
+        let mut rig = rig();
+        age(&mut rig, NOW);
+        assert!(hears(&mut rig, 10, NOW + 10 * MINUTE));
+        assert_eq!(age(&mut rig, NOW + 1), Some(599));
+        tell(&mut rig, told);
+        assert_eq!(age(&mut rig, NOW + 2).map(|age| age + 1), Some(expected));
+        let ours = rig.timestamp();
+        assert!(hears(&mut rig, 11, ours + 1_000));
+    }
+}
