@@ -501,3 +501,46 @@ fn the_firmware_sets_a_key() {
     rig.run_for(secs(1));
     assert!(!rig.transmit(1)[0].is_signed());
 }
+
+/// G-11, G-10: on an open wire that keys come by a station with another key is told so, unsigned and every ten seconds at most; its
+/// frames are dropped as before. SETUP_SIGNING is not held up by that. Elsewhere there is no hint.
+#[test]
+fn a_stale_key_gets_a_hint() {
+    const HINT: &str = "Wrong signing key: set it again on this link";
+    let mut rig = rig();
+    rig.set_key(KEY);
+    let mut stale = Signer::new(OTHER_KEY);
+    for link in [0, 1] {
+        rig.transmit(link);
+    }
+    rig.run_for(millis(100));
+    assert!(rig.stack.next_deadline(rig.now) > rig.now);
+    rig.receive(0, &stale.frame(&Ping::default()));
+    assert!(rig.stack.next_deadline(rig.now) <= rig.now, "a firmware that sleeps is woken");
+    let mut hints = Vec::new();
+    for tenth in 0..250 {
+        for link in [0, 1] {
+            rig.receive(link, &stale.frame(&Ping::default()));
+            let told = texts(&rig.transmit(link));
+            assert!(told.is_empty() || (link == 0 && told == [(HINT.to_owned(), false)]), "{told:?}");
+            hints.extend(told.iter().map(|_| tenth));
+        }
+        rig.run_for(millis(100));
+    }
+    assert_eq!(hints, [0, 100, 200]);
+    assert_eq!((rig.counters().bad_signature, rig.counters().refused_setups), (501, 0));
+    assert!(rig.stack.peers().is_empty() && rig.vehicle.calls.is_empty(), "nothing is done");
+    // Pending when the key comes.
+    rig.run_for(secs(10));
+    rig.receive(0, &stale.frame(&Ping::default()));
+    rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW)));
+    assert_eq!(texts(&rig.transmit(0)), [("Signing key set".to_owned(), true)]);
+    rig.run_for(secs(10));
+    rig.receive(0, &stale.frame(&Gcs::heartbeat()));
+    assert_eq!((texts(&rig.transmit(0)), rig.counters().verified), (vec![], 1));
+    // What is right but old is no matter of the key, nor is what has no signature.
+    stale.timestamp -= 1;
+    rig.receive(0, &stale.frame(&Gcs::heartbeat()));
+    rig.receive(0, &unsigned(&Gcs::heartbeat()));
+    assert_eq!(texts(&rig.transmit(0)), []);
+}

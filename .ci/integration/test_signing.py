@@ -113,6 +113,19 @@ def test_another_key(gcs, signing):
     assert not is_answered(gcs, frame)
 
 
+def test_a_stale_key_on_the_wire(other, signing):
+    """G-10, G-11: nothing is answered, but a text says why."""
+    sign(other.mav, bytes(range(32)))
+    try:
+        assert not is_answered(other, request(other))
+        other.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+        hint = other.wait("STATUSTEXT", 11, lambda text: text.text.startswith("Wrong signing key"))
+        assert hint and not is_signed(hint)
+    finally:
+        other.mav.signing.secret_key = None
+        other.mav.signing.sign_outgoing = False
+
+
 @pytest.mark.parametrize("back, is_heard", [(59, True), (61, False)])
 def test_a_clock_that_is_behind(gcs, signing, back, is_heard):
     """G-6: a minute, for somebody who is new. The vehicle's own frames say where it is."""

@@ -274,9 +274,12 @@ pub(crate) struct Port {
     pub(crate) refusals_from: Instant,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
-    /// What somebody is to be told of his SETUP_SIGNING.
+    /// What is to be told of SETUP_SIGNING.
     #[cfg(feature = "signing")]
     pub(crate) setup: Answer,
+    /// Before this moment no hint is given to a station that signs with another key.
+    #[cfg(feature = "signing")]
+    pub(crate) hint_from: Instant,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
     /// What the transport said when it was last asked.
@@ -320,6 +323,8 @@ impl Link {
             counters: LinkCounters::ZERO,
             #[cfg(feature = "signing")]
             setup: Answer::None,
+            #[cfg(feature = "signing")]
+            hint_from: Instant::ZERO,
             strangers: 0,
             transport: Transport::Unknown,
         },
@@ -347,7 +352,7 @@ impl Port {
     /// So many frames with our address, none of which can be an echo, are somebody else's.
     const CONFLICT: u8 = 3;
 
-    /// Whether somebody is to be told of his SETUP_SIGNING.
+    /// Whether something is to be told of SETUP_SIGNING.
     #[cfg_attr(not(feature = "signing"), allow(clippy::unused_self, reason = "nobody ever is"))]
     pub(crate) fn is_told_of_setup(&self) -> bool {
         #[cfg(feature = "signing")]

@@ -9,6 +9,7 @@ mod streams;
 mod tests;
 
 pub use policy::{Accept, LinkSigning};
+use setup::hint;
 pub(crate) use setup::{Answer, next, on_frame};
 pub use streams::SigningStream;
 
@@ -265,8 +266,10 @@ enum Verdict {
     Verified,
     /// Nothing: it has none, or there is no key.
     Unsigned,
-    /// Wrong, or of a frame that is too old. Counted.
-    Bad,
+    /// Not made with our key. Counted.
+    Forged,
+    /// Right, but of a frame that is too old, or from too far ahead. Counted.
+    Stale,
 }
 
 impl Signing {
@@ -427,7 +430,8 @@ impl Signing {
     fn judge(&mut self, now: Instant, frame: &Frame<'_>) -> Verdict {
         let (Some(key), Some(signature)) = (&self.key, frame.signature()) else { return Verdict::Unsigned };
         if !frame.is_signed_with(key) {
-            return self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
+            self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
+            return Verdict::Forged;
         }
         let timestamp = signature.timestamp;
         if self.is_too_far_ahead(now, timestamp) {
@@ -456,22 +460,26 @@ impl Signing {
     ) -> Verdict {
         event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), frame.source(), reason);
         count(counter(&mut self.counters));
-        Verdict::Bad
+        Verdict::Stale
     }
 
-    /// Whether a frame is accepted on a link that does as `config` says.
-    fn admits(&mut self, now: Instant, config: &LinkConfig, frame: &Frame<'_>) -> bool {
-        let link = &config.signing;
+    /// Whether a frame is accepted on a link.
+    fn admits(&mut self, now: Instant, port: &mut Port, frame: &Frame<'_>) -> bool {
+        let LinkConfig { class, signing: link, .. } = &port.config;
         match self.judge(now, frame) {
             Verdict::Verified => {
                 // What comes by satellite may tell the time of minutes ago.
-                if config.class != LinkClass::HighLatency {
+                if *class != LinkClass::HighLatency {
                     let told = frame.signature().map(|signature| offset(now, signature.timestamp));
                     self.heard = self.heard.max(told);
                 }
                 true
             }
-            Verdict::Bad => false,
+            Verdict::Stale => false,
+            Verdict::Forged => {
+                hint(now, port);
+                false
+            }
             Verdict::Unsigned => {
                 let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
                 let is_taken = is_first_key || link.accept.takes_unsigned(frame.id(), self.is_active());
@@ -542,7 +550,7 @@ impl Signing {
 /// Whether a frame is accepted on its link: asked once for each frame, before anything is learned from it or done about it.
 pub(crate) fn admits(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
     match vehicle.signing() {
-        Some(signing) => signing.admits(now, &port.config, frame),
+        Some(signing) => signing.admits(now, port, frame),
         None => {
             let is_open = matches!(port.config.signing.accept, Accept::Open);
             if !is_open {

@@ -35,7 +35,8 @@ pub struct LinkSigning {
     pub accept: Accept,
     /// Whether the key may be set, and taken away, by SETUP_SIGNING on this link (G-11). It goes over the line as it is, so
     /// only a wire that nobody listens to should have this. Such a link signs, so that who has set the key can see that it is in
-    /// use. As long as there is no key, SETUP_SIGNING is accepted here unsigned, whatever else is.
+    /// use. As long as there is no key, SETUP_SIGNING is accepted here unsigned, whatever else is. On an [open](Accept::Open) link
+    /// a station that signs with another key is told so by an unsigned text, at most every 10 s.
     pub provisioning: bool,
     /// Whether what is sent is signed, once there is a key; then it is MAVLink 2 from the start (V-3).
     pub sign_out: bool,

@@ -4,19 +4,22 @@
 //! timestamp that is more than a day ahead, if the vehicle has told what time it is. The message has no acknowledgement, and a
 //! ground station that turns its own signing on by hope alone goes deaf. So what was accepted is answered at once by a
 //! HEARTBEAT, signed with the new key, or unsigned when there is none any longer, and by a text; what was refused by an
-//! unsigned text.
+//! unsigned text. A ground station that still signs with another key, where it could set the key, is told so by an unsigned text.
 
 use zeroize::Zeroize;
 
-use super::{Signing, count};
+use super::{Accept, Signing, count};
 use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning, Statustext};
 use crate::frame::{Frame, SigningKey};
 use crate::link::Port;
 use crate::message::{Message, Text};
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
 
-/// What somebody on a link is to be told of his SETUP_SIGNING.
+/// From one hint on a link to the next.
+const HINT_PAUSE: Duration = Duration::from_secs(10);
+
+/// What is to be told on a link of SETUP_SIGNING.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Answer {
@@ -27,11 +30,13 @@ pub(crate) enum Answer {
     Armed,
     Place,
     Time,
+    /// Nobody asked: frames come that are signed with another key. Gives way to an answer.
+    WrongKey,
 }
 
 impl Answer {
     const fn is_refusal(self) -> bool {
-        matches!(self, Self::Armed | Self::Place | Self::Time)
+        matches!(self, Self::Armed | Self::Place | Self::Time | Self::WrongKey)
     }
 
     const fn text(self) -> &'static str {
@@ -42,6 +47,7 @@ impl Answer {
             Self::Armed => "Signing not changed: vehicle is armed",
             Self::Place => "Signing not changed: not by this link",
             Self::Time => "Signing not changed: bad timestamp",
+            Self::WrongKey => "Wrong signing key: set it again on this link",
         }
     }
 }
@@ -70,7 +76,7 @@ pub(crate) fn on_frame(
         count(&mut port.counters.out_of_place);
         return true;
     }
-    if port.setup != Answer::None {
+    if !matches!(port.setup, Answer::None | Answer::WrongKey) {
         event!("SETUP_SIGNING dropped: no room for its answer");
         count(&mut port.counters.no_answer_slot);
         return true;
@@ -107,7 +113,18 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
     Answer::Set
 }
 
-/// Sends the text that somebody on this link is owed. False when nobody is.
+/// A frame came that was not signed with our key. On a link that takes SETUP_SIGNING unsigned its sender can set the key, and is
+/// told so: a station that has another one would hear no answer to anything (G-11).
+pub(super) fn hint(now: Instant, port: &mut Port) {
+    let signing = &port.config.signing;
+    let is_open = signing.provisioning && signing.accept == Accept::Open;
+    if is_open && port.setup == Answer::None && now >= port.hint_from {
+        port.setup = Answer::WrongKey;
+        port.hint_from = now.after(HINT_PAUSE);
+    }
+}
+
+/// Sends the text that is owed on this link. False when none is.
 pub(crate) fn next(port: &mut Port) -> bool {
     let answer = core::mem::replace(&mut port.setup, Answer::None);
     if answer == Answer::None {
@@ -115,7 +132,7 @@ pub(crate) fn next(port: &mut Port) -> bool {
     }
     let severity = if answer.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
     if answer.is_refusal() {
-        // Who has another key reads it too.
+        // A station with another key reads it too.
         port.outbox.set_signs(false);
     }
     port.outbox.send(&Statustext { severity, text: Text::new(answer.text()), ..Statustext::default() })
