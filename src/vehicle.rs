@@ -160,14 +160,14 @@ pub struct Command {
     /// The link's class: what came by [`HighLatency`](LinkClass::HighLatency) may be old, and overtaken by others (L-16). A
     /// vehicle may refuse to arm or take off for that.
     pub class: LinkClass,
-    /// How old it was when it came, as its signature tells: what time it is, less its timestamp. What time it is says the
-    /// vehicle's last `Signing::set_time`; before that, the peer whose signed frames by other than high-latency links are
-    /// furthest ahead. `None` when neither told it since the start, when the command is not signed, and without the feature
-    /// `signing`. As good as both clocks: with his clock late a sender's commands look older than they are, with his clock
-    /// ahead younger, as for a minute at most after a restart of ours whose time he follows. Nothing else tells how old a
-    /// command is: MAVLink's commands have no time of their own.
+    /// How old it was when it came, by its signature: the time then, less its timestamp. The time is the latest that the vehicle
+    /// told by `Signing::set_time`, or else what the peer furthest ahead told by its signatures: `Signing::age` has the details.
+    /// `None` when neither told it since the start, when the command is not signed, and without the feature `signing`. It is as
+    /// good as both clocks: a sender whose clock is late makes its commands look older than they are, and one whose clock is
+    /// ahead makes them look younger. Nothing else tells how old a command is: MAVLink's commands have no time of their own.
     pub age: Option<Duration>,
-    /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one.
+    /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one. The stack itself denies
+    /// those that would reset, erase or restart, as PREFLIGHT_STORAGE and PREFLIGHT_REBOOT_SHUTDOWN (C-14).
     pub is_broadcast: bool,
     /// 0 at first, rising with each repetition; COMMAND_INT has none. Many clients never raise it (C-10).
     pub confirmation: u8,

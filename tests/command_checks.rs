@@ -1,10 +1,10 @@
-//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9; and what is not: C-10, SEC-13; and the
+//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9, C-14; and what is not: C-10, SEC-13; and the
 //! answers that have their own ways: C-30; test T-C5.
 
 mod support;
 
-use mavstack::LinkId;
 use mavstack::dialect::*;
+use mavstack::{LinkClass, LinkConfig, LinkId};
 use support::*;
 
 const NAN: f32 = f32::NAN;
@@ -257,4 +257,70 @@ fn disarming_and_rebooting_in_flight_is_for_the_vehicle_to_refuse() {
             assert!(world.gcs[0].count_of::<Heartbeat>() >= 2, "the stack itself does nothing");
         }
     }
+}
+
+/// C-14: what resets, erases or restarts is never carried out for every vehicle in reach; a text says why. For this vehicle alone
+/// it is as before, and so is what a fleet may be ordered to do.
+#[test]
+fn a_broadcast_resets_and_erases_nothing() {
+    // Storage, reboot, calibrations, CAN, upgrade, card, camera, compass; and of other dialects the bootloader, the system id.
+    let never = [245, 246, 241, 242, 243, 247, 500, 526, 529, 42_006, 42_424, 42_650, 42_651, 610].map(MavCmd);
+    let fleet = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_LAND, MavCmd::DO_FLIGHTTERMINATION, MavCmd::MISSION_START];
+    for (command, is_denied) in never.map(|id| (id, true)).into_iter().chain(fleet.map(|id| (id, false))) {
+        for is_long in [true, false] {
+            let mut world = world();
+            world.vehicle.outcomes.insert(command.0, MavResult::ACCEPTED.into());
+            let send = |world: &mut World<1>, target_system, target_component| {
+                let params = [2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+                let long = world.gcs[0].long(command, params);
+                let int = CommandInt { command, param1: 2.0, param2: -1.0, ..CommandInt::default() };
+                if is_long {
+                    world.gcs[0].send(&CommandLong { target_system, target_component, ..long });
+                } else {
+                    world.gcs[0].send(&CommandInt { target_system, target_component, ..int });
+                }
+                world.expect::<CommandAck>(0, millis(10)).result
+            };
+            for target_component in [0, 1] {
+                world.vehicle.tuning.set(Tuning::CRUISE, 9.0);
+                let heard = world.vehicle.commands().len();
+                let result = send(&mut world, 0, target_component);
+                assert_eq!(result == MavResult::DENIED, is_denied, "{command:?}");
+                if is_denied {
+                    assert_eq!(world.vehicle.commands().len(), heard, "{command:?}");
+                    assert_eq!(world.vehicle.tuning.get(Tuning::CRUISE), 9.0);
+                }
+            }
+            world.run_for(millis(50));
+            let why = format!("Command {} refused: addressed to 0; use system 1", command.0);
+            let texts = world.gcs[0].all::<Statustext>();
+            let is_told = texts.iter().any(|(_, text)| text.text.as_bytes() == why.as_bytes());
+            assert_eq!(is_told, is_denied && cfg!(feature = "plan-texts"), "{command:?}: {texts:?}");
+            assert_eq!(send(&mut world, 1, 0), MavResult::ACCEPTED, "{command:?}");
+            let is_reset = world.vehicle.tuning.get(Tuning::CRUISE) != 9.0;
+            assert_eq!(is_reset, command == MavCmd::PREFLIGHT_STORAGE);
+        }
+    }
+}
+
+/// C-14: PREFLIGHT_STORAGE for everyone is denied whatever it asks for: to read back, to write, to reset, or nothing.
+#[test]
+fn no_storage_for_everyone() {
+    for parameters in [0.0, 1.0, 2.0, 4.0, -1.0, NAN] {
+        let mut world = world();
+        let storage = world.gcs[0].long(MavCmd::PREFLIGHT_STORAGE, [parameters, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.gcs[0].send(&CommandLong { target_system: 0, ..storage });
+        assert_eq!(answer(&mut world), MavResult::DENIED);
+    }
+}
+
+/// C-14, L-4: by satellite the answer comes, and no text, there or later.
+#[test]
+fn a_denied_broadcast_by_satellite_is_only_answered() {
+    let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+    let mut world = World::<1>::new(Setup { links: [satellite], ..Setup::new() });
+    let reboot = world.gcs[0].long(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    world.gcs[0].send(&CommandLong { target_system: 0, ..reboot });
+    assert_eq!(answer(&mut world), MavResult::DENIED);
+    assert_eq!(world.gcs[0].received.len(), 1);
 }

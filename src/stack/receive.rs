@@ -200,6 +200,11 @@ impl Core {
             count(&mut port.counters.no_answer_slot);
             return true;
         }
+        if command.is_broadcast && command::is_for_one(id) {
+            let answer = self.refuse(context.now, port, context.texts, command, Refusal::BROADCAST);
+            port.acks.push(command.from.address, id, answer);
+            return true;
+        }
         let signed_at = signing::signed_at(frame, context.vehicle);
         if let Some(answer) = command::answered(context.now, command, signed_at, context.vehicle) {
             let answer =

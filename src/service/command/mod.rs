@@ -65,6 +65,32 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
     }
 }
 
+/// Whether a command is never carried out for all systems at once, because it resets, erases or replaces what a vehicle keeps, or
+/// restarts it (C-14). What only moves a vehicle, arms it or ends its flight is not in the list: to order that of a fleet can be
+/// meant, and [`CommandPolicy::no_broadcast`] refuses it.
+pub(crate) const fn is_for_one(command: MavCmd) -> bool {
+    // Of dialects that build on common.
+    const DO_UPGRADE: MavCmd = MavCmd(247);
+    const DO_SET_SYS_CMP_ID: MavCmd = MavCmd(610);
+    const DO_START_MAG_CAL: MavCmd = MavCmd(42_424);
+    const FLASH_BOOTLOADER: MavCmd = MavCmd(42_650);
+    const BATTERY_RESET: MavCmd = MavCmd(42_651);
+    matches!(
+        command,
+        // Parameters: reset, read back over those in use, written. Restarts, also into the bootloader.
+        MavCmd::PREFLIGHT_STORAGE | MavCmd::PREFLIGHT_REBOOT_SHUTDOWN
+        // Stored calibrations are replaced, and the numbers of motors on a CAN bus.
+        | MavCmd::PREFLIGHT_CALIBRATION | MavCmd::PREFLIGHT_SET_SENSOR_OFFSETS | MavCmd::PREFLIGHT_UAVCAN
+        | MavCmd::FIXED_MAG_CAL_YAW | DO_START_MAG_CAL
+        // The firmware is replaced.
+        | DO_UPGRADE | FLASH_BOOTLOADER
+        // A card is erased, a camera's settings are reset.
+        | MavCmd::STORAGE_FORMAT | MavCmd::RESET_CAMERA_SETTINGS
+        // A receiver forgets its transmitter; every vehicle would have the same system id; an empty battery counts as full.
+        | MavCmd::START_RX_PAIR | DO_SET_SYS_CMP_ID | BATTERY_RESET
+    )
+}
+
 /// The answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12, C-21,
 /// C-24). An error is a refusal that is to be explained. Nothing is left of this for a vehicle that declares nothing and has no
 /// memory for commands.

@@ -33,6 +33,11 @@ pub(super) enum Why {
     Param(u8),
 }
 
+impl Refusal {
+    /// It was sent to every system, and is only for one (C-14).
+    pub(crate) const BROADCAST: Self = Self { result: MavResult::DENIED, why: Why::Broadcast };
+}
+
 impl From<MavResult> for Refusal {
     fn from(result: MavResult) -> Self {
         Self { result, why: Why::Result }
@@ -49,9 +54,7 @@ pub(crate) fn explain(
     command: &Command,
     refusal: Refusal,
 ) {
-    // A broadcast never resets anything (C-14).
-    let is_reset = command.is_broadcast && command.id == MavCmd::PREFLIGHT_STORAGE;
-    let why = if is_reset { Why::Broadcast } else { refusal.why };
+    let why = refusal.why;
     let reason = match (refusal.result, why) {
         _ if command.id == MavCmd::REQUEST_MESSAGE => return,
         (MavResult::DENIED, Why::Broadcast) => "addressed to 0; use system ",
