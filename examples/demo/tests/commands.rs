@@ -404,7 +404,7 @@ fn reboot_is_answered_before_it_happens() {
     assert!(wire.app.wants_reboot());
 }
 
-/// C-30, SEC-13, C-1: not in the air, armed by force only, and nothing but the autopilot's own restart.
+/// C-30, SEC-13, C-14: not in the air, armed by force only, and nothing but the autopilot's own restart.
 #[test]
 fn reboot_is_refused_where_it_does_harm() {
     const REBOOT: MavCmd = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
@@ -422,7 +422,8 @@ fn reboot_is_refused_where_it_does_harm() {
     assert_eq!(wire.long(REBOOT, &force), MavResult::TEMPORARILY_REJECTED);
     wire.run(2_000);
     assert!(!wire.app.wants_reboot());
-    assert_eq!(wire.said(), ["Reboot refused: armed", "Reboot refused: flying"]);
+    let broadcast = "Command 246 is not for all vehicles: address one";
+    assert_eq!(wire.said(), [broadcast, "Reboot refused: armed", "Reboot refused: flying"]);
     let mut wire = Wire::switched_on();
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(REBOOT, &force), MavResult::ACCEPTED);
