@@ -350,6 +350,7 @@ fn a_late_copy_is_not_carried_out() {
         "nor is one by radio, but of that last one"
     );
     assert_eq!(world.vehicle.commands().len(), 3);
+    run(&mut world, millis(1_100));
     assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::FAILED);
     assert_eq!(world.vehicle.commands().len(), 4);
     // Its sender repeats it over the satellite, where an answer takes its time.
@@ -365,6 +366,24 @@ fn a_late_copy_is_not_carried_out() {
     world.vehicle.outcomes.insert(ONCE.0, MavResult::FAILED.into());
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 1), DONE);
     assert_eq!(world.vehicle.commands().len(), 5);
+}
+
+/// C-12: a command that its sender repeated for want of an answer comes by satellite as often, and is carried out once.
+#[test]
+fn late_copies_of_repetitions_are_not_carried_out() {
+    let mut world = world();
+    for _ in 0..3 {
+        assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), DONE);
+        run(&mut world, millis(500));
+    }
+    run(&mut world, secs(25));
+    for _ in 0..3 {
+        assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
+        run(&mut world, millis(500));
+    }
+    assert_eq!(world.vehicle.commands().len(), 1);
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE, "given again");
+    assert_eq!(world.vehicle.commands().len(), 2);
 }
 
 /// After a minute nothing is a copy.

@@ -52,7 +52,7 @@ pub struct TestVehicle {
     pub arms: bool,
     /// Commands that it starts and leaves to the test to finish, unless it has another answer.
     pub long: BTreeSet<u16>,
-    /// Its memory for those, and for DO_REPEAT_SERVO, which it does not do twice.
+    /// Its memory for those, and for DO_REPEAT_SERVO and DO_REPEAT_RELAY, which it does not do twice.
     pub memory: CommandSlots<3>,
     /// Whether it gives up a command when it is asked to.
     pub cancels: bool,
@@ -196,6 +196,7 @@ impl Vehicle for TestVehicle {
 impl Commands for TestVehicle {
     const COMMANDS: &'static [CommandPolicy] = &[
         CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
+        CommandPolicy::new(command_rules::DO_REPEAT_RELAY).once_per_press(),
         CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
         CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
         CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))

@@ -1,4 +1,4 @@
-//! Which of several like commands of one sender is a copy of one that was carried out (C-12).
+//! Which of several like commands of one sender is a duplicate of one that was carried out (C-12).
 
 use core::num::NonZeroU64;
 
@@ -11,6 +11,21 @@ pub(crate) const SOON: Duration = Duration::from_secs(3);
 /// So much later than its original, and no more, a copy is looked for that came by a high-latency link: 10 to 30 s are usual
 /// there (L-16).
 pub(crate) const LATE: Duration = Duration::from_secs(60);
+
+/// So much later than the duplicate before it, and no more, the same command on the same link is a duplicate (ms): MAVSDK sends an
+/// unanswered command again after 0.5, 1.0 and 1.5 s, always with confirmation 0 (C-12).
+pub(super) const REPEATED_WITHIN: u16 = 1_000;
+
+/// How often a command may be carried out that comes more than once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Once {
+    /// Each time.
+    No,
+    /// Once.
+    Yes,
+    /// Once, but for each time that it comes on one link with the same `confirmation`.
+    PerPress,
+}
 
 /// When a command was signed (10 µs), by its sender's clock: to be compared with others of his only. `None` when that is not
 /// verified.

@@ -5,7 +5,8 @@
 
 use core::ops::{Deref, DerefMut};
 
-use super::{Copies, LATE, SOON, SignedAt, is_well_after};
+use super::copies::REPEATED_WITHIN;
+use super::{Copies, LATE, Once, SOON, SignedAt, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::frame::Address;
 use crate::link::{LinkClass, LinkId, LinkMask, Outbox};
@@ -36,6 +37,7 @@ pub struct CommandSlot {
     key: Key,
     from: Address,
     confirmation: u8,
+    is_broadcast: bool,
     state: State,
     /// `at` is not known yet: the vehicle, which changed the slot, has no clock here.
     is_new: bool,
@@ -52,6 +54,8 @@ pub struct CommandSlot {
     outcome: Outcome,
     /// When its last IN_PROGRESS was due; for one that is done, when it was.
     at: Instant,
+    /// How much later than `at` its last duplicate came (ms).
+    repeated_after: u16,
     signed_at: SignedAt,
 }
 
@@ -79,12 +83,18 @@ fn key(command: &Command) -> Key {
     [u32::from_le_bytes([id0, id1, form, frame]), p1, p2, p3, p4, p5, p6, command.z.to_bits()]
 }
 
+/// Up to a minute; what is longer is that.
+fn millis(duration: Duration) -> u16 {
+    u16::try_from(duration.as_millis()).unwrap_or(u16::MAX)
+}
+
 impl CommandSlot {
     /// All zero bits.
     const FREE: Self = Self {
         key: [0; 8],
         from: Address::new(0, 0),
         confirmation: 0,
+        is_broadcast: false,
         state: State::Free,
         is_new: false,
         is_long: false,
@@ -95,6 +105,7 @@ impl CommandSlot {
         owed: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
+        repeated_after: 0,
         signed_at: None,
     };
 
@@ -103,6 +114,7 @@ impl CommandSlot {
             key: key(command),
             from: command.from.address,
             confirmation: command.confirmation,
+            is_broadcast: command.is_broadcast,
             state,
             links: LinkMask::of(command.from.link),
             ..Self::FREE
@@ -123,12 +135,32 @@ impl CommandSlot {
         self.from == command.from.address && self.key == key(command)
     }
 
-    /// What to answer if it is done and `command` is a copy or a repetition of it (C-12, C-24).
-    fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: bool) -> Option<Outcome> {
+    /// Whether `command`, which is the same and has come by its link before, is sent again for want of an answer (C-12).
+    fn is_repeated_by(&self, now: Instant, command: &Command) -> bool {
+        let pause = millis(now.since(self.at)).saturating_sub(self.repeated_after);
+        (command.confirmation, command.is_broadcast) == (self.confirmation, self.is_broadcast)
+            && now.since(self.at) < SOON
+            && pause <= REPEATED_WITHIN
+    }
+
+    /// A duplicate came that was [answered](Self::answer).
+    fn count(&mut self, now: Instant, command: &Command) {
+        let link = command.from.link;
+        if !self.copies.lacks(link) && self.is_repeated_by(now, command) {
+            // Each other link may bring it once more too.
+            self.copies.run(link);
+        } else {
+            self.copies.count(link);
+        }
+        self.repeated_after = millis(now.since(self.at));
+    }
+
+    /// What to answer if it is done and `command` is a duplicate of it (C-12, C-24).
+    fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: Once) -> Option<Outcome> {
         let is_done = matches!(self.state, State::Done | State::Past);
         let age = now.since(self.at);
         // Only a satellite brings one late.
-        let may_be_late = once && command.class == LinkClass::HighLatency;
+        let may_be_late = once != Once::No && command.class == LinkClass::HighLatency;
         if !is_done || age >= if may_be_late { LATE } else { SOON } || !self.is_same(command) {
             return None;
         }
@@ -137,7 +169,8 @@ impl CommandSlot {
         let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
         // A command pressed twice comes twice on each link, with the same confirmation.
         let lacks = self.copies.lacks(command.from.link);
-        let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation };
+        let is_repeated = once == Once::Yes && self.is_repeated_by(now, command);
+        let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation || is_repeated };
         let is_known = is_copy || (self.is_long && age < SOON);
         if !is_known {
             return None;
@@ -335,14 +368,14 @@ impl CommandMemory {
         places.min_by_key(|(_, slot)| (slot.state == State::Past, slot.at)).map(|(place, _)| place)
     }
 
-    /// What is known to be the answer to `command` without carrying it out. `once` is whether it must not be repeated.
+    /// What is known to be the answer to `command` without carrying it out.
     #[inline(never)]
     pub(crate) fn recall(
         &mut self,
         now: Instant,
         command: &Command,
         signed_at: SignedAt,
-        once: bool,
+        once: Once,
     ) -> Option<Outcome> {
         self.poll(now);
         if let Some(slot) = self.running(command.id) {
@@ -355,12 +388,12 @@ impl CommandMemory {
         }
         for slot in &mut self.slots {
             if let Some(answer) = slot.answer(now, command, signed_at, once) {
-                slot.copies.count(command.from.link);
+                slot.count(now, command);
                 return Some(answer);
             }
         }
         let has_room = self.vacant().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
-        (once && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
+        (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
     /// Whether it remembers this command of this sender.
@@ -376,7 +409,7 @@ impl CommandMemory {
         command: &Command,
         signed_at: SignedAt,
         outcome: Outcome,
-        once: bool,
+        once: Once,
     ) {
         let is_started = |slot: &&mut CommandSlot| slot.is_new && slot.is_long && slot.command() == command.id;
         if let Some(slot) = self.slots.iter_mut().find(is_started) {
@@ -389,7 +422,7 @@ impl CommandMemory {
             // It thought better of it.
             slot.state = State::Free;
         }
-        if !once {
+        if once == Once::No {
             return;
         }
         let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };

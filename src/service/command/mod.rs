@@ -15,7 +15,7 @@ mod refusal;
 mod typed;
 
 pub(crate) use acks::Acks;
-pub(crate) use copies::{Copies, LATE, SOON, SignedAt, is_well_after};
+pub(crate) use copies::{Copies, LATE, Once, SOON, SignedAt, is_well_after};
 pub use memory::{CommandMemory, CommandSlot, CommandSlots};
 pub use policy::CommandPolicy;
 pub(crate) use refusal::{Refusal, explain, explain_mode};
@@ -103,7 +103,7 @@ pub(crate) fn answered<V: Commands>(
     if let Err(refusal) = policy::check(command, vehicle) {
         return Some(Err(refusal));
     }
-    let once = policy::is_once::<V>(command.id);
+    let once = policy::once::<V>(command.id);
     let memory = vehicle.command_memory()?;
     let outcome = memory.recall(now, command, signed_at, once)?;
     // Of a duplicate the first one was explained.
@@ -119,7 +119,7 @@ pub(crate) fn carried_out<V: Commands>(
     outcome: Outcome,
     vehicle: &mut V,
 ) {
-    let once = policy::is_once::<V>(command.id);
+    let once = policy::once::<V>(command.id);
     if let Some(memory) = vehicle.command_memory() {
         memory.settle(now, command, signed_at, outcome, once);
     }

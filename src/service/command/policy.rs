@@ -2,6 +2,7 @@
 //!
 //! Rules C-1 and C-5 to C-9. The declaration is data; only what a vehicle declares costs flash.
 
+use super::Once;
 use super::refusal::{Refusal, Why};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::service::mission::{CommandRule, Item, Value};
@@ -15,6 +16,8 @@ const LONG_ONLY: u8 = 2;
 const NO_BROADCAST: u8 = 4;
 /// Not to be carried out twice.
 const ONCE: u8 = 8;
+/// But for each time that it comes on one link.
+const PER_PRESS: u8 = 16;
 
 /// A command that a vehicle takes, and how: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
 ///
@@ -32,7 +35,7 @@ const ONCE: u8 = 8;
 ///     CommandPolicy::new(NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
 ///     // A float's degrees are a metre apart. (Not DO_REPOSITION: QGroundControl's pause is one, in a COMMAND_LONG.)
 ///     CommandPolicy::new(DO_SET_ROI_LOCATION).int_only(),
-///     // A copy that comes by another link must not do it again.
+///     // A duplicate must not do it again.
 ///     CommandPolicy::new(DO_REPEAT_SERVO).once(),
 /// ];
 /// ```
@@ -83,15 +86,30 @@ impl CommandPolicy {
         self.with(NO_BROADCAST)
     }
 
-    /// Doing it twice does harm: a copy that comes by another link, or with a higher `confirmation`, gets the first one's
-    /// answer and is not carried out (C-12): within three seconds, by a high-latency link within a minute, as long as no
-    /// other command needs the place, and not if it was signed more than three seconds after the first. So late a copy may
-    /// also be the same command given anew, and unless that is known to be otherwise the answer is `TEMPORARILY_REJECTED`:
-    /// who means it gives it again. It needs a place in
-    /// [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none is free.
+    /// Carrying it out twice does harm, so a duplicate gets the first one's answer and is not carried out (C-12). From the same
+    /// sender, with the same parameters and in the same form, a duplicate is what comes
+    ///
+    /// - on another link, or on the same link with a higher `confirmation`, within three seconds of the first;
+    /// - on the same link with the same `confirmation` and target, within a second of the duplicate before it and three seconds
+    ///   of the first: clients repeat an unanswered command so. Two presses of a button within a second count as one then; see
+    ///   [`once_per_press`](Self::once_per_press);
+    /// - by a high-latency link within a minute, as long as no other command needs the place, unless it was signed more than
+    ///   three seconds after the first. So late it may also be the same command given again. Unless that is ruled out, the answer
+    ///   is `TEMPORARILY_REJECTED`, and a sender that means it gives it once more.
+    ///
+    /// It needs a place in [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none
+    /// is free.
     #[must_use]
     pub const fn once(self) -> Self {
         self.with(ONCE)
+    }
+
+    /// Like [`once`](Self::once), but every press of a button counts, however fast: the same command on the same link with the same
+    /// `confirmation` is carried out again. The price: a client that does not raise `confirmation` when it repeats an unanswered
+    /// command, as MAVSDK after half a second, has it carried out twice when an ACK is lost.
+    #[must_use]
+    pub const fn once_per_press(self) -> Self {
+        self.with(ONCE | PER_PRESS)
     }
 
     /// Which command.
@@ -155,9 +173,13 @@ fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
     V::COMMANDS.iter().find(|policy| policy.command() == command)
 }
 
-/// Whether the vehicle declares that `command` must not be carried out twice.
-pub(super) fn is_once<V: Commands>(command: MavCmd) -> bool {
-    declared::<V>(command).is_some_and(|policy| policy.has(ONCE))
+/// How often `command` may be carried out, as the vehicle declares it.
+pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
+    match declared::<V>(command) {
+        Some(policy) if policy.has(PER_PRESS) => Once::PerPress,
+        Some(policy) if policy.has(ONCE) => Once::Yes,
+        _ => Once::No,
+    }
 }
 
 /// Checks a command by its declaration, if there is one.
