@@ -48,6 +48,7 @@ const OVER_TCP: &[&str] = &[
     "test_qgc_connect.py",
     "test_mavsdk.py",
     "test_mavsdk_flight.py",
+    "test_far.py",
     "test_mavproxy.py",
     "test_mavproxy_flight.py",
     "test_routing.py",

@@ -1,13 +1,17 @@
 //! When to ask again for an item that does not come, and when to give up (M-40, M-41).
 //!
-//! Asking again is timed by the measured round trip; giving up is timed by the clock alone, so that neither a partner
-//! that vanished nor a line that is stuck can hold the staging area.
+//! Until the first round trip is measured each repetition doubles the wait; afterwards the wait is one and a half round
+//! trips. Giving up is timed by the clock alone, so that neither a partner that vanished nor a stuck link can hold the
+//! staging area.
 
 use crate::time::{Duration, Instant};
 
 /// Bounds of the time between requests.
 const MIN_INTERVAL: Duration = Duration::from_millis(250);
 const MAX_INTERVAL: Duration = Duration::from_secs(1);
+
+/// The wait doubles no further than this often before the first measurement: 250, 500, 1000 ms.
+const DOUBLINGS: u8 = 2;
 
 /// The upload is over after so long without an item *and* so many requests in vain.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -16,7 +20,7 @@ const RETRIES: u8 = 5;
 /// The clock of one upload.
 #[derive(Clone, Debug)]
 pub(super) struct Pace {
-    /// From a request to its item (µs), averaged.
+    /// From a request to its item (µs), averaged; 0 until the first one is measured.
     round_trip: u32,
     /// The same of the last item that took more than one request (µs): an upper bound, as it may have been any of them.
     doubtful: u32,
@@ -32,7 +36,7 @@ pub(super) struct Pace {
 impl Pace {
     pub(super) fn new(now: Instant) -> Self {
         Self {
-            round_trip: 125_000,
+            round_trip: 0,
             doubtful: 0,
             asked_at: None,
             retries: 0,
@@ -41,9 +45,13 @@ impl Pace {
         }
     }
 
-    /// Twice the round trip, within the bounds.
+    /// How long to wait for the item before the next request, within the bounds.
     fn interval(&self) -> Duration {
-        Duration::from_micros(u64::from(self.round_trip.saturating_mul(2))).clamp(MIN_INTERVAL, MAX_INTERVAL)
+        let wait = match self.round_trip {
+            0 => MIN_INTERVAL.as_micros().wrapping_shl(self.retries.min(DOUBLINGS).into()),
+            round_trip => u64::from(round_trip).saturating_add(u64::from(round_trip / 2)),
+        };
+        Duration::from_micros(wait).clamp(MIN_INTERVAL, MAX_INTERVAL)
     }
 
     /// The request went out.
@@ -66,17 +74,23 @@ impl Pace {
         self.retry_at = now.after(self.interval());
     }
 
-    /// The item came once more: so asking twice was too early, and the whole time was the round trip.
+    /// The last item came a second time: so asking twice was too early, and the whole time was the round trip. The request
+    /// that is out gets that time as well.
     pub(super) fn repeated(&mut self) {
         if self.doubtful > self.round_trip {
             self.adapt(self.doubtful);
+            if let Some(asked_at) = self.asked_at.filter(|_| self.retries == 0) {
+                self.retry_at = asked_at.after(self.interval());
+            }
         }
         self.doubtful = 0;
     }
 
     fn adapt(&mut self, taken: u32) {
-        let quarter = self.round_trip / 4;
-        self.round_trip = self.round_trip.wrapping_sub(quarter).saturating_add(taken / 4);
+        self.round_trip = match self.round_trip {
+            0 => taken.max(1),
+            average => average.wrapping_sub(average / 4).saturating_add(taken / 4),
+        };
     }
 
     /// When the item is overdue.
@@ -126,11 +140,33 @@ mod tests {
     #[test]
     fn interval_follows_the_round_trip_within_its_bounds() {
         let mut pace = Pace::new(at(0));
-        for (round_trip, interval) in [(1, 250), (100, 250), (300, 600), (5_000, 1_000), (10, 250)] {
+        for (round_trip, interval) in [(1, 250), (100, 250), (300, 450), (600, 900), (5_000, 1_000), (10, 250)] {
             answer(&mut pace, 0, 40, round_trip);
             let waits = pace.interval().as_millis();
             assert!((interval - 10..=interval).contains(&waits), "{waits} ms for {round_trip} ms");
         }
+    }
+
+    /// M-40: 250, 500, 1000, 1000 ms, and for the next item from the beginning, as long as nothing is measured; the first
+    /// measurement counts in full.
+    #[test]
+    fn interval_doubles_until_a_round_trip_is_measured() {
+        let mut pace = Pace::new(at(0));
+        for _ in 0..2 {
+            let mut waits = [0; 5];
+            for wait in &mut waits {
+                pace.asked(at(0));
+                *wait = pace.deadline().since(at(0)).as_millis();
+                pace.retry(at(0));
+            }
+            assert_eq!(waits, [250, 500, 1_000, 1_000, 1_000]);
+            pace.answered(at(1_600));
+        }
+        pace.asked(at(1_600));
+        assert_eq!(pace.deadline(), at(1_850));
+        // The copy of the last item says that it took 1.6 s: the request that is out waits for longer as well.
+        pace.repeated();
+        assert_eq!(pace.deadline(), at(2_600));
     }
 
     #[test]

@@ -290,7 +290,7 @@ fn a_second_final_answer_is_a_choice() {
         bench.vehicle.bad_item = None;
         assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)), "live already");
         assert_eq!(bench.ask(B, &count(MISSION, 1)), [to_b(Ask(0))]);
-        assert_eq!(bench.wait(600), [(250, to_b(Ask(0))), (500, to_b(Ask(0)))]);
+        assert_eq!(bench.wait(800), [(250, to_b(Ask(0))), (750, to_b(Ask(0)))]);
     }
 }
 

@@ -41,7 +41,7 @@ fn a_new_count_is_known_by_its_number() {
         let mut bench = Bench::new();
         upload_numbered(&mut bench, last);
         assert_eq!(ask_numbered(&mut bench, number, A, &count(MISSION, 2)), [to_a(Ask(0))]);
-        assert_eq!(bench.wait(600), [(250, to_a(Ask(0))), (500, to_a(Ask(0)))], "{number} after {last}");
+        assert_eq!(bench.wait(800), [(250, to_a(Ask(0))), (750, to_a(Ask(0)))], "{number} after {last}");
         assert_eq!(bench.ask(A, &int(MISSION, 0, &item(2, 0))), [to_a(Ask(1))]);
         assert_eq!(bench.ask(A, &int(MISSION, 1, &item(2, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(2, 2))))]);
         assert_eq!(seen(&bench).0, plan(2, 2));
