@@ -185,8 +185,9 @@ pub struct Config {
     pub accepts_component_0: bool,
     /// The bound of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,
-    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are rounded to floats; else, as
-    /// at first, by MISSION_ITEM_INT, as the definitions have it today (M-61).
+    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are floats: true by default, for
+    /// a client that asks in the old form waits for the old form. PX4 and ArduPilot do the same. False answers
+    /// MISSION_ITEM_INT, as the definitions ask for today (M-61).
     pub float_mission_items: bool,
     /// Whether the MISSION_ACK that accepts an upload is sent once more 400 ms later, for lossy lines: QGroundControl fails
     /// an upload whose final answer is lost, and does not ask again (M-31). A client that clears the same plan within these
@@ -248,7 +249,7 @@ impl Config {
             streams_wait_for_peer: false,
             accepts_component_0: true,
             budget: PollBudget::DEFAULT,
-            float_mission_items: false,
+            float_mission_items: true,
             second_mission_ack: false,
             item_reached_repeats: 0,
         }

@@ -3,8 +3,8 @@
 mod support;
 
 use mavstack::dialect::{
-    MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent,
-    MissionItemInt, MissionRequestInt, MissionRequestList, MissionState, Statustext,
+    MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
+    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
 };
 use mavstack::{
     LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version, plan_memory,
@@ -205,6 +205,46 @@ fn a_bad_line_leaves_whole_plans() {
         world.upload(1, &plan(3, 3)).expect("accepted");
     }
     assert!(completed >= 30, "{completed} of 60");
+}
+
+/// M-47, M-61: a client that knows only the old forms, as dronekit and mavez do, uploads and downloads.
+#[test]
+fn a_client_of_the_old_forms_uploads_and_downloads() {
+    let mut world = world::<1>();
+    let items = plan(4, 1);
+    let mut upload = Upload::new(&world.gcs[0], &items).like_dronekit();
+    world.run_until(secs(20), |world| {
+        let now = world.now();
+        upload.poll(now, &mut world.gcs[0]).is_some()
+    });
+    assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
+    assert!(world.now().as_micros() < 5_000_000, "within five seconds");
+    assert_eq!(world.stack.mission().items().len(), items.len());
+    for (seq, item) in (0..).zip(&items) {
+        world.gcs[0].send(&MissionRequest { target_system: 1, target_component: 1, seq, mission_type: MISSION });
+        let back: MissionItem = world.expect(0, millis(50));
+        assert_eq!((back.seq, back.x), (seq, (f64::from(item.x) / 1e7) as f32));
+    }
+    assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 0);
+}
+
+/// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is no cancel. Nothing from the vehicle arrives at
+/// first, so that MISSION_REQUEST is what it hears first.
+#[test]
+fn mavsdk_uploads_though_it_refuses_the_old_form() {
+    let mut world = world::<1>();
+    let mut upload = Upload::new(&world.gcs[0], &plan(4, 1)).with_patience(10);
+    for now in 0..10_000 {
+        let loss = if now < 1_700 { 1.0 } else { 0.0 };
+        world.lines[0].set_down(|wire| wire.faults.frame_loss = loss);
+        world.step();
+        let now = world.now();
+        if upload.poll(now, &mut world.gcs[0]).is_some() {
+            break;
+        }
+    }
+    assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
+    assert_eq!(world.gcs[0].count_of::<MissionRequest>(), 1);
 }
 
 /// T-M6, M-23, M-33: who comes second is told so, and harms nobody.

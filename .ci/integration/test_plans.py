@@ -190,7 +190,24 @@ def test_the_float_forms_are_understood(client):
             received[axis] = item[axis]
     assert differences(items, back) == []
     client.mav.mission_request_send(1, 1, 3, MISSION)
-    assert client.wait("MISSION_ITEM_INT").seq == 3
+    assert client.wait(["MISSION_ITEM", "MISSION_ITEM_INT"]).get_type() == "MISSION_ITEM"
+
+
+def test_a_client_that_knows_only_the_old_forms(client):
+    """M-47, M-61: as dronekit does it: nothing but MISSION_REQUEST is heard, nothing but MISSION_ITEM is sent."""
+    items = plan(6)
+    client.mav.mission_count_send(1, 1, len(items), MISSION)
+    while (word := client.wait(["MISSION_REQUEST", "MISSION_ACK"])).get_type() == "MISSION_REQUEST":
+        item = dict(items[word.seq])
+        item["x"], item["y"] = item["x"] / 1e7, item["y"] / 1e7
+        client.mav.mission_item_send(1, 1, *item.values(), MISSION)
+    assert word.type == ACCEPTED
+    client.mav.mission_request_list_send(1, 1, MISSION)
+    assert client.wait("MISSION_COUNT").count == len(items)
+    for seq, item in enumerate(items):
+        client.mav.mission_request_send(1, 1, seq, MISSION)
+        back = client.wait(["MISSION_ITEM", "MISSION_ITEM_INT"])
+        assert (back.get_type(), back.seq, back.command) == ("MISSION_ITEM", seq, item["command"])
 
 
 def test_a_repeated_item_is_no_reason_to_ask_again(client):

@@ -8,11 +8,14 @@
 //! Or an upload as QGroundControl does it, in its `PlanManager`: COUNT up to seven times, a second and a half apart; any
 //! item as often as it is asked for; but a second and a half without a request for the next one, or without the ACK, and
 //! it gives up (M-42).
+//!
+//! Or an upload as dronekit does it: COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, for as long as it takes; it
+//! does not know MISSION_REQUEST_INT. MAVSDK answers MISSION_REQUEST with UNSUPPORTED, and QGroundControl ignores it (M-47).
 
 use super::Gcs;
 use mavstack::dialect::{
-    MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionItemInt,
-    MissionRequestInt, MissionRequestList,
+    MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionItem,
+    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
 };
 use mavstack::{Address, Duration, Instant, Message};
 
@@ -94,6 +97,7 @@ pub struct Upload {
     next: usize,
     is_asked: bool,
     is_qgroundcontrol: bool,
+    is_dronekit: bool,
     result: Option<Result<MissionAck, TransferError>>,
 }
 
@@ -107,6 +111,7 @@ impl Upload {
             next: 0,
             is_asked: false,
             is_qgroundcontrol: false,
+            is_dronekit: false,
             result: None,
         }
     }
@@ -117,6 +122,15 @@ impl Upload {
         self.is_qgroundcontrol = true;
         self.session.timeout = Duration::from_millis(1_500);
         self.session.patience = 7;
+        self
+    }
+
+    /// The same, as dronekit does it.
+    #[must_use]
+    pub fn like_dronekit(mut self) -> Self {
+        self.is_dronekit = true;
+        self.session.timeout = Duration::from_secs(60);
+        self.session.patience = 1;
         self
     }
 
@@ -164,7 +178,14 @@ impl Upload {
                 && self.session.is_for_us(request.target_system, request.target_component)
                 && request.mission_type == self.session.plan
             {
-                self.on_request(now, usize::from(request.seq), gcs);
+                if !self.is_dronekit {
+                    self.on_request(now, usize::from(request.seq), gcs);
+                }
+            } else if let Some(request) = frame.decode::<MissionRequest>()
+                && self.session.is_for_us(request.target_system, request.target_component)
+                && request.mission_type == self.session.plan
+            {
+                self.on_old_request(now, usize::from(request.seq), gcs);
             } else if let Some(ack) = frame.decode::<MissionAck>()
                 && self.session.is_for_us(ack.target_system, ack.target_component)
                 && ack.mission_type == self.session.plan
@@ -196,6 +217,44 @@ impl Upload {
             }
         }
         self.result
+    }
+
+    fn on_old_request(&mut self, now: Instant, seq: usize, gcs: &mut Gcs) {
+        let Address { system, component } = self.session.vehicle;
+        let (target_system, target_component) = (system.0, component.0);
+        let mission_type = self.session.plan;
+        if self.is_dronekit {
+            let Some(item) = self.items.get(seq) else { return };
+            self.next = self.next.max(seq + 1);
+            self.session.refresh(now);
+            let degrees = |scaled: i32| (f64::from(scaled) / 1e7) as f32;
+            let MissionItemInt { frame, command, current, autocontinue, param1, param2, param3, param4, z, .. } = *item;
+            let (seq, x, y) = (seq as u16, degrees(item.x), degrees(item.y));
+            gcs.send_from(
+                self.session.from,
+                &MissionItem {
+                    target_system,
+                    target_component,
+                    seq,
+                    frame,
+                    command,
+                    current,
+                    autocontinue,
+                    param1,
+                    param2,
+                    param3,
+                    param4,
+                    x,
+                    y,
+                    z,
+                    mission_type,
+                },
+            );
+        } else if !self.is_qgroundcontrol {
+            let r#type = MavMissionResult::UNSUPPORTED;
+            let nack = MissionAck { target_system, target_component, r#type, mission_type, opaque_id: 0 };
+            gcs.send_from(self.session.from, &nack);
+        }
     }
 
     fn on_request(&mut self, now: Instant, seq: usize, gcs: &mut Gcs) {

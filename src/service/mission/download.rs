@@ -86,8 +86,7 @@ impl Sessions {
 
     /// Sends what `reply` owes.
     ///
-    /// `float_form`: whether MISSION_REQUEST is answered by the float form; else by MISSION_ITEM_INT, as the definitions
-    /// have it today (M-61).
+    /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM, or by MISSION_ITEM_INT (M-61).
     pub(super) fn answer(
         &mut self,
         now: Instant,

@@ -12,6 +12,7 @@
 mod commit;
 mod current;
 mod download;
+mod form;
 mod item;
 mod memory;
 mod pace;

@@ -113,6 +113,11 @@ impl Pace {
         self.retries = self.retries.saturating_add(1);
         self.retry_at = now.after(self.interval());
     }
+
+    /// How often the item was asked for again.
+    pub(super) fn retries(&self) -> u8 {
+        self.retries
+    }
 }
 
 fn micros(duration: Duration) -> u32 {

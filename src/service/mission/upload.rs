@@ -4,6 +4,7 @@
 //! decided here; when to ask again is [`Pace`]'s.
 
 use super::commit::Change;
+use super::form::Form;
 use super::item::{Digest, Item};
 use super::memory::PlanType;
 use super::pace::Pace;
@@ -50,8 +51,7 @@ pub(super) struct Upload {
     pace: Pace,
     /// Whether the request for the next item is to be sent.
     owes_request: bool,
-    /// Whether the partner wants to be asked by MISSION_REQUEST (M-37).
-    asks_legacy: bool,
+    form: Form,
     /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
     /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
     /// Until that comes it keeps nobody out, nobody is told how it ends, and what is known and owed of the last upload stays.
@@ -99,7 +99,7 @@ impl Upload {
         self.pace.asked(now);
         let (target_system, target_component) = (self.partner.address.system.0, self.partner.address.component.0);
         let mission_type = self.plan.mission_type();
-        if self.asks_legacy {
+        if self.form.take() {
             tx.send(&MissionRequest { seq, target_system, target_component, mission_type })
         } else {
             tx.send(&MissionRequestInt { seq, target_system, target_component, mission_type })
@@ -181,7 +181,7 @@ impl Missions {
             digest: Digest::new(),
             pace: Pace::new(cx.now),
             owes_request: true,
-            asks_legacy: false,
+            form: Form::NEW,
             may_be_echo: echoed.is_some(),
             last: echoed.unwrap_or(number),
         });
@@ -236,6 +236,9 @@ impl Missions {
             return None;
         }
         upload.last = Number(from.link, frame.header().seq);
+        if next == 0 {
+            upload.form.fix(is_float);
+        }
         let was_echo = core::mem::take(&mut upload.may_be_echo);
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
         if was_echo {
@@ -362,11 +365,10 @@ impl Missions {
         upload.partner = from;
         match result {
             MavMissionResult::ACCEPTED => {}
-            MavMissionResult::UNSUPPORTED if cx.plans.staged() == 0 => {
-                // A partner that knows no MISSION_REQUEST_INT (M-37). It says so for each that was on its way; what ends the
-                // upload, if it knows no other either, is the timer.
-                event!("upload by {}: asking by MISSION_REQUEST", from);
-                upload.owes_request |= !core::mem::replace(&mut upload.asks_legacy, true);
+            MavMissionResult::UNSUPPORTED if upload.form.explains_unsupported(cx.plans.staged() > 0) => {
+                // M-47: not a cancel. If the partner knows no form at all, the timer ends the upload.
+                event!("upload by {}: asking in the other form", from);
+                upload.owes_request |= upload.form.refused();
             }
             _ => {
                 event!("{} upload by {}: cancelled by the partner", plan, from);
@@ -457,6 +459,9 @@ impl Missions {
         if !upload.pace.is_over(cx.now) {
             upload.owes_request = !upload.may_be_echo;
             upload.pace.retry(cx.now);
+            if cx.plans.staged() == 0 {
+                upload.form.repeat(upload.pace.retries());
+            }
             return None;
         }
         event!("{} upload by {}: timed out", upload.plan, upload.partner);

@@ -138,7 +138,8 @@ fn an_upload_that_stops_is_cancelled_and_another_may_begin() {
         let (end, last) = *sent.last().unwrap();
         assert_eq!(last, to_a(Ack(CANCELLED, 0)));
         assert!((5_000..=6_000).contains(&end), "after {end} ms");
-        assert!(sent.iter().filter(|(_, sent)| *sent == to_a(Ask(items as u16))).count() >= 5);
+        let requests = [Ask(items as u16), AskLegacy(items as u16)].map(to_a);
+        assert!(sent.iter().filter(|(_, sent)| requests.contains(sent)).count() >= 5);
         assert_eq!(bench.texts(), [std::format!("Mission upload timed out at item {items}")]);
         assert_eq!(bench.upload(B, MISSION, &plan(2, 2)), Ack(ACCEPTED, id_of(&plan(2, 2))));
     }
@@ -307,14 +308,65 @@ fn float_items_are_taken_and_asked_for() {
     bench.ask(A, &count(MISSION, 1));
     let code = MavMissionResult::INVALID_PARAM6_Y;
     assert_eq!(bench.ask(A, &MissionItem { y: f32::INFINITY, ..float(0) }), [to_a(Ack(code, 0))]);
-    ask_numbered(&mut bench, 1, A, &count(MISSION, 1));
-    bench.ask(A, &ack(MISSION, UNSUPPORTED));
-    assert!(bench.ask(A, &ack(MISSION, UNSUPPORTED)).is_empty(), "as much for a second request that was on its way");
-    assert_eq!(bench.wait(8_000).last().unwrap().1, to_a(Ack(CANCELLED, 0)), "no other form: it times out");
     bench.ask(A, &count(MISSION, 2));
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
     assert!(bench.wait(1_000).is_empty(), "after an item UNSUPPORTED ends the upload like any fault");
+}
+
+/// M-47: while no item has come, from the third repetition on the forms alternate; the first item fixes the form. Each row:
+/// which request is answered, whether by MISSION_ITEM, and whether item 1 is asked for by MISSION_REQUEST.
+#[test]
+fn the_forms_of_requests_alternate_until_an_item_comes() {
+    let float = |seq: u16| item(1, seq).to_float(VEHICLE, MISSION, seq, false);
+    let forms = [Ask(0), Ask(0), Ask(0), AskLegacy(0), Ask(0), AskLegacy(0)];
+    for (answered, is_float, is_old) in
+        [(0, true, false), (2, true, false), (3, false, false), (3, true, true), (4, true, true), (5, false, false)]
+    {
+        let mut bench = Bench::new();
+        let mut sent: Vec<Out> = bench.ask(A, &count(MISSION, 2)).into_iter().map(|(.., out)| out).collect();
+        while sent.len() <= answered {
+            sent.extend(bench.wait(10).into_iter().map(|(_, (.., out))| out));
+        }
+        assert_eq!(sent, forms[..=answered]);
+        let out = if is_float { bench.ask(A, &float(0)) } else { bench.ask(A, &int(MISSION, 0, &item(1, 0))) };
+        let next = if is_old { AskLegacy(1) } else { Ask(1) };
+        assert_eq!(out, [to_a(next)], "{answered} {is_float}");
+        // It stays fixed, whatever comes next and however long it takes.
+        let repeated = bench.wait(4_500);
+        assert!(repeated.len() > 3 && repeated.iter().all(|(_, sent)| *sent == to_a(next)), "{repeated:?}");
+    }
+}
+
+/// M-35, M-47: after a MISSION_REQUEST, UNSUPPORTED asks for the other form and is no cancel, before the first item and
+/// after it, and however often it is said; the answers do not come as fast as the client refuses.
+#[test]
+fn unsupported_after_the_old_request_is_no_cancel() {
+    let refusal = ack(MISSION, UNSUPPORTED);
+    // MAVSDK, of which all requests but the fourth are lost.
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 2));
+    assert_eq!(bench.wait(1_750).last().unwrap().1, to_a(AskLegacy(0)));
+    assert_eq!(bench.ask(A, &refusal), [to_a(Ask(0))]);
+    assert!(bench.ask(A, &refusal).is_empty(), "once");
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
+    assert!(bench.ask(A, &refusal).is_empty(), "a late one");
+    assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
+    // A client that takes neither form.
+    let mut bench = Bench::new();
+    let mut requests = bench.ask(A, &count(MISSION, 1)).len();
+    let end = loop {
+        while !bench.ask(A, &refusal).is_empty() {
+            requests += 1;
+        }
+        match bench.wait(10)[..] {
+            [] => {}
+            [(_, (.., Ack(result, _)))] => break result,
+            _ => requests += 1,
+        }
+    };
+    assert_eq!(end, CANCELLED, "the timer ends it");
+    assert!(requests < 16, "{requests}");
 }
 
 /// V-7: what comes as v1 is about the mission, and a link that sends v1 has no other plans.
