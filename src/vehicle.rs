@@ -418,6 +418,7 @@ impl From<MavMissionResult> for PlanFault {
 ///     ▲                                             │  ITEM of the next number: stored, the next one asked for
 ///     │                                             │  no ITEM in time: asked for again
 ///     │                                             │  another client's COUNT, ITEM, CLEAR_ALL: ACK DENIED
+///     │                                             │  the client's ids on another link: not taken for the client
 ///     ├── last ITEM: live in one step, ACK ACCEPTED ┤ by way of storage, where there is one
 ///     ├── bad ITEM, bad plan: ACK with the fault ───┤
 ///     ├── COUNT, CLEAR_ALL, ACK of the partner ─────┤
@@ -431,8 +432,9 @@ pub trait Plans {
     /// other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no list.
     const MISSION_COMMANDS: &'static [CommandRule];
 
-    /// Whether `from` may begin an upload of this plan now, or clear it: asked before anything else happens
-    /// (M-27, M-53). The usual refusal is [`MavMissionResult::DENIED`].
+    /// Whether `from` may change this plan now: asked when an upload or a clear begins, before anything else happens
+    /// (M-27, M-53), and again before a complete upload goes live or what was written to storage does (M-45). A refusal then
+    /// leaves the old plan. The usual refusal is [`MavMissionResult::DENIED`].
     ///
     /// # Errors
     ///

@@ -273,6 +273,67 @@ fn a_second_station_is_refused_until_the_first_is_done() {
     world.upload(1, &plan(5, 2)).expect("accepted");
 }
 
+/// M-45, M-11: two QGroundControls, both 255/190, on two links. The second downloads, tries to upload, and cancels: the first
+/// one's upload goes on where it is. When the first falls silent, it is the second's turn.
+#[test]
+fn two_stations_with_the_same_ids_do_not_meet() {
+    for is_silent in [false, true] {
+        let mut world = world::<2>();
+        world.gcs.iter_mut().for_each(|gcs| gcs.heartbeat_period = Some(secs(1)));
+        world.upload(0, &plan(2, 9)).expect("accepted");
+        let items = plan(30, 1);
+        let mut first = Upload::new(&world.gcs[0], &items).with_patience(100);
+        world.run_until(secs(1), |world| {
+            let now = world.now();
+            first.poll(now, &mut world.gcs[0]);
+            first.items_sent() == 15
+        });
+        if is_silent {
+            world.gcs[0].heartbeat_period = None;
+            world.run_for(secs(2));
+            world.upload(1, &plan(5, 2)).expect("its turn");
+            assert_downloads(&mut world, 1, &plan(5, 2));
+            continue;
+        }
+        // Four seconds without an item, as on a very bad link: heartbeats say that the partner is there.
+        for _ in 0..2 {
+            world.run_for(secs(2));
+            assert_downloads(&mut world, 1, &plan(2, 9));
+            let denied = Err(TransferError::Refused(MavMissionResult::DENIED));
+            assert_eq!(world.upload(1, &plan(5, 2)), denied);
+            let r#type = MavMissionResult::OPERATION_CANCELLED;
+            world.gcs[1].send(&MissionAck { target_system: 1, target_component: 1, r#type, ..Default::default() });
+        }
+        let requests = |world: &TestWorld<2>, link: usize| world.gcs[link].count_of::<MissionRequestInt>();
+        assert_eq!(requests(&world, 1), 0);
+        world.run_until(secs(5), |world| {
+            let now = world.now();
+            first.poll(now, &mut world.gcs[0]).is_some()
+        });
+        first.result().expect("an end").expect("accepted");
+        assert_downloads(&mut world, 1, &items);
+    }
+}
+
+/// M-45: a vehicle that arms during an upload keeps the plan that it has.
+#[test]
+fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
+    let mut world = world::<1>();
+    world.upload(0, &plan(3, 1)).expect("accepted");
+    let mut upload = Upload::new(&world.gcs[0], &plan(6, 2));
+    world.run_until(secs(2), |world| {
+        let now = world.now();
+        if upload.items_sent() == 3 {
+            world.vehicle.may_change = Err(MavMissionResult::DENIED);
+        }
+        upload.poll(now, &mut world.gcs[0]).is_some()
+    });
+    assert_eq!(upload.result(), Some(Err(TransferError::Refused(MavMissionResult::DENIED))));
+    let text: Statustext = world.expect(0, secs(1));
+    assert_eq!(text.text.as_bytes(), b"Mission refused: not allowed now");
+    assert_downloads(&mut world, 0, &plan(3, 1));
+}
+
 /// T-M7, T-M8: at every item the same station may begin anew, or cancel; until the end the old plan is there.
 #[test]
 fn an_upload_may_be_restarted_or_cancelled_at_any_item() {

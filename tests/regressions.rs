@@ -92,7 +92,8 @@ fn another_plan_of_the_same_length_is_not_completed_with_the_old_one() {
     }
 }
 
-/// M-11: a partner whose downlink died repeats its last item on another link, and is asked there for the next.
+/// M-11, M-45: a partner whose downlink died repeats its last item on another link, and is asked there for the next, two
+/// seconds after it was last heard on the first.
 #[test]
 fn partner_that_repeats_itself_on_another_link_is_followed() {
     let mut world = world::<2>();
@@ -102,6 +103,8 @@ fn partner_that_repeats_itself_on_another_link_is_followed() {
     world.lines[0].set_down(|wire| wire.faults.frame_loss = 1.0);
     world.gcs[0].send(&item(0));
     world.run_for(millis(600));
+    world.gcs[1].send(&item(0));
+    world.expect_no::<MissionRequestInt>(1, millis(1_500));
     world.gcs[1].send(&item(0));
     let request = world.expect::<MissionRequestInt>(1, secs(2));
     assert_eq!(request.seq, 1);

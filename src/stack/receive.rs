@@ -103,6 +103,11 @@ impl Core {
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
             Booking::Kept => {}
         }
+        if passage != Passage::Again
+            && let Some((missions, _)) = context.plans.parts(context.missions)
+        {
+            missions.heard(context.now, from);
+        }
         let copied = self.pass_on(context, port, frame, passage, is_verified.then_some(booking));
         (copied, passage != Passage::Again)
     }

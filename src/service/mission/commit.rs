@@ -8,8 +8,9 @@
 
 use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
+use super::number::Number;
 use super::replies::{Reply, What};
-use super::upload::{Done, Number, Upload, check_plan};
+use super::upload::{Done, Upload, check_plan};
 use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
@@ -52,7 +53,7 @@ const SECOND_ACK: Duration = Duration::from_millis(400);
 #[derive(Clone, Debug)]
 pub(super) struct Commit {
     /// Who is told.
-    to: Peer,
+    pub(super) to: Peer,
     /// As the request named it: may be ALL.
     mission_type: MavMissionType,
     change: Change,
@@ -83,6 +84,11 @@ impl Commit {
             self.to.link = caller.from.link;
         }
         is_by
+    }
+
+    /// Whether a COUNT for `plan` with this sequence number was sent before the last item of what is written.
+    pub(super) fn is_older(&self, plan: PlanType, number: u8) -> bool {
+        matches!(self.change, Change::Upload { plan: own, last, .. } if own == plan && last.1.wrapping_sub(number) <= 127)
     }
 
     /// Whether it clears what a MISSION_CLEAR_ALL with this type does.
@@ -178,6 +184,7 @@ impl Missions {
             event!("plans: change by {}: to be written", from);
             self.saving.next_job();
             self.commit = Some(commit);
+            self.heard = cx.now;
             return None;
         }
         if !changes_nothing {
@@ -310,6 +317,19 @@ impl Missions {
     }
 }
 
+/// The first plan that the vehicle does not want to be changed any more, of those that `commit` is about.
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
+fn refusal<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+    PlanType::ALL.into_iter().find_map(|plan| {
+        let is_meant = match commit.change {
+            Change::Upload { plan: only, .. } => only == plan,
+            Change::Clear(only) => only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0,
+        };
+        let result = if is_meant { vehicle.may_change(plan, commit.to) } else { Ok(()) };
+        result.err().map(|result| (plan, result))
+    })
+}
+
 /// The half that only storage calls.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
@@ -352,8 +372,19 @@ impl Missions {
         let Saving { policy, job, .. } = self.saving;
         self.saving = Saving { policy, job, rests_until: cx.now.after(GRACE), ..Saving::new() };
         let commit = self.commit.take()?;
-        self.make_live(cx, vehicle, commit.change);
-        Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ACCEPTED)))
+        let result = match refusal(cx, vehicle, &commit) {
+            None => {
+                self.make_live(cx, vehicle, commit.change);
+                MavMissionResult::ACCEPTED
+            }
+            Some((plan, result)) => {
+                // The vehicle has armed meanwhile: the old plan stays, and is written again (M-45).
+                cx.tell(&Trouble::Refused(plan, result.into()));
+                self.want_saved();
+                result
+            }
+        };
+        Some((commit.to.link, self.ended(cx, &commit, result)))
     }
 
     /// It could not be written, or the room for it not be erased. What was to go live does not; what is live already is

@@ -15,7 +15,7 @@ use super::memory::{PlanType, PlansMut};
 use super::replies::{Reply, What};
 use crate::dialect::{MavMissionResult, MissionCount};
 use crate::frame::Address;
-use crate::link::Outbox;
+use crate::link::{LinkId, Outbox, Peer};
 use crate::time::{Duration, Instant};
 use crate::vehicle::Progress;
 
@@ -27,7 +27,8 @@ const EXPIRY: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Copy, Debug)]
 struct Session {
-    client: Address,
+    /// Two stations with the same ids on two links are two clients (M-45).
+    client: Peer,
     plan: PlanType,
     is_stale: bool,
     /// Its last request; none in a free place.
@@ -42,36 +43,40 @@ pub(super) struct Sessions {
 
 impl Sessions {
     pub(super) const fn new() -> Self {
-        let free = Session { client: Address::new(0, 0), plan: PlanType::Mission, is_stale: false, at: None };
+        let client = Peer { address: Address::new(0, 0), link: LinkId(0) };
+        let free = Session { client, plan: PlanType::Mission, is_stale: false, at: None };
         Self { sessions: [free; SESSIONS] }
     }
 
-    fn find(&mut self, now: Instant, client: Address, plan: PlanType) -> Option<&mut Session> {
+    fn find(&mut self, now: Instant, plan: PlanType, is_it: impl Fn(Peer) -> bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
-            (session.client, session.plan) == (client, plan) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
+            session.plan == plan && is_it(session.client) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
         })
     }
 
     /// `client` learns how many items the plan has now.
-    fn open(&mut self, now: Instant, client: Address, plan: PlanType) {
+    fn open(&mut self, now: Instant, client: Peer, plan: PlanType) {
         let fresh = Session { client, plan, is_stale: false, at: Some(now) };
-        if let Some(session) = self.find(now, client, plan) {
+        if let Some(session) = self.find(now, plan, |other| other == client) {
             *session = fresh;
         } else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {
             *oldest = fresh;
         }
     }
 
-    /// `client` asks for an item: whether it counts on a plan that is no longer there.
-    fn is_stale(&mut self, now: Instant, client: Address, plan: PlanType) -> bool {
-        self.find(now, client, plan).is_some_and(|session| {
+    /// `client` asks for an item: whether it counts on a plan that is no longer there. One that has moved to this link may
+    /// have asked for the count on another (M-11).
+    fn is_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
+        let is_here = self.find(now, plan, |other| other == client).is_some();
+        let is_it = |other: Peer| other.address == client.address && (other.link == client.link || !is_here);
+        self.find(now, plan, is_it).is_some_and(|session| {
             session.at = Some(now);
             session.is_stale
         })
     }
 
     /// `client` is done, or gave up (M-65).
-    pub(super) fn close(&mut self, client: Address, plan: PlanType) {
+    pub(super) fn close(&mut self, client: Peer, plan: PlanType) {
         for session in self.sessions.iter_mut().filter(|session| (session.client, session.plan) == (client, plan)) {
             session.at = None;
         }
@@ -97,12 +102,13 @@ impl Sessions {
         tx: &mut Outbox,
     ) -> bool {
         let Reply { to, mission_type, .. } = *reply;
+        let client = Peer { address: to, link: tx.link() };
         // That the plan is one of ours was seen when it was asked for.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
         let (seq, is_legacy) = match reply.what() {
             What::Accepted(_) | What::Refused(_) => return reply.send_ack(tx),
             What::Count => {
-                self.open(now, to, plan);
+                self.open(now, client, plan);
                 return tx.send(&MissionCount {
                     count: plans.count(plan),
                     target_system: to.system.0,
@@ -114,7 +120,7 @@ impl Sessions {
             What::Item(seq) => (seq, false),
             What::LegacyItem(seq) => (seq, true),
         };
-        if self.is_stale(now, to, plan) {
+        if self.is_stale(now, client, plan) {
             event!("{} download by {}: the plan has changed", plan, to);
             return reply.ack(MavMissionResult::OPERATION_CANCELLED, 0, tx);
         }

@@ -15,6 +15,7 @@ mod download;
 mod form;
 mod item;
 mod memory;
+mod number;
 mod pace;
 mod progress;
 mod replies;
@@ -111,8 +112,11 @@ impl Caller<'_> {
     /// (V-7).
     fn plan(&self, cx: &Context<'_, '_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
         let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
-        let can_be_named = self.version == Version::V2 || plan == PlanType::Mission;
-        if can_be_named && cx.plans.capacity(plan) > 0 { Ok(plan) } else { Err(MavMissionResult::UNSUPPORTED) }
+        if is_named_well(self.version, mission_type) && cx.plans.capacity(plan) > 0 {
+            Ok(plan)
+        } else {
+            Err(MavMissionResult::UNSUPPORTED)
+        }
     }
 
     /// Somebody else is at it (M-23, M-33, M-51).
@@ -152,8 +156,14 @@ impl Caller<'_> {
     }
 }
 
-/// The plan that a message names. In all of ours that is the first byte behind the base fields, where a v1 frame ends:
-/// there every plan is a mission (V-7).
+/// Whether a frame of this version can name such a plan: MAVLink 1 knows missions only. A v1 frame that names another plan
+/// in extension bytes is refused, and never taken for one about the mission (V-7).
+fn is_named_well(version: Version, mission_type: MavMissionType) -> bool {
+    version == Version::V2 || mission_type == MavMissionType::MISSION
+}
+
+/// The plan that a message names. In all of ours that is the first byte behind the base fields, where most v1 frames end:
+/// those are about the mission (V-7).
 pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
     MavMissionType(frame.info().map_or(0, |info| frame.byte(info.base_len())))
 }
@@ -163,6 +173,8 @@ pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
 pub struct Missions {
     upload: Option<Upload>,
     commit: Option<Commit>,
+    /// When the client of either was last heard on its link.
+    heard: Instant,
     saving: Saving,
     done: Option<Done>,
     /// The final answer of an upload that is to be sent once more, where and when (M-31).
@@ -178,6 +190,7 @@ impl Missions {
         Self {
             upload: None,
             commit: None,
+            heard: Instant::ZERO,
             saving: Saving::new(),
             done: None,
             again: None,
@@ -229,11 +242,17 @@ impl Missions {
     ) {
         let mission_type = mission_type(frame);
         let payload = frame.payload();
-        if let Some(message) = frame.decode::<MissionAck>() {
-            return self.on_ack(cx, caller.from, mission_type, message.r#type);
-        }
         if let Some(message) = frame.decode::<MissionSetCurrent>() {
             return self.on_set_current(cx, vehicle, message.seq);
+        }
+        if !is_named_well(frame.header().version, mission_type) {
+            if !caller.refuse(frame) {
+                self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+            }
+            return;
+        }
+        if let Some(message) = frame.decode::<MissionAck>() {
+            return self.on_ack(cx, caller.from, mission_type, message.r#type);
         }
         if caller.replies.is_full() {
             event!("plans: message {=u32} of {} dropped: no room for its answer", frame.id(), caller.from);

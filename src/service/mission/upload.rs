@@ -7,6 +7,7 @@ use super::commit::Change;
 use super::form::Form;
 use super::item::{Digest, Item};
 use super::memory::PlanType;
+use super::number::{Counts, Number};
 use super::pace::Pace;
 use super::replies::{Reply, What};
 use super::validate::{self, Trouble};
@@ -23,20 +24,11 @@ use crate::vehicle::{PlanFault, Plans};
 /// A COUNT like that of the upload that was done so short a time ago may be a late copy of it (M-22).
 const ECHO: Duration = Duration::from_secs(1);
 
+/// A client's transfer stays on its link for so long after the client was last heard there (M-45).
+const STAYS: Duration = Duration::from_secs(2);
+
 /// So long the last item of a finished upload is answered again (M-31).
 const MEMORY: Duration = Duration::from_secs(10);
-
-/// The link that a frame came by, and its sequence number.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Number(pub(super) LinkId, pub(super) u8);
-
-impl Number {
-    /// Whether this frame was sent after `other`, as far as that can be told: on another link they count apart, and there are
-    /// senders that do not count.
-    fn is_after(self, other: Self) -> bool {
-        self.0 == other.0 && matches!(self.1.wrapping_sub(other.1), 1..=127)
-    }
-}
 
 /// An upload that is running. What has come so far is in the staging area.
 #[derive(Clone, Debug)]
@@ -58,6 +50,7 @@ pub(super) struct Upload {
     may_be_echo: bool,
     /// The last item that was wanted, or the last upload's where this may be an echo: what came later is none (M-22).
     last: Number,
+    pub(super) counts: Counts,
 }
 
 /// How the last upload ended, so that a lost final ACK can be sent again (M-31).
@@ -123,26 +116,37 @@ impl Missions {
             Ok(plan) => plan,
             Err(result) => return caller.ack(mission_type, result, 0),
         };
+        let number = Number(caller.from.link, number);
+        if self.is_elsewhere(cx.now, caller.from) {
+            let is_known = self.is_copy_of_count(cx, plan, count, number);
+            return if is_known { self.out_of_place() } else { caller.deny(mission_type) };
+        }
         if let Some(commit) = self.committing_mut() {
             // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
             return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if self.is_kept_out(caller) {
+        if self.is_kept_out(cx.now, caller) {
             // M-23
             return caller.deny(mission_type);
         }
         if let Some(upload) = &mut self.upload
             && upload.is_by(caller.from.address)
             && (upload.plan, upload.count) == (plan, count)
-            && cx.plans.staged() == 0
-            && !(upload.may_be_echo && Number(caller.from.link, number).is_after(upload.last))
+            && !(upload.may_be_echo && number.is_after(upload.last))
         {
-            // The request that is out, or that the retry timer will send, is the answer (M-22 a).
-            upload.partner = caller.from;
-            upload.owes_request |= upload.may_be_echo;
-            return;
+            if cx.plans.staged() == 0 {
+                // The request that is out, or that the retry timer will send, is the answer (M-22 a).
+                upload.partner = caller.from;
+                upload.counts.extend(number);
+                upload.owes_request |= upload.may_be_echo;
+                self.heard = cx.now;
+                return;
+            }
+            if number.0 == upload.partner.link && upload.counts.contains(number.1) {
+                // A delayed duplicate: to go on with the old items would be right, to begin again would not (M-22 b).
+                return self.out_of_place();
+            }
         }
-        let number = Number(caller.from.link, number);
         let is_echo = |done: &&Done| {
             (done.partner, done.plan) == (caller.from.address, plan)
                 && done.seq.checked_add(1) == Some(count)
@@ -184,12 +188,45 @@ impl Missions {
             form: Form::NEW,
             may_be_echo: echoed.is_some(),
             last: echoed.unwrap_or(number),
+            counts: Counts::new(number),
         });
+        self.heard = cx.now;
     }
 
-    /// Whether somebody else's upload is running, other than by a late copy.
-    fn is_kept_out(&self, caller: &Caller<'_>) -> bool {
-        self.upload.as_ref().is_some_and(|upload| upload.keeps_out() && !upload.is_by(caller.from.address))
+    /// Whether another client's upload is running, other than by a delayed duplicate.
+    fn is_kept_out(&self, now: Instant, caller: &Caller<'_>) -> bool {
+        let is_others = |upload: &Upload| upload.keeps_out() && !upload.is_by(caller.from.address);
+        self.upload.as_ref().is_some_and(is_others) || self.is_elsewhere(now, caller.from)
+    }
+
+    /// A frame came from `from`. The client that changes plans stays on its link as long as it is heard there (M-45).
+    pub(crate) fn heard(&mut self, now: Instant, from: Peer) {
+        if self.client() == Some(from) {
+            self.heard = now;
+        }
+    }
+
+    /// The client whose upload runs, or whose change is being written, and its link.
+    fn client(&self) -> Option<Peer> {
+        let upload = self.upload.as_ref().filter(|upload| upload.keeps_out());
+        upload.map(|upload| upload.partner).or_else(|| self.committing().map(|commit| commit.to))
+    }
+
+    /// Whether `from` has the ids of the client that changes plans, which was heard on another link a moment ago. Then this
+    /// is another station with the same ids, or a copy that came by a second way (M-45).
+    pub(super) fn is_elsewhere(&self, now: Instant, from: Peer) -> bool {
+        self.client().is_some_and(|client| client.address == from.address && client.link != from.link)
+            && now.since(self.heard) < STAYS
+    }
+
+    /// Whether a COUNT that came by another link than its upload is a copy of one of this upload's, or repeats it before the
+    /// first item: to refuse it would end the upload of a client that sends everything by two links.
+    fn is_copy_of_count(&self, cx: &Context<'_, '_>, plan: PlanType, count: u16, number: Number) -> bool {
+        if let Some(upload) = &self.upload {
+            let is_alike = (upload.plan, upload.count) == (plan, count);
+            return is_alike && (cx.plans.staged() == 0 || upload.counts.contains(number.1));
+        }
+        self.committing().is_some_and(|commit| commit.is_older(plan, number.1))
     }
 
     /// MISSION_ITEM_INT or MISSION_ITEM. Its number, when it is the last one and the plan is to be
@@ -204,7 +241,15 @@ impl Missions {
     ) -> Option<u16> {
         let Arrival { mission_type, seq, current, item, is_float } = Arrival::of(frame);
         let from = caller.from;
-        let is_guided = matches!(current, 2 | 3);
+        if matches!(current, 2 | 3) {
+            self.refuse_guided(cx, caller, mission_type);
+            return None;
+        }
+        if self.is_elsewhere(cx.now, from) {
+            // Not denied: most likely it is a copy, and the client would take that for the end (M-45).
+            self.out_of_place();
+            return None;
+        }
         if let Some(commit) = self.committing_mut() {
             if commit.is_by(caller) {
                 self.out_of_place();
@@ -214,15 +259,16 @@ impl Missions {
             return None;
         }
         if self.upload.as_ref().is_none_or(|upload| upload.may_be_echo && seq > 0) {
-            self.on_stray_item(cx, caller, mission_type, seq, is_guided);
+            self.on_stray_item(cx, caller, mission_type, seq);
             return None;
         }
         let upload = self.upload.as_mut()?;
-        if !upload.is_by(from.address) || is_guided {
-            // M-33, M-34
+        if !upload.is_by(from.address) {
+            // M-33
             caller.deny(mission_type);
             return None;
         }
+        self.heard = cx.now;
         // Also when it is not the item that is wanted: the partner is heard here now (M-11).
         upload.partner = from;
         let next = cx.plans.staged();
@@ -238,6 +284,7 @@ impl Missions {
         upload.last = Number(from.link, frame.header().seq);
         if next == 0 {
             upload.form.fix(is_float);
+            upload.counts.end(Number(from.link, frame.header().seq));
         }
         let was_echo = core::mem::take(&mut upload.may_be_echo);
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
@@ -287,7 +334,9 @@ impl Missions {
     ) {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
-        if let Err(fault) = check_plan(cx, vehicle, plan) {
+        // The vehicle may have armed since COUNT (M-45).
+        let may_change = |vehicle: &mut V| vehicle.may_change(plan, caller.from).map_err(PlanFault::from);
+        if let Err(fault) = check_plan(cx, vehicle, plan).and_then(|()| may_change(vehicle)) {
             cx.tell(&Trouble::Refused(plan, fault));
             return self.finish(cx, caller, seq, fault.result);
         }
@@ -318,20 +367,19 @@ impl Missions {
         self.done = Some(done);
     }
 
+    /// An item that is no part of any plan: "go there now", or "change the altitude", which are commands today (M-34). Told
+    /// at most once a second, as with stray items (M-36).
+    fn refuse_guided(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
+        self.out_of_place();
+        if caller.replies.may_answer_stray(cx.now) {
+            cx.tell(&Trouble::Guided);
+            caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
+        }
+    }
+
     /// An item while no upload is running, or what may be none: the last one's final ACK was lost (M-31), or it is nobody's
     /// (M-36).
-    fn on_stray_item(
-        &mut self,
-        cx: &Context<'_, '_>,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
-        seq: u16,
-        is_guided: bool,
-    ) {
-        if is_guided {
-            // Not a part of any plan: "go there now", which is a command today (M-34).
-            return caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
-        }
+    fn on_stray_item(&mut self, cx: &Context<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
         let is_last = |done: &&Done| {
             done.partner == caller.from.address
                 && done.plan.mission_type() == mission_type
@@ -357,12 +405,17 @@ impl Missions {
         result: MavMissionResult,
     ) {
         let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
-        self.sessions.close(from.address, plan);
+        self.sessions.close(from, plan);
+        if self.is_elsewhere(cx.now, from) {
+            // It ends another station's download, or is a copy (M-45).
+            return self.out_of_place();
+        }
         let Some(upload) = self.upload.as_mut().filter(|upload| upload.is_by(from.address) && upload.plan == plan)
         else {
             return;
         };
         upload.partner = from;
+        self.heard = cx.now;
         match result {
             MavMissionResult::ACCEPTED => {}
             MavMissionResult::UNSUPPORTED if upload.form.explains_unsupported(cx.plans.staged() > 0) => {
@@ -393,12 +446,13 @@ impl Missions {
                 Err(result) => return caller.ack(mission_type, result, 0),
             },
         };
+        let is_elsewhere = self.is_elsewhere(cx.now, caller.from);
         if let Some(commit) = self.committing_mut() {
             // The same again is answered when it is done (M-52); anything else comes too late.
-            let is_repeated = commit.clears(mission_type) && commit.is_by(caller);
+            let is_repeated = commit.clears(mission_type) && (is_elsewhere || commit.is_by(caller));
             return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if self.is_kept_out(caller) {
+        if self.is_kept_out(cx.now, caller) {
             // M-51
             return caller.deny(mission_type);
         }

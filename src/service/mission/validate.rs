@@ -71,6 +71,8 @@ pub(super) enum Trouble<'a> {
     TimedOut(PlanType, u16),
     /// "Mission item 12 cannot be made current" (M-93).
     NotCurrent(u16),
+    /// An item with `current` 2 or 3 (M-34).
+    Guided,
     /// "Mission not stored: the old one stays": what was to be written first, or what is live without being stored.
     NotSaved(Option<&'a Change>),
 }
@@ -88,6 +90,7 @@ impl Trouble<'_> {
             Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
             Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
             Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
+            Self::Guided => ("Guided items not supported: send DO_REPOSITION", "", None),
             Self::NotSaved(Some(Change::Upload { plan, .. })) => (name(*plan), " not stored: the old one stays", None),
             Self::NotSaved(Some(Change::Clear(plan))) => {
                 (plan.map_or("Plans", name), " not cleared: storage failed", None)
@@ -102,7 +105,7 @@ impl Trouble<'_> {
         match self {
             Self::Refused(_, fault) => push_reason(words, fault.result),
             Self::NotCurrent(_) => words.push_str(" cannot be made current"),
-            Self::TimedOut(..) | Self::NotSaved(_) => {}
+            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) => {}
         }
     }
 }

@@ -224,7 +224,10 @@ fn a_repeated_clear_waits_for_the_first() {
     assert_eq!(bench.ask(A, &clear(MISSION)), []);
     assert_eq!(bench.ask(A, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
     assert_eq!(bench.ask(B, &clear(MISSION)), [to_b(Ack(DENIED, 0))]);
-    // M-11: he is answered where he was heard last.
+    assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), [], "M-45: a copy");
+    assert_eq!(bench.ask(A_MOVED, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
+    // M-11: it has moved, and is answered where it was heard last.
+    bench.now = bench.now.after(Duration::from_secs(2));
     assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), []);
     bench.saved();
     assert_eq!((bench.drain_link(0), bench.drain_link(1)), (Vec::new(), [to_a(Ack(ACCEPTED, 0))].to_vec()));
@@ -327,10 +330,12 @@ fn the_last_item_waits_for_room_to_answer_it() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     bench.saved();
-    // Link 0 does not send, and owes A its answer. B begins on link 1, and goes on where A is.
+    // Link 0 does not send, and owes A its answer. B begins on link 1, and goes on where A is when it was silent on link 1
+    // for two seconds (M-45).
     let moved = Peer { link: A.link, ..B };
     bench.send(B, &count(MISSION, 1));
     assert_eq!(bench.drain_link(1), [to_b(Ask(0))]);
+    bench.now = bench.now.after(Duration::from_secs(2));
     bench.send(moved, &int(MISSION, 0, &item(2, 0)));
     assert_eq!((bench.unsaved(), bench.missions.counters().no_answer_slot), (None, 1));
     assert_eq!(bench.drain_link(0)[0], to_a(Ack(ACCEPTED, id_of(&plan(1, 2)))));
@@ -339,7 +344,8 @@ fn the_last_item_waits_for_room_to_answer_it() {
     assert_eq!(bench.drain(), [to_b(Ack(ACCEPTED, id_of(&plan(2, 1))))]);
 }
 
-/// M-11, M-44: who waits for storage is answered where he was heard last, but not where another answer waits.
+/// M-11, M-44, M-45: the client that waits for storage is answered on the link that it has moved to, but not where another
+/// answer waits.
 #[test]
 fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
     for is_taken in [false, true] {
@@ -351,6 +357,7 @@ fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
         bench.send(A, &count(MISSION, 1));
         assert_eq!(bench.drain_link(0), [to_a(Ask(0))]);
         bench.send(A, &int(MISSION, 0, &item(1, 0)));
+        bench.now = bench.now.after(Duration::from_secs(2));
         bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
         bench.saved();
         let answer = to_a(Ack(ACCEPTED, id_of(&plan(1, 1))));
@@ -395,4 +402,32 @@ fn nothing_is_loaded_into_an_upload() {
         bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, PlanType::Mission, Some((1, 7)), read));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
+}
+
+/// M-45: a vehicle that armed while the change was being written refuses it. The old plan stays, and is written again.
+#[test]
+fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
+    for is_clear in [false, true] {
+        let mut bench = durable();
+        bench.load(PlanType::Mission, &plan(1, 2));
+        bench.saved();
+        let before = seen(&bench);
+        if is_clear {
+            assert_eq!(bench.ask(A, &clear(MavMissionType::ALL)), []);
+        } else {
+            upload_to_storage(&mut bench, A, MISSION, &plan(2, 3));
+        }
+        let (_, [mission, ..]) = bench.unsaved().expect("it is to be written");
+        assert_ne!(mission.0, before.0);
+        bench.vehicle.may_change = Err(DENIED);
+        bench.saved();
+        let named = if is_clear { MavMissionType::ALL } else { MISSION };
+        assert_eq!(bench.drain(), [(A.address, named, Ack(DENIED, 0))]);
+        assert_eq!(bench.texts(), ["Mission refused: not allowed now"]);
+        assert_eq!((seen(&bench), bench.vehicle.changes.len()), (before.clone(), 1));
+        let (_, [mission, ..]) = bench.unsaved().expect("storage has the wrong plan");
+        assert_eq!(mission, before);
+        bench.saved();
+        assert_eq!((bench.unsaved(), bench.drain()), (None, Vec::new()));
+    }
 }

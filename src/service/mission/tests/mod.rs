@@ -5,6 +5,7 @@ mod commit;
 mod download;
 mod edges;
 mod late_copy;
+mod links;
 mod model;
 mod random;
 mod table;
@@ -13,7 +14,7 @@ mod upload;
 use std::vec::Vec;
 
 use super::memory::sealed::Sealed;
-use super::upload::Number;
+use super::number::Number;
 use super::*;
 use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext, command_rules};
 use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};

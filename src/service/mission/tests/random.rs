@@ -90,9 +90,11 @@ proptest! {
                     let tag = if usize::from(client.count) == len { client.tag } else { tags };
                     may_change = len == 0;
                     let dropped = bench.missions.counters().no_answer_slot;
+                    let is_elsewhere = bench.missions.is_elsewhere(bench.now, from);
                     bench.send(from, &count(mission_type, len));
-                    // One that is dropped is lost on the way: no client goes on with the new plan before it is asked.
-                    if dropped == bench.missions.counters().no_answer_slot {
+                    // One that is dropped is lost on the way: no client goes on with the new plan before it is asked. Nor does
+                    // one that was denied on another link than its transfer's (M-45).
+                    if dropped == bench.missions.counters().no_answer_slot && !is_elsewhere {
                         *client = Client { tag, count: len as u16, next: 0 };
                     }
                 }

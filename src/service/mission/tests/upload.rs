@@ -105,6 +105,26 @@ fn a_forbidden_upload_is_refused_at_once() {
     assert_eq!(bench.texts(), ["Mission refused: not allowed now"], "and no text twice");
 }
 
+/// M-45: a vehicle that armed during an upload is asked again before the plan goes live: DENIED and a text, and the old plan
+/// stays.
+#[test]
+fn the_policy_is_asked_again_before_the_commit() {
+    let mut bench = Bench::new();
+    bench.upload(A, MISSION, &plan(1, 2));
+    assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))]);
+    for seq in 0..2 {
+        assert_eq!(bench.ask(A, &int(MISSION, seq, &item(2, seq as u16))), [to_a(Ask(seq as u16 + 1))]);
+    }
+    bench.vehicle.may_change = Err(DENIED);
+    for _ in 0..2 {
+        assert_eq!(bench.ask(A, &int(MISSION, 2, &item(2, 2))), [to_a(Ack(DENIED, 0))], "and again, M-31");
+    }
+    assert_eq!(seen(&bench), (plan(1, 2), id_of(&plan(1, 2))));
+    assert_eq!(bench.vehicle.changes.len(), 1);
+    assert_eq!(bench.texts(), ["Mission refused: not allowed now"]);
+    assert_eq!((bench.missions.counters().refused, bench.staged()), (1, 0));
+}
+
 /// M-40: after 250 ms, and each repetition doubles that up to a second, until the round trip is measured.
 #[test]
 fn a_missing_item_is_asked_for_again() {
@@ -248,45 +268,21 @@ fn a_repeated_count_is_answered_or_a_restart() {
     assert_eq!(seen(&bench).0, plan(2, 2), "nothing of the first attempts is left");
 }
 
-/// M-11: the partner is who it is on any link; answers go where it was heard last.
-#[test]
-fn the_partner_may_move_to_another_link() {
-    let mut bench = Bench::new();
-    bench.ask(A, &count(MISSION, 3));
-    bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
-    assert!(bench.drain_link(0).is_empty());
-    assert_eq!(bench.drain_link(1), [to_a(Ask(1))]);
-    bench.send(A, &int(MISSION, 1, &item(1, 1)));
-    bench.drain();
-    bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
-    assert!(bench.drain_link(0).is_empty());
-    assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
-
-    // So it is with an item that is not wanted, with a repeated COUNT and with a MISSION_ACK.
-    bench.now = bench.now.after(Duration::from_secs(1));
-    bench.ask(A, &count(MISSION, 3));
-    bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
-    bench.now = bench.now.after(Duration::from_millis(300));
-    bench.poll();
-    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![], std::vec![to_a(Ask(0))]));
-    bench.ask(A, &count(MISSION, 2));
-    bench.send(A_MOVED, &count(MISSION, 2));
-    bench.now = bench.now.after(Duration::from_millis(300));
-    bench.poll();
-    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![], std::vec![to_a(Ask(0))]));
-    bench.send(A, &ack(MISSION, UNSUPPORTED));
-    assert_eq!((bench.drain_link(0), bench.drain_link(1)), (std::vec![to_a(AskLegacy(0))], std::vec![]));
-}
-
-/// M-34: "go there now" is no part of a plan.
+/// M-34, M-36: "go there now" is no part of a plan: UNSUPPORTED and a text, once a second, whether an upload runs or not, and
+/// whoever's.
 #[test]
 fn guided_items_are_not_stored() {
     for current in [2, 3] {
         let guided = |seq| MissionItemInt { current, ..int(MISSION, seq, &item(9, 0)) };
         let mut bench = Bench::new();
         assert_eq!(bench.ask(A, &guided(0)), [to_a(Ack(UNSUPPORTED, 0))]);
+        assert_eq!(bench.texts(), ["Guided items not supported: send DO_REPOSITION"]);
+        assert_eq!(bench.ask(A, &guided(0)), []);
+        bench.wait(1_010);
         bench.ask(A, &count(MISSION, 2));
-        assert_eq!(bench.ask(A, &guided(0)), [to_a(Ack(DENIED, 0))]);
+        assert_eq!(bench.ask(A, &guided(0)), [to_a(Ack(UNSUPPORTED, 0))]);
+        assert_eq!(bench.ask(A, &guided(0)), []);
+        assert_eq!(bench.ask(B, &guided(0)), [to_b(Ack(UNSUPPORTED, 0))]);
         assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
         bench.ask(A, &int(MISSION, 1, &item(1, 1)));
         assert_eq!(seen(&bench).0, plan(1, 2));
@@ -411,9 +407,10 @@ fn clear_is_repeatable() {
     assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
     assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
     assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, Vec::new(), 0)));
-    // For the uploads, for the clear that had something to clear, for the clear of all: each plan that there is.
+    // Twice for each upload, once for the clear that had something to clear, and for the clear of all: each plan that there
+    // is.
     use PlanType::{Fence, Mission};
-    assert_eq!(bench.vehicle.asked, [Mission, Fence, Mission, Mission, Fence]);
+    assert_eq!(bench.vehicle.asked, [Mission, Mission, Fence, Fence, Mission, Mission, Fence]);
     let bad = MavMissionType(3);
     assert_eq!(bench.ask(A, &clear(bad)), [(A.address, bad, Ack(MavMissionResult::INVALID, 0))]);
     let rally = MavMissionType::RALLY;

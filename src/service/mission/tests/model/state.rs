@@ -144,7 +144,13 @@ impl State {
         let mut memory = self.bench.memory.clone();
         let staged = memory.parts(&mut Missions::new()).map(|(_, plans)| names(plans.staging.as_slice()));
         let plans = (names(self.live()), names(&self.stored), staged);
-        write!(text, "{:?}{line:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
+        // Ranks of numbers do not tell which of them the upload takes for its own COUNTs'.
+        let is_own = |flying: &Flying| {
+            let counts = self.bench.missions.upload.as_ref().map(|upload| upload.counts);
+            counts.zip(flying.number).is_some_and(|(counts, number)| counts.contains(number.1))
+        };
+        let own: Vec<bool> = line.iter().map(is_own).collect();
+        write!(text, "{:?}{line:?}{own:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
         let mut hasher = DefaultHasher::new();
         ranked(&relative(&text, self.now()), self.number).hash(&mut hasher);
         self.key = hasher.finish();

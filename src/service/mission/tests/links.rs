@@ -1,0 +1,168 @@
+//! One client on two links, and two clients with the same ids: which frames belong to an upload (M-11, M-22, M-45).
+
+use super::*;
+
+/// M-11, M-45: a partner that was silent on its link for two seconds may go on, on another link, by whatever message; the
+/// answers go there then.
+#[test]
+fn the_partner_may_move_to_another_link() {
+    let silence = |bench: &mut Bench| {
+        bench.now = bench.now.after(Duration::from_secs(2));
+        bench.poll();
+        bench.drain();
+    };
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 3));
+    silence(&mut bench);
+    bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
+    assert!(bench.drain_link(0).is_empty());
+    assert_eq!(bench.drain_link(1), [to_a(Ask(1))]);
+    silence(&mut bench);
+    bench.send(A, &int(MISSION, 1, &item(1, 1)));
+    bench.drain();
+    silence(&mut bench);
+    bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2)));
+    assert!(bench.drain_link(0).is_empty());
+    assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
+
+    // So it is with an item that is not wanted, with a repeated COUNT and with a MISSION_ACK.
+    let messages: [fn(&mut Bench); 3] = [
+        |bench| bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2))),
+        |bench| bench.send(A_MOVED, &count(MISSION, 3)),
+        |bench| bench.send(A_MOVED, &ack(MISSION, ACCEPTED)),
+    ];
+    for send in messages {
+        let mut bench = Bench::new();
+        bench.ask(A, &count(MISSION, 3));
+        silence(&mut bench);
+        send(&mut bench);
+        bench.now = bench.now.after(Duration::from_secs(1));
+        bench.poll();
+        assert!(bench.drain_link(0).is_empty());
+        assert_eq!(bench.drain_link(1).len(), 1);
+    }
+}
+
+/// M-45: two stations have the same ids. What one sends on its link does not touch the other's upload: not its COUNT, its
+/// items, the ACK that ends its download, its cancel, its clear.
+#[test]
+fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.upload(B, FENCE, &fence(3, 2)), Ack(ACCEPTED, id_of(&fence(3, 2))));
+    let items = plan(1, 4);
+    let mut asked = bench.ask(A, &count(MISSION, 4));
+    for (seq, item) in items.iter().enumerate() {
+        assert_eq!(asked, [to_a(Ask(seq as u16))]);
+        // The partner is heard, even if what comes is not about plans.
+        for _ in 0..3 {
+            bench.now = bench.now.after(Duration::from_millis(1_500));
+            bench.missions.heard(bench.now, A);
+        }
+        let out_of_place = bench.missions.counters().out_of_place;
+        for result in [ACCEPTED, CANCELLED, ERROR, UNSUPPORTED] {
+            bench.send(A_MOVED, &ack(MISSION, result));
+        }
+        bench.send(A_MOVED, &int(MISSION, seq, &self::item(9, seq as u16)));
+        assert_eq!(bench.missions.counters().out_of_place, out_of_place + 5);
+        assert_eq!(bench.ask(A_MOVED, &count(MISSION, 3)), [to_a(Ack(DENIED, 0))]);
+        assert_eq!(bench.ask(A_MOVED, &count(FENCE, 4)), [(A.address, FENCE, Ack(DENIED, 0))]);
+        assert_eq!(bench.ask(A_MOVED, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
+        assert_eq!(bench.ask(A_MOVED, &list(FENCE)), [(A.address, FENCE, Out::Count(2, id_of(&fence(3, 2))))]);
+        bench.send(A, &int(MISSION, seq, item));
+        assert_eq!(bench.drain_link(1), [], "the answers stay on the partner's link");
+        asked = bench.drain_link(0);
+    }
+    assert_eq!(asked, [to_a(Ack(ACCEPTED, id_of(&items)))]);
+    assert_eq!(seen(&bench).0, items);
+    assert_eq!(bench.live(PlanType::Fence).0, fence(3, 2));
+}
+
+/// M-45: a client that sends everything by two links, and one of them is slow: the copies are ignored, whichever they are
+/// and however late. Also while the plan is written to storage.
+#[test]
+fn copies_by_a_second_link_are_ignored() {
+    for is_durable in [false, true] {
+        let mut bench = Bench::new();
+        if is_durable {
+            bench.missions.attach_storage(Durability::Durable);
+        }
+        assert_eq!(ask_numbered(&mut bench, 7, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+        assert_eq!(ask_numbered(&mut bench, 7, A_MOVED, &count(MISSION, 2)), []);
+        assert_eq!(ask_numbered(&mut bench, 8, A_MOVED, &count(MISSION, 2)), [], "repeated, and the copy is first");
+        assert_eq!(ask_numbered(&mut bench, 8, A, &count(MISSION, 2)), []);
+        assert_eq!(ask_numbered(&mut bench, 9, A_MOVED, &int(MISSION, 0, &item(1, 0))), [], "the copy is first");
+        assert_eq!(ask_numbered(&mut bench, 9, A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
+        for number in [7, 8] {
+            assert_eq!(ask_numbered(&mut bench, number, A_MOVED, &count(MISSION, 2)), []);
+        }
+        let accepted = [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))];
+        let end = ask_numbered(&mut bench, 10, A, &int(MISSION, 1, &item(1, 1)));
+        if is_durable {
+            assert_eq!(end, []);
+            assert_eq!(ask_numbered(&mut bench, 8, A_MOVED, &count(MISSION, 2)), []);
+            assert_eq!(ask_numbered(&mut bench, 10, A_MOVED, &int(MISSION, 1, &item(1, 1))), []);
+            // Another COUNT is another station's.
+            assert_eq!(ask_numbered(&mut bench, 11, A_MOVED, &count(MISSION, 2)), [to_a(Ack(DENIED, 0))]);
+            bench.saved();
+            assert_eq!(bench.drain_link(0), accepted);
+        } else {
+            assert_eq!(end, accepted);
+        }
+        assert_eq!(seen(&bench).0, plan(1, 2));
+    }
+}
+
+/// M-22: behind an item, a COUNT of which the sequence number says that it is a delayed duplicate is ignored; the items that
+/// have come stay. Of a client that does not count no COUNT is known to be one.
+#[test]
+fn a_delayed_count_does_not_restart_the_upload() {
+    let begin = |numbers: [u8; 3]| {
+        let mut bench = Bench::new();
+        let [first, second, item_0] = numbers;
+        ask_numbered(&mut bench, first, A, &count(MISSION, 3));
+        ask_numbered(&mut bench, second, A, &count(MISSION, 3));
+        assert_eq!(ask_numbered(&mut bench, item_0, A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
+        bench
+    };
+    for (numbers, number, is_restart) in [
+        ([5, 7, 9], 5, false),
+        ([5, 7, 9], 7, false),
+        // Lost on the way at first, as it seemed.
+        ([5, 7, 9], 6, false),
+        ([5, 7, 9], 10, true),
+        ([5, 7, 9], 4, true),
+        ([254, 0, 2], 255, false),
+        ([254, 0, 2], 3, true),
+        ([0, 0, 0], 0, true),
+    ] {
+        let mut bench = begin(numbers);
+        let expected = if is_restart { std::vec![to_a(Ask(0))] } else { std::vec![] };
+        assert_eq!(ask_numbered(&mut bench, number, A, &count(MISSION, 3)), expected, "{numbers:?} {number}");
+        assert_eq!(bench.staged(), u16::from(!is_restart));
+    }
+    // Another plan's is another plan's.
+    assert_eq!(ask_numbered(&mut begin([5, 7, 9]), 5, A, &count(MISSION, 2)), [to_a(Ask(0))]);
+}
+
+/// M-45, M-63: one station's download is not another's with the same ids: neither its LIST nor its closing ACK lets the other
+/// mix two plans. One that moves to another link is known there (M-11).
+#[test]
+fn downloads_of_equal_ids_are_two() {
+    for is_closed in [false, true] {
+        let mut bench = Bench::new();
+        bench.upload(B, MISSION, &plan(1, 2));
+        bench.ask(A, &list(MISSION));
+        bench.upload(B, MISSION, &plan(2, 2));
+        assert_eq!(bench.ask(A_MOVED, &list(MISSION)), [to_a(Out::Count(2, id_of(&plan(2, 2))))]);
+        assert_eq!(bench.ask(A_MOVED, &request(MISSION, 1)), [to_a(Part(1, 0, item(2, 1)))]);
+        if is_closed {
+            bench.send(A_MOVED, &ack(MISSION, ACCEPTED));
+        }
+        assert_eq!(bench.ask(A, &request(MISSION, 1)), [to_a(Ack(CANCELLED, 0))]);
+    }
+    let mut bench = Bench::new();
+    bench.upload(B, MISSION, &plan(1, 2));
+    bench.ask(A, &list(MISSION));
+    bench.upload(B, MISSION, &plan(2, 2));
+    assert_eq!(bench.ask(A_MOVED, &request(MISSION, 1)), [to_a(Ack(CANCELLED, 0))]);
+}
