@@ -4,6 +4,8 @@
 //! Bytes become a test case by [`arbitrary::Unstructured`], front to back and without looking ahead, so that a short
 //! script of them can be written by hand ([`seeds`]) and a change of one byte changes one thing.
 
+#[cfg(test)]
+mod corpus;
 pub mod decode;
 pub mod dialect;
 pub mod record;
@@ -50,30 +52,48 @@ pub const TARGETS: [Target; 7] = [
 
 #[cfg(test)]
 mod tests {
-    use super::TARGETS;
+    use super::{TARGETS, corpus};
     use std::fs;
+    use std::io::ErrorKind;
     use std::path::{Path, PathBuf};
 
-    fn folder(kind: &str, target: &str) -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join(kind).join(target)
+    /// The archive of a target's corpus.
+    pub fn archive(target: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(format!("{target}.tar"))
     }
 
-    /// What was found once, and the curated inputs, on a stable compiler and without the fuzzer.
+    /// Every input of the corpora and of `regressions/`, on a stable compiler and without the fuzzer.
     #[test]
     fn corpora_pass() {
         for target in TARGETS {
-            let mut count = 0;
-            for kind in ["corpus", "regressions"] {
-                let Ok(files) = fs::read_dir(folder(kind, target.name)) else { continue };
-                for file in files {
-                    let path = file.expect("a folder that can be read").path();
-                    println!("{}", path.display());
-                    (target.run)(&fs::read(&path).expect("a file that can be read"));
-                    count += 1;
-                }
+            let corpus = corpus::read(&archive(target.name)).expect("a corpus");
+            assert!(!corpus.is_empty(), "no corpus of {}", target.name);
+            for (name, input) in corpus {
+                println!("corpus/{}.tar: {name}", target.name);
+                (target.run)(&input);
             }
-            assert!(count > 0, "no corpus of {}", target.name);
+            let regressions = Path::new(env!("CARGO_MANIFEST_DIR")).join("regressions").join(target.name);
+            let Ok(files) = fs::read_dir(regressions) else { continue };
+            for file in files {
+                let path = file.expect("a folder that can be read").path();
+                println!("{}", path.display());
+                (target.run)(&fs::read(&path).expect("a file that can be read"));
+            }
         }
+    }
+
+    /// An archive of which nothing changed is not written differently.
+    #[test]
+    fn archives_are_canonical() {
+        let folder = std::env::temp_dir().join(format!("mavstack-fuzz-corpus-{}", std::process::id()));
+        fs::create_dir_all(&folder).expect("a temporary folder");
+        for target in TARGETS {
+            let (is, again) = (archive(target.name), folder.join(target.name));
+            corpus::write(&again, &corpus::read(&is).expect("a corpus")).expect("an archive that can be written");
+            let bytes = |path: &Path| fs::read(path).expect("a file that can be read");
+            assert!(bytes(&is) == bytes(&again), "{} is not as it would be written", is.display());
+        }
+        fs::remove_dir_all(&folder).expect("a temporary folder");
     }
 
     /// The seeds themselves.
@@ -86,16 +106,21 @@ mod tests {
         }
     }
 
-    /// Writes the seeds to where the corpora are.
+    /// Writes the seeds into the corpora.
     #[test]
     #[ignore = "writes files: cargo test --lib -- --ignored write_seeds"]
     fn write_seeds() {
         for target in TARGETS {
-            let folder = folder("corpus", target.name);
-            fs::create_dir_all(&folder).expect("a folder that can be made");
+            let archive = archive(target.name);
+            let mut corpus = match corpus::read(&archive) {
+                Err(error) if error.kind() == ErrorKind::NotFound => corpus::Corpus::new(),
+                corpus => corpus.expect("a corpus"),
+            };
+            corpus.retain(|name, _| !name.starts_with(corpus::SEED));
             for (index, seed) in (target.seeds)().into_iter().enumerate() {
-                fs::write(folder.join(format!("seed-{index:03}")), seed).expect("a file that can be written");
+                corpus.insert(format!("{}{index:03}", corpus::SEED), seed);
             }
+            corpus::write(&archive, &corpus).expect("an archive that can be written");
         }
     }
 }

@@ -341,22 +341,16 @@ fn parts(frame: &[u8]) -> Option<(Address, u32, &[u8])> {
 #[cfg(test)]
 mod tests {
     use super::play;
-    use crate::seeds;
+    use crate::tests::archive;
+    use crate::{corpus, seeds};
     use std::fs;
-    use std::path::Path;
 
     /// What came by each link in the sessions of the corpus, and the corpus of `decode`: streams, each behind its length in four
     /// bytes, the last one behind 0xFFFF_FFFF. `cargo xtask work` puts them to the firmware.
     #[test]
     #[ignore = "writes the file that MAVSTACK_STREAMS names"]
     fn write_streams() {
-        let corpus = |target: &str| {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
-            let files = fs::read_dir(folder).expect("a corpus").map(|file| file.expect("a file").path());
-            let mut files: Vec<_> = files.collect();
-            files.sort();
-            files.into_iter().map(|path| fs::read(path).expect("a file that can be read"))
-        };
+        let corpus = |target: &str| corpus::read(&archive(target)).expect("a corpus").into_values();
         let received = |script: Vec<u8>| play(&script).lines.map(|line| line.history);
         let streams = corpus("decode").chain(corpus("session").flat_map(received));
         let mut out = Vec::new();

@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::thread;
 
+use crate::corpus;
 use crate::system::{Result, apt_install, has, output, root, run, succeeds, target_dir};
 
 /// All of them, the quick ones first.
@@ -36,9 +37,11 @@ pub struct Options {
 struct Target {
     name: String,
     binary: PathBuf,
-    /// Checked in: what a run begins with, and what was found once.
-    corpus: PathBuf,
+    /// Checked in: what a run begins with, an archive, and the inputs of old defects.
+    archive: PathBuf,
     regressions: PathBuf,
+    /// The archive, unpacked.
+    corpus: PathBuf,
     /// What runs on this machine have found.
     found: PathBuf,
     artifacts: PathBuf,
@@ -120,8 +123,9 @@ impl Target {
         Self {
             name: name.to_owned(),
             binary: binaries.join(name),
-            corpus: checked_in.join("corpus").join(name),
+            archive: checked_in.join("corpus").join(format!("{name}.tar")),
             regressions: checked_in.join("regressions").join(name),
+            corpus: here.join("corpus").join(name),
             found: here.join(name),
             artifacts: here.join("artifacts").join(name),
         }
@@ -144,7 +148,19 @@ impl Target {
         }
     }
 
+    /// Puts the inputs of the archive, and nothing else, into the folder of the corpus.
+    fn unpack(&self) -> Result {
+        let inputs = corpus::read(&self.archive).map_err(|error| error.to_string())?;
+        let failed = |error: std::io::Error| format!("{}: {error}", self.corpus.display());
+        if self.corpus.exists() {
+            fs::remove_dir_all(&self.corpus).map_err(failed)?;
+        }
+        fs::create_dir_all(&self.corpus).map_err(failed)?;
+        inputs.iter().try_for_each(|(name, input)| fs::write(self.corpus.join(name), input)).map_err(failed)
+    }
+
     fn run(&self, options: &Options) -> Result {
+        self.unpack()?;
         for folder in [&self.found, &self.artifacts] {
             fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
         }
@@ -222,6 +238,7 @@ impl Target {
     /// Replaces what is checked in beside the seeds by the least that reaches all the code that is reached, as far as there is
     /// room.
     fn minimise(&self) -> Result {
+        self.unpack()?;
         let merged = target_dir().join("fuzz").join("merged").join(&self.name);
         let failed = |error: std::io::Error| format!("{}: {error}", merged.display());
         if merged.exists() {
@@ -236,22 +253,21 @@ impl Target {
         if !self.log(&mut command)?.is_success {
             return Err(format!("{}: the corpora could not be merged", self.name));
         }
-        let failed = |error: std::io::Error| format!("{}: {error}", self.corpus.display());
-        let is_seed = |file: &Path| file.file_name().is_some_and(|name| name.to_string_lossy().starts_with("seed-"));
-        for (file, _) in files(&[&self.corpus])?.iter().filter(|(file, _)| !is_seed(file)) {
-            fs::remove_file(file).map_err(failed)?;
-        }
+        let mut inputs = corpus::read(&self.archive).map_err(|error| error.to_string())?;
+        inputs.retain(|name, _| name.starts_with(corpus::SEED));
         let mut found = files(&[&merged])?;
-        found.sort_by_key(|(_, len)| *len);
+        found.sort_by_key(|(path, len)| (*len, path.clone()));
         let (mut count, mut bytes) = (0, 0);
         for (file, len) in &found {
             bytes += len;
             if bytes > MAX_BYTES {
                 break;
             }
-            fs::copy(file, self.corpus.join(file.file_name().unwrap_or_default())).map_err(failed)?;
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            inputs.insert(name, fs::read(file).map_err(failed)?);
             count += 1;
         }
+        corpus::write(&self.archive, &inputs).map_err(|error| error.to_string())?;
         println!("{}: {count} of {} inputs, beside the seeds", self.name, found.len());
         Ok(())
     }

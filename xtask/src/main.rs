@@ -6,6 +6,8 @@ mod boards;
 mod bridge;
 mod compare;
 mod compare_firmware;
+#[path = "../../fuzz/src/corpus.rs"]
+mod corpus;
 mod coverage;
 mod dialects;
 mod faults;
@@ -169,7 +171,7 @@ struct Fuzz {
     /// How often each of them runs, instead of for how long: for the night.
     #[arg(long, value_name = "COUNT", conflicts_with = "seconds")]
     executions: Option<u64>,
-    /// Run nothing: make the corpora that are checked in anew, of what runs on this machine have found.
+    /// Run nothing: pack the corpora that are checked in again, from what runs on this machine have found.
     #[arg(long)]
     minimise: bool,
 }

@@ -1,0 +1,88 @@
+//! The corpora that are checked in: a tar archive per target, which `tar -tf fuzz/corpus/decode.tar` lists.
+//!
+//! Equal inputs give equal bytes: names are sorted, and neither times nor owners are stored. The archives are not compressed: git
+//! compresses what it stores, and of a new version it stores the difference.
+//!
+//! `xtask` includes this file.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::{Component, Path};
+
+/// Inputs by their names.
+pub type Corpus = BTreeMap<String, Vec<u8>>;
+
+/// Inputs that `seeds.rs` makes have names that begin so; all others were found by a run.
+pub const SEED: &str = "seed-";
+
+/// Reads the inputs of an archive.
+pub fn read(archive: &Path) -> Result<Corpus> {
+    fs::read(archive).and_then(|bytes| unpack(&bytes)).map_err(|error| named(archive, &error))
+}
+
+/// Replaces an archive, completely or not at all.
+pub fn write(archive: &Path, corpus: &Corpus) -> Result<()> {
+    let part = archive.with_extension("part");
+    let replace = |bytes| fs::write(&part, bytes).and_then(|()| fs::rename(&part, archive));
+    pack(corpus).and_then(replace).map_err(|error| named(archive, &error))
+}
+
+fn named(archive: &Path, error: &Error) -> Error {
+    Error::new(error.kind(), format!("{}: {error}", archive.display()))
+}
+
+fn unpack(bytes: &[u8]) -> Result<Corpus> {
+    let mut corpus = Corpus::new();
+    for entry in tar::Archive::new(bytes).entries()? {
+        let mut entry = entry?;
+        let path = entry.path()?.into_owned();
+        // Only plain names, so that nothing is written outside the folder it is unpacked into.
+        let mut parts = path.components();
+        let (Some(Component::Normal(name)), None) = (parts.next(), parts.next()) else {
+            return Err(Error::new(ErrorKind::InvalidData, format!("{} is no plain name", path.display())));
+        };
+        let mut input = Vec::new();
+        entry.read_to_end(&mut input)?;
+        if corpus.insert(name.to_string_lossy().into_owned(), input).is_some() {
+            return Err(Error::new(ErrorKind::InvalidData, format!("{} is there twice", path.display())));
+        }
+    }
+    Ok(corpus)
+}
+
+fn pack(corpus: &Corpus) -> Result<Vec<u8>> {
+    let mut archive = tar::Builder::new(Vec::new());
+    for (name, input) in corpus {
+        let mut header = tar::Header::new_ustar();
+        header.set_size(input.len() as u64);
+        header.set_mode(0o644);
+        header.set_mtime(0);
+        archive.append_data(&mut header, name, &input[..])?;
+    }
+    archive.into_inner()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn corpus(inputs: &[(&str, &[u8])]) -> Corpus {
+        inputs.iter().map(|(name, input)| ((*name).to_owned(), input.to_vec())).collect()
+    }
+
+    #[test]
+    fn inputs_come_back_and_equal_ones_are_equal_bytes() {
+        let inputs: [(&str, &[u8]); 3] = [("b", &[0xFD; 513]), ("seed-000", &[]), ("a", b"x")];
+        let packed = pack(&corpus(&inputs)).expect("packed");
+        assert_eq!(unpack(&packed).expect("unpacked"), corpus(&inputs));
+        let [first, second, third] = inputs;
+        assert_eq!(pack(&corpus(&[third, first, second])).expect("packed"), packed);
+    }
+
+    #[test]
+    fn a_name_that_leads_elsewhere_is_refused() {
+        let packed = pack(&corpus(&[("a/b", b"x")])).expect("packed");
+        assert!(unpack(&packed).is_err());
+    }
+}
