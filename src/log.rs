@@ -1,4 +1,8 @@
-//! Log events: one per protocol transition and drop reason, compiled to nothing without the feature `defmt`.
+//! Log events: one per protocol transition, and a count of drops at most once a second; compiled to nothing without the feature
+//! `defmt`.
+
+#[cfg(any(test, feature = "defmt"))]
+use crate::time::{Duration, Instant};
 
 /// Something a developer at the bench wants to see.
 #[cfg(feature = "defmt")]
@@ -10,4 +14,51 @@ macro_rules! event {
 #[cfg(not(feature = "defmt"))]
 macro_rules! event {
     ($format:literal $(, $arg:expr)* $(,)?) => { { $( let _ = &$arg; )* } };
+}
+
+/// When a count of drops is logged: at most once a second, and only when it has changed. An event for each drop would be slower
+/// than the noise that causes it.
+#[cfg(any(test, feature = "defmt"))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DropLog {
+    /// As last logged.
+    count: u32,
+    /// From when on it may be logged again.
+    due: Instant,
+}
+
+#[cfg(any(test, feature = "defmt"))]
+impl DropLog {
+    const PERIOD: Duration = Duration::from_secs(1);
+
+    pub(crate) const NEW: Self = Self { count: 0, due: Instant::ZERO };
+
+    /// Whether `count` is to be logged now; it then counts as logged.
+    pub(crate) fn is_due(&mut self, now: Instant, count: u32) -> bool {
+        let is_due = count != self.count && now >= self.due;
+        if is_due {
+            (self.count, self.due) = (count, now.after(Self::PERIOD));
+        }
+        is_due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// SEC-2: however fast a count grows, it is logged once a second, and its last value is.
+    #[test]
+    fn counts_are_logged_once_a_second() {
+        let mut log = DropLog::NEW;
+        let mut logged = Vec::new();
+        for ms in 0..4_000 {
+            let count = ms.min(2_500);
+            if log.is_due(Instant::from_millis(ms), u32::try_from(count).unwrap()) {
+                logged.push((ms, count));
+            }
+        }
+        assert_eq!(logged, [(1, 1), (1_001, 1_001), (2_001, 2_001), (3_001, 2_500)]);
+    }
 }

@@ -3,6 +3,8 @@
 //! The only module that knows every service. The way of the frames is drawn at [`Stack`].
 
 mod commands;
+#[cfg(feature = "defmt")]
+mod drops;
 #[cfg(all(feature = "storage", feature = "signing"))]
 mod key;
 mod plans;
@@ -18,8 +20,10 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use crate::config::{Allowance, Config, VehicleAddress};
 use crate::dialect::{MavProtocolCapability, MavSeverity};
-use crate::frame::{Frame, RxCounters};
+use crate::frame::RxCounters;
 use crate::link::{Link, LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, LinkMask, MAX_LINKS, Transport};
+#[cfg(feature = "defmt")]
+use crate::log::DropLog;
 use crate::message::Text;
 use crate::network::{self, PeerInfo, Peers};
 use crate::service::command;
@@ -94,6 +98,9 @@ struct Core {
     forwards: LinkMask,
     /// When the loss of all ground stations has a consequence (L-14).
     loss_due: Instant,
+    /// Of what is counted for all links together.
+    #[cfg(feature = "defmt")]
+    drops: DropLog,
 }
 
 /// What a call works with beside the core and its link.
@@ -157,6 +164,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 has_conflict: false,
                 forwards: LinkMask::NONE,
                 loss_due: Instant::NEVER,
+                #[cfg(feature = "defmt")]
+                drops: DropLog::NEW,
             },
             links,
             slots: [[Slot::NEW; STREAMS]; LINKS],
@@ -191,6 +200,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             let owed = missions.poll(&mut context, vehicle);
             owe(&mut self.links, owed);
         }
+        #[cfg(feature = "defmt")]
+        self.log_drops(now, vehicle);
     }
 
     /// Moves bytes between a link and its transport: a bounded read, what the frames in it ask for, a bounded write.
@@ -246,7 +257,6 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                         let errors = &mut link.port.counters.read_errors;
                         *errors = errors.wrapping_add(1);
                     }
-                    event!("rx: error on link {=u8}", link.0);
                     break Err(LinkError::Read(error));
                 }
             }
@@ -304,7 +314,6 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         if let Some(link) = self.link_mut(link) {
             link.port.counters.write_errors = link.port.counters.write_errors.wrapping_add(1);
         }
-        event!("tx: error on link {=u8}", link.0);
         result
     }
 
@@ -549,12 +558,6 @@ fn owe(links: &mut [Link], owed: Option<(LinkId, mission::Reply)>) {
 /// So many bytes.
 fn length(bytes: u32) -> usize {
     usize::try_from(bytes).unwrap_or(usize::MAX)
-}
-
-/// A frame is not acted on, for this reason.
-fn count_drop(counter: &mut u32, frame: &Frame<'_>, reason: &'static str) {
-    event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), frame.source(), reason);
-    count(counter);
 }
 
 fn count(counter: &mut u32) {

@@ -479,16 +479,15 @@ fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
 #[cold]
 #[inline(never)]
 fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
-    let (counter, _name) = match reason {
-        Reason::IncompatFlags => (&mut counters.incompat_flags, "unknown incompatibility flag"),
-        Reason::ZeroSource => (&mut counters.zero_source, "source id 0"),
-        Reason::Length => (&mut counters.length, "v1 length"),
-        Reason::Checksum => (&mut counters.checksum, "checksum"),
-        Reason::UnknownId => (&mut counters.unknown_id, "unknown id"),
-        Reason::Stale => (&mut counters.stale, "stopped growing"),
+    let counter = match reason {
+        Reason::IncompatFlags => &mut counters.incompat_flags,
+        Reason::ZeroSource => &mut counters.zero_source,
+        Reason::Length => &mut counters.length,
+        Reason::Checksum => &mut counters.checksum,
+        Reason::UnknownId => &mut counters.unknown_id,
+        Reason::Stale => &mut counters.stale,
     };
     *counter = counter.wrapping_add(1);
-    event!("rx: candidate dropped: {=str}", _name);
     window.consume(1);
 }
 

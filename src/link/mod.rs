@@ -11,6 +11,8 @@ pub(crate) use outbox::Outbox;
 
 use crate::config::Config;
 use crate::frame::{Address, Decoder, Version};
+#[cfg(feature = "defmt")]
+use crate::log::DropLog;
 use crate::service::command::Acks;
 use crate::service::heartbeat::Schedule;
 use crate::service::identity::Owed;
@@ -284,6 +286,9 @@ pub(crate) struct Port {
     pub(crate) strangers: u8,
     /// What the transport said when it was last asked.
     pub(crate) transport: Transport,
+    /// Of what was dropped.
+    #[cfg(feature = "defmt")]
+    pub(crate) drops: DropLog,
 }
 
 /// Whether a transport takes bytes, as far as that is known.
@@ -327,6 +332,8 @@ impl Link {
             hint_from: Instant::ZERO,
             strangers: 0,
             transport: Transport::Unknown,
+            #[cfg(feature = "defmt")]
+            drops: DropLog::NEW,
         },
     };
 

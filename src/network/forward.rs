@@ -372,7 +372,6 @@ impl Forwarding<'_> {
             } else if lane.ring.push(bytes, now, frame.raw(), spare) {
                 queued = queued.with(lane.link);
             } else {
-                event!("forwarding: no room for message {=u32} of {}", frame.id(), frame.source());
                 count(&mut lane.counters.queue_full);
             }
         }
@@ -426,6 +425,11 @@ impl Forwarding<'_> {
     /// Whether a link's queue is empty.
     pub(crate) fn is_empty(&self, link: LinkId) -> bool {
         self.lanes.get(usize::from(link.0)).is_none_or(|lane| lane.ring.is_empty())
+    }
+
+    #[cfg(feature = "defmt")]
+    pub(crate) fn counters(&self, link: LinkId) -> Option<ForwardCounters> {
+        self.lanes.get(usize::from(link.0)).map(|lane| lane.counters)
     }
 
     pub(crate) fn count(&mut self, link: LinkId, counter: impl FnOnce(&mut ForwardCounters) -> &mut u32) {

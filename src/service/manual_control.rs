@@ -292,12 +292,12 @@ impl ManualInput {
     fn on_frame(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
         let holder = self.holder(now);
         let counters = &mut self.counters;
-        let (counter, reason) = if is_broadcast {
-            (&mut counters.broadcast, "no stick is for everyone")
+        let counter = if is_broadcast {
+            &mut counters.broadcast
         } else if !self.source.allows(from, peers) {
-            (&mut counters.not_allowed, "not from who may steer")
+            &mut counters.not_allowed
         } else if holder.is_some_and(|holder| holder != from) {
-            (&mut counters.not_holder, "another one steers")
+            &mut counters.not_holder
         } else {
             if holder.is_none() {
                 self.forget();
@@ -306,7 +306,6 @@ impl ManualInput {
             self.take(now, from, frame);
             return count(&mut self.counters.taken);
         };
-        event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), from, reason);
         count(counter);
     }
 

@@ -230,7 +230,6 @@ pub(crate) fn on_frame(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle
     let Some(time) = vehicle.time_sync() else { return false };
     let taken = time.on_frame(now, port.id, frame);
     if taken == Taken::NoRoom {
-        event!("message {=u32} dropped: no room for its answer", frame.id());
         port.counters.no_answer_slot = port.counters.no_answer_slot.wrapping_add(1);
     }
     taken != Taken::No

@@ -1,7 +1,7 @@
 //! Commands as the stack sees them beside COMMAND_LONG and COMMAND_INT: the one that takes one back, the mode's old message,
 //! and when an answer has left.
 
-use super::{Context, Core, Stack, count_drop};
+use super::{Context, Core, Stack, count};
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, SetMode};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Peer, Port};
@@ -45,7 +45,7 @@ impl Core {
             command::cancel(message.command, from, context.vehicle);
             self.has_acted = true;
         } else {
-            count_drop(&mut port.counters.out_of_place, frame, "not for everyone");
+            count(&mut port.counters.out_of_place);
         }
         true
     }

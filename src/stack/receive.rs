@@ -1,7 +1,7 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
 use super::commands::command_of;
-use super::{Context, Core, count, count_drop, signing, streams};
+use super::{Context, Core, count, signing, streams};
 use crate::config::Allowance;
 #[cfg(feature = "signing")]
 use crate::dialect::SetupSigning;
@@ -68,7 +68,7 @@ impl Core {
     ) -> (u32, bool) {
         let own = self.config.address.get();
         if frame.source() == own {
-            count_drop(&mut port.counters.own_address, frame, "our own address");
+            count(&mut port.counters.own_address);
             if signing::believes_unsigned(port, frame.id(), context.vehicle)
                 && port.is_conflict(frame.header().seq, context.seqs)
             {
@@ -85,7 +85,7 @@ impl Core {
             return (self.pass_on(context, port, frame, passage, None), false);
         }
         if !frame.is_checked() {
-            count_drop(&mut port.counters.unknown, frame, "an id that is not in the dialect");
+            count(&mut port.counters.unknown);
             network::on_unchecked(context.peers, from, frame.header().seq);
             return (self.pass_on(context, port, frame, passage, None), false);
         }
@@ -131,7 +131,7 @@ impl Core {
             || target.component == own.component
             || (Missions::handles(frame.id()) && target.component.0 == MavComponent::MISSIONPLANNER.0);
         if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
-            count_drop(&mut port.counters.not_ours, frame, "for somebody else");
+            count(&mut port.counters.not_ours);
             return None;
         }
         Some(target)
@@ -151,17 +151,17 @@ impl Core {
         if self.on_cancel(context, port, frame, target) {
             // That was all.
         } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
-            count_drop(&mut port.counters.out_of_place, frame, "not for a high-latency link");
+            count(&mut port.counters.out_of_place);
         } else if Missions::handles(frame.id()) {
             if target.system.0 == 0 {
                 // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
-                count_drop(&mut port.counters.out_of_place, frame, "plans are not for everyone");
+                count(&mut port.counters.out_of_place);
                 return;
             }
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
             let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
                 if !caller.refuse(frame) {
-                    count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer");
+                    count(&mut port.counters.no_answer_slot);
                 }
                 return;
             };
@@ -174,8 +174,8 @@ impl Core {
             let mut caller = param::Caller { from, version: port.outbox.version(), list: &mut port.params };
             match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
                 Taken::Yes => {}
-                Taken::NoRoom => count_drop(&mut port.counters.no_answer_slot, frame, "no room for its answer"),
-                Taken::OutOfPlace => count_drop(&mut port.counters.out_of_place, frame, "not to be set for everyone"),
+                Taken::NoRoom => count(&mut port.counters.no_answer_slot),
+                Taken::OutOfPlace => count(&mut port.counters.out_of_place),
             }
         } else if frame.id() == Heartbeat::ID || streams::on_frame(context, port, frame) {
             // That was all.
@@ -201,7 +201,6 @@ impl Core {
         let Some((command, set_mode)) = &command else { return false };
         let id = if set_mode.is_some() { mode::SET_MODE } else { command.id };
         if port.acks.is_full() {
-            event!("command {=u16} dropped: no room for its answer", id.0);
             count(&mut port.counters.no_answer_slot);
             return true;
         }

@@ -255,7 +255,6 @@ impl Missions {
             return self.on_ack(cx, caller.from, mission_type, message.r#type);
         }
         if caller.replies.is_full() {
-            event!("plans: message {=u32} of {} dropped: no room for its answer", frame.id(), caller.from);
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
             return;
         }

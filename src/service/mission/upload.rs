@@ -540,7 +540,6 @@ impl Missions {
     fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
         let lacks = self.is_durable() && caller.replies.owes_result();
         if lacks {
-            event!("plans: request by {} dropped: no room for its answer", caller.from);
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
         }
         lacks

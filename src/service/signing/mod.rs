@@ -430,12 +430,12 @@ impl Signing {
     fn judge(&mut self, now: Instant, frame: &Frame<'_>) -> Verdict {
         let (Some(key), Some(signature)) = (&self.key, frame.signature()) else { return Verdict::Unsigned };
         if !frame.is_signed_with(key) {
-            self.refuse(frame, |counters| &mut counters.bad_signature, "bad signature");
+            self.refuse(|counters| &mut counters.bad_signature);
             return Verdict::Forged;
         }
         let timestamp = signature.timestamp;
         if self.is_too_far_ahead(now, timestamp) {
-            return self.refuse(frame, |counters| &mut counters.too_far_ahead, "too far ahead");
+            return self.refuse(|counters| &mut counters.too_far_ahead);
         }
         let oldest = self.timestamp(now).saturating_sub(MINUTE).max(self.floor);
         match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
@@ -444,21 +444,13 @@ impl Signing {
                 count(&mut self.counters.verified);
                 Verdict::Verified
             }
-            Err(Stale::Replayed) => self.refuse(frame, |counters| &mut counters.replayed, "replayed"),
-            Err(Stale::Old) => self.refuse(frame, |counters| &mut counters.too_old, "too old"),
-            Err(Stale::NoRoom) => {
-                self.refuse(frame, |counters| &mut counters.no_stream_slot, "no place for its stream")
-            }
+            Err(Stale::Replayed) => self.refuse(|counters| &mut counters.replayed),
+            Err(Stale::Old) => self.refuse(|counters| &mut counters.too_old),
+            Err(Stale::NoRoom) => self.refuse(|counters| &mut counters.no_stream_slot),
         }
     }
 
-    fn refuse(
-        &mut self,
-        frame: &Frame<'_>,
-        counter: fn(&mut SigningCounters) -> &mut u32,
-        reason: &'static str,
-    ) -> Verdict {
-        event!("rx: message {=u32} of {} dropped: {=str}", frame.id(), frame.source(), reason);
+    fn refuse(&mut self, counter: fn(&mut SigningCounters) -> &mut u32) -> Verdict {
         count(counter(&mut self.counters));
         Verdict::Stale
     }
@@ -484,7 +476,7 @@ impl Signing {
                 let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
                 let is_taken = is_first_key || link.accept.takes_unsigned(frame.id(), self.is_active());
                 if !is_taken {
-                    self.refuse(frame, |counters| &mut counters.unsigned, "unsigned");
+                    self.refuse(|counters| &mut counters.unsigned);
                 }
                 is_taken
             }
@@ -554,7 +546,6 @@ pub(crate) fn admits(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: 
         None => {
             let is_open = matches!(port.config.signing.accept, Accept::Open);
             if !is_open {
-                event!("rx: message {=u32} of {} dropped: no memory for signing", frame.id(), frame.source());
                 count(&mut port.counters.out_of_place);
             }
             is_open

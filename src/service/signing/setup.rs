@@ -67,17 +67,14 @@ pub(crate) fn on_frame(
     // What the vehicle is doing is not known in a fault.
     let is_disarmed = vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
     let Some(signing) = vehicle.signing() else {
-        event!("SETUP_SIGNING dropped: no memory for signing");
         count(&mut port.counters.out_of_place);
         return true;
     };
     if !is_ours {
-        event!("SETUP_SIGNING dropped: not for everyone");
         count(&mut port.counters.out_of_place);
         return true;
     }
     if !matches!(port.setup, Answer::None | Answer::WrongKey) {
-        event!("SETUP_SIGNING dropped: no room for its answer");
         count(&mut port.counters.no_answer_slot);
         return true;
     }
