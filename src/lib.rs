@@ -126,7 +126,8 @@
 //!
 //! # Features
 //!
-//! - `defmt`: `Format` on the public types, and log events: one per protocol transition; counts of what was dropped, at most once a second.
+//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and counts of drops at most once a
+//!   second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
