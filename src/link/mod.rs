@@ -272,8 +272,6 @@ pub(crate) struct Port {
     pub(crate) modes: u32,
     pub(crate) params: param::List,
     pub(crate) text: TextCursor,
-    /// Before that no text says why a command was refused.
-    pub(crate) refusals_from: Instant,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
     /// What is to be told of SETUP_SIGNING.
@@ -284,6 +282,8 @@ pub(crate) struct Port {
     pub(crate) hint_from: Instant,
     /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
+    /// When a text said last why a command is refused: see `service::command::refusal`.
+    pub(crate) refusal: u16,
     /// What the transport said when it was last asked.
     pub(crate) transport: Transport,
     /// Of what was dropped.
@@ -323,7 +323,6 @@ impl Link {
             modes: 0,
             params: param::List::new(),
             text: TextCursor::new(),
-            refusals_from: Instant::ZERO,
             streams: Streams::new(),
             counters: LinkCounters::ZERO,
             #[cfg(feature = "signing")]
@@ -331,6 +330,7 @@ impl Link {
             #[cfg(feature = "signing")]
             hint_from: Instant::ZERO,
             strangers: 0,
+            refusal: 0,
             transport: Transport::Unknown,
             #[cfg(feature = "defmt")]
             drops: DropLog::NEW,

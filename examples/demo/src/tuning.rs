@@ -25,6 +25,8 @@ parameters! {
         COM_ARM_WO_GPS: u8 = 0, 0..=1, "";
         /// How long it stands on the ground until the motors are off.
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
+        /// Armed, it disarms when it has not taken off within this; 0: never.
+        COM_DISARM_PRFLT: f32 = 10.0, 0.0..=60.0, "s";
         /// It flies home after so long in the air; 0: never.
         COM_FLT_TIME_MAX: u32 = 0, 0..=86_400, "s";
         /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands; 1 and 2: and does not arm.

@@ -87,7 +87,8 @@ fn a_place_that_cannot_be_flown_to_is_refused() {
     }
     wire.run(2_000);
     assert!(distance(&wire, 0.0) < 0.1);
-    assert_eq!(wire.said(), ["Goto refused: under the ground"]);
+    // The stack explains one refusal a second.
+    assert_eq!(wire.said(), ["Command 192 refused: frame not supported", "Goto refused: under the ground"]);
     let goto =
         |wire: &mut Wire, flags| wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, flags, NAN, NAN], x, y, 500.0);
     wire.long(MavCmd::NAV_LAND, &[]);
@@ -223,7 +224,13 @@ fn arming_says_why_not() {
     assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
     wire.run(3_000);
     assert_eq!(wire.long(arm, &[0.0]), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(wire.said(), ["Ready to arm", "Arming refused: sent to all vehicles", "Disarming refused: flying"]);
+    let said = [
+        "Ready to arm",
+        "Command 400 refused: parameter 1 out of range",
+        "Arming refused: sent to all vehicles",
+        "Disarming refused: flying",
+    ];
+    assert_eq!(wire.said(), said);
     assert_eq!(wire.long(arm, &[0.0, 21_196.0]), MavResult::ACCEPTED, "MAVSDK's kill");
     wire.run(3_000);
     assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
@@ -244,7 +251,9 @@ fn flight_is_terminated_for_good() {
     let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
     assert_eq!(heartbeat.system_status, MavState::FLIGHT_TERMINATION);
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::FAILED);
-    assert_eq!(wire.said(), ["Flight terminated", "Arming refused: flight terminated"]);
+    let said =
+        ["Command 185 refused: addressed to 0; use system 1", "Flight terminated", "Arming refused: flight terminated"];
+    assert_eq!(wire.said(), said);
     wire.run(5_000);
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
     assert_eq!(wire.said(), ["Arming refused: flight terminated"]);
@@ -362,8 +371,14 @@ fn calibration_takes_its_time_and_says_how_far_it_is() {
     }
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::TEMPORARILY_REJECTED);
-    let said =
-        ["Calibrating: keep it still", "Arming refused: calibrating", "Calibrated", "Calibration refused: armed"];
+    let said = [
+        "Calibrating: keep it still",
+        "Command 241 refused: not now; try again later",
+        "Arming refused: calibrating",
+        "Calibrated",
+        "Command 241 refused: parameter 1 out of range",
+        "Calibration refused: armed",
+    ];
     assert_eq!(wire.said(), said);
 }
 
@@ -422,8 +437,8 @@ fn reboot_is_refused_where_it_does_harm() {
     assert_eq!(wire.long(REBOOT, &force), MavResult::TEMPORARILY_REJECTED);
     wire.run(2_000);
     assert!(!wire.app.wants_reboot());
-    let broadcast = "Command 246 is not for all vehicles: address one";
-    assert_eq!(wire.said(), [broadcast, "Reboot refused: armed", "Reboot refused: flying"]);
+    let said = ["Command 246 refused: addressed to 0; use system 1", "Reboot refused: armed", "Reboot refused: flying"];
+    assert_eq!(wire.said(), said);
     let mut wire = Wire::switched_on();
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(REBOOT, &force), MavResult::ACCEPTED);

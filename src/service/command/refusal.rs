@@ -9,11 +9,16 @@ use crate::frame::SystemId;
 use crate::link::{LinkClass, LinkMask, Port};
 use crate::message::Text;
 use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 use crate::vehicle::Command;
 
-/// A link is told of no more than one refusal in this time, whatever is sent to it.
-const PAUSE: Duration = Duration::from_secs(1);
+/// A link is told of no more than one refusal in 2^20 µs, 1.05 s, whatever is sent to it. Kept are 16 bits of the number of that
+/// period, which fit into what is padding otherwise; they repeat after 19 hours.
+fn period(now: Instant) -> u16 {
+    let [_, _, low, high, ..] = now.as_micros().wrapping_shr(4).to_le_bytes();
+    // 0 is a link that was told nothing.
+    u16::from_le_bytes([low, high]).wrapping_add(1)
+}
 
 /// A refusal, and what is wrong where the result does not say it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,8 +102,9 @@ pub(crate) fn explain_mode(now: Instant, port: &mut Port, texts: &mut StatusText
 
 fn tell(now: Instant, port: &mut Port, texts: &mut StatusTexts, text: &Text<MAX_TEXT_LEN>) {
     // On a high-latency link there are no texts (L-4).
-    if cfg!(feature = "plan-texts") && port.config.class != LinkClass::HighLatency && now >= port.refusals_from {
-        port.refusals_from = now.after(PAUSE);
+    let period = period(now);
+    if cfg!(feature = "plan-texts") && port.config.class != LinkClass::HighLatency && period != port.refusal {
+        port.refusal = period;
         texts.push(now, LinkMask::of(port.id), MavSeverity::WARNING, text);
     }
 }

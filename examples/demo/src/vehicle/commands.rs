@@ -1,7 +1,7 @@
 //! The commands that the vehicle obeys, in flight above all; those for the ground are in [`ground`](super::ground).
 //!
-//! What a command may be at all is in [`COMMANDS`]: the stack refuses the rest. Refusals of what may be asked for, but not
-//! now, are told by a text with the reason (C-31).
+//! What a command may be at all is in [`COMMANDS`]: the stack refuses the rest, and says why. Each refusal here has a text with
+//! the reason (C-31). The same text within five seconds is dropped, so nobody can flood the operators with them.
 
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{
@@ -32,6 +32,7 @@ const FAR: f32 = 10_000.0;
 /// What is narrower than the definitions, or not for every vehicle in reach. Who disarms all of those has a reason; to arm
 /// them is refused with a text.
 const COMMANDS: &[CommandPolicy] = &[
+    CommandPolicy::new(rules::COMPONENT_ARM_DISARM),
     located(rules::NAV_TAKEOFF.altitude_optional()).long_frame(ABOVE_HOME),
     // No landing by a beacon; "if there is one" will do.
     located(rules::NAV_LAND.with_params(&[ParamRule::integers(2, 0, 1).or_nan()]).altitude_optional()),
@@ -97,7 +98,7 @@ impl Commands for Quadrotor {
 impl Quadrotor {
     fn obey(&mut self, command: &Command) -> Result<Outcome, MavResult> {
         if self.is_going_down() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
-            return Err(MavResult::TEMPORARILY_REJECTED);
+            return Err(self.refuse(MavResult::TEMPORARILY_REJECTED, "Refused: rebooting"));
         }
         let [_, p2, ..] = command.params;
         let result = match command.id {
@@ -200,7 +201,10 @@ impl Quadrotor {
     fn terminate(&mut self, command: &Command) -> Result<MavResult, MavResult> {
         let DoFlighttermination { terminate } = command.decode()?;
         if terminate != 1 {
-            return if self.is_terminated { Err(MavResult::DENIED) } else { Ok(MavResult::ACCEPTED) };
+            return match self.is_terminated {
+                true => Err(self.refuse(MavResult::DENIED, "Refused: flight terminated; switch it off and on")),
+                false => Ok(MavResult::ACCEPTED),
+            };
         }
         if !self.is_terminated {
             self.is_terminated = true;
@@ -218,7 +222,8 @@ impl Quadrotor {
         let to = match location.altitude.filter(|&altitude| altitude != 0.0) {
             Some(altitude) => self.destination(location, location.frame.unwrap_or(ABOVE_HOME), Some(altitude)),
             None => self.destination(location, ABOVE_HOME, Some(self.takeoff_altitude())),
-        }?;
+        };
+        let to = to.map_err(|result| self.refuse(result, "Takeoff refused: under the ground"))?;
         let result = self.start(Mode::Takeoff, Maneuver::Climb(to));
         Ok(self.point(result, command.yaw.map(f32::to_radians)))
     }
@@ -260,7 +265,7 @@ impl Quadrotor {
             -2.0 => None,
             -1.0 => self.speed,
             _ if speed > 0.0 => Some(speed),
-            _ => return MavResult::DENIED,
+            _ => return self.refuse(MavResult::DENIED, "Speed refused: above 0, or -1, or -2"),
         };
         MavResult::ACCEPTED
     }
@@ -299,7 +304,9 @@ impl Quadrotor {
             let Location { position, altitude, frame } = command.location;
             let frame = frame.unwrap_or(MavFrame::GLOBAL);
             let height = altitude.and_then(|altitude| self.home.to_height(frame, altitude));
-            let (Some(position), Some(height)) = (position, height) else { return Err(MavResult::DENIED) };
+            let (Some(position), Some(height)) = (position, height) else {
+                return Err(self.refuse(MavResult::DENIED, "Home refused: give latitude, longitude, altitude"));
+            };
             let (north, east) = self.home.to_local(position.latitude, position.longitude);
             Vector { north, east, down: -height }
         };
@@ -318,9 +325,12 @@ impl Quadrotor {
     }
 
     pub(super) fn start(&mut self, mode: Mode, maneuver: Maneuver) -> MavResult {
-        if mode == Mode::Land && self.is_landed() {
-            return MavResult::ACCEPTED;
-        }
+        // On the ground it lands where it stands, and disarms as after any landing.
+        let maneuver = match mode == Mode::Land && self.is_landed() {
+            true if !self.armed => return MavResult::ACCEPTED,
+            true => Maneuver::Land(self.body.rest()),
+            false => maneuver,
+        };
         if !self.armed {
             return self.refuse(MavResult::TEMPORARILY_REJECTED, "Refused: not armed");
         }

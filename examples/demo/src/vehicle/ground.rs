@@ -55,6 +55,8 @@ impl Quadrotor {
         if outcome.result == MavResult::IN_PROGRESS {
             self.calibration = Some(self.time);
             self.say(MavSeverity::INFO, "Calibrating: keep it still");
+        } else {
+            self.refuse(outcome.result, "Calibration refused: busy with other commands");
         }
         Ok(outcome)
     }

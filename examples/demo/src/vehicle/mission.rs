@@ -207,7 +207,7 @@ impl Quadrotor {
         let end = last.unwrap_or(mission.count.saturating_sub(1));
         let begin = first.unwrap_or(if mission.is_over { 0 } else { mission.current });
         if mission.count > 0 && (begin > end || end >= mission.count) {
-            return MavResult::DENIED;
+            return self.refuse(MavResult::DENIED, "Mission refused: it begins behind its end");
         }
         let result = self.fly_from(first);
         if result == MavResult::ACCEPTED {
@@ -217,10 +217,10 @@ impl Quadrotor {
     }
 
     pub(super) fn go_to_item(&mut self, seq: u16, reset: bool) -> MavResult {
-        let mission = &mut self.mission;
-        if seq >= mission.count {
-            return MavResult::FAILED;
+        if seq >= self.mission.count {
+            return self.refuse(MavResult::FAILED, "Mission refused: no such item");
         }
+        let mission = &mut self.mission;
         mission.go_to(seq);
         if seq > mission.last {
             mission.last = mission.count - 1;

@@ -303,6 +303,7 @@ impl Quadrotor {
         self.watch_ground();
         self.watch_battery();
         self.watch_time();
+        self.watch_idling();
         self.watch_calibration();
         self.watch_sticks();
         if !self.armed {
@@ -392,6 +393,18 @@ impl Quadrotor {
             self.is_overdue = true;
             self.say(MavSeverity::WARNING, "Returning: time is up");
             self.enter(Mode::Return, Maneuver::Return);
+        }
+    }
+
+    /// Armed and not taken off, it disarms after a while, as PX4 does. A mission may begin with a wait.
+    #[inline(never)]
+    fn watch_idling(&mut self) {
+        let limit = self.tuning.get(Tuning::COM_DISARM_PRFLT);
+        let Times { armed, took_off, .. } = self.times;
+        let is_idle = self.armed && self.is_landed() && took_off <= armed && self.mode != Mode::Mission;
+        if is_idle && limit > 0.0 && self.time.since(armed) >= Duration::from_micros((limit * 1e6) as u64) {
+            self.disarm();
+            self.say(MavSeverity::INFO, "Disarmed: it did not take off");
         }
     }
 
