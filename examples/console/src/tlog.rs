@@ -1,16 +1,26 @@
 //! The log of what passed over the links, as Mission Planner, QGroundControl, MAVProxy and pymavlink write and read it
 //! (".tlog"): before each frame the time, in µs since 1970, as eight bytes, the most significant first.
+//!
+//! No secret is in it, for logs are passed on. Messages that carry one are left out. A signature stays in its place with its
+//! link id and its time, as zeros: anyone who had one could try passphrases against it. Readers have no key and ignore it.
 
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{self, SystemTime, UNIX_EPOCH};
 
-use mavstack::dialect::SetupSigning;
+use mavstack::dialect::{AuthKey, CellularConfig, ChangeOperatorControl, SetupSigning, WifiConfigAp};
 use mavstack::{Address, Decoder, Frame, Instant, Message, Vehicle};
 use mavstack_demo::Quadrotor;
+
+/// Messages with a key, a password or a PIN.
+const SECRETS: [u32; 5] =
+    [SetupSigning::ID, AuthKey::ID, CellularConfig::ID, ChangeOperatorControl::ID, WifiConfigAp::ID];
+
+/// Bytes at the end of a signed frame that prove its sender.
+const SIGNATURE: usize = 6;
 
 /// A file of frames with their times.
 #[derive(Debug)]
@@ -31,9 +41,13 @@ struct Open {
 }
 
 impl Tlog {
-    /// Begins the file anew.
+    /// Begins the file anew. One that is there and is no log is refused.
     pub fn create(path: &Path) -> Result<Arc<Self>, String> {
-        let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let failed = |error: std::io::Error| format!("{}: {error}", path.display());
+        if !is_log_or_new(path).map_err(failed)? {
+            return Err(format!("{} is no log of frames; give --log another name, or move it away", path.display()));
+        }
+        let file = File::create(path).map_err(failed)?;
         let file = Mutex::new(Some(Open { file, last: 0 }));
         Ok(Arc::new(Self { path: path.into(), file, heard: Mutex::default(), began: time::Instant::now() }))
     }
@@ -47,13 +61,18 @@ impl Tlog {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner).contains(&sender)
     }
 
-    /// Appends a frame, unless it is one that brings a signing key: whoever has that can sign.
+    /// Appends a frame, unless it is one with a secret.
     fn record(&self, frame: &Frame<'_>) {
         if frame.is_checked() {
             self.heard.lock().unwrap_or_else(PoisonError::into_inner).insert(frame.source());
         }
-        if frame.id() == SetupSigning::ID {
+        if SECRETS.contains(&frame.id()) {
             return;
+        }
+        let mut bytes = frame.raw().to_vec();
+        if frame.header().is_signed() {
+            let from = bytes.len().saturating_sub(SIGNATURE);
+            bytes[from..].fill(0);
         }
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let now = u64::try_from(since.as_micros()).unwrap_or(u64::MAX);
@@ -61,10 +80,29 @@ impl Tlog {
         let Some(Open { file, last }) = &mut *open else { return };
         *last = now.max(*last);
         // At once and as a whole: the file can be read whenever this program ends.
-        if let Err(error) = file.write_all(&[&last.to_be_bytes(), frame.raw()].concat()) {
+        if let Err(error) = file.write_all(&[&last.to_be_bytes(), &bytes[..]].concat()) {
             eprintln!("{}: {error}; nothing more is logged", self.path.display());
             *open = None;
         }
+    }
+}
+
+/// Whether there is no such file, or an empty one, or one that begins with a time and a frame.
+fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
+    let metadata = match path.metadata() {
+        Ok(metadata) => metadata,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(true),
+        Err(error) => return Err(error),
+    };
+    if !metadata.is_file() {
+        // A pipe, say, whose other end reads it.
+        return Ok(!metadata.is_dir());
+    }
+    let mut begin = [0; 9];
+    match File::open(path)?.read_exact(&mut begin) {
+        Ok(()) => Ok(matches!(begin, [.., 0xFD | 0xFE])),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => Ok(metadata.len() == 0),
+        Err(error) => Err(error),
     }
 }
 
@@ -142,7 +180,7 @@ impl Tap {
 mod tests {
     use super::*;
     use mavstack::dialect::Heartbeat;
-    use mavstack::{Address, MAX_FRAME_LEN, Version, encode};
+    use mavstack::{Address, MAX_FRAME_LEN, SigningKey, Version, encode, encode_signed};
 
     fn frame<M: Message>(message: &M, version: Version, seq: u8) -> Vec<u8> {
         frame_of(message, version, Address::new(1, 1), seq)
@@ -234,6 +272,53 @@ mod tests {
             rest = &tail[frame.len()..];
         }
         assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
+    }
+
+    /// SEC-15: a log can be passed on. A signature is zeros, everything else of its frame is as it passed; a message with a
+    /// secret is left out.
+    #[test]
+    fn the_log_holds_no_signature_and_no_password() {
+        let path = Temporary::new("signed");
+        let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+        let mut signed = [0; MAX_FRAME_LEN];
+        let key = SigningKey::new([7; 32]);
+        let len = encode_signed(&heartbeat, Address::new(1, 1), 0, &key, 5, 33_000_000_000_000, &mut signed).unwrap();
+        let signed = &signed[..len];
+        let mut tap = Tap::new(Some(Tlog::create(&path.0).unwrap()));
+        tap.pass(signed);
+        tap.pass(&frame(&AuthKey::default(), Version::V2, 1));
+        tap.pass(&frame(&CellularConfig::default(), Version::V2, 2));
+        tap.pass(&frame(&ChangeOperatorControl::default(), Version::V2, 3));
+        tap.pass(&frame(&WifiConfigAp::default(), Version::V2, 4));
+
+        let log = std::fs::read(&path.0).unwrap();
+        let logged = &log[8..];
+        assert_eq!(logged.len(), len, "one frame");
+        let (front, signature) = logged.split_at(len - SIGNATURE);
+        assert_eq!((front, signature), (&signed[..len - SIGNATURE], &[0; SIGNATURE][..]));
+        // Its link id and time are there, and it still is a frame.
+        assert_eq!(front[len - SIGNATURE - 7], 5);
+        let mut found = 0;
+        Frames::default().cut(logged, |frame| found += usize::from(frame.header().is_signed()));
+        assert_eq!(found, 1);
+    }
+
+    /// A mistyped `--log` costs nobody a file.
+    #[test]
+    fn a_file_that_is_no_log_is_refused_and_stays_as_it_is() {
+        let path = Temporary::new("notes");
+        for notes in [&b"notes"[..], b"The only copy of my notes."] {
+            std::fs::write(&path.0, notes).unwrap();
+            let error = Tlog::create(&path.0).unwrap_err();
+            assert!(error.contains("mavstack-notes") && error.contains("give --log another name"), "{error}");
+            assert_eq!(std::fs::read(&path.0).unwrap(), notes);
+        }
+        // An empty file, and an older log, begin anew.
+        std::fs::write(&path.0, []).unwrap();
+        Tap::new(Some(Tlog::create(&path.0).unwrap())).pass(&frame(&Heartbeat::default(), Version::V2, 0));
+        assert!(!std::fs::read(&path.0).unwrap().is_empty());
+        Tlog::create(&path.0).unwrap();
+        assert_eq!(std::fs::read(&path.0).unwrap(), []);
     }
 
     #[test]

@@ -1,8 +1,10 @@
-//! Plans, or parameters, in a file: what a flight controller has in flash. The file is written at once, so that they survive
-//! also the end of this program by force.
+//! Plans, parameters or the signing key in a file: what a flight controller has in flash. The file is written at once, so that
+//! they survive also the end of this program by force.
+//!
+//! A file that is not one of ours is never written to: a mistyped path must not cost anybody a file.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use embedded_storage::nor_flash::{
@@ -15,21 +17,71 @@ pub struct FileFlash {
     bytes: Vec<u8>,
 }
 
+/// What a slot of the store begins with (`src/storage/layout.md`).
+const MAGIC: &[u8] = b"MVSR";
+
+/// The byte of erased flash.
+const ERASED: u8 = 0xFF;
+
 impl FileFlash {
-    /// Opens the file, or makes one that is erased.
-    pub fn open(path: &Path, len: u32) -> Result<Self, String> {
+    /// Refuses a file that is there and is not one of this program's. Changes nothing.
+    pub fn check(path: &Path, len: u32) -> Result<(), String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
-        let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        let metadata = match path.metadata() {
+            Ok(metadata) => metadata,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(error) => return Err(failed(error)),
+        };
+        let refused = |why: String| {
+            let what_to_do = "give --storage another name, or move it away";
+            Err(format!("{} is not a storage file of this vehicle: {why}; {what_to_do}", path.display()))
+        };
+        if !metadata.is_file() {
+            return refused("it is no regular file".into());
+        }
+        if metadata.len() > u64::from(len) {
+            return refused(format!("it has {} bytes instead of {len}", metadata.len()));
+        }
+        let bytes = std::fs::read(path).map_err(failed)?;
+        // An empty one, or one that was not made to its end, has nothing to lose.
+        if bytes.iter().all(|&byte| byte == ERASED) {
+            return Ok(());
+        }
+        if metadata.len() < u64::from(len) {
+            return refused(format!("it has {} bytes instead of {len}", metadata.len()));
+        }
+        // Of a damaged one a slot may be left.
+        let (first, second) = bytes.split_at(bytes.len() / 2);
+        let is_known = |slot: &[u8]| slot.starts_with(MAGIC);
+        let is_erased = |slot: &[u8]| slot.iter().take(MAGIC.len()).all(|&byte| byte == ERASED);
+        if is_known(first) || is_known(second) || (is_erased(first) && is_erased(second)) {
+            return Ok(());
+        }
+        refused("it has other content".into())
+    }
+
+    /// Opens a file of ours, or makes one that is erased. One that is `private` only its owner can read.
+    pub fn open(path: &Path, len: u32, private: bool) -> Result<Self, String> {
+        let failed = |error: std::io::Error| format!("{}: {error}", path.display());
+        Self::check(path, len)?;
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        #[cfg(unix)]
+        if private {
+            std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        }
+        let mut file = options.open(path).map_err(failed)?;
+        // Also one that an older version of this program made.
+        #[cfg(unix)]
+        if private {
+            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+            file.set_permissions(mode).map_err(failed)?;
+        }
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(failed)?;
         let expected = usize::try_from(len).map_err(|error| error.to_string())?;
-        if bytes.len() > expected {
-            return Err(format!("{} is not a file of this program: it has {} bytes", path.display(), bytes.len()));
-        }
-        // A new file, or one that was not made to its end.
         if bytes.len() < expected {
-            bytes.resize(expected, 0xFF);
+            bytes.resize(expected, ERASED);
             file.rewind().and_then(|()| file.write_all(&bytes)).map_err(failed)?;
         }
         Ok(Self { file, bytes })
@@ -70,7 +122,7 @@ impl NorFlash for FileFlash {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         check_erase(self, from, to)?;
         let (from, to) = (from as usize, to as usize);
-        self.bytes[from..to].fill(0xFF);
+        self.bytes[from..to].fill(ERASED);
         self.write_back(from, to)
     }
 
@@ -81,5 +133,110 @@ impl NorFlash for FileFlash {
             *cell &= byte;
         }
         self.write_back(from, from + bytes.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::path::PathBuf;
+
+    const LEN: u32 = 8_192;
+
+    /// A folder of this test, removed afterwards.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("mavstack-sitl-{name}-{}", std::process::id()));
+            fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+
+        fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+            let path = self.0.join(name);
+            fs::write(&path, bytes).unwrap();
+            path
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn slots(first: &[u8], second: &[u8]) -> Vec<u8> {
+        let mut bytes = vec![ERASED; LEN as usize];
+        bytes[..first.len()].copy_from_slice(first);
+        bytes[LEN as usize / 2..][..second.len()].copy_from_slice(second);
+        bytes
+    }
+
+    /// A mistyped `--storage` costs nobody a file: what is not ours is refused and stays as it is.
+    #[test]
+    fn a_file_of_somebody_else_is_refused_and_stays_as_it_is() {
+        let folder = Folder::new("others");
+        for (name, bytes) in [
+            ("short", b"The only copy of my notes.".to_vec()),
+            ("long", vec![b'x'; LEN as usize + 1]),
+            ("same-size", vec![b'x'; LEN as usize]),
+            ("zeros", vec![0; LEN as usize]),
+            ("half-erased", slots(b"", b"nope")),
+        ] {
+            let path = folder.file(name, &bytes);
+            for private in [false, true] {
+                let error = FileFlash::open(&path, LEN, private).err().expect(name);
+                assert!(error.contains(name) && error.contains("give --storage another name"), "{error}");
+            }
+            assert!(fs::read(&path).unwrap() == bytes, "{name}");
+        }
+        let error = FileFlash::open(&folder.0, LEN, false).err().expect("a folder");
+        assert!(error.contains("no regular file"), "{error}");
+    }
+
+    /// Ours is taken, damaged too; an empty file, or one that was not made to its end, is completed; a new one is erased.
+    #[test]
+    fn a_file_of_ours_is_taken() {
+        let folder = Folder::new("ours");
+        for (name, bytes) in [
+            ("first", slots(b"MVSR\x01", b"")),
+            ("second", slots(b"", b"MVSR\x01")),
+            ("damaged", slots(b"MVSR\x01", b"torn")),
+            ("erased", slots(b"", b"")),
+            ("body-without-header", slots(&[[ERASED; 256], [7; 256]].concat(), b"")),
+        ] {
+            let path = folder.file(name, &bytes);
+            let flash = FileFlash::open(&path, LEN, false).expect(name);
+            assert!(flash.bytes == bytes && fs::read(&path).unwrap() == bytes, "{name}");
+        }
+        for (name, bytes) in [("empty", &[][..]), ("unfinished", &[ERASED; 100])] {
+            let path = folder.file(name, bytes);
+            FileFlash::open(&path, LEN, false).expect(name);
+            assert!(fs::read(&path).unwrap() == slots(b"", b""), "{name}");
+        }
+        let path = folder.0.join("new");
+        FileFlash::check(&path, LEN).expect("nothing is there");
+        assert!(!path.exists(), "a look makes no file");
+        FileFlash::open(&path, LEN, false).expect("made");
+        assert!(fs::read(&path).unwrap() == slots(b"", b""));
+    }
+
+    /// SEC-15: the signing key is its owner's, also in a file that was made readable for all.
+    #[cfg(unix)]
+    #[test]
+    fn the_key_is_readable_for_its_owner_only() {
+        use std::os::unix::fs::PermissionsExt as _;
+
+        let folder = Folder::new("key");
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        let path = folder.0.join("new.key");
+        FileFlash::open(&path, LEN, true).expect("made");
+        assert_eq!(mode(&path), 0o600);
+        let path = folder.file("old.key", &slots(b"MVSR", b""));
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
+        FileFlash::open(&path, LEN, true).expect("taken");
+        assert_eq!(mode(&path), 0o600);
     }
 }

@@ -67,17 +67,25 @@ struct Arguments {
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
     /// Keep the plans in this file, and in two beside it the parameters (its name ends in ".params") and the signing key
-    /// (".key"), as a flight controller does in flash: they are there again at the next start. Without it they are forgotten.
+    /// (".key", for its owner only), as a flight controller does in flash: they are there again at the next start. A file that
+    /// is not one of these is refused. Without this option they are forgotten.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
     /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
+<<<<<<< HEAD
     /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that
     /// the vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink
     /// read it. SETUP_SIGNING is left out: it has
     /// the key. An older file of that name is replaced.
+=======
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
+    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. Messages that carry keys or
+    /// passwords are left out, and signatures are overwritten by zeros. An older log of that name is replaced; any other file
+    /// is refused.
+>>>>>>> 3e60be1 (cargo sitl: overwrite no foreign file; no signature in a log)
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
@@ -157,19 +165,25 @@ impl Device {
                 name.push(ending);
                 PathBuf::from(name)
             };
-            let name = beside(".params");
-            let len = Settings::region_len(Tuning::INFO.len());
-            let settings = device.settings.insert(Settings::new(FileFlash::open(&name, len)?, 0..len));
+            let (params, signing) = (beside(".params"), beside(".key"));
+            let params_len = Settings::region_len(Tuning::INFO.len());
+            let plans_len = Store::region_len(MISSION, FENCE, RALLY);
+            // None is made where one is refused.
+            FileFlash::check(path, plans_len)?;
+            FileFlash::check(&params, params_len)?;
+            FileFlash::check(&signing, Key::REGION_LEN)?;
+            let flash = FileFlash::open(&params, params_len, false)?;
+            let settings = device.settings.insert(Settings::new(flash, 0..params_len));
             if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
-                console.complain(format_args!("{}: not all parameters could be read ({error:?})", name.display()));
+                console.complain(format_args!("{}: not all parameters could be read ({error:?})", params.display()));
             }
-            let name = beside(".key");
-            let key = device.key.insert(Key::new(FileFlash::open(&name, Key::REGION_LEN)?, 0..Key::REGION_LEN));
+            let flash = FileFlash::open(&signing, Key::REGION_LEN, true)?;
+            let key = device.key.insert(Key::new(flash, 0..Key::REGION_LEN));
             if let Err(error) = app.restore_signing(Instant::ZERO, key) {
-                console.complain(format_args!("{}: the signing key could not be read ({error:?})", name.display()));
+                console.complain(format_args!("{}: the signing key could not be read ({error:?})", signing.display()));
             }
-            let len = Store::region_len(MISSION, FENCE, RALLY);
-            let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
+            let flash = FileFlash::open(path, plans_len, false)?;
+            let store = device.store.insert(Store::new(flash, 0..plans_len));
             if let Err(error) = app.restore(Instant::ZERO, store, Durability::Durable) {
                 console.complain(format_args!("{}: not all plans could be read ({error:?})", path.display()));
             }
