@@ -1,5 +1,5 @@
-//! The smallest vehicle that a ground station can work with: it says that it lives, is armed and disarmed, and keeps a mission
-//! of up to 100 items. It stands here, once, because all boards beside have the same one; in your firmware it is your own.
+//! The smallest vehicle that a ground station can work with: it says that it lives, is armed and disarmed, has a parameter, and
+//! keeps a mission of up to 100 items. It stands here, once, because all boards beside have the same one; in your firmware it is your own.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -17,22 +17,42 @@ pub const CONFIG: Config = Config { r#type: MavType::GROUND_ROVER, ..Config::new
 /// One link, a mission of 100 items of 32 bytes, and the same again while one is being uploaded.
 pub type RoverStack = Stack<1, plan_memory!(mission: 100)>;
 
+parameters! {
+    /// What can be tuned. QGroundControl calls no vehicle ready that has no parameters.
+    pub struct Tuning {
+        /// It drives no faster.
+        SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
+    }
+}
+
 /// The vehicle.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Rover {
     armed: bool,
+    tuning: Tuning,
 }
 
 impl Rover {
     /// Standing, disarmed.
     pub const fn new() -> Self {
-        Self { armed: false }
+        Self { armed: false, tuning: Tuning::new() }
+    }
+
+    /// The highest speed that the motors may be told, m/s.
+    pub fn highest_speed(&self) -> f32 {
+        if self.armed { self.tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
     }
 
     /// One pass of the driving loop: steers, and says that it is healthy.
     pub fn drive(&mut self) {
-        // Here the motors would be told, from the mission and the sensors.
+        // Here the motors would be told, from the mission and the sensors, no more than `highest_speed`.
         PULSE.tick();
+    }
+}
+
+impl Default for Rover {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
@@ -72,5 +92,9 @@ impl Plans for Rover {
 impl Telemetry for Rover {}
 
 impl Parameters for Rover {
-    type Table = NoParams;
+    type Table = Tuning;
+
+    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
+        Some(&mut self.tuning)
+    }
 }

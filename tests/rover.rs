@@ -1,0 +1,36 @@
+//! The rover of `examples/boards`, which needs no board to be tried: what a ground station must find on the smallest vehicle.
+
+mod support;
+
+#[path = "../examples/boards/rover/src/lib.rs"]
+#[allow(dead_code, unused_attributes, reason = "it is a crate of its own, for boards")]
+mod rover;
+
+use mavstack::dialect::{Heartbeat, MavType, ParamRequestList, ParamSet, ParamValue};
+use mavstack::{Text, plan_memory};
+use rover::Rover;
+use support::*;
+
+/// P-18: QGroundControl calls a vehicle ready when its parameters are loaded, and needs one at least.
+#[test]
+fn the_smallest_vehicle_has_a_parameter() {
+    let mut setup = Setup::<1>::new();
+    setup.config = mavstack::Config { r#type: rover::CONFIG.r#type, ..setup.config };
+    let mut world: World<1, plan_memory!(mission: 100), 8, Rover> = World::with_plans(setup);
+    assert_eq!(world.expect::<Heartbeat>(0, secs(2)).r#type, MavType::GROUND_ROVER);
+    world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
+    let value: ParamValue = world.expect(0, secs(1));
+    assert_eq!((value.param_id.as_str(), value.param_count, value.param_index), (Some("SPEED_MAX"), 1, 0));
+    world.gcs[0].send(&ParamSet {
+        param_value: 5.0,
+        target_system: 1,
+        target_component: 1,
+        param_id: Text::new("SPEED_MAX"),
+        param_type: value.param_type,
+    });
+    assert_eq!(world.expect::<ParamValue>(0, secs(1)).param_value, 5.0);
+    assert_eq!(world.vehicle.highest_speed(), 0.0, "disarmed");
+    world.gcs[0].command_long(mavstack::dialect::MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    world.run_for(millis(100));
+    assert_eq!(world.vehicle.highest_speed(), 5.0);
+}
