@@ -8,7 +8,7 @@ use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::SystemId;
 use crate::link::{LinkClass, LinkMask, Port};
 use crate::message::Text;
-use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
+use crate::service::statustext::StatusTexts;
 use crate::time::Instant;
 use crate::vehicle::Command;
 
@@ -62,49 +62,76 @@ pub(crate) fn explain(
     let why = refusal.why;
     let reason = match (refusal.result, why) {
         _ if command.id == MavCmd::REQUEST_MESSAGE => return,
-        (MavResult::DENIED, Why::Broadcast) => "addressed to 0; use system ",
-        (MavResult::DENIED, Why::Param(_)) => "parameter ",
-        (MavResult::DENIED, Why::Result) => "a parameter is out of range",
-        (MavResult::TEMPORARILY_REJECTED, _) => "not now; try again later",
-        (MavResult::FAILED, _) => "there is no such item",
-        (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => "frame not supported",
-        (MavResult::NOT_IN_CONTROL, _) => "another station is in control",
+        (MavResult::DENIED, Why::Broadcast) => Reason { end: own.0, ..Reason::new("addressed to 0; use system ") },
+        (MavResult::DENIED, Why::Param(param)) => Reason { index: param, ..Reason::new(" out of range") },
+        (MavResult::DENIED, Why::Result) => Reason::new("a parameter is out of range"),
+        (MavResult::TEMPORARILY_REJECTED, _) => Reason::new("not now; try again later"),
+        (MavResult::FAILED, _) => Reason::new("there is no such item"),
+        (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => Reason::new("frame not supported"),
+        (MavResult::NOT_IN_CONTROL, _) => Reason::new("another station is in control"),
         _ => return,
     };
-    let mut text = Text::new("Command ");
-    text.push_signed(command.id.0.into());
-    text.push_str(" refused: ");
-    text.push_str(reason);
-    match why {
-        _ if refusal.result != MavResult::DENIED => {}
-        Why::Broadcast => text.push_signed(own.0.into()),
-        Why::Param(param) => {
-            text.push_signed(param.into());
-            text.push_str(" out of range");
-        }
-        Why::Result => {}
-    }
-    tell(now, port, texts, &text);
+    tell(now, port, texts, "Command ", Some(command.id.0.into()), reason);
 }
 
 /// The same of a mode, `mode` where it has a number.
+pub(crate) fn explain_mode(
+    now: Instant,
+    port: &mut Port,
+    texts: &mut StatusTexts,
+    mode: Option<u32>,
+    why: &'static str,
+) {
+    let number = mode.and_then(|mode| i32::try_from(mode).ok());
+    tell(now, port, texts, "Mode ", number, Reason::new(why));
+}
+
+/// What a text says behind the colon.
+#[derive(Clone, Copy)]
+struct Reason {
+    /// The parameter, in front; 0 for none.
+    index: u8,
+    words: &'static str,
+    /// A number at the end; 0 for none.
+    end: u8,
+}
+
+impl Reason {
+    const fn new(words: &'static str) -> Self {
+        Self { index: 0, words, end: 0 }
+    }
+}
+
+/// Not inlined: the text takes 120 bytes of stack, which are to be free again in the caller.
 #[inline(never)]
-pub(crate) fn explain_mode(now: Instant, port: &mut Port, texts: &mut StatusTexts, mode: Option<u32>, why: &str) {
-    let mut text = Text::new("Mode ");
-    if let Some(mode) = mode.and_then(|mode| i32::try_from(mode).ok()) {
-        text.push_signed(mode);
+fn tell(
+    now: Instant,
+    port: &mut Port,
+    texts: &mut StatusTexts,
+    what: &str,
+    number: Option<i32>,
+    Reason { index, words, end }: Reason,
+) {
+    let period = period(now);
+    // On a high-latency link there are no texts (L-4).
+    if !cfg!(feature = "plan-texts") || port.config.class == LinkClass::HighLatency || period == port.refusal {
+        return;
+    }
+    port.refusal = period;
+    let mut text = Text::EMPTY;
+    text.push_str(what);
+    if let Some(number) = number {
+        text.push_signed(number);
         text.push_str(" ");
     }
     text.push_str("refused: ");
-    text.push_str(why);
-    tell(now, port, texts, &text);
-}
-
-fn tell(now: Instant, port: &mut Port, texts: &mut StatusTexts, text: &Text<MAX_TEXT_LEN>) {
-    // On a high-latency link there are no texts (L-4).
-    let period = period(now);
-    if cfg!(feature = "plan-texts") && port.config.class != LinkClass::HighLatency && period != port.refusal {
-        port.refusal = period;
-        texts.push(now, LinkMask::of(port.id), MavSeverity::WARNING, text);
+    if index != 0 {
+        text.push_str("parameter ");
+        text.push_signed(index.into());
     }
+    text.push_str(words);
+    if end != 0 {
+        text.push_signed(end.into());
+    }
+    texts.push(now, LinkMask::of(port.id), MavSeverity::WARNING, &text);
 }

@@ -225,10 +225,10 @@ impl Telemetry for Rover {
     #[cfg(feature = "streams")]
     fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
         match id {
-            Attitude::ID => out.put(&Attitude::UNKNOWN),
-            GlobalPositionInt::ID => out.put(&GlobalPositionInt::UNKNOWN),
-            SysStatus::ID => out.put(&SysStatus::UNKNOWN),
-            BatteryStatus::ID => out.put(&BatteryStatus::UNKNOWN),
+            Attitude::ID => out.put(&Attitude::default()),
+            GlobalPositionInt::ID => out.put(&GlobalPositionInt::default()),
+            SysStatus::ID => out.put(&SysStatus::default()),
+            BatteryStatus::ID => out.put(&BatteryStatus::default()),
             _ => false,
         }
     }
