@@ -118,6 +118,7 @@ macro_rules! message {
             impl $name {
                 /// A message that knows nothing: each field has the value that means "not known", and zero where the
                 /// definition has no such value. Fill in what you know: `Self { …, ..Self::UNKNOWN }`.
+                #[allow(dead_code, reason = "a private message may be known as a whole")]
                 #[allow(clippy::needless_update, reason = "each field may have such a value")]
                 pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..__ZERO };
             }

@@ -47,7 +47,8 @@ fn ask(wire: &mut Wire, system: u8, command: MavCmd, params: &[f32]) -> (MavResu
 /// C-4, C-31: on the ground and armed, in the air, going down; for it, for all; with good parameters and with bad ones.
 #[test]
 fn every_refusal_has_a_text() {
-    let states: [(&str, fn() -> Wire); 5] = [
+    type State = (&'static str, fn() -> Wire);
+    let states: [State; 5] = [
         ("without a fix", Wire::new),
         ("on the ground", Wire::switched_on),
         ("armed", || {
