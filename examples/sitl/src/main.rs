@@ -75,17 +75,10 @@ struct Arguments {
     /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
-<<<<<<< HEAD
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that
-    /// the vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink
-    /// read it. SETUP_SIGNING is left out: it has
-    /// the key. An older file of that name is replaced.
-=======
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame with its time,
-    /// in both directions, while somebody is connected. MAVExplorer and pymavlink read it. Messages that carry keys or
+    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that the
+    /// vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink read it. Messages that carry keys or
     /// passwords are left out, and signatures are overwritten by zeros. An older log of that name is replaced; any other file
     /// is refused.
->>>>>>> 3e60be1 (cargo sitl: overwrite no foreign file; no signature in a log)
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
