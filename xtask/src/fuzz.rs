@@ -7,16 +7,16 @@ use std::sync::Mutex;
 use std::thread;
 
 use crate::corpus;
-use crate::system::{Result, apt_install, has, output, root, run, succeeds, target_dir};
+use crate::system::{self, Result, apt_install, has, output, root, run, succeeds, target_dir};
 
 /// All of them, the quick ones first.
-const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "session"];
+pub const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "session"];
 
 /// An input that takes longer than this (s) ends the run.
 const TIMEOUT: u32 = 1;
 /// No input takes longer than this (ms), by itself, at the best of so many times: the machine has other things to do too (GOAL-4).
 const SLOWEST: u64 = 10;
-const TIMES: u32 = 3;
+const TIMES: u32 = 5;
 
 /// Of what is checked in beside the seeds.
 const MAX_BYTES: u64 = 100_000;
@@ -82,19 +82,9 @@ pub fn fuzz(options: &Options) -> Result {
     if failed.is_empty() { Ok(()) } else { Err(failed.join("\n\n")) }
 }
 
-/// Nightly and cargo-fuzz, installed if they are not there; then all targets, built. Tells where they are.
-fn build() -> Result<PathBuf> {
-    if !succeeds("rustup", &["run", "nightly", "rustc", "--version"]) {
-        println!("Installing a nightly toolchain: rustup toolchain install nightly");
-        run(Command::new("rustup").args([
-            "toolchain",
-            "install",
-            "nightly",
-            "--profile",
-            "minimal",
-            "--no-self-update",
-        ]))?;
-    }
+/// Sees to it that there are a nightly toolchain, cargo-fuzz and a C++ compiler.
+pub fn prepare() -> Result {
+    system::nightly(&[])?;
     if !succeeds("cargo", &["fuzz", "--version"]) {
         println!("Installing cargo-fuzz: cargo install cargo-fuzz --locked");
         run(Command::new("rustup").args(["run", "stable", "cargo", "install", "--quiet", "cargo-fuzz", "--locked"]))?;
@@ -102,6 +92,12 @@ fn build() -> Result<PathBuf> {
     if !has("c++") {
         apt_install("a C++ compiler, for the fuzzer", &["g++"], "a C++ compiler, as `c++`")?;
     }
+    Ok(())
+}
+
+/// Builds all targets, and tells where they are.
+fn build() -> Result<PathBuf> {
+    prepare()?;
     let host = output("rustup", &["run", "nightly", "rustc", "-vV"]).unwrap_or_default();
     let host = host.lines().find_map(|line| line.strip_prefix("host: ")).ok_or("rustc does not say what it is for")?;
     let folder = target_dir().join("fuzz").join("build");

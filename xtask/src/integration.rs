@@ -36,33 +36,48 @@ const PORTS: u16 = 8;
 const QMP: u16 = 3;
 const SPARE: u16 = 4;
 
-const OVER_TCP: &[&str] = &[
-    "test_pymavlink.py",
-    "test_plans.py",
-    "test_progress.py",
-    "test_messages.py",
-    "test_params.py",
-    "test_metadata.py",
-    "test_modes.py",
-    "test_commands.py",
-    "test_qgc_connect.py",
-    "test_mavsdk.py",
-    "test_mavsdk_flight.py",
-    "test_far.py",
-    "test_mavproxy.py",
-    "test_mavproxy_flight.py",
-    "test_routing.py",
-    "test_satellite.py",
-    "test_signing.py",
-    "test_power.py",
-    "test_differential.py",
-    "test_faults.py",
-    "test_plan_file.py",
-    "test_log.py",
+/// The files by groups, each of which has vehicles of its own: its name, whether telemetry goes over UDP, and its files. Those over
+/// TCP take equally long.
+const GROUPS: [(&str, bool, &[&str]); 3] = [
+    (
+        "TCP 1",
+        false,
+        &[
+            "test_pymavlink.py",
+            "test_plans.py",
+            "test_messages.py",
+            "test_params.py",
+            "test_metadata.py",
+            "test_commands.py",
+            "test_mavsdk.py",
+            "test_mavsdk_flight.py",
+            "test_satellite.py",
+        ],
+    ),
+    (
+        "TCP 2",
+        false,
+        &[
+            "test_progress.py",
+            "test_modes.py",
+            "test_qgc_connect.py",
+            "test_mavproxy.py",
+            "test_mavproxy_flight.py",
+            "test_routing.py",
+            "test_signing.py",
+            "test_power.py",
+            "test_differential.py",
+            "test_faults.py",
+            "test_plan_file.py",
+            "test_log.py",
+            "test_far.py",
+            "test_frameworks.py",
+        ],
+    ),
+    ("UDP", true, &["test_udp.py"]),
 ];
-/// The firmwares of the frameworks.
-const OVER_TCP_IN_QEMU: &[&str] = &["test_frameworks.py"];
-const OVER_UDP: &[&str] = &["test_udp.py"];
+/// The firmwares of the frameworks are for the emulator only.
+const IN_QEMU: [&str; 1] = ["test_frameworks.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
@@ -74,16 +89,15 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
             programs.push((name, if this == Target::Qemu { Program::for_qemu(choice)? } else { Program::for_sitl()? }));
         }
     }
-    let mut failed = Vec::new();
-    for (over, files) in [("TCP", OVER_TCP), ("UDP", OVER_UDP)] {
-        // Side by side: most of the time the tests wait.
-        let mut runs = Vec::new();
-        for &(name, ref program) in &programs {
-            println!("\n==== The vehicle in {name}, telemetry over {over}");
+    // All side by side, each group with a vehicle of its own: most of the time the tests wait.
+    let mut runs = Vec::new();
+    for (group, over_udp, files) in GROUPS {
+        for &(target, ref program) in &programs {
+            let name = format!("{target}, {group}");
             let port = free_ports()?;
-            let udp = (over == "UDP").then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
-            let log = target_dir().join(format!("integration-{name}-{}.log", over.to_lowercase()));
-            println!("The vehicle's log: {}", log.display());
+            let udp = over_udp.then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+            let log = target_dir().join(format!("integration-{target}-{}.log", group.replace(' ', "-")));
+            println!("The vehicle's log ({name}): {}", log.display());
             let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
             let vehicle = program.start(port, udp, log)?;
             // The companion's port, to leave telemetry to the tests.
@@ -91,11 +105,10 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
             let mut clients = Command::new(&python);
             clients
                 .args(["-m", "pytest", "-v", "-p", "no:cacheprovider"])
-                .args(["--target", name, "--port-base", &port.to_string()])
+                .args(["--target", target, "--port-base", &port.to_string()])
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
                 .args(program.options(port))
-                .args(files)
-                .args(if name == "qemu" && over == "TCP" { OVER_TCP_IN_QEMU } else { &[] })
+                .args(files.iter().filter(|file| target == "qemu" || !IN_QEMU.contains(file)))
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 .env("PYTHONUNBUFFERED", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.
@@ -104,21 +117,23 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
                 .current_dir(root().join(TESTS))
                 .stdout(Stdio::piped());
             let mut clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
-            let printer = clients.stdout.take().map(|output| thread::spawn(move || print(name, output)));
+            let label = name.clone();
+            let printer = clients.stdout.take().map(|output| thread::spawn(move || print(&label, output)));
             runs.push((name, Process(clients), printer, vehicle));
         }
-        for (name, clients, printer, _vehicle) in runs {
-            let succeeds = wait(clients, &stop)?;
-            if let Some(printer) = printer {
-                // It has printed everything then.
-                let _ = printer.join();
-            }
-            if !succeeds {
-                failed.push(format!("{name} over {over}"));
-            }
+    }
+    let mut failed = Vec::new();
+    for (name, clients, printer, _vehicle) in runs {
+        let succeeds = wait(clients, &stop)?;
+        if let Some(printer) = printer {
+            // It has printed everything then.
+            let _ = printer.join();
+        }
+        if !succeeds {
+            failed.push(name);
         }
     }
-    if failed.is_empty() { Ok(()) } else { Err(format!("tests failed in {}", failed.join(" and "))) }
+    if failed.is_empty() { Ok(()) } else { Err(format!("tests failed: {}", failed.join("; "))) }
 }
 
 /// Prints what the tests say, with their name before each line.
@@ -267,4 +282,21 @@ pub fn environment() -> Result<PathBuf> {
 
 fn read(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_tests_is_in_one_group() {
+        let entries = std::fs::read_dir(root().join(TESTS)).expect("the tests");
+        let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let mut files: Vec<_> = names.filter(|name| name.starts_with("test_")).collect();
+        let mut grouped: Vec<_> =
+            GROUPS.iter().flat_map(|(_, _, files)| *files).map(|file| (*file).to_owned()).collect();
+        files.sort_unstable();
+        grouped.sort_unstable();
+        assert_eq!(files, grouped);
+    }
 }

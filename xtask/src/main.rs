@@ -49,6 +49,9 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
+    /// Install what the other commands would install when they need it: the compiler's targets, QEMU, the ground stations, a nightly
+    /// toolchain, cargo-fuzz. To be run before several of them run at the same time.
+    Setup,
     Qemu(Qemu),
     Size(Size),
     Cross(Cross),
@@ -254,12 +257,19 @@ struct Coverage {
 
 /// Run what takes too long for every change: coverage, mutants, Miri, long fuzzing, comparisons. For the night.
 ///
-/// Prints how long each took. What failed is said at the end, and does not keep the rest from running.
+/// Each step's result and output stay in target/nightly, with the commit that they are of. A step that has passed at this commit
+/// is skipped, so an interrupted run can be continued. What failed is reported at the end, and does not keep the rest from running.
 #[derive(Args)]
 struct Nightly {
     /// Only the steps whose names begin so.
     #[arg(value_name = "STEP")]
     steps: Vec<String>,
+    /// Run steps again that have passed at this commit.
+    #[arg(long)]
+    again: bool,
+    /// Run nothing: print the steps and their results at this commit.
+    #[arg(long, conflicts_with = "again")]
+    list: bool,
 }
 
 /// Play what may go wrong, in the emulator, and check what has to hold then: the fault matrix.
@@ -303,12 +313,20 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
     }
 }
 
+fn setup() -> system::Result {
+    toolchain::prepare(None, &toolchain::TARGETS)?;
+    qemu::prepare()?;
+    integration::environment()?;
+    fuzz::prepare()
+}
+
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Qemu(arguments) => {
             let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
             qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
+        Task::Setup => setup(),
         Task::Size(Size { options: true, accept, toolchain, .. }) => options::report(toolchain, accept),
         Task::Size(Size { options: false, accept, symbols, toolchain }) => {
             size::report(toolchain, size::Options { accepts: accept, symbols })
@@ -330,7 +348,9 @@ fn main() -> ExitCode {
         Task::Trace(arguments) => trace::run(arguments.write),
         Task::PanicFree(arguments) => panic_free::prove(arguments.toolchain),
         Task::Stack(arguments) => stack::prove(arguments.toolchain),
-        Task::Nightly(arguments) => nightly::run(&arguments.steps),
+        Task::Nightly(Nightly { steps, again, list }) => {
+            nightly::run(&nightly::Options { names: steps, again, lists: list })
+        }
         Task::Work(arguments) => work::measure(arguments.toolchain),
         Task::Faults(arguments) => faults::play(arguments.scenario.as_deref(), arguments.toolchain),
     };

@@ -1,59 +1,315 @@
-//! `cargo xtask nightly`: what takes too long for every change. One after the other, each with how long it took; one that fails
-//! does not keep the others from running.
+//! `cargo xtask nightly`: the lane for what takes too long for every change, in steps.
+//!
+//! The result of each step stays in `target/nightly/`, with the commit that it is of and the step's output. So a run may be
+//! interrupted: the next one skips what has passed at this commit, and the interrupted step starts from its beginning.
 
-use std::process::Command;
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::thread;
 use std::time::Instant;
 
-use crate::system::{Result, cargo, root};
+use crate::system::{Result, cargo, output, root, target_dir};
 
-/// A step's name, and its command: of `cargo`, or of this program where it begins with "xtask".
-const STEPS: [(&str, &[&str]); 8] = [
-    ("coverage", &["xtask", "coverage"]),
-    ("mutants", &["xtask", "mutants"]),
-    ("miri", &["xtask", "miri"]),
-    ("fuzzing, half an hour each", &["xtask", "fuzz", "--seconds", "1800"]),
-    (
-        "10^7 changed signed frames",
+/// A step can be run by itself, and ends within some hours on two cores.
+struct Step {
+    name: &'static str,
+    what: &'static str,
+    /// Arguments of `cargo`, or of this program where the first one is "xtask".
+    command: &'static [&'static str],
+}
+
+const fn step(name: &'static str, what: &'static str, command: &'static [&'static str]) -> Step {
+    Step { name, what, command }
+}
+
+/// Half an hour of a fuzz target.
+const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
+    step(name, "half an hour of this fuzz target", command)
+}
+
+/// The short ones first.
+const STEPS: [Step; 17] = [
+    step(
+        "signed-frames",
+        "10^7 changed signed frames, none of which may be accepted",
         &["test", "--release", "--features", "signing", "--test", "signing_vectors", "--", "--include-ignored"],
     ),
-    ("sizes of each option", &["xtask", "size", "--options"]),
-    ("the peers beside us", &["xtask", "compare"]),
-    ("the benchmarks", &["bench"]),
+    step("size-options", "flash and RAM of each option, and of whole vehicles", &["xtask", "size", "--options"]),
+    step("coverage", "lines and branches that the tests reach", &["xtask", "coverage"]),
+    step("compare", "the other libraries beside this one", &["xtask", "compare"]),
+    step("bench", "the benchmarks", &["bench"]),
+    step("miri", "the tests in an interpreter that sees undefined behaviour", &["xtask", "miri"]),
+    fuzz("fuzz-decode", &["xtask", "fuzz", "--seconds", "1800", "decode"]),
+    fuzz("fuzz-wpl", &["xtask", "fuzz", "--seconds", "1800", "wpl"]),
+    fuzz("fuzz-roundtrip", &["xtask", "fuzz", "--seconds", "1800", "roundtrip"]),
+    fuzz("fuzz-sign", &["xtask", "fuzz", "--seconds", "1800", "sign"]),
+    fuzz("fuzz-record", &["xtask", "fuzz", "--seconds", "1800", "record"]),
+    fuzz("fuzz-dialect", &["xtask", "fuzz", "--seconds", "1800", "dialect"]),
+    fuzz("fuzz-session", &["xtask", "fuzz", "--seconds", "1800", "session"]),
+    step("mutants-signing", "mutants of signing that no test catches", &["xtask", "mutants", "signing"]),
+    step("mutants-frame", "mutants of framing that no test catches", &["xtask", "mutants", "frame"]),
+    step("mutants-mission", "mutants of the plan engine that no test catches", &["xtask", "mutants", "mission"]),
+    step("mutants-storage", "mutants of storage that no test catches", &["xtask", "mutants", "storage"]),
 ];
 
-/// Runs all steps, or those whose names begin with one of `names`.
-pub fn run(names: &[String]) -> Result {
-    let is_wanted = |step: &str| names.is_empty() || names.iter().any(|name| step.starts_with(name.as_str()));
-    let steps: Vec<_> = STEPS.iter().filter(|(name, _)| is_wanted(name)).collect();
-    if steps.is_empty() {
-        let known: Vec<_> = STEPS.iter().map(|(name, _)| *name).collect();
-        return Err(format!("there is no such step; there are: {}", known.join("; ")));
+/// What is to be done.
+pub struct Options {
+    /// Steps whose names begin with one of these; all, when there are none.
+    pub names: Vec<String>,
+    /// Also those that have passed at this commit.
+    pub again: bool,
+    /// Nothing is run; the steps and their results are printed.
+    pub lists: bool,
+}
+
+/// Runs the steps that have not passed at this commit. One that fails does not keep the others from running.
+pub fn run(options: &Options) -> Result {
+    let steps = select(&options.names)?;
+    let folder = target_dir().join("nightly");
+    fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let here = Source::current();
+    let has_passed = |step: &Step| kept(&folder, step).is_some_and(|kept| kept.is_passed && kept.is_of(&here));
+    if options.lists {
+        for step in steps {
+            let state = match kept(&folder, step) {
+                Some(kept) if !kept.is_of(&here) => "other commit",
+                Some(kept) if kept.is_passed => "passed",
+                Some(_) => "FAILED",
+                None => "",
+            };
+            println!("{:16} {state:12} {}", step.name, step.what);
+        }
+        return Ok(());
+    }
+    if here.has_changes {
+        println!("There are uncommitted changes: results are kept, but the next run will not skip these steps.");
     }
     let this = std::env::current_exe().map_err(|error| format!("this program is not to be found: {error}"))?;
-    let (mut times, mut failed) = (Vec::new(), Vec::new());
-    for (name, arguments) in steps {
-        println!("\n==== {name}");
-        let began = Instant::now();
-        let mut command = match arguments.split_first() {
-            Some((&"xtask", task)) => {
-                let mut command = Command::new(&this);
-                command.args(task);
-                command
-            }
-            _ => {
-                let mut command = Command::new(cargo());
-                command.args(*arguments);
-                command
-            }
-        };
-        let status = command.current_dir(root()).status();
-        let is_good = status.as_ref().is_ok_and(std::process::ExitStatus::success);
-        let minutes = began.elapsed().as_secs().div_ceil(60);
-        times.push(format!("{minutes:4}  {name}{}", if is_good { "" } else { "  FAILED" }));
-        if !is_good {
-            failed.push(*name);
+    let (mut lines, mut failed) = (Vec::new(), Vec::new());
+    for step in steps {
+        if !options.again && has_passed(step) {
+            lines.push(format!("   -  {}: has passed at this commit", step.name));
+            continue;
+        }
+        println!("\n==== {}: {}", step.name, step.what);
+        let kept = play(step, &this, &folder)?;
+        let verdict = if kept.is_passed { "" } else { "  FAILED" };
+        lines.push(format!("{:4}  {}{verdict}", kept.seconds.div_ceil(60), step.name));
+        if !kept.is_passed {
+            failed.push(step.name);
         }
     }
-    println!("\n==== minutes\n{}", times.join("\n"));
-    if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join("; "))) }
+    println!("\n==== minutes; results and output are in {}\n{}", folder.display(), lines.join("\n"));
+    if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join(", "))) }
+}
+
+/// The steps whose names begin with one of `names`.
+fn select(names: &[String]) -> Result<Vec<&'static Step>> {
+    let begins = |step: &Step, name: &String| step.name.starts_with(name.as_str());
+    if let Some(unknown) = names.iter().find(|name| !STEPS.iter().any(|step| begins(step, name))) {
+        let known: Vec<_> = STEPS.iter().map(|step| step.name).collect();
+        return Err(format!("there is no step {unknown}; there are {}", known.join(", ")));
+    }
+    let is_wanted = |step: &&Step| names.is_empty() || names.iter().any(|name| begins(step, name));
+    Ok(STEPS.iter().filter(is_wanted).collect())
+}
+
+/// Runs a step, prints its output, and keeps output and result.
+fn play(step: &Step, this: &Path, folder: &Path) -> Result<Kept> {
+    let result = file(folder, step);
+    // An interrupted step leaves no result.
+    if result.exists() {
+        fs::remove_file(&result).map_err(|error| format!("{}: {error}", result.display()))?;
+    }
+    let mut command = match step.command.split_first() {
+        Some((&"xtask", task)) => {
+            let mut command = Command::new(this);
+            command.args(task);
+            command
+        }
+        _ => {
+            let mut command = Command::new(cargo());
+            command.args(step.command);
+            command
+        }
+    };
+    let (before, began) = (Source::current(), Instant::now());
+    let is_passed = print_and_keep(command.current_dir(root()), &folder.join(format!("{}.log", step.name)))?;
+    let after = Source::current();
+    // What was committed or edited meanwhile may or may not have been tested.
+    let has_changes = before != after || after.has_changes;
+    let kept = Kept { source: Source { has_changes, ..before }, is_passed, seconds: began.elapsed().as_secs() };
+    fs::write(&result, kept.text()).map_err(|error| format!("{}: {error}", result.display()))?;
+    Ok(kept)
+}
+
+/// Whether `command` succeeds. What it says is printed, and written to the file `log`.
+fn print_and_keep(command: &mut Command, log: &Path) -> Result<bool> {
+    let failed = |error: std::io::Error| format!("{}: {error}", log.display());
+    let log = Mutex::new(File::create(log).map_err(failed)?);
+    let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    let name = command.get_program().to_string_lossy();
+    let mut child = child.map_err(|error| format!("{name} could not be started: {error}"))?;
+    let (out, err) = (child.stdout.take(), child.stderr.take());
+    thread::scope(|scope| {
+        scope.spawn(|| out.map(|from| copy(from, std::io::stdout(), &log)));
+        scope.spawn(|| err.map(|from| copy(from, std::io::stderr(), &log)));
+    });
+    child.wait().map(|status| status.success()).map_err(failed)
+}
+
+/// Line by line to both. A terminal that is gone or a full disk is no reason to stop the step.
+fn copy(from: impl Read, mut to: impl Write, log: &Mutex<File>) {
+    let (mut from, mut line) = (BufReader::new(from), Vec::new());
+    while from.read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
+        let _ = to.write_all(&line);
+        if let Ok(mut log) = log.lock() {
+            let _ = log.write_all(&line);
+        }
+        line.clear();
+    }
+}
+
+/// Where the result of a step is kept.
+fn file(folder: &Path, step: &Step) -> PathBuf {
+    folder.join(format!("{}.txt", step.name))
+}
+
+fn kept(folder: &Path, step: &Step) -> Option<Kept> {
+    Kept::parse(&fs::read_to_string(file(folder, step)).ok()?)
+}
+
+/// What is tested.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Source {
+    commit: String,
+    /// Beside the commit, files that it does not have or has otherwise.
+    has_changes: bool,
+}
+
+impl Source {
+    fn current() -> Self {
+        let git = |arguments: &[&str]| {
+            let folder = root().to_string_lossy();
+            output("git", &[&["-C", &folder], arguments].concat())
+        };
+        // Without git it is not known what is tested, so nothing is skipped.
+        let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".to_owned());
+        let changes = git(&["status", "--porcelain"]);
+        Self { commit, has_changes: changes.is_none_or(|changes| !changes.is_empty()) }
+    }
+}
+
+/// The result of a step.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Kept {
+    source: Source,
+    is_passed: bool,
+    seconds: u64,
+}
+
+impl Kept {
+    /// Whether it says something about `source`, exactly.
+    fn is_of(&self, source: &Source) -> bool {
+        self.source == *source && !source.has_changes
+    }
+
+    fn text(&self) -> String {
+        let Self { source: Source { commit, has_changes }, is_passed, seconds } = self;
+        let changes = if *has_changes { "yes" } else { "no" };
+        let result = if *is_passed { "passed" } else { "failed" };
+        format!("commit: {commit}\nuncommitted changes: {changes}\nresult: {result}\nseconds: {seconds}\n")
+    }
+
+    /// What is not complete is no result.
+    fn parse(text: &str) -> Option<Self> {
+        let value = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
+        let is = |key, yes, no| match value(key)? {
+            value if value == yes => Some(true),
+            value if value == no => Some(false),
+            _ => None,
+        };
+        Some(Self {
+            source: Source {
+                commit: value("commit")?.to_owned(),
+                has_changes: is("uncommitted changes", "yes", "no")?,
+            },
+            is_passed: is("result", "passed", "failed")?,
+            seconds: value("seconds")?.parse().ok()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fuzz::TARGETS;
+
+    fn source(commit: &str, has_changes: bool) -> Source {
+        Source { commit: commit.to_owned(), has_changes }
+    }
+
+    #[test]
+    fn a_result_is_read_as_it_was_written_or_not_at_all() {
+        for (is_passed, has_changes) in [(true, false), (false, false), (true, true)] {
+            let kept = Kept { source: source("0123abcd", has_changes), is_passed, seconds: 1_834 };
+            assert_eq!(Kept::parse(&kept.text()), Some(kept));
+        }
+        let text = Kept { source: source("0123abcd", false), is_passed: true, seconds: 9 }.text();
+        for cut in 0..text.len() - 2 {
+            assert_eq!(Kept::parse(&text[..cut]), None, "{:?}", &text[..cut]);
+        }
+    }
+
+    #[test]
+    fn only_what_passed_at_this_very_commit_counts() {
+        let kept = |source| Kept { source, is_passed: true, seconds: 1 };
+        assert!(kept(source("a", false)).is_of(&source("a", false)));
+        assert!(!kept(source("b", false)).is_of(&source("a", false)));
+        assert!(!kept(source("a", true)).is_of(&source("a", false)));
+        assert!(!kept(source("a", true)).is_of(&source("a", true)), "not the same changes");
+    }
+
+    #[test]
+    fn steps_are_found_by_the_beginning_of_their_names() {
+        let names = |names: &[&str]| {
+            let names: Vec<_> = names.iter().map(|name| (*name).to_owned()).collect();
+            select(&names).map(|steps| steps.iter().map(|step| step.name).collect::<Vec<_>>())
+        };
+        assert_eq!(names(&[]).map(|steps| steps.len()), Ok(STEPS.len()));
+        assert_eq!(names(&["fuzz-wpl", "mir"]), Ok(vec!["miri", "fuzz-wpl"]));
+        assert_eq!(names(&["fuzz"]).map(|steps| steps.len()), Ok(TARGETS.len()));
+        assert!(names(&["fuzz", "nothing"]).is_err_and(|error| error.contains("nothing") && error.contains("miri")));
+    }
+
+    #[test]
+    fn every_fuzz_target_has_its_step() {
+        for target in TARGETS {
+            let steps: Vec<_> = STEPS.iter().filter(|step| step.command.last() == Some(&target)).collect();
+            assert_eq!(steps.iter().map(|step| step.name).collect::<Vec<_>>(), [format!("fuzz-{target}")]);
+        }
+    }
+
+    /// Names are files' names, and the scheduled workflow runs each of them in a job of its own.
+    #[test]
+    fn the_workflow_has_every_step() {
+        let path = root().join(".github/workflows/nightly.yml");
+        let text = fs::read_to_string(path).expect("the workflow");
+        let listed: Vec<_> = text.lines().filter_map(|line| line.strip_prefix("          - ")).collect();
+        assert_eq!(listed, STEPS.iter().map(|step| step.name).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn output_is_kept_and_a_failure_is_told() {
+        let log = std::env::temp_dir().join(format!("mavstack-nightly-{}.log", std::process::id()));
+        for (script, is_good) in [("echo out; echo err >&2", true), ("echo out; echo err >&2; exit 3", false)] {
+            assert_eq!(print_and_keep(Command::new("sh").args(["-c", script]), &log), Ok(is_good));
+            let kept = fs::read_to_string(&log).expect("a log");
+            assert!(kept.contains("out\n") && kept.contains("err\n"), "{kept}");
+        }
+        fs::remove_file(&log).expect("a log");
+    }
 }
