@@ -35,7 +35,7 @@ use crate::service::param::Params;
 use crate::service::statustext::{Entry as TextEntry, StatusTexts};
 use crate::service::stream::Slot;
 use crate::time::Instant;
-use crate::vehicle::{Autopilot, VehicleState};
+use crate::vehicle::{Autopilot, PeerEvent, VehicleState};
 
 /// The vehicle's side of MAVLink: `LINKS` links, plans in a memory of type `P`, a table of `PEERS` peers, a queue of `TEXTS`
 /// texts, room for `STREAMS` messages that the vehicle fills. All memory is inside.
@@ -92,8 +92,9 @@ struct Core {
     /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
     /// be told: who sleeps is to look once more.
     has_acted: bool,
-    /// Somebody else has our address, which is to be told.
-    has_conflict: bool,
+    /// The sequence number and the low byte of the checksum of the last frame that was received with our own address, until all
+    /// links were asked whether it is an echo.
+    own_frame: Option<[u8; 2]>,
     /// Links with frames of others in their queues.
     forwards: LinkMask,
     /// When the loss of all ground stations has a consequence (L-14).
@@ -113,8 +114,6 @@ struct Context<'a, V, P: PlanStorage> {
     vehicle: &'a mut V,
     /// The link's streams.
     slots: &'a mut [Slot],
-    /// The next sequence number of each link; only for received frames.
-    seqs: &'a [u8],
 }
 
 impl<const LINKS: usize, P: PlanStorage> Stack<LINKS, P> {
@@ -161,7 +160,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 state: VehicleState::ZERO,
                 extra_heartbeats: LinkMask::NONE,
                 has_acted: false,
-                has_conflict: false,
+                own_frame: None,
                 forwards: LinkMask::NONE,
                 loss_due: Instant::NEVER,
                 #[cfg(feature = "defmt")]
@@ -364,7 +363,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         if port.outbox.is_empty() {
             let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
             let peers = &mut self.peers;
-            self.core.fill(&mut Context { now, peers, texts, missions, plans, vehicle, slots, seqs: &[] }, port);
+            self.core.fill(&mut Context { now, peers, texts, missions, plans, vehicle, slots }, port);
         } else {
             // One that is sent again (G-4).
             signing::sign(now, port, vehicle);
@@ -481,23 +480,24 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         vehicle: &mut V,
         allowance: &mut Allowance,
     ) {
-        let mut seqs = [0; LINKS];
-        for (seq, link) in seqs.iter_mut().zip(&self.links) {
-            *seq = link.port.outbox.seq();
-        }
         high_latency::learn_links(&self.links, vehicle);
         let slots = slots_of(&mut self.slots, link);
-        let Some(link) = self.links.get_mut(usize::from(link.0)) else { return };
+        let Some(state) = self.links.get_mut(usize::from(link.0)) else { return };
         if len > 0 {
-            link.decoder.commit(len, now);
+            state.decoder.commit(len, now);
         }
         let (texts, missions, plans) = (&mut self.texts, &mut self.missions, &mut self.plans);
-        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots, seqs: &seqs };
+        let mut context = Context { now, peers: &mut self.peers, texts, missions, plans, vehicle, slots };
         const { V::MESSAGES.check() };
-        self.core.drain(&mut context, link, V::MESSAGES, allowance);
-        // Not linked where there is no room for texts.
-        if TEXTS > 0 && self.core.has_conflict {
-            self.core.tell_conflict(now, &mut self.texts);
+        self.core.drain(&mut context, state, V::MESSAGES, allowance);
+        if let Some(own_frame) = self.core.own_frame.take()
+            && is_conflict(&mut self.links, link, own_frame)
+        {
+            vehicle.peer(PeerEvent::AddressConflict(link));
+            // Not linked where there is no room for texts.
+            if TEXTS > 0 {
+                self.core.tell_conflict(now, &mut self.texts);
+            }
         }
         high_latency::received(&mut self.links, vehicle);
     }
@@ -545,6 +545,14 @@ impl Core {
     fn has_credit(&mut self, now: Instant) -> bool {
         self.credit.sample(now, self.config.pulse, self.config.max_loop_gap)
     }
+}
+
+/// Whether a frame with our own address, received on a link, proves that another vehicle has it: when it is no echo of what any
+/// link sent lately, and not the first of its kind (H-14). Not inlined: it hardly ever happens.
+#[inline(never)]
+fn is_conflict(links: &mut [Link], link: LinkId, [seq, checksum]: [u8; 2]) -> bool {
+    let is_echo = links.iter().any(|link| link.port.outbox.may_have_sent(seq, checksum));
+    !is_echo && links.get_mut(usize::from(link.0)).is_some_and(|link| link.port.is_conflict())
 }
 
 /// What somebody is to be told about plans, on the link where he was heard last.

@@ -5,7 +5,9 @@ mod support;
 use mavstack::dialect::{
     Attitude, CommandAck, Heartbeat, MavAutopilot, MavCmd, MavSeverity, MavType, RadioStatus, Statustext,
 };
-use mavstack::{Address, LinkClass, LinkConfig, LinkId, NoPlans, Peer, PeerEvent, PeerInfo, Version};
+use mavstack::{
+    Address, Duration, LinkClass, LinkConfig, LinkId, NoPlans, Peer, PeerEvent, PeerInfo, StreamProfile, Version,
+};
 use support::*;
 
 const ANTENNA: Address = Address::new(255, 197);
@@ -340,5 +342,91 @@ fn stranger_with_our_address_is_reported_once() {
         let (_, text) = gcs.take::<Statustext>().unwrap();
         assert_eq!(text.severity, MavSeverity::WARNING);
         assert_eq!(text.text.as_str(), Some("Another vehicle has system id 1"));
+    }
+}
+
+/// A vehicle with `N` links, which sends heartbeats only, or fifty attitudes a second as well.
+fn sending<const N: usize>(is_busy: bool) -> World<N> {
+    let mut setup = Setup { links: [LinkConfig::uart(115_200); N], ..Setup::new() };
+    if !is_busy {
+        setup.config.heartbeat_period = millis(20);
+        setup.links = setup.links.map(|link| link.with_streams(StreamProfile::Off));
+    }
+    let mut world = World::new(setup);
+    if is_busy {
+        for gcs in &mut world.gcs {
+            gcs.command_long(MavCmd::SET_MESSAGE_INTERVAL, [30.0, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        }
+    }
+    world
+}
+
+fn conflicts<const N: usize>(world: &World<N>) -> usize {
+    let is_conflict = |event: &&PeerEvent| matches!(event, PeerEvent::AddressConflict(_));
+    world.vehicle.peer_events().iter().filter(is_conflict).count()
+}
+
+/// H-14, S-15: a loop, or a slow radio, brings our own frames back up to 255 frames later, by their own link or another one. That
+/// is no other vehicle, however often it happens.
+#[test]
+fn late_echoes_are_no_conflict() {
+    for is_busy in [false, true] {
+        let mut world = sending::<2>(is_busy);
+        world.run_until(secs(60), |world| world.gcs.iter().all(|gcs| gcs.received.len() > 300));
+        for late in 1..=255 {
+            for (from, to) in [(0, 0), (0, 1), (1, 0)] {
+                let sent = &world.gcs[from].received;
+                let echo = sent[sent.len() - late].raw.clone();
+                world.gcs[to].send_raw(&echo);
+            }
+            world.run_for(millis(3));
+        }
+        // And with the same delay for long: 60 frames.
+        for _ in 0..300 {
+            let sent = &world.gcs[0].received;
+            let echo = sent[sent.len() - 60].raw.clone();
+            world.gcs[1].send_raw(&echo);
+            world.run_for(millis(20));
+        }
+        let own = [0, 1].map(|link| world.stack.link_counters(LinkId(link)).unwrap().own_address);
+        assert_eq!((own, conflicts(&world)), ([510, 555], 0), "busy: {is_busy}");
+    }
+}
+
+/// H-14: another vehicle with our address is told of within seconds, whatever both send, and however its sequence numbers stand
+/// to ours.
+#[test]
+fn true_conflicts_are_found_within_seconds() {
+    fn seconds_until_told<const N: usize>(is_busy: bool, period: Duration, offset: u8) -> u64 {
+        let mut world = sending::<N>(is_busy);
+        // All our numbers are in use.
+        world.run_for(secs(6));
+        let ours = world.gcs[0].received.last().unwrap().header.seq;
+        world.gcs[0].skip_seq(VEHICLE, ours.wrapping_add(offset));
+        let begin = world.now();
+        while conflicts(&world) == 0 && world.now().since(begin) < secs(60) {
+            let time_boot_ms = world.now().as_millis() as u32 + 77_777;
+            if period.as_millis() < 1_000 {
+                world.gcs[0].send_from(VEHICLE, &Attitude { time_boot_ms, ..Attitude::default() });
+            } else {
+                let r#type = MavType::QUADROTOR;
+                world.gcs[0].send_from(VEHICLE, &Heartbeat { r#type, custom_mode: 3, ..Heartbeat::default() });
+            }
+            world.run_for(period);
+        }
+        world.now().since(begin).as_millis() / 1_000
+    }
+    for (period, mean) in [(secs(1), 8), (millis(20), 1)] {
+        for is_busy in [false, true] {
+            let took: Vec<u64> = (0..16)
+                .flat_map(|n| {
+                    let offset = n * 16 + 3;
+                    [seconds_until_told::<1>(is_busy, period, offset), seconds_until_told::<2>(is_busy, period, offset)]
+                })
+                .collect();
+            println!("{period:?} busy {is_busy}: {took:?}");
+            assert!(took.iter().sum::<u64>() <= mean * 32, "{period:?}, busy: {is_busy}: {took:?}");
+            assert!(took.iter().all(|&seconds| seconds <= 3 * mean), "{period:?}, busy: {is_busy}: {took:?}");
+        }
     }
 }

@@ -184,7 +184,8 @@ pub struct LinkCounters {
     pub tx_bytes: u32,
     /// Frames for other systems or components, which are not acted on.
     pub not_ours: u32,
-    /// Frames with our own address as sender: an echo, or somebody else who has it (R-8, H-14).
+    /// Frames with our own address as sender: an echo, or another vehicle that has it (R-8, H-14). Three that are no echo of the
+    /// last 256 frames of a link are a [conflict](crate::PeerEvent::AddressConflict).
     pub own_address: u32,
     /// Frames whose id is unknown: not acted on (S-12).
     pub unknown: u32,
@@ -280,7 +281,7 @@ pub(crate) struct Port {
     /// Before this moment no hint is given to a station that signs with another key.
     #[cfg(feature = "signing")]
     pub(crate) hint_from: Instant,
-    /// Frames with our address that are no echo; at [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
+    /// Frames with our address that are no echo. At [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
     pub(crate) strangers: u8,
     /// When a text said last why a command is refused: see `service::command::refusal`.
     pub(crate) refusal: u16,
@@ -356,7 +357,7 @@ impl Link {
 }
 
 impl Port {
-    /// So many frames with our address, none of which can be an echo, are somebody else's.
+    /// So many frames with our address, none of which can be an echo, are another vehicle's.
     const CONFLICT: u8 = 3;
 
     /// Whether something is to be told of SETUP_SIGNING.
@@ -375,12 +376,10 @@ impl Port {
         }
     }
 
-    /// A frame with our own address came in, with the sequence number `seq`. True when by now somebody else must have it:
-    /// an echo would bear one of the numbers that a link sent last; `seqs` are their next ones (H-14). True once.
-    pub(crate) fn is_conflict(&mut self, seq: u8, seqs: &[u8]) -> bool {
-        const ECHO: u8 = 32;
-        let is_echo = seqs.iter().any(|next| next.wrapping_sub(seq).wrapping_sub(1) < ECHO);
-        if is_echo || self.strangers >= Self::CONFLICT {
+    /// A frame with our own address was received that no link can have sent. True when by now another vehicle must have that
+    /// address (H-14); true once.
+    pub(crate) fn is_conflict(&mut self) -> bool {
+        if self.strangers >= Self::CONFLICT {
             return false;
         }
         self.strangers = self.strangers.saturating_add(1);

@@ -7,6 +7,32 @@ use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
 use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
 use crate::message::{Message, MessageInfo};
 
+/// Two bits of the checksum of each of the last 256 frames, by sequence number: an echo of one of them agrees with them, three of
+/// four frames of another vehicle do not (H-14).
+#[derive(Clone, Copy, Debug)]
+struct Fingerprints([u8; 64]);
+
+impl Fingerprints {
+    const NONE: Self = Self([0; 64]);
+
+    fn note(&mut self, seq: u8, checksum: u8) {
+        let shift = Self::shift(seq);
+        if let Some(cell) = self.0.get_mut(usize::from(seq >> 2)) {
+            *cell = (*cell & !3_u8.wrapping_shl(shift)) | (checksum & 3).wrapping_shl(shift);
+        }
+    }
+
+    fn agree(&self, seq: u8, checksum: u8) -> bool {
+        let cell = self.0.get(usize::from(seq >> 2)).copied().unwrap_or(0);
+        (cell.wrapping_shr(Self::shift(seq)) ^ checksum) & 3 == 0
+    }
+
+    /// Where in its byte the bits of a number are.
+    fn shift(seq: u8) -> u32 {
+        u32::from((seq & 3) << 1)
+    }
+}
+
 /// Room for one outbound frame. Services write into it only while it is empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox {
@@ -16,6 +42,9 @@ pub(crate) struct Outbox {
     /// What the link sends now (V-1).
     version: Version,
     seq: u8,
+    /// Whether every sequence number was in use.
+    has_wrapped: bool,
+    fingerprints: Fingerprints,
     bytes: [u8; MAX_FRAME_LEN],
     /// Whether the next frame says that it is signed.
     #[cfg(feature = "signing")]
@@ -61,6 +90,8 @@ impl Outbox {
         class: LinkClass::Normal,
         version: Version::V1,
         seq: 0,
+        has_wrapped: false,
+        fingerprints: Fingerprints::NONE,
         bytes: [0; MAX_FRAME_LEN],
         #[cfg(feature = "signing")]
         signs: false,
@@ -130,9 +161,9 @@ impl Outbox {
         }
     }
 
-    /// The sequence number of the next frame.
-    pub(crate) const fn seq(&self) -> u8 {
-        self.seq
+    /// Whether a frame with this sequence number and the low byte of this checksum can be one of the last 256 that were sent here.
+    pub(crate) fn may_have_sent(&self, seq: u8, checksum: u8) -> bool {
+        (self.has_wrapped || seq < self.seq) && self.fingerprints.agree(seq, checksum)
     }
 
     /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10), nor one that
@@ -174,7 +205,10 @@ impl Outbox {
         {
             self.signature = if flags == 0 { Signature::None } else { Signature::Due };
         }
+        let checksum = self.bytes.get(frame.end.wrapping_sub(2)).copied().unwrap_or(0);
+        self.fingerprints.note(self.seq, checksum);
         self.seq = self.seq.wrapping_add(1);
+        self.has_wrapped |= self.seq == 0;
         self.start = short(frame.start);
         self.sent = self.start;
         self.end = short(frame.end);
@@ -255,7 +289,7 @@ mod tests {
         assert!(!outbox.send(&Heartbeat::default()));
         assert!(!outbox.send(&Attitude::default()));
         assert!(!outbox.send_as(Version::V1, &Statustext::default()));
-        assert_eq!((outbox.seq(), outbox.pending()), (0, &[][..]), "not a number is used up");
+        assert_eq!((outbox.seq, outbox.pending()), (0, &[][..]), "not a number is used up");
         assert!(outbox.send(&HighLatency2::default()));
         assert!(outbox.send(&CommandAck::default()));
         outbox.set_class(LinkClass::Normal);

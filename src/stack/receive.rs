@@ -19,7 +19,7 @@ use crate::service::param::{self, Params, Taken};
 use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
 use crate::service::time;
 use crate::time::Instant;
-use crate::vehicle::{Autopilot, Command, Outcome, PeerEvent};
+use crate::vehicle::{Autopilot, Command, Outcome};
 
 impl Core {
     /// Handles the frames that the decoder finds.
@@ -69,11 +69,10 @@ impl Core {
         let own = self.config.address.get();
         if frame.source() == own {
             count(&mut port.counters.own_address);
-            if signing::believes_unsigned(port, frame.id(), context.vehicle)
-                && port.is_conflict(frame.header().seq, context.seqs)
-            {
-                context.vehicle.peer(PeerEvent::AddressConflict(port.id));
-                self.has_conflict = true;
+            if frame.is_checked() && signing::believes_unsigned(port, frame.id(), context.vehicle) {
+                let header = frame.header();
+                let sum_at = header.version.header_len().saturating_add(frame.payload().len());
+                self.own_frame = frame.raw().get(sum_at).map(|&checksum| [header.seq, checksum]);
             }
             return (0, false);
         }
@@ -112,10 +111,9 @@ impl Core {
         (copied, passage != Passage::Again)
     }
 
-    /// Somebody else has our address. Not inlined: it hardly ever happens.
+    /// Another vehicle has our address. Not inlined: it hardly ever happens.
     #[inline(never)]
-    pub(super) fn tell_conflict(&mut self, now: Instant, texts: &mut StatusTexts) {
-        self.has_conflict = false;
+    pub(super) fn tell_conflict(&self, now: Instant, texts: &mut StatusTexts) {
         let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
         text.push_str("Another vehicle has system id ");
         text.push_number(u32::from(self.config.address.get().system.0));
