@@ -83,10 +83,10 @@ pub trait Vehicle {
     /// impl Vehicle for Rover {
     ///     const MESSAGES: MessageTable = Known::MESSAGES;
     ///
-    ///     fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
-    ///         if let Some(WinchControl { speed, .. }) = frame.decode() {
-    ///             self.winch_speed = speed;
-    ///         }
+    ///     fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+    ///         let Some(WinchControl { speed, .. }) = frame.decode() else { return false };
+    ///         self.winch_speed = speed;
+    ///         true
     ///     }
     /// #   fn state(&self) -> Option<VehicleState> { None }
     /// }
@@ -135,11 +135,17 @@ pub trait Vehicle {
         None
     }
 
-    /// A frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself. With the
-    /// feature `signing` it is one that its link accepts (`LinkSigning`); without, a signature was not looked at. Nothing
-    /// of a high-latency link comes here (L-4), and no SETUP_SIGNING, which has a key in it (G-11).
-    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
+    /// Handles a frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself, and
+    /// returns whether the vehicle handles that message. False by default: a frame that was addressed to our system is then
+    /// counted as [`unhandled`](crate::LinkCounters::unhandled). With the feature `signing` the frame is one that its link
+    /// accepts (`LinkSigning`); without, a signature was not looked at. Nothing of a high-latency link comes here (L-4), and
+    /// no SETUP_SIGNING, which has a key in it (G-11).
+    ///
+    /// Setpoints (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET) come here too: the stack has
+    /// no service for offboard control yet.
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) -> bool {
         let _ = (frame, link);
+        false
     }
 }
 

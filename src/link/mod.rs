@@ -199,6 +199,9 @@ pub struct LinkCounters {
     /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10). Of a vehicle that has no
     /// memory for signing also SETUP_SIGNING (G-11), and all that comes by a link that is not open to frames without a signature.
     pub out_of_place: u32,
+    /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
+    /// example. What is for everyone is not counted here: nobody has to handle it.
+    pub unhandled: u32,
     /// Errors of the transport while reading, overruns among them (S-20).
     pub read_errors: u32,
     /// Errors of the transport while writing.
@@ -216,6 +219,7 @@ impl LinkCounters {
         evicted_peers: 0,
         no_answer_slot: 0,
         out_of_place: 0,
+        unhandled: 0,
         read_errors: 0,
         write_errors: 0,
     };

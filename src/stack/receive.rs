@@ -181,8 +181,11 @@ impl Core {
             self.has_acted = true;
         } else if !signing::on_frame(context.now, port, frame, target.system == own.system, context.vehicle)
             && !manual_control::on_frame(context.now, from, frame, target.system.0 == 0, context.peers, context.vehicle)
+            && !context.vehicle.message(frame, port.id)
+            && target.system == own.system
         {
-            context.vehicle.message(frame, port.id);
+            // What is for everyone need not be for us.
+            count_drop(&mut port.counters.unhandled, frame, "nothing here handles it");
         }
     }
 

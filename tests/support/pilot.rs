@@ -91,8 +91,9 @@ impl<const W: u8> Vehicle for Pilot<W> {
         self.state
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
+    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
         self.messages.push(frame.id());
+        true
     }
 }
 

@@ -89,6 +89,8 @@ pub struct TestVehicle {
     pub progress: Progress,
     /// Whether it knows where home is, and so can fill HOME_POSITION.
     pub has_home: bool,
+    /// The messages that it handles itself.
+    pub handles: BTreeSet<u32>,
     /// Every call, in order, but for [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
     pub calls: Vec<Call>,
 }
@@ -125,6 +127,7 @@ impl TestVehicle {
             refuses_broadcast: false,
             progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
             has_home: false,
+            handles: BTreeSet::new(),
             calls: Vec::new(),
         }
     }
@@ -187,9 +190,10 @@ impl Vehicle for TestVehicle {
         self.calls.push(Call::Peer(event));
     }
 
-    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) -> bool {
         let payload = frame.payload().to_vec();
         self.calls.push(Call::Message { id: frame.id(), from: frame.source(), link, payload });
+        self.handles.contains(&frame.id())
     }
 }
 

@@ -67,7 +67,7 @@ pub struct PeerStatus {
 
 /// Why links drop frames, and bytes that are in none: [`mavstack::RxCounters`], [`mavstack::LinkCounters`],
 /// [`mavstack::ForwardCounters`].
-pub const LINK_DROPS: [&str; 19] = [
+pub const LINK_DROPS: [&str; 21] = [
     "checksum",
     "length",
     "unknown flags",
@@ -79,6 +79,7 @@ pub const LINK_DROPS: [&str; 19] = [
     "no place for the peer",
     "no place for the answer",
     "out of place",
+    "not handled",
     "read errors",
     "write errors",
     "forwarding: queue full",
@@ -86,6 +87,7 @@ pub const LINK_DROPS: [&str; 19] = [
     "forwarding: needs MAVLink 2",
     "forwarding: loop",
     "forwarding: no route",
+    "forwarding: refused",
     "forwarding: no place",
 ];
 
@@ -122,6 +124,7 @@ impl Status {
                 port.no_peer_slot,
                 port.no_answer_slot,
                 port.out_of_place,
+                port.unhandled,
                 port.read_errors,
                 port.write_errors,
                 forward.queue_full,
@@ -129,6 +132,7 @@ impl Status {
                 forward.needs_v2,
                 forward.duplicates,
                 forward.no_route,
+                forward.not_accepted,
                 forward.no_peer_slot.wrapping_add(forward.not_remembered),
             ];
             for (sum, count) in status.link_drops.iter_mut().zip(drops) {

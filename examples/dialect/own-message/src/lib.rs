@@ -71,13 +71,13 @@ impl Vehicle for Crane {
         Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
-        if let Some(CraneControl { speed, .. }) = frame.decode()
-            && speed.is_finite()
-        {
+    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+        let Some(CraneControl { speed, .. }) = frame.decode() else { return false };
+        if speed.is_finite() {
             self.speed = speed;
             self.has_order = true;
         }
+        true
     }
 }
 

@@ -33,10 +33,10 @@ impl Vehicle for Vessel {
         Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) {
-        if let Some(CraneControl { speed, .. }) = frame.decode() {
-            self.speed = speed;
-        }
+    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+        let Some(CraneControl { speed, .. }) = frame.decode() else { return false };
+        self.speed = speed;
+        true
     }
 }
 
