@@ -428,8 +428,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         texts.push(now, self.core.normal, severity, &Text::from_bytes(text));
     }
 
-    /// The peers that were heard, and how well: at most `PEERS`. Which one is evicted when the table is full stands at
-    /// [`PeerInfo`](PeerInfo#when-the-table-is-full).
+    /// The peers that were heard, and how well: at most `PEERS`. [`PeerInfo`](PeerInfo#when-the-table-is-full) says
+    /// which one is evicted when the table is full.
     pub fn peers(&self) -> &[PeerInfo] {
         &self.peers
     }

@@ -44,8 +44,7 @@ pub struct ForwardCounters {
     /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
     pub source_heard: u32,
     /// Frames that were not sent on this link because the link by which they came had refused them: on a high-latency link
-    /// they are not paid for, on an open link they could be carried out. See
-    /// `LinkConfig::with_refused_frames`.
+    /// they are not paid for, on an open link they could be carried out (R-10; `LinkConfig::with_refused_frames`).
     pub not_accepted: u32,
     /// Frames that came by this link and had been forwarded a moment ago: dropped.
     pub duplicates: u32,
@@ -196,17 +195,19 @@ fn is_command(id: u32) -> bool {
 /// - **Routes are learned**: the [peer table](crate::PeerInfo) is the route table. A broadcast goes to every other link, a
 ///   frame for somebody to the links that he was heard on, one for a component of our own system likewise.
 /// - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros. One whose id is unknown goes
-///   to all. One that is refused where it came in, for its signature or for want of one, is forwarded to the links that
-///   judge for themselves: not to an open link, where it could be carried out, and not by
-///   satellite, where each frame is paid for. [`not_accepted`](ForwardCounters::not_accepted) counts what is held back.
+///   to all.
+/// - **A refused frame**, one that its link did not accept for its signature or for want of one, is forwarded to the links that
+///   judge for themselves: not to an open link, where it could be carried out, and not by satellite, where each frame
+///   is paid for. [`not_accepted`](ForwardCounters::not_accepted) counts what is held back.
 /// - **Never back**: a frame is not sent on the link that it came by. A broadcast is not sent on a link on which its source was
 ///   heard within the last 5 s either, which is counted as [`source_heard`](ForwardCounters::source_heard). An addressed
 ///   frame is sent on every other link on which its target was heard.
 /// - **Loops end**: what was forwarded is known again for 0.8 s, and then neither forwarded nor handled a second time
 ///   a stack sends a frame at most once to each link, and once more if it had refused it the first time. So in a
 ///   ring of three, over lines of 57,600 bit/s and up to 40 ms, each frame passes each line at most once each way,
-///   whatever the traffic, however small the peer table, and wherever its source was heard; with up to four lines between the three it is delivered at
-///   most as often as there are lines, and twice more. Around longer ways only R-4 ends a loop, and only for broadcasts.
+///   whatever the traffic, however small the peer table, and wherever its source was heard. With up to four lines between
+///   the three it is delivered at most as often as there are lines, and twice more. Around longer ways only R-4 ends a loop,
+///   and only for broadcasts.
 /// - **None is forgotten early**: the memory has `SEEN` places, and what finds none is handled here only, and counted.
 ///   As it is not remembered it is handled each time that it comes: twice, if during a flood it comes by two links. So
 ///   is what goes to no other link, and is not forwarded at all. A command that must not be carried out twice is told
@@ -225,9 +226,9 @@ fn is_command(id: u32) -> bool {
 /// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed and accepted.
 ///
 /// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there. A high-latency
-/// link gets only commands for a peer there, and their answers, and only while no other link reaches that peer: one on
-/// which its heartbeats are received, or any frame was within the last 5 s. What is for all components of a system counts
-/// as reaching it where one of them is.
+/// link gets only commands for a peer there, and their answers, and only while no other link reaches that peer: a link
+/// on which its heartbeats are received, or on which any frame of it was received within the last 5 s. A frame for all
+/// components of a system reaches them by a link on which one of them is heard.
 #[derive(Clone, Debug)]
 pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 256> {
     lanes: [Lane; LINKS],

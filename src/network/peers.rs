@@ -32,8 +32,8 @@ use crate::vehicle::{PeerEvent, Vehicle};
 /// | a living peer that is no ground station | a ground station's heartbeat, or any heartbeat by another link |
 /// | a living ground station | a heartbeat by another link |
 ///
-/// - Verified is a peer whose signature was right, or who was heard on a link that is open. What is accepted unsigned elsewhere, as
-///   RADIO_STATUS is, can be anybody's.
+/// - A peer is verified when its signature was right, or when it was heard on an open link. What other links accept unsigned,
+///   RADIO_STATUS for example, can be anybody's.
 /// - Links share the table. A sender evicts no verified peer of another link, unless that link holds at least two places more than
 ///   the sender's own.
 /// - Components of our own system are not evicted by other systems, as long as they hold no more than half of the places.
