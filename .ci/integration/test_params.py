@@ -38,11 +38,13 @@ Value = namedtuple("Value", "name index count type value")
 # What the tests set, and what they leave behind.
 DEFAULTS = {
     "MIS_TAKEOFF_ALT": (REAL32, 10.0),
-    "MPC_YAW_MODE": (INT8, 0),
+    "MPC_YAW_MODE": (INT32, 0),
+    "SIM_BAT_START": (INT8, 100),
     "SIH_LOC_LAT0": (INT32, 473_977_420),
-    "COM_FLT_TIME_MAX": (UINT32, 0),
+    "COM_FLT_TIME_MAX": (INT32, 0),
+    "MAV_HL_LOSS_T": (UINT16, 0),
     "SIM_GEOID_SEP": (INT16, 47),
-    "SIM_GPS_FIX_TIME": (UINT16, 2000),
+    "SIM_GPS_FIX_TIME": (UINT32, 2000),
     "SIM_GPS_SATS": (UINT8, 14),
     "MPC_XY_CRUISE": (REAL32, 8.0),
     "COM_LOW_BAT_ACT": (INT32, 0),
@@ -155,10 +157,12 @@ def test_read_by_name_and_by_index(client):
     [
         ("MIS_TAKEOFF_ALT", REAL32, 12.5),
         ("SIH_LOC_LAT0", INT32, -123_456_789),
-        ("COM_FLT_TIME_MAX", UINT32, 86_399),
+        ("COM_FLT_TIME_MAX", INT32, 86_399),
         ("SIM_GEOID_SEP", INT16, -33),
-        ("SIM_GPS_FIX_TIME", UINT16, 1999),
-        ("MPC_YAW_MODE", INT8, 1),
+        ("SIM_GPS_FIX_TIME", UINT32, 1999),
+        ("MAV_HL_LOSS_T", UINT16, 3599),
+        ("MPC_YAW_MODE", INT32, 1),
+        ("SIM_BAT_START", INT8, 99),
         ("SIM_GPS_SATS", UINT8, 40),
     ],
 )
@@ -168,6 +172,17 @@ def test_set_of_every_type(client, other, name, kind, value):
     assert (answer.type, answer.value) == (kind, value)
     told = other.wait("PARAM_VALUE", where=lambda message: message.param_id == name)
     assert param_value(told) == answer == read(client, name)
+
+
+@pytest.mark.parametrize("kind", [UINT8, INT8, UINT16, INT16, UINT32, INT32])
+@pytest.mark.parametrize("name", ["SIM_GPS_SATS", "SIM_GEOID_SEP", "COM_LOW_BAT_ACT"])
+def test_an_integer_may_come_as_another_type(client, name, kind):
+    """P-14: a client may know the name as another autopilot's. The answer has the parameter's own type."""
+    own, default = DEFAULTS[name]
+    value = 2 if name == "COM_LOW_BAT_ACT" else 20
+    answer = write(client, name, kind, value)
+    assert (answer.type, answer.value) == (own, value) and read(client, name) == answer
+    assert write(client, name, own, default).value == default
 
 
 def test_what_is_refused(client):
@@ -222,7 +237,7 @@ def test_a_parameter_changes_the_flight(client):
         assert time.monotonic() < deadline, "it does not arm"
         time.sleep(0.5)
     # No system id changes in the air, or on the way there.
-    assert write(client, "MAV_SYS_ID", UINT8, 2) == (-1, "MAV_SYS_ID", PERMISSION_DENIED)
+    assert write(client, "MAV_SYS_ID", INT32, 2) == (-1, "MAV_SYS_ID", PERMISSION_DENIED)
     nan = float("nan")
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan) == mavlink.MAV_RESULT_ACCEPTED
     heights = []
@@ -270,7 +285,7 @@ def test_the_system_id_is_that_of_the_parameter_after_a_start(target, request, t
     option = request.config.getoption
     vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
     try:
-        assert write_and_read(vehicle.gcs, "MAV_SYS_ID", UINT8, 77) == 77
+        assert write_and_read(vehicle.gcs, "MAV_SYS_ID", INT32, 77) == 77
         assert vehicle.gcs.wait("HEARTBEAT").get_srcSystem() == 1
         assert vehicle.gcs.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1, -1) == mavlink.MAV_RESULT_ACCEPTED
         time.sleep(1)

@@ -11,7 +11,7 @@ from plans import HOME, plan
 from pymavlink import mavutil
 from satellite import START, STOP, Satellite
 from test_mavproxy import MavProxy
-from test_params import REAL32, UINT16, read, write
+from test_params import REAL32, UINT16, UINT32, read, write
 from transfer import upload
 
 mavlink = mavutil.mavlink
@@ -163,7 +163,7 @@ def test_what_has_failed_is_told(vehicle, port):
     """As SYS_STATUS says it, in flags of its own: here the receiver that has not found its position yet."""
     # It runs for less than a minute then.
     vehicle.cut()
-    write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 60_000)
+    write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 60_000)
     try:
         satellite = Satellite(getattr(vehicle, "port", port) + 2)
 
@@ -176,7 +176,7 @@ def test_what_has_failed_is_told(vehicle, port):
         (report,) = satellite.until("HIGH_LATENCY2")
         assert report.failure_flags == mavlink.HL_FAILURE_FLAG_GPS
         assert (report.latitude, report.longitude, report.eph, report.epv) == (0, 0, 255, 255)
-        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 2_000)
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 2_000)
         assert vehicle.gcs.wait("SYS_STATUS", 5, has_fix)
         satellite.listen(0.3)
         assert satellite.control(START) == ACCEPTED
@@ -185,7 +185,7 @@ def test_what_has_failed_is_told(vehicle, port):
         assert satellite.control(STOP) == ACCEPTED
         satellite.end()
     finally:
-        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT16, 2_000)
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 2_000)
 
 
 def test_what_comes_late(satellite, other, beating):

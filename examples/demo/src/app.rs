@@ -174,8 +174,8 @@ impl<P: PlanStorage> App<P> {
     pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), F::Error> {
         let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
         self.saving = Saving::No;
-        let id = self.vehicle.tuning().get(Tuning::MAV_SYS_ID);
-        if let Some(address) = VehicleAddress::new(Address::new(id, COMPONENT)) {
+        let id = u8::try_from(self.vehicle.tuning().get(Tuning::MAV_SYS_ID));
+        if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
             self.stack.set_address(address);
         }
         result

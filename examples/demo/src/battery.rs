@@ -54,7 +54,7 @@ impl Battery {
             self.remaining = (self.remaining - self.drawn / self.capacity).max(0.0);
             self.drawn = 0.0;
         }
-        self.cells = tuning.get(Tuning::BAT_N_CELLS);
+        self.cells = tuning.get(Tuning::BAT_N_CELLS).try_into().unwrap_or(u8::MAX);
         let (empty, charged) = (tuning.get(Tuning::BAT_V_EMPTY), tuning.get(Tuning::BAT_V_CHARGED));
         let cells = f32::from(self.cells) * (empty + (charged - empty) * self.remaining);
         self.voltage = (cells - tuning.get(Tuning::BAT_R_INTERNAL) * current).max(0.0);

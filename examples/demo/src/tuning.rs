@@ -1,4 +1,5 @@
-//! What can be tuned: the parameters. Those that PX4 has too bear its names and mean the same, for ground stations know them.
+//! What can be tuned: the parameters. Those that PX4 has too bear its names, have its types (INT32 or REAL32) and mean the same, for
+//! ground stations know them.
 
 use mavstack::parameters;
 
@@ -12,23 +13,23 @@ parameters! {
         /// The operator is warned below this.
         BAT_LOW_THR: f32 = 0.15, 0.01..=0.5, "norm";
         /// Cells in series.
-        BAT_N_CELLS: u8 = 3, 1..=10, "";
+        BAT_N_CELLS: i32 = 3, 1..=10, "";
         /// Resistance of all cells together: what the voltage loses under load.
         BAT_R_INTERNAL: f32 = 0.02, 0.0..=0.2, "Ohm";
         /// A full cell.
         BAT_V_CHARGED: f32 = 4.2, 4.0..=4.4, "V";
         /// An empty cell.
         BAT_V_EMPTY: f32 = 3.5, 2.5..=3.9, "V";
-        /// It does not arm with less in the battery; 0: with any.
-        COM_ARM_BAT_MIN: i8 = 0, 0..=100, "%";
+        /// It does not arm with less in the battery; 0 or less: with any.
+        COM_ARM_BAT_MIN: f32 = 0.0, -1.0..=0.9, "norm";
         /// 1: it arms without a position too.
-        COM_ARM_WO_GPS: u8 = 0, 0..=1, "";
+        COM_ARM_WO_GPS: i32 = 0, 0..=1, "";
         /// How long it stands on the ground until the motors are off.
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
         /// Armed, it disarms when it has not taken off within this; 0: never.
         COM_DISARM_PRFLT: f32 = 10.0, 0.0..=60.0, "s";
-        /// It flies home after so long in the air; 0: never.
-        COM_FLT_TIME_MAX: u32 = 0, 0..=86_400, "s";
+        /// It flies home after so long in the air; 0 or less: never.
+        COM_FLT_TIME_MAX: i32 = 0, -1..=86_400, "s";
         /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands; 1 and 2: and does not arm.
         COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
         /// Sticks that are older do not count.
@@ -50,7 +51,7 @@ parameters! {
         /// HIGH_LATENCY2 goes out by itself so long after the last ground station on the other links was lost; 0: never.
         MAV_HL_LOSS_T: u16 = 0, 0..=3_600, "s";
         /// System id.
-        MAV_SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        MAV_SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
         /// Where a take-off without an altitude ends.
         MIS_TAKEOFF_ALT: f32 = 10.0, 1.0..=500.0, "m";
         /// Horizontal acceleration.
@@ -70,7 +71,7 @@ parameters! {
         /// It turns no faster than this.
         MPC_YAWRAUTO_MAX: f32 = 86.0, 5.0..=360.0, "deg/s";
         /// On a way without a heading of its own. 0: the nose points along the course, 1: it stays.
-        MPC_YAW_MODE: i8 = 0, 0..=1, "";
+        MPC_YAW_MODE: i32 = 0, 0..=1, "";
         /// It goes down no faster than this.
         MPC_Z_VEL_MAX_DN: f32 = 2.0, 0.5..=8.0, "m/s";
         /// It goes up no faster than this.
@@ -94,11 +95,11 @@ parameters! {
         /// What it draws disarmed.
         SIM_AMP_OFF: f32 = 0.3, 0.0..=5.0, "A";
         /// What the battery has when it is switched on.
-        SIM_BAT_START: u8 = 100, 1..=100, "%", [reboot_required];
+        SIM_BAT_START: i8 = 100, 1..=100, "%", [reboot_required];
         /// How far the geoid is above the ellipsoid.
         SIM_GEOID_SEP: i16 = 47, -110..=90, "m";
         /// The receiver needs so long from the start to find its position.
-        SIM_GPS_FIX_TIME: u16 = 2_000, 0..=60_000, "ms";
+        SIM_GPS_FIX_TIME: u32 = 2_000, 0..=60_000, "ms";
         /// Satellites that it sees then.
         SIM_GPS_SATS: u8 = 14, 4..=40, "";
         /// 1: the flight loop stands still until the next start. What keeps beating then is wrong.

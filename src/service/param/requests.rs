@@ -2,7 +2,7 @@
 
 use super::replies::Refusal;
 use super::{Caller, Context, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, TableMut, Taken, Ways, value};
-use crate::dialect::{MavParamError, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
+use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::frame::{Frame, Version};
 use crate::link::LinkMask;
 use crate::message::{Message, Text};
@@ -142,16 +142,20 @@ impl TableMut<'_> {
 
 /// The value that a PARAM_SET asks for, or why not.
 fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, MavParamError> {
-    // Who casts need not know the type, and pymavlink says REAL32 of everything.
-    let is_ours = set.param_type == info.param_type() || encoding == ParamEncoding::CCast;
-    if !value::is_supported(set.param_type) {
+    let (sent, ours) = (set.param_type, info.param_type());
+    if !value::is_supported(sent) {
         return Err(MavParamError::TYPE_UNSUPPORTED);
-    } else if !is_ours {
+    }
+    // A client that casts need not know the type, and pymavlink says REAL32 of everything.
+    let named = if encoding == ParamEncoding::CCast { ours } else { sent };
+    if (named == MavParamType::REAL32) != (ours == MavParamType::REAL32) {
         return Err(MavParamError::TYPE_MISMATCH);
     } else if info.is_read_only() {
         return Err(MavParamError::READ_ONLY);
     }
-    let bits = value::from_wire(encoding, info.param_type(), set.param_value);
+    // A client may know the parameter by its name, of another autopilot, as an integer of another size.
+    let bits = value::from_wire(encoding, named, set.param_value);
+    let bits = bits.and_then(|bits| value::converted(named, ours, bits));
     // Not clamped: a client that reads something else back sets it again, and fails (P-14).
     bits.filter(|bits| info.has_room(*bits)).ok_or(MavParamError::VALUE_OUT_OF_RANGE)
 }

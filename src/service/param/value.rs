@@ -9,6 +9,9 @@ use crate::num;
 const SIGN: u32 = 1 << 31;
 
 /// How integers stand in the float that PARAM_VALUE and PARAM_SET have for a value (P-2). A `f32` is the same in both.
+///
+/// A PARAM_SET of an integer may name another integer type than the parameter's. Its bytes are read as that type's, or with a
+/// cast as a number, and the value is taken if it fits (P-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ParamEncoding {
@@ -149,6 +152,23 @@ pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f3
     (extended(r#type, bits) == integer).then_some(bits)
 }
 
+/// The value `bits` of one integer type, as another has it; `None` when it does not fit. The same for a float, which is no integer.
+pub(super) fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
+    let spare = spare_bits(to);
+    let (value, is_negative) = number(from, bits);
+    let low = value.wrapping_shl(spare).wrapping_shr(spare);
+    (number(to, low) == (value, is_negative)).then_some(low)
+}
+
+/// A value as 32 bits, and whether it is less than zero.
+fn number(r#type: MavParamType, bits: u32) -> (u32, bool) {
+    if !is_signed(r#type) {
+        return (bits, false);
+    }
+    let value = extended(r#type, bits);
+    (value.cast_unsigned(), value < 0)
+}
+
 /// The signed integer.
 fn extended(r#type: MavParamType, bits: u32) -> i32 {
     let spare = spare_bits(r#type);
@@ -218,8 +238,47 @@ mod tests {
         assert_eq!(rank(MavParamType::REAL32, (-0.0f32).to_bits()), rank(MavParamType::REAL32, 0));
     }
 
+    const INTEGERS: [(MavParamType, i64, i64); 6] = [
+        (MavParamType::UINT8, 0, u8::MAX as i64),
+        (MavParamType::INT8, i8::MIN as i64, i8::MAX as i64),
+        (MavParamType::UINT16, 0, u16::MAX as i64),
+        (MavParamType::INT16, i16::MIN as i64, i16::MAX as i64),
+        (MavParamType::UINT32, 0, u32::MAX as i64),
+        (MavParamType::INT32, i32::MIN as i64, i32::MAX as i64),
+    ];
+
+    /// The bits of an integer in `type`, with zeros above them.
+    fn bits_of(r#type: MavParamType, value: i64) -> u32 {
+        value as u32 & (u32::MAX >> spare_bits(r#type))
+    }
+
+    /// P-14, P-2: an integer of every type is one of every other, if that has it: at the borders of all.
+    #[test]
+    fn an_integer_of_another_type_is_the_same_number_or_none() {
+        let borders = INTEGERS.iter().flat_map(|(_, min, max)| [*min, *max]).flat_map(|at| [at - 1, at, at + 1]);
+        for value in borders.chain([-2, -1, 0, 1, 2]) {
+            for (from, ..) in INTEGERS.iter().filter(|(_, min, max)| (min..=max).contains(&&value)) {
+                for (to, min, max) in &INTEGERS {
+                    let expected = (min..=max).contains(&&value).then(|| bits_of(*to, value));
+                    assert_eq!(converted(*from, *to, bits_of(*from, value)), expected, "{value}: {from:?} to {to:?}");
+                }
+            }
+        }
+        let float = (-2.5f32).to_bits();
+        assert_eq!(converted(MavParamType::REAL32, MavParamType::REAL32, float), Some(float));
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(5_000))]
+
+        /// P-14
+        #[test]
+        fn conversions_keep_the_number(bits: u32, from in 0usize..6, to in 0usize..6) {
+            let ((from, ..), (to, min, max)) = (INTEGERS[from], INTEGERS[to]);
+            let bits = bits_of(from, i64::from(bits));
+            let value = if is_signed(from) { i64::from(extended(from, bits)) } else { i64::from(bits) };
+            prop_assert_eq!(converted(from, to, bits), (min..=max).contains(&value).then(|| bits_of(to, value)));
+        }
 
         #[test]
         fn ranks_are_in_the_order_of_the_values(a: u32, b: u32) {

@@ -159,7 +159,7 @@ impl Quadrotor {
 
     /// What is in the way of arming.
     pub(crate) fn check_arming(&self) -> Result<(), &'static str> {
-        let least = f32::from(self.tuning.get(Tuning::COM_ARM_BAT_MIN)) / 100.0;
+        let least = self.tuning.get(Tuning::COM_ARM_BAT_MIN);
         if self.is_terminated {
             return Err("Arming refused: flight terminated");
         }

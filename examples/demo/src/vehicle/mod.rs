@@ -387,7 +387,7 @@ impl Quadrotor {
 
     #[inline(never)]
     fn watch_time(&mut self) {
-        let most = self.tuning.get(Tuning::COM_FLT_TIME_MAX);
+        let most = u32::try_from(self.tuning.get(Tuning::COM_FLT_TIME_MAX)).unwrap_or(0);
         let is_over = most > 0 && self.time.since(self.times.took_off) >= Duration::from_secs(most.into());
         if self.armed && self.is_in_air && is_over && !self.is_overdue {
             self.is_overdue = true;
