@@ -270,8 +270,9 @@ pub trait Commands {
     /// [`Stack::has_answered`](crate::Stack::has_answered) says that the answer has left.
     fn command(&mut self, command: &Command) -> Outcome;
 
-    /// Whether who sent `command`, one of [`COMMANDS`](Self::COMMANDS), may give it; if not it is answered
-    /// NOT_IN_CONTROL.
+    /// Whether the sender of `command`, one of [`COMMANDS`](Self::COMMANDS), is authorised to give it; if not, it is answered
+    /// NOT_IN_CONTROL. Also asked about SET_MODE and MISSION_SET_CURRENT, as MAV_CMD_DO_SET_MODE and
+    /// MAV_CMD_DO_SET_MISSION_CURRENT.
     fn is_in_control(&self, command: &Command) -> bool {
         let _ = command;
         true
@@ -488,7 +489,8 @@ pub trait Plans {
 
     /// Goes on from item `seq`, which exists, whenever the mission is flown; the flight mode stays as it is (M-92, M-93).
     /// With `reset` jump counters begin anew, and a mission that was complete is ACTIVE or PAUSED again. Asked for by
-    /// MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT.
+    /// MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT; what [`Commands::COMMANDS`] declares of the first holds for
+    /// both, and so does [`Commands::is_in_control`] (M-46).
     fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
         let _ = (seq, reset);
         MavResult::UNSUPPORTED

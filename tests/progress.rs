@@ -100,6 +100,28 @@ fn mission_set_current() {
     assert_eq!(world.vehicle.calls, []);
 }
 
+/// M-46, M-93: a sender that may not give MAV_CMD_DO_SET_MISSION_CURRENT may not send its old form either: the vehicle is not
+/// asked, a text says so, and MISSION_CURRENT is as it was.
+#[test]
+fn mission_set_current_is_for_those_in_control() {
+    let mut world = world::<2>(3);
+    world.vehicle.controller = Some(world.gcs[1].address);
+    world.gcs[0].address = OTHER_STATION;
+    assert_eq!(command(&mut world, MavCmd::DO_SET_MISSION_CURRENT, 2.0, 0.0), MavResult::NOT_IN_CONTROL);
+    let set = |seq| MissionSetCurrent { seq, target_system: 1, target_component: 1 };
+    world.gcs[0].send(&set(2));
+    for link in [0, 1] {
+        assert_eq!(world.expect::<MissionCurrent>(link, millis(100)).seq, 0, "unchanged");
+        let text: Statustext = world.expect(link, millis(100));
+        assert_eq!(text.text.as_str(), Some("Mission item 2 cannot be made current"));
+    }
+    assert_eq!(world.vehicle.calls, []);
+    settle(&mut world);
+    world.gcs[1].send(&set(2));
+    assert_eq!(world.expect::<MissionCurrent>(0, millis(100)).seq, 2);
+    assert_eq!(world.vehicle.calls, [Call::SetCurrent(2, false)]);
+}
+
 /// M-95: the items are checked, what is left out is told so.
 #[test]
 fn mission_start() {

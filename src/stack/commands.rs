@@ -2,11 +2,11 @@
 //! and when an answer has left.
 
 use super::{Context, Core, Stack, count};
-use crate::dialect::{CommandCancel, CommandInt, CommandLong, SetMode};
+use crate::dialect::{CommandCancel, CommandInt, CommandLong, MissionSetCurrent, SetMode};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Peer, Port};
 use crate::service::command::{self, Origin};
-use crate::service::mission::PlanStorage;
+use crate::service::mission::{self, PlanStorage};
 use crate::service::mode;
 use crate::vehicle::{Autopilot, Command};
 
@@ -49,6 +49,14 @@ impl Core {
         }
         true
     }
+}
+
+/// The item of a MISSION_SET_CURRENT whose sender may not give the command that this is (M-46).
+#[inline(never)]
+pub(super) fn refused_item(frame: &Frame<'_>, origin: Origin, vehicle: &impl Autopilot) -> Option<u16> {
+    let message = frame.decode::<MissionSetCurrent>()?;
+    let is_allowed = command::is_allowed(&mission::from_set_current(&message, origin), vehicle);
+    (!is_allowed).then_some(message.seq)
 }
 
 /// The command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE where that is one in all but form; with its `custom_mode`

@@ -1,6 +1,6 @@
 //! From a decoded frame to the service that it is for: the address filter, then the services one by one.
 
-use super::commands::command_of;
+use super::commands::{command_of, refused_item};
 use super::{Context, Core, count, signing, streams};
 use crate::config::Allowance;
 #[cfg(feature = "signing")]
@@ -156,6 +156,7 @@ impl Core {
                 count(&mut port.counters.out_of_place);
                 return;
             }
+            let refused = refused_item(frame, origin(context, port, frame), context.vehicle);
             let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
             let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
                 if !caller.refuse(frame) {
@@ -165,7 +166,10 @@ impl Core {
             };
             let Context { now, texts, vehicle, .. } = context;
             let mut context = self.plan_context(*now, &mut plans, texts);
-            missions.on_frame(&mut context, *vehicle, &mut caller, frame);
+            match refused {
+                Some(seq) => missions.refuse_current(&mut context, *vehicle, seq),
+                None => missions.on_frame(&mut context, *vehicle, &mut caller, frame),
+            }
         } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
             let Context { now, texts, vehicle, .. } = context;
             let mut context = param::Context { now: *now, texts, normal: self.normal };
@@ -185,7 +189,7 @@ impl Core {
             && target.system == own.system
         {
             // What is for everyone need not be for us.
-            count_drop(&mut port.counters.unhandled, frame, "nothing here handles it");
+            count(&mut port.counters.unhandled);
         }
     }
 

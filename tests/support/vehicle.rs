@@ -202,6 +202,8 @@ impl Commands for TestVehicle {
         CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
         CommandPolicy::new(command_rules::DO_REPEAT_RELAY).once_per_press(),
         CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
+        // For those who may give it; its parameters are the stack's to check.
+        CommandPolicy::new(CommandRule::any(MavCmd::DO_SET_MISSION_CURRENT)),
         CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
         CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))
             .long_frame(MavFrame::GLOBAL_RELATIVE_ALT),

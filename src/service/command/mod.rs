@@ -111,6 +111,11 @@ pub(crate) fn answered<V: Commands>(
     Some(if is_busy { Err(outcome.result.into()) } else { Ok(outcome) })
 }
 
+/// Whether what the vehicle declares of `command` lets it through (C-5): for a message that is a command in all but form.
+pub(crate) fn is_allowed<V: Commands>(command: &Command, vehicle: &V) -> bool {
+    policy::check(command, vehicle).is_ok()
+}
+
 /// A command was carried out.
 pub(crate) fn carried_out<V: Commands>(
     now: Instant,

@@ -33,6 +33,7 @@ pub(crate) use memory::PlansMut;
 #[doc(hidden)]
 pub use memory::largest as __largest;
 pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
+pub(crate) use progress::from_set_current;
 pub(crate) use replies::{Replies, Reply};
 pub(crate) use rules::Value;
 pub use rules::{CommandRule, ParamRule};

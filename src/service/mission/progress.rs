@@ -5,13 +5,14 @@ use heapless::Vec;
 use super::memory::{PlanType, PlansMut};
 use super::validate::Trouble;
 use super::{Context, Missions};
-use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached};
+use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent};
 use crate::link::{LinkMask, Outbox};
 use crate::list::take_first;
 use crate::message::Message;
 use crate::num;
+use crate::service::command::Origin;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, Plans, Progress};
+use crate::vehicle::{Command, CommandPosition, Plans, Progress};
 
 /// Items that were reached and not yet told of on every link.
 const PENDING: usize = 4;
@@ -95,12 +96,18 @@ impl Missions {
     /// MISSION_SET_CURRENT, which has no answer of its own: success and failure show in MISSION_CURRENT, failure in a text
     /// too (M-93).
     pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, seq: u16) {
-        let result =
-            if seq < cx.plans.count(PlanType::Mission) { vehicle.set_current(seq, false) } else { MavResult::FAILED };
-        if result != MavResult::ACCEPTED {
-            event!("current item {=u16}: refused", seq);
-            cx.tell(&Trouble::NotCurrent(seq));
+        let is_there = seq < cx.plans.count(PlanType::Mission);
+        if is_there && vehicle.set_current(seq, false) == MavResult::ACCEPTED {
+            self.current.announce_progress(vehicle.progress(), cx.normal);
+        } else {
+            self.refuse_current(cx, vehicle, seq);
         }
+    }
+
+    /// The item does not become the current one: a text, and MISSION_CURRENT as it was (M-93).
+    pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V, seq: u16) {
+        event!("current item {=u16}: refused", seq);
+        cx.tell(&Trouble::NotCurrent(seq));
         self.current.announce_progress(vehicle.progress(), cx.normal);
     }
 
@@ -134,6 +141,21 @@ impl Missions {
         }
         self.current.announce(link);
         Some(MavResult::ACCEPTED)
+    }
+}
+
+/// The command that a MISSION_SET_CURRENT is (M-46).
+pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> Command {
+    Command {
+        id: MavCmd::DO_SET_MISSION_CURRENT,
+        params: [message.seq.into(), 0.0, 0.0, 0.0],
+        position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
+        z: 0.0,
+        from: origin.from,
+        class: origin.class,
+        age: origin.age,
+        is_broadcast: message.target_system == 0,
+        confirmation: 0,
     }
 }
 
