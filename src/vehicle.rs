@@ -8,7 +8,7 @@ use crate::frame::Frame;
 use crate::link::{LinkClass, LinkId, Peer};
 use crate::message::{Dialect, MessageTable};
 use crate::network::Forwarding;
-use crate::service::command::{CommandMemory, CommandPolicy};
+use crate::service::command::{CommandMemory, CommandPolicy, LatLon};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::mission::{CommandRule, Item, PlanType};
@@ -478,6 +478,14 @@ pub trait Plans {
     fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         let _ = (plan, items);
         Ok(())
+    }
+
+    /// How far the first waypoint of a mission may be, and from where: usually home, or where the vehicle is; the limit is in
+    /// metres. A mission whose first item with a position is farther away is refused with `INVALID_PARAM5_X` and a text, when
+    /// it is uploaded, loaded, or comes back from storage (M-48). `None`, as by default, is no limit, and is right as long as
+    /// the vehicle does not know where it is. The distance is approximate: to 3 % below 80° of latitude.
+    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+        None
     }
 
     /// A new plan is live: progress begins anew (M-39), also where the old plan was longer (M-94). Not called for an upload

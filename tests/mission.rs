@@ -7,7 +7,8 @@ use mavstack::dialect::{
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
 };
 use mavstack::{
-    LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version, plan_memory,
+    LatLon, LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version,
+    plan_memory,
 };
 use support::*;
 
@@ -332,6 +333,39 @@ fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
     let text: Statustext = world.expect(0, secs(1));
     assert_eq!(text.text.as_bytes(), b"Mission refused: not allowed now");
     assert_downloads(&mut world, 0, &plan(3, 1));
+}
+
+/// M-48: a waypoint at 0, 0 is refused and the text says why; so is a mission whose first waypoint is too far, where the
+/// vehicle sets a limit. The old plan stays.
+#[test]
+fn missions_to_nowhere_are_refused() {
+    let mut world = world::<1>();
+    let old = plan(3, 1);
+    world.upload(0, &old).expect("accepted");
+    let refused = Err(TransferError::Refused(MavMissionResult::INVALID_PARAM5_X));
+    let mut zero = plan(4, 2);
+    for (seq, text) in [(0, None), (2, Some("Mission item 2: no position (0, 0)"))] {
+        let mut zero = zero.clone();
+        (zero[seq].x, zero[seq].y) = (0, 0);
+        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off there is here");
+        if let Some(text) = text {
+            assert_eq!(world.upload(0, &zero), refused);
+            assert_eq!(world.expect::<Statustext>(0, secs(1)).text.as_str(), Some(text));
+        }
+    }
+    world.upload(0, &old).expect("accepted");
+    let home = LatLon { latitude: zero[0].x + 1_000_000, longitude: zero[0].y };
+    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    world.gcs[0].forget();
+    assert_eq!(world.upload(0, &zero), refused);
+    let text: Statustext = world.expect(0, secs(1));
+    assert_eq!(text.text.as_str(), Some("Mission item 0: more than 11000 m away"));
+    assert_downloads(&mut world, 0, &old);
+    world.vehicle.first_waypoint_limit = Some((home, 11_200));
+    world.upload(0, &zero).expect("near enough");
+    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    zero[0].x = home.latitude;
+    world.upload(0, &zero).expect("the first alone counts");
 }
 
 /// T-M7, T-M8: at every item the same station may begin anew, or cancel; until the end the old plan is there.

@@ -84,7 +84,7 @@ fn a_firmware_has_the_last_word() {
         NAV_LAND.position_required().altitude_optional(),
         CommandRule::any(MavCmd(31_010)),
     ];
-    let waypoint = item(6, MavCmd::NAV_WAYPOINT, [600.0, 0.0, 0.0, NAN], 0, 0, 10.0);
+    let waypoint = item(6, MavCmd::NAV_WAYPOINT, [600.0, 0.0, 0.0, NAN], 0, 1, 10.0);
     let land = item(3, MavCmd::NAV_LAND, [0.0; 4], 0, 0, NAN);
     // How QGroundControl begins a landing pattern: no position, whatever the definitions say.
     let pattern = item(2, MavCmd::DO_LAND_START, [0.0; 4], 0, 0, 0.0);
@@ -112,7 +112,7 @@ fn a_firmware_has_the_last_word() {
 #[test]
 fn words_may_be_said_twice() {
     let here = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], NONE, NONE, 10.0);
-    let as_it_is = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 0, 0, NAN);
+    let as_it_is = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 0, 1, NAN);
     let off_the_globe = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 900_000_001, 0, 10.0);
     let passes = |rule: CommandRule| [here, as_it_is, off_the_globe].map(|item| rule.check(&item).is_ok());
     let position = NAV_WAYPOINT.position_optional();

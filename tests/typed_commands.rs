@@ -222,7 +222,7 @@ fn vehicle_narrows_and_widens() {
     const OWN: CommandRule = command_rules::NAV_WAYPOINT
         .with_params(&[ParamRule::at_least(1, -1.0).or_nan()])
         .with_frames(&[MavFrame::GLOBAL]);
-    let at = |frame, hold| int(MavCmd::NAV_WAYPOINT, frame, [hold, 0.0, 0.0, NAN], 0, 0, 10.0);
+    let at = |frame, hold| int(MavCmd::NAV_WAYPOINT, frame, [hold, 0.0, 0.0, NAN], 0, 1, 10.0);
     let hold = |command: Command| command.decode_by::<NavWaypoint>(&OWN).map(|waypoint| waypoint.hold);
     assert_eq!(at(MavFrame::GLOBAL, -1.0).decode::<NavWaypoint>(), Err(MavResult::DENIED));
     assert_eq!(hold(at(MavFrame::GLOBAL, -1.0)), Ok(-1.0));

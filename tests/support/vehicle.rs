@@ -5,8 +5,8 @@ use mavstack::dialect::{
 };
 use mavstack::{
     Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, ForwardQueues, Forwarding,
-    Frame, HighLatency, Item, LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent, PlanChange,
-    PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
+    Frame, HighLatency, Item, LatLon, LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent,
+    PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -79,6 +79,8 @@ pub struct TestVehicle {
     pub bad_items: BTreeMap<u16, MavMissionResult>,
     /// What is said of each plan as a whole.
     pub plan_verdict: Result<(), MavMissionResult>,
+    /// From where, and how far, the first waypoint may be.
+    pub first_waypoint_limit: Option<(LatLon, u32)>,
     /// Whether its storage may be written.
     pub may_persist: bool,
     /// What it answers to who sets the current item, or starts the mission.
@@ -122,6 +124,7 @@ impl TestVehicle {
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
+            first_waypoint_limit: None,
             may_persist: true,
             progress_verdict: MavResult::ACCEPTED,
             refuses_broadcast: false,
@@ -274,6 +277,10 @@ impl Plans for TestVehicle {
     fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         self.calls.push(Call::CheckPlan(plan, items.to_vec()));
         Ok(self.plan_verdict?)
+    }
+
+    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+        self.first_waypoint_limit
     }
 
     fn plan_changed(&mut self, change: PlanChange<'_>) {

@@ -1,7 +1,7 @@
 //! The mission items that the vehicle can fly, and what each asks of it.
 //!
 //! A copter hovers where an aeroplane circles: radii and directions of circles are of no use to it. Where an item leaves
-//! something open (NaN, a position that is not given), the vehicle keeps to what is (M-70). What is placed on the ground or
+//! something open (NaN, a position that is not given, or 0, 0), the vehicle keeps to what is (M-48, M-70). What is placed on the ground or
 //! just above it is flown to as low as the vehicle flies.
 
 use core::f32::consts::TAU;
@@ -98,7 +98,8 @@ pub fn order(item: &Item, now: &Situation) -> Order {
     let [p1, p2, p3, p4] = item.params;
     let Vector { north, east, down } = now.position;
     let (north, east) = match (item.x, item.y) {
-        (i32::MAX, _) | (_, i32::MAX) => (north, east),
+        // A waypoint at 0, 0 is refused: this is a take-off, a landing or a loiter.
+        (i32::MAX, _) | (_, i32::MAX) | (0, 0) => (north, east),
         (latitude, longitude) => now.home.to_local(latitude, longitude),
     };
     let height = now.home.to_height(item.frame, item.z).unwrap_or(-down);
@@ -209,6 +210,19 @@ mod tests {
         assert_eq!(order(waypoint), fly(Maneuver::Reach { to, radius: 2.0 }));
         let speed = |speed| order(item(MavCmd::DO_CHANGE_SPEED, [1.0, speed, -1.0, 0.0]));
         assert_eq!([speed(-1.0), speed(-2.0), speed(3.5)], [Some(5.0), None, Some(3.5)].map(Order::Speed));
+    }
+
+    /// M-48: 0, 0 is "here" where an item without a position has a meaning.
+    #[test]
+    fn zero_is_here() {
+        let here = NOW.position;
+        let order = |command| order(&Item { x: 0, y: 0, ..item(command, [f32::NAN; 4]) }, &NOW);
+        let to = Vector { down: -10.0, ..here };
+        assert_eq!(order(MavCmd::NAV_TAKEOFF), fly(Maneuver::Climb(to)));
+        assert_eq!(order(MavCmd::NAV_LAND), fly(Maneuver::Land(here)));
+        let loiter = Maneuver::Reach { to, radius: 2.0 };
+        assert_eq!(order(MavCmd::NAV_LOITER_TIME), fly(loiter));
+        assert_eq!(order(MavCmd::NAV_LOITER_UNLIM), Order::Fly { maneuver: loiter, stay: FOREVER, yaw: None });
     }
 
     #[test]

@@ -48,6 +48,26 @@ fn items_at_one_place_are_each_reached() {
     assert_eq!(flight.reached(), (0..40).collect::<Vec<_>>());
 }
 
+/// M-48: what was uploaded with a position of 0, 0 is flown where the vehicle is.
+#[test]
+fn a_plan_at_zero_is_flown_here() {
+    let zero = |command, z| Item { x: 0, y: 0, ..at(command, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, z) };
+    let mut flight = Flight::ready();
+    flight.upload(&[
+        zero(MavCmd::NAV_TAKEOFF, 8.0),
+        waypoint(20.0, 10.0),
+        Item { params: [2.0, 0.0, 0.0, NAN], ..zero(MavCmd::NAV_LOITER_TIME, 8.0) },
+        zero(MavCmd::NAV_LAND, 0.0),
+    ]);
+    flight.start(None, None);
+    while flight.vehicle.is_armed() {
+        flight.run(10);
+        assert!(flight.distance(0.0, 0.0) < 30.0 && flight.millis < 120_000);
+    }
+    assert!(flight.distance(20.0, 10.0) < 3.0 && flight.vehicle.is_landed());
+    assert_eq!(flight.reached(), [0, 1, 2, 3]);
+}
+
 #[test]
 fn a_plan_from_ground_to_ground() {
     let mut flight = Flight::ready();

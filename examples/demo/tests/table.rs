@@ -158,6 +158,34 @@ fn what_it_cannot_fly_is_refused() {
     assert_eq!(upload.answer(MavMissionType::MISSION, &jumps), R::NO_SPACE, "one has no counter");
 }
 
+/// M-48: nothing is flown to 0, 0: a waypoint there is refused, a take-off, landing or loiter is "here". Nor does a mission
+/// begin more than 10 km from home, once the vehicle knows where that is.
+#[test]
+fn missions_begin_near_home_and_not_at_zero() {
+    use MavMissionResult as R;
+    let zero = |command| Item { x: 0, y: 0, ..at(command, [0.0, 0.0, 0.0, f32::NAN], 0.0, 0.0, 10.0) };
+    let far = waypoint(-10_050.0, 0.0);
+    let plans = [
+        (vec![zero(MavCmd::NAV_TAKEOFF), waypoint(9_950.0, 0.0), zero(MavCmd::NAV_LOITER_UNLIM)], R::ACCEPTED),
+        (vec![waypoint(0.0, -5_000.0), zero(MavCmd::NAV_LOITER_TIME), zero(MavCmd::NAV_LAND)], R::ACCEPTED),
+        (vec![zero(MavCmd::NAV_TAKEOFF), zero(MavCmd::NAV_WAYPOINT)], R::INVALID_PARAM5_X),
+        (vec![waypoint(0.0, 0.0), far], R::ACCEPTED),
+        (vec![zero(MavCmd::NAV_TAKEOFF), far], R::INVALID_PARAM5_X),
+        (vec![far, waypoint(0.0, 0.0)], R::INVALID_PARAM5_X),
+    ];
+    let mut upload = Upload::new();
+    assert_eq!(upload.answer(MavMissionType::MISSION, &[far]), R::ACCEPTED, "it does not know where it is");
+    // Time for a fix.
+    for millis in 0..60_000 {
+        upload.vehicle.control_step(Instant::from_millis(millis), &[], &[], &[]);
+    }
+    assert!(upload.vehicle.has_fix());
+    upload.millis = 60_000;
+    for (plan, answer) in plans {
+        assert_eq!(upload.answer(MavMissionType::MISSION, &plan), answer, "{plan:?}");
+    }
+}
+
 #[test]
 fn fences_and_rally_points_are_taken_and_refused() {
     let mut upload = Upload::new();

@@ -22,7 +22,7 @@ pub trait TypedCommand: Sized {
 
     /// What [`Command::decode`] checks: also a vehicle that needs less than the definition gets its command.
     #[doc(hidden)]
-    const LOOSE: CommandRule = Self::RULE.any_frame().position_optional().altitude_optional();
+    const LOOSE: CommandRule = Self::RULE.any_frame().position_optional().altitude_optional().zero_position_allowed();
 }
 
 /// A type that a field can have in [`command!`](crate::command!): numbers of up to 32 bits, and types made by

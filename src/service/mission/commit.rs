@@ -301,7 +301,7 @@ impl Missions {
         if cx.plans.staged() == 0 {
             return Ok(0);
         }
-        check_plan(cx, vehicle, plan)?;
+        check_plan(cx, vehicle, plan).map_err(|trouble| trouble.fault())?;
         Ok(digest.id())
     }
 

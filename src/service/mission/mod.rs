@@ -11,6 +11,7 @@
 
 mod commit;
 mod current;
+mod distance;
 mod download;
 mod form;
 mod item;

@@ -166,6 +166,24 @@ const LOCATED: u8 = 1;
 const POSITION_OPTIONAL: u8 = 2;
 /// z need not be a number.
 const ALTITUDE_OPTIONAL: u8 = 4;
+/// A position of 0, 0 is "not set", and is refused.
+const ZERO_REFUSED: u8 = 8;
+
+/// The flags of a command with a position: ground stations write 0, 0 where nothing was set, and a waypoint means nothing
+/// without a position (M-48).
+const fn located(command: MavCmd) -> u8 {
+    match command {
+        MavCmd::NAV_WAYPOINT
+        | MavCmd::NAV_ARC_WAYPOINT
+        | MavCmd::NAV_SPLINE_WAYPOINT
+        | MavCmd::WAYPOINT_USER_1
+        | MavCmd::WAYPOINT_USER_2
+        | MavCmd::WAYPOINT_USER_3
+        | MavCmd::WAYPOINT_USER_4
+        | MavCmd::WAYPOINT_USER_5 => LOCATED | ZERO_REFUSED,
+        _ => LOCATED,
+    }
+}
 
 /// What the items of one command may be.
 ///
@@ -203,12 +221,13 @@ impl CommandRule {
     /// Every item of this command passes that has a frame that plans know, no infinite number, and in a global frame a
     /// position on the globe or none.
     pub const fn any(command: MavCmd) -> Self {
-        Self::at_position(command.0, &[]).any_frame().position_optional().altitude_optional()
+        Self::at_position(command.0, &[]).any_frame().position_optional().altitude_optional().zero_position_allowed()
     }
 
     /// A command whose parameters 5, 6, 7 are a position, in a global frame. For generated code.
     pub const fn at_position(command: u16, params: &'static [ParamRule]) -> Self {
-        Self { command: MavCmd(command), frames: GLOBAL, flags: LOCATED, params, own: &[] }
+        let command = MavCmd(command);
+        Self { command, frames: GLOBAL, flags: located(command), params, own: &[] }
     }
 
     /// A command without a position. Its frame says nothing: MISSION is the right one, and the global ones are what older
@@ -252,6 +271,20 @@ impl CommandRule {
     #[must_use]
     pub const fn position_required(self) -> Self {
         Self { flags: self.flags & !POSITION_OPTIONAL, ..self }
+    }
+
+    /// A latitude and longitude of 0, 0 is a position like others, or what the vehicle makes of it: it may mean "here" in a
+    /// take-off, a landing or a loiter. The default, but for waypoints (M-48). Stored and downloaded as received.
+    #[must_use]
+    pub const fn zero_position_allowed(self) -> Self {
+        Self { flags: self.flags & !ZERO_REFUSED, ..self }
+    }
+
+    /// A latitude and longitude of 0, 0 in a global frame is "not set", and refused with `INVALID_PARAM5_X`. The default for
+    /// NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_ARC_WAYPOINT and WAYPOINT_USER_1 to 5 (M-48).
+    #[must_use]
+    pub const fn zero_position_refused(self) -> Self {
+        Self { flags: self.flags | ZERO_REFUSED, ..self }
     }
 
     /// z may be NaN: "as it is", or what else is the command's default.
@@ -304,7 +337,8 @@ impl CommandRule {
             // Half a position is none.
             let is_absent = item.x == i32::MAX && item.y == i32::MAX && self.has(POSITION_OPTIONAL);
             let is_bad = |value: i32, limit| !is_absent && value.unsigned_abs() > limit;
-            (is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
+            let is_unset = item.x == 0 && item.y == 0 && self.has(ZERO_REFUSED);
+            (is_unset || is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
         } else {
             // Ground stations that write a global frame here have scaled the parameters like degrees.
             let value = |value| if is_global { Value::of_1e7(value) } else { Value::of_integer(value) };
@@ -377,7 +411,7 @@ mod tests {
     /// M-74: the vehicle's word goes before the definitions'.
     #[test]
     fn a_vehicle_narrows_and_widens() {
-        let item = Item { x: 0, y: 0, params: [-1.0, 99.0, 3.0, NAN], ..HERE };
+        let item = Item { x: 0, y: 1, params: [-1.0, 99.0, 3.0, NAN], ..HERE };
         let code = |rule: CommandRule| rule.check(&item);
         assert_eq!(code(NAV_WAYPOINT), Err(MavMissionResult::INVALID_PARAM1));
         const OWN: &[ParamRule] = &[ParamRule::any(1), ParamRule::range(2, 0.0, 50.0)];
@@ -392,7 +426,7 @@ mod tests {
     #[test]
     fn frames_come_in_pairs() {
         let taken = |rule: CommandRule| {
-            let passes = |frame: u8| rule.check(&Item { x: 0, y: 0, frame: MavFrame(frame), ..HERE }).is_ok();
+            let passes = |frame: u8| rule.check(&Item { x: 0, y: 1, frame: MavFrame(frame), ..HERE }).is_ok();
             (0..=u8::MAX).filter(|frame| passes(*frame)).collect::<std::vec::Vec<_>>()
         };
         assert_eq!(taken(NAV_WAYPOINT), [0, 3, 5, 6, 10, 11]);
@@ -417,6 +451,32 @@ mod tests {
         // In MISSION there is no place, and no altitude to miss.
         let mission = Item { frame: MavFrame::MISSION, x: i32::MIN, y: 2_000_000_000, z: NAN, ..HERE };
         assert_eq!(NAV_TAKEOFF.any_frame().check(&mission), Ok(()));
+    }
+
+    /// M-48: 0, 0 in a global frame is no waypoint, unless the vehicle says so; for other commands it is a position.
+    #[test]
+    fn zero_is_no_waypoint() {
+        let zero = |frame| Item { frame, x: 0, y: 0, ..HERE };
+        let refused = Err(MavMissionResult::INVALID_PARAM5_X);
+        let above_home = MavFrame::GLOBAL_RELATIVE_ALT;
+        for rule in command_rules::ALL.iter().filter(|rule| rule.is_located()) {
+            let is_waypoint = matches!(rule.command().0, 16 | 36 | 82 | 31_000..=31_004);
+            let item = Item { command: rule.command(), params: [0.0; 4], ..zero(above_home) };
+            let near = Item { x: -1, ..item };
+            assert_eq!(rule.check(&item) == refused && rule.check(&near).is_ok(), is_waypoint, "{rule:?}");
+            assert_eq!(rule.zero_position_allowed().check(&item), rule.zero_position_allowed().check(&near));
+            if rule.check(&near).is_ok() {
+                assert_eq!(rule.zero_position_refused().check(&item), refused, "{rule:?}");
+            }
+        }
+        for item in [zero(MavFrame::GLOBAL), zero(MavFrame::GLOBAL_TERRAIN_ALT_INT)] {
+            assert_eq!(NAV_WAYPOINT.check(&item), refused);
+            assert_eq!(NAV_WAYPOINT.position_optional().check(&item), refused, "\"not given\" is i32::MAX");
+            assert_eq!(NAV_WAYPOINT.check(&Item { x: 1, ..item }), Ok(()));
+            assert_eq!(NAV_WAYPOINT.check(&Item { y: -1, ..item }), Ok(()));
+        }
+        assert_eq!(NAV_WAYPOINT.any_frame().check(&zero(MavFrame::MISSION)), Ok(()), "there is no position");
+        assert_eq!(CommandRule::any(MavCmd::NAV_WAYPOINT).check(&zero(above_home)), Ok(()));
     }
 
     /// Parameters 5 and 6 of a command without a place: MAVSDK sends them unscaled in MISSION, QGroundControl scaled in a

@@ -4,6 +4,7 @@
 //! decided here; when to ask again is [`Pace`]'s.
 
 use super::commit::Change;
+use super::distance::first_too_far;
 use super::form::Form;
 use super::item::{Digest, Item};
 use super::memory::PlanType;
@@ -11,7 +12,7 @@ use super::number::{Counts, Number};
 use super::pace::Pace;
 use super::replies::{Reply, What};
 use super::validate::{self, Trouble};
-use super::{Caller, Context, Missions, mission_type};
+use super::{Caller, CommandRule, Context, Missions, mission_type};
 use crate::dialect::{
     MavMissionResult, MavMissionType, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt,
 };
@@ -297,7 +298,8 @@ impl Missions {
             return None;
         }
         // The command comes first, as the order of section 8.6 has it: of an unknown one the frame says nothing.
-        let checked = validate::rule(plan, V::MISSION_COMMANDS, item.command).and_then(|rule| {
+        let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
+        let checked = rule.and_then(|rule| {
             let item = if is_float { Item::from_float(item)? } else { item };
             rule.check(&item)?;
             vehicle.check_item(plan, seq, &item)?;
@@ -306,7 +308,15 @@ impl Missions {
         let item = match checked {
             Ok(item) => item,
             Err(result) => {
-                cx.tell(&Trouble::Refused(plan, PlanFault { seq: Some(seq), result }));
+                // 0 in an integer and in a float have the same bits.
+                let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
+                let is_located = |rule: &CommandRule| rule.is_located();
+                let trouble = if is_unset && rule.is_ok_and(is_located) {
+                    Trouble::Unset(plan, seq)
+                } else {
+                    Trouble::Refused(plan, PlanFault { seq: Some(seq), result })
+                };
+                cx.tell(&trouble);
                 self.finish(cx, caller, seq, result);
                 return None;
             }
@@ -335,10 +345,12 @@ impl Missions {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         // The vehicle may have armed since COUNT (M-45).
-        let may_change = |vehicle: &mut V| vehicle.may_change(plan, caller.from).map_err(PlanFault::from);
-        if let Err(fault) = check_plan(cx, vehicle, plan).and_then(|()| may_change(vehicle)) {
-            cx.tell(&Trouble::Refused(plan, fault));
-            return self.finish(cx, caller, seq, fault.result);
+        let may_change = |vehicle: &mut V| {
+            vehicle.may_change(plan, caller.from).map_err(|result| Trouble::Refused(plan, result.into()))
+        };
+        if let Err(trouble) = check_plan(cx, vehicle, plan).and_then(|()| may_change(vehicle)) {
+            cx.tell(&trouble);
+            return self.finish(cx, caller, seq, trouble.fault().result);
         }
         self.upload = None;
         let change = Change::Upload { plan, seq, first, id, last };
@@ -587,8 +599,19 @@ impl Arrival {
 }
 
 /// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.
-pub(super) fn check_plan<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), PlanFault> {
+pub(super) fn check_plan<V: Plans>(
+    cx: &Context<'_, '_>,
+    vehicle: &mut V,
+    plan: PlanType,
+) -> Result<(), Trouble<'static>> {
     let items = cx.plans.staging.as_slice();
-    validate::check_plan(plan, items)?;
-    vehicle.check_plan(plan, items)
+    let refused = |fault| Trouble::Refused(plan, fault);
+    validate::check_plan(plan, items).map_err(refused)?;
+    if plan == PlanType::Mission
+        && let Some((from, limit)) = vehicle.first_waypoint_limit()
+        && let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit)
+    {
+        return Err(Trouble::TooFar(seq, limit));
+    }
+    vehicle.check_plan(plan, items).map_err(refused)
 }

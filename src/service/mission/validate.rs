@@ -67,6 +67,10 @@ pub(super) enum Trouble<'a> {
     /// "Mission item 12: parameter 3 out of range", for MISSION_ACK itself has no room for the number (M-38); "Mission
     /// refused: not consistent", where no item is to blame.
     Refused(PlanType, PlanFault),
+    /// "Mission item 2: no position (0, 0)" (M-48).
+    Unset(PlanType, u16),
+    /// "Mission item 0: more than 10000 m away" (M-48).
+    TooFar(u16, u32),
     /// "Mission upload timed out at item 12".
     TimedOut(PlanType, u16),
     /// "Mission item 12 cannot be made current" (M-93).
@@ -78,6 +82,17 @@ pub(super) enum Trouble<'a> {
 }
 
 impl Trouble<'_> {
+    /// What is wrong with the plan, where that is the trouble.
+    pub(super) fn fault(&self) -> PlanFault {
+        match *self {
+            Self::Refused(_, fault) => fault,
+            Self::Unset(_, seq) | Self::TooFar(seq, _) => {
+                PlanFault { seq: Some(seq), result: MavMissionResult::INVALID_PARAM5_X }
+            }
+            _ => MavMissionResult::ERROR.into(),
+        }
+    }
+
     /// Writes it where no text stands yet: there is one on the stack, and not one in each of those who write a part.
     pub(super) fn write(&self, words: &mut Text<MAX_TEXT_LEN>) {
         let name = |plan| match plan {
@@ -88,6 +103,8 @@ impl Trouble<'_> {
         let (subject, what, seq) = match self {
             Self::Refused(plan, PlanFault { seq: None, .. }) => (name(*plan), " refused", None),
             Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
+            Self::Unset(plan, seq) => (name(*plan), " item ", Some(*seq)),
+            Self::TooFar(seq, _) => (name(PlanType::Mission), " item ", Some(*seq)),
             Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
             Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
             Self::Guided => ("Guided items not supported: send DO_REPOSITION", "", None),
@@ -105,6 +122,12 @@ impl Trouble<'_> {
         match self {
             Self::Refused(_, fault) => push_reason(words, fault.result),
             Self::NotCurrent(_) => words.push_str(" cannot be made current"),
+            Self::Unset(..) => words.push_str(": no position (0, 0)"),
+            Self::TooFar(_, limit) => {
+                words.push_str(": more than ");
+                words.push_number(*limit);
+                words.push_str(" m away");
+            }
             Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) => {}
         }
     }
@@ -216,7 +239,7 @@ mod tests {
             |item| item.params[1] = 0.0,
             |item| item.params[2] = 0.0,
             |item| item.params[3] = 0.0,
-            |item| item.x = 0,
+            |item| item.x = 1,
             |item| item.y = 0,
             |item| item.z = 0.0,
         ];

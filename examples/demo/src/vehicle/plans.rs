@@ -2,10 +2,13 @@
 
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
-use mavstack::{Command, CommandRule, Item, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
+use mavstack::{Command, CommandRule, Item, LatLon, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
 
 use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
+
+/// A mission does not begin farther from home than this, m: as PX4 has it.
+const FAR: u32 = 10_000;
 
 /// It has no model of the terrain.
 pub(super) const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
@@ -41,6 +44,13 @@ impl Plans for Quadrotor {
             ParamRule::integers(3, -2, 0).or_nan(),
         ]),
     ];
+
+    /// From home, once it is known.
+    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+        let home = self.home.spot;
+        let (latitude, longitude) = self.home.to_global(home.north, home.east);
+        self.has_fix().then_some((LatLon { latitude, longitude }, FAR))
+    }
 
     fn check_item(&mut self, _plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;

@@ -3,7 +3,7 @@
 //!
 //! - One client, with one or two tasks: to upload a plan of one to three items, unlike any other, or to clear. It repeats
 //!   COUNT and CLEAR_ALL each half second, three times in all (MAVSDK: five); sends an item when it is asked for it, first
-//!   item 0, then one more each time or the last again, each at most three times.
+//!   item 0, then one more each time or the last again, each at most three times; refuses MISSION_REQUEST with UNSUPPORTED.
 //! - Two or three faults in all, of any kind, at any moment: a frame is lost; late, by up to 0.9 s, so that any others
 //!   overtake it; or doubled, and the copy is late; or storage fails. Any frame that is not late arrives at once, in order.
 //! - Time goes by from one moment at which the engine or the client does something on its own to the next, while no frame

@@ -15,15 +15,19 @@ pub(super) enum Msg {
     Item { op: usize, seq: u16 },
     /// MISSION_CLEAR_ALL.
     Clear,
+    /// MISSION_ACK that refuses a MISSION_REQUEST.
+    Nack,
     /// MISSION_REQUEST_INT.
     Request(u16),
+    /// MISSION_REQUEST.
+    OldRequest,
     /// MISSION_ACK.
     Ack(u8),
 }
 
 impl Msg {
     pub(super) fn is_to_vehicle(self) -> bool {
-        matches!(self, Msg::Count(_) | Msg::Item { .. } | Msg::Clear)
+        matches!(self, Msg::Count(_) | Msg::Item { .. } | Msg::Clear | Msg::Nack)
     }
 }
 
@@ -106,6 +110,12 @@ impl State {
             Msg::Count(len) => self.bench.send(A, &count(MISSION, len.into())),
             Msg::Item { op, seq } => self.bench.send(A, &int(MISSION, seq.into(), &item(tag(op), seq))),
             Msg::Clear => self.bench.send(A, &clear(MISSION)),
+            Msg::Nack => self.bench.send(A, &ack(MISSION, UNSUPPORTED)),
+            Msg::OldRequest => {
+                if matches!(self.client.phase, Phase::Uploading { .. }) {
+                    self.fly(Msg::Nack);
+                }
+            }
             Msg::Request(seq) => {
                 let reply = op.and_then(|op| self.client.on_request(self.now(), seq, op));
                 reply.into_iter().for_each(|msg| self.fly(msg));
@@ -126,6 +136,7 @@ impl State {
         for (_, _, out) in self.bench.drain() {
             self.fly(match out {
                 Out::Ask(seq) => Msg::Request(seq),
+                Out::AskLegacy(_) => Msg::OldRequest,
                 Out::Ack(result, _) => Msg::Ack(result.0),
                 other => panic!("{other:?}"),
             });

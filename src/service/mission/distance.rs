@@ -1,0 +1,169 @@
+//! How far a mission's first waypoint is (M-48), as in PX4's check of the same.
+//!
+//! On a sphere that is flat between the two places: an equirectangular projection at their mean latitude, with Bhāskara's
+//! approximation of the cosine. At ranges of a limit it is right to 2 %; it never gives a long way for a short one, but near
+//! the poles up to half as much again.
+
+use super::item::{Item, Position, position};
+use super::rules::CommandRule;
+use crate::dialect::MavCmd;
+use crate::num;
+use crate::service::command::LatLon;
+
+/// Metres in 1e-7 degrees of a great circle.
+const METRES_PER_UNIT: f32 = 0.011_131_95;
+/// Half a turn in 1e-7 degrees.
+const HALF_TURN: i64 = 1_800_000_000;
+
+/// The first item of a mission that is flown to, when it is farther from `from` than `limit` (m). `rules` are those of the
+/// mission's commands. Items without a position, or with 0, 0, are "here".
+pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
+    let is_flown_to = |item: &Item| {
+        is_waypoint(item.command)
+            && position(item.frame) == Some(Position::Global)
+            && item.x != i32::MAX
+            && (item.x, item.y) != (0, 0)
+            && rules.iter().any(|rule| rule.command() == item.command && rule.is_located())
+    };
+    let (seq, first) = (0u16..).zip(items).find(|(_, item)| is_flown_to(item))?;
+    let to = LatLon { latitude: first.x, longitude: first.y };
+    let limit = num::f32_from_u32(limit);
+    (square_of_distance(from, to) > limit * limit).then_some(seq)
+}
+
+/// Whether a command is flown to where its position is: those of navigation, but for the one that points a camera.
+fn is_waypoint(command: MavCmd) -> bool {
+    matches!(command.0, 0..=95 | 31_000..=31_004) && command != MavCmd::NAV_ROI
+}
+
+/// m²
+fn square_of_distance(a: LatLon, b: LatLon) -> f32 {
+    let north = num::f32_from_i32(a.latitude.saturating_sub(b.latitude)) * METRES_PER_UNIT;
+    let east = num::f32_from_i32(short_way(a.longitude, b.longitude)) * METRES_PER_UNIT;
+    let mean = (a.latitude / 2).saturating_add(b.latitude / 2);
+    let east = east * cosine(num::f32_from_i32(mean) * 1e-7);
+    north * north + east * east
+}
+
+/// From `b` to `a` by less than half a turn, also across the date line.
+fn short_way(a: i32, b: i32) -> i32 {
+    let way = i64::from(a).saturating_sub(b.into());
+    let turns = if way > HALF_TURN {
+        -2
+    } else if way < -HALF_TURN {
+        2
+    } else {
+        0
+    };
+    i32::try_from(way.saturating_add(HALF_TURN.saturating_mul(turns))).unwrap_or(i32::MAX)
+}
+
+/// Bhāskara's approximation, of a latitude (deg); right to 0.002, and 0 at the poles.
+fn cosine(degrees: f32) -> f32 {
+    let square = degrees * degrees;
+    ((32_400.0 - 4.0 * square) / (32_400.0 + square)).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::MavFrame;
+    use crate::dialect::command_rules::{
+        DO_JUMP, DO_SET_HOME, NAV_LAND, NAV_ROI, NAV_TAKEOFF, NAV_WAYPOINT, WAYPOINT_USER_1,
+    };
+    use proptest::prelude::*;
+
+    const RULES: &[CommandRule] =
+        &[NAV_WAYPOINT, NAV_TAKEOFF.any_frame(), NAV_LAND, NAV_ROI, DO_SET_HOME, DO_JUMP, WAYPOINT_USER_1];
+
+    fn at(latitude: f64, longitude: f64) -> LatLon {
+        LatLon { latitude: (latitude * 1e7).round() as i32, longitude: (longitude * 1e7).round() as i32 }
+    }
+
+    /// By the haversine formula, on the same sphere (m).
+    fn reference(a: LatLon, b: LatLon) -> f64 {
+        let radians = |scaled: i32| (f64::from(scaled) / 1e7).to_radians();
+        let (north, east) = (radians(a.latitude) - radians(b.latitude), radians(a.longitude) - radians(b.longitude));
+        let cosines = radians(a.latitude).cos() * radians(b.latitude).cos();
+        let haversine = (north / 2.0).sin().powi(2) + cosines * (east / 2.0).sin().powi(2);
+        2.0 * 6_378_137.0 * haversine.min(1.0).sqrt().asin()
+    }
+
+    #[test]
+    fn distances_are_what_a_map_says() {
+        for (a, b, metres) in [
+            (at(47.397_742, 8.545_594), at(47.397_742, 8.545_594), 0.0),
+            (at(47.0, 8.0), at(48.0, 8.0), 111_319.5),
+            (at(0.0, 0.0), at(0.0, 1.0), 111_319.5),
+            (at(60.0, 20.0), at(60.0, 21.0), 55_660.0),
+            // Across the date line, and at a pole.
+            (at(-17.0, 179.99), at(-17.0, -179.99), 2_129.0),
+            (at(90.0, 0.0), at(90.0, 180.0), 0.0),
+        ] {
+            let distance = f64::from(square_of_distance(a, b)).sqrt();
+            assert!((distance - metres).abs() <= metres * 0.003 + 0.01, "{a:?} {b:?}: {distance}");
+        }
+        // Around a pole it is the way along the parallel.
+        let around = f64::from(square_of_distance(at(89.999, 0.0), at(89.999, 90.0))).sqrt();
+        assert!((157.0..180.0).contains(&around), "{around}");
+    }
+
+    /// M-48: the first item with a position counts, if it is flown to.
+    #[test]
+    fn the_first_waypoint_is_the_first_place_that_is_flown_to() {
+        let home = at(47.4, 8.5);
+        let item = |command, x, y| Item { frame: MavFrame::GLOBAL_RELATIVE_ALT, command, x, y, ..Item::default() };
+        let far = |command| item(command, 484_000_000, 85_000_000);
+        let near = |command| item(command, 474_001_000, 85_000_000);
+        let check = |items: &[Item]| first_too_far(items, RULES, home, 10_000);
+        assert_eq!(check(&[]), None);
+        assert_eq!(check(&[far(MavCmd::NAV_WAYPOINT)]), Some(0));
+        assert_eq!(check(&[near(MavCmd::NAV_WAYPOINT), far(MavCmd::NAV_WAYPOINT)]), None, "the first alone");
+        assert_eq!(check(&[far(MavCmd::WAYPOINT_USER_1)]), Some(0));
+        for here in [
+            item(MavCmd::NAV_TAKEOFF, i32::MAX, i32::MAX),
+            item(MavCmd::NAV_TAKEOFF, 0, 0),
+            Item { frame: MavFrame::MISSION, ..far(MavCmd::NAV_TAKEOFF) },
+            far(MavCmd::DO_JUMP),
+            far(MavCmd::DO_SET_HOME),
+            far(MavCmd::NAV_ROI),
+            far(MavCmd::NAV_LOITER_UNLIM),
+        ] {
+            assert_eq!(check(&[here, far(MavCmd::NAV_LAND)]), Some(1), "{here:?}");
+            assert_eq!(check(&[here, near(MavCmd::NAV_LAND), far(MavCmd::NAV_LAND)]), None, "{here:?}");
+        }
+        assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, 112_000), None);
+        assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, u32::MAX), None);
+        assert_eq!(first_too_far(&[near(MavCmd::NAV_LAND)], RULES, home, 0), Some(0));
+    }
+
+    proptest! {
+        /// Anywhere below 80° and within 100 km it is right to 3 %; anywhere at all nothing overflows.
+        #[test]
+        fn distances_are_close_to_the_great_circle(
+            latitude in -80.0f64..80.0, longitude in -180.0f64..180.0, north in -0.6f64..0.6, east in -0.6f64..0.6,
+        ) {
+            let wrapped = |longitude: f64| (longitude + 540.0).rem_euclid(360.0) - 180.0;
+            let (a, b) = (at(latitude, longitude), at(latitude + north, wrapped(longitude + east)));
+            let (expected, distance) = (reference(a, b), f64::from(square_of_distance(a, b)).sqrt());
+            prop_assert!((distance - expected).abs() <= 0.03 * expected + 1.0, "{} instead of {}", distance, expected);
+        }
+
+        #[test]
+        fn any_two_places_have_a_distance(a: (i32, i32), b: (i32, i32)) {
+            let place = |(latitude, longitude)| LatLon { latitude, longitude };
+            let square = square_of_distance(place(a), place(b));
+            prop_assert!(square.is_finite() && square >= 0.0);
+        }
+
+        /// It never says "near" of what is far: at most 3 % too little, wherever the places are.
+        #[test]
+        fn no_distance_is_much_too_short(
+            a in (-90.0f64..=90.0, -180.0f64..=180.0), b in (-90.0f64..=90.0, -180.0f64..=180.0),
+        ) {
+            let (a, b) = (at(a.0, a.1), at(b.0, b.1));
+            let distance = f64::from(square_of_distance(a, b)).sqrt();
+            prop_assert!(distance >= 0.97 * reference(a, b), "{} instead of {}", distance, reference(a, b));
+        }
+    }
+}
