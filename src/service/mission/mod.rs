@@ -9,6 +9,7 @@
 //! [`next_current`](Missions::next_current) write one message each when a link has room. A request is taken only while its
 //! link can owe the answer, and is otherwise dropped unexecuted and counted; to its sender it is a lost frame.
 
+mod arrival;
 mod commit;
 mod current;
 mod distance;
@@ -69,7 +70,8 @@ pub struct PlanCounters {
     pub refused: u32,
     /// Uploads that the partner cancelled or began anew, or that timed out.
     pub abandoned: u32,
-    /// Items that were not expected: repeated, out of order, or of no upload.
+    /// Frames that have no place in an upload: items that are repeated, out of order, "guided", or of no upload; delayed
+    /// duplicates; what came by another link than the upload's.
     pub out_of_place: u32,
     /// Requests that were dropped because their link owes too many answers.
     pub no_answer_slot: u32,
@@ -248,7 +250,9 @@ impl Missions {
             return self.on_set_current(cx, vehicle, message.seq);
         }
         if !is_named_well(frame.header().version, mission_type) {
-            if !caller.refuse(frame) {
+            if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID) {
+                self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+            } else if !caller.refuse(frame) {
                 self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
             }
             return;

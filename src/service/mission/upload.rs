@@ -3,6 +3,7 @@
 //! The messages' handlers of the state diagram in [the module](super). Whoever may start, restart, or break an upload is
 //! decided here; when to ask again is [`Pace`]'s.
 
+use super::arrival::Arrival;
 use super::commit::Change;
 use super::distance::first_too_far;
 use super::form::Form;
@@ -12,13 +13,10 @@ use super::number::{Counts, Number};
 use super::pace::Pace;
 use super::replies::{Reply, What};
 use super::validate::{self, Trouble};
-use super::{Caller, CommandRule, Context, Missions, mission_type};
-use crate::dialect::{
-    MavMissionResult, MavMissionType, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt,
-};
+use super::{Caller, CommandRule, Context, Missions};
+use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
 use crate::frame::{Address, Frame};
 use crate::link::{LinkId, Outbox, Peer};
-use crate::message::Message;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PlanFault, Plans};
 
@@ -572,29 +570,6 @@ impl Missions {
         cx.tell(&Trouble::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);
         false
-    }
-}
-
-/// An item as it arrived.
-struct Arrival {
-    mission_type: MavMissionType,
-    seq: u16,
-    current: u8,
-    /// As MISSION_ITEM_INT has it, also when it is the other form (M-37).
-    item: Item,
-    is_float: bool,
-}
-
-impl Arrival {
-    fn of(frame: &Frame<'_>) -> Self {
-        let message = MissionItemInt::decode(frame.payload());
-        Self {
-            mission_type: mission_type(frame),
-            seq: message.seq,
-            current: message.current,
-            item: Item::from_int(&message),
-            is_float: frame.id() == MissionItem::ID,
-        }
     }
 }
 
