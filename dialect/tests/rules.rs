@@ -148,7 +148,7 @@ fn every_rule_says_what_the_attributes_say() {
         let params: Vec<_> = (1..=7)
             .map(|index| entry.params.iter().find(|param| param.index == index).cloned().unwrap_or(unused(index)))
             .collect();
-        // With a position, 5 and 6 are 0 here, and 7 must be a number where it is used.
+        // With a position, 5 and 6 are 1 here, as 0, 0 is no waypoint (M-48), and 7 must be a number where it is used.
         let allowed = |param: &Param, value: f32| match param.index {
             7 if is_located && value.is_nan() => param.label.is_empty() || altitude_is_optional(name),
             7 if is_located && value.abs() > 1e6 => false,
@@ -156,7 +156,7 @@ fn every_rule_says_what_the_attributes_say() {
         };
         let is_position = |param: &Param| is_located && matches!(param.index, 5 | 6);
         let sample = |param: &Param| {
-            if is_position(param) { vec![0.0] } else { candidates(&dialect, param) }
+            if is_position(param) { vec![1.0] } else { candidates(&dialect, param) }
         };
         let good: Vec<_> = params
             .iter()
