@@ -225,7 +225,7 @@ pub use stack::Stack;
 #[cfg(all(feature = "storage", feature = "signing"))]
 pub use storage::SigningStore;
 #[cfg(feature = "storage")]
-pub use storage::{Fram, FramError, ParamStore, PlanStore};
+pub use storage::{Fram, FramError, ParamStore, PlanStore, RestoreError};
 pub use time::{Duration, Instant};
 pub use vehicle::{
     Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress,

@@ -102,6 +102,9 @@ struct Core {
     /// Of what is counted for all links together.
     #[cfg(feature = "defmt")]
     drops: DropLog,
+    /// Whose turn it is to write.
+    #[cfg(feature = "storage")]
+    turn: storage::Turn,
 }
 
 /// What a call works with beside the core and its link.
@@ -165,6 +168,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 loss_due: Instant::NEVER,
                 #[cfg(feature = "defmt")]
                 drops: DropLog::NEW,
+                #[cfg(feature = "storage")]
+                turn: storage::Turn::FREE,
             },
             links,
             slots: [[Slot::NEW; STREAMS]; LINKS],
@@ -186,8 +191,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         core.loss_due = high_latency::poll(now, &mut self.links, &self.peers, vehicle);
         core.params.poll(now, vehicle);
         #[cfg(feature = "storage")]
-        if !vehicle.may_persist() {
-            core.params.rest();
+        {
+            core.turn = storage::Turn::FREE;
+            if !vehicle.may_persist() {
+                core.params.rest();
+            }
         }
         let state = vehicle.state();
         core.notice(state);

@@ -433,7 +433,7 @@ impl From<MavMissionResult> for PlanFault {
 /// ```
 ///
 /// What "live in one step" is with storage, [`Durability`](crate::Durability) says.
-pub trait Plans {
+pub trait Plans: Vehicle {
     /// The commands that a mission of this vehicle may have, each with the rule for its frame, parameters and position:
     /// one of [`dialect::command_rules`](crate::dialect::command_rules), made narrower or wider where the vehicle is. Any
     /// other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no list.
@@ -451,11 +451,15 @@ pub trait Plans {
         Ok(())
     }
 
-    /// Whether the storage may be written now: asked before every erase and every write (SEC-12), which on a
-    /// microcontroller's own flash stop the processor for milliseconds to seconds. Where an upload is to be durable, it is
-    /// refused at its beginning while this is false (M-44).
+    /// Whether the storage of plans, parameters and key may be written now: asked before every erase and every write (SEC-12),
+    /// which on a microcontroller's own flash stop the processor for milliseconds to seconds. Where an upload is to be durable,
+    /// it is refused at its beginning while this is false (M-44); parameters and the signing time wait.
+    ///
+    /// By default it is true while the vehicle is disarmed, as [`state`](Vehicle::state) tells; false in a fault, when `state` is
+    /// `None` and nobody knows what the vehicle is doing. A vehicle whose storage writes without stopping the processor, as FRAM
+    /// does, may return true always.
     fn may_persist(&self) -> bool {
-        true
+        self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
     }
 
     /// Whether the vehicle can fly this item, which has passed the stack's own checks. A parameter is refused with

@@ -11,7 +11,7 @@ use flash::{Fault, FlashError, RamFlash, Torn};
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
 };
-use mavstack::{Durability, Duration, Item, PlanStore, PlanView, plan_memory};
+use mavstack::{Durability, Duration, Item, PlanStore, PlanView, RestoreError, plan_memory};
 use support::*;
 
 type Plans = plan_memory!(mission: 250, fence: 64, rally: 16);
@@ -294,21 +294,27 @@ fn what_is_there_is_not_written_again() {
     }
 }
 
-/// Flash that cannot be read at all: the plans are empty, the operator is told, and the first upload that works is kept.
+/// G-18: flash that cannot be read at all: the plans are empty, and the operator is told. When it can be read, that comes before
+/// anything is written: the old plans are live then, the upload that was to replace them is repeated, and kept.
 #[test]
 fn unreadable_flash_is_told() {
     let mut flash = with_plans();
+    let old = restarted(&flash);
     flash.fault = Fault::Read(0..REGION);
     let mut store = PlanStore::new(&mut flash, 0..REGION);
     let mut world = TestWorld::with_plans(Setup::new());
     let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
-    assert_eq!(result, Err(FlashError::Fault));
+    assert_eq!(result, Err(RestoreError::Storage(FlashError::Fault)));
     assert!(live(&world).iter().all(|(items, id)| items.is_empty() && *id == 0));
     assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 4)), Some(MavMissionResult::ERROR));
     assert!(world.gcs[0].count_of::<Statustext>() >= 1);
     store.flash_mut().fault = Fault::None;
     world.gcs[0].forget();
+    assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 5)), Some(MavMissionResult::ERROR));
+    assert_eq!(live(&world), old);
+    world.gcs[0].forget();
     assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 5)), Some(ACCEPTED));
     let new = live(&world);
+    assert_eq!((new[0].0.len(), &new[1..]), (5, &old[1..]));
     assert_eq!(restarted(&flash), new);
 }

@@ -3,43 +3,41 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::Stack;
+use super::storage::Turn;
 use crate::dialect::MavSeverity;
-use crate::message::Text;
 use crate::service::mission::PlanStorage;
-use crate::service::statustext::StatusTexts;
-use crate::storage::{SigningStore, Step};
+use crate::storage::{RestoreError, SigningStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
-    /// Reads the signing key back after a start, with the time to begin with. Call it once, before the loop. Without a whole
-    /// record, as in a new vehicle, the vehicle's [`Signing`](crate::Signing) stays as it is.
+    /// Reads the signing key back after a start, with the time to begin with. Call it once, before the loop. Where nothing is
+    /// stored, as in a new vehicle, the vehicle's [`Signing`](crate::Signing) stays as it is.
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read. There is no key then, unless the vehicle has set one: a link that
-    /// [requires](crate::Accept::Required) signatures hears nothing.
-    #[inline(never)]
+    /// What is stored is damaged, or cannot be read. Unless the vehicle has set a key, there is none then; but links are not
+    /// open (G-18). Those that would sign, or refuse unsigned frames, accept nothing until there is a key; only links for
+    /// [provisioning](crate::LinkSigning::provisioning) accept SETUP_SIGNING, which ends it by a key or by taking the key away.
+    /// [`Signing::set_key`](crate::Signing::set_key) and [`clear_key`](crate::Signing::clear_key) end it too. A text says so,
+    /// unsigned.
     pub fn restore_signing<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut SigningStore<F>,
         vehicle: &mut V,
-    ) -> Result<(), F::Error> {
-        let Some(signing) = vehicle.signing() else { return Ok(()) };
-        match store.open() {
-            Ok(Some((key, timestamp))) => signing.restore(now, key, timestamp),
-            Ok(None) => {}
-            Err(error) => {
-                event!("signing: storage cannot be read");
-                let texts: &mut StatusTexts = &mut self.texts;
-                texts.push(now, self.core.normal, MavSeverity::ERROR, &Text::new("The signing key cannot be read"));
-                return Err(error);
-            }
-        }
-        Ok(())
+    ) -> Result<(), RestoreError<F::Error>> {
+        let result = read_key(now, store, vehicle);
+        let text = match &result {
+            Ok(()) => return Ok(()),
+            Err(RestoreError::Storage(_)) => "The signing key cannot be read",
+            Err(_) => "The signing key is damaged: links are closed",
+        };
+        event!("signing: {=str}", text);
+        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
+        result
     }
 
     /// Writes the signing key when it was changed, and with it the time that is used up, one step at a time, as
@@ -48,24 +46,54 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// A vehicle that does not permit it in flight begins, after a restart there, with the time of its take-off, until the first
     /// signed frame tells it better: see [`set_time`](crate::Signing::set_time) too.
-    #[inline(never)]
     pub fn persist_signing<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut SigningStore<F>,
         vehicle: &mut V,
     ) -> bool {
-        if !vehicle.may_persist() {
+        if vehicle.signing().is_none() || !vehicle.may_persist() {
             return false;
+        }
+        if !self.core.turn.is_for(Turn::KEY) {
+            return true;
         }
         let Some(signing) = vehicle.signing() else { return false };
         let job = signing.unsaved(now);
-        match store.step(signing, job) {
+        let step = store.step(signing, job);
+        self.core.turn.took(Turn::KEY, step);
+        // Where another key was set since, that is the one.
+        if step == Step::Unread && vehicle.signing().is_some_and(|signing| signing.is_lost()) {
+            let _ = read_key(now, store, vehicle);
+        }
+        let Some(signing) = vehicle.signing() else { return false };
+        match step {
             Step::Idle => return false,
-            Step::Busy => {}
+            Step::Busy | Step::Unread => {}
             Step::Done => signing.saved(),
             Step::Failed => signing.not_saved(now),
         }
         true
+    }
+}
+
+/// What is stored comes back, or is lost.
+#[inline(never)]
+fn read_key<F: NorFlash, V: Autopilot>(
+    now: Instant,
+    store: &mut SigningStore<F>,
+    vehicle: &mut V,
+) -> Result<(), RestoreError<F::Error>> {
+    let Some(signing) = vehicle.signing() else { return Ok(()) };
+    match store.open() {
+        Ok(None) => Ok(()),
+        Ok(Some((key, timestamp))) => {
+            signing.restore(now, key, timestamp);
+            Ok(())
+        }
+        Err(error) => {
+            signing.lost(matches!(error, RestoreError::Storage(_)));
+            Err(error)
+        }
     }
 }

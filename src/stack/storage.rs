@@ -2,18 +2,17 @@
 //! SEC-11, SEC-12).
 //!
 //! Apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more, so the firmware
-//! chooses when [`persist_plans`](Stack::persist_plans) and [`persist_parameters`](Stack::persist_parameters) run, and the vehicle is
-//! asked before each step.
+//! chooses when [`persist_plans`](Stack::persist_plans) and [`persist_parameters`](Stack::persist_parameters) run, the vehicle is
+//! asked before each step, and all stores together do one step a pass.
 
 use embedded_storage::nor_flash::NorFlash;
 
 use super::{Stack, owe};
 use crate::dialect::MavSeverity;
-use crate::message::Text;
 use crate::service::mission::{Durability, PlanStorage, PlanType};
 use crate::service::param::{self, ParamTable};
 use crate::service::statustext::StatusTexts;
-use crate::storage::{ParamStore, PlanStore, Step};
+use crate::storage::{ParamStore, PlanStore, RestoreError, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
 
@@ -24,57 +23,76 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// of the record, which blocks for as long as the flash takes.
     ///
     /// What comes back is checked as an upload is, by the stack and the vehicle: a plan that this firmware cannot fly, or has
-    /// no room for, is not live, and a text says so. Without a whole record the plans are empty.
+    /// no room for, is not live, and a text says so. Where nothing was ever stored the plans are empty.
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read. The plans that were not read are empty then; the store is in use
-    /// nevertheless.
-    #[inline(never)]
+    /// What is stored is damaged, or cannot be read (G-18). The plans that were not read are empty then, and a text says so: a
+    /// vehicle that must not fly without its geofence learns here that there may have been one. The store is in use
+    /// nevertheless. Where reading works later, the plans come back in [`persist_plans`](Self::persist_plans), and the vehicle
+    /// is told by [`plan_changed`](crate::Plans::plan_changed).
     pub fn restore_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut PlanStore<F>,
         durability: Durability,
         vehicle: &mut V,
-    ) -> Result<(), F::Error> {
-        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Ok(()) };
-        missions.attach_storage(durability);
-        let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
-        let result = store.open().and_then(|stored| {
-            let Some(stored) = stored else {
-                if store.is_foreign() {
-                    missions.stored_differs();
-                }
-                return Ok(());
-            };
-            for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
-                let mut failure = None;
-                let item = |seq| {
-                    store.item(plan, seq).unwrap_or_else(|error| {
-                        failure = Some(error);
-                        None
-                    })
-                };
-                let loaded = missions.load(&mut cx, vehicle, plan, Some((count, id)), item);
-                if let Some(error) = failure {
-                    return Err(error);
-                }
-                if let Err(fault) = loaded {
-                    missions.stored_differs();
-                    missions.tell_refused(&mut cx, plan, fault);
-                }
-            }
-            Ok(())
-        });
-        if result.is_err() {
-            missions.stored_differs();
+    ) -> Result<(), RestoreError<F::Error>> {
+        if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
+            missions.attach_storage(durability);
         }
-        if result.is_err() || store.is_impaired() {
-            event!("plans: storage cannot be read");
-            cx.texts.push(now, cx.normal, MavSeverity::ERROR, &Text::new("Stored plans cannot all be read"));
-        }
+        let result = self.read_plans(now, store, vehicle, false);
+        let text = match &result {
+            Ok(()) if store.is_impaired() => "Stored plans cannot all be read",
+            Ok(()) => return result,
+            Err(RestoreError::Storage(_)) => "Stored plans cannot all be read",
+            Err(_) => "Stored plans are damaged",
+        };
+        event!("plans: {=str}", text);
+        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
         result
+    }
+
+    /// Reads what is stored, of all plans or of those that are empty.
+    #[inline(never)]
+    fn read_plans<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut PlanStore<F>,
+        vehicle: &mut V,
+        keeps_plans: bool,
+    ) -> Result<(), RestoreError<F::Error>> {
+        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Ok(()) };
+        let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
+        missions.stored_differs(true);
+        let Some(stored) = store.open()? else {
+            missions.stored_differs(store.is_impaired());
+            return Ok(());
+        };
+        let mut differs = store.is_impaired() || store.is_damaged();
+        for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
+            // One that was uploaded before this could be read is newer.
+            if keeps_plans && cx.plans.count(plan) > 0 {
+                continue;
+            }
+            let mut failure = None;
+            let item = |seq| {
+                store.item(plan, seq).unwrap_or_else(|error| {
+                    failure = Some(error);
+                    None
+                })
+            };
+            let loaded = missions.load(&mut cx, vehicle, plan, Some((count, id)), item);
+            if let Some(error) = failure {
+                return Err(RestoreError::Storage(error));
+            }
+            if let Err(fault) = loaded {
+                differs = true;
+                missions.tell_refused(&mut cx, plan, fault);
+            }
+        }
+        missions.stored_differs(differs);
+        if store.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
     }
 
     /// Writes plans that are to be durable, one step at a time: at most one erase unit is erased, or 256 bytes are written,
@@ -84,27 +102,52 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// With [`Durability::Durable`] an upload's final answer waits for this: call it in every pass of the loop, or from an
     /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where
     /// an erase takes 100 ms.
-    #[inline(never)]
+    ///
+    /// This, [`persist_parameters`](Self::persist_parameters) and `persist_signing` share one step a pass: when one of them has
+    /// done a step, the others are refused, once each, until the next [`poll`](Self::poll), and return true.
     pub fn persist_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut PlanStore<F>,
         vehicle: &mut V,
     ) -> bool {
-        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return false };
+        let step = self.store_plans(now, store, vehicle);
+        if step == Step::Unread {
+            let _ = self.read_plans(now, store, vehicle, true);
+        }
+        step != Step::Idle
+    }
+
+    #[inline(never)]
+    fn store_plans<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut PlanStore<F>,
+        vehicle: &mut V,
+    ) -> Step {
+        let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Step::Idle };
         if missions.storage_rests(now) || !vehicle.may_persist() {
-            return false;
+            return Step::Idle;
+        }
+        if !self.core.turn.is_for(Turn::PLANS) {
+            return Step::Busy;
         }
         let step = store.step(missions.unsaved(&plans));
+        self.core.turn.took(Turn::PLANS, step);
         let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
         let owed = match step {
-            Step::Idle => return false,
-            Step::Busy => return true,
+            Step::Idle | Step::Busy => None,
             Step::Done => missions.saved(&mut cx, vehicle),
-            Step::Failed => missions.not_saved(&mut cx),
+            Step::Unread if missions.is_receiving() => {
+                // The upload has the room that is needed for reading.
+                store.put_off();
+                return Step::Busy;
+            }
+            // What is stored comes first: whoever waits tries again.
+            Step::Failed | Step::Unread => missions.not_saved(&mut cx),
         };
         owe(&mut self.links, owed);
-        true
+        step
     }
 }
 
@@ -118,31 +161,42 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read. The parameters that were not read have their defaults then; the store
-    /// is in use nevertheless.
-    #[inline(never)]
+    /// What is stored is damaged, or cannot be read (G-18). The parameters that were not read have their defaults then, and a
+    /// text says so; the store is in use nevertheless. Where reading works later, parameters that still have their defaults come
+    /// back in [`persist_parameters`](Self::persist_parameters).
     pub fn restore_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut ParamStore<F>,
         vehicle: &mut V,
-    ) -> Result<(), F::Error> {
-        let core = &mut self.core;
-        let result = store.open().and_then(|rows| {
-            for index in 0..rows {
-                if let Some(stored) = store.row(index)? {
-                    core.params.load(vehicle, &stored, core.normal);
-                }
-            }
-            Ok(())
-        });
-        core.params.loaded(vehicle);
-        if result.is_err() {
-            event!("parameters: storage cannot be read");
-            let texts: &mut StatusTexts = &mut self.texts;
-            texts.push(now, core.normal, MavSeverity::ERROR, &Text::new("Stored parameters cannot be read"));
-        }
+    ) -> Result<(), RestoreError<F::Error>> {
+        let result = self.read_parameters(store, vehicle, false);
+        self.core.params.loaded(vehicle);
+        let text = match &result {
+            Ok(()) => return result,
+            Err(RestoreError::Storage(_)) => "Stored parameters cannot be read",
+            Err(_) => "Stored parameters are damaged",
+        };
+        event!("parameters: {=str}", text);
+        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
         result
+    }
+
+    /// Reads what is stored, of all parameters or of those that have their defaults.
+    #[inline(never)]
+    fn read_parameters<F: NorFlash, V: Autopilot>(
+        &mut self,
+        store: &mut ParamStore<F>,
+        vehicle: &mut V,
+        keeps_values: bool,
+    ) -> Result<(), RestoreError<F::Error>> {
+        let core = &mut self.core;
+        for index in 0..store.open()? {
+            if let Some(stored) = store.row(index)? {
+                core.params.load(vehicle, &stored, core.normal, keeps_values);
+            }
+        }
+        if store.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
     }
 
     /// Has parameters that are not stored yet written at once, as MAV_CMD_PREFLIGHT_STORAGE does: before a reboot. From the
@@ -154,31 +208,81 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// Writes parameters that have changed, one step at a time, as [`persist_plans`](Self::persist_plans) does with plans: about a second
     /// behind a change, not more often than every ten seconds, and only while the vehicle
     /// [permits](crate::Plans::may_persist). True when there is more to do at once.
-    #[inline(never)]
     pub fn persist_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
         store: &mut ParamStore<F>,
         vehicle: &mut V,
     ) -> bool {
-        if !vehicle.may_persist() {
+        if vehicle.parameters_mut().is_none() || !vehicle.may_persist() {
             return false;
+        }
+        if !self.core.turn.is_for(Turn::PARAMETERS) {
+            return true;
         }
         if self.core.params.wants_reload(vehicle) {
             let _ = self.restore_parameters(now, store, vehicle);
         }
+        let step = self.store_parameters(now, store, vehicle);
+        if step == Step::Unread {
+            // What was set before this could be read is newer.
+            let is_read = self.read_parameters(store, vehicle, true).is_ok();
+            self.core.params.reread(now, vehicle, is_read);
+        }
+        self.core.turn.took(Turn::PARAMETERS, step);
+        step != Step::Idle
+    }
+
+    #[inline(never)]
+    fn store_parameters<F: NorFlash, V: Autopilot>(
+        &mut self,
+        now: Instant,
+        store: &mut ParamStore<F>,
+        vehicle: &mut V,
+    ) -> Step {
         let params = &mut self.core.params;
         let job = params.unsaved(now, vehicle);
-        let Some(table) = vehicle.parameters_mut() else { return false };
-        match store.step(&table.table_mut(), job) {
-            Step::Idle => return false,
-            Step::Busy => {}
+        let Some(table) = vehicle.parameters_mut() else { return Step::Idle };
+        let step = store.step(&table.table_mut(), job);
+        match step {
+            Step::Idle | Step::Busy | Step::Unread => {}
             Step::Done => params.saved(now, vehicle),
             Step::Failed => {
                 let texts: &mut StatusTexts = &mut self.texts;
                 params.not_saved(&mut param::Context { now, texts, normal: self.core.normal }, vehicle);
             }
         }
-        true
+        step
+    }
+}
+
+/// Which of the stores has done its step since the last poll: the others wait, so that their erases do not add up.
+///
+/// Each is refused once only: a caller that asks again without a poll, as before a reset, waits for storage anyway.
+#[derive(Debug)]
+pub(super) struct Turn {
+    holder: u8,
+    refused: u8,
+}
+
+impl Turn {
+    pub(super) const FREE: Self = Self { holder: 0, refused: 0 };
+    const PLANS: u8 = 1;
+    const PARAMETERS: u8 = 2;
+    #[cfg(feature = "signing")]
+    pub(super) const KEY: u8 = 4;
+
+    /// Whether this store may do a step now.
+    pub(super) fn is_for(&mut self, store: u8) -> bool {
+        let is_free = self.holder == 0 || self.holder == store || self.refused & store != 0;
+        self.refused |= if is_free { 0 } else { store };
+        is_free
+    }
+
+    /// What this store did.
+    pub(super) fn took(&mut self, store: u8, step: Step) {
+        if step != Step::Idle {
+            self.holder = store;
+        }
     }
 }

@@ -18,6 +18,7 @@ mod tests;
 pub use fram::{Fram, FramError};
 pub use params::ParamStore;
 pub use plans::PlanStore;
+pub use record::RestoreError;
 pub(crate) use record::Step;
 #[cfg(feature = "signing")]
 pub use signing::SigningStore;

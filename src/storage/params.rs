@@ -8,7 +8,7 @@ use core::ops::Range;
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::record::{Job, ROW, Record, Step};
+use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::dialect::MavParamType;
 use crate::service::param::{Stored, TableMut};
 
@@ -97,10 +97,17 @@ impl<F: NorFlash> ParamStore<F> {
     ///
     /// # Errors
     ///
-    /// There is no whole record, and a part of the storage could not be read.
-    pub(crate) fn open(&mut self) -> Result<u32, F::Error> {
-        let header = self.record.open()?.filter(|header| header.schema == SCHEMA);
-        Ok(header.map_or(0, |header| header.len / 32))
+    /// There is no record that is whole and of this version, and the storage is not empty.
+    pub(crate) fn open(&mut self) -> Result<u32, RestoreError<F::Error>> {
+        match self.record.open()? {
+            Some(header) if header.schema != SCHEMA => Err(RestoreError::Foreign),
+            header => Ok(header.map_or(0, |header| header.len / 32)),
+        }
+    }
+
+    /// Whether there is damage beside the record that was found.
+    pub(crate) const fn is_damaged(&self) -> bool {
+        self.record.is_damaged()
     }
 
     /// A row of those that [`open`](Self::open) has found.

@@ -10,7 +10,7 @@ use embedded_storage::nor_flash::NorFlash;
 use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Job, ROW, Record, Step};
+use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::dialect::{MavCmd, MavFrame};
 use crate::service::mission::{Item, PlanType, PlanView};
 
@@ -199,7 +199,6 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 pub struct PlanStore<F> {
     record: Record<F>,
     stored: Stored,
-    is_foreign: bool,
 }
 
 impl<F: NorFlash> PlanStore<F> {
@@ -208,7 +207,6 @@ impl<F: NorFlash> PlanStore<F> {
         Self {
             record: Record::new(flash, region, KIND),
             stored: Stored { counts: [0; 3], ids: [0; 3] },
-            is_foreign: false,
         }
     }
 
@@ -240,25 +238,27 @@ impl<F: NorFlash> PlanStore<F> {
     ///
     /// # Errors
     ///
-    /// There is no whole record, and a part of the storage could not be read.
-    pub(crate) fn open(&mut self) -> Result<Option<Stored>, F::Error> {
+    /// There is no record that is whole and of this version, and the storage is not empty.
+    pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         self.stored = Stored::default();
-        self.is_foreign = false;
         let Some(header) = self.record.open()? else { return Ok(None) };
-        self.is_foreign = true;
         if header.schema != SCHEMA {
-            return Ok(None);
+            return Err(RestoreError::Foreign);
         }
         let row = self.record.row(0)?;
         let stored = row.and_then(|row| Stored::from_row(&row)).filter(|stored| stored.len() == header.len);
-        self.is_foreign = stored.is_none();
-        self.stored = stored.unwrap_or_default();
+        self.stored = stored.ok_or(RestoreError::Damaged)?;
         Ok(stored)
     }
 
-    /// Whether there is a whole record that this version cannot read.
-    pub(crate) const fn is_foreign(&self) -> bool {
-        self.is_foreign
+    /// Whether there is damage beside the record that was found.
+    pub(crate) const fn is_damaged(&self) -> bool {
+        self.record.is_damaged()
+    }
+
+    /// The record that was found was not read: it is found once more.
+    pub(crate) const fn put_off(&mut self) {
+        self.record.put_off();
     }
 
     /// Whether a slot could not be read: perhaps the one with the newer record.

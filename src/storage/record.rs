@@ -13,6 +13,12 @@
 //! - a torn header does not match its own CRC.
 //!
 //! A record of a schema that this version does not know is kept as long as any other.
+//!
+//! What a power cut cannot have left is damage, and never counts as empty (G-18): a slot that is neither blank nor whole while
+//! there is no whole record, and a newer header whose body does not match. It is left alone until a record replaces it.
+//!
+//! What cannot be read may be the newest record. It is read again before anything is written, and a whole record that the owner
+//! has not read is never replaced.
 
 use core::ops::Range;
 
@@ -51,7 +57,43 @@ pub(crate) enum Step {
     Done,
     /// The storage failed, or the content has no room. The next step begins anew.
     Failed,
+    /// There is a whole record that could not be read before: the owner is to read it. Nothing was written.
+    Unread,
 }
+
+/// Why stored content did not come back, or not all of it. A text says so too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum RestoreError<E> {
+    /// The storage could not be read, and reported this. It is read again in the first calls of `persist_…`, and before anything
+    /// is written: what can be read then comes back late.
+    Storage(E),
+    /// What is stored is damaged: the storage is neither erased nor has it a whole record. What is still whole, an older record,
+    /// is in use; the damage stays there until something new is stored.
+    Damaged,
+    /// What is stored is whole, and has a layout that this version does not know: firmware that is newer wrote it. It stays there
+    /// until something new is stored.
+    Foreign,
+}
+
+impl<E> From<E> for RestoreError<E> {
+    fn from(error: E) -> Self {
+        Self::Storage(error)
+    }
+}
+
+impl<E: core::fmt::Debug> core::fmt::Display for RestoreError<E> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Storage(error) => write!(f, "the storage cannot be read: {error:?}"),
+            Self::Damaged => f.write_str("what is stored is damaged: set it again, or erase the region before its first use"),
+            Self::Foreign => f.write_str("newer firmware stored it: install that, or set it again"),
+        }
+    }
+}
+
+impl<E: core::fmt::Debug> core::error::Error for RestoreError<E> {}
 
 /// What is to be durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,13 +172,52 @@ pub(crate) fn is_newer(a: u32, b: u32) -> bool {
     a.wrapping_sub(b).cast_signed() > 0
 }
 
+/// What lies in a slot.
+#[derive(Clone, Copy, Debug)]
+enum Slot {
+    /// No header, as nobody has written one, or as it was erased; or the beginning of one, which a power cut left.
+    Blank,
+    Whole(Newest),
+    /// Anything else; the sequence, where the header tells one.
+    Damaged(Option<u32>),
+}
+
+impl Slot {
+    const fn whole(self) -> Option<Newest> {
+        match self {
+            Self::Whole(found) => Some(found),
+            _ => None,
+        }
+    }
+
+    const fn sequence(self) -> Option<u32> {
+        match self {
+            Self::Blank => None,
+            Self::Whole(found) => Some(found.header.sequence),
+            Self::Damaged(sequence) => sequence,
+        }
+    }
+
+    /// Whether no power cut leaves this beside `newest`.
+    fn is_damage(self, newest: Option<Newest>) -> bool {
+        match (self, newest) {
+            (Self::Damaged(_), None) => true,
+            (Self::Damaged(Some(sequence)), Some(newest)) => is_newer(sequence, newest.header.sequence),
+            _ => false,
+        }
+    }
+}
+
+/// So often what could not be read is read again while there is nothing to write.
+const LOOKS: u8 = 8;
+
 /// What is known of the slot that the next record goes to.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 enum Spare {
     /// Nothing is known, not even which slot it is.
     Unknown,
-    /// It could not be erased, or read. Left alone until there is something to write.
+    /// It could not be erased, or read, or its content is damaged. Left alone until there is something to write.
     Failing,
     /// Erased up to this offset.
     Dirty(u32),
@@ -158,13 +239,20 @@ pub(crate) struct Record<F> {
     slot_len: u32,
     kind: u8,
     newest: Option<Newest>,
+    /// The sequence of the newest header, also of a damaged record.
+    sequence: Option<u32>,
     /// Address of the spare slot.
     spare_slot: u32,
     spare: Spare,
     /// The job that is done, as long as it is asked for.
     done: Option<u32>,
-    /// A slot could not be read.
-    impaired: bool,
+    /// How many slots could not be read.
+    unreadable: u8,
+    /// A row of the newest record could not be read.
+    is_unread: bool,
+    is_damaged: bool,
+    /// How often to look again before there is something to write.
+    looks: u8,
 }
 
 impl<F: NorFlash> Record<F> {
@@ -194,10 +282,14 @@ impl<F: NorFlash> Record<F> {
             slot_len,
             kind,
             newest: None,
+            sequence: None,
             spare_slot: start,
             spare: Spare::Unknown,
             done: None,
-            impaired: false,
+            unreadable: 0,
+            is_unread: false,
+            is_damaged: false,
+            looks: LOOKS,
         }
     }
 
@@ -209,51 +301,69 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// Finds the newest whole record. A slot that cannot be read counts as damaged when the other one has a record: after a
-    /// power cut, memory with error correction may refuse to read what was being written. When neither has one, it is an
-    /// error.
-    pub(crate) fn open(&mut self) -> Result<Option<Header>, F::Error> {
+    /// Finds the newest whole record. A slot that cannot be read counts as torn when the other one has a record: after a power
+    /// cut, memory with error correction may refuse to read what was being written.
+    ///
+    /// # Errors
+    ///
+    /// Neither slot has a whole record, and one cannot be read or is damaged. Where there is one beside damage,
+    /// [`is_damaged`](Self::is_damaged) says so.
+    pub(crate) fn open(&mut self) -> Result<Option<Header>, RestoreError<F::Error>> {
         let second_slot = self.start.saturating_add(self.slot_len);
         let first = self.examine(self.start);
         let second = self.examine(second_slot);
-        self.done = None;
-        self.impaired = first.is_err() || second.is_err();
-        self.newest = match (&first, &second) {
-            (Ok(Some(first)), Ok(Some(second))) if is_newer(second.header.sequence, first.header.sequence) => {
-                Some(*second)
-            }
-            (Ok(Some(found)), _) | (_, Ok(Some(found))) => Some(*found),
-            _ => None,
+        let slots = [first.as_ref().ok().copied(), second.as_ref().ok().copied()];
+        let newer = |a: Option<u32>, b: Option<u32>| match (a, b) {
+            (Some(a), Some(b)) => Some(if is_newer(b, a) { b } else { a }),
+            _ => a.or(b),
         };
-        // What cannot be read now may be what is wanted later: it is left alone until there is something to write.
-        self.spare = if self.impaired { Spare::Failing } else { Spare::Dirty(0) };
-        self.spare_slot = match self.newest {
-            Some(newest) if newest.slot == self.start => second_slot,
-            None if second.is_err() && first.is_ok() => second_slot,
+        self.done = None;
+        self.is_unread = false;
+        self.unreadable = u8::from(first.is_err()).saturating_add(u8::from(second.is_err()));
+        self.sequence = slots.iter().flatten().map(|slot| slot.sequence()).fold(None, newer);
+        self.newest = match slots.map(|slot| slot.and_then(Slot::whole)) {
+            [Some(first), Some(second)] if is_newer(second.header.sequence, first.header.sequence) => Some(second),
+            [first, second] => first.or(second),
+        };
+        self.is_damaged = slots.iter().flatten().any(|slot| slot.is_damage(self.newest));
+        // What cannot be read now, or not any more, is left alone until there is something to write.
+        let is_left_alone = self.unreadable > 0 || self.is_damaged;
+        self.spare = if is_left_alone { Spare::Failing } else { Spare::Dirty(0) };
+        self.spare_slot = match (self.newest, slots) {
+            (Some(newest), _) if newest.slot == self.start => second_slot,
+            // Damage outlasts what replaces it, and what cannot be read is replaced first: erasing may mend that.
+            (None, [Some(_), None] | [Some(Slot::Damaged(_)), Some(Slot::Blank)]) => second_slot,
             _ => self.start,
         };
         match (first, second) {
-            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => Err(error),
+            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => Err(RestoreError::Storage(error)),
+            _ if self.newest.is_none() && self.is_damaged => Err(RestoreError::Damaged),
             _ => Ok(self.newest.map(|newest| newest.header)),
         }
     }
 
-    /// The record in a slot, if it is whole.
-    fn examine(&mut self, slot: u32) -> Result<Option<Newest>, F::Error> {
+    /// What lies in a slot.
+    fn examine(&mut self, slot: u32) -> Result<Slot, F::Error> {
         if self.slot_len < BODY {
-            return Ok(None);
+            return Ok(Slot::Blank);
         }
         let mut row = [0; ROW];
         self.flash.read(slot, &mut row)?;
-        let Some(header) = Header::decode(&row, self.kind).filter(|header| self.is_len(header.len)) else {
-            return Ok(None);
+        let Some(header) = Header::decode(&row, self.kind) else {
+            // A new chip has one byte everywhere, flash 0xFF, FRAM any; and a header that ends erased was never whole.
+            let [first, ..] = row;
+            let is_blank = row == [first; ROW] || row.ends_with(&[0xFF; 4]);
+            return Ok(if is_blank { Slot::Blank } else { Slot::Damaged(None) });
         };
-        let mut crc = Crc32::new();
-        self.scan(slot.saturating_add(BODY), header.len, |bytes| {
-            crc.add(bytes);
-            true
-        })?;
-        Ok((crc.sum() == header.body_crc).then_some(Newest { slot, header }))
+        let is_whole = self.is_len(header.len) && {
+            let mut crc = Crc32::new();
+            self.scan(slot.saturating_add(BODY), header.len, |bytes| {
+                crc.add(bytes);
+                true
+            })?;
+            crc.sum() == header.body_crc
+        };
+        Ok(if is_whole { Slot::Whole(Newest { slot, header }) } else { Slot::Damaged(Some(header.sequence)) })
     }
 
     /// Whether a body can have this length.
@@ -279,7 +389,12 @@ impl<F: NorFlash> Record<F> {
 
     /// Whether a slot could not be read.
     pub(crate) const fn is_impaired(&self) -> bool {
-        self.impaired
+        self.unreadable > 0
+    }
+
+    /// Whether there is damage that no power cut leaves.
+    pub(crate) const fn is_damaged(&self) -> bool {
+        self.is_damaged
     }
 
     /// A row of the newest record's body.
@@ -289,8 +404,16 @@ impl<F: NorFlash> Record<F> {
             return Ok(None);
         }
         let mut row = [0; ROW];
-        self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row)?;
-        Ok(Some(row))
+        let read = self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row);
+        if read.is_err() {
+            self.put_off();
+        }
+        read.map(|()| Some(row))
+    }
+
+    /// The newest record was not read as a whole: that comes first.
+    pub(crate) const fn put_off(&mut self) {
+        (self.is_unread, self.spare) = (true, Spare::Failing);
     }
 
     /// Erases at most one unit or writes at most [`CHUNK`] bytes, towards a record that is what `job` says, or, without
@@ -310,12 +433,9 @@ impl<F: NorFlash> Record<F> {
                 let _ = self.open();
                 Step::Busy
             }
+            (Spare::Failing, job) if self.unreadable > 0 || self.is_unread => self.look_again(job.is_some()),
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
             (Spare::Failing, Some(_)) => {
-                // What could not be read may be by now, and then says which sequence is the newest; else it is given up.
-                if self.impaired {
-                    let _ = self.open();
-                }
                 self.spare = Spare::Dirty(0);
                 Step::Busy
             }
@@ -330,6 +450,33 @@ impl<F: NorFlash> Record<F> {
             }
             // Something else is wanted now.
             (Spare::Writing { .. }, _) => self.clear(0),
+        }
+    }
+
+    /// Reads what could not be read before. When there is something to write, a slot that still cannot be read is given up, as a
+    /// power cut may have left it; not both, for one of them has what was complete.
+    #[inline(never)]
+    fn look_again(&mut self, is_wanted: bool) -> Step {
+        if !is_wanted && self.looks == 0 {
+            return Step::Idle;
+        }
+        self.looks = self.looks.saturating_sub(1);
+        let (before, was_unread) = (self.newest, self.is_unread);
+        let _ = self.open();
+        let is_later = |newest: Newest| {
+            before.is_none_or(|before| is_newer(newest.header.sequence, before.header.sequence))
+        };
+        if self.newest.is_some_and(|newest| was_unread || is_later(newest)) {
+            return Step::Unread;
+        }
+        match self.unreadable {
+            0 => Step::Busy,
+            _ if !is_wanted => Step::Busy,
+            1 if before.is_none() || self.newest == before => {
+                self.spare = Spare::Dirty(0);
+                Step::Busy
+            }
+            _ => Step::Failed,
         }
     }
 
@@ -384,7 +531,7 @@ impl<F: NorFlash> Record<F> {
         self.spare = Spare::Dirty(0);
         let mut chunk = [0xFF; CHUNK];
         let slot = self.spare_slot;
-        let sequence = self.newest.map_or(1, |newest| newest.header.sequence.wrapping_add(1));
+        let sequence = self.sequence.map_or(1, |sequence| sequence.wrapping_add(1));
         let header = Header { schema: job.schema, sequence, len: job.len, body_crc: crc.sum() };
         if let Some(place) = chunk.first_chunk_mut::<ROW>() {
             *place = header.encode(self.kind);
@@ -401,6 +548,8 @@ impl<F: NorFlash> Record<F> {
             None => self.start,
         };
         self.newest = Some(Newest { slot, header });
+        self.sequence = Some(sequence);
+        (self.unreadable, self.is_damaged) = (0, false);
         self.done = Some(job.id);
         Step::Done
     }

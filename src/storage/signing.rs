@@ -7,7 +7,7 @@ use core::ops::Range;
 use embedded_storage::nor_flash::NorFlash;
 use zeroize::Zeroize;
 
-use super::record::{Job, ROW, Record, Step};
+use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::frame::SigningKey;
 use crate::service::signing::Signing;
 
@@ -72,15 +72,21 @@ impl<F: NorFlash> SigningStore<F> {
     ///
     /// # Errors
     ///
-    /// There is no whole record, and a part of the storage could not be read.
-    pub(crate) fn open(&mut self) -> Result<Option<(Option<SigningKey>, u64)>, F::Error> {
-        if self.record.open()?.is_none_or(|header| header.schema != SCHEMA) {
-            return Ok(None);
+    /// The newest record is not whole, cannot be read, or is not of this version. An older key is none: it may have been replaced
+    /// because others know it.
+    pub(crate) fn open(&mut self) -> Result<Option<(Option<SigningKey>, u64)>, RestoreError<F::Error>> {
+        let Some(header) = self.record.open()? else { return Ok(None) };
+        if header.schema != SCHEMA {
+            return Err(RestoreError::Foreign);
         }
-        let (Some(mut secret), Some(rest)) = (self.record.row(0)?, self.record.row(1)?) else { return Ok(None) };
+        if self.record.is_damaged() {
+            return Err(RestoreError::Damaged);
+        }
+        let Some(mut secret) = self.record.row(0)? else { return Err(RestoreError::Damaged) };
         let key = SigningKey::new(secret);
         secret.zeroize();
-        let [timestamp, [is_set, ..], ..] = rest.as_chunks::<8>().0 else { return Ok(None) };
+        let Some(rest) = self.record.row(1)? else { return Err(RestoreError::Damaged) };
+        let [timestamp, [is_set, ..], ..] = rest.as_chunks::<8>().0 else { return Err(RestoreError::Damaged) };
         Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
     }
 

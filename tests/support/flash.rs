@@ -20,6 +20,7 @@ pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub torn: Torn,
     /// What fails.
     pub fault: Fault,
+    pub reads: u32,
     pub erases: u32,
     pub writes: u32,
     pub bytes_written: u64,
@@ -52,6 +53,8 @@ pub enum Fault {
     WrongWrite(u32),
     /// Reading anything of this range.
     Read(Range<u32>),
+    /// The reads of these numbers, counted by [`RamFlash::reads`].
+    Reads(Range<u32>),
 }
 
 /// Why the flash refused.
@@ -89,7 +92,7 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
     /// With this in it.
     pub fn of(bytes: Vec<u8>) -> Self {
         let (fuel, torn, fault) = (None, Torn::Prefix, Fault::None);
-        Self { bytes, fuel, torn, fault, erases: 0, writes: 0, bytes_written: 0 }
+        Self { bytes, fuel, torn, fault, reads: 0, erases: 0, writes: 0, bytes_written: 0 }
     }
 
     /// Whether the power went.
@@ -146,6 +149,11 @@ impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<WRITE, ER
         self.check_power()?;
         check_read(self, offset, bytes.len()).map_err(FlashError::Call)?;
         let end = offset + bytes.len() as u32;
+        let count = self.reads;
+        self.reads += 1;
+        if matches!(&self.fault, Fault::Reads(bad) if bad.contains(&count)) {
+            return Err(FlashError::Fault);
+        }
         if matches!(&self.fault, Fault::Read(bad) if bad.start < end && offset < bad.end) {
             return Err(FlashError::Fault);
         }

@@ -7,7 +7,7 @@ use mavstack::Duration;
 use mavstack::dialect::HomePosition;
 use mavstack::{
     Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, ParamStore,
-    PlanStorage, PlanStore, Pulse, SigningStore, Stack, StreamProfile, Vehicle, VehicleAddress,
+    PlanStorage, PlanStore, Pulse, RestoreError, SigningStore, Stack, StreamProfile, Vehicle, VehicleAddress,
 };
 
 use crate::status::Status;
@@ -150,13 +150,13 @@ impl<P: PlanStorage> App<P> {
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read; a text says so too.
+    /// What is stored is damaged, or could not be read; a text says so too.
     pub fn restore<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut PlanStore<F>,
         durability: Durability,
-    ) -> Result<(), F::Error> {
+    ) -> Result<(), RestoreError<F::Error>> {
         self.stack.restore_plans(now, store, durability, &mut self.vehicle)
     }
 
@@ -170,8 +170,8 @@ impl<P: PlanStorage> App<P> {
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read; a text says so too.
-    pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), F::Error> {
+    /// What is stored is damaged, or could not be read; a text says so too.
+    pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), RestoreError<F::Error>> {
         let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
         self.saving = Saving::No;
         let id = u8::try_from(self.vehicle.tuning().get(Tuning::MAV_SYS_ID));
@@ -195,8 +195,8 @@ impl<P: PlanStorage> App<P> {
     ///
     /// # Errors
     ///
-    /// What the flash reported when it could not be read; a text says so too.
-    pub fn restore_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> Result<(), F::Error> {
+    /// What is stored is damaged, or could not be read; a text says so too.
+    pub fn restore_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> Result<(), RestoreError<F::Error>> {
         self.stack.restore_signing(now, store, &mut self.vehicle)
     }
 

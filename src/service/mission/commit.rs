@@ -258,7 +258,7 @@ impl Missions {
         expected: Option<(u16, u32)>,
         mut item: impl FnMut(u16) -> Option<Item>,
     ) -> Result<(), PlanFault> {
-        if self.committing().is_some() || self.upload.as_ref().is_some_and(Upload::keeps_out) {
+        if self.committing().is_some() || self.is_receiving() {
             return Err(MavMissionResult::DENIED.into());
         }
         let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {
@@ -343,9 +343,14 @@ impl Missions {
         self.saving.policy = Some(policy);
     }
 
-    /// What is stored is not what is live: it could not be read, or cannot be flown.
-    pub(crate) fn stored_differs(&mut self) {
-        self.saving.differs = true;
+    /// Whether what is stored is not what is live: it could not be read, or cannot be flown.
+    pub(crate) fn stored_differs(&mut self, differs: bool) {
+        self.saving.differs = differs;
+    }
+
+    /// Whether the staging area is an upload's.
+    pub(crate) fn is_receiving(&self) -> bool {
+        self.upload.as_ref().is_some_and(Upload::keeps_out)
     }
 
     /// Whether the storage is left alone for a moment. Whoever waits for an answer gets another attempt.

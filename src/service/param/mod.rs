@@ -320,14 +320,24 @@ impl Params {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Params {
     /// A parameter comes back from storage (P-17): the stored value, or the default of this firmware when the stored one was
-    /// the default too. It stays as it is when there is none of that name and type, or when it cannot have the value.
-    pub(crate) fn load<V: Parameters>(&mut self, vehicle: &mut V, stored: &Stored, links: LinkMask) {
+    /// the default too. It stays as it is when there is none of that name and type, when it cannot have the value, or when it
+    /// has a value already that it is to keep.
+    pub(crate) fn load<V: Parameters>(
+        &mut self,
+        vehicle: &mut V,
+        stored: &Stored,
+        links: LinkMask,
+        keeps_value: bool,
+    ) {
         let Some(table) = self.table(vehicle) else { return };
-        let Some((index, (info, _))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
+        let Some((index, (info, old))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
         else {
             return;
         };
         let bits = if stored.is_default { info.default_bits() } else { stored.bits };
+        if keeps_value && old != info.default_bits() {
+            return;
+        }
         if info.param_type() == stored.r#type && !info.is_volatile() && info.has_room(bits) {
             self.change(vehicle, index, bits, links, None);
         }
@@ -345,6 +355,11 @@ impl Params {
     /// All that storage had came back; from now on it is kept up.
     pub(crate) fn loaded<V: Parameters>(&mut self, vehicle: &mut V) {
         self.saving(vehicle, Saving::loaded);
+    }
+
+    /// What could not be read at the start came back, or still cannot be read. What was set since is to be written, later then.
+    pub(crate) fn reread<V: Parameters>(&mut self, now: Instant, vehicle: &mut V, is_read: bool) {
+        self.saving(vehicle, |saving, generation| saving.reread(now, generation, is_read));
     }
 
     /// Whether the operator wants the stored values back: [`load`](Self::load) them and say [`loaded`](Self::loaded).

@@ -56,6 +56,17 @@ impl Saving {
         *self = Self { attached: true, stored: generation, rested: self.rested, ..Self::new() };
     }
 
+    /// What could not be read before was read, or was not: what is to be written is written after that, and not at once where it
+    /// would replace what is still to be read.
+    pub(super) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
+        if self.busy || self.dirty {
+            (self.busy, self.dirty) = (false, true);
+            self.due = if is_read { self.due } else { now.after(REST) };
+        } else if is_read {
+            self.stored = generation;
+        }
+    }
+
     /// Looks whether there is something to write.
     #[inline(never)]
     pub(super) fn notice(&mut self, now: Instant, generation: u32) {

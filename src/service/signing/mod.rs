@@ -196,6 +196,8 @@ struct Saving {
     is_new: bool,
     /// Not before this moment.
     rests_until: Instant,
+    /// Whether there may be a stored key that cannot be read.
+    is_lost: bool,
 }
 
 impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
@@ -222,7 +224,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
                 refused_setups: 0,
             },
             #[cfg(feature = "storage")]
-            saving: Saving { reserved: 0, next: None, job: 0, is_new: false, rests_until: Instant::ZERO },
+            saving: Saving { reserved: 0, next: None, job: 0, is_new: false, rests_until: Instant::ZERO, is_lost: false },
             streams: [SigningStream::NONE; STREAMS],
         }
     }
@@ -474,7 +476,7 @@ impl Signing {
             }
             Verdict::Unsigned => {
                 let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
-                let is_taken = is_first_key || link.accept.takes_unsigned(frame.id(), self.is_active());
+                let is_taken = is_first_key || self.accept(link).takes_unsigned(frame.id(), self.is_active());
                 if !is_taken {
                     self.refuse(|counters| &mut counters.unsigned);
                 }
@@ -483,11 +485,23 @@ impl Signing {
         }
     }
 
+    /// What a link accepts: what it is configured to; but nothing unsigned while the stored key is lost, if the link would sign
+    /// or refuse with a key (G-18).
+    const fn accept(&self, link: &LinkSigning) -> Accept {
+        #[cfg(feature = "storage")]
+        if self.is_lost() && !self.is_active() && (link.signs() || !matches!(link.accept, Accept::Open)) {
+            return Accept::Required;
+        }
+        #[cfg(not(feature = "storage"))]
+        let _ = self;
+        link.accept
+    }
+
     #[cfg_attr(not(feature = "storage"), allow(clippy::unused_self, reason = "nothing is stored"))]
     const fn is_to_be_stored(&mut self) {
         #[cfg(feature = "storage")]
         {
-            (self.saving.is_new, self.saving.next) = (true, None);
+            (self.saving.is_new, self.saving.next, self.saving.is_lost) = (true, None, false);
         }
     }
 }
@@ -500,11 +514,26 @@ impl Signing {
         self.key = key;
         self.advance(now, timestamp);
         (self.saving.is_new, self.saving.next, self.saving.reserved) = (false, None, timestamp);
+        self.saving.is_lost = false;
+    }
+
+    /// What was stored cannot be read, or not yet. Until somebody sets a key, or takes it away, links without one stay closed
+    /// (G-18). A key that the vehicle has set before stays in use, and is stored unless the stored one may come back.
+    pub(crate) const fn lost(&mut self, may_come_back: bool) {
+        if may_come_back {
+            (self.saving.is_new, self.saving.next) = (false, None);
+        }
+        self.saving.is_lost = may_come_back || !self.is_active();
+    }
+
+    /// Whether what was stored has not come back, and nothing else was set since.
+    pub(crate) const fn is_lost(&self) -> bool {
+        self.saving.is_lost
     }
 
     /// What is to be stored by now: a number for it. The same number, the same content.
     pub(crate) fn unsaved(&mut self, now: Instant) -> Option<u32> {
-        if now < self.saving.rests_until {
+        if now < self.saving.rests_until || self.saving.is_lost {
             return None;
         }
         let time = self.time(now);
@@ -555,8 +584,12 @@ pub(crate) fn admits(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: 
 
 /// Whether an accepted frame is its sender's: what came as an exception, or to set the first key, can be anybody's.
 pub(crate) fn knows_sender(port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
-    let has_key = vehicle.signing().is_some_and(|signing| signing.is_active());
-    match port.config.signing.accept {
+    let link = &port.config.signing;
+    let (has_key, accept) = match vehicle.signing() {
+        Some(signing) => (signing.is_active(), signing.accept(link)),
+        None => (false, link.accept),
+    };
+    match accept {
         Accept::Open => true,
         Accept::SignedExcept(_) => !has_key || frame.header().is_signed(),
         Accept::Required => has_key && frame.header().is_signed(),
@@ -575,10 +608,10 @@ pub(crate) fn signed_at(frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> Signed
 
 /// Whether what an unsigned frame says is believed on this link.
 pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle) -> bool {
-    let accept = port.config.signing.accept;
+    let link = &port.config.signing;
     match vehicle.signing() {
-        Some(signing) => accept.takes_unsigned(id, signing.is_active()),
-        None => matches!(accept, Accept::Open),
+        Some(signing) => signing.accept(link).takes_unsigned(id, signing.is_active()),
+        None => matches!(link.accept, Accept::Open),
     }
 }
 

@@ -322,12 +322,80 @@ fn unreadable_slots() {
         assert_eq!(settle(&mut store), Step::Idle);
         store.flash_mut().fault = Fault::None;
         assert_eq!(restart(store.flash().clone()), Some(now.clone()), "still there");
+        assert_eq!(write(&mut store, 9, &next), Step::Unread, "it is to be read before it is replaced");
+        assert_eq!(read(&mut store), Some(now.clone()));
         assert_eq!(write(&mut store, 9, &next), Step::Done);
         assert_eq!(restart(store.flash().clone()), Some(next.clone()), "no older record may come up beside it");
         // What can be read again told its sequence and its place: the new one went to the other slot.
         assert_eq!(settle(&mut store), Step::Idle);
         std::mem::swap(&mut now, &mut next);
     }
+}
+
+/// G-18: where neither slot can be read, nothing is erased, however often something is to be written.
+#[test]
+fn storage_that_cannot_be_read_is_not_erased() {
+    let (old, new) = contents();
+    let mut store = holding(&old);
+    store.flash_mut().fault = Fault::Read(0..4096);
+    assert!(store.open().is_err());
+    for job in 2..10 {
+        assert_eq!(write(&mut store, job, &new), Step::Failed);
+        assert_eq!(settle(&mut store), Step::Idle);
+    }
+    store.flash_mut().fault = Fault::None;
+    assert_eq!(store.flash().erases, 0);
+    assert_eq!(restart(store.into_inner()), Some(old));
+}
+
+/// G-18: reads fail at a start, any one of them or some in a row. A record that can be read later is read before it
+/// is replaced; so the content of both slots outlasts it.
+#[test]
+fn reads_that_fail_lose_nothing() {
+    let (old, new) = contents();
+    for is_second in [false, true] {
+        let mut whole = holding(&old);
+        if is_second {
+            assert_eq!(write(&mut whole, 2, &new), Step::Done);
+        }
+        let newest = if is_second { &new } else { &old };
+        let mut counted = store(RamFlash { reads: 0, ..whole.flash().clone() });
+        assert_eq!(read(&mut counted).as_ref(), Some(newest));
+        let reads = counted.flash().reads;
+        assert!(reads > 10, "{reads} reads");
+        for (first, len) in (0..reads).flat_map(|first| [(first, 1), (first, 2), (first, 12)]) {
+            let mut store = store(RamFlash { reads: 0, ..whole.flash().clone() });
+            store.flash_mut().fault = Fault::Reads(first..first + len);
+            let mut live = try_read(&mut store);
+            let next = Content::new([1, 1, 1], 99);
+            let steps = (0..200).map(|step| {
+                let is_wanted = step > 50;
+                let step = store.step(is_wanted.then(|| (7, next.views())));
+                if step == Step::Unread
+                    && let Some(found) = try_read(&mut store)
+                {
+                    live = Some(found);
+                }
+                step
+            });
+            let is_done = steps.take_while(|step| *step != Step::Done).count() < 200;
+            assert!(is_done, "{first}, {len}: it is never written");
+            assert_eq!(live.as_ref(), Some(newest), "{first}, {len}: replaced without having been read");
+            assert_eq!(restart(store.into_inner()), Some(next));
+        }
+    }
+}
+
+/// What can be read of a store: all or nothing.
+fn try_read(store: &mut PlanStore<Flash>) -> Option<Content> {
+    let Stored { counts, ids } = store.open().ok()??;
+    let mut content = Content { items: Default::default(), ids };
+    for (index, plan) in PlanType::ALL.into_iter().enumerate() {
+        for seq in 0..counts[index] {
+            content.items[index].push(store.item(plan, seq).ok()??);
+        }
+    }
+    Some(content)
 }
 
 /// Writing needs no `open` before.

@@ -16,7 +16,7 @@ use std::vec::Vec;
 use embedded_storage::nor_flash::NorFlash;
 
 use super::plans::{PlanStore, Stored};
-use super::record::Step;
+use super::record::{RestoreError, Step};
 use crate::dialect::{MavCmd, MavFrame};
 use crate::service::mission::{Item, PlanType, PlanView};
 
@@ -77,19 +77,32 @@ fn store<F: NorFlash>(flash: F) -> PlanStore<F> {
     PlanStore::new(flash, 0..len)
 }
 
-/// What a restart finds.
+/// What a restart finds, where there is no damage.
 fn restart<F: NorFlash>(flash: F) -> Option<Content> {
-    read(&mut store(flash))
+    found(flash).expect("storage that is whole or empty")
+}
+
+/// What a restart finds.
+fn found<F: NorFlash>(flash: F) -> Result<Option<Content>, RestoreError<F::Error>> {
+    let mut store = store(flash);
+    match store.open()? {
+        Some(stored) => Ok(Some(items(&mut store, stored))),
+        None => Ok(None),
+    }
 }
 
 fn read<F: NorFlash>(store: &mut PlanStore<F>) -> Option<Content> {
-    let Stored { counts, ids } = store.open().unwrap()?;
+    let stored = store.open().expect("storage that is whole or empty")?;
+    Some(items(store, stored))
+}
+
+fn items<F: NorFlash>(store: &mut PlanStore<F>, Stored { counts, ids }: Stored) -> Content {
     let mut content = Content { items: Default::default(), ids };
     for (index, plan) in PlanType::ALL.into_iter().enumerate() {
         content.items[index] = (0..counts[index]).map(|seq| store.item(plan, seq).unwrap().unwrap()).collect();
         assert_eq!(store.item(plan, counts[index]).unwrap(), None);
     }
-    Some(content)
+    content
 }
 
 /// Steps until something is decided.

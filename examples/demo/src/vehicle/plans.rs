@@ -52,6 +52,12 @@ impl Plans for Quadrotor {
         self.has_fix().then_some((LatLon { latitude, longitude }, FAR))
     }
 
+    /// What the examples store in writes within microseconds: so also in flight. On a microcontroller's own flash leave this out,
+    /// and nothing is written while it is armed.
+    fn may_persist(&self) -> bool {
+        true
+    }
+
     fn check_item(&mut self, _plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;
         let is_bad = match item.command {

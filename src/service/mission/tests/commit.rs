@@ -205,7 +205,7 @@ fn accepted_means_stored_also_of_what_is_live() {
 
     // Nothing is live, but something may be stored, which is to be gone for good after a clear.
     let mut bench = durable();
-    bench.missions.stored_differs();
+    bench.missions.stored_differs(true);
     assert_eq!(bench.unsaved(), None, "nothing by itself");
     assert_eq!(bench.ask(A, &clear(MISSION)), []);
     assert!(bench.unsaved().is_some());

@@ -77,6 +77,12 @@ struct Vehicle {
     changes: Vec<(PlanType, Vec<Item>, u16)>,
 }
 
+impl crate::vehicle::Vehicle for Vehicle {
+    fn state(&self) -> Option<crate::VehicleState> {
+        None
+    }
+}
+
 impl Plans for Vehicle {
     const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT, CommandRule::any(MavCmd::DO_JUMP)];
 

@@ -197,7 +197,7 @@ fn the_stored_values_come_back() {
     bench.drain();
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.params.wants_reload(&mut bench.vehicle));
-    bench.params.load(&mut bench.vehicle, &stored, both_links());
+    bench.params.load(&mut bench.vehicle, &stored, both_links(), false);
     bench.params.loaded(&mut bench.vehicle);
     assert!(!bench.params.wants_reload(&mut bench.vehicle) && !bench.is_due());
     let value = bench.value(1);
