@@ -196,6 +196,20 @@ pub struct Config {
     /// How many more times MISSION_ITEM_REACHED is sent, once a second, for lossy lines: none at first; more than 3 count
     /// as 3 (M-91).
     pub item_reached_repeats: u8,
+    /// How long a store takes to bear one more write that a peer causes: 15 minutes by default (C-15). [`Duration::ZERO`] is no
+    /// limit, for FRAM.
+    ///
+    /// Each store, of plans, parameters and key, has a bucket of 128 tokens, full at the start; one comes back in this time. A
+    /// token is a write of the parameters or of the key, a clear, or a plan up to a quarter of plan memory; a plan that fills it
+    /// takes four. What has no token is refused or waits: a plan is DENIED at its beginning, MAV_CMD_PREFLIGHT_STORAGE is
+    /// TEMPORARILY_REJECTED, SETUP_SIGNING is refused with a text, and changed parameters are written later. What the vehicle
+    /// does itself is not refused.
+    ///
+    /// The arithmetic: a peer that floods causes 128 writes, then 96 a day. Two slots of flash that bears 10,000 erases take 20,000
+    /// writes, which is 207 days of uninterrupted flood. An honest day of 20 uploads that fill plan memory takes 80 tokens, 100
+    /// single changes of parameters 100 of another bucket. A restart fills the buckets: who may restart the vehicle may write
+    /// more.
+    pub storage_refill: Duration,
 }
 
 /// An address that a vehicle may have, so that none other can be configured.
@@ -252,6 +266,7 @@ impl Config {
             float_mission_items: true,
             second_mission_ack: false,
             item_reached_repeats: 0,
+            storage_refill: Duration::from_secs(15 * 60),
         }
     }
 }

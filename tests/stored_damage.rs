@@ -409,7 +409,8 @@ fn a_read_that_fails_costs_no_fence() {
             assert_eq!(result, MavMissionResult::ACCEPTED);
             run_plans(&mut world, &mut store, secs(12));
             assert_eq!(world.stack.fence().items().len(), 2, "read {read}");
-            let fences = world.vehicle.plan_changes().into_iter().filter(|(plan, ..)| *plan == mavstack::PlanType::Fence);
+            let fences =
+                world.vehicle.plan_changes().into_iter().filter(|(plan, ..)| *plan == mavstack::PlanType::Fence);
             assert_eq!(fences.count(), 1, "the vehicle is told once");
             let mut world = PlanWorld::with_plans(Setup::new());
             let result = world.stack.restore_plans(world.now(), &mut store, durability, &mut world.vehicle);

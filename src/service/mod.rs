@@ -19,3 +19,4 @@ pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
 mod wall_clock;
+mod wear;

@@ -29,6 +29,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         store: &mut SigningStore<F>,
         vehicle: &mut V,
     ) -> Result<(), RestoreError<F::Error>> {
+        if let Some(signing) = vehicle.signing() {
+            signing.limit(self.core.config.storage_refill);
+        }
         let result = read_key(now, store, vehicle);
         let text = match &result {
             Ok(()) => return Ok(()),

@@ -40,6 +40,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ) -> Result<(), RestoreError<F::Error>> {
         if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
             missions.attach_storage(durability);
+            missions.limit_storage(self.core.config.storage_refill);
         }
         let result = self.read_plans(now, store, vehicle, false);
         let text = match &result {
@@ -170,6 +171,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         store: &mut ParamStore<F>,
         vehicle: &mut V,
     ) -> Result<(), RestoreError<F::Error>> {
+        self.core.params.limit(vehicle, self.core.config.storage_refill);
         let result = self.read_parameters(store, vehicle, false);
         self.core.params.loaded(vehicle);
         let text = match &result {

@@ -46,7 +46,8 @@ impl Stored {
 ///
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
 /// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
-/// bytes, about a second behind a change and not more often than every ten seconds (SEC-12):
+/// bytes, about a second behind a change and not more often than every ten seconds (SEC-12), in the long run every
+/// [`storage_refill`](crate::Config::storage_refill) (C-15):
 ///
 /// ```text
 ///            a value changes             after 1 s, and 10 s after the last one       whole

@@ -204,10 +204,7 @@ pub struct PlanStore<F> {
 impl<F: NorFlash> PlanStore<F> {
     /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self {
-            record: Record::new(flash, region, KIND),
-            stored: Stored { counts: [0; 3], ids: [0; 3] },
-        }
+        Self { record: Record::new(flash, region, KIND), stored: Stored { counts: [0; 3], ids: [0; 3] } }
     }
 
     /// How long the region has to be for plans of so many items, in bytes: a multiple of two erase units. It has to begin

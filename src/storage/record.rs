@@ -87,7 +87,9 @@ impl<E: core::fmt::Debug> core::fmt::Display for RestoreError<E> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Storage(error) => write!(f, "the storage cannot be read: {error:?}"),
-            Self::Damaged => f.write_str("what is stored is damaged: set it again, or erase the region before its first use"),
+            Self::Damaged => {
+                f.write_str("what is stored is damaged: set it again, or erase the region before its first use")
+            }
             Self::Foreign => f.write_str("newer firmware stored it: install that, or set it again"),
         }
     }
@@ -463,9 +465,8 @@ impl<F: NorFlash> Record<F> {
         self.looks = self.looks.saturating_sub(1);
         let (before, was_unread) = (self.newest, self.is_unread);
         let _ = self.open();
-        let is_later = |newest: Newest| {
-            before.is_none_or(|before| is_newer(newest.header.sequence, before.header.sequence))
-        };
+        let is_later =
+            |newest: Newest| before.is_none_or(|before| is_newer(newest.header.sequence, before.header.sequence));
         if self.newest.is_some_and(|newest| was_unread || is_later(newest)) {
             return Step::Unread;
         }

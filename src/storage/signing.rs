@@ -21,7 +21,8 @@ const LEN: u32 = 64;
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
 /// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
 /// bytes: when the key was changed, and every 55 s while there is one. That is one erase of a slot every 110 s: FRAM bears it for
-/// ever, flash of 10,000 cycles for twelve days of being powered.
+/// ever, flash of 10,000 cycles for twelve days of being powered and disarmed. Peers can hardly make it more: see
+/// [`storage_refill`](crate::Config::storage_refill).
 ///
 /// The key lies there as it is. Whoever can read the storage has it.
 ///

@@ -171,7 +171,11 @@ impl<P: PlanStorage> App<P> {
     /// # Errors
     ///
     /// What is stored is damaged, or could not be read; a text says so too.
-    pub fn restore_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> Result<(), RestoreError<F::Error>> {
+    pub fn restore_parameters<F: NorFlash>(
+        &mut self,
+        now: Instant,
+        store: &mut ParamStore<F>,
+    ) -> Result<(), RestoreError<F::Error>> {
         let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
         self.saving = Saving::No;
         let id = u8::try_from(self.vehicle.tuning().get(Tuning::MAV_SYS_ID));
@@ -196,7 +200,11 @@ impl<P: PlanStorage> App<P> {
     /// # Errors
     ///
     /// What is stored is damaged, or could not be read; a text says so too.
-    pub fn restore_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> Result<(), RestoreError<F::Error>> {
+    pub fn restore_signing<F: NorFlash>(
+        &mut self,
+        now: Instant,
+        store: &mut SigningStore<F>,
+    ) -> Result<(), RestoreError<F::Error>> {
         self.stack.restore_signing(now, store, &mut self.vehicle)
     }
 

@@ -15,6 +15,7 @@ use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::link::{LinkId, Peer};
+use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
 use crate::vehicle::{PlanChange, PlanFault, Plans};
 
@@ -30,7 +31,7 @@ use crate::vehicle::{PlanChange, PlanFault, Plans};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Durability {
     /// ACCEPTED means that it survives a power cut: the plan is written first, and goes live then. While
-    /// [`may_persist`](Plans::may_persist) says no, changes are DENIED at their beginning.
+    /// [`may_persist`](Plans::may_persist) says no, as by default while armed, changes are DENIED at their beginning.
     Durable,
     /// It goes live and is answered at once, and is written when the vehicle permits. When that fails a text says so.
     Deferred,
@@ -112,11 +113,20 @@ pub(super) struct Saving {
     rests_until: Instant,
     /// Whether it was said that the last attempt failed.
     told: bool,
+    wear: Wear,
 }
 
 impl Saving {
     pub(super) const fn new() -> Self {
-        Self { policy: None, job: 0, owed: false, differs: false, rests_until: Instant::ZERO, told: false }
+        Self {
+            policy: None,
+            job: 0,
+            owed: false,
+            differs: false,
+            rests_until: Instant::ZERO,
+            told: false,
+            wear: Wear::NONE,
+        }
     }
 
     /// Something else is to be written from now on.
@@ -159,6 +169,11 @@ impl Missions {
         self.policy().is_none() || !(self.saving.owed || self.saving.differs)
     }
 
+    /// Whether storage bears another change to so many items (C-15).
+    pub(super) fn bears(&self, cx: &Context<'_, '_>, count: u16) -> bool {
+        self.policy().is_none() || self.saving.wear.has(cx.now, tokens(cx, count))
+    }
+
     /// Whether a clear would clear nothing, here or on the storage (M-52).
     pub(super) fn is_clear(&self, cx: &Context<'_, '_>, only: Option<PlanType>) -> bool {
         let is_empty = |plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0;
@@ -180,6 +195,10 @@ impl Missions {
             Change::Clear(only) => self.is_clear(cx, only),
         };
         let commit = Commit { to: from, mission_type, change, since: cx.now };
+        if self.policy().is_some() && !changes_nothing {
+            let tokens = tokens(cx, cx.plans.staged());
+            self.saving.wear.spend(cx.now, tokens);
+        }
         if self.is_durable() && !changes_nothing {
             event!("plans: change by {}: to be written", from);
             self.saving.next_job();
@@ -330,6 +349,14 @@ fn refusal<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, commit: &Commit) -> 
     })
 }
 
+/// What a plan of so many items costs: a token for each quarter of plan memory, and one at least (C-15).
+fn tokens(cx: &Context<'_, '_>, count: u16) -> u8 {
+    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
+    let quarters = u32::from(count).saturating_mul(4);
+    let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
+    [1, 2, 3].into_iter().map(is_beyond).fold(1, u8::saturating_add)
+}
+
 /// The half that only storage calls.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
@@ -341,6 +368,11 @@ impl Missions {
     /// From now on there is storage.
     pub(crate) fn attach_storage(&mut self, policy: Durability) {
         self.saving.policy = Some(policy);
+    }
+
+    /// Storage bears one more small change in this time.
+    pub(crate) fn limit_storage(&mut self, refill: Duration) {
+        self.saving.wear.limit(refill);
     }
 
     /// Whether what is stored is not what is live: it could not be read, or cannot be flown.
@@ -374,8 +406,8 @@ impl Missions {
 
     /// What [`unsaved`](Self::unsaved) gave is durable: it goes live, where it is not. The answer, and where it is owed.
     pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
-        let Saving { policy, job, .. } = self.saving;
-        self.saving = Saving { policy, job, rests_until: cx.now.after(GRACE), ..Saving::new() };
+        let Saving { policy, job, wear, .. } = self.saving;
+        self.saving = Saving { policy, job, wear, rests_until: cx.now.after(GRACE), ..Saving::new() };
         let commit = self.commit.take()?;
         let result = match refusal(cx, vehicle, &commit) {
             None => {

@@ -165,7 +165,10 @@ impl Missions {
             event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
-        if !self.may_change(cx, vehicle, caller, plan, mission_type) || self.lacks_result_slot(caller) {
+        if !self.may_change(cx, vehicle, caller, plan, mission_type)
+            || self.is_worn(cx, caller, plan, mission_type, count)
+            || self.lacks_result_slot(caller)
+        {
             return;
         }
         if echoed.is_none() || count == 1 {
@@ -479,7 +482,8 @@ impl Missions {
                 return;
             }
         }
-        if !self.lacks_result_slot(caller) {
+        let named = only.unwrap_or(PlanType::Mission);
+        if !self.is_worn(cx, caller, named, mission_type, 0) && !self.lacks_result_slot(caller) {
             self.done = None;
             self.clear(cx, vehicle, caller, mission_type, only);
         }
@@ -553,6 +557,24 @@ impl Missions {
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
         }
         lacks
+    }
+
+    /// Whether storage was written too often for a change to `count` items; the refusal is answered here (C-15).
+    fn is_worn(
+        &self,
+        cx: &mut Context<'_, '_>,
+        caller: &mut Caller<'_>,
+        plan: PlanType,
+        mission_type: MavMissionType,
+        count: u16,
+    ) -> bool {
+        if self.bears(cx, count) {
+            return false;
+        }
+        event!("{} change by {}: storage was written too often", plan, caller.from);
+        cx.tell(&Trouble::Worn(plan));
+        caller.deny(mission_type);
+        true
     }
 
     /// Asks the vehicle, and whether storage may be written where that must be; a refusal is answered here (M-27, M-44).

@@ -71,6 +71,8 @@ pub(super) enum Trouble<'a> {
     Unset(PlanType, u16),
     /// "Mission item 0: more than 10000 m away" (M-48).
     TooFar(u16, u32),
+    /// "Mission refused: stored too often, try later" (C-15).
+    Worn(PlanType),
     /// "Mission upload timed out at item 12".
     TimedOut(PlanType, u16),
     /// "Mission item 12 cannot be made current" (M-93).
@@ -105,6 +107,7 @@ impl Trouble<'_> {
             Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
             Self::Unset(plan, seq) => (name(*plan), " item ", Some(*seq)),
             Self::TooFar(seq, _) => (name(PlanType::Mission), " item ", Some(*seq)),
+            Self::Worn(plan) => (name(*plan), " refused: stored too often, try later", None),
             Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
             Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
             Self::Guided => ("Guided items not supported: send DO_REPOSITION", "", None),
@@ -128,7 +131,7 @@ impl Trouble<'_> {
                 words.push_number(*limit);
                 words.push_str(" m away");
             }
-            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) => {}
+            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) | Self::Worn(_) => {}
         }
     }
 }

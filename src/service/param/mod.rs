@@ -214,6 +214,12 @@ impl Params {
         if vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED)) {
             return Some(MavResult::TEMPORARILY_REJECTED);
         }
+        let mut table = self.table(vehicle)?;
+        table.notice(cx.now);
+        let will_change = matches!(parameters, Some(2 | 4));
+        if (will_change || parameters == Some(1)) && table.state.saving.is_worn(cx.now, will_change) {
+            return Some(MavResult::TEMPORARILY_REJECTED);
+        }
         match parameters {
             Some(0) => {
                 let table = self.table(vehicle)?;
@@ -322,13 +328,7 @@ impl Params {
     /// A parameter comes back from storage (P-17): the stored value, or the default of this firmware when the stored one was
     /// the default too. It stays as it is when there is none of that name and type, when it cannot have the value, or when it
     /// has a value already that it is to keep.
-    pub(crate) fn load<V: Parameters>(
-        &mut self,
-        vehicle: &mut V,
-        stored: &Stored,
-        links: LinkMask,
-        keeps_value: bool,
-    ) {
+    pub(crate) fn load<V: Parameters>(&mut self, vehicle: &mut V, stored: &Stored, links: LinkMask, keeps_value: bool) {
         let Some(table) = self.table(vehicle) else { return };
         let Some((index, (info, old))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
         else {
@@ -350,6 +350,11 @@ impl Params {
         let result = work(&mut table.state.saving, generation);
         self.note(&table);
         Some(result)
+    }
+
+    /// From now on storage bears one more write that peers cause in this time (C-15).
+    pub(crate) fn limit<V: Parameters>(&mut self, vehicle: &mut V, refill: Duration) {
+        self.saving(vehicle, |saving, _| saving.limit(refill));
     }
 
     /// All that storage had came back; from now on it is kept up.

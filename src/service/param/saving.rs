@@ -1,8 +1,10 @@
 //! When parameters are written to storage: behind the changes, together, and not often (P-17, SEC-12).
 //!
 //! A write begins a second after the first change, with all that came since, and not within ten seconds of the write before,
-//! unless the operator asks for it. What changes while it goes on is in it or not; then there will be another one.
+//! unless the operator asks for it. What changes while it goes on is in it or not; then there will be another one. After many
+//! writes they are further apart (C-15).
 
+use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
 
 /// How long changes are collected.
@@ -30,6 +32,9 @@ pub(super) struct Saving {
     due: Instant,
     /// When the storage has rested.
     rested: Instant,
+    /// Whether the next write is wanted at once.
+    is_urgent: bool,
+    wear: Wear,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
@@ -44,6 +49,8 @@ impl Saving {
             stored: 0,
             due: Instant::ZERO,
             rested: Instant::ZERO,
+            is_urgent: false,
+            wear: Wear::NONE,
         }
     }
 
@@ -53,7 +60,7 @@ impl Saving {
 
     /// The table of this generation is as the storage has it: as far as it could be read.
     pub(super) fn loaded(&mut self, generation: u32) {
-        *self = Self { attached: true, stored: generation, rested: self.rested, ..Self::new() };
+        *self = Self { attached: true, stored: generation, rested: self.rested, wear: self.wear, ..Self::new() };
     }
 
     /// What could not be read before was read, or was not: what is to be written is written after that, and not at once where it
@@ -76,9 +83,20 @@ impl Saving {
         }
     }
 
-    /// The operator wants it written now, if there is something that was [noticed](Self::notice).
+    /// It is to be written now, if there is something that was [noticed](Self::notice).
     pub(super) fn hurry(&mut self, now: Instant) {
         self.due = now;
+        self.is_urgent = self.dirty;
+    }
+
+    /// Writes are so far apart in the long run.
+    pub(super) fn limit(&mut self, refill: Duration) {
+        self.wear.limit(refill);
+    }
+
+    /// Whether there have been too many writes for another one, which `will_change` something or writes what has changed (C-15).
+    pub(super) fn is_worn(&self, now: Instant, will_change: bool) -> bool {
+        self.attached && (will_change || self.dirty) && !self.wear.has(now, 1)
     }
 
     /// The operator wants the stored values back; what is not written yet is given up.
@@ -93,8 +111,9 @@ impl Saving {
     /// The number of the write that is under way, or begins now.
     pub(super) fn job(&mut self, now: Instant, generation: u32) -> Option<u32> {
         self.notice(now, generation);
-        if self.dirty && now >= self.due {
-            self.dirty = false;
+        if self.dirty && now >= self.due && (self.is_urgent || self.wear.has(now, 1)) {
+            self.wear.spend(now, 1);
+            (self.dirty, self.is_urgent) = (false, false);
             self.busy = true;
             self.stored = generation;
         }
@@ -120,7 +139,8 @@ impl Saving {
     pub(super) fn deadline(&self) -> Instant {
         match (self.busy || self.reload, self.dirty) {
             (true, _) => Instant::ZERO,
-            (_, true) => self.due,
+            (_, true) if self.is_urgent => self.due,
+            (_, true) => self.due.max(self.wear.ready_at()),
             _ => Instant::NEVER,
         }
     }

@@ -22,6 +22,8 @@ use crate::link::{LinkClass, LinkConfig, Port};
 use crate::message::Message;
 use crate::num;
 use crate::service::command::SignedAt;
+#[cfg(feature = "storage")]
+use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
 use streams::{MINUTE, Stale};
@@ -39,6 +41,10 @@ const RESERVATION: u64 = MINUTE;
 /// So long before it is reached the next one is stored (10 µs): longer than writing takes.
 #[cfg(feature = "storage")]
 const AHEAD: u64 = 500_000;
+
+/// So far apart time is stored in the long run, whatever peers tell: a little less than it is without them (C-15).
+#[cfg(feature = "storage")]
+const TIME_REFILL: Duration = Duration::from_secs(50);
 
 /// After storage failed it is left alone for so long.
 #[cfg(feature = "storage")]
@@ -198,6 +204,10 @@ struct Saving {
     rests_until: Instant,
     /// Whether there may be a stored key that cannot be read.
     is_lost: bool,
+    /// Writes because of SETUP_SIGNING.
+    keys: Wear,
+    /// Writes because time went on, which a peer's frames can make it do.
+    times: Wear,
 }
 
 impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
@@ -224,7 +234,16 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
                 refused_setups: 0,
             },
             #[cfg(feature = "storage")]
-            saving: Saving { reserved: 0, next: None, job: 0, is_new: false, rests_until: Instant::ZERO, is_lost: false },
+            saving: Saving {
+                reserved: 0,
+                next: None,
+                job: 0,
+                is_new: false,
+                rests_until: Instant::ZERO,
+                is_lost: false,
+                keys: Wear::NONE,
+                times: Wear::NONE,
+            },
             streams: [SigningStream::NONE; STREAMS],
         }
     }
@@ -485,6 +504,25 @@ impl Signing {
         }
     }
 
+    /// Whether a peer may have another key stored (C-15).
+    fn bears_key(&self, now: Instant) -> bool {
+        #[cfg(feature = "storage")]
+        return self.saving.keys.has(now, 1);
+        #[cfg(not(feature = "storage"))]
+        {
+            let _ = (self, now);
+            true
+        }
+    }
+
+    /// A peer has another key stored.
+    fn wear_key(&mut self, now: Instant) {
+        #[cfg(feature = "storage")]
+        self.saving.keys.spend(now, 1);
+        #[cfg(not(feature = "storage"))]
+        let _ = (self, now);
+    }
+
     /// What a link accepts: what it is configured to; but nothing unsigned while the stored key is lost, if the link would sign
     /// or refuse with a key (G-18).
     const fn accept(&self, link: &LinkSigning) -> Accept {
@@ -517,6 +555,12 @@ impl Signing {
         self.saving.is_lost = false;
     }
 
+    /// From now on there is storage, which bears one more key in this time (C-15).
+    pub(crate) fn limit(&mut self, refill: Duration) {
+        self.saving.keys.limit(refill);
+        self.saving.times.limit(if refill == Duration::ZERO { refill } else { TIME_REFILL });
+    }
+
     /// What was stored cannot be read, or not yet. Until somebody sets a key, or takes it away, links without one stay closed
     /// (G-18). A key that the vehicle has set before stays in use, and is stored unless the stored one may come back.
     pub(crate) const fn lost(&mut self, may_come_back: bool) {
@@ -539,8 +583,11 @@ impl Signing {
         let time = self.time(now);
         if self.saving.next.is_none() {
             let is_due = self.is_active() && time.saturating_add(AHEAD) >= self.saving.reserved;
-            if !is_due && !self.saving.is_new {
-                return None;
+            if !self.saving.is_new {
+                if !is_due || !self.saving.times.has(now, 1) {
+                    return None;
+                }
+                self.saving.times.spend(now, 1);
             }
             self.saving.next = Some(time.saturating_add(RESERVATION));
             self.saving.is_new = false;

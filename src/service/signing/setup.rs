@@ -30,13 +30,14 @@ pub(crate) enum Answer {
     Armed,
     Place,
     Time,
+    Often,
     /// Nobody asked: frames come that are signed with another key. Gives way to an answer.
     WrongKey,
 }
 
 impl Answer {
     const fn is_refusal(self) -> bool {
-        matches!(self, Self::Armed | Self::Place | Self::Time | Self::WrongKey)
+        matches!(self, Self::Armed | Self::Place | Self::Time | Self::Often | Self::WrongKey)
     }
 
     const fn text(self) -> &'static str {
@@ -47,6 +48,7 @@ impl Answer {
             Self::Armed => "Signing not changed: vehicle is armed",
             Self::Place => "Signing not changed: not by this link",
             Self::Time => "Signing not changed: bad timestamp",
+            Self::Often => "Signing not changed: stored too often, try later",
             Self::WrongKey => "Wrong signing key: set it again on this link",
         }
     }
@@ -81,6 +83,7 @@ pub(crate) fn on_frame(
     let answer = match frame.decode::<SetupSigning>() {
         _ if !port.config.signing.provisioning => Answer::Place,
         _ if !is_disarmed => Answer::Armed,
+        _ if !signing.bears_key(now) => Answer::Often,
         Some(mut setup) => {
             let answer = set_up(signing, now, &setup);
             setup.secret_key.0.zeroize();
@@ -93,6 +96,7 @@ pub(crate) fn on_frame(
         count(&mut signing.counters.refused_setups);
     } else {
         count(&mut signing.counters.setups);
+        signing.wear_key(now);
         port.heartbeat.postpone(now);
     }
     true

@@ -1,0 +1,92 @@
+//! How often peers may have storage written: a token bucket (C-15).
+//!
+//! Flash bears some 10,000 erases of a unit. A peer on an open link can ask for writes at line rate, so what peers cause is
+//! paced, whatever they ask for. One token is a write of the parameters, of the key, or of a plan up to a quarter of plan memory;
+//! a larger plan takes up to four. [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
+
+use crate::time::{Duration, Instant};
+
+/// So many tokens the bucket holds: 32 of the largest plans.
+const CAPACITY: u64 = 128;
+
+/// A bucket of one store. Not the tokens are counted but the time until it is full again, so that refilling needs no arithmetic.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wear {
+    /// The time in which a token comes back; zero is no limit.
+    refill: Duration,
+    /// When the bucket is full.
+    full_at: Instant,
+}
+
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "nothing is stored"))]
+impl Wear {
+    /// No limit, as where no storage is attached.
+    pub(crate) const NONE: Self = Self { refill: Duration::ZERO, full_at: Instant::ZERO };
+
+    /// From now on a token comes back in this time.
+    pub(crate) const fn limit(&mut self, refill: Duration) {
+        self.refill = refill;
+    }
+
+    /// The time in which so many tokens come back.
+    const fn time(&self, tokens: u64) -> Duration {
+        Duration::from_micros(self.refill.as_micros().saturating_mul(tokens))
+    }
+
+    /// Whether there are so many tokens.
+    pub(crate) fn has(&self, now: Instant, tokens: u8) -> bool {
+        let left = CAPACITY.saturating_sub(tokens.into());
+        self.full_at.since(now) <= self.time(left)
+    }
+
+    /// Takes so many tokens, or what there is.
+    pub(crate) fn spend(&mut self, now: Instant, tokens: u8) {
+        let full_at = self.full_at.max(now).after(self.time(tokens.into()));
+        self.full_at = full_at.min(now.after(self.time(CAPACITY)));
+    }
+
+    /// When there is a token.
+    pub(crate) fn ready_at(&self) -> Instant {
+        let time = self.time(CAPACITY.saturating_sub(1));
+        Instant::from_micros(self.full_at.as_micros().saturating_sub(time.as_micros()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// C-15: a burst of what the bucket holds, then as many as come back; however long the pause, no more than it holds.
+    #[test]
+    fn tokens_run_out_and_come_back() {
+        let mut wear = Wear::NONE;
+        wear.limit(Duration::from_secs(900));
+        let mut now = Instant::from_millis(1);
+        for tokens in [1, 2, 4] {
+            for _ in 0..128 / tokens {
+                assert!(wear.has(now, tokens));
+                wear.spend(now, tokens);
+            }
+            assert!(!wear.has(now, 1));
+            let ready = wear.ready_at();
+            assert!(!wear.has(Instant::from_micros(ready.as_micros() - 1), 1));
+            assert!(wear.has(ready, 1) && !wear.has(ready, 2));
+            assert_eq!(ready.since(now), Duration::from_secs(900));
+            // What is taken without being there, for the vehicle itself, is not taken twice.
+            wear.spend(now, 4);
+            assert_eq!(wear.ready_at(), ready);
+            now = now.after(Duration::from_secs(1_000_000_000));
+        }
+    }
+
+    /// C-15: where no storage is attached nothing is limited.
+    #[test]
+    fn no_limit() {
+        let mut wear = Wear::NONE;
+        for _ in 0..1_000 {
+            assert!(wear.has(Instant::ZERO, 4));
+            wear.spend(Instant::ZERO, 4);
+        }
+        assert_eq!(wear.ready_at(), Instant::ZERO);
+    }
+}
