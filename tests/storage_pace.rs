@@ -299,7 +299,7 @@ fn a_flood_wears_nothing_out() {
             let gcs = &mut world.gcs[0];
             gcs.forget();
             gcs.send(&set("CRUISE", 1.0 + f32::from(round % 128) / 8.0));
-            gcs.command_long(MavCmd::PREFLIGHT_STORAGE, store_now(if round % 16 == 0 { 2.0 } else { 1.0 }));
+            gcs.command_long(MavCmd::PREFLIGHT_STORAGE, store_now(if round.is_multiple_of(16) { 2.0 } else { 1.0 }));
             let mission_type =
                 [MavMissionType::MISSION, MavMissionType::FENCE, MavMissionType::RALLY][usize::from(round % 3)];
             let result = upload(&mut world, &mut stores, &items(mission_type, 1, round));

@@ -15,6 +15,9 @@ const KIND: u8 = 3;
 const SCHEMA: u16 = 1;
 const LEN: u32 = 64;
 
+/// The key, if there is one, and the timestamp to begin with.
+type Stored = (Option<SigningKey>, u64);
+
 /// Keeps the signing key on storage, and how far time has been used: two slots, of which one always has what was complete
 /// before, so a key and a timestamp always belong together (G-13).
 ///
@@ -75,7 +78,7 @@ impl<F: NorFlash> SigningStore<F> {
     ///
     /// The newest record is not whole, cannot be read, or is not of this version. An older key is none: it may have been replaced
     /// because others know it.
-    pub(crate) fn open(&mut self) -> Result<Option<(Option<SigningKey>, u64)>, RestoreError<F::Error>> {
+    pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         let Some(header) = self.record.open()? else { return Ok(None) };
         if header.schema != SCHEMA {
             return Err(RestoreError::Foreign);
