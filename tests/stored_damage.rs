@@ -202,6 +202,27 @@ fn a_key_that_cannot_be_read_comes_back() {
     }
 }
 
+/// G-18: a new vehicle's storage cannot be read at its start: links are closed until it is known that there is no key.
+#[test]
+fn no_key_that_cannot_be_read_is_none() {
+    for has_key in [false, true] {
+        let mut flash = Flash::new(KEYS);
+        flash.fault = Fault::Reads(0..3);
+        let mut store = Keys::new(&mut flash, 0..KEYS);
+        let mut rig = signing_rig();
+        if has_key {
+            rig.set_key(KEY);
+        }
+        assert!(rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle).is_err());
+        assert_eq!(armed_by(&mut rig), [false, has_key, true]);
+        settle(&mut rig, &mut store);
+        assert_eq!(armed_by(&mut rig), [!has_key, true, true]);
+        let mut rig = signing_rig();
+        assert_eq!(rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle), Ok(()));
+        assert_eq!(rig.transmit(0)[0].is_signed(), has_key);
+    }
+}
+
 /// G-18: a key that is set while the stored one cannot be read is the one that counts.
 #[test]
 fn a_new_key_replaces_what_cannot_be_read() {

@@ -89,7 +89,10 @@ fn read_key<F: NorFlash, V: Autopilot>(
 ) -> Result<(), RestoreError<F::Error>> {
     let Some(signing) = vehicle.signing() else { return Ok(()) };
     match store.open() {
-        Ok(None) => Ok(()),
+        Ok(None) => {
+            signing.nothing_stored();
+            Ok(())
+        }
         Ok(Some((key, timestamp))) => {
             signing.restore(now, key, timestamp);
             Ok(())

@@ -57,7 +57,7 @@ pub(crate) enum Step {
     Done,
     /// The storage failed, or the content has no room. The next step begins anew.
     Failed,
-    /// There is a whole record that could not be read before: the owner is to read it. Nothing was written.
+    /// What could not be read before can be read now: the owner is to do it. Nothing was written.
     Unread,
 }
 
@@ -471,6 +471,8 @@ impl<F: NorFlash> Record<F> {
             return Step::Unread;
         }
         match self.unreadable {
+            // Also that there is nothing is worth knowing.
+            0 if !is_wanted => Step::Unread,
             0 => Step::Busy,
             _ if !is_wanted => Step::Busy,
             1 if before.is_none() || self.newest == before => {

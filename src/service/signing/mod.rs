@@ -570,6 +570,13 @@ impl Signing {
         self.saving.is_lost = may_come_back || !self.is_active();
     }
 
+    /// There is no stored key that could come back: what the vehicle has set is to be stored.
+    pub(crate) const fn nothing_stored(&mut self) {
+        if self.saving.is_lost {
+            (self.saving.is_lost, self.saving.is_new) = (false, self.is_active());
+        }
+    }
+
     /// Whether what was stored has not come back, and nothing else was set since.
     pub(crate) const fn is_lost(&self) -> bool {
         self.saving.is_lost
