@@ -207,8 +207,8 @@ pub struct Config {
     ///
     /// The arithmetic: a peer that floods causes 128 writes, then 96 a day. Two slots of flash that bears 10,000 erases take 20,000
     /// writes, which is 207 days of uninterrupted flood. An honest day of 20 uploads that fill plan memory takes 80 tokens, 100
-    /// single changes of parameters 100 of another bucket. A restart fills the buckets: who may restart the vehicle may write
-    /// more.
+    /// single changes of parameters 100 of another bucket. A restart fills the buckets: a peer that may restart the vehicle may
+    /// cause more.
     pub storage_refill: Duration,
 }
 

@@ -455,8 +455,8 @@ pub trait Plans: Vehicle {
     /// which on a microcontroller's own flash stop the processor for milliseconds to seconds. Where an upload is to be durable,
     /// it is refused at its beginning while this is false (M-44); parameters and the signing time wait.
     ///
-    /// By default it is true while the vehicle is disarmed, as [`state`](Vehicle::state) tells; false in a fault, when `state` is
-    /// `None` and nobody knows what the vehicle is doing. A vehicle whose storage writes without stopping the processor, as FRAM
+    /// By default it is true while the vehicle is disarmed, as [`state`](Vehicle::state) tells. In a fault, when `state` is `None`, it
+    /// is false: the vehicle may be flying. A vehicle whose storage writes without stopping the processor, as FRAM
     /// does, may return true always.
     fn may_persist(&self) -> bool {
         self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))

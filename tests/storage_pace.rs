@@ -226,7 +226,7 @@ fn stores_share_a_pass() {
     }
 }
 
-/// D-5: who does not poll but asks again, before a reset, has all of it written.
+/// D-5: a caller that asks again without polling, as before a reset, gets everything written.
 #[test]
 fn a_loop_without_polls_ends() {
     let mut world = world(|config| config, millis(10));
@@ -249,8 +249,8 @@ fn a_loop_without_polls_ends() {
     assert_eq!(stores.records(), [1; 3]);
 }
 
-/// D-5, SEC-12, M-27, M-44, P-17: a vehicle that says nothing of it writes nothing while it is armed, or in a fault: plans are
-/// DENIED at COUNT, parameters and key wait.
+/// D-5, SEC-12, M-27, M-44, P-17: by default nothing is written while the vehicle is armed or in a fault: plans are DENIED at
+/// COUNT, parameters and key wait.
 #[test]
 fn nothing_is_written_while_armed() {
     let mut world = world(|config| config, millis(10));
@@ -357,8 +357,8 @@ fn an_honest_day_is_never_refused() {
     }
 }
 
-/// C-15: a bucket is empty: the refusal has a text, what is empty already may be cleared, one change more is taken when a token has
-/// come back, a large one when there are as many as it takes, and nobody who sleeps is woken for what has to wait.
+/// C-15: when a bucket is empty, the refusal has a text, and an empty plan may still be cleared. A small change is taken when one
+/// token has come back, a large one needs more. A sleeping loop is not woken for parameters that have to wait.
 #[test]
 fn a_refusal_says_why_and_ends() {
     let mut world = world(|config| config, millis(20));

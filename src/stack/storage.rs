@@ -144,7 +144,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 store.put_off();
                 return Step::Busy;
             }
-            // What is stored comes first: whoever waits tries again.
+            // What is stored comes first: the client is told ERROR, and tries again.
             Step::Failed | Step::Unread => missions.not_saved(&mut cx),
         };
         owe(&mut self.links, owed);

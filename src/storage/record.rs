@@ -177,7 +177,7 @@ pub(crate) fn is_newer(a: u32, b: u32) -> bool {
 /// What lies in a slot.
 #[derive(Clone, Copy, Debug)]
 enum Slot {
-    /// No header, as nobody has written one, or as it was erased; or the beginning of one, which a power cut left.
+    /// No header: never written, or erased; or the beginning of one, which a power cut left.
     Blank,
     Whole(Newest),
     /// Anything else; the sequence, where the header tells one.

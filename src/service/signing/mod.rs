@@ -561,8 +561,8 @@ impl Signing {
         self.saving.times.limit(if refill == Duration::ZERO { refill } else { TIME_REFILL });
     }
 
-    /// What was stored cannot be read, or not yet. Until somebody sets a key, or takes it away, links without one stay closed
-    /// (G-18). A key that the vehicle has set before stays in use, and is stored unless the stored one may come back.
+    /// What was stored cannot be read, or not yet. Until a key is set or taken away, links stay closed where there is none (G-18).
+    /// A key that the vehicle has set before stays in use; it is stored unless the stored one may come back.
     pub(crate) const fn lost(&mut self, may_come_back: bool) {
         if may_come_back {
             (self.saving.is_new, self.saving.next) = (false, None);
