@@ -292,7 +292,7 @@ fn a_broadcast_resets_and_erases_nothing() {
                 }
             }
             world.run_for(millis(50));
-            let why = format!("Command {} refused: addressed to 0; use system 1", command.0);
+            let why = format!("Command {} refused: sent to 0; use system 1", command.0);
             let texts = world.gcs[0].all::<Statustext>();
             let is_told = texts.iter().any(|(_, text)| text.text.as_bytes() == why.as_bytes());
             assert_eq!(is_told, is_denied && cfg!(feature = "plan-texts"), "{command:?}: {texts:?}");

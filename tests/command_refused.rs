@@ -48,7 +48,7 @@ fn a_refused_declaration_is_explained() {
     let mut world: World<1> = World::new(Setup::new());
     let motor = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for (system, command, params, result, text) in [
-        (0, MOTOR, motor, MavResult::DENIED, "Command 209 refused: addressed to 0; use system 1"),
+        (0, MOTOR, motor, MavResult::DENIED, "Command 209 refused: sent to 0; use system 1"),
         (1, MOTOR, [0.5; 7], MavResult::DENIED, "Command 209 refused: parameter 1 out of range"),
         (
             1,

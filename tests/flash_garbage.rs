@@ -52,7 +52,8 @@ fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
         assert_eq!(*id, expected);
     }
     // And it takes a plan, whatever there was.
-    let waypoint = Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, ..Item::default() };
+    let waypoint =
+        Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, x: 1, ..Item::default() };
     let loaded = stack.load_plan(Instant::ZERO, PlanType::Mission, [waypoint], &mut vehicle);
     assert_eq!(loaded, Ok(()));
     while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}

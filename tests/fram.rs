@@ -233,7 +233,7 @@ fn plans_are_kept() {
         let mut vehicle = TestVehicle::new();
         stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).unwrap();
         assert_eq!(stack.mission().items(), before);
-        let item = |x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, ..Item::default() };
+        let item = |x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() };
         before = (0..count).map(item).collect();
         stack.load_plan(Instant::ZERO, PlanType::Mission, before.iter().copied(), &mut vehicle).unwrap();
         while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
@@ -255,7 +255,8 @@ fn plans_that_cannot_be_read_are_empty() {
         let mut stack = Box::new(Stack::<1, Plans>::new(setup.config, setup.links));
         let restored = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, vehicle);
         if restored == Ok(()) && stack.mission().items().is_empty() {
-            let items = (0..5).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, ..Item::default() });
+            let items =
+                (0..5).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() });
             stack.load_plan(Instant::ZERO, PlanType::Mission, items, vehicle).unwrap();
             while stack.persist_plans(Instant::ZERO, &mut store, vehicle) {}
         }

@@ -36,8 +36,8 @@ impl Vehicle for Everything {
         self.0.forwarding()
     }
 
-    fn message(&mut self, frame: &Frame<'_>, link: LinkId) {
-        self.0.message(frame, link);
+    fn message(&mut self, frame: &Frame<'_>, link: LinkId) -> bool {
+        self.0.message(frame, link)
     }
 }
 

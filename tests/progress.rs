@@ -108,6 +108,7 @@ fn mission_set_current_is_for_those_in_control() {
     world.vehicle.controller = Some(world.gcs[1].address);
     world.gcs[0].address = OTHER_STATION;
     assert_eq!(command(&mut world, MavCmd::DO_SET_MISSION_CURRENT, 2.0, 0.0), MavResult::NOT_IN_CONTROL);
+    settle(&mut world);
     let set = |seq| MissionSetCurrent { seq, target_system: 1, target_component: 1 };
     world.gcs[0].send(&set(2));
     for link in [0, 1] {

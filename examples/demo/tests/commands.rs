@@ -252,7 +252,7 @@ fn flight_is_terminated_for_good() {
     assert_eq!(heartbeat.system_status, MavState::FLIGHT_TERMINATION);
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::FAILED);
     let said =
-        ["Command 185 refused: addressed to 0; use system 1", "Flight terminated", "Arming refused: flight terminated"];
+        ["Command 185 refused: sent to 0; use system 1", "Flight terminated", "Arming refused: flight terminated"];
     assert_eq!(wire.said(), said);
     wire.run(5_000);
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
@@ -437,7 +437,7 @@ fn reboot_is_refused_where_it_does_harm() {
     assert_eq!(wire.long(REBOOT, &force), MavResult::TEMPORARILY_REJECTED);
     wire.run(2_000);
     assert!(!wire.app.wants_reboot());
-    let said = ["Command 246 refused: addressed to 0; use system 1", "Reboot refused: armed", "Reboot refused: flying"];
+    let said = ["Command 246 refused: sent to 0; use system 1", "Reboot refused: armed", "Reboot refused: flying"];
     assert_eq!(wire.said(), said);
     let mut wire = Wire::switched_on();
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);

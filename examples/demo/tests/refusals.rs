@@ -111,7 +111,7 @@ fn a_broadcast_is_told_to_name_the_system() {
         (MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, 246),
     ] {
         let (result, said) = ask(&mut Wire::switched_on(), 0, command, &[]);
-        let text = format!("Command {number} refused: addressed to 0; use system 1");
+        let text = format!("Command {number} refused: sent to 0; use system 1");
         assert_eq!((result, said), (MavResult::DENIED, vec![text]));
     }
 }

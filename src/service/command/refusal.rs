@@ -62,7 +62,7 @@ pub(crate) fn explain(
     let why = refusal.why;
     let reason = match (refusal.result, why) {
         _ if command.id == MavCmd::REQUEST_MESSAGE => return,
-        (MavResult::DENIED, Why::Broadcast) => Reason { end: own.0, ..Reason::new("addressed to 0; use system ") },
+        (MavResult::DENIED, Why::Broadcast) => Reason { end: own.0, ..Reason::new("sent to 0; use system ") },
         (MavResult::DENIED, Why::Param(param)) => Reason { index: param, ..Reason::new(" out of range") },
         (MavResult::DENIED, Why::Result) => Reason::new("a parameter is out of range"),
         (MavResult::TEMPORARILY_REJECTED, _) => Reason::new("not now; try again later"),
