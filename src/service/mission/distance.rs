@@ -25,7 +25,9 @@ pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon,
             && (item.x, item.y) != (0, 0)
             && rules.iter().any(|rule| rule.command() == item.command && rule.is_located())
     };
-    let (seq, first) = (0u16..).zip(items).find(|(_, item)| is_flown_to(item))?;
+    // Not `(0u16..).zip(items)`: its counter has an overflow check that the compiler cannot remove.
+    let index = items.iter().position(is_flown_to)?;
+    let (seq, first) = (u16::try_from(index).ok()?, items.get(index)?);
     let to = LatLon { latitude: first.x, longitude: first.y };
     let limit = num::f32_from_u32(limit);
     (square_of_distance(from, to) > limit * limit).then_some(seq)
