@@ -29,7 +29,7 @@ impl Core {
                 && (port.plans.next_ack(&mut port.outbox)
                     || signing::next(port)
                     || time::next(now, port, context.vehicle)
-                    || (port.bucket.has_room() && self.transfer(context, port))
+                    || (port.bucket.has_room() && (self.transfer(context, port) || self.requested(context, port)))
                     || (!is_list_late && self.share(context, port))
                     || (port.bucket.has_room() && self.list(now, port, context.vehicle))
                     || (is_list_late && self.share(context, port))))
@@ -112,24 +112,30 @@ impl Core {
             && high_latency::next(now, &self.config, port, vehicle)
     }
 
-    /// Sends what can wait for the link's byte rate: of plans, parameters and texts, and messages on request.
+    /// Sends what can wait for the link's byte rate: of plans, parameters and texts. Not inlined: what it takes of the stack is
+    /// free again before [`requested`](Self::requested) asks the vehicle.
+    #[inline(never)]
     fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
-        let Context { now, texts, missions, plans, vehicle, slots, .. } = context;
+        let Context { now, texts, missions, plans, vehicle, .. } = context;
+        let float_items = self.config.float_mission_items;
+        plans.parts(missions).is_some_and(|(missions, mut plans)| {
+            missions.next(*now, &mut port.plans, &mut plans, &vehicle.progress(), float_items, &mut port.outbox)
+        }) || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
+            || texts.next(&mut port.text, &mut port.outbox)
+    }
+
+    /// Sends the next message on request.
+    #[inline(never)]
+    fn requested<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
+        let Context { now, missions, plans, vehicle, slots, .. } = context;
         let capabilities = self.capabilities | param::capability::<V>();
         let has_modes = const { !V::MODES.is_empty() };
-        let mut of_plans = plans.parts(missions).map(|(missions, plans)| (missions, plans, vehicle.progress()));
-        if let Some((missions, plans, progress)) = &mut of_plans
-            && missions.next(*now, &mut port.plans, plans, progress, self.config.float_mission_items, &mut port.outbox)
-        {
-            return true;
-        }
-        self.params.next(*vehicle, &mut port.params, &mut port.outbox)
-            || texts.next(&mut port.text, &mut port.outbox)
-            || port.owed.next(&self.config.identity, capabilities, &mut port.outbox)
+        port.owed.next(&self.config.identity, capabilities, &mut port.outbox)
             || self.answer(*now, slots, port, *vehicle)
             || (has_modes && mode::next_current(port, *vehicle))
-            || of_plans
-                .is_some_and(|(missions, plans, progress)| missions.next_progress(&plans, &progress, &mut port.outbox))
+            || plans
+                .parts(missions)
+                .is_some_and(|(missions, plans)| missions.next_progress(&plans, &vehicle.progress(), &mut port.outbox))
             || (has_modes && mode::next_listed(port, V::MODES))
     }
 
