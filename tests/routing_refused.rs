@@ -6,7 +6,9 @@ mod signer;
 mod support;
 
 use mavstack::dialect::*;
-use mavstack::{Address, ForwardCounters, ForwardQueues, LinkClass, LinkConfig, LinkId, LinkSigning, Version};
+use mavstack::{
+    Accept, Address, ForwardCounters, ForwardQueues, LinkClass, LinkConfig, LinkId, LinkSigning, Message, Version,
+};
 use signer::*;
 use support::*;
 
@@ -125,6 +127,89 @@ fn refused_frames_reach_no_open_link() {
     assert_eq!(rig.vehicle.commands().len(), 1);
     assert_eq!(passes(&mut rig, WIRE, &late), [0; 0]);
     assert_eq!(rig.vehicle.commands().len(), 1);
+}
+
+/// An unsigned command to arm all vehicles in reach.
+fn arm_all() -> CommandLong {
+    CommandLong { command: MavCmd::COMPONENT_ARM_DISARM, param1: 1.0, ..CommandLong::default() }
+}
+
+/// A vehicle that forwards between these links and has no key yet.
+fn rig_without_key(links: [LinkConfig; 4]) -> Rig<4> {
+    let mut rig = Rig::new(links);
+    rig.vehicle.queues = Some(Box::new(ForwardQueues::new()));
+    sent_on(&mut rig, &[]);
+    rig
+}
+
+/// a vehicle without a key executes unsigned commands on a signed link, so such a link gets nothing that a link refused which
+/// requires signatures. With a key the link judges for itself and gets the frame; when it comes back it is refused again.
+#[test]
+fn refused_frames_reach_a_signed_link_only_while_there_is_a_key() {
+    let signed = LinkConfig::unlimited().with_signing(LinkSigning::SIGNED);
+    for has_memory in [true, false] {
+        for second in [signed, LinkConfig::unlimited()] {
+            let mut rig = rig_without_key([signed.with_signing(LinkSigning::REQUIRED), signed, second, signed]);
+            if !has_memory {
+                rig.vehicle.signing = None;
+            }
+            let mut station = Signer::new(KEY);
+            // Nothing can verify a signature either.
+            for refused in [station.unsigned(Version::V2, &arm_all()), station.frame(&arm_all())] {
+                // What a component behind one of the links gets may come back by any other.
+                let sent = passes(&mut rig, RADIO, &refused);
+                (0..4).filter(|link| !sent.is_empty() && *link != sent[0]).for_each(|link| rig.receive(link, &refused));
+                assert_eq!((rig.vehicle.commands().len(), sent), (0, vec![]), "has_memory: {has_memory}");
+            }
+            assert_eq!([1, 2, 3].map(|link| forwarded(&rig, link).not_accepted), [2; 3]);
+        }
+    }
+    let mut rig = rig_without_key([signed.with_signing(LinkSigning::REQUIRED), signed, signed, signed]);
+    let mut station = Signer::new(KEY);
+    rig.set_key(KEY);
+    let refused = station.unsigned(Version::V2, &arm_all());
+    assert_eq!(passes(&mut rig, RADIO, &refused), [WIRE, OTHER_WIRE, 3]);
+    for link in [WIRE, OTHER_WIRE, 3] {
+        assert_eq!(passes(&mut rig, link, &refused), [0; 0]);
+    }
+    assert!(rig.vehicle.commands().is_empty());
+    // It is the key of now that counts.
+    rig.signing().clear_key();
+    let refused = station.unsigned(Version::V2, &arm_all());
+    assert_eq!(passes(&mut rig, RADIO, &refused), [0; 0]);
+    assert_eq!(forwarded(&rig, WIRE).not_accepted, 1);
+}
+
+/// R-10, G-9: a signed link executes the messages of its list unsigned, also with a key. So those are kept from it when another
+/// link refused them, signed with another key or not at all. A link option allows them.
+#[test]
+fn exceptions_of_a_signed_link_are_kept_from_it() {
+    let commands = LinkSigning { accept: Accept::SignedExcept(&[CommandLong::ID]), ..LinkSigning::OPEN };
+    let wire = LinkConfig::unlimited().with_signing(commands);
+    for takes_refused in [false, true] {
+        let mut rig = rig_without_key([
+            wire.with_signing(LinkSigning::REQUIRED),
+            wire.with_refused_frames(takes_refused),
+            wire,
+            wire.with_signing(LinkSigning::SIGNED),
+        ]);
+        rig.set_key(KEY);
+        let mut station = Signer::new(KEY);
+        let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
+        let takers = if takes_refused { vec![WIRE, 3] } else { vec![3] };
+        for refused in [station.unsigned(Version::V2, &arm_all()), stranger.frame(&arm_all())] {
+            assert_eq!(passes(&mut rig, RADIO, &refused), takers);
+        }
+        assert_eq!(forwarded(&rig, OTHER_WIRE).not_accepted, 2);
+        // A signed link without that exception refuses it too.
+        let refused = station.unsigned(Version::V2, &arm_all());
+        assert_eq!(passes(&mut rig, 3, &refused), if takes_refused { vec![RADIO, WIRE] } else { vec![RADIO] });
+        // What is not in the list the links judge for themselves; what is accepted goes to all.
+        let hello = station.unsigned(Version::V2, &Gcs::heartbeat());
+        assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE, 3]);
+        assert!(rig.vehicle.commands().is_empty());
+        assert_eq!(passes(&mut rig, RADIO, &station.frame(&arm_all())), [WIRE, OTHER_WIRE, 3]);
+    }
 }
 
 /// a bad signature is refused on every link, so what bears one reaches no open link by whatever link it came; a link that

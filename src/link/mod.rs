@@ -81,8 +81,16 @@ pub struct LinkConfig {
     /// Whether frames that come by this link are forwarded, and those of others to it, by a vehicle that
     /// [forwards](crate::Vehicle::forwarding) at all.
     pub forwards: bool,
-    /// Whether frames that were refused for their signature, or for want of one, are forwarded to this link although it is
-    /// open; false by default. A link that is not open gets them anyway; a high-latency link never does.
+    /// Whether this link also gets refused frames that it would accept itself; false by default. A frame is refused when
+    /// another link did not accept its signature, or required one. It is not forwarded to a link whose
+    /// [`accept`](LinkSigning::accept) takes the message unsigned:
+    ///
+    /// | this link | refused frames that are held back |
+    /// |---|---|
+    /// | [`Accept::Open`] | all |
+    /// | [`Accept::SignedExcept`] | those with a listed message id; all as long as the vehicle has no key |
+    /// | [`Accept::Required`] | none |
+    /// | [`LinkClass::HighLatency`] | all, even if this is true |
     #[cfg(feature = "signing")]
     pub takes_refused: bool,
     /// Which frames it accepts, and whether it signs.
@@ -126,7 +134,7 @@ impl LinkConfig {
     }
 
     /// The same link, which gets frames that another link refused, or, as by default, does not: see
-    /// [`takes_refused`](Self::takes_refused). For an open wire whose components all verify signatures themselves.
+    /// [`takes_refused`](Self::takes_refused). For a wire whose components all verify signatures themselves.
     #[cfg(feature = "signing")]
     #[must_use]
     pub const fn with_refused_frames(mut self, takes_refused: bool) -> Self {
@@ -134,13 +142,15 @@ impl LinkConfig {
         self
     }
 
-    /// Whether frames that were refused where they came in are kept from this link.
-    pub(crate) const fn holds_refused(&self) -> bool {
-        #[cfg(feature = "signing")]
-        let trusts_us = matches!(self.signing.accept, Accept::Open) && !self.takes_refused;
-        #[cfg(not(feature = "signing"))]
-        let trusts_us = false;
-        trusts_us || matches!(self.class, LinkClass::HighLatency)
+    /// Which frames are kept from this link when another one refused them: those that this accepts unsigned.
+    #[cfg(feature = "signing")]
+    pub(crate) const fn holds_refused(&self) -> Accept {
+        match self.class {
+            LinkClass::HighLatency => Accept::Open,
+            _ if self.takes_refused => Accept::Required,
+            // Not what the link accepts while a key is lost (G-18): components behind it go by the configuration.
+            _ => self.signing.accept,
+        }
     }
 
     /// The same link, taking part in forwarding, as at first, or not.

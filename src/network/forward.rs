@@ -13,6 +13,8 @@ use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLat
 use crate::frame::{Address, Frame, MAX_FRAME_LEN, Version};
 use crate::link::{LinkClass, LinkId, LinkMask, Outbox, Port};
 use crate::message::Message;
+#[cfg(feature = "signing")]
+use crate::service::signing::Accept;
 use crate::time::{Duration, Instant};
 use heapless::Deque;
 
@@ -44,7 +46,8 @@ pub struct ForwardCounters {
     /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
     pub source_heard: u32,
     /// Frames that were not sent on this link because the link by which they came had refused them: on a high-latency link
-    /// they are not paid for, on an open link they could be carried out (R-10; `LinkConfig::with_refused_frames`).
+    /// they are not paid for; a link that accepts such frames unsigned would have them executed (R-10,
+    /// `LinkConfig::with_refused_frames`).
     pub not_accepted: u32,
     /// Frames that came by this link and had been forwarded a moment ago: dropped.
     pub duplicates: u32,
@@ -80,8 +83,9 @@ struct Lane {
     link: LinkMask,
     class: LinkClass,
     version: Version,
-    /// Whether refused frames are kept from it.
-    holds_refused: bool,
+    /// Refused frames that this accepts unsigned are kept from it.
+    #[cfg(feature = "signing")]
+    holds_refused: Accept,
     /// Whether a queued frame goes before a stream.
     has_turn: bool,
     ring: Ring,
@@ -93,7 +97,8 @@ impl Lane {
         link: LinkMask::NONE,
         class: LinkClass::Normal,
         version: Version::V1,
-        holds_refused: false,
+        #[cfg(feature = "signing")]
+        holds_refused: Accept::Open,
         has_turn: false,
         ring: Ring::EMPTY,
         counters: ForwardCounters::ZERO,
@@ -105,6 +110,19 @@ impl Lane {
             LinkClass::Normal => true,
             LinkClass::Private => target.system.0 != 0 && target.component.0 != 0,
             LinkClass::HighLatency => target.system.0 != 0 && is_command(id),
+        }
+    }
+
+    /// Whether such a frame is kept from this link when another one refused it. One with a bad signature is treated
+    /// as if it had none: a component behind the link may not verify it.
+    fn holds_refused(&self, id: u32, has_key: bool) -> bool {
+        #[cfg(feature = "signing")]
+        return self.holds_refused.takes_unsigned(id, has_key);
+        #[cfg(not(feature = "signing"))]
+        {
+            // No link refuses anything.
+            let _ = (self, id, has_key);
+            false
         }
     }
 }
@@ -197,8 +215,10 @@ fn is_command(id: u32) -> bool {
 /// - **A frame stays as it is**, to the byte: number, signature, flags, untrimmed zeros. One whose id is unknown goes
 ///   to all.
 /// - **A refused frame**, one that its link did not accept for its signature or for want of one, is forwarded to the links that
-///   judge for themselves: not to an open link, where it could be carried out, and not by satellite, where each frame
-///   is paid for. [`not_accepted`](ForwardCounters::not_accepted) counts what is held back.
+///   judge for themselves. It is not forwarded to a link whose configuration accepts its message unsigned, where it could be
+///   executed: an open link, a `SignedExcept` link that lists the message, and any `SignedExcept` link while the
+///   vehicle has no key. It is not forwarded by satellite, where each frame is paid for.
+///   [`not_accepted`](ForwardCounters::not_accepted) counts the frames that are held back.
 /// - **Never back**: a frame is not sent on the link that it came by. A broadcast is not sent on a link on which its source was
 ///   heard within the last 5 s either, which is counted as [`source_heard`](ForwardCounters::source_heard). An addressed
 ///   frame is sent on every other link on which its target was heard.
@@ -315,16 +335,18 @@ impl Forwarding<'_> {
         }
     }
 
-    /// Puts a frame that came by the link `from` into the queues of those that it is for, and tells which.
+    /// Puts a frame that came by the link `from` into the queues of those that it is for, and tells which. `has_key`: whether the
+    /// vehicle has a key to verify signatures with.
     pub(crate) fn pass_on(
         &mut self,
         now: Instant,
         from: LinkId,
         frame: &Frame<'_>,
         ticket: &Ticket,
-        target: Address,
         routes: Routes,
+        has_key: bool,
     ) -> LinkMask {
+        let target = routes.target;
         let is_addressed = target.system.0 != 0;
         let (takes, from_link) = (|lane: &Lane| lane.takes(frame.id(), target), LinkMask::of(from));
         let is_normal = |lane: &Lane| lane.class != LinkClass::HighLatency;
@@ -340,7 +362,7 @@ impl Forwarding<'_> {
             }
             if !is_addressed && routes.seen.contains(lane.link) {
                 count(&mut lane.counters.source_heard);
-            } else if lane.holds_refused && ticket.is_refused() {
+            } else if ticket.is_refused() && lane.holds_refused(frame.id(), has_key) {
                 count(&mut lane.counters.not_accepted);
             } else {
                 takers = takers.with(lane.link);
@@ -385,7 +407,10 @@ impl Forwarding<'_> {
         let Some(lane) = self.lanes.get_mut(usize::from(port.id.0)) else { return };
         lane.link = if port.config.forwards { LinkMask::of(port.id) } else { LinkMask::NONE };
         lane.class = port.config.class;
-        lane.holds_refused = port.config.holds_refused();
+        #[cfg(feature = "signing")]
+        {
+            lane.holds_refused = port.config.holds_refused();
+        }
         lane.version = port.outbox.version();
     }
 

@@ -13,6 +13,8 @@ const HEARD: Duration = Duration::from_secs(5);
 /// What the peer table says of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Routes {
+    /// Whom the frame is for.
+    pub(crate) target: Address,
     /// Links that its source was heard on [lately](HEARD).
     pub(crate) seen: LinkMask,
     /// Links that its target was heard on; all, for a broadcast.
@@ -25,7 +27,7 @@ pub(crate) struct Routes {
 ///
 pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bool, target: Address) -> Routes {
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
-    let mut routes = Routes { seen: LinkMask::NONE, to, alive: LinkMask::NONE };
+    let mut routes = Routes { target, seen: LinkMask::NONE, to, alive: LinkMask::NONE };
     for info in peers.iter_mut() {
         let Peer { address, link } = info.peer;
         if address.system != from.address.system && address.system != target.system {

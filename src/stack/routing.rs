@@ -2,7 +2,7 @@
 //! linked for it.
 
 use super::receive::target_of;
-use super::{Context, Core};
+use super::{Context, Core, signing};
 use crate::frame::Frame;
 use crate::link::{LinkMask, Peer, Port};
 use crate::network::{self, Booking, Passage};
@@ -39,6 +39,7 @@ impl Core {
         passage: Passage,
         booking: Option<Booking>,
     ) -> u32 {
+        let has_key = signing::key_of(context.vehicle).is_some();
         let Some(mut forwarding) = context.vehicle.forwarding() else { return 0 };
         let from = Peer { address: frame.source(), link: port.id };
         if booking.is_some() {
@@ -57,7 +58,7 @@ impl Core {
         if routes.to.is_empty() && !is_ours_too {
             forwarding.count(port.id, |counters| &mut counters.no_route);
         }
-        let queued = forwarding.pass_on(context.now, port.id, frame, &ticket, target, routes);
+        let queued = forwarding.pass_on(context.now, port.id, frame, &ticket, routes, has_key);
         self.forwards = self.forwards.with(queued);
         len.saturating_mul(queued.len().saturating_add(1))
     }

@@ -128,7 +128,7 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// ```
 ///
 /// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason. Where frames are
-///   forwarded, it is forwarded to links that are not open (R-10).
+///   forwarded, it is forwarded to the links that would not accept it unsigned either (R-10).
 /// - **Time** is one for all links. It runs with the clock, and starts where storage says. A right signature, the vehicle
 ///   ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key can move it back; until
 ///   then no timestamp is sent twice.
