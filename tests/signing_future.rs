@@ -7,7 +7,7 @@ mod signer;
 mod support;
 
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, LinkClass, LinkConfig, LinkSigning, Message, SigningKey, Version};
+use mavstack::{Address, Duration, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningKey, Version};
 use signer::*;
 use support::*;
 
@@ -97,6 +97,51 @@ fn another_key_heals_what_a_wrong_clock_did() {
         assert!(hears(&mut rig, 20, NOW));
         assert_eq!(hears(&mut rig, 10, NOW + 14 * YEAR), !is_told);
     }
+}
+
+/// G-17: a vehicle whose clock is years behind, and that has stored no time, refuses stations whose clocks are right, and their keys.
+/// A right time heals that, and so does a restart.
+#[test]
+fn a_clock_that_is_far_behind_shuts_right_clocks_out() {
+    let link = LinkConfig::uart(115_200);
+    let wire = LinkSigning::OPEN.with_provisioning();
+    let new_vehicle = || Rig::new([link.with_signing(wire), link.with_signing(LinkSigning::REQUIRED), link]);
+    let set_up = |rig: &mut Rig<3>, secret_key| {
+        let initial_timestamp = NOW;
+        let setup =
+            SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: Secret(secret_key) };
+        let setups = rig.counters().setups;
+        rig.receive(WIRE, &Signer::new(KEY).unsigned(Version::V2, &setup));
+        rig.transmit(WIRE);
+        rig.counters().setups > setups
+    };
+    let mut rig = new_vehicle();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), 0);
+    tell(&mut rig, NOW - 10 * YEAR);
+    assert!(!hears(&mut rig, 10, NOW) && hears(&mut rig, 11, NOW - 10 * YEAR));
+    assert!(!set_up(&mut rig, OTHER_KEY));
+    assert_eq!((rig.counters().too_far_ahead, rig.counters().refused_setups), (1, 1));
+    // The right time is years ahead too.
+    let unix = 1_420_070_400_000_000 + 10 * NOW;
+    assert!(!rig.signing().set_time(now, unix, secs(7 * 86_400)));
+    assert!(!hears(&mut rig, 10, NOW));
+    tell(&mut rig, NOW);
+    assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
+    // After a restart nothing is told.
+    let mut rig = new_vehicle();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), NOW - 10 * YEAR);
+    assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
+}
+
+/// G-17: while our own time is beyond the bound no frame is held to it.
+#[test]
+fn a_clock_far_behind_our_own_time_bounds_no_frame() {
+    let mut rig = rig();
+    tell(&mut rig, NOW - 10 * YEAR);
+    assert!(hears(&mut rig, 10, NOW + 10) && hears(&mut rig, 11, NOW + YEAR));
+    assert_eq!(rig.counters().too_far_ahead, 0);
 }
 
 /// G-4, G-17: the last timestamp of 48 bits is refused, whatever is known of the time. After the one before we sign one frame

@@ -351,10 +351,18 @@ impl Signing {
     ///
     /// False, and counted, when our time would move by more than `max_step`; nothing happens then (G-14).
     ///
-    /// An attacker that can fake a time far ahead, as with a satellite receiver, can make the vehicle refuse every peer whose
-    /// clock is right. A clock of the vehicle's own may be believed whatever it says ([`Duration::MAX`]); a satellite receiver
-    /// by some days on the ground, and by some seconds in flight. Only a restart forgets what was told; our time then starts as
-    /// stored, until there is another key.
+    /// Only tell a time that is known to be right. A wrong one shuts out the peers whose clocks are right:
+    ///
+    /// - A time far behind, as from a clock that lost its battery. Unless our own time is later anyway, frames of peers with
+    ///   right clocks are refused as [too far ahead](SigningCounters::too_far_ahead). SETUP_SIGNING with a right timestamp is
+    ///   refused too. This lasts until the vehicle tells a right time, or restarts and tells no wrong one. The right time is a
+    ///   step that `max_step` has to allow.
+    /// - A time far ahead, as from an attacker that fakes a satellite signal. Frames of peers with right clocks that begin a
+    ///   stream are refused as [too old](SigningCounters::too_old). Only a restart forgets what was told; our time then starts
+    ///   as stored, until there is another key.
+    ///
+    /// A battery-backed clock that reports whether it kept running may be believed whatever it says ([`Duration::MAX`]). Believe
+    /// a satellite receiver by some days on the ground, and by some seconds in flight.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
         let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
         let timestamp = num::quotient(timestamp, TEN);
