@@ -23,6 +23,20 @@ const MAGIC: &[u8] = b"MVSR";
 /// The byte of erased flash.
 const ERASED: u8 = 0xFF;
 
+/// Whether one of the two slots in a file of this size begins as a record does.
+fn has_record(path: &Path, size: u64) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    for slot in [0, size / 2] {
+        let mut start = Vec::new();
+        file.seek(SeekFrom::Start(slot))?;
+        Read::by_ref(&mut file).take(MAGIC.len() as u64).read_to_end(&mut start)?;
+        if start == MAGIC {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 impl FileFlash {
     /// Refuses a file that is there and is not one of this program's. Changes nothing.
     pub fn check(path: &Path, len: u32) -> Result<(), String> {
@@ -32,23 +46,30 @@ impl FileFlash {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             Err(error) => return Err(failed(error)),
         };
-        let refused = |why: String| {
-            let what_to_do = "give --storage another name, or move it away";
-            Err(format!("{} is not a storage file of this vehicle: {why}; {what_to_do}", path.display()))
-        };
+        let what_to_do = "give --storage another name, or move it away";
+        let refused =
+            |why: String| Err(format!("{} is not a storage file of this vehicle: {why}; {what_to_do}", path.display()));
         if !metadata.is_file() {
             return refused("it is no regular file".into());
         }
-        if metadata.len() > u64::from(len) {
-            return refused(format!("it has {} bytes instead of {len}", metadata.len()));
+        let size = metadata.len();
+        if size != u64::from(len) && has_record(path, size).map_err(failed)? {
+            return Err(format!(
+                "{} is a storage file of {size} bytes instead of {len}: another version of this program made it, or it holds \
+                 something else (plans, parameters and the key have a file each); run that version, {what_to_do}",
+                path.display()
+            ));
+        }
+        if size > u64::from(len) {
+            return refused(format!("it has {size} bytes instead of {len}"));
         }
         let bytes = std::fs::read(path).map_err(failed)?;
         // An empty one, or one that was not made to its end, has nothing to lose.
         if bytes.iter().all(|&byte| byte == ERASED) {
             return Ok(());
         }
-        if metadata.len() < u64::from(len) {
-            return refused(format!("it has {} bytes instead of {len}", metadata.len()));
+        if size < u64::from(len) {
+            return refused(format!("it has {size} bytes instead of {len}"));
         }
         // Of a damaged one a slot may be left.
         let (first, second) = bytes.split_at(bytes.len() / 2);
@@ -194,6 +215,27 @@ mod tests {
         }
         let error = FileFlash::open(&folder.0, LEN, false).err().expect("a folder");
         assert!(error.contains("no regular file"), "{error}");
+    }
+
+    /// A storage file of another version has another length. The refusal says so, and the file stays as it is.
+    #[test]
+    fn a_file_of_another_version_is_refused_as_one() {
+        let folder = Folder::new("versions");
+        let ours = slots(b"MVSR\x01", b"MVSR\x01");
+        let second_slot = slots(b"", b"MVSR\x01");
+        for (name, bytes, len) in [
+            ("larger", &ours, LEN / 2),
+            ("smaller", &ours, 2 * LEN),
+            ("second-slot-larger", &second_slot, LEN / 2),
+            ("second-slot-smaller", &second_slot, 2 * LEN),
+        ] {
+            let path = folder.file(name, bytes);
+            let error = FileFlash::check(&path, len).expect_err(name);
+            let told = ["another version", "8192 bytes", &len.to_string(), "give --storage another name"];
+            assert!(told.iter().all(|part| error.contains(part)), "{error}");
+            assert!(!error.contains("not a storage file"), "{error}");
+            assert!(FileFlash::open(&path, len, true).is_err() && fs::read(&path).unwrap() == *bytes, "{name}");
+        }
     }
 
     /// Ours is taken, damaged too; an empty file, or one that was not made to its end, is completed; a new one is erased.
