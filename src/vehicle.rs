@@ -440,8 +440,8 @@ pub trait Plans: Vehicle {
     const MISSION_COMMANDS: &'static [CommandRule];
 
     /// Whether `from` may change this plan now: asked when an upload or a clear begins, before anything else happens
-    /// (M-27, M-53), and again before a complete upload goes live or what was written to storage does (M-45). A refusal then
-    /// leaves the old plan. The usual refusal is [`MavMissionResult::DENIED`].
+    /// (M-27, M-53), and again before a complete upload goes live, before each step of writing a change to storage, and before
+    /// what was written goes live (M-45). A refusal then leaves the old plan. The usual refusal is [`MavMissionResult::DENIED`].
     ///
     /// # Errors
     ///

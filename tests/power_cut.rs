@@ -274,6 +274,51 @@ fn nothing_is_written_without_permission() {
     assert_eq!(change(&mut world, &mut store, Change::Clear(ALL)), Some(ACCEPTED));
 }
 
+/// M-45: a vehicle that arms while an upload is being written refuses it before the next step, wherever that is: a plan that was
+/// answered DENIED does not come back, whenever the power goes.
+#[test]
+fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
+    let writes = {
+        let mut flash = with_plans();
+        flash.writes = 0;
+        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store, Durability::Durable);
+        assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 12)), Some(ACCEPTED));
+        flash.writes
+    };
+    assert!(writes >= 3, "{writes}");
+    for after in 0..writes {
+        let mut flash = with_plans();
+        let old = restarted(&flash);
+        flash.writes = 0;
+        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store, Durability::Durable);
+        let mut upload = Upload::new(&world.gcs[0], &items(MISSION, 12, 7));
+        while upload.result().is_none() {
+            world.step();
+            // It may arm in a pass in which nothing may be written, too.
+            if upload.items_sent() == 12 && store.flash().writes >= after {
+                world.vehicle.may_change = Err(MavMissionResult::DENIED);
+                world.vehicle.may_persist = after % 2 == 0;
+            }
+            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            assert_eq!(restarted(store.flash()), old, "armed after {after} writes");
+            upload.poll(world.now(), &mut world.gcs[0]);
+        }
+        assert_eq!(upload.result(), Some(Err(TransferError::Refused(MavMissionResult::DENIED))));
+        world.vehicle.may_persist = true;
+        settle(&mut world, &mut store);
+        assert_eq!((live(&world), restarted(store.flash())), (old.clone(), old));
+        world.vehicle.may_change = Ok(());
+        world.gcs[0].forget();
+        assert_eq!(
+            change(&mut world, &mut store, Change::Upload(MISSION, 12)),
+            Some(ACCEPTED),
+            "the next one is stored"
+        );
+    }
+}
+
 /// SEC-11: an upload that is byte for byte the live plan does not wear the flash, now or after a restart.
 #[test]
 fn what_is_there_is_not_written_again() {

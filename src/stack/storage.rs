@@ -127,6 +127,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         vehicle: &mut V,
     ) -> Step {
         let Some((missions, mut plans)) = self.plans.parts(&mut self.missions) else { return Step::Idle };
+        let refused = missions.refused(&mut self.core.plan_context(now, &mut plans, &mut self.texts), vehicle);
+        if refused.is_some() {
+            owe(&mut self.links, refused);
+            return Step::Busy;
+        }
         if missions.storage_rests(now) || !vehicle.may_persist() {
             return Step::Idle;
         }

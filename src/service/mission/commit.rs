@@ -6,11 +6,12 @@
 //! [`saved`](Missions::saved) and [`not_saved`](Missions::not_saved); between them nobody else's upload may begin, because
 //! the staging area holds what is being written.
 
+use super::distance::first_too_far;
 use super::item::{Digest, Item};
 use super::memory::{PlanType, PlanView, PlansMut};
 use super::number::Number;
 use super::replies::{Reply, What};
-use super::upload::{Done, Upload, check_plan};
+use super::upload::{Done, Upload};
 use super::validate::{self, Trouble};
 use super::{Caller, Context, Missions};
 use crate::dialect::{MavMissionResult, MavMissionType};
@@ -23,7 +24,7 @@ use crate::vehicle::{PlanChange, PlanFault, Plans};
 ///
 /// ```text
 ///                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
-///   last item, or clear ─┤                 └─────── not written ────────────▶ old plan stays, ACK ERROR
+///   last item, or clear ─┤                 └─────── not written, refused ───▶ old plan stays, ACK ERROR, DENIED
 ///                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
 ///                        └─ no storage: live, ACK ACCEPTED
 /// ```
@@ -31,7 +32,8 @@ use crate::vehicle::{PlanChange, PlanFault, Plans};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Durability {
     /// ACCEPTED means that it survives a power cut: the plan is written first, and goes live then. While
-    /// [`may_persist`](Plans::may_persist) says no, as by default while armed, changes are DENIED at their beginning.
+    /// [`may_persist`](Plans::may_persist) says no, as by default while armed, changes are DENIED at their beginning, and uploads at
+    /// their last item too.
     Durable,
     /// It goes live and is answered at once, and is written when the vehicle permits. When that fails a text says so.
     Deferred,
@@ -180,6 +182,30 @@ impl Missions {
         PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
     }
 
+    /// Whether all that `change` would do is done, here and on the storage.
+    pub(super) fn changes_nothing(&self, cx: &Context<'_, '_>, change: Change) -> bool {
+        match change {
+            // M-39, SEC-11: also when it is being flown, and the storage is not worn by it.
+            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
+            Change::Clear(only) => self.is_clear(cx, only),
+        }
+    }
+
+    /// Whether storage may be written, where that must be and is not [done](Self::changes_nothing), and the vehicle agrees (M-27,
+    /// M-44).
+    pub(super) fn permission<V: Plans>(
+        &self,
+        vehicle: &mut V,
+        plan: PlanType,
+        from: Peer,
+        is_stored: bool,
+    ) -> Result<(), MavMissionResult> {
+        if self.is_durable() && !is_stored && !vehicle.may_persist() {
+            return Err(MavMissionResult::DENIED);
+        }
+        vehicle.may_change(plan, from)
+    }
+
     /// Makes `change` live, or has it written first. The answer, when it is known at once.
     pub(super) fn change<V: Plans>(
         &mut self,
@@ -189,11 +215,7 @@ impl Missions {
         mission_type: MavMissionType,
         change: Change,
     ) -> Option<Reply> {
-        let changes_nothing = match change {
-            // M-39, SEC-11: also when it is being flown, and the storage is not worn by it.
-            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
-            Change::Clear(only) => self.is_clear(cx, only),
-        };
+        let changes_nothing = self.changes_nothing(cx, change);
         let commit = Commit { to: from, mission_type, change, since: cx.now };
         if self.policy().is_some() && !changes_nothing {
             let tokens = tokens(cx, cx.plans.staged());
@@ -349,6 +371,24 @@ fn refusal<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, commit: &Commit) -> 
     })
 }
 
+/// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.
+pub(super) fn check_plan<V: Plans>(
+    cx: &Context<'_, '_>,
+    vehicle: &mut V,
+    plan: PlanType,
+) -> Result<(), Trouble<'static>> {
+    let items = cx.plans.staging.as_slice();
+    let refused = |fault| Trouble::Refused(plan, fault);
+    validate::check_plan(plan, items).map_err(refused)?;
+    if plan == PlanType::Mission
+        && let Some((from, limit)) = vehicle.first_waypoint_limit()
+        && let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit)
+    {
+        return Err(Trouble::TooFar(seq, limit));
+    }
+    vehicle.check_plan(plan, items).map_err(refused)
+}
+
 /// What a plan of so many items costs: a token for each quarter of plan memory, and one at least (C-15).
 fn tokens(cx: &Context<'_, '_>, count: u16) -> u8 {
     let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
@@ -421,6 +461,16 @@ impl Missions {
                 result
             }
         };
+        Some((commit.to.link, self.ended(cx, &commit, result)))
+    }
+
+    /// Ends the change that is being written if the vehicle does not want it any more (M-45): to be asked before each step, so that
+    /// its record is never complete. What was written of it is erased. The answer, and where it is owed.
+    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+        let (plan, result) = refusal(cx, vehicle, self.commit.as_ref()?)?;
+        let commit = self.commit.take()?;
+        self.saving.next_job();
+        cx.tell(&Trouble::Refused(plan, result.into()));
         Some((commit.to.link, self.ended(cx, &commit, result)))
     }
 

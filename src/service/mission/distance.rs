@@ -5,7 +5,7 @@
 //! the poles up to half as much again.
 
 use super::item::{Item, Position, position};
-use super::rules::CommandRule;
+use super::rules::{CommandRule, is_zero_here};
 use crate::dialect::MavCmd;
 use crate::num;
 use crate::service::command::LatLon;
@@ -16,13 +16,13 @@ const METRES_PER_UNIT: f32 = 0.011_131_95;
 const HALF_TURN: i64 = 1_800_000_000;
 
 /// The first item of a mission that is flown to, when it is farther from `from` than `limit` (m). `rules` are those of the
-/// mission's commands. Items without a position, or with 0, 0, are "here".
+/// mission's commands. Items without a position are "here", and those with 0, 0 but for waypoints.
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)
             && position(item.frame) == Some(Position::Global)
             && item.x != i32::MAX
-            && (item.x, item.y) != (0, 0)
+            && ((item.x, item.y) != (0, 0) || !is_zero_here(item.command))
             && rules.iter().any(|rule| rule.command() == item.command && rule.is_located())
     };
     // Not `(0u16..).zip(items)`: its counter has an overflow check that the compiler cannot remove.
@@ -134,6 +134,9 @@ mod tests {
             assert_eq!(check(&[here, far(MavCmd::NAV_LAND)]), Some(1), "{here:?}");
             assert_eq!(check(&[here, near(MavCmd::NAV_LAND), far(MavCmd::NAV_LAND)]), None, "{here:?}");
         }
+        // A waypoint at 0, 0 comes as far as this only where the vehicle allows it, and then it is that place.
+        assert_eq!(check(&[item(MavCmd::NAV_WAYPOINT, 0, 0), near(MavCmd::NAV_LAND)]), Some(0));
+        assert_eq!(first_too_far(&[item(MavCmd::NAV_WAYPOINT, 0, 0)], RULES, at(0.0, 0.05), 10_000), None);
         assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, 112_000), None);
         assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, u32::MAX), None);
         assert_eq!(first_too_far(&[near(MavCmd::NAV_LAND)], RULES, home, 0), Some(0));

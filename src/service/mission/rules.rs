@@ -185,6 +185,12 @@ const fn located(command: MavCmd) -> u8 {
     }
 }
 
+/// Whether a position of 0, 0 is "here" to this command: not to a waypoint, which has it only where the vehicle says that it is a
+/// place like others (M-48).
+pub(super) const fn is_zero_here(command: MavCmd) -> bool {
+    located(command) & ZERO_REFUSED == 0
+}
+
 /// What the items of one command may be.
 ///
 /// ```

@@ -4,8 +4,7 @@
 //! decided here; when to ask again is [`Pace`]'s.
 
 use super::arrival::Arrival;
-use super::commit::Change;
-use super::distance::first_too_far;
+use super::commit::{Change, check_plan};
 use super::form::Form;
 use super::item::{Digest, Item};
 use super::memory::PlanType;
@@ -141,8 +140,9 @@ impl Missions {
                 self.heard = cx.now;
                 return;
             }
-            if number.0 == upload.partner.link && upload.counts.contains(number.1) {
-                // A delayed duplicate: to go on with the old items would be right, to begin again would not (M-22 b).
+            let is_answering = upload.pace.retries() == 0;
+            if is_answering && number.0 == upload.partner.link && upload.counts.contains(number.1) {
+                // A delayed duplicate (M-22 b). After a silence it may be a new program's, which counts from 0 again.
                 return self.out_of_place();
             }
         }
@@ -165,9 +165,12 @@ impl Missions {
             event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
-        if !self.may_change(cx, vehicle, caller, plan, mission_type)
-            || self.is_worn(cx, caller, plan, mission_type, count)
-            || self.lacks_result_slot(caller)
+        // M-52: what is empty may be emptied always.
+        let changes_nothing = count == 0 && self.is_clear(cx, Some(plan));
+        if !changes_nothing
+            && (!self.may_change(cx, vehicle, caller, plan, mission_type)
+                || self.is_worn(cx, caller, plan, mission_type, count)
+                || self.lacks_result_slot(caller))
         {
             return;
         }
@@ -276,7 +279,6 @@ impl Missions {
         let next = cx.plans.staged();
         if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
             // M-30, M-32: neither is an error; what is missing is asked for by the timer, at most once in its period.
-            event!("upload: item {=u16} instead of {=u16}", seq, next);
             if seq.checked_add(1) == Some(next) {
                 upload.pace.repeated();
             }
@@ -345,16 +347,18 @@ impl Missions {
     ) {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
+        let change = Change::Upload { plan, seq, first, id, last };
         // The vehicle may have armed since COUNT (M-45).
-        let may_change = |vehicle: &mut V| {
-            vehicle.may_change(plan, caller.from).map_err(|result| Trouble::Refused(plan, result.into()))
+        let is_stored = self.changes_nothing(cx, change);
+        let permission = |vehicle: &mut V| {
+            let permission = self.permission(vehicle, plan, caller.from, is_stored);
+            permission.map_err(|result| Trouble::Refused(plan, result.into()))
         };
-        if let Err(trouble) = check_plan(cx, vehicle, plan).and_then(|()| may_change(vehicle)) {
+        if let Err(trouble) = check_plan(cx, vehicle, plan).and_then(|()| permission(vehicle)) {
             cx.tell(&trouble);
             return self.finish(cx, caller, seq, trouble.fault().result);
         }
         self.upload = None;
-        let change = Change::Upload { plan, seq, first, id, last };
         if let Some(reply) = self.change(cx, vehicle, caller.from, plan.mission_type(), change) {
             caller.replies.push(reply);
         }
@@ -577,7 +581,7 @@ impl Missions {
         true
     }
 
-    /// Asks the vehicle, and whether storage may be written where that must be; a refusal is answered here (M-27, M-44).
+    /// Asks for [permission](Self::permission); a refusal is answered here (M-27, M-44).
     fn may_change<V: Plans>(
         &self,
         cx: &mut Context<'_, '_>,
@@ -586,29 +590,10 @@ impl Missions {
         plan: PlanType,
         mission_type: MavMissionType,
     ) -> bool {
-        let storage = if self.is_durable() && !vehicle.may_persist() { Err(MavMissionResult::DENIED) } else { Ok(()) };
-        let Err(result) = storage.and_then(|()| vehicle.may_change(plan, caller.from)) else { return true };
+        let Err(result) = self.permission(vehicle, plan, caller.from, false) else { return true };
         event!("{} change by {}: refused by the vehicle", plan, caller.from);
         cx.tell(&Trouble::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);
         false
     }
-}
-
-/// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.
-pub(super) fn check_plan<V: Plans>(
-    cx: &Context<'_, '_>,
-    vehicle: &mut V,
-    plan: PlanType,
-) -> Result<(), Trouble<'static>> {
-    let items = cx.plans.staging.as_slice();
-    let refused = |fault| Trouble::Refused(plan, fault);
-    validate::check_plan(plan, items).map_err(refused)?;
-    if plan == PlanType::Mission
-        && let Some((from, limit)) = vehicle.first_waypoint_limit()
-        && let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit)
-    {
-        return Err(Trouble::TooFar(seq, limit));
-    }
-    vehicle.check_plan(plan, items).map_err(refused)
 }

@@ -138,6 +138,27 @@ fn without_permission_changes_are_denied_at_once() {
     assert_eq!(bench.live(PlanType::Mission).0, plan(1, 2));
 }
 
+/// M-44, M-45: a vehicle that arms during an upload and permits no writes then refuses it at its last item, and does not have the
+/// client wait for storage. A plan that is stored already needs none.
+#[test]
+fn without_permission_a_plan_is_denied_at_its_last_item() {
+    let mut bench = durable();
+    upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
+    bench.saved();
+    bench.drain();
+    for (tag, answer) in [(2, Ack(DENIED, 0)), (1, Ack(ACCEPTED, id_of(&plan(1, 2))))] {
+        assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
+        assert_eq!(bench.ask(A, &int(MISSION, 0, &item(tag, 0))), [to_a(Ask(1))]);
+        bench.vehicle.may_persist = false;
+        assert_eq!(bench.ask(A, &int(MISSION, 1, &item(tag, 1))), [to_a(answer)]);
+        assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
+        assert_eq!(bench.live(PlanType::Mission).0, plan(1, 2));
+        bench.vehicle.may_persist = true;
+    }
+    assert_eq!(bench.texts(), ["Mission refused: not allowed now"]);
+    assert_eq!((bench.missions.counters().refused, bench.missions.counters().accepted), (1, 2));
+}
+
 /// M-44, Deferred: live and accepted at once, written when storage comes to it; a failure is said once and tried again.
 #[test]
 fn deferred_plans_are_live_first() {
@@ -249,6 +270,28 @@ fn nothing_may_be_cleared_always() {
     assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
     bench.load(PlanType::Mission, &plan(1, 2));
     assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(DENIED, 0))]);
+}
+
+/// M-52, C-15: an empty plan wears no storage: that it is empty still may be said when storage was written too often, by clear and
+/// by COUNT 0.
+#[test]
+fn nothing_may_be_cleared_when_storage_is_worn() {
+    let mut bench = durable();
+    bench.missions.limit_storage(Duration::from_secs(900));
+    for _ in 0..64 {
+        upload_to_storage(&mut bench, A, MISSION, &plan(1, 1));
+        bench.saved();
+        assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 1))))]);
+        assert_eq!(bench.ask(A, &clear(MISSION)), []);
+        bench.saved();
+        assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, 0))]);
+    }
+    let changes = bench.vehicle.changes.len();
+    assert_eq!(bench.ask(A, &count(MISSION, 1)), [to_a(Ack(DENIED, 0))]);
+    bench.vehicle.may_change = Err(DENIED);
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!(bench.ask(A, &count(MISSION, 0)), [to_a(Ack(ACCEPTED, 0))]);
+    assert_eq!((bench.unsaved(), bench.vehicle.changes.len()), (None, changes));
 }
 
 /// D-3: a request is taken only while the link can owe what storage will answer, and what it owes is not lost.
@@ -429,5 +472,34 @@ fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
         assert_eq!(mission, before);
         bench.saved();
         assert_eq!((bench.unsaved(), bench.drain()), (None, Vec::new()));
+    }
+}
+
+/// M-45: the vehicle is asked before each step of writing too, so that a plan that it does not want is no record even after a
+/// reset. What was written of it is given up: nothing has to be written again.
+#[test]
+fn what_is_being_written_is_given_up_when_the_vehicle_has_armed() {
+    let refused = |bench: &mut Bench| bench.owing(Missions::refused);
+    for is_clear in [false, true] {
+        let mut bench = durable();
+        bench.load(PlanType::Mission, &plan(1, 2));
+        bench.saved();
+        let before = seen(&bench);
+        let named = if is_clear { MavMissionType::ALL } else { MISSION };
+        if is_clear {
+            assert_eq!(bench.ask(A, &clear(named)), []);
+        } else {
+            upload_to_storage(&mut bench, A, MISSION, &plan(2, 3));
+        }
+        refused(&mut bench);
+        assert!(bench.drain().is_empty() && bench.unsaved().is_some(), "it goes on");
+        bench.vehicle.may_change = Err(DENIED);
+        refused(&mut bench);
+        assert_eq!(bench.drain(), [(A.address, named, Ack(DENIED, 0))]);
+        assert_eq!(bench.texts(), ["Mission refused: not allowed now"]);
+        assert_eq!((bench.unsaved(), bench.staged(), seen(&bench)), (None, 0, before));
+        assert_eq!(bench.missions.counters().not_saved, 0);
+        refused(&mut bench);
+        assert!(bench.wait(8_000).is_empty());
     }
 }

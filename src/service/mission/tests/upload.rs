@@ -268,6 +268,28 @@ fn a_repeated_count_is_answered_or_a_restart() {
     assert_eq!(seen(&bench).0, plan(2, 2), "nothing of the first attempts is left");
 }
 
+/// M-22: a program that was started again counts its frames from 0 again, so its COUNT may bear the number of the first one's. It is
+/// another plan's as soon as a request had to be repeated: item 0 is asked for, and nothing of the first plan is left. While the
+/// client answers at once it is a delayed duplicate.
+#[test]
+fn a_program_that_is_started_again_starts_its_upload_again() {
+    for taken in 1..3 {
+        let mut bench = Bench::new();
+        let run = |bench: &mut Bench, tag: u16, items: u8| {
+            assert_eq!(ask_numbered(bench, 0, A, &count(MISSION, 3)), [to_a(Ask(0))], "run {tag}");
+            (0..items).fold(Vec::new(), |_, seq| {
+                ask_numbered(bench, seq + 1, A, &int(MISSION, seq.into(), &item(tag, seq.into())))
+            })
+        };
+        assert_eq!(run(&mut bench, 1, taken), [to_a(Ask(taken.into()))]);
+        assert_eq!(ask_numbered(&mut bench, 0, A, &count(MISSION, 3)), [], "a delayed duplicate");
+        assert_eq!(bench.missions.counters().out_of_place, 1);
+        bench.wait(1_000);
+        assert_eq!(run(&mut bench, 2, 3), [to_a(Ack(ACCEPTED, id_of(&plan(2, 3))))]);
+        assert_eq!(seen(&bench).0, plan(2, 3), "nothing of the first run is left");
+    }
+}
+
 /// M-34, M-36: "go there now" is no part of a plan: UNSUPPORTED and a text, once a second, whether an upload runs or not, and
 /// whoever's.
 #[test]
