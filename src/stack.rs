@@ -87,6 +87,8 @@ struct Core {
     mode: u32,
     /// What heartbeats say, as of the last look.
     state: VehicleState,
+    /// Whether the vehicle had a state at the last look: not while it is in a fault.
+    has_state: bool,
     /// Links on which an extra heartbeat is pending (H-16).
     extra_heartbeats: LinkMask,
     /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
@@ -161,6 +163,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
                 params: Params::new(),
                 mode: 0,
                 state: VehicleState::ZERO,
+                has_state: false,
                 extra_heartbeats: LinkMask::NONE,
                 has_acted: false,
                 own_frame: None,
@@ -544,6 +547,7 @@ impl Core {
 
     /// Each normal link owes an extra heartbeat when what it says has changed (H-16).
     fn notice(&mut self, state: Option<VehicleState>) {
+        self.has_state = state.is_some();
         if let Some(state) = state.filter(|state| *state != self.state) {
             self.state = state;
             self.extra_heartbeats = self.normal;

@@ -2,7 +2,9 @@
 
 mod support;
 
-use mavstack::dialect::{CommandAck, Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavSeverity, MavState, MavType};
+use mavstack::dialect::{
+    CommandAck, Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavSeverity, MavState, MavType, Statustext,
+};
 use mavstack::{
     Config, Duration, Instant, LinkClass, LinkConfig, LinkId, NoPlans, Pulse, Stack, TxVersion, VehicleState, Version,
 };
@@ -326,6 +328,7 @@ fn extra_heartbeat_needs_room_and_credit() {
 #[test]
 fn change_to_a_fault_is_silent() {
     let mut world = three_links();
+    let state = world.vehicle.state.unwrap();
     world.vehicle.state.as_mut().unwrap().custom_mode = 8;
     world.uarts[0].stall_writes_until(Instant::from_millis(2_600));
     world.run_for(millis(10));
@@ -333,4 +336,32 @@ fn change_to_a_fault_is_silent() {
     world.run_for(millis(200));
     assert_eq!(times(&world, 0).len(), 0);
     assert!(world.stack.next_deadline(world.now()) > world.now());
+    // When it is well again the link that was not told is told at once.
+    world.vehicle.state = Some(VehicleState { custom_mode: 8, ..state });
+    world.run_for(millis(5));
+    assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1));
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 8);
+}
+
+/// H-16, D-4: a state that flaps does not fill a slow link: an extra heartbeat waits for room, so texts are sent between them, and the
+/// last state is reported.
+#[test]
+fn extra_heartbeats_do_not_fill_a_slow_link() {
+    let mut world = World::new(Setup { links: [LinkConfig::uart(1_200)], ..Setup::<1>::new() });
+    world.run_for(millis(2_500));
+    world.gcs[0].forget();
+    for said in 0..3 {
+        world.stack.send_text(
+            world.now(),
+            MavSeverity::WARNING,
+            &format!("{said}: a text of some forty bytes, too long"),
+        );
+    }
+    for mode in 0..200 {
+        world.vehicle.state.as_mut().unwrap().custom_mode = mode;
+        world.run_for(millis(50));
+    }
+    assert_eq!(world.gcs[0].count_of::<Statustext>(), 3);
+    world.run_for(millis(800));
+    assert_eq!(world.gcs[0].all::<Heartbeat>().last().unwrap().1.custom_mode, 199);
 }

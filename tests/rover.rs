@@ -6,7 +6,7 @@ mod support;
 #[allow(dead_code, unused_attributes, reason = "it is a crate of its own, for boards")]
 mod rover;
 
-use mavstack::dialect::{Heartbeat, MavType, ParamRequestList, ParamSet, ParamValue};
+use mavstack::dialect::{CommandAck, Heartbeat, MavCmd, MavResult, MavType, ParamRequestList, ParamSet, ParamValue};
 use mavstack::{Text, plan_memory};
 use rover::Rover;
 use support::*;
@@ -30,7 +30,32 @@ fn the_smallest_vehicle_has_a_parameter() {
     });
     assert_eq!(world.expect::<ParamValue>(0, secs(1)).param_value, 5.0);
     assert_eq!(world.vehicle.highest_speed(), 0.0, "disarmed");
-    world.gcs[0].command_long(mavstack::dialect::MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.run_for(millis(100));
     assert_eq!(world.vehicle.highest_speed(), 5.0);
+}
+
+/// without streams, too, the interval of HEARTBEAT is accepted and stays as it is, and HEARTBEAT cannot be stopped; for what
+/// the vehicle does not send it answers by itself. Q-1: HEARTBEAT can be asked for.
+#[test]
+fn a_vehicle_without_streams_keeps_its_heartbeat() {
+    let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
+    let mut world: World<1, plan_memory!(mission: 100), 8, Rover> = World::with_plans(Setup::new());
+    for (command, params, result) in [
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], yes),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, f32::NAN, 0.0, 0.0, 0.0, f32::NAN], yes),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [30.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], MavResult::UNSUPPORTED),
+        (MavCmd::REQUEST_MESSAGE, [0.0; 7], yes),
+    ] {
+        world.gcs[0].command_long(command, params);
+        assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, result, "{command:?} {params:?}");
+    }
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    world.run_for(secs(10));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 10);
 }

@@ -104,9 +104,9 @@ impl Schedule {
         self.due
     }
 
-    /// When the next one is due while an extra one is pending.
-    pub(crate) fn due_with_extra(&self) -> Instant {
-        self.due.min(self.extra)
+    /// When the next one is due while an extra one is pending, on a link that has room from `ready_at` on.
+    pub(crate) fn due_with_extra(&self, ready_at: Instant) -> Instant {
+        self.due.min(self.extra.max(ready_at))
     }
 }
 

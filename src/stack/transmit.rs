@@ -50,17 +50,18 @@ impl Core {
         }
         let link = LinkMask::of(port.id);
         let is_due = port.heartbeat.is_due(now);
-        let is_extra = self.extra_heartbeats.contains(link) && port.heartbeat.may_send_extra(now);
+        let is_extra =
+            self.extra_heartbeats.contains(link) && port.heartbeat.may_send_extra(now) && port.bucket.has_room();
         if !(is_due || is_extra) || !self.has_credit(now) {
             return false;
         }
-        self.extra_heartbeats = self.extra_heartbeats.without(link);
         let Some(state) = vehicle.state() else {
             if is_due {
                 port.heartbeat.postpone(now.after(RETRY));
             }
             return false;
         };
+        self.extra_heartbeats = self.extra_heartbeats.without(link);
         if is_due {
             port.heartbeat.sent(now, self.config.heartbeat_period);
             if !V::MODES.is_empty() {
@@ -79,8 +80,8 @@ impl Core {
         })
     }
 
-    /// A request for HEARTBEAT, which is sent like one that reports a change, or refused while there is none (H-5, Q-1); `None`
-    /// for all other commands.
+    /// A request for HEARTBEAT, which is sent like one that reports a change, or refused while there is none (H-5, Q-1), and for a
+    /// vehicle without streams the interval of it, which stays as it is; `None` for all other commands.
     pub(super) fn on_heartbeat_request<V: Autopilot>(
         &mut self,
         now: Instant,
@@ -88,16 +89,18 @@ impl Core {
         vehicle: &V,
         command: &Command,
     ) -> Option<MavResult> {
-        let [id, ..] = command.params;
-        if command.id != MavCmd::REQUEST_MESSAGE || num::unsigned(id) != Some(Heartbeat::ID) {
+        let [id, micros, instance, _] = command.params;
+        let is_interval = V::STREAMS.is_empty() && command.id == MavCmd::SET_MESSAGE_INTERVAL;
+        if !(is_interval || command.id == MavCmd::REQUEST_MESSAGE) || num::unsigned(id) != Some(Heartbeat::ID) {
             return None;
         }
         let link = LinkMask::of(port.id);
-        if !self.normal.contains(link)
-            || !command.has_response_target()
-            || vehicle.state().is_none()
-            || !self.has_credit(now)
-        {
+        let is_taken = self.normal.contains(link) && command.has_response_target();
+        if is_interval {
+            let is_taken = is_taken && micros >= 0.0 && (instance == 0.0 || instance.is_nan());
+            return Some(if is_taken { MavResult::ACCEPTED } else { MavResult::DENIED });
+        }
+        if !is_taken || vehicle.state().is_none() || !self.has_credit(now) {
             return Some(MavResult::DENIED);
         }
         self.extra_heartbeats = self.extra_heartbeats.with(link);
@@ -154,8 +157,8 @@ impl Core {
         missions: Option<&Missions>,
     ) -> Instant {
         let is_normal = port.config.class != LinkClass::HighLatency;
-        let heartbeat = if self.extra_heartbeats.contains(LinkMask::of(port.id)) {
-            port.heartbeat.due_with_extra()
+        let heartbeat = if self.has_state && self.extra_heartbeats.contains(LinkMask::of(port.id)) {
+            port.heartbeat.due_with_extra(port.bucket.ready_at())
         } else {
             port.heartbeat.due()
         };
