@@ -96,7 +96,7 @@ fn a_refused_declaration_is_explained() {
     assert_eq!(texts(&world, 0), ["Command 84 refused: frame not supported"]);
     world.vehicle.controller = Some(Address::new(9, 9));
     let refused = long(&mut world, 1, MOTOR, motor);
-    assert_eq!(refused, (MavResult::NOT_IN_CONTROL, one("Command 209 refused: another station is in control")));
+    assert_eq!(refused, (MavResult::NOT_IN_CONTROL, one("Command 209 refused: another station has control")));
 }
 
 /// C-4: a result that is a reason by itself has no text: a client tries the other form, and tells nobody.
@@ -148,24 +148,23 @@ fn a_refused_mode_is_explained() {
     let set = |mode: f32, sub: f32| (MavCmd::DO_SET_MODE, [1.0, mode, sub]);
     for ((command, params), text) in [
         // PX4's OFFBOARD.
-        (set(6.0, 0.0), "Mode 393216 refused: not one of AVAILABLE_MODES"),
-        (set(NAN, 0.0), "Mode refused: not one of AVAILABLE_MODES"),
+        (set(6.0, 0.0), "Mode 393216 refused: not in AVAILABLE_MODES"),
+        (set(NAN, 0.0), "Mode refused: not in AVAILABLE_MODES"),
         (set(9.0, 0.0), "Mode 589824 refused: it cannot be selected"),
-        ((MavCmd::DO_SET_MODE, [0.0, 3.0, 0.0]), "Mode 196608 refused: no CUSTOM_MODE_ENABLED in base_mode"),
-        ((MavCmd::DO_SET_STANDARD_MODE, [8.0, 0.0, 0.0]), "Mode refused: not one of AVAILABLE_MODES"),
+        ((MavCmd::DO_SET_MODE, [0.0, 3.0, 0.0]), "Mode 196608 refused: set CUSTOM_MODE_ENABLED"),
+        ((MavCmd::DO_SET_STANDARD_MODE, [8.0, 0.0, 0.0]), "Mode refused: not in AVAILABLE_MODES"),
     ] {
         world.run_for(secs(6));
         world.gcs[0].forget();
         assert_eq!(pilot::command(&mut world, 0, command, &params), MavResult::DENIED, "{text}");
         world.run_for(millis(50));
-        let told: String = texts(&world, 0).concat();
-        assert_eq!(told, text);
+        assert_eq!(texts(&world, 0), [text]);
     }
     let mut world = pilot::world::<1, ARDUPILOT>();
     // ArduPilot's GUIDED.
     world.gcs[0].send(&pilot::set_mode(1, 4));
     world.run_for(millis(50));
-    assert_eq!(texts(&world, 0), ["Mode 4 refused: not one of AVAILABLE_MODES"]);
+    assert_eq!(texts(&world, 0), ["Mode 4 refused: not in AVAILABLE_MODES"]);
 }
 
 /// C-4: whatever is sent, a link is told of one refusal a second, and no link of another's.
@@ -185,6 +184,28 @@ fn nobody_floods_the_texts_with_refusals() {
     world.gcs[1].command_long(MOTOR, [0.5; 7]);
     world.run_for(millis(50));
     assert_eq!(texts(&world, 1), ["Command 209 refused: parameter 1 out of range"]);
+}
+
+/// C-4, T-5: the same refusal on two links is told on both: within five seconds a text is repeated on no link, and left out on none.
+#[test]
+fn the_same_refusal_is_told_on_each_link() {
+    let mut world: World<2> = World::new(Setup::new());
+    for at in [0, 1_500, 3_000] {
+        for link in 0..2 {
+            world.gcs[link].command_long(MOTOR, [0.5; 7]);
+            world.run_for(millis(100));
+            let told = one("Command 209 refused: parameter 1 out of range");
+            assert_eq!((texts(&world, link), at), (told, at), "once");
+        }
+        world.run_for(millis(1_300));
+    }
+    assert_eq!(world.stack.dropped_texts(), 4);
+    world.run_for(secs(2));
+    for link in 0..2 {
+        world.gcs[link].command_long(MOTOR, [0.5; 7]);
+        world.run_for(millis(100));
+        assert_eq!(texts(&world, link).len(), 2, "again after five seconds");
+    }
 }
 
 /// C-4, L-4: no text goes over a high-latency link, nor to another link instead.

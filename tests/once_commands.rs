@@ -140,3 +140,28 @@ fn what_runs_is_still_in_progress() {
     world.run_for(millis(5));
     assert_eq!(answers(&mut world, 0), [MavResult::IN_PROGRESS]);
 }
+
+/// C-12: TEMPORARILY_REJECTED means "ask again": the same command again on its link asks the vehicle again, which may do it now. A
+/// duplicate by another link asks nobody.
+#[test]
+fn what_was_rejected_for_now_may_be_asked_again() {
+    const NOT_NOW: MavResult = MavResult::TEMPORARILY_REJECTED;
+    for confirmation in [0, 3] {
+        let mut world = world();
+        let message = CommandLong { confirmation, ..world.gcs[0].long(ONCE, PARAMS) };
+        let mut ask = |link: usize, outcome: MavResult| {
+            world.vehicle.outcomes.insert(ONCE.0, outcome.into());
+            world.gcs[link].send(&message);
+            world.run_for(millis(200));
+            (answers(&mut world, link), world.vehicle.commands().len())
+        };
+        assert_eq!(ask(0, NOT_NOW), (vec![NOT_NOW], 1));
+        assert_eq!(ask(1, MavResult::ACCEPTED), (vec![NOT_NOW], 1), "a duplicate");
+        assert_eq!(ask(0, NOT_NOW), (vec![NOT_NOW], 2), "asked again");
+        assert_eq!(ask(0, MavResult::ACCEPTED), (vec![MavResult::ACCEPTED], 3), "and again");
+        assert_eq!(ask(0, MavResult::FAILED), (vec![MavResult::ACCEPTED], 3), "done once");
+        for _ in 0..2 {
+            assert_eq!(ask(1, MavResult::FAILED), (vec![MavResult::ACCEPTED], 3), "duplicates");
+        }
+    }
+}

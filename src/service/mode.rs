@@ -156,7 +156,7 @@ pub(crate) fn on_command<V: Vehicle + Commands>(
             let is_custom =
                 num::integer(first).is_some_and(|flags| MavModeFlag(flags).contains(MavModeFlag::CUSTOM_MODE_ENABLED));
             if !is_custom {
-                return Some(Err(Refused(custom_mode, "no CUSTOM_MODE_ENABLED in base_mode")));
+                return Some(Err(Refused(custom_mode, "set CUSTOM_MODE_ENABLED")));
             }
             (custom_mode, custom_mode.and_then(|mode| find(V::MODES, mode)))
         }
@@ -176,7 +176,7 @@ pub(crate) fn on_command<V: Vehicle + Commands>(
             Ok(vehicle.set_mode(mode, &ModeRequest { from, class, age, is_broadcast }))
         }
         // The guide has FAILED for a standard mode that there is not; but asking again never helps (C-4).
-        None => Err(Refused(asked, "not one of AVAILABLE_MODES")),
+        None => Err(Refused(asked, "not in AVAILABLE_MODES")),
     })
 }
 

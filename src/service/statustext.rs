@@ -14,7 +14,7 @@ use crate::time::{Duration, Instant};
 /// Longest text in bytes; what is beyond is cut off between code points.
 pub const MAX_TEXT_LEN: usize = 120;
 
-/// The same text again within this time is dropped.
+/// The same text again within this time is dropped, on links that it was for before.
 const REPEAT_AFTER: Duration = Duration::from_secs(5);
 
 /// A text that a link has not taken for so long gives way to any other, or a dead link would hold back all others' texts.
@@ -33,12 +33,20 @@ pub(crate) struct Entry {
     at: Instant,
     /// Links that have not sent it to its end.
     pending: LinkMask,
+    /// Links that it is for.
+    links: LinkMask,
 }
 
 impl Entry {
     /// Nothing to send; all zero bits.
-    const SENT: Self =
-        Self { text: Text::EMPTY, severity: MavSeverity(0), number: 0, at: Instant::ZERO, pending: LinkMask::NONE };
+    const SENT: Self = Self {
+        text: Text::EMPTY,
+        severity: MavSeverity(0),
+        number: 0,
+        at: Instant::ZERO,
+        pending: LinkMask::NONE,
+        links: LinkMask::NONE,
+    };
 }
 
 /// How far a link is in the text it is sending.
@@ -82,11 +90,13 @@ impl StatusTexts {
         self.dropped
     }
 
-    /// Queues `text` for `links`.
+    /// Queues `text` for those of `links` that it was not for a moment ago.
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
         let repeated =
             |entry: &Entry| entry.text == *text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER;
-        if text.is_empty() || self.entries.iter().any(repeated) {
+        let told = |links: LinkMask, entry: &Entry| links.without(entry.links);
+        let links = self.entries.iter().filter(|entry| repeated(entry)).fold(links, told);
+        if text.is_empty() || links.is_empty() {
             self.dropped = self.dropped.wrapping_add(1);
             return;
         }
@@ -121,6 +131,7 @@ impl StatusTexts {
         entry.number = self.newest;
         entry.at = now;
         entry.pending = links;
+        entry.links = links;
     }
 
     /// Whether there is a text for the link of `mask`.

@@ -108,6 +108,7 @@ fn a_broadcast_is_told_to_name_the_system() {
         (MavCmd::DO_CHANGE_SPEED, 178),
         (MavCmd::DO_SET_HOME, 179),
         (MavCmd::DO_REPOSITION, 192),
+        (MavCmd::DO_SET_MISSION_CURRENT, 224),
         (MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, 246),
     ] {
         let (result, said) = ask(&mut Wire::switched_on(), 0, command, &[]);
@@ -122,12 +123,12 @@ fn an_unknown_mode_is_explained() {
     let mut wire = Wire::switched_on();
     // OFFBOARD of PX4.
     let (result, said) = ask(&mut wire, 1, MavCmd::DO_SET_MODE, &[1.0, 6.0, 0.0]);
-    assert_eq!((result, said), (MavResult::DENIED, vec!["Mode 393216 refused: not one of AVAILABLE_MODES".to_owned()]));
+    assert_eq!((result, said), (MavResult::DENIED, vec!["Mode 393216 refused: not in AVAILABLE_MODES".to_owned()]));
     // GUIDED of ArduPilot.
     wire.run(5_500);
     wire.send(TELEMETRY, &SetMode { target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED, custom_mode: 4 });
     assert_eq!(wire.answer(MavCmd(11)).result, MavResult::DENIED);
-    assert_eq!(wire.said(), ["Mode 4 refused: not one of AVAILABLE_MODES"]);
+    assert_eq!(wire.said(), ["Mode 4 refused: not in AVAILABLE_MODES"]);
 }
 
 /// C-31: what is refused by the vehicle's own checks of a value.

@@ -169,7 +169,9 @@ impl CommandSlot {
         let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
         // A command pressed twice comes twice on each link, with the same confirmation.
         let lacks = self.copies.lacks(command.from.link);
-        let is_repeated = once == Once::Yes && self.is_repeated_by(now, command);
+        // After TEMPORARILY_REJECTED the client asks again, and the vehicle may do it now.
+        let is_final = self.outcome.result != MavResult::TEMPORARILY_REJECTED;
+        let is_repeated = once == Once::Yes && is_final && self.is_repeated_by(now, command);
         let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation || is_repeated };
         let is_known = is_copy || (self.is_long && age < SOON);
         if !is_known {

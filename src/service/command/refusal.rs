@@ -68,7 +68,7 @@ pub(crate) fn explain(
         (MavResult::TEMPORARILY_REJECTED, _) => Reason::new("not now; try again later"),
         (MavResult::FAILED, _) => Reason::new("there is no such item"),
         (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => Reason::new("frame not supported"),
-        (MavResult::NOT_IN_CONTROL, _) => Reason::new("another station is in control"),
+        (MavResult::NOT_IN_CONTROL, _) => Reason::new("another station has control"),
         _ => return,
     };
     tell(now, port, texts, "Command ", Some(command.id.0.into()), reason);
@@ -134,4 +134,56 @@ fn tell(
         text.push_signed(end.into());
     }
     texts.push(now, LinkMask::of(port.id), MavSeverity::WARNING, &text);
+}
+
+#[cfg(all(test, feature = "plan-texts"))]
+mod tests {
+    use super::*;
+    use crate::frame::{Address, Version};
+    use crate::link::{Link, LinkId, Outbox, Peer};
+    use crate::service::statustext::{Entry, TextCursor};
+    use crate::vehicle::CommandPosition;
+
+    /// How many frames the refusal's text takes; one holds 50 bytes.
+    fn frames(id: u16, refusal: Refusal) -> usize {
+        let mut port = Link::VACANT.port;
+        let mut entries = StatusTexts::<[Entry; 2]>::new();
+        let (texts, now): (&mut StatusTexts, _) = (&mut entries, Instant::from_millis(5_000));
+        let command = Command {
+            id: MavCmd(id),
+            params: [0.0; 4],
+            position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
+            z: 0.0,
+            from: Peer { address: Address::new(255, 190), link: LinkId(0) },
+            class: LinkClass::Normal,
+            age: None,
+            is_broadcast: false,
+            confirmation: 0,
+        };
+        explain(now, SystemId(254), &mut port, texts, &command, refusal);
+        let (mut cursor, mut tx) = (TextCursor::new(), Outbox::VACANT);
+        tx.configure(LinkId(0), Address::new(254, 1), Version::V2);
+        let next = || {
+            let is_sent = texts.next(&mut cursor, &mut tx);
+            let len = tx.pending().len();
+            tx.advance(len);
+            is_sent.then_some(())
+        };
+        core::iter::from_fn(next).count()
+    }
+
+    /// C-4, T-5: each reason fits into one STATUSTEXT, which is all that a ground station without chunks and a MAVLink 1 link show,
+    /// whatever the numbers of the command and of the vehicle.
+    #[test]
+    fn each_reason_fits_into_one_frame() {
+        let mut explained = 0;
+        for result in (0..=15).map(MavResult) {
+            for why in [Why::Result, Why::Broadcast, Why::Param(7)] {
+                let count = frames(42_424, Refusal { result, why });
+                assert!(count <= 1, "{result:?} {why:?}");
+                explained += count;
+            }
+        }
+        assert!(explained >= 7, "{explained}");
+    }
 }
