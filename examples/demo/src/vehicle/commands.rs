@@ -55,6 +55,9 @@ const COMMANDS: &[CommandPolicy] = &[
         ParamRule::integers(4, 0, 0).or_nan(),
     ])),
     CommandPolicy::new(rules::DO_SET_MODE).no_broadcast(),
+    // The stack checks the item.
+    CommandPolicy::new(rules::DO_SET_MISSION_CURRENT.with_params(&[ParamRule::any(1), ParamRule::any(2)]))
+        .no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
