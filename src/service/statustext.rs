@@ -94,12 +94,13 @@ impl StatusTexts {
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
         let repeated =
             |entry: &Entry| entry.text == *text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER;
-        let told = |links: LinkMask, entry: &Entry| links.without(entry.links);
-        let links = self.entries.iter().filter(|entry| repeated(entry)).fold(links, told);
-        if text.is_empty() || links.is_empty() {
+        let untold = |left: Option<LinkMask>, entry: &Entry| Some(left.unwrap_or(links).without(entry.links));
+        let left = self.entries.iter().filter(|entry| repeated(entry)).fold(None, untold);
+        if text.is_empty() || left.is_some_and(LinkMask::is_empty) {
             self.dropped = self.dropped.wrapping_add(1);
             return;
         }
+        let links = left.unwrap_or(links);
         event!("statustext {=u8}: {}", severity.0, text);
         // Sent ones go first, the oldest of them; then those given up, then the least severe (a larger number is less severe).
         let newest = self.newest;
