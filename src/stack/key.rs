@@ -3,12 +3,17 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::Stack;
-use super::storage::Turn;
-use crate::dialect::MavSeverity;
+use super::storage::{RestoreTexts, Turn};
 use crate::service::mission::PlanStorage;
 use crate::storage::{RestoreError, SigningStore, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
+
+const KEY_TEXTS: RestoreTexts = RestoreTexts {
+    unreadable: "The signing key cannot be read",
+    damaged: "The signing key is damaged: links are closed",
+    readable: "The signing key can be read again",
+};
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
@@ -22,7 +27,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// open (G-18). Those that would sign, or refuse unsigned frames, accept nothing until there is a key; only links for
     /// [provisioning](crate::LinkSigning::provisioning) accept SETUP_SIGNING, which ends it by a key or by taking the key away.
     /// [`Signing::set_key`](crate::Signing::set_key) and [`clear_key`](crate::Signing::clear_key) end it too. A text says so,
-    /// unsigned.
+    /// unsigned, and again every 10 s at most where a frame is refused on a link for provisioning.
+    ///
+    /// As long as the newest record cannot be read, an older key does not stand in for it.
+    /// [`persist_signing`](Self::persist_signing) reads again, also while nothing may be written.
     pub fn restore_signing<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -33,13 +41,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             signing.limit(self.core.config.storage_refill);
         }
         let result = read_key(now, store, vehicle);
-        let text = match &result {
-            Ok(()) => return Ok(()),
-            Err(RestoreError::Storage(_)) => "The signing key cannot be read",
-            Err(_) => "The signing key is damaged: links are closed",
-        };
-        event!("signing: {=str}", text);
-        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
+        self.tell_restored(now, &result, &KEY_TEXTS, false);
         result
     }
 
@@ -55,19 +57,21 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         store: &mut SigningStore<F>,
         vehicle: &mut V,
     ) -> bool {
-        if vehicle.signing().is_none() || !vehicle.may_persist() {
+        let may_write = vehicle.may_persist();
+        if vehicle.signing().is_none() || !(may_write || store.is_unread()) {
             return false;
         }
         if !self.core.turn.is_for(Turn::KEY) {
             return true;
         }
         let Some(signing) = vehicle.signing() else { return false };
-        let job = signing.unsaved(now);
-        let step = store.step(signing, job);
+        let job = if may_write { signing.unsaved(now) } else { None };
+        let step = store.step(now, signing, job);
         self.core.turn.took(Turn::KEY, step);
         // Where another key was set since, that is the one.
         if step == Step::Unread && vehicle.signing().is_some_and(|signing| signing.is_lost()) {
-            let _ = read_key(now, store, vehicle);
+            let result = read_key(now, store, vehicle);
+            self.tell_restored(now, &result, &KEY_TEXTS, true);
         }
         let Some(signing) = vehicle.signing() else { return false };
         match step {

@@ -8,13 +8,37 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::{Stack, owe};
-use crate::dialect::MavSeverity;
+use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::mission::{Durability, PlanStorage, PlanType};
 use crate::service::param::{self, ParamTable};
 use crate::service::statustext::StatusTexts;
 use crate::storage::{ParamStore, PlanStore, RestoreError, Step};
 use crate::time::Instant;
 use crate::vehicle::Autopilot;
+
+/// What the operators are told of stored content.
+pub(super) struct RestoreTexts {
+    pub(super) unreadable: &'static str,
+    pub(super) damaged: &'static str,
+    pub(super) readable: &'static str,
+}
+
+const PLAN_TEXTS: RestoreTexts = RestoreTexts {
+    unreadable: "Stored plans cannot all be read",
+    damaged: "Stored plans are damaged",
+    readable: "Stored plans can be read again",
+};
+
+const PARAMETER_TEXTS: RestoreTexts = RestoreTexts {
+    unreadable: "Stored parameters cannot be read",
+    damaged: "Stored parameters are damaged",
+    readable: "Stored parameters can be read again",
+};
+
+/// Whether the vehicle is known to be disarmed: what it flies with is not changed from storage otherwise.
+fn is_disarmed<V: Autopilot>(vehicle: &V) -> bool {
+    vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
+}
 
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
@@ -27,10 +51,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or cannot be read (G-18). The plans that were not read are empty then, and a text says so: a
-    /// vehicle that must not fly without its geofence learns here that there may have been one. The store is in use
-    /// nevertheless. Where reading works later, the plans come back in [`persist_plans`](Self::persist_plans), and the vehicle
-    /// is told by [`plan_changed`](crate::Plans::plan_changed).
+    /// What is stored is damaged, or cannot be read (G-18). A text says so, and the plans that were not read are empty: a vehicle
+    /// that must not fly without its geofence learns here that there may have been one. The store is in use nevertheless.
+    ///
+    /// As long as the newest plans cannot be read, older ones do not stand in for them. [`persist_plans`](Self::persist_plans)
+    /// reads again while the vehicle is disarmed. Plans that come back then are live, unless another plan was uploaded meanwhile;
+    /// the vehicle is told by [`plan_changed`](crate::Plans::plan_changed), the operators by a text.
     pub fn restore_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -43,15 +69,27 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             missions.limit_storage(self.core.config.storage_refill);
         }
         let result = self.read_plans(now, store, vehicle, false);
-        let text = match &result {
-            Ok(()) if store.is_impaired() => "Stored plans cannot all be read",
-            Ok(()) => return result,
-            Err(RestoreError::Storage(_)) => "Stored plans cannot all be read",
-            Err(_) => "Stored plans are damaged",
-        };
-        event!("plans: {=str}", text);
-        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
+        self.tell_restored(now, &result, &PLAN_TEXTS, false);
         result
+    }
+
+    /// Tells the operators what became of stored content: one of `texts`. `is_late`: it could not be read before.
+    pub(super) fn tell_restored<E>(
+        &mut self,
+        now: Instant,
+        result: &Result<(), RestoreError<E>>,
+        texts: &RestoreTexts,
+        is_late: bool,
+    ) {
+        let (severity, text) = match result {
+            Ok(()) if is_late => (MavSeverity::INFO, texts.readable),
+            Ok(()) => return,
+            Err(RestoreError::Storage(_)) if is_late => return,
+            Err(RestoreError::Storage(_)) => (MavSeverity::ERROR, texts.unreadable),
+            Err(_) => (MavSeverity::ERROR, texts.damaged),
+        };
+        event!("storage: {=str}", text);
+        self.push_text(now, severity, text.as_bytes());
     }
 
     /// Reads what is stored, of all plans or of those that are empty.
@@ -114,7 +152,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ) -> bool {
         let step = self.store_plans(now, store, vehicle);
         if step == Step::Unread {
-            let _ = self.read_plans(now, store, vehicle, true);
+            let result = self.read_plans(now, store, vehicle, true);
+            self.tell_restored(now, &result, &PLAN_TEXTS, true);
         }
         step != Step::Idle
     }
@@ -132,24 +171,26 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             owe(&mut self.links, refused);
             return Step::Busy;
         }
-        if missions.storage_rests(now) || !vehicle.may_persist() {
+        // An upload has the room that is needed for reading, and no plan changes in flight but by the operator.
+        let may_step = if store.is_unread() {
+            is_disarmed(vehicle) && !missions.is_receiving()
+        } else {
+            vehicle.may_persist() && !missions.storage_rests(now)
+        };
+        if !may_step {
             return Step::Idle;
         }
         if !self.core.turn.is_for(Turn::PLANS) {
             return Step::Busy;
         }
-        let step = store.step(missions.unsaved(&plans));
+        let step = store.step(now, missions.unsaved(&plans));
         self.core.turn.took(Turn::PLANS, step);
         let mut cx = self.core.plan_context(now, &mut plans, &mut self.texts);
         let owed = match step {
             Step::Idle | Step::Busy => None,
             Step::Done => missions.saved(&mut cx, vehicle),
-            Step::Unread if missions.is_receiving() => {
-                // The upload has the room that is needed for reading.
-                store.put_off();
-                return Step::Busy;
-            }
             // What is stored comes first: the client is told ERROR, and tries again.
+            Step::Unread if !missions.awaits_storage() => None,
             Step::Failed | Step::Unread => missions.not_saved(&mut cx),
         };
         owe(&mut self.links, owed);
@@ -167,9 +208,12 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or cannot be read (G-18). The parameters that were not read have their defaults then, and a
-    /// text says so; the store is in use nevertheless. Where reading works later, parameters that still have their defaults come
-    /// back in [`persist_parameters`](Self::persist_parameters).
+    /// What is stored is damaged, or cannot be read (G-18). The parameters that were not read stay as they are, and a text says
+    /// so; the store is in use nevertheless.
+    ///
+    /// As long as the newest values cannot be read, older ones do not stand in for them.
+    /// [`persist_parameters`](Self::persist_parameters) reads again while the vehicle is disarmed. Parameters that still have
+    /// their defaults come back then, and a text says so.
     pub fn restore_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -178,14 +222,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     ) -> Result<(), RestoreError<F::Error>> {
         self.core.params.limit(vehicle, self.core.config.storage_refill);
         let result = self.read_parameters(store, vehicle, false);
-        self.core.params.loaded(vehicle);
-        let text = match &result {
-            Ok(()) => return result,
-            Err(RestoreError::Storage(_)) => "Stored parameters cannot be read",
-            Err(_) => "Stored parameters are damaged",
-        };
-        event!("parameters: {=str}", text);
-        self.push_text(now, MavSeverity::ERROR, text.as_bytes());
+        self.core.params.loaded(vehicle, !matches!(result, Err(RestoreError::Storage(_))));
+        self.tell_restored(now, &result, &PARAMETER_TEXTS, false);
         result
     }
 
@@ -221,7 +259,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         store: &mut ParamStore<F>,
         vehicle: &mut V,
     ) -> bool {
-        if vehicle.parameters_mut().is_none() || !vehicle.may_persist() {
+        let may_step = if store.is_unread() { is_disarmed(vehicle) } else { vehicle.may_persist() };
+        if vehicle.parameters_mut().is_none() || !may_step {
             return false;
         }
         if !self.core.turn.is_for(Turn::PARAMETERS) {
@@ -233,8 +272,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let step = self.store_parameters(now, store, vehicle);
         if step == Step::Unread {
             // What was set before this could be read is newer.
-            let is_read = self.read_parameters(store, vehicle, true).is_ok();
-            self.core.params.reread(now, vehicle, is_read);
+            let result = self.read_parameters(store, vehicle, true);
+            self.core.params.reread(now, vehicle, result.is_ok());
+            self.tell_restored(now, &result, &PARAMETER_TEXTS, true);
         }
         self.core.turn.took(Turn::PARAMETERS, step);
         step != Step::Idle
@@ -250,7 +290,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let params = &mut self.core.params;
         let job = params.unsaved(now, vehicle);
         let Some(table) = vehicle.parameters_mut() else { return Step::Idle };
-        let step = store.step(&table.table_mut(), job);
+        let step = store.step(now, &table.table_mut(), job);
         match step {
             Step::Idle | Step::Busy | Step::Unread => {}
             Step::Done => params.saved(now, vehicle),

@@ -11,6 +11,7 @@ use embedded_storage::nor_flash::NorFlash;
 use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::dialect::MavParamType;
 use crate::service::param::{Stored, TableMut};
+use crate::time::Instant;
 
 const KIND: u8 = 2;
 const SCHEMA: u16 = 1;
@@ -111,6 +112,11 @@ impl<F: NorFlash> ParamStore<F> {
         self.record.is_damaged()
     }
 
+    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    pub(crate) const fn is_unread(&self) -> bool {
+        self.record.is_unread()
+    }
+
     /// A row of those that [`open`](Self::open) has found.
     #[inline(never)]
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
@@ -121,9 +127,9 @@ impl<F: NorFlash> ParamStore<F> {
     /// for its content. What changes between two steps is in the record or not. Without a number, towards the next record
     /// having an erased slot.
     #[inline(never)]
-    pub(crate) fn step(&mut self, table: &TableMut<'_>, job: Option<u32>) -> Step {
+    pub(crate) fn step(&mut self, now: Instant, table: &TableMut<'_>, job: Option<u32>) -> Step {
         let len = u32::from(table.count()).saturating_mul(32);
         let job = job.map(|id| Job { id, schema: SCHEMA, len });
-        self.record.step(job, |index| Some(table.stored(u16::try_from(index).ok()?)?.to_row()))
+        self.record.step(now, job, |index| Some(table.stored(u16::try_from(index).ok()?)?.to_row()))
     }
 }

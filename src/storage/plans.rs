@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::dialect::{MavCmd, MavFrame};
 use crate::service::mission::{Item, PlanType, PlanView};
+use crate::time::Instant;
 
 const KIND: u8 = 1;
 const SCHEMA: u16 = 1;
@@ -253,12 +254,12 @@ impl<F: NorFlash> PlanStore<F> {
         self.record.is_damaged()
     }
 
-    /// The record that was found was not read: it is found once more.
-    pub(crate) const fn put_off(&mut self) {
-        self.record.put_off();
+    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    pub(crate) const fn is_unread(&self) -> bool {
+        self.record.is_unread()
     }
 
-    /// Whether a slot could not be read: perhaps the one with the newer record.
+    /// Whether a slot could not be read.
     pub(crate) const fn is_impaired(&self) -> bool {
         self.record.is_impaired()
     }
@@ -272,10 +273,11 @@ impl<F: NorFlash> PlanStore<F> {
 
     /// At most one erase unit or one write of at most 256 bytes, towards `content` being durable, with a number that
     /// stands for it: another number begins anew. Without content, towards the next content having an erased slot.
-    pub(crate) fn step(&mut self, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
-        let Some((id, content)) = content else { return self.record.step(None, |_| None) };
+    pub(crate) fn step(&mut self, now: Instant, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
+        let Some((id, content)) = content else { return self.record.step(now, None, |_| None) };
         let stored = Stored::of(&content);
-        let step = self.record.step(Some(Job { id, schema: SCHEMA, len: stored.len() }), |index| row(&content, index));
+        let step =
+            self.record.step(now, Some(Job { id, schema: SCHEMA, len: stored.len() }), |index| row(&content, index));
         if step == Step::Done {
             self.stored = stored;
         }

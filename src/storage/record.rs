@@ -14,17 +14,20 @@
 //!
 //! A record of a schema that this version does not know is kept as long as any other.
 //!
-//! What a power cut cannot have left is damage, and never counts as empty (G-18): a slot that is neither blank nor whole while
-//! there is no whole record, and a newer header whose body does not match. It is left alone until a record replaces it.
+//! What a power cut cannot have left is damage, and never counts as empty (G-18): a header of ours that is wrong while there is no
+//! whole record, and a newer header whose body does not match. It is left alone until a record replaces it. What never was ours is
+//! no damage: the slot counts as blank.
 //!
-//! What cannot be read may be the newest record. It is read again before anything is written, and a whole record that the owner
-//! has not read is never replaced.
+//! What cannot be read may be the newest record. So nothing counts until it was read, or until several looks failed: then a slot
+//! with an unreadable header is torn, if the other one has a whole record. A whole record that the owner has not read is never
+//! replaced.
 
 use core::ops::Range;
 
 use embedded_storage::nor_flash::NorFlash;
 
 use crate::crc32::Crc32;
+use crate::time::{Duration, Instant};
 
 /// The most that is written at once; every unit that storage may be written in divides it.
 pub(crate) const CHUNK: usize = 256;
@@ -57,7 +60,7 @@ pub(crate) enum Step {
     Done,
     /// The storage failed, or the content has no room. The next step begins anew.
     Failed,
-    /// What could not be read before can be read now: the owner is to do it. Nothing was written.
+    /// What could not be read before can be read now, or is given up: the owner is to read. Nothing was written.
     Unread,
 }
 
@@ -66,11 +69,12 @@ pub(crate) enum Step {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RestoreError<E> {
-    /// The storage could not be read, and reported this. It is read again in the first calls of `persist_…`, and before anything
-    /// is written: what can be read then comes back late.
+    /// The storage, or a part of it that may hold the newest record, could not be read, and reported this. Nothing stored is in
+    /// use. `persist_…` reads again, at most once a second, and before anything is written: what can be read then comes back late.
+    /// When only one of the two copies stays unreadable, the other one comes back after three seconds.
     Storage(E),
-    /// What is stored is damaged: the storage is neither erased nor has it a whole record. What is still whole, an older record,
-    /// is in use; the damage stays there until something new is stored.
+    /// The newest record is damaged. Plans and parameters of an older record that is whole are in use. The damage stays there until
+    /// something new is stored.
     Damaged,
     /// What is stored is whole, and has a layout that this version does not know: firmware that is newer wrote it. It stays there
     /// until something new is stored.
@@ -87,9 +91,7 @@ impl<E: core::fmt::Debug> core::fmt::Display for RestoreError<E> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Storage(error) => write!(f, "the storage cannot be read: {error:?}"),
-            Self::Damaged => {
-                f.write_str("what is stored is damaged: set it again, or erase the region before its first use")
-            }
+            Self::Damaged => f.write_str("what is stored is damaged: set it again"),
             Self::Foreign => f.write_str("newer firmware stored it: install that, or set it again"),
         }
     }
@@ -153,7 +155,8 @@ impl Header {
         row
     }
 
-    /// The header, when it is one of this kind and undamaged.
+    /// The header, when it is one of this kind and undamaged. A power cut in its last bytes leaves them erased: then the CRC of the
+    /// body has to do, which was complete before.
     pub(crate) fn decode(row: &[u8; ROW], kind: u8) -> Option<Self> {
         let (words, _) = row.as_chunks();
         let &[_, what, sequence, len, body_crc, ..] = words else { return None };
@@ -165,8 +168,19 @@ impl Header {
             body_crc: u32::from_le_bytes(body_crc),
         };
         // Magic, kind, zeros and CRC in one.
-        (header.encode(kind) == *row).then_some(header)
+        let expected = header.encode(kind);
+        let is_right =
+            |(index, (byte, expected)): (usize, (&u8, &u8))| byte == expected || (index > 28 && *byte == 0xFF);
+        row.iter().zip(&expected).enumerate().all(is_right).then_some(header)
     }
+}
+
+/// Whether a header that does not [decode](Header::decode) is damage: it was one, and does not end erased as one that a power cut
+/// has left. Bytes that never were ours pass for one once in 300,000 times.
+fn was_header(row: &[u8; ROW], kind: u8) -> bool {
+    let [m0, m1, m2, m3, what, ..] = row;
+    let right = [m0, m1, m2, m3].into_iter().zip(&MAGIC).filter(|(byte, expected)| byte == expected).count();
+    (right == 4 || right >= 2 && (what ^ kind).count_ones() <= 1) && !row.ends_with(&[0xFF; 4])
 }
 
 /// Whether the record of sequence `a` was written after that of `b`.
@@ -177,11 +191,13 @@ pub(crate) fn is_newer(a: u32, b: u32) -> bool {
 /// What lies in a slot.
 #[derive(Clone, Copy, Debug)]
 enum Slot {
-    /// No header: never written, or erased; or the beginning of one, which a power cut left.
+    /// No header of ours: never written, or erased; or the beginning of one, which a power cut left.
     Blank,
     Whole(Newest),
-    /// Anything else; the sequence, where the header tells one.
+    /// It was a header, or its body does not match; the sequence, where the header tells one.
     Damaged(Option<u32>),
+    /// The storage refused; the sequence, if the header could be read.
+    Unreadable(Option<u32>),
 }
 
 impl Slot {
@@ -196,7 +212,16 @@ impl Slot {
         match self {
             Self::Blank => None,
             Self::Whole(found) => Some(found.header.sequence),
-            Self::Damaged(sequence) => sequence,
+            Self::Damaged(sequence) | Self::Unreadable(sequence) => sequence,
+        }
+    }
+
+    /// Whether this may be newer than `newest`, and could not be read.
+    fn is_unreadable(self, newest: Option<Newest>) -> bool {
+        match (self, newest) {
+            (Self::Unreadable(Some(sequence)), Some(newest)) => is_newer(sequence, newest.header.sequence),
+            (Self::Unreadable(_), _) => true,
+            _ => false,
         }
     }
 
@@ -210,8 +235,12 @@ impl Slot {
     }
 }
 
-/// So often what could not be read is read again while there is nothing to write.
-const LOOKS: u8 = 8;
+/// After so many looks a slot that cannot be read is torn, if the other one has a whole record.
+const LOOKS: u8 = 4;
+/// From one look to the next.
+const LOOK_PAUSE: Duration = Duration::from_secs(1);
+/// The same after [`LOOKS`].
+const LONG_PAUSE: Duration = Duration::from_secs(10);
 
 /// What is known of the slot that the next record goes to.
 #[derive(Clone, Copy, Debug)]
@@ -248,13 +277,15 @@ pub(crate) struct Record<F> {
     spare: Spare,
     /// The job that is done, as long as it is asked for.
     done: Option<u32>,
-    /// How many slots could not be read.
+    /// How many slots could not be read that may have the newest record.
     unreadable: u8,
-    /// A row of the newest record could not be read.
+    /// What is newest was not read as a whole: to be [looked at again](Self::look_again).
     is_unread: bool,
     is_damaged: bool,
-    /// How often to look again before there is something to write.
+    /// How many looks are left until a slot that cannot be read is torn.
     looks: u8,
+    /// The next look is not before.
+    look_from: Instant,
 }
 
 impl<F: NorFlash> Record<F> {
@@ -292,6 +323,7 @@ impl<F: NorFlash> Record<F> {
             is_unread: false,
             is_damaged: false,
             looks: LOOKS,
+            look_from: Instant::ZERO,
         }
     }
 
@@ -303,69 +335,87 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// Finds the newest whole record. A slot that cannot be read counts as torn when the other one has a record: after a power
-    /// cut, memory with error correction may refuse to read what was being written.
+    /// Finds the newest whole record.
     ///
     /// # Errors
     ///
-    /// Neither slot has a whole record, and one cannot be read or is damaged. Where there is one beside damage,
-    /// [`is_damaged`](Self::is_damaged) says so.
+    /// What may be the newest record cannot be read; after [`LOOKS`] that is no error if only the header of one slot cannot, and the
+    /// other one has a whole record: a power cut leaves that where memory has error correction. Or neither slot has a whole
+    /// record, and one is damaged. Where there is one beside damage, [`is_damaged`](Self::is_damaged) says so.
     pub(crate) fn open(&mut self) -> Result<Option<Header>, RestoreError<F::Error>> {
         let second_slot = self.start.saturating_add(self.slot_len);
-        let first = self.examine(self.start);
-        let second = self.examine(second_slot);
-        let slots = [first.as_ref().ok().copied(), second.as_ref().ok().copied()];
+        let mut error = None;
+        let slots = [self.start, second_slot].map(|slot| self.examine(slot, &mut error));
         let newer = |a: Option<u32>, b: Option<u32>| match (a, b) {
             (Some(a), Some(b)) => Some(if is_newer(b, a) { b } else { a }),
             _ => a.or(b),
         };
         self.done = None;
-        self.is_unread = false;
-        self.unreadable = u8::from(first.is_err()).saturating_add(u8::from(second.is_err()));
-        self.sequence = slots.iter().flatten().map(|slot| slot.sequence()).fold(None, newer);
-        self.newest = match slots.map(|slot| slot.and_then(Slot::whole)) {
+        self.sequence = slots.iter().map(|slot| slot.sequence()).fold(None, newer);
+        self.newest = match slots.map(Slot::whole) {
             [Some(first), Some(second)] if is_newer(second.header.sequence, first.header.sequence) => Some(second),
             [first, second] => first.or(second),
         };
-        self.is_damaged = slots.iter().flatten().any(|slot| slot.is_damage(self.newest));
+        let newest = self.newest;
+        self.unreadable = slots.iter().map(|slot| u8::from(slot.is_unreadable(newest))).fold(0, u8::saturating_add);
+        if self.unreadable == 0 {
+            self.looks = LOOKS;
+        }
+        let is_torn = self.looks == 0 && newest.is_some();
+        self.is_unread = self.unreadable > 0 && !is_torn;
+        // A body that stays unreadable under a good header is not what a power cut leaves.
+        let is_damage = |slot: &Slot| match slot {
+            Slot::Unreadable(Some(_)) => is_torn && slot.is_unreadable(newest),
+            _ => slot.is_damage(newest),
+        };
+        self.is_damaged = slots.iter().any(is_damage);
         // What cannot be read now, or not any more, is left alone until there is something to write.
         let is_left_alone = self.unreadable > 0 || self.is_damaged;
         self.spare = if is_left_alone { Spare::Failing } else { Spare::Dirty(0) };
-        self.spare_slot = match (self.newest, slots) {
+        self.spare_slot = match (newest, slots) {
             (Some(newest), _) if newest.slot == self.start => second_slot,
             // Damage outlasts what replaces it, and what cannot be read is replaced first: erasing may mend that.
-            (None, [Some(_), None] | [Some(Slot::Damaged(_)), Some(Slot::Blank)]) => second_slot,
+            (None, [Slot::Blank | Slot::Damaged(_), Slot::Unreadable(_)] | [Slot::Damaged(_), Slot::Blank]) => {
+                second_slot
+            }
             _ => self.start,
         };
-        match (first, second) {
-            (Err(error), _) | (_, Err(error)) if self.newest.is_none() => Err(RestoreError::Storage(error)),
-            _ if self.newest.is_none() && self.is_damaged => Err(RestoreError::Damaged),
-            _ => Ok(self.newest.map(|newest| newest.header)),
+        match error {
+            Some(error) if self.is_unread => Err(RestoreError::Storage(error)),
+            _ if newest.is_none() && self.is_damaged => Err(RestoreError::Damaged),
+            _ => Ok(newest.map(|newest| newest.header)),
         }
     }
 
     /// What lies in a slot.
-    fn examine(&mut self, slot: u32) -> Result<Slot, F::Error> {
+    fn examine(&mut self, slot: u32, error: &mut Option<F::Error>) -> Slot {
         if self.slot_len < BODY {
-            return Ok(Slot::Blank);
+            return Slot::Blank;
         }
         let mut row = [0; ROW];
-        self.flash.read(slot, &mut row)?;
+        if let Err(failure) = self.flash.read(slot, &mut row) {
+            *error = Some(failure);
+            return Slot::Unreadable(None);
+        }
         let Some(header) = Header::decode(&row, self.kind) else {
-            // A new chip has one byte everywhere, flash 0xFF, FRAM any; and a header that ends erased was never whole.
-            let [first, ..] = row;
-            let is_blank = row == [first; ROW] || row.ends_with(&[0xFF; 4]);
-            return Ok(if is_blank { Slot::Blank } else { Slot::Damaged(None) });
+            return if was_header(&row, self.kind) { Slot::Damaged(None) } else { Slot::Blank };
         };
-        let is_whole = self.is_len(header.len) && {
-            let mut crc = Crc32::new();
-            self.scan(slot.saturating_add(BODY), header.len, |bytes| {
-                crc.add(bytes);
-                true
-            })?;
-            crc.sum() == header.body_crc
+        let mut crc = Crc32::new();
+        let add = |bytes: &[u8]| {
+            crc.add(bytes);
+            true
         };
-        Ok(if is_whole { Slot::Whole(Newest { slot, header }) } else { Slot::Damaged(Some(header.sequence)) })
+        if self.is_len(header.len)
+            && let Err(failure) = self.scan(slot.saturating_add(BODY), header.len, add)
+        {
+            *error = Some(failure);
+            return Slot::Unreadable(Some(header.sequence));
+        }
+        if self.is_len(header.len) && crc.sum() == header.body_crc {
+            Slot::Whole(Newest { slot, header })
+        } else {
+            Slot::Damaged(Some(header.sequence))
+        }
     }
 
     /// Whether a body can have this length.
@@ -394,6 +444,11 @@ impl<F: NorFlash> Record<F> {
         self.unreadable > 0
     }
 
+    /// Whether a [`step`](Self::step) reads again what could not be read, and does nothing else.
+    pub(crate) const fn is_unread(&self) -> bool {
+        self.is_unread && matches!(self.spare, Spare::Failing)
+    }
+
     /// Whether there is damage that no power cut leaves.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.is_damaged
@@ -408,19 +463,15 @@ impl<F: NorFlash> Record<F> {
         let mut row = [0; ROW];
         let read = self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row);
         if read.is_err() {
-            self.put_off();
+            // That comes first.
+            (self.is_unread, self.spare) = (true, Spare::Failing);
         }
         read.map(|()| Some(row))
     }
 
-    /// The newest record was not read as a whole: that comes first.
-    pub(crate) const fn put_off(&mut self) {
-        (self.is_unread, self.spare) = (true, Spare::Failing);
-    }
-
     /// Erases at most one unit or writes at most [`CHUNK`] bytes, towards a record that is what `job` says, or, without
     /// one, towards a blank spare slot. `row` gives a row of the body; `None` gives the job up.
-    pub(crate) fn step(&mut self, job: Option<Job>, row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
+    pub(crate) fn step(&mut self, now: Instant, job: Option<Job>, row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
         if job.is_none() || self.done != job.map(|job| job.id) {
             self.done = None;
         }
@@ -435,7 +486,7 @@ impl<F: NorFlash> Record<F> {
                 let _ = self.open();
                 Step::Busy
             }
-            (Spare::Failing, job) if self.unreadable > 0 || self.is_unread => self.look_again(job.is_some()),
+            (Spare::Failing, job) if self.is_unread => self.look_again(now, job.is_some()),
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
             (Spare::Failing, Some(_)) => {
                 self.spare = Spare::Dirty(0);
@@ -455,32 +506,27 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// Reads what could not be read before. When there is something to write, a slot that still cannot be read is given up, as a
-    /// power cut may have left it; not both, for one of them has what was complete.
+    /// Reads what could not be read before, at most once a second. After [`LOOKS`], when there is something to write, a slot that
+    /// still cannot be read is given up; not both, for one of them has what was complete.
     #[inline(never)]
-    fn look_again(&mut self, is_wanted: bool) -> Step {
-        if !is_wanted && self.looks == 0 {
+    fn look_again(&mut self, now: Instant, is_wanted: bool) -> Step {
+        if now < self.look_from {
             return Step::Idle;
         }
         self.looks = self.looks.saturating_sub(1);
-        let (before, was_unread) = (self.newest, self.is_unread);
+        self.look_from = now.after(if self.looks > 0 { LOOK_PAUSE } else { LONG_PAUSE });
         let _ = self.open();
-        let is_later =
-            |newest: Newest| before.is_none_or(|before| is_newer(newest.header.sequence, before.header.sequence));
-        if self.newest.is_some_and(|newest| was_unread || is_later(newest)) {
-            return Step::Unread;
+        if !self.is_unread {
+            // Also that there is nothing is worth knowing.
+            return if self.newest.is_some() || !is_wanted { Step::Unread } else { Step::Busy };
         }
         match self.unreadable {
-            // Also that there is nothing is worth knowing.
-            0 if !is_wanted => Step::Unread,
-            0 => Step::Busy,
-            _ if !is_wanted => Step::Busy,
-            1 if before.is_none() || self.newest == before => {
-                self.spare = Spare::Dirty(0);
-                Step::Busy
-            }
-            _ => Step::Failed,
+            _ if !is_wanted => return Step::Idle,
+            1 if self.looks == 0 => self.spare = Spare::Dirty(0),
+            1 => {}
+            _ => return Step::Failed,
         }
+        Step::Busy
     }
 
     /// Erases the next unit of the spare slot, unless it is blank.
@@ -552,7 +598,8 @@ impl<F: NorFlash> Record<F> {
         };
         self.newest = Some(Newest { slot, header });
         self.sequence = Some(sequence);
-        (self.unreadable, self.is_damaged) = (0, false);
+        (self.unreadable, self.is_unread, self.is_damaged) = (0, false, false);
+        self.looks = LOOKS;
         self.done = Some(job.id);
         Step::Done
     }

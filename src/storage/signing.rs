@@ -10,6 +10,7 @@ use zeroize::Zeroize;
 use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::frame::SigningKey;
 use crate::service::signing::Signing;
+use crate::time::Instant;
 
 const KIND: u8 = 3;
 const SCHEMA: u16 = 1;
@@ -94,10 +95,15 @@ impl<F: NorFlash> SigningStore<F> {
         Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
     }
 
+    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    pub(crate) const fn is_unread(&self) -> bool {
+        self.record.is_unread()
+    }
+
     /// At most one erase unit or one write of at most 256 bytes, towards what `job` stands for being durable.
-    pub(crate) fn step(&mut self, signing: &Signing, job: Option<u32>) -> Step {
+    pub(crate) fn step(&mut self, now: Instant, signing: &Signing, job: Option<u32>) -> Step {
         let job = job.map(|id| Job { id, schema: SCHEMA, len: LEN });
-        self.record.step(job, |index| row(signing, index))
+        self.record.step(now, job, |index| row(signing, index))
     }
 }
 

@@ -425,6 +425,11 @@ impl Missions {
         self.upload.as_ref().is_some_and(Upload::keeps_out)
     }
 
+    /// Whether somebody waits for storage.
+    pub(crate) const fn awaits_storage(&self) -> bool {
+        self.commit.is_some()
+    }
+
     /// Whether the storage is left alone for a moment. Whoever waits for an answer gets another attempt.
     pub(crate) fn storage_rests(&self, now: Instant) -> bool {
         self.commit.is_none() && now < self.saving.rests_until

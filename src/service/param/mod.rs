@@ -357,9 +357,9 @@ impl Params {
         self.saving(vehicle, |saving, _| saving.limit(refill));
     }
 
-    /// All that storage had came back; from now on it is kept up.
-    pub(crate) fn loaded<V: Parameters>(&mut self, vehicle: &mut V) {
-        self.saving(vehicle, Saving::loaded);
+    /// What storage had came back, or could not be read; from now on it is kept up.
+    pub(crate) fn loaded<V: Parameters>(&mut self, vehicle: &mut V, is_read: bool) {
+        self.saving(vehicle, |saving, generation| saving.loaded(generation, is_read));
     }
 
     /// What could not be read at the start came back, or still cannot be read. What was set since is to be written, later then.

@@ -58,8 +58,13 @@ impl Saving {
         self.attached
     }
 
-    /// The table of this generation is as the storage has it: as far as it could be read.
-    pub(super) fn loaded(&mut self, generation: u32) {
+    /// The table of this generation is as the storage has it. Where that could not be read after all, what was to be written still
+    /// is.
+    pub(super) fn loaded(&mut self, generation: u32, is_read: bool) {
+        self.reload = false;
+        if self.attached && !is_read {
+            return;
+        }
         *self = Self { attached: true, stored: generation, rested: self.rested, wear: self.wear, ..Self::new() };
     }
 

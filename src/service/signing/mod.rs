@@ -1,6 +1,6 @@
 //! Message signing: that a frame's sender has the key, and that the frame is no recording.
 //!
-//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-17. [`Signing`] describes how a frame is judged.
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18. [`Signing`] describes how a frame is judged.
 
 mod policy;
 mod setup;
@@ -155,13 +155,16 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// - **A key that returns.** What is set after another key, or after none, counts as another key: the one before was forgotten.
 ///   So frames that were recorded with it are accepted once more, if they are no more than a minute older than the timestamp
 ///   that it returns with, or than the time that the vehicle told. A timestamp of a minute from now leaves no window.
-/// - **A restart.** Streams are forgotten, and time begins up to a minute ahead of where it was (G-15). What was accepted in the
-///   last minute before may be accepted again, as in other implementations.
+/// - **A restart.** Streams are forgotten, and time begins where it was last stored, up to a minute ahead of that moment (G-15).
+///   So frames that were accepted since may be accepted again, and those of the minute before. By default nothing is stored while
+///   the vehicle is armed: after a restart in flight, that is everything since take-off. [`set_time`](Signing::set_time), called
+///   before frames are received, narrows this to the last minute.
 /// - **The first key.** Frames that were served unverified because there was no key are in no stream. Those signed with the key
 ///   that is set next may be served again for a minute.
 ///
-/// [`refuse_recorded`](Signing::refuse_recorded) closes these windows, if our time is right. It cannot help with a frame that an
-/// attacker kept from the vehicle, which is no replay. A known stream accepts it until a newer frame comes, however late it is
+/// [`refuse_recorded`](Signing::refuse_recorded) closes these windows, if our time is right. After a restart in flight the stored
+/// time is not: there it only helps after `set_time`. It cannot help with a frame that an attacker kept from the vehicle, which is
+/// no replay. A known stream accepts it until a newer frame comes, however late it is
 /// (see [`Signing::age`]).
 ///
 /// # Setting the key
@@ -498,7 +501,7 @@ impl Signing {
             }
             Verdict::Stale => false,
             Verdict::Forged => {
-                hint(now, port);
+                hint(now, port, Answer::WrongKey);
                 false
             }
             Verdict::Unsigned => {
@@ -506,6 +509,10 @@ impl Signing {
                 let is_taken = is_first_key || self.accept(link).takes_unsigned(frame.id(), self.is_active());
                 if !is_taken {
                     self.refuse(|counters| &mut counters.unsigned);
+                    #[cfg(feature = "storage")]
+                    if self.is_lost() && !self.is_active() {
+                        hint(now, port, Answer::LostKey);
+                    }
                 }
                 is_taken
             }

@@ -33,11 +33,17 @@ pub(crate) enum Answer {
     Often,
     /// Nobody asked: frames come that are signed with another key. Gives way to an answer.
     WrongKey,
+    /// Nobody asked: frames are refused because the stored key is lost. Gives way to an answer.
+    LostKey,
 }
 
 impl Answer {
     const fn is_refusal(self) -> bool {
-        matches!(self, Self::Armed | Self::Place | Self::Time | Self::Often | Self::WrongKey)
+        matches!(self, Self::Armed | Self::Place | Self::Time | Self::Often) || self.is_hint()
+    }
+
+    const fn is_hint(self) -> bool {
+        matches!(self, Self::WrongKey | Self::LostKey)
     }
 
     const fn text(self) -> &'static str {
@@ -50,6 +56,7 @@ impl Answer {
             Self::Time => "Signing not changed: bad timestamp",
             Self::Often => "Signing not changed: stored too often, try later",
             Self::WrongKey => "Wrong signing key: set it again on this link",
+            Self::LostKey => "Signing key lost: set it again on this link",
         }
     }
 }
@@ -76,7 +83,7 @@ pub(crate) fn on_frame(
         count(&mut port.counters.out_of_place);
         return true;
     }
-    if !matches!(port.setup, Answer::None | Answer::WrongKey) {
+    if port.setup != Answer::None && !port.setup.is_hint() {
         count(&mut port.counters.no_answer_slot);
         return true;
     }
@@ -114,13 +121,14 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
     Answer::Set
 }
 
-/// A frame came that was not signed with our key. On a link that takes SETUP_SIGNING unsigned its sender can set the key, and is
-/// told so: a station that has another one would hear no answer to anything (G-11).
-pub(super) fn hint(now: Instant, port: &mut Port) {
+/// A frame was refused for want of the right key. On a link that takes SETUP_SIGNING unsigned its sender can set the key, and is
+/// told so: it would hear no answer to anything (G-11, G-18).
+pub(super) fn hint(now: Instant, port: &mut Port, answer: Answer) {
     let signing = &port.config.signing;
-    let is_open = signing.provisioning && signing.accept == Accept::Open;
+    // Every link for provisioning takes the first key.
+    let is_open = signing.provisioning && (answer == Answer::LostKey || signing.accept == Accept::Open);
     if is_open && port.setup == Answer::None && now >= port.hint_from {
-        port.setup = Answer::WrongKey;
+        port.setup = answer;
         port.hint_from = now.after(HINT_PAUSE);
     }
 }

@@ -20,7 +20,7 @@ fn commit<const W: usize, const E: usize>(
 ) -> (RamFlash<W, E>, bool) {
     flash.fuel = fuel;
     let mut store = store(flash);
-    let _ = store.open();
+    look(&mut store);
     let is_done = write(&mut store, 7, new) == Step::Done;
     settle(&mut store);
     let mut flash = store.into_inner();

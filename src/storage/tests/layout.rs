@@ -226,7 +226,7 @@ fn a_newer_schema_is_kept_until_it_is_replaced() {
     assert_eq!(sequences(&store.flash().bytes, 2048), [None, Some(9)]);
 
     let new = Content::new([2, 0, 0], 2);
-    while store.step(Some((1, new.views()))) != Step::Done {
+    while store.step(later(), Some((1, new.views()))) != Step::Done {
         assert_eq!(store.flash().bytes[2048..][..unknown.len()], unknown);
     }
     assert_eq!(sequences(&store.flash().bytes, 2048), [Some(10), Some(9)]);

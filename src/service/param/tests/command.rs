@@ -8,7 +8,7 @@ const NONE: f32 = f32::NAN;
 
 fn with_storage() -> Bench {
     let mut bench = Bench::new();
-    bench.params.loaded(&mut bench.vehicle);
+    bench.params.loaded(&mut bench.vehicle, true);
     bench
 }
 
@@ -198,7 +198,7 @@ fn the_stored_values_come_back() {
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.params.wants_reload(&mut bench.vehicle));
     bench.params.load(&mut bench.vehicle, &stored, both_links(), false);
-    bench.params.loaded(&mut bench.vehicle);
+    bench.params.loaded(&mut bench.vehicle, true);
     assert!(!bench.params.wants_reload(&mut bench.vehicle) && !bench.is_due());
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);
