@@ -24,9 +24,13 @@ fn store(flash: &mut Flash) -> Store<'_> {
     SigningStore::new(flash, 0..REGION)
 }
 
+fn new_rig() -> Rig {
+    Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN.with_provisioning()); 2])
+}
+
 /// A vehicle that starts with this flash.
 fn start(store: &mut Store<'_>) -> Rig {
-    let mut rig = Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN.with_provisioning()); 2]);
+    let mut rig = new_rig();
     rig.stack.restore_signing(rig.now, store, &mut rig.vehicle).expect("flash that can be read");
     rig
 }
@@ -60,8 +64,20 @@ fn with_key(key: [u8; 32]) -> Flash {
 fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     let mut flash = flash.clone();
     flash.power_on();
-    let mut rig = start(&mut store(&mut flash));
-    let timestamp = rig.timestamp();
+    let mut store = store(&mut flash);
+    let mut rig = new_rig();
+    let result = rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle);
+    let mut now = rig.now;
+    if result == Err(RestoreError::Storage(FlashError::Fault)) {
+        // A header that was cut off and cannot be read: after some looks, it does not count.
+        while !rig.stack.persist_signing(now, &mut store, &mut rig.vehicle) {
+            now = now.after(secs(1));
+            assert!(now < rig.now.after(secs(5)));
+        }
+    } else {
+        assert_eq!(result, Ok(()));
+    }
+    let timestamp = rig.signing().timestamp(now);
     let first = rig.transmit(0).swap_remove(0);
     let key = [KEY, OTHER_KEY].into_iter().find(|key| first.is_signed_with(*key));
     assert_eq!(key.is_some(), first.is_signed());
@@ -347,8 +363,8 @@ fn failing_storage_does_not_stop_anything() {
     }
 }
 
-/// Storage that cannot be read is told, and there is no key; one that is empty, or of something else, changes no key that there
-/// is (G-18: of something else it is an error too).
+/// G-18: storage that cannot be read is told, and there is no key; one that is empty, or has something else in it, changes no key
+/// that there is.
 #[test]
 fn what_cannot_be_read() {
     let mut flash = with_key(KEY);
@@ -360,11 +376,11 @@ fn what_cannot_be_read() {
     assert_eq!((text.text.as_bytes(), text.severity), (&b"The signing key cannot be read"[..], MavSeverity::ERROR));
     let mut rng = Rng::new(1);
     let garbage = (0..REGION).map(|_| rng.byte()).collect();
-    for (mut flash, expected) in [(Flash::new(REGION), Ok(())), (Flash::of(garbage), Err(RestoreError::Damaged))] {
+    for mut flash in [Flash::new(REGION), Flash::of(garbage)] {
         let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
         let now = rig.now;
         rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
-        assert_eq!(rig.stack.restore_signing(now, &mut store(&mut flash), &mut rig.vehicle), expected);
+        assert_eq!(rig.stack.restore_signing(now, &mut store(&mut flash), &mut rig.vehicle), Ok(()));
         assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
     }
 }

@@ -7,6 +7,8 @@ mod flash;
 #[path = "support/signer.rs"]
 mod signer;
 mod support;
+#[path = "stored_damage/unread.rs"]
+mod unread;
 
 use flash::{Fault, FlashError, RamFlash};
 use mavstack::dialect::*;
@@ -215,7 +217,10 @@ fn no_key_that_cannot_be_read_is_none() {
         }
         assert!(rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle).is_err());
         assert_eq!(armed_by(&mut rig), [false, has_key, true]);
-        settle(&mut rig, &mut store);
+        for _ in 0..3 {
+            settle(&mut rig, &mut store);
+            rig.run_for(secs(1));
+        }
         assert_eq!(armed_by(&mut rig), [!has_key, true, true]);
         let mut rig = signing_rig();
         assert_eq!(rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle), Ok(()));
