@@ -343,6 +343,9 @@ impl Signing {
     /// recorded with that key before. What was recorded from later than our time, as with a key that comes with an early one, is
     /// not refused.
     ///
+    /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only helps after
+    /// [`set_time`](Self::set_time).
+    ///
     /// The price: our time is up to a minute ahead after a restart. A peer that hears a signed frame of ours follows it, and is
     /// heard from there on. One that does not, as where the link does not sign, is heard when its clock gets there.
     pub fn refuse_recorded(&mut self, now: Instant) {
