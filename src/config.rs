@@ -30,8 +30,8 @@ impl PollBudget {
     /// short they are, 150 a second at a poll every 20 ms; for lines that others fill there is [`for_line`](Self::for_line).
     pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
 
-    /// Enough for a line of `baud` bit/s that is full of short frames, signed or not, and polled every `period`; and a quarter more,
-    /// for what waits after a poll that came late. Never less than [`DEFAULT`](Self::DEFAULT).
+    /// Enough for a line of `baud` bit/s that is full of short frames, signed or not, and polled every `period`; plus a quarter,
+    /// for the backlog after a late poll. Never less than [`DEFAULT`](Self::DEFAULT).
     ///
     /// ```
     /// use mavstack::{Duration, PollBudget};
@@ -41,7 +41,8 @@ impl PollBudget {
     ///
     /// # Panics
     ///
-    /// When the line brings more than 98 MB between two polls, which no budget can express: in a `const` a compile error.
+    /// Panics when the line delivers more than 98 MB between two polls, which no budget can express. In a `const` this is
+    /// a compile error.
     #[allow(
         clippy::as_conversions,
         reason = "const fn: `From` cannot be called; what is made narrower is no larger than its type"
@@ -179,15 +180,15 @@ pub struct Config {
     /// that find telemetry need not ask for it.
     pub streams_wait_for_peer: bool,
     /// Whether frames with source component 0 are accepted: true (S-11). MAVLink does not allow them, but pymavlink's
-    /// `mavlink_connection` sends them unless `source_component` is given, and PX4 and ArduPilot answer. Answers are addressed
-    /// to component 0 of that system. Otherwise such frames are dropped and counted in
+    /// `mavlink_connection` sends them unless `source_component` is given, and PX4 and ArduPilot answer them. Answers are
+    /// addressed to component 0 of that system. Otherwise such frames are dropped and counted in
     /// [`zero_source`](crate::RxCounters::zero_source).
     pub accepts_component_0: bool,
     /// The bound of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,
-    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are floats: true by default, for
-    /// a client that asks in the old form waits for the old form. PX4 and ArduPilot do the same. False answers
-    /// MISSION_ITEM_INT, as the definitions ask for today (M-61).
+    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are floats: true by default,
+    /// because a client that uses the old request expects the old item. PX4 and ArduPilot do the same. If false, the answer
+    /// is MISSION_ITEM_INT, as the current definitions require (M-61).
     pub float_mission_items: bool,
     /// Whether the MISSION_ACK that accepts an upload is sent once more 400 ms later, for lossy lines: QGroundControl fails
     /// an upload whose final answer is lost, and does not ask again (M-31). A client that clears the same plan within these
@@ -196,19 +197,19 @@ pub struct Config {
     /// How many more times MISSION_ITEM_REACHED is sent, once a second, for lossy lines: none at first; more than 3 count
     /// as 3 (M-91).
     pub item_reached_repeats: u8,
-    /// How long a store takes to bear one more write that a peer causes: 15 minutes by default (C-15). [`Duration::ZERO`] is no
-    /// limit, for FRAM.
+    /// The time in which a store regains one token for a write that a peer causes: 15 minutes by default (C-15).
+    /// [`Duration::ZERO`] disables the limit, for FRAM.
     ///
-    /// Each store, of plans, parameters and key, has a bucket of 128 tokens, full at the start; one comes back in this time. A
-    /// token is a write of the parameters or of the key, a clear, or a plan up to a quarter of plan memory; a plan that fills it
-    /// takes four. What has no token is refused or waits: a plan is DENIED at its beginning, MAV_CMD_PREFLIGHT_STORAGE is
-    /// TEMPORARILY_REJECTED, SETUP_SIGNING is refused with a text, and changed parameters are written later. What the vehicle
-    /// does itself is not refused.
+    /// Each store (plans, parameters, key) has a token bucket of 128 tokens, which is full at the start. A write of the
+    /// parameters or of the key, a clear, and a plan of up to a quarter of plan memory each take one token; a plan that fills
+    /// plan memory takes four. Without a token, a plan is DENIED at its beginning, MAV_CMD_PREFLIGHT_STORAGE is
+    /// TEMPORARILY_REJECTED, SETUP_SIGNING is refused with a text, and changed parameters are written later. Writes by the
+    /// vehicle itself are never refused.
     ///
-    /// The arithmetic: a peer that floods causes 128 writes, then 96 a day. Two slots of flash that bears 10,000 erases take 20,000
-    /// writes, which is 207 days of uninterrupted flood. An honest day of 20 uploads that fill plan memory takes 80 tokens, 100
-    /// single changes of parameters 100 of another bucket. A restart fills the buckets: a peer that may restart the vehicle may
-    /// cause more.
+    /// With the default, a flooding peer causes 128 writes, then 96 a day. Two slots of flash rated for 10,000 erases take 20,000
+    /// writes: 207 days of uninterrupted flood. In regular use, a day with 20 uploads that fill plan memory takes 80 tokens; 100
+    /// single parameter changes take 100 tokens of another bucket. A restart refills the buckets: a peer that may restart the
+    /// vehicle may cause more writes.
     pub storage_refill: Duration,
 }
 

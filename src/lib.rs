@@ -36,7 +36,7 @@
 //!
 //! impl Commands for Rover {
 //!     fn command(&mut self, command: &Command) -> Outcome {
-//!         // UNSUPPORTED when it is another one, DENIED when its parameters are not as they may be.
+//!         // UNSUPPORTED when it is another command, DENIED when its parameters are invalid.
 //!         match command.decode() {
 //!             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
 //!             Ok(_) => return MavResult::DENIED.into(),
@@ -126,13 +126,13 @@
 //!
 //! # Features
 //!
-//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and counts of drops at most once a
+//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters at most once a
 //!   second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
 //! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
 //!   (`metadata`).
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
-//!   refuses; for commands and modes at most one a second and link.
+//!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.
 //! - `signing`: frames are signed and verified, see `Signing`.
 //! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]

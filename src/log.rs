@@ -1,4 +1,4 @@
-//! Log events: one per protocol transition, and a count of drops at most once a second; compiled to nothing without the feature
+//! Log events: one per protocol transition, and drop counters at most once a second; compiled to nothing without the feature
 //! `defmt`.
 
 #[cfg(any(test, feature = "defmt"))]
@@ -16,14 +16,14 @@ macro_rules! event {
     ($format:literal $(, $arg:expr)* $(,)?) => { { $( let _ = &$arg; )* } };
 }
 
-/// When a count of drops is logged: at most once a second, and only when it has changed. An event for each drop would be slower
-/// than the noise that causes it.
+/// Rate limit for logging a drop counter: at most once a second, and only when it has changed. Logging each drop would take
+/// longer than receiving the noise that causes it.
 #[cfg(any(test, feature = "defmt"))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DropLog {
-    /// As last logged.
+    /// The count, as last logged.
     count: u32,
-    /// From when on it may be logged again.
+    /// When it may be logged again.
     due: Instant,
 }
 
@@ -33,7 +33,7 @@ impl DropLog {
 
     pub(crate) const NEW: Self = Self { count: 0, due: Instant::ZERO };
 
-    /// Whether `count` is to be logged now; it then counts as logged.
+    /// Returns whether to log `count` now; if so, it counts as logged.
     pub(crate) fn is_due(&mut self, now: Instant, count: u32) -> bool {
         let is_due = count != self.count && now >= self.due;
         if is_due {
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    /// SEC-2: however fast a count grows, it is logged once a second, and its last value is.
+    /// SEC-2: however fast a counter grows, it is logged once a second, and its last value is always logged.
     #[test]
     fn counts_are_logged_once_a_second() {
         let mut log = DropLog::NEW;

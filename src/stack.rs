@@ -85,7 +85,7 @@ struct Core {
     params: Params,
     /// The vehicle's mode, as last reported in CURRENT_MODE.
     mode: u32,
-    /// What heartbeats say, as of the last look.
+    /// The state that heartbeats report, as last seen.
     state: VehicleState,
     /// Whether the vehicle had a state at the last look: not while it is in a fault.
     has_state: bool,
@@ -94,17 +94,17 @@ struct Core {
     /// Something was done for which an answer may be owed that only the vehicle knows of, on whatever link, or a change is to
     /// be told: who sleeps is to look once more.
     has_acted: bool,
-    /// The sequence number and the low byte of the checksum of the last frame that was received with our own address, until all
-    /// links were asked whether it is an echo.
+    /// The sequence number and the low checksum byte of the last received frame with our own address, until all links have
+    /// checked whether it is an echo.
     own_frame: Option<[u8; 2]>,
     /// Links with frames of others in their queues.
     forwards: LinkMask,
     /// When the loss of all ground stations has a consequence (L-14).
     loss_due: Instant,
-    /// Of what is counted for all links together.
+    /// Drop counters that all links share, as last logged.
     #[cfg(feature = "defmt")]
     drops: DropLog,
-    /// Whose turn it is to write.
+    /// Which store may write.
     #[cfg(feature = "storage")]
     turn: storage::Turn,
 }
@@ -183,8 +183,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         }
     }
 
-    /// Runs the timers: peers that fell silent, transfers that stopped. Looks whether the vehicle's state has changed. Bounded;
-    /// call it in every pass of the loop.
+    /// Runs the timers of silent peers and stalled transfers, and checks whether the vehicle's state has changed. Bounded; call
+    /// it in every pass of the loop.
     pub fn poll<V: Autopilot>(&mut self, now: Instant, vehicle: &mut V) {
         let core = &mut self.core;
         core.has_acted = false;
@@ -439,8 +439,8 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         texts.push(now, self.core.normal, severity, &Text::from_bytes(text));
     }
 
-    /// The peers that were heard, and how well: at most `PEERS`. [`PeerInfo`](PeerInfo#when-the-table-is-full) says
-    /// which one is evicted when the table is full.
+    /// Returns the peers that were heard, with their link quality: at most `PEERS`.
+    /// [`PeerInfo`](PeerInfo#when-the-table-is-full) says which peer is evicted when the table is full.
     pub fn peers(&self) -> &[PeerInfo] {
         &self.peers
     }
@@ -505,7 +505,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
             && is_conflict(&mut self.links, link, own_frame)
         {
             vehicle.peer(PeerEvent::AddressConflict(link));
-            // Not linked where there is no room for texts.
+            // Compiled out where there is no room for texts.
             if TEXTS > 0 {
                 self.core.tell_conflict(now, &mut self.texts);
             }
@@ -545,7 +545,7 @@ impl Core {
         mission::Context { now, plans, texts, normal: self.normal, second_ack: self.config.second_mission_ack }
     }
 
-    /// Each normal link owes an extra heartbeat when what it says has changed (H-16).
+    /// Schedules an extra heartbeat on each normal link when the reported state has changed (H-16).
     fn notice(&mut self, state: Option<VehicleState>) {
         self.has_state = state.is_some();
         if let Some(state) = state.filter(|state| *state != self.state) {
@@ -559,8 +559,8 @@ impl Core {
     }
 }
 
-/// Whether a frame with our own address, received on a link, proves that another vehicle has it: when it is no echo of what any
-/// link sent lately, and not the first of its kind (H-14). Not inlined: it hardly ever happens.
+/// Whether a received frame with our own address proves that another vehicle has that address: it is not an echo of a frame
+/// that any link sent recently, and not the first of its kind (H-14). Not inlined, because it is rare.
 #[inline(never)]
 fn is_conflict(links: &mut [Link], link: LinkId, [seq, checksum]: [u8; 2]) -> bool {
     let is_echo = links.iter().any(|link| link.port.outbox.may_have_sent(seq, checksum));
@@ -575,7 +575,7 @@ fn owe(links: &mut [Link], owed: Option<(LinkId, mission::Reply)>) {
     }
 }
 
-/// So many bytes.
+/// Converts a number of bytes.
 fn length(bytes: u32) -> usize {
     usize::try_from(bytes).unwrap_or(usize::MAX)
 }

@@ -33,7 +33,7 @@ pub struct VehicleState {
 }
 
 impl VehicleState {
-    /// Nothing said yet; all zero bits.
+    /// No state reported yet; all bits are zero.
     pub(crate) const ZERO: Self =
         Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
 }
@@ -135,14 +135,14 @@ pub trait Vehicle {
         None
     }
 
-    /// Handles a frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself, and
-    /// returns whether the vehicle handles that message. False by default: a frame that was addressed to our system is then
-    /// counted as [`unhandled`](crate::LinkCounters::unhandled). With the feature `signing` the frame is one that its link
-    /// accepts (`LinkSigning`); without, a signature was not looked at. Nothing of a high-latency link comes here (L-4), and
-    /// no SETUP_SIGNING, which has a key in it (G-11).
+    /// Handles a frame with a right checksum, addressed to us or to all, whose message the stack does not handle itself.
+    /// Returns whether the vehicle handles that message. The default is false: a frame addressed to our system is then
+    /// counted as [`unhandled`](crate::LinkCounters::unhandled). With the feature `signing`, only frames that their link
+    /// accepts (`LinkSigning`) are passed on; without it, signatures are not verified. Frames from a high-latency link are
+    /// never passed on (L-4), nor is SETUP_SIGNING, which contains a key (G-11).
     ///
-    /// Setpoints (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET) come here too: the stack has
-    /// no service for offboard control yet.
+    /// Setpoints (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET) are passed on too: the
+    /// stack has no service for offboard control yet.
     fn message(&mut self, frame: &Frame<'_>, link: LinkId) -> bool {
         let _ = (frame, link);
         false
@@ -166,14 +166,14 @@ pub struct Command {
     /// The link's class: what came by [`HighLatency`](LinkClass::HighLatency) may be old, and overtaken by others (L-16). A
     /// vehicle may refuse to arm or take off for that.
     pub class: LinkClass,
-    /// How old it was when it came, by its signature: the time then, less its timestamp. The time is the latest that the vehicle
-    /// told by `Signing::set_time`, or else what the peer furthest ahead told by its signatures: `Signing::age` has the details.
-    /// `None` when neither told it since the start, when the command is not signed, and without the feature `signing`. It is as
-    /// good as both clocks: a sender whose clock is late makes its commands look older than they are, and one whose clock is
-    /// ahead makes them look younger. Nothing else tells how old a command is: MAVLink's commands have no time of their own.
+    /// Age of the command when it was received, by its signature: the current time minus its timestamp. The current time is the
+    /// latest one from `Signing::set_time`, or else the latest timestamp of any peer: `Signing::age` has the details. `None`
+    /// when neither is known since the start, when the command is not signed, and without the feature `signing`. The age is only
+    /// as accurate as both clocks: a sender whose clock is behind makes its commands look older than they are, one whose clock
+    /// is ahead makes them look younger. There is no other source for the age, because MAVLink's commands carry no timestamp.
     pub age: Option<Duration>,
-    /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on such a one. The stack itself denies
-    /// those that would reset, erase or restart, as PREFLIGHT_STORAGE and PREFLIGHT_REBOOT_SHUTDOWN (C-14).
+    /// Whether it was sent to every system (C-1): a vehicle may refuse to arm or take off on a broadcast. The stack itself
+    /// denies broadcasts that would reset, erase or restart, such as PREFLIGHT_STORAGE and PREFLIGHT_REBOOT_SHUTDOWN (C-14).
     pub is_broadcast: bool,
     /// 0 at first, rising with each repetition; COMMAND_INT has none. Many clients never raise it (C-10).
     pub confirmation: u8,
@@ -253,8 +253,8 @@ impl From<MavResult> for Outcome {
 ///   COMMAND_INT ──┘                 (COMMANDS)           (command_memory) └─▶ command ─┘
 /// ```
 ///
-/// What the stack refuses on this way it explains in a STATUSTEXT on the sender's link, at most once a second (feature
-/// `plan-texts`). What the vehicle refuses in [`command`](Self::command) is the vehicle's to explain:
+/// The stack explains its own refusals in a STATUSTEXT on the sender's link, at most once a second (feature
+/// `plan-texts`). The vehicle must explain what it refuses in [`command`](Self::command) itself, with
 /// [`Stack::send_text`](crate::Stack::send_text).
 pub trait Commands {
     /// Commands whose form, frame and parameters the stack checks before the vehicle hears of them (C-5), and those that
@@ -451,13 +451,13 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Whether the storage of plans, parameters and key may be written now: asked before every erase and every write (SEC-12),
-    /// which on a microcontroller's own flash stop the processor for milliseconds to seconds. Where an upload is to be durable,
-    /// it is refused at its beginning while this is false (M-44); parameters and the signing time wait.
+    /// Returns whether the storage of plans, parameters and key may be written now. It is called before every erase and every
+    /// write (SEC-12), which on a microcontroller's own flash stop the processor for milliseconds to seconds. While this is
+    /// false, a durable upload is refused at its beginning (M-44), and parameters and the signing time wait.
     ///
-    /// By default it is true while the vehicle is disarmed, as [`state`](Vehicle::state) tells. In a fault, when `state` is `None`, it
-    /// is false: the vehicle may be flying. A vehicle whose storage writes without stopping the processor, as FRAM
-    /// does, may return true always.
+    /// By default it is true while [`state`](Vehicle::state) says that the vehicle is disarmed. In a fault, when `state` is
+    /// `None`, it is false, because the vehicle may be flying. A vehicle whose storage does not stop the processor, FRAM for
+    /// example, can always return true.
     fn may_persist(&self) -> bool {
         self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
     }
@@ -484,10 +484,11 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// How far the first waypoint of a mission may be, and from where: usually home, or where the vehicle is; the limit is in
-    /// metres. A mission whose first item with a position is farther away is refused with `INVALID_PARAM5_X` and a text, when
-    /// it is uploaded, loaded, or comes back from storage (M-48). `None`, as by default, is no limit, and is right as long as
-    /// the vehicle does not know where it is. The distance is approximate: to 3 % below 80° of latitude.
+    /// Returns the maximum distance of a mission's first waypoint (m), and the place from which it is measured: usually home
+    /// or the vehicle's position. A mission whose first waypoint is farther away is refused with `INVALID_PARAM5_X` and a
+    /// text, when it is uploaded, loaded, or restored from storage (M-48). `None`, the default, means no limit; return it as
+    /// long as the vehicle does not know its position. The distance is accurate to 3 % up to 100 km and below 80° of
+    /// latitude.
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         None
     }
@@ -501,8 +502,8 @@ pub trait Plans: Vehicle {
 
     /// Goes on from item `seq`, which exists, whenever the mission is flown; the flight mode stays as it is (M-92, M-93).
     /// With `reset` jump counters begin anew, and a mission that was complete is ACTIVE or PAUSED again. Asked for by
-    /// MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT; what [`Commands::COMMANDS`] declares of the first holds for
-    /// both, and so does [`Commands::is_in_control`] (M-46).
+    /// MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT; what [`Commands::COMMANDS`] declares for the command
+    /// applies to both, and so does [`Commands::is_in_control`] (M-46).
     fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
         let _ = (seq, reset);
         MavResult::UNSUPPORTED
@@ -519,8 +520,8 @@ pub trait Plans: Vehicle {
 
 /// Telemetry: the messages in which the vehicle tells of itself, when it is asked to and in streams.
 ///
-/// A message that is filled only in part begins with its constant `UNKNOWN`: in most fields zero is a reading, an empty battery
-/// for example, and MAVLink has another value for "not known". `Default` is zero in every field.
+/// Start from a message's constant `UNKNOWN` when you fill only a part of it: in most fields zero is a measured value, an empty
+/// battery for example, and MAVLink has another value for "not known". `Default` is zero in every field.
 ///
 /// ```
 /// use mavstack::dialect::{Attitude, BatteryStatus, MavDataStream};

@@ -328,17 +328,17 @@ fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
     candidates.max_by_key(|scalar| uses.get(scalar).copied().unwrap_or(0)).unwrap_or(Scalar::U64)
 }
 
-/// The value of a field, whose elements have the type `element`, that says "not known"; `None` when it is zero or there is
-/// none.
+/// Returns the literal that means "not known" in a field with elements of type `element`; `None` when the value is zero or
+/// the field has none.
 fn unknown_value(dialect: &Dialect, field: &Field, element: &str) -> Option<String> {
-    // Checked when it was loaded.
+    // Already checked when the definition was loaded.
     let values = unknown::values(dialect, field).unwrap_or_default();
     let is_set = |value: &Option<unknown::Value>| value.is_some_and(|value| !value.is_zero());
     if !values.iter().any(is_set) {
         return None;
     }
     let is_number = match field.scalar {
-        // The bytes of a `Text`.
+        // A `Text` is built from its bytes.
         Scalar::Char => field.array.is_some(),
         scalar => element == scalar.rust_name(),
     };

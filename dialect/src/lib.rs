@@ -22,7 +22,8 @@
 //! An enumeration has the integer type that most of its fields have, and such fields have its type; other fields remain
 //! integers, and their documentation names the enumeration.
 //!
-//! A field whose definition has `invalid` gets that value behind its type: what it is in the constant `UNKNOWN` of its message.
+//! A field with the attribute `invalid` gets that value after its type: it is the field's value in the message's constant
+//! `UNKNOWN`.
 //!
 //! Rules for commands follow the enumerations, one constant a command: what its parameters may be. Behind them stands a type
 //! for each command that has parameters, whose fields have the names of their labels.

@@ -178,8 +178,8 @@ fn place(origin: &crate::Origin) -> String {
     format!("{}:{}", origin.file.display(), origin.line)
 }
 
-/// Every enumeration that a field names is there, and its value for "not known" is one. (A command's parameter may name an
-/// enumeration that is not: tools only show it.)
+/// Checks that every enumeration named by a field exists, and that each field's `invalid` attribute is valid. (A command's
+/// parameter may name a missing enumeration, because tools only display it.)
 fn check_references(dialect: &Dialect) -> Result<(), Error> {
     for message in &dialect.messages {
         for field in &message.fields {

@@ -1,8 +1,8 @@
-//! The `invalid` attribute: the value of a field that says "not known".
+//! The `invalid` attribute: the value of a field that means "not known".
 //!
-//! Notations: <https://mavlink.io/en/guide/xml_schema.html>. `v` is the value of a field; for an array `[v]` is the value of
-//! each element, `[v:]` the value of the first one, which speaks for all, and `[v,,w,]` has a value by element, with gaps.
-//! A value is a number, NaN, a limit of C (`UINT16_MAX`) or an entry of the field's enumeration.
+//! Notations: <https://mavlink.io/en/guide/xml_schema.html>. `v` is the value of a scalar field. For an array, `[v]` is the
+//! value of every element, `[v:]` the value of the first element, which stands for the whole array, and `[v,,w,]` lists
+//! values by element, with gaps. A value is a number, NaN, a C limit (`UINT16_MAX`) or an entry of the field's enumeration.
 
 use crate::{
     Dialect,
@@ -10,11 +10,12 @@ use crate::{
     parse,
 };
 
-/// The values of a field's elements, one for a field that is no array: `None` where there is no way to say "not known".
+/// Returns the value of each of the field's elements, or a single value for a scalar field; `None` where there is no
+/// value for "not known".
 ///
 /// # Errors
 ///
-/// What is wrong with the attribute.
+/// Describes what is wrong with the attribute.
 pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Value>>, String> {
     let count = usize::from(field.array.unwrap_or(1));
     let text = field.invalid.as_str();
@@ -38,7 +39,7 @@ pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Valu
     for text in list.split(',') {
         values.push(if text.trim().is_empty() { None } else { Some(one(text)?) });
     }
-    // A comma at the end: the rest cannot say so.
+    // After a trailing comma, the remaining elements have no such value.
     if values.len() > count && values[count..].iter().any(Option::is_some) {
         return Err(format!("invalid: `{text}` has more values than the array has elements, {count}"));
     }
@@ -46,7 +47,7 @@ pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Valu
     Ok(values)
 }
 
-/// A value that says "not known".
+/// A value that means "not known".
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Value {
     Integer(i128),
@@ -54,7 +55,7 @@ pub(crate) enum Value {
 }
 
 impl Value {
-    /// Whether all its bits are zero, as in a field that is not set.
+    /// Whether all its bits are zero, as in a field that was never set.
     pub(crate) fn is_zero(self) -> bool {
         match self {
             Self::Integer(value) => value == 0,
@@ -62,7 +63,7 @@ impl Value {
         }
     }
 
-    /// The literal of Rust.
+    /// Returns the Rust literal.
     pub(crate) fn literal(self, scalar: Scalar) -> String {
         let name = if scalar == Scalar::Char { "u8" } else { scalar.rust_name() };
         match self {
@@ -86,7 +87,7 @@ fn value(text: &str, scalar: Scalar, enumeration: Option<&Enum>) -> Result<Value
             Some(integer) => integer.to_string().parse().map_err(|_| not_one())?,
             None => text.parse::<f64>().map_err(|_| not_one())?,
         };
-        // As it arrives: `UINT64_MAX` has more digits than a float.
+        // Rounded as on the wire: `UINT64_MAX` has more digits than an `f32`.
         let number = if scalar == Scalar::F32 { f64::from(number as f32) } else { number };
         if number.is_infinite() {
             return Err(not_one());
@@ -104,7 +105,7 @@ fn value(text: &str, scalar: Scalar, enumeration: Option<&Enum>) -> Result<Value
     Ok(Value::Integer(integer))
 }
 
-/// `UINT16_MAX` and its like.
+/// Parses a C limit such as `UINT16_MAX`.
 fn limit(text: &str) -> Option<i128> {
     let (name, limit) = text.rsplit_once('_')?;
     let scalar = Scalar::ALL.into_iter().find(|scalar| {

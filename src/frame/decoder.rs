@@ -103,7 +103,7 @@ impl RxCounters {
 #[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
-    /// Source components below this are refused: 0, or 1 where component 0 is (S-11).
+    /// Source components below this are refused: 0 by default, 1 where component 0 is refused (S-11).
     least_component: u8,
     window: Window,
     /// When the last byte came.
@@ -205,13 +205,13 @@ impl Decoder {
     /// Before it is [configured](Self::configure); all zero bits.
     pub(crate) const VACANT: Self = Self::with(0, 0);
 
-    /// An empty decoder that drops a candidate `stale_after` its last byte; from 71 minutes on never. It accepts frames with
-    /// source component 0, which MAVLink does not allow and pymavlink sends by default (S-11).
+    /// Returns an empty decoder that drops a candidate `stale_after` its last byte; a time of 71 minutes or more means
+    /// never. It accepts frames with source component 0, which MAVLink does not allow but pymavlink sends by default (S-11).
     pub const fn new(stale_after: Duration) -> Self {
         Self::with(micros(stale_after), 1)
     }
 
-    /// Made here and not from a constant: that would be an initialiser copied from flash.
+    /// Built here and not from a constant, which would be an initialiser copied from flash.
     const fn with(stale_after: u32, wanted: Position) -> Self {
         Self {
             buffer: [0; BUFFER_LEN],

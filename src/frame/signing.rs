@@ -37,7 +37,7 @@ impl SigningKey {
         Self(Wiped(bytes))
     }
 
-    /// Whether both keys are the same, found out in the same time wherever they differ.
+    /// Compares two keys in constant time.
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         is_same(&self.0.0, &other.0.0)
     }

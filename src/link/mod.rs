@@ -194,8 +194,8 @@ pub struct LinkCounters {
     pub tx_bytes: u32,
     /// Frames for other systems or components, which are not acted on.
     pub not_ours: u32,
-    /// Frames with our own address as sender: an echo, or another vehicle that has it (R-8, H-14). Three that are no echo of the
-    /// last 256 frames of a link are a [conflict](crate::PeerEvent::AddressConflict).
+    /// Frames with our own address as sender: an echo, or another vehicle with the same address (R-8, H-14). Three of them that
+    /// are not echoes of the last 256 frames of any link are a [conflict](crate::PeerEvent::AddressConflict).
     pub own_address: u32,
     /// Frames whose id is unknown: not acted on (S-12).
     pub unknown: u32,
@@ -210,7 +210,7 @@ pub struct LinkCounters {
     /// memory for signing also SETUP_SIGNING (G-11), and all that comes by a link that is not open to frames without a signature.
     pub out_of_place: u32,
     /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
-    /// example. What is for everyone is not counted here: nobody has to handle it.
+    /// example. Broadcasts are not counted here, because no component has to handle them.
     pub unhandled: u32,
     /// Errors of the transport while reading, overruns among them (S-20).
     pub read_errors: u32,
@@ -289,19 +289,20 @@ pub(crate) struct Port {
     pub(crate) text: TextCursor,
     pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
-    /// What is to be told of SETUP_SIGNING.
+    /// The pending text about SETUP_SIGNING.
     #[cfg(feature = "signing")]
     pub(crate) setup: Answer,
-    /// Before this moment no hint is given to a station that signs with another key.
+    /// No hint is sent before this moment to a station that signs with another key.
     #[cfg(feature = "signing")]
     pub(crate) hint_from: Instant,
-    /// Frames with our address that are no echo. At [`CONFLICT`](Self::CONFLICT) the vehicle is told (H-14).
+    /// Number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle is told
+    /// (H-14).
     pub(crate) strangers: u8,
-    /// When a text said last why a command is refused: see `service::command::refusal`.
+    /// The period in which a refused command was last explained by a text: see `service::command::refusal`.
     pub(crate) refusal: u16,
     /// What the transport said when it was last asked.
     pub(crate) transport: Transport,
-    /// Of what was dropped.
+    /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
     pub(crate) drops: DropLog,
 }
@@ -371,10 +372,10 @@ impl Link {
 }
 
 impl Port {
-    /// So many frames with our address, none of which can be an echo, are another vehicle's.
+    /// This many frames with our address, none of which can be an echo, prove another vehicle.
     const CONFLICT: u8 = 3;
 
-    /// Whether something is to be told of SETUP_SIGNING.
+    /// Whether a text about SETUP_SIGNING is pending.
     #[cfg_attr(not(feature = "signing"), allow(clippy::unused_self, reason = "nobody ever is"))]
     pub(crate) fn is_told_of_setup(&self) -> bool {
         #[cfg(feature = "signing")]
@@ -390,8 +391,8 @@ impl Port {
         }
     }
 
-    /// A frame with our own address was received that no link can have sent. True when by now another vehicle must have that
-    /// address (H-14); true once.
+    /// Counts a frame with our own address that no link can have sent. Returns true, once, when another vehicle must have
+    /// that address (H-14).
     pub(crate) fn is_conflict(&mut self) -> bool {
         if self.strangers >= Self::CONFLICT {
             return false;

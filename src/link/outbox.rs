@@ -7,8 +7,8 @@ use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
 use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
 use crate::message::{Message, MessageInfo};
 
-/// Two bits of the checksum of each of the last 256 frames, by sequence number: an echo of one of them agrees with them, three of
-/// four frames of another vehicle do not (H-14).
+/// Two checksum bits of each of the last 256 frames, by sequence number: an echo always matches them, while three of four frames
+/// of another vehicle do not (H-14).
 #[derive(Clone, Copy, Debug)]
 struct Fingerprints([u8; 64]);
 
@@ -27,7 +27,7 @@ impl Fingerprints {
         (cell.wrapping_shr(Self::shift(seq)) ^ checksum) & 3 == 0
     }
 
-    /// Where in its byte the bits of a number are.
+    /// Returns the position of a sequence number's bits in their byte.
     fn shift(seq: u8) -> u32 {
         u32::from((seq & 3) << 1)
     }
@@ -42,7 +42,7 @@ pub(crate) struct Outbox {
     /// What the link sends now (V-1).
     version: Version,
     seq: u8,
-    /// Whether every sequence number was in use.
+    /// Whether every sequence number has been used.
     has_wrapped: bool,
     fingerprints: Fingerprints,
     bytes: [u8; MAX_FRAME_LEN],
@@ -149,7 +149,7 @@ impl Outbox {
         self.signature == Signature::Due && !self.is_empty()
     }
 
-    /// Signs the frame, with the number of the link. Without a key and a timestamp it is given up.
+    /// Signs the frame with the link's id. Without a key or a timestamp, the frame is dropped.
     #[cfg(feature = "signing")]
     pub(crate) fn sign(&mut self, with: Option<(&SigningKey, u64)>) {
         let frame = usize::from(self.start)..usize::from(self.end);
@@ -161,7 +161,7 @@ impl Outbox {
         }
     }
 
-    /// Whether a frame with this sequence number and the low byte of this checksum can be one of the last 256 that were sent here.
+    /// Whether a frame with this sequence number and low checksum byte can be one of the last 256 frames sent on this link.
     pub(crate) fn may_have_sent(&self, seq: u8, checksum: u8) -> bool {
         (self.has_wrapped || seq < self.seq) && self.fingerprints.agree(seq, checksum)
     }
@@ -289,7 +289,7 @@ mod tests {
         assert!(!outbox.send(&Heartbeat::default()));
         assert!(!outbox.send(&Attitude::default()));
         assert!(!outbox.send_as(Version::V1, &Statustext::default()));
-        assert_eq!((outbox.seq, outbox.pending()), (0, &[][..]), "not a number is used up");
+        assert_eq!((outbox.seq, outbox.pending()), (0, &[][..]), "no sequence number is used up");
         assert!(outbox.send(&HighLatency2::default()));
         assert!(outbox.send(&CommandAck::default()));
         outbox.set_class(LinkClass::Normal);

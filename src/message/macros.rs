@@ -10,8 +10,9 @@
 /// integers, floats, arrays of them, [`Text<N>`](crate::Text) for `char[N]`, and types made by
 /// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
 ///
-/// A field's type may be followed by `= value`: the value that means "not known". The constant `UNKNOWN` has it in that field,
-/// and zero in fields without; `Default` is zero in all. So a message that a vehicle fills only in part begins with `UNKNOWN`.
+/// A field's type may be followed by `= value`: the value that means "not known". The constant `UNKNOWN` has this value in
+/// that field, and zero in fields without one; `Default` is zero in every field. Start from `UNKNOWN` when you fill only a
+/// part of a message.
 ///
 /// The generator writes `, crc_extra = n` behind the id: it has computed the digest already, for the compiler that is slow
 /// work. It is not checked; leave it out of a declaration by hand.
@@ -116,8 +117,8 @@ macro_rules! message {
             };
 
             impl $name {
-                /// A message that knows nothing: each field has the value that means "not known", and zero where the
-                /// definition has no such value. Fill in what you know: `Self { …, ..Self::UNKNOWN }`.
+                /// A message without any known value: each field has the value that means "not known", or zero where
+                /// the definition has no such value. Fill in what you know: `Self { …, ..Self::UNKNOWN }`.
                 #[allow(dead_code, reason = "a private message may be known as a whole")]
                 #[allow(clippy::needless_update, reason = "each field may have such a value")]
                 pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..__ZERO };

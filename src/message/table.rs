@@ -143,7 +143,8 @@ impl MessageInfo {
         (self.id_and_crc >> 24) as u8
     }
 
-    /// Length of the base fields (bytes): the payload of a v1 frame that is sent, and the shortest of one that is received (S-8).
+    /// Length of the base fields (bytes): the payload length of a v1 frame that is sent, and the minimum for one that is received
+    /// (S-8).
     #[inline]
     pub const fn base_len(&self) -> u8 {
         self.base_len

@@ -53,8 +53,8 @@ pub struct ForwardCounters {
     pub duplicates: u32,
     /// Frames that came by this link for somebody who was heard on none.
     pub no_route: u32,
-    /// Addressed frames that were received on this link and handled here only, because their source had no place in the peer
-    /// table. Broadcasts need none.
+    /// Addressed frames that were received on this link and handled locally only, because their source had no entry in the
+    /// peer table. Broadcasts are forwarded without one.
     pub no_peer_slot: u32,
     /// Frames that came by this link and were handled here only, because so many others of this link are to be known again that
     /// there was no place for them. One that comes a second time is handled a second time.
@@ -240,15 +240,16 @@ fn is_command(id: u32) -> bool {
 ///   The refused of all links share the places of one; in a queue they get room only if half of it stays free, or it is empty.
 /// - **Local traffic goes first**: queued frames are sent while the line is idle, one of them and one stream in turn, so they
 ///   delay an answer by no more than one of them. Where answers fill a line, as in the transfer of a plan or of all
-///   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three it is
-///   150 ms, or a frame would be on its way for longer than it is known. Links count as a loop for ten seconds after a
-///   duplicate came by another link than the first: of an addressed frame, or of a broadcast whose source was not heard there.
+///   parameters, nothing else goes out: what has waited for 600 ms is dropped, and counted as stale. In a loop of three the
+///   limit is 150 ms; otherwise a frame could be in transit for longer than it is remembered. Links count as a loop for ten
+///   seconds after a duplicate came by another link than the original: of an addressed frame, or of a broadcast whose source
+///   was not heard there.
 /// - **A full queue drops whole frames**, and counts them. Its last quarter is for what is addressed and accepted.
 ///
-/// A [private](crate::LinkClass::Private) link gets only what is for a component that was heard there. A high-latency
-/// link gets only commands for a peer there, and their answers, and only while no other link reaches that peer: a link
-/// on which its heartbeats are received, or on which any frame of it was received within the last 5 s. A frame for all
-/// components of a system reaches them by a link on which one of them is heard.
+/// A [private](crate::LinkClass::Private) link gets only frames for a component that was heard there. A high-latency
+/// link gets only commands for a peer there, and their answers, and only while no other link reaches that peer. A link
+/// reaches a peer while the peer's heartbeats are received on it, or if any of its frames was received there within the last
+/// 5 s. A frame for all components of a system is sent on every link on which one of them is heard.
 #[derive(Clone, Debug)]
 pub struct ForwardQueues<const LINKS: usize, const BYTES: usize = 512, const SEEN: usize = 256> {
     lanes: [Lane; LINKS],
@@ -307,8 +308,8 @@ pub(crate) enum Passage {
 }
 
 impl Forwarding<'_> {
-    /// Looks at a frame that came by a link, and was accepted there or not. `is_way`: R-4 keeps it from going around, as it is a
-    /// broadcast whose source was heard there before.
+    /// Examines a frame that a link received, and accepted or refused. `is_way`: it is a broadcast whose source was heard there
+    /// before, so R-4 prevents a loop.
     pub(crate) fn examine(
         &mut self,
         now: Instant,
@@ -350,7 +351,7 @@ impl Forwarding<'_> {
         let is_addressed = target.system.0 != 0;
         let (takes, from_link) = (|lane: &Lane| lane.takes(frame.id(), target), LinkMask::of(from));
         let is_normal = |lane: &Lane| lane.class != LinkClass::HighLatency;
-        // Then no satellite message is paid for.
+        // If so, no satellite message is paid for.
         let lives_elsewhere =
             self.lanes.iter().any(|lane| is_normal(lane) && routes.alive.contains(lane.link) && takes(lane));
         let mut takers = LinkMask::NONE;

@@ -22,25 +22,26 @@ use crate::vehicle::{PeerEvent, Vehicle};
 ///
 /// # When the table is full
 ///
-/// A new sender evicts the longest silent peer of the first of these rows that has one to give (H-12):
+/// A new sender evicts a peer of the first row below that has a candidate: the one that has been silent longest (H-12).
 ///
 /// | evicted | by |
 /// |---|---|
 /// | an unverified peer that is not alive | any frame |
 /// | a verified peer that is not alive | a frame of a verified sender |
 /// | an unverified peer that is alive | a frame of a verified sender |
-/// | a living peer that is no ground station | a ground station's heartbeat, or any heartbeat by another link |
-/// | a living ground station | a heartbeat by another link |
+/// | a living peer that is not a ground station | a ground station's heartbeat, or any heartbeat on another link |
+/// | a living ground station | a heartbeat on another link |
 ///
-/// - A peer is verified when its signature was right, or when it was heard on an open link. What other links accept unsigned,
-///   RADIO_STATUS for example, can be anybody's.
-/// - Links share the table. A sender evicts no verified peer of another link, unless that link holds at least two places more than
-///   the sender's own.
+/// - A peer is verified when one of its signatures was right, or when it was heard on an open link. Frames that other links
+///   accept unsigned, such as RADIO_STATUS, verify no sender.
+/// - Links share the table. A sender evicts a peer of another link only if that link holds at least two places more than the
+///   sender's own link.
 /// - Components of our own system are not evicted by other systems, as long as they hold no more than half of the places.
-/// - On a high-latency link, which has no heartbeats, any frame counts as one.
+///   Neither this rule nor the previous one protects an unverified peer from a verified sender.
+/// - On a high-latency link, which has no heartbeats, any frame counts as a heartbeat.
 ///
-/// A sender that finds no place is served all the same, and its broadcasts are forwarded. Addressed frames of it and to it are not:
-/// see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
+/// A sender without a place is still served, and its broadcasts are forwarded. Addressed frames from it or to it are not
+/// forwarded: see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeerInfo {
@@ -60,7 +61,7 @@ pub struct PeerInfo {
     /// Frames that its sequence numbers say were lost on the way (S-16). Wraps.
     pub lost: u32,
     has_heartbeat: bool,
-    /// Whether a frame of it was accepted that nobody else can have sent: a signed one, or any on an open link.
+    /// Whether an accepted frame proves that the peer exists: a signed one, or any frame on an open link.
     is_verified: bool,
     /// Whether frames for it go out on this link.
     pub(super) is_route: bool,
@@ -77,8 +78,8 @@ impl PeerInfo {
         self.has_heartbeat.then_some(self.heartbeat)
     }
 
-    /// When its last frame was received. One that needs no signature where others do, as RADIO_STATUS, counts only as long as
-    /// no other was received.
+    /// Returns when its last frame was received. On a link that requires signatures, an exempt unsigned frame such as
+    /// RADIO_STATUS counts only until a verified frame was received.
     pub const fn last_heard(&self) -> Instant {
         self.heard
     }
@@ -117,11 +118,11 @@ pub(crate) struct Reception {
     pub(crate) now: Instant,
     pub(crate) link: LinkId,
     pub(crate) class: LinkClass,
-    /// Whether it is its sender's, and not one that anybody may have sent.
+    /// Whether the sender is verified: the frame is signed, or the link is open.
     pub(crate) is_verified: bool,
 }
 
-/// Books a checked frame. `own` is our own system.
+/// Records a checked frame in the peer table. `own` is our own system.
 pub(crate) fn on_frame(
     peers: &mut Peers,
     by: Reception,
@@ -144,7 +145,7 @@ pub(crate) fn on_frame(
         lost: 0,
         has_heartbeat: false,
         is_verified,
-        // No way is learned from what anybody may have sent.
+        // An unverified frame must not teach a route.
         is_route: is_verified,
         seq: header.seq,
         time_boot_ms: 0,
@@ -167,7 +168,7 @@ pub(crate) fn on_frame(
     info.received = info.received.wrapping_add(1);
     info.version = header.version;
     info.is_verified |= is_verified;
-    // In the name of a verified peer nobody else says where it is heard.
+    // An unverified frame must not change where a verified peer is heard.
     if is_verified || !info.is_verified {
         info.heard = now;
     }
@@ -212,8 +213,8 @@ pub(crate) fn deadline(peers: &Peers, timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
 }
 
-/// The entry of the sender of `new`, and which one it evicted; `None` when the table is full of entries that keep their places.
-/// `beats`: it is more than an unknown broadcaster.
+/// Returns the entry for the sender of `new`, and the entry that it evicted; `None` when the table is full and nothing can be
+/// evicted. `beats`: the frame counts as a heartbeat.
 fn find_or_insert(
     peers: &mut Peers,
     new: PeerInfo,
@@ -236,7 +237,7 @@ fn find_or_insert(
     let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or(0);
     let is_ours = |info: &PeerInfo| info.peer.address.system == own;
     let ours_stay = !is_ours(&new) && ours.saturating_mul(2) <= peers.len();
-    // 0: keeps its place.
+    // 0: cannot be evicted.
     let rank = |old: &PeerInfo| {
         let is_elsewhere = old.peer.link != new.peer.link;
         let is_poor = is_elsewhere && held(old) <= held(&new).saturating_add(1);

@@ -7,7 +7,8 @@ use crate::link::{LinkMask, Peer};
 use crate::message::Message;
 use crate::time::{Duration, Instant};
 
-/// For so long after a frame of a peer came by a link no broadcast of it goes there, and it counts as reachable there.
+/// For this long after a frame of a peer came by a link, its broadcasts are not forwarded there, and it counts as reachable
+/// there.
 const HEARD: Duration = Duration::from_secs(5);
 
 /// What the peer table says of a frame.
@@ -19,7 +20,7 @@ pub(crate) struct Routes {
     pub(crate) seen: LinkMask,
     /// Links that its target was heard on; all, for a broadcast.
     pub(crate) to: LinkMask,
-    /// Links that its target is alive on, or was heard on [lately](HEARD).
+    /// Links on which its target is alive, or was heard [recently](HEARD).
     pub(crate) alive: LinkMask,
 }
 

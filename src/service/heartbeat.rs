@@ -60,12 +60,12 @@ const MIN_PERIOD: Duration = Duration::from_millis(10);
 /// A link sends at most one extra heartbeat in this time (H-16).
 const EXTRA_PERIOD: Duration = Duration::from_millis(200);
 
-/// When a link's next heartbeat is due: a phase without drift, and no burst after a stall (H-6). Extra heartbeats, which report
-/// a change, leave that phase alone (H-16).
+/// When a link's next heartbeat is due: without drift, and without a burst after a stall (H-6). Extra heartbeats, which report
+/// a change, do not shift the schedule (H-16).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Schedule {
     due: Instant,
-    /// From when on an extra one may be sent.
+    /// When an extra heartbeat may be sent.
     extra: Instant,
 }
 
@@ -78,12 +78,12 @@ impl Schedule {
         now >= self.due
     }
 
-    /// Whether an extra one may be sent.
+    /// Whether an extra heartbeat may be sent.
     pub(crate) fn may_send_extra(&self, now: Instant) -> bool {
         now >= self.extra
     }
 
-    /// An extra one was sent.
+    /// Records that an extra heartbeat was sent.
     pub(crate) fn sent_extra(&mut self, now: Instant) {
         self.extra = now.after(EXTRA_PERIOD);
     }

@@ -135,12 +135,12 @@ pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
     }
 }
 
-/// A mode that is not entered: its number where it has one, and why.
+/// A mode that is refused: its number, if it has one, and the reason.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Refused(pub(crate) Option<u32>, pub(crate) &'static str);
 
-/// A command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE. An error is DENIED, and is to
-/// be explained.
+/// Handles a command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE. An error means
+/// DENIED, and a text must explain it.
 #[inline(never)]
 pub(crate) fn on_command<V: Vehicle + Commands>(
     port: &mut Port,
@@ -245,7 +245,7 @@ fn tell(port: &mut Port) {
     }
 }
 
-/// Sends CURRENT_MODE when `state` has another mode than `told`, the last one that was reported.
+/// Sends CURRENT_MODE when the mode of `state` differs from `told`, the last reported mode.
 pub(crate) fn poll(told: &mut u32, links: &mut [Link], state: Option<VehicleState>) {
     let Some(state) = state.filter(|state| state.custom_mode != *told) else { return };
     *told = state.custom_mode;

@@ -1,18 +1,19 @@
-//! How often peers may have storage written: a token bucket (C-15).
+//! A token bucket that limits the storage writes that peers cause (C-15).
 //!
-//! Flash bears some 10,000 erases of a unit. A peer on an open link can ask for writes at line rate, so what peers cause is
-//! paced, whatever they ask for. One token is a write of the parameters, of the key, or of a plan up to a quarter of plan memory;
+//! Flash endures some 10,000 erases of a unit. A peer on an open link can request writes at line rate, so the writes that peers
+//! cause are rate-limited. A write of the parameters, of the key, or of a plan of up to a quarter of plan memory takes one token;
 //! a larger plan takes up to four. [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
 
 use crate::time::{Duration, Instant};
 
-/// So many tokens the bucket holds: 32 of the largest plans.
+/// Number of tokens in a full bucket: enough for 32 of the largest plans.
 const CAPACITY: u64 = 128;
 
-/// A bucket of one store. Not the tokens are counted but the time until it is full again, so that refilling needs no arithmetic.
+/// The bucket of one store. It stores when it will be full again instead of a number of tokens, so that refilling needs no
+/// arithmetic.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wear {
-    /// The time in which a token comes back; zero is no limit.
+    /// The time in which a token comes back; zero disables the limit.
     refill: Duration,
     /// When the bucket is full.
     full_at: Instant,
@@ -23,29 +24,29 @@ impl Wear {
     /// No limit, as where no storage is attached.
     pub(crate) const NONE: Self = Self { refill: Duration::ZERO, full_at: Instant::ZERO };
 
-    /// From now on a token comes back in this time.
+    /// Sets the time in which a token comes back.
     pub(crate) const fn limit(&mut self, refill: Duration) {
         self.refill = refill;
     }
 
-    /// The time in which so many tokens come back.
+    /// Returns the time in which this many tokens come back.
     const fn time(&self, tokens: u64) -> Duration {
         Duration::from_micros(self.refill.as_micros().saturating_mul(tokens))
     }
 
-    /// Whether there are so many tokens.
+    /// Whether the bucket holds at least this many tokens.
     pub(crate) fn has(&self, now: Instant, tokens: u8) -> bool {
         let left = CAPACITY.saturating_sub(tokens.into());
         self.full_at.since(now) <= self.time(left)
     }
 
-    /// Takes so many tokens, or what there is.
+    /// Takes this many tokens, or all that are left.
     pub(crate) fn spend(&mut self, now: Instant, tokens: u8) {
         let full_at = self.full_at.max(now).after(self.time(tokens.into()));
         self.full_at = full_at.min(now.after(self.time(CAPACITY)));
     }
 
-    /// When there is a token.
+    /// Returns when a token is available.
     pub(crate) fn ready_at(&self) -> Instant {
         let time = self.time(CAPACITY.saturating_sub(1));
         Instant::from_micros(self.full_at.as_micros().saturating_sub(time.as_micros()))
@@ -56,7 +57,8 @@ impl Wear {
 mod tests {
     use super::*;
 
-    /// C-15: a burst of what the bucket holds, then as many as come back; however long the pause, no more than it holds.
+    /// C-15: a burst up to the bucket's capacity, then as many tokens as come back; however long the pause, never more
+    /// than the capacity.
     #[test]
     fn tokens_run_out_and_come_back() {
         let mut wear = Wear::NONE;
@@ -72,7 +74,7 @@ mod tests {
             assert!(!wear.has(Instant::from_micros(ready.as_micros() - 1), 1));
             assert!(wear.has(ready, 1) && !wear.has(ready, 2));
             assert_eq!(ready.since(now), Duration::from_secs(900));
-            // What is taken without being there, for the vehicle itself, is not taken twice.
+            // Spending from an empty bucket, as for the vehicle's own writes, leaves no debt.
             wear.spend(now, 4);
             assert_eq!(wear.ready_at(), ready);
             now = now.after(Duration::from_secs(1_000_000_000));

@@ -51,7 +51,7 @@ impl Core {
     }
 }
 
-/// The item of a MISSION_SET_CURRENT whose sender may not give the command that this is (M-46).
+/// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
 #[inline(never)]
 pub(super) fn refused_item(frame: &Frame<'_>, origin: Origin, vehicle: &impl Autopilot) -> Option<u16> {
     let message = frame.decode::<MissionSetCurrent>()?;

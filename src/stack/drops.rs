@@ -1,4 +1,4 @@
-//! What was dropped, as log events: counts by reason, at most once a second for each link.
+//! Log events for drops: counters by reason, at most once a second for each link.
 
 use super::Stack;
 use crate::frame::RxCounters;
@@ -14,7 +14,7 @@ use crate::vehicle::Vehicle;
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
-    /// Logs the counters in which drops were counted since they were last logged.
+    /// Logs the drop counters that have changed since they were last logged.
     pub(super) fn log_drops<V: Vehicle>(&mut self, now: Instant, vehicle: &mut V) {
         for link in &mut self.links {
             let (rx, counters) = (link.decoder.counters(), link.port.counters);

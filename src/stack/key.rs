@@ -18,8 +18,8 @@ const KEY_TEXTS: RestoreTexts = RestoreTexts {
 impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
     Stack<LINKS, P, PEERS, TEXTS, STREAMS>
 {
-    /// Reads the signing key back after a start, with the time to begin with. Call it once, before the loop. Where nothing is
-    /// stored, as in a new vehicle, the vehicle's [`Signing`](crate::Signing) stays as it is.
+    /// Reads the signing key and its timestamp back after a start. Call it once, before the loop. If nothing is stored, as in
+    /// a new vehicle, the vehicle's [`Signing`](crate::Signing) is unchanged.
     ///
     /// # Errors
     ///
@@ -68,7 +68,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         let job = if may_write { signing.unsaved(now) } else { None };
         let step = store.step(now, signing, job);
         self.core.turn.took(Turn::KEY, step);
-        // Where another key was set since, that is the one.
+        // A key that was set in the meantime takes precedence.
         if step == Step::Unread && vehicle.signing().is_some_and(|signing| signing.is_lost()) {
             let result = read_key(now, store, vehicle);
             self.tell_restored(now, &result, &KEY_TEXTS, true);
@@ -84,7 +84,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 }
 
-/// What is stored comes back, or is lost.
+/// Restores the stored key, or records it as lost.
 #[inline(never)]
 fn read_key<F: NorFlash, V: Autopilot>(
     now: Instant,

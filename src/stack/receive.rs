@@ -77,7 +77,7 @@ impl Core {
             return (0, false);
         }
         let from = Peer { address: frame.source(), link: port.id };
-        // A refused frame may be forwarded to links that judge for themselves; nothing is learned from it, nothing done.
+        // A refused frame may be forwarded to links that verify signatures themselves; it has no other effect.
         let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
         let passage = self.examine(context, port, frame, is_accepted);
         if !is_accepted {
@@ -111,7 +111,7 @@ impl Core {
         (copied, passage != Passage::Again)
     }
 
-    /// Another vehicle has our address. Not inlined: it hardly ever happens.
+    /// Reports that another vehicle has our address. Not inlined, because it is rare.
     #[inline(never)]
     pub(super) fn tell_conflict(&self, now: Instant, texts: &mut StatusTexts) {
         let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
@@ -188,7 +188,7 @@ impl Core {
             && !context.vehicle.message(frame, port.id)
             && target.system == own.system
         {
-            // What is for everyone need not be for us.
+            // Broadcasts are not counted: no component has to handle them.
             count(&mut port.counters.unhandled);
         }
     }
@@ -259,7 +259,7 @@ impl Core {
     }
 }
 
-/// What a service answers to a command, with what it refuses as an error.
+/// Converts a service's answer to a command: a refusal becomes an error.
 fn accepted(result: MavResult) -> Result<MavResult, MavResult> {
     if result == MavResult::ACCEPTED { Ok(result) } else { Err(result) }
 }

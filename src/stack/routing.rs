@@ -48,7 +48,7 @@ impl Core {
         let Passage::Goes(ticket) = passage else { return 0 };
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
         let target = target_of(frame);
-        // A broadcast needs no answer to find its way back.
+        // A broadcast needs no route back for an answer.
         if booking == Some(Booking::NoRoom) && target.system.0 != 0 {
             forwarding.count(port.id, |counters| &mut counters.no_peer_slot);
             return len;

@@ -1,9 +1,9 @@
 //! Plans and parameters that survive a power cut: what joins the stack, a [`PlanStore`] and a [`ParamStore`] (M-44, P-17,
 //! SEC-11, SEC-12).
 //!
-//! Apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more, so the firmware
-//! chooses when [`persist_plans`](Stack::persist_plans) and [`persist_parameters`](Stack::persist_parameters) run, the vehicle is
-//! asked before each step, and all stores together do one step a pass.
+//! Writing is separate from polling: an erase of a microcontroller's own flash stops the processor for 100 ms and more. So the
+//! firmware chooses when [`persist_plans`](Stack::persist_plans) and [`persist_parameters`](Stack::persist_parameters) run, the
+//! vehicle is asked before each step, and all stores together do one step per pass.
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -47,7 +47,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// of the record, which blocks for as long as the flash takes.
     ///
     /// What comes back is checked as an upload is, by the stack and the vehicle: a plan that this firmware cannot fly, or has
-    /// no room for, is not live, and a text says so. Where nothing was ever stored the plans are empty.
+    /// no room for, does not become live, and a text says so. If nothing was ever stored, the plans are empty.
     ///
     /// # Errors
     ///
@@ -110,7 +110,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         };
         let mut differs = store.is_impaired() || store.is_damaged();
         for ((plan, count), id) in PlanType::ALL.into_iter().zip(stored.counts).zip(stored.ids) {
-            // One that was uploaded before this could be read is newer.
+            // A plan that was uploaded in the meantime is newer.
             if keeps_plans && cx.plans.count(plan) > 0 {
                 continue;
             }
@@ -142,8 +142,9 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     /// idle task. Between uploads it erases ahead of need, so that a plan is stored within a second of its last item even where
     /// an erase takes 100 ms.
     ///
-    /// This, [`persist_parameters`](Self::persist_parameters) and `persist_signing` share one step a pass: when one of them has
-    /// done a step, the others are refused, once each, until the next [`poll`](Self::poll), and return true.
+    /// This call, [`persist_parameters`](Self::persist_parameters) and `persist_signing` share one step per pass: after one of
+    /// them has done a step, the next call of each of the others does nothing and returns true, unless [`poll`](Self::poll) ran
+    /// in between.
     pub fn persist_plans<F: NorFlash, V: Autopilot>(
         &mut self,
         now: Instant,
@@ -227,7 +228,7 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
         result
     }
 
-    /// Reads what is stored, of all parameters or of those that have their defaults.
+    /// Restores all parameters, or only those that have their defaults.
     #[inline(never)]
     fn read_parameters<F: NorFlash, V: Autopilot>(
         &mut self,
@@ -303,9 +304,10 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
     }
 }
 
-/// Which of the stores has done its step since the last poll: the others wait, so that their erases do not add up.
+/// Which store has done its step since the last poll. The others wait, so that their erases do not add up.
 ///
-/// Each is refused once only: a caller that asks again without a poll, as before a reset, waits for storage anyway.
+/// Each of the others is deferred only once: a caller that retries without a poll, as before a reset, waits for storage
+/// anyway.
 #[derive(Debug)]
 pub(super) struct Turn {
     holder: u8,
@@ -326,7 +328,7 @@ impl Turn {
         is_free
     }
 
-    /// What this store did.
+    /// Records what this store did.
     pub(super) fn took(&mut self, store: u8, step: Step) {
         if step != Step::Idle {
             self.holder = store;

@@ -50,7 +50,7 @@ impl Core {
         }
     }
 
-    /// A command about HEARTBEAT, or about messages that the vehicle fills; `None` for all others.
+    /// Handles a command about HEARTBEAT or about a message that the vehicle fills; `None` for all others.
     pub(super) fn on_message_command<V: Autopilot, P: PlanStorage>(
         &mut self,
         context: &mut Context<'_, V, P>,
@@ -64,7 +64,7 @@ impl Core {
         stream::on_command(context.now, self.fixed::<V>(), port, context.slots, context.vehicle, command)
     }
 
-    /// Sends a message that was asked for. False when none is pending.
+    /// Sends a requested message. Returns false when none is pending.
     pub(super) fn answer<V: Autopilot>(&self, now: Instant, slots: &[Slot], port: &mut Port, vehicle: &mut V) -> bool {
         !V::STREAMS.is_empty()
             && (stream::next_interval(now, self.fixed::<V>(), port, V::STREAMS, slots)

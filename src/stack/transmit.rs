@@ -1,5 +1,5 @@
 //! What a link sends next: the services in a fixed order (D-4), one frame at a time, and when there is something to send.
-//! `docs/architecture.md` has that order as a table, and `tests/order.rs` holds it.
+//! `docs/architecture.md` has that order as a table, and `tests/order.rs` checks it.
 
 use super::{Context, Core, count, signing};
 use crate::dialect::{Heartbeat, MavCmd, MavResult};
@@ -21,7 +21,7 @@ impl Core {
         port.bucket.drain(now);
         signing::prepare(now, port, context.vehicle);
         let is_normal = port.config.class != LinkClass::HighLatency;
-        // On a line that streams fill the list still gets its share (P-11).
+        // The list keeps its share even when streams saturate the link (P-11).
         let is_list_late = port.params.is_late(now);
         let sent = (is_normal && self.heartbeat(now, port, context.vehicle))
             || command::next(port, context.vehicle)
@@ -42,10 +42,12 @@ impl Core {
         }
     }
 
-    /// Sends the heartbeat, when it is due or what it says has changed, and the flight loop is well (H-1, H-5, H-16).
+    /// Sends the heartbeat when it is due or the reported state has changed, and the flight loop is healthy (H-1, H-5,
+    /// H-16).
     fn heartbeat<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
         if self.has_acted {
-            // A command may have changed it: then the heartbeat precedes the answer, after which clients look at it.
+            // A command may have changed the state. The heartbeat must then precede the answer, because clients read it
+            // as soon as the answer arrives.
             self.notice(vehicle.state());
         }
         let link = LinkMask::of(port.id);
@@ -142,7 +144,7 @@ impl Core {
             || (has_modes && mode::next_listed(port, V::MODES))
     }
 
-    /// Sends the next value of the list of parameters, when it is due. False when it is not.
+    /// Sends the next value of the parameter list when it is due. Returns false when it is not.
     fn list<V: Autopilot>(&mut self, now: Instant, port: &mut Port, vehicle: &mut V) -> bool {
         let rate = port.config.bytes_per_second;
         self.params.next_listed(now, vehicle, &mut port.params, rate, &mut port.outbox)

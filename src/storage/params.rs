@@ -47,7 +47,7 @@ impl Stored {
 ///
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
 /// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
-/// bytes, about a second behind a change and not more often than every ten seconds (SEC-12), in the long run every
+/// bytes, about a second after a change and at most every ten seconds (SEC-12), in the long run at most every
 /// [`storage_refill`](crate::Config::storage_refill) (C-15):
 ///
 /// ```text
@@ -99,7 +99,7 @@ impl<F: NorFlash> ParamStore<F> {
     ///
     /// # Errors
     ///
-    /// There is no record that is whole and of this version, and the storage is not empty.
+    /// Neither slot has a whole record of this version, and the storage is not empty.
     pub(crate) fn open(&mut self) -> Result<u32, RestoreError<F::Error>> {
         match self.record.open()? {
             Some(header) if header.schema != SCHEMA => Err(RestoreError::Foreign),
@@ -107,7 +107,7 @@ impl<F: NorFlash> ParamStore<F> {
         }
     }
 
-    /// Whether there is damage beside the record that was found.
+    /// Whether there is damage besides the record that was found.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.record.is_damaged()
     }

@@ -236,7 +236,7 @@ impl<F: NorFlash> PlanStore<F> {
     ///
     /// # Errors
     ///
-    /// There is no record that is whole and of this version, and the storage is not empty.
+    /// Neither slot has a whole record of this version, and the storage is not empty.
     pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         self.stored = Stored::default();
         let Some(header) = self.record.open()? else { return Ok(None) };
@@ -249,7 +249,7 @@ impl<F: NorFlash> PlanStore<F> {
         Ok(stored)
     }
 
-    /// Whether there is damage beside the record that was found.
+    /// Whether there is damage besides the record that was found.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.record.is_damaged()
     }

@@ -64,7 +64,7 @@ pub(crate) enum Step {
     Unread,
 }
 
-/// Why stored content did not come back, or not all of it. A text says so too.
+/// Why stored content was not restored, or not completely. A text reports it too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -76,8 +76,8 @@ pub enum RestoreError<E> {
     /// The newest record is damaged. Plans and parameters of an older record that is whole are in use. The damage stays there until
     /// something new is stored.
     Damaged,
-    /// What is stored is whole, and has a layout that this version does not know: firmware that is newer wrote it. It stays there
-    /// until something new is stored.
+    /// The stored data is whole, but has a layout that this version does not know, because newer firmware wrote it. It stays
+    /// there until something new is stored.
     Foreign,
 }
 
@@ -188,7 +188,7 @@ pub(crate) fn is_newer(a: u32, b: u32) -> bool {
     a.wrapping_sub(b).cast_signed() > 0
 }
 
-/// What lies in a slot.
+/// The content of a slot.
 #[derive(Clone, Copy, Debug)]
 enum Slot {
     /// No header of ours: never written, or erased; or the beginning of one, which a power cut left.
@@ -225,7 +225,7 @@ impl Slot {
         }
     }
 
-    /// Whether no power cut leaves this beside `newest`.
+    /// Whether a power cut cannot have left this next to `newest`.
     fn is_damage(self, newest: Option<Newest>) -> bool {
         match (self, newest) {
             (Self::Damaged(_), None) => true,
@@ -248,7 +248,7 @@ const LONG_PAUSE: Duration = Duration::from_secs(10);
 enum Spare {
     /// Nothing is known, not even which slot it is.
     Unknown,
-    /// It could not be erased, or read, or its content is damaged. Left alone until there is something to write.
+    /// It could not be erased or read, or its content is damaged. Not touched until there is something to write.
     Failing,
     /// Erased up to this offset.
     Dirty(u32),
@@ -270,7 +270,7 @@ pub(crate) struct Record<F> {
     slot_len: u32,
     kind: u8,
     newest: Option<Newest>,
-    /// The sequence of the newest header, also of a damaged record.
+    /// The sequence of the newest header, even if its record is damaged.
     sequence: Option<u32>,
     /// Address of the spare slot.
     spare_slot: u32,

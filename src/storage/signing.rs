@@ -16,7 +16,7 @@ const KIND: u8 = 3;
 const SCHEMA: u16 = 1;
 const LEN: u32 = 64;
 
-/// The key, if there is one, and the timestamp to begin with.
+/// The key, if there is one, and the timestamp to start from.
 type Stored = (Option<SigningKey>, u64);
 
 /// Keeps the signing key on storage, and how far time has been used: two slots, of which one always has what was complete
@@ -24,9 +24,9 @@ type Stored = (Option<SigningKey>, u64);
 ///
 /// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
 /// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
-/// bytes: when the key was changed, and every 55 s while there is one. That is one erase of a slot every 110 s: FRAM bears it for
-/// ever, flash of 10,000 cycles for twelve days of being powered and disarmed. Peers can hardly make it more: see
-/// [`storage_refill`](crate::Config::storage_refill).
+/// bytes: when the key was changed, and every 55 s while there is one. That is one erase of a slot every 110 s: no problem for
+/// FRAM, but flash rated for 10,000 cycles lasts twelve days of powered and disarmed time. Peers can hardly increase this rate:
+/// see [`storage_refill`](crate::Config::storage_refill).
 ///
 /// The key lies there as it is. Whoever can read the storage has it.
 ///
@@ -73,12 +73,12 @@ impl<F: NorFlash> SigningStore<F> {
         self.record.flash
     }
 
-    /// Reads the newest record: the key, if there is one, and the timestamp to begin with.
+    /// Reads the newest record: the key, if there is one, and the timestamp to start from.
     ///
     /// # Errors
     ///
-    /// The newest record is not whole, cannot be read, or is not of this version. An older key is none: it may have been replaced
-    /// because others know it.
+    /// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may have been
+    /// replaced because it was compromised.
     pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         let Some(header) = self.record.open()? else { return Ok(None) };
         if header.schema != SCHEMA {

@@ -1,4 +1,4 @@
-//! Which of several like commands of one sender is a duplicate of one that was carried out (C-12).
+//! Tells duplicates of a command that was carried out from new commands (C-12).
 
 use core::num::NonZeroU64;
 
@@ -12,18 +12,18 @@ pub(crate) const SOON: Duration = Duration::from_secs(3);
 /// there (L-16).
 pub(crate) const LATE: Duration = Duration::from_secs(60);
 
-/// So much later than the duplicate before it, and no more, the same command on the same link is a duplicate (ms): MAVSDK sends an
-/// unanswered command again after 0.5, 1.0 and 1.5 s, always with confirmation 0 (C-12).
+/// Maximum time from one duplicate to the next on the same link (ms): MAVSDK retransmits an unanswered command after 0.5, 1.0 and
+/// 1.5 s, always with confirmation 0 (C-12).
 pub(super) const REPEATED_WITHIN: u16 = 1_000;
 
-/// How often a command may be carried out that comes more than once.
+/// How often a command that is received more than once may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Once {
-    /// Each time.
+    /// Every time.
     No,
     /// Once.
     Yes,
-    /// Once, but for each time that it comes on one link with the same `confirmation`.
+    /// Once, and again for each repetition on one link with the same `confirmation`.
     PerPress,
 }
 

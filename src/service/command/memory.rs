@@ -54,7 +54,7 @@ pub struct CommandSlot {
     outcome: Outcome,
     /// When its last IN_PROGRESS was due; for one that is done, when it was.
     at: Instant,
-    /// How much later than `at` its last duplicate came (ms).
+    /// Time from `at` to its last duplicate (ms).
     repeated_after: u16,
     signed_at: SignedAt,
 }
@@ -83,7 +83,7 @@ fn key(command: &Command) -> Key {
     [u32::from_le_bytes([id0, id1, form, frame]), p1, p2, p3, p4, p5, p6, command.z.to_bits()]
 }
 
-/// Up to a minute; what is longer is that.
+/// Converts to milliseconds, saturating at about a minute.
 fn millis(duration: Duration) -> u16 {
     u16::try_from(duration.as_millis()).unwrap_or(u16::MAX)
 }
@@ -135,7 +135,8 @@ impl CommandSlot {
         self.from == command.from.address && self.key == key(command)
     }
 
-    /// Whether `command`, which is the same and has come by its link before, is sent again for want of an answer (C-12).
+    /// Whether `command`, which equals this one and came by its link before, retransmits it because it was not answered
+    /// (C-12).
     fn is_repeated_by(&self, now: Instant, command: &Command) -> bool {
         let pause = millis(now.since(self.at)).saturating_sub(self.repeated_after);
         (command.confirmation, command.is_broadcast) == (self.confirmation, self.is_broadcast)
@@ -143,11 +144,11 @@ impl CommandSlot {
             && pause <= REPEATED_WITHIN
     }
 
-    /// A duplicate came that was [answered](Self::answer).
+    /// Records a duplicate that was [answered](Self::answer).
     fn count(&mut self, now: Instant, command: &Command) {
         let link = command.from.link;
         if !self.copies.lacks(link) && self.is_repeated_by(now, command) {
-            // Each other link may bring it once more too.
+            // Each other link may deliver it once more too.
             self.copies.run(link);
         } else {
             self.copies.count(link);
@@ -155,7 +156,7 @@ impl CommandSlot {
         self.repeated_after = millis(now.since(self.at));
     }
 
-    /// What to answer if it is done and `command` is a duplicate of it (C-12, C-24).
+    /// Returns the answer if this command is done and `command` is a duplicate of it (C-12, C-24).
     fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: Once) -> Option<Outcome> {
         let is_done = matches!(self.state, State::Done | State::Past);
         let age = now.since(self.at);
@@ -370,7 +371,7 @@ impl CommandMemory {
         places.min_by_key(|(_, slot)| (slot.state == State::Past, slot.at)).map(|(place, _)| place)
     }
 
-    /// What is known to be the answer to `command` without carrying it out.
+    /// Returns the answer to `command` if it is known without carrying it out.
     #[inline(never)]
     pub(crate) fn recall(
         &mut self,
@@ -398,7 +399,7 @@ impl CommandMemory {
         (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
-    /// Whether it remembers this command of this sender.
+    /// Whether this command of this sender is remembered.
     pub(crate) fn knows(&self, command: &Command) -> bool {
         self.slots.iter().any(|slot| slot.state != State::Free && slot.is_same(command))
     }

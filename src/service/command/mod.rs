@@ -65,11 +65,11 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
     }
 }
 
-/// Whether a command is never carried out for all systems at once, because it resets, erases or replaces what a vehicle keeps, or
-/// restarts it (C-14). What only moves a vehicle, arms it or ends its flight is not in the list: to order that of a fleet can be
-/// meant, and [`CommandPolicy::no_broadcast`] refuses it.
+/// Whether a broadcast of this command is always refused, because it resets, erases or replaces what a vehicle stores, or
+/// restarts the vehicle (C-14). Commands that only move, arm or terminate a vehicle are not in the list: they can be meant for a
+/// fleet, and [`CommandPolicy::no_broadcast`] refuses them.
 pub(crate) const fn is_for_one(command: MavCmd) -> bool {
-    // Of dialects that build on common.
+    // From dialects that include common.
     const DO_UPGRADE: MavCmd = MavCmd(247);
     const DO_SET_SYS_CMP_ID: MavCmd = MavCmd(610);
     const DO_START_MAG_CAL: MavCmd = MavCmd(42_424);
@@ -77,23 +77,23 @@ pub(crate) const fn is_for_one(command: MavCmd) -> bool {
     const BATTERY_RESET: MavCmd = MavCmd(42_651);
     matches!(
         command,
-        // Parameters: reset, read back over those in use, written. Restarts, also into the bootloader.
+        // Parameters are reset, overwritten from storage, or stored. Restarts, also into the bootloader.
         MavCmd::PREFLIGHT_STORAGE | MavCmd::PREFLIGHT_REBOOT_SHUTDOWN
-        // Stored calibrations are replaced, and the numbers of motors on a CAN bus.
+        // Stored calibrations and the ids of motors on a CAN bus are replaced.
         | MavCmd::PREFLIGHT_CALIBRATION | MavCmd::PREFLIGHT_SET_SENSOR_OFFSETS | MavCmd::PREFLIGHT_UAVCAN
         | MavCmd::FIXED_MAG_CAL_YAW | DO_START_MAG_CAL
         // The firmware is replaced.
         | DO_UPGRADE | FLASH_BOOTLOADER
-        // A card is erased, a camera's settings are reset.
+        // A memory card is erased; a camera's settings are reset.
         | MavCmd::STORAGE_FORMAT | MavCmd::RESET_CAMERA_SETTINGS
-        // A receiver forgets its transmitter; every vehicle would have the same system id; an empty battery counts as full.
+        // A receiver loses its transmitter; every vehicle gets the same system id; an empty battery counts as full.
         | MavCmd::START_RX_PAIR | DO_SET_SYS_CMP_ID | BATTERY_RESET
     )
 }
 
-/// The answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12, C-21,
-/// C-24). An error is a refusal that is to be explained. Nothing is left of this for a vehicle that declares nothing and has no
-/// memory for commands.
+/// Returns the answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12,
+/// C-21, C-24). An error is a refusal that a text must explain. This compiles to nothing for a vehicle that declares nothing
+/// and has no memory for commands.
 pub(crate) fn answered<V: Commands>(
     now: Instant,
     command: &Command,
@@ -106,12 +106,12 @@ pub(crate) fn answered<V: Commands>(
     let once = policy::once::<V>(command.id);
     let memory = vehicle.command_memory()?;
     let outcome = memory.recall(now, command, signed_at, once)?;
-    // Of a duplicate the first one was explained.
+    // The refusal of a duplicate was already explained.
     let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !memory.knows(command);
     Some(if is_busy { Err(outcome.result.into()) } else { Ok(outcome) })
 }
 
-/// Whether what the vehicle declares of `command` lets it through (C-5): for a message that is a command in all but form.
+/// Whether the vehicle's declaration of `command` permits it (C-5): for a message that is equivalent to a command.
 pub(crate) fn is_allowed<V: Commands>(command: &Command, vehicle: &V) -> bool {
     policy::check(command, vehicle).is_ok()
 }

@@ -16,7 +16,7 @@ const LONG_ONLY: u8 = 2;
 const NO_BROADCAST: u8 = 4;
 /// Not to be carried out twice.
 const ONCE: u8 = 8;
-/// But for each time that it comes on one link.
+/// And again for each repetition on one link: see [`Once::PerPress`].
 const PER_PRESS: u8 = 16;
 
 /// A command that a vehicle takes, and how: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
@@ -35,7 +35,7 @@ const PER_PRESS: u8 = 16;
 ///     CommandPolicy::new(NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
 ///     // A float's degrees are a metre apart. (Not DO_REPOSITION: QGroundControl's pause is one, in a COMMAND_LONG.)
 ///     CommandPolicy::new(DO_SET_ROI_LOCATION).int_only(),
-///     // A duplicate must not do it again.
+///     // A duplicate must not repeat it.
 ///     CommandPolicy::new(DO_REPEAT_SERVO).once(),
 /// ];
 /// ```
@@ -86,27 +86,27 @@ impl CommandPolicy {
         self.with(NO_BROADCAST)
     }
 
-    /// Carrying it out twice does harm, so a duplicate gets the first one's answer and is not carried out (C-12). From the same
-    /// sender, with the same parameters and in the same form, a duplicate is what comes
+    /// Declares that the command must not be carried out twice: a duplicate gets the first command's answer and is not carried
+    /// out (C-12). A duplicate comes from the same sender, with the same parameters and in the same form,
     ///
     /// - on another link, or on the same link with a higher `confirmation`, within three seconds of the first;
-    /// - on the same link with the same `confirmation` and target, within a second of the duplicate before it and three seconds
-    ///   of the first: clients repeat an unanswered command so. Two presses of a button within a second count as one then; see
-    ///   [`once_per_press`](Self::once_per_press);
-    /// - by a high-latency link within a minute, as long as no other command needs the place, unless it was signed more than
-    ///   three seconds after the first. So late it may also be the same command given again. Unless that is ruled out, the answer
-    ///   is `TEMPORARILY_REJECTED`, and a sender that means it gives it once more.
+    /// - on the same link with the same `confirmation` and target, within a second of the previous duplicate and three seconds
+    ///   of the first: that is how clients retransmit an unanswered command. So two presses of a button within a second count
+    ///   as one; see [`once_per_press`](Self::once_per_press);
+    /// - on a high-latency link within a minute, as long as no other command needs the slot, unless it was signed more than three
+    ///   seconds after the first. After such a delay it may also be a new command. Unless that is ruled out, the answer is
+    ///   `TEMPORARILY_REJECTED`, and a sender that means a new command sends it again.
     ///
-    /// It needs a place in [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` where none
-    /// is free.
+    /// It needs a slot in [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` when no
+    /// slot is free.
     #[must_use]
     pub const fn once(self) -> Self {
         self.with(ONCE)
     }
 
-    /// Like [`once`](Self::once), but every press of a button counts, however fast: the same command on the same link with the same
-    /// `confirmation` is carried out again. The price: a client that does not raise `confirmation` when it repeats an unanswered
-    /// command, as MAVSDK after half a second, has it carried out twice when an ACK is lost.
+    /// Like [`once`](Self::once), but every press of a button counts, however fast: the same command on the same link with the
+    /// same `confirmation` is carried out again. The drawback: when an ACK is lost and the client retransmits without raising
+    /// `confirmation`, as MAVSDK does after half a second, the command is carried out twice.
     #[must_use]
     pub const fn once_per_press(self) -> Self {
         self.with(ONCE | PER_PRESS)
@@ -173,7 +173,7 @@ fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
     V::COMMANDS.iter().find(|policy| policy.command() == command)
 }
 
-/// How often `command` may be carried out, as the vehicle declares it.
+/// Returns how often `command` may be carried out, as the vehicle declares it.
 pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
     match declared::<V>(command) {
         Some(policy) if policy.has(PER_PRESS) => Once::PerPress,

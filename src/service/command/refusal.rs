@@ -1,8 +1,8 @@
-//! Why a command is refused, in words: a COMMAND_ACK has a result and no reason (C-4).
+//! Texts that say why a command is refused: a COMMAND_ACK has a result but no reason (C-4).
 //!
-//! Only what the stack itself refuses; what the vehicle refuses the vehicle explains. There is no text about messages on request:
-//! programs ask for those, and ask for many that a vehicle does not have. COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED say
-//! by themselves what is wrong.
+//! Only the stack's own refusals are explained here; the vehicle explains its own. Requests for messages have no text: programs
+//! send them, and ask for many messages that a vehicle does not have. COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED are
+//! clear without a text.
 
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::SystemId;
@@ -12,34 +12,34 @@ use crate::service::statustext::StatusTexts;
 use crate::time::Instant;
 use crate::vehicle::Command;
 
-/// A link is told of no more than one refusal in 2^20 µs, 1.05 s, whatever is sent to it. Kept are 16 bits of the number of that
-/// period, which fit into what is padding otherwise; they repeat after 19 hours.
+/// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
+/// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
 fn period(now: Instant) -> u16 {
     let [_, _, low, high, ..] = now.as_micros().wrapping_shr(4).to_le_bytes();
-    // 0 is a link that was told nothing.
+    // 0 means that the link got no text yet.
     u16::from_le_bytes([low, high]).wrapping_add(1)
 }
 
-/// A refusal, and what is wrong where the result does not say it.
+/// A refusal: its result, and the reason where the result does not imply one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Refusal {
     pub(crate) result: MavResult,
     pub(super) why: Why,
 }
 
-/// What is wrong.
+/// The reason of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Why {
-    /// What the result says.
+    /// The result says it all.
     Result,
-    /// It was sent to every system.
+    /// The command was a broadcast.
     Broadcast,
-    /// This parameter.
+    /// This parameter is out of range.
     Param(u8),
 }
 
 impl Refusal {
-    /// It was sent to every system, and is only for one (C-14).
+    /// A broadcast of a command that may only be sent to one system (C-14).
     pub(crate) const BROADCAST: Self = Self { result: MavResult::DENIED, why: Why::Broadcast };
 }
 
@@ -49,7 +49,7 @@ impl From<MavResult> for Refusal {
     }
 }
 
-/// Tells the link that `command` came by why it is refused. `own` is our system id.
+/// Sends the reason of a refusal to the link that `command` came by. `own` is our system id.
 #[inline(never)]
 pub(crate) fn explain(
     now: Instant,
@@ -74,7 +74,7 @@ pub(crate) fn explain(
     tell(now, port, texts, "Command ", Some(command.id.0.into()), reason);
 }
 
-/// The same of a mode, `mode` where it has a number.
+/// Like [`explain`], for a mode; `mode` is its number, if it has one.
 pub(crate) fn explain_mode(
     now: Instant,
     port: &mut Port,
@@ -86,13 +86,13 @@ pub(crate) fn explain_mode(
     tell(now, port, texts, "Mode ", number, Reason::new(why));
 }
 
-/// What a text says behind the colon.
+/// The part of a text after the colon.
 #[derive(Clone, Copy)]
 struct Reason {
-    /// The parameter, in front; 0 for none.
+    /// The parameter to name first; 0 for none.
     index: u8,
     words: &'static str,
-    /// A number at the end; 0 for none.
+    /// The number to append; 0 for none.
     end: u8,
 }
 
@@ -102,7 +102,7 @@ impl Reason {
     }
 }
 
-/// Not inlined: the text takes 120 bytes of stack, which are to be free again in the caller.
+/// Not inlined, so that the 120 bytes of stack for the text are free again in the caller.
 #[inline(never)]
 fn tell(
     now: Instant,
@@ -113,7 +113,7 @@ fn tell(
     Reason { index, words, end }: Reason,
 ) {
     let period = period(now);
-    // On a high-latency link there are no texts (L-4).
+    // High-latency links carry no texts (L-4).
     if !cfg!(feature = "plan-texts") || port.config.class == LinkClass::HighLatency || period == port.refusal {
         return;
     }

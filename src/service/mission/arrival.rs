@@ -1,4 +1,4 @@
-//! An item of a plan as a client sends it, in either form.
+//! An item of a plan as received, in either form.
 
 use super::item::Item;
 use super::mission_type;
@@ -6,12 +6,12 @@ use crate::dialect::{MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Frame;
 use crate::message::Message;
 
-/// An item as it arrived.
+/// A received item.
 pub(super) struct Arrival {
     pub(super) mission_type: MavMissionType,
     pub(super) seq: u16,
     pub(super) current: u8,
-    /// As MISSION_ITEM_INT has it, also when it is the other form (M-37).
+    /// In the form of MISSION_ITEM_INT, also when it was received as MISSION_ITEM (M-37).
     pub(super) item: Item,
     pub(super) is_float: bool,
 }

@@ -89,7 +89,8 @@ impl Commit {
         is_by
     }
 
-    /// Whether a COUNT for `plan` with this sequence number was sent before the last item of what is written.
+    /// Whether a COUNT for `plan` with this sequence number was sent before the last item of the plan that is being
+    /// written.
     pub(super) fn is_older(&self, plan: PlanType, number: u8) -> bool {
         matches!(self.change, Change::Upload { plan: own, last, .. } if own == plan && last.1.wrapping_sub(number) <= 127)
     }
@@ -171,7 +172,7 @@ impl Missions {
         self.policy().is_none() || !(self.saving.owed || self.saving.differs)
     }
 
-    /// Whether storage bears another change to so many items (C-15).
+    /// Whether the token bucket permits another change to `count` items (C-15).
     pub(super) fn bears(&self, cx: &Context<'_, '_>, count: u16) -> bool {
         self.policy().is_none() || self.saving.wear.has(cx.now, tokens(cx, count))
     }
@@ -358,7 +359,7 @@ impl Missions {
     }
 }
 
-/// The first plan that the vehicle does not want to be changed any more, of those that `commit` is about.
+/// Returns the first plan of `commit` that the vehicle no longer permits to be changed, and the refusal.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 fn refusal<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
     PlanType::ALL.into_iter().find_map(|plan| {
@@ -410,17 +411,17 @@ impl Missions {
         self.saving.policy = Some(policy);
     }
 
-    /// Storage bears one more small change in this time.
+    /// Sets the time in which one token comes back (C-15).
     pub(crate) fn limit_storage(&mut self, refill: Duration) {
         self.saving.wear.limit(refill);
     }
 
-    /// Whether what is stored is not what is live: it could not be read, or cannot be flown.
+    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown.
     pub(crate) fn stored_differs(&mut self, differs: bool) {
         self.saving.differs = differs;
     }
 
-    /// Whether the staging area is an upload's.
+    /// Whether an upload uses the staging area.
     pub(crate) fn is_receiving(&self) -> bool {
         self.upload.as_ref().is_some_and(Upload::keeps_out)
     }
@@ -460,7 +461,8 @@ impl Missions {
                 MavMissionResult::ACCEPTED
             }
             Some((plan, result)) => {
-                // The vehicle has armed meanwhile: the old plan stays, and is written again (M-45).
+                // The vehicle has refused meanwhile, because it armed for example: the old plan stays live, and is
+                // written again (M-45).
                 cx.tell(&Trouble::Refused(plan, result.into()));
                 self.want_saved();
                 result

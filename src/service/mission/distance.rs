@@ -1,8 +1,8 @@
-//! How far a mission's first waypoint is (M-48), as in PX4's check of the same.
+//! Distance of a mission's first waypoint (M-48), after PX4's check.
 //!
-//! On a sphere that is flat between the two places: an equirectangular projection at their mean latitude, with Bhāskara's
-//! approximation of the cosine. At ranges of a limit it is right to 2 %; it never gives a long way for a short one, but near
-//! the poles up to half as much again.
+//! An equirectangular projection at the mean latitude of both places, with Bhāskara's approximation of the cosine. The
+//! result is accurate to 3 % within 100 km and below 80° of latitude. It is never more than 3 % too small, but near the
+//! poles it may be too large by half.
 
 use super::item::{Item, Position, position};
 use super::rules::{CommandRule, is_zero_here};
@@ -10,7 +10,7 @@ use crate::dialect::MavCmd;
 use crate::num;
 use crate::service::command::LatLon;
 
-/// Metres in 1e-7 degrees of a great circle.
+/// Metres per 1e-7 degrees of a great circle.
 const METRES_PER_UNIT: f32 = 0.011_131_95;
 /// Half a turn in 1e-7 degrees.
 const HALF_TURN: i64 = 1_800_000_000;
@@ -33,7 +33,7 @@ pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon,
     (square_of_distance(from, to) > limit * limit).then_some(seq)
 }
 
-/// Whether a command is flown to where its position is: those of navigation, but for the one that points a camera.
+/// Whether the vehicle flies to the command's position: navigation commands, except the one that points a camera.
 fn is_waypoint(command: MavCmd) -> bool {
     matches!(command.0, 0..=95 | 31_000..=31_004) && command != MavCmd::NAV_ROI
 }
@@ -47,7 +47,7 @@ fn square_of_distance(a: LatLon, b: LatLon) -> f32 {
     north * north + east * east
 }
 
-/// From `b` to `a` by less than half a turn, also across the date line.
+/// Returns the shorter way from `b` to `a`, also across the date line.
 fn short_way(a: i32, b: i32) -> i32 {
     let way = i64::from(a).saturating_sub(b.into());
     let turns = if way > HALF_TURN {
@@ -60,7 +60,7 @@ fn short_way(a: i32, b: i32) -> i32 {
     i32::try_from(way.saturating_add(HALF_TURN.saturating_mul(turns))).unwrap_or(i32::MAX)
 }
 
-/// Bhāskara's approximation, of a latitude (deg); right to 0.002, and 0 at the poles.
+/// Bhāskara's approximation of the cosine of a latitude (deg), with an error of at most 0.002; 0 at the poles.
 fn cosine(degrees: f32) -> f32 {
     let square = degrees * degrees;
     ((32_400.0 - 4.0 * square) / (32_400.0 + square)).max(0.0)
@@ -82,7 +82,7 @@ mod tests {
         LatLon { latitude: (latitude * 1e7).round() as i32, longitude: (longitude * 1e7).round() as i32 }
     }
 
-    /// By the haversine formula, on the same sphere (m).
+    /// Distance by the haversine formula, on the same sphere (m).
     fn reference(a: LatLon, b: LatLon) -> f64 {
         let radians = |scaled: i32| (f64::from(scaled) / 1e7).to_radians();
         let (north, east) = (radians(a.latitude) - radians(b.latitude), radians(a.longitude) - radians(b.longitude));
@@ -105,12 +105,12 @@ mod tests {
             let distance = f64::from(square_of_distance(a, b)).sqrt();
             assert!((distance - metres).abs() <= metres * 0.003 + 0.01, "{a:?} {b:?}: {distance}");
         }
-        // Around a pole it is the way along the parallel.
+        // Around a pole it is the length of the way along the parallel.
         let around = f64::from(square_of_distance(at(89.999, 0.0), at(89.999, 90.0))).sqrt();
         assert!((157.0..180.0).contains(&around), "{around}");
     }
 
-    /// M-48: the first item with a position counts, if it is flown to.
+    /// M-48: the first waypoint with a position counts.
     #[test]
     fn the_first_waypoint_is_the_first_place_that_is_flown_to() {
         let home = at(47.4, 8.5);
@@ -143,7 +143,7 @@ mod tests {
     }
 
     proptest! {
-        /// Anywhere below 80° and within 100 km it is right to 3 %; anywhere at all nothing overflows.
+        /// Below 80° and within 100 km the error is at most 3 %; nothing overflows anywhere.
         #[test]
         fn distances_are_close_to_the_great_circle(
             latitude in -80.0f64..80.0, longitude in -180.0f64..180.0, north in -0.6f64..0.6, east in -0.6f64..0.6,
@@ -161,7 +161,7 @@ mod tests {
             prop_assert!(square.is_finite() && square >= 0.0);
         }
 
-        /// It never says "near" of what is far: at most 3 % too little, wherever the places are.
+        /// The distance is never more than 3 % too small, wherever the places are.
         #[test]
         fn no_distance_is_much_too_short(
             a in (-90.0f64..=90.0, -180.0f64..=180.0), b in (-90.0f64..=90.0, -180.0f64..=180.0),

@@ -27,7 +27,7 @@ const EXPIRY: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Copy, Debug)]
 struct Session {
-    /// Two stations with the same ids on two links are two clients (M-45).
+    /// With its link, because two stations with the same ids on two links are two clients (M-45).
     client: Peer,
     plan: PlanType,
     is_stale: bool,
@@ -64,8 +64,8 @@ impl Sessions {
         }
     }
 
-    /// `client` asks for an item: whether it counts on a plan that is no longer there. One that has moved to this link may
-    /// have asked for the count on another (M-11).
+    /// Returns whether `client`, which asks for an item, expects a plan that has been replaced. A client that has moved to
+    /// this link may have asked for the count on another link (M-11).
     fn is_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
         let is_here = self.find(now, plan, |other| other == client).is_some();
         let is_it = |other: Peer| other.address == client.address && (other.link == client.link || !is_here);
@@ -91,7 +91,7 @@ impl Sessions {
 
     /// Sends what `reply` owes.
     ///
-    /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM, or by MISSION_ITEM_INT (M-61).
+    /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT (M-61).
     pub(super) fn answer(
         &mut self,
         now: Instant,

@@ -1,8 +1,8 @@
-//! Which message asks for an item: MISSION_REQUEST_INT, or the old MISSION_REQUEST (M-37, M-47).
+//! Which message requests an item: MISSION_REQUEST_INT or the old MISSION_REQUEST (M-37, M-47).
 //!
-//! Some clients hear only the old message, some refuse it with UNSUPPORTED. So MISSION_REQUEST_INT comes first. While no item
-//! has come, the forms alternate from the third repetition on, or from the first UNSUPPORTED on. The first item fixes the
-//! form for the rest of the upload.
+//! Some clients understand only the old message, others refuse it with UNSUPPORTED. So MISSION_REQUEST_INT comes first. Until
+//! the first item is received, the forms alternate from the third repetition or the first UNSUPPORTED on. The first item
+//! fixes the form for the rest of the upload.
 
 /// Repetitions before the forms alternate.
 const PATIENCE: u8 = 3;
@@ -12,41 +12,42 @@ const PATIENCE: u8 = 3;
 pub(super) struct Form {
     /// The next request is a MISSION_REQUEST.
     is_old: bool,
-    /// The last request was one.
+    /// The last request was a MISSION_REQUEST.
     was_old: bool,
-    /// One was sent in this upload.
+    /// A MISSION_REQUEST was sent in this upload.
     has_asked_old: bool,
 }
 
 impl Form {
     pub(super) const NEW: Self = Self { is_old: false, was_old: false, has_asked_old: false };
 
-    /// A request is sent; whether it is a MISSION_REQUEST.
+    /// Records that a request is sent. Returns whether it is a MISSION_REQUEST.
     pub(super) fn take(&mut self) -> bool {
         self.was_old = self.is_old;
         self.has_asked_old |= self.is_old;
         self.is_old
     }
 
-    /// No item has come yet, and the request is to be repeated for the time `retries`.
+    /// Chooses the form of repetition number `retries`, before the first item.
     pub(super) fn repeat(&mut self, retries: u8) {
         if retries >= PATIENCE || self.has_asked_old {
             self.is_old = !self.was_old;
         }
     }
 
-    /// The first item came: as MISSION_ITEM, or as MISSION_ITEM_INT.
+    /// Fixes the form when the first item is received. `is_float`: it is a MISSION_ITEM, not a MISSION_ITEM_INT.
     pub(super) fn fix(&mut self, is_float: bool) {
         self.is_old = self.has_asked_old && is_float;
     }
 
-    /// Whether UNSUPPORTED is about the form of a request, and not the end of the upload.
+    /// Whether UNSUPPORTED refers to the form of a request and does not cancel the upload.
     pub(super) fn explains_unsupported(&self, has_items: bool) -> bool {
         self.has_asked_old || !has_items
     }
 
-    /// The client answered UNSUPPORTED: it is to be asked in the other form. Whether at once: it may say so of each request
-    /// that was on its way, and a client that knows neither form must not be asked as fast as it answers.
+    /// Switches to the other form after the client answered UNSUPPORTED. Returns whether to ask at once: the client may
+    /// answer UNSUPPORTED to several requests in transit, and a client that knows neither form must not be asked as fast as
+    /// it answers.
     pub(super) fn refused(&mut self) -> bool {
         let is_first = !self.has_asked_old;
         self.is_old = is_first;

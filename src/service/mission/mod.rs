@@ -71,7 +71,7 @@ pub struct PlanCounters {
     /// Uploads that the partner cancelled or began anew, or that timed out.
     pub abandoned: u32,
     /// Frames that have no place in an upload: items that are repeated, out of order, "guided", or of no upload; delayed
-    /// duplicates; what came by another link than the upload's.
+    /// duplicates; frames received on another link than the upload's.
     pub out_of_place: u32,
     /// Requests that were dropped because their link owes too many answers.
     pub no_answer_slot: u32,
@@ -160,14 +160,14 @@ impl Caller<'_> {
     }
 }
 
-/// Whether a frame of this version can name such a plan: MAVLink 1 knows missions only. A v1 frame that names another plan
-/// in extension bytes is refused, and never taken for one about the mission (V-7).
+/// Whether a frame of this version can name such a plan: MAVLink 1 knows only missions. A v1 frame that names another plan
+/// in its extension bytes is refused, and never treated as one about the mission (V-7).
 fn is_named_well(version: Version, mission_type: MavMissionType) -> bool {
     version == Version::V2 || mission_type == MavMissionType::MISSION
 }
 
-/// The plan that a message names. In all of ours that is the first byte behind the base fields, where most v1 frames end:
-/// those are about the mission (V-7).
+/// Returns the plan that a message names. In all messages of this service it is the first byte after the base fields.
+/// Most v1 frames end before it, and are about the mission (V-7).
 pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
     MavMissionType(frame.info().map_or(0, |info| frame.byte(info.base_len())))
 }
@@ -177,7 +177,7 @@ pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
 pub struct Missions {
     upload: Option<Upload>,
     commit: Option<Commit>,
-    /// When the client of either was last heard on its link.
+    /// When the client of the upload or the commit was last heard on its link.
     heard: Instant,
     saving: Saving,
     done: Option<Done>,

@@ -1,4 +1,4 @@
-//! Sequence numbers: which frame was sent first, and which is a duplicate of a COUNT (M-22, M-45).
+//! Sequence numbers: which frame was sent first, and which COUNT is a duplicate (M-22, M-45).
 
 use crate::link::LinkId;
 
@@ -7,15 +7,15 @@ use crate::link::LinkId;
 pub(super) struct Number(pub(super) LinkId, pub(super) u8);
 
 impl Number {
-    /// Whether this frame was sent after `other`, as far as that can be told: on another link they count apart, and there are
-    /// senders that do not count.
+    /// Whether this frame was certainly sent after `other`. Each link has its own sequence numbers, and some senders do not
+    /// count.
     pub(super) fn is_after(self, other: Self) -> bool {
         self.0 == other.0 && matches!(self.1.wrapping_sub(other.1), 1..=127)
     }
 }
 
-/// The sequence numbers of the COUNTs that began an upload: the first one, and how many from there to the first item. None
-/// of a sender that does not count.
+/// The sequence numbers of an upload's COUNTs: the first one, and how many numbers follow up to the first item. Empty for
+/// a sender that does not count.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Counts {
     first: Number,
@@ -23,12 +23,12 @@ pub(super) struct Counts {
 }
 
 impl Counts {
-    /// The first of them.
+    /// Starts with the first COUNT.
     pub(super) const fn new(first: Number) -> Self {
         Self { first, len: 1 }
     }
 
-    /// Another COUNT has come.
+    /// Adds a repeated COUNT.
     pub(super) fn extend(&mut self, number: Number) {
         let len = number.1.wrapping_sub(self.first.1);
         if number.0 == self.first.0 && len < 127 {
@@ -36,7 +36,7 @@ impl Counts {
         }
     }
 
-    /// The first item has come, and bears this number.
+    /// Ends the range at the first item, which has this sequence number.
     pub(super) fn end(&mut self, number: Number) {
         let len = number.1.wrapping_sub(self.first.1);
         if number.0 == self.first.0 && len <= 127 {
@@ -44,7 +44,7 @@ impl Counts {
         }
     }
 
-    /// Whether it is the number of one of them, also where it came by another link.
+    /// Whether this is the sequence number of one of these COUNTs, also when it came by another link.
     pub(super) fn contains(self, number: u8) -> bool {
         number.wrapping_sub(self.first.1) < self.len
     }

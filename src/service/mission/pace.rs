@@ -1,8 +1,8 @@
 //! When to ask again for an item that does not come, and when to give up (M-40, M-41).
 //!
-//! Until the first round trip is measured each repetition doubles the wait; afterwards the wait is one and a half round
-//! trips. Giving up is timed by the clock alone, so that neither a partner that vanished nor a stuck link can hold the
-//! staging area.
+//! Until the first round trip is measured, each repetition doubles the wait; afterwards the wait is one and a half
+//! round trips. The final timeout depends on the clock alone, so that neither a vanished partner nor a stuck link can
+//! occupy the staging area.
 
 use crate::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use crate::time::{Duration, Instant};
 const MIN_INTERVAL: Duration = Duration::from_millis(250);
 const MAX_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The wait doubles no further than this often before the first measurement: 250, 500, 1000 ms.
+/// How often the wait doubles at most before the first measurement: 250, 500, 1000 ms.
 const DOUBLINGS: u8 = 2;
 
 /// The upload is over after so long without an item *and* so many requests in vain.
@@ -74,8 +74,8 @@ impl Pace {
         self.retry_at = now.after(self.interval());
     }
 
-    /// The last item came a second time: so asking twice was too early, and the whole time was the round trip. The request
-    /// that is out gets that time as well.
+    /// The last item was received a second time. So the repeated request was too early, and the round trip is the whole
+    /// time since the first request. The pending request waits that long as well.
     pub(super) fn repeated(&mut self) {
         if self.doubtful > self.round_trip {
             self.adapt(self.doubtful);
@@ -114,7 +114,7 @@ impl Pace {
         self.retry_at = now.after(self.interval());
     }
 
-    /// How often the item was asked for again.
+    /// Returns how often the item was requested again.
     pub(super) fn retries(&self) -> u8 {
         self.retries
     }
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// M-40: 250, 500, 1000, 1000 ms, and for the next item from the beginning, as long as nothing is measured; the first
+    /// M-40: the waits are 250, 500, 1000, 1000 ms, for every item, as long as no round trip is measured; the first
     /// measurement counts in full.
     #[test]
     fn interval_doubles_until_a_round_trip_is_measured() {
@@ -169,7 +169,7 @@ mod tests {
         }
         pace.asked(at(1_600));
         assert_eq!(pace.deadline(), at(1_850));
-        // The copy of the last item says that it took 1.6 s: the request that is out waits for longer as well.
+        // The duplicate of the last item shows a round trip of 1.6 s: the pending request waits longer as well.
         pace.repeated();
         assert_eq!(pace.deadline(), at(2_600));
     }

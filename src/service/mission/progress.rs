@@ -104,14 +104,15 @@ impl Missions {
         }
     }
 
-    /// The item does not become the current one: a text, and MISSION_CURRENT as it was (M-93).
+    /// Refuses to make the item current: sends a text, and the unchanged MISSION_CURRENT (M-93).
     pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V, seq: u16) {
         event!("current item {=u16}: refused", seq);
         cx.tell(&Trouble::NotCurrent(seq));
         self.current.announce_progress(vehicle.progress(), cx.normal);
     }
 
-    /// A command about the mission's progress; `None` for all others. An error is a refusal that the vehicle had no part in.
+    /// Handles a command about the mission's progress; `None` for all others. An error is a refusal by the stack, not by the
+    /// vehicle.
     #[inline(never)]
     pub(crate) fn on_command<V: Plans>(
         &mut self,
@@ -144,7 +145,7 @@ impl Missions {
     }
 }
 
-/// The command that a MISSION_SET_CURRENT is (M-46).
+/// Returns the command that is equivalent to a MISSION_SET_CURRENT (M-46).
 pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> Command {
     Command {
         id: MavCmd::DO_SET_MISSION_CURRENT,

@@ -166,11 +166,11 @@ const LOCATED: u8 = 1;
 const POSITION_OPTIONAL: u8 = 2;
 /// z need not be a number.
 const ALTITUDE_OPTIONAL: u8 = 4;
-/// A position of 0, 0 is "not set", and is refused.
+/// A position of 0, 0 means "not set" and is refused.
 const ZERO_REFUSED: u8 = 8;
 
-/// The flags of a command with a position: ground stations write 0, 0 where nothing was set, and a waypoint means nothing
-/// without a position (M-48).
+/// The flags of a command with a position: ground stations write 0, 0 when no position was set, and a waypoint without a
+/// position is meaningless (M-48).
 const fn located(command: MavCmd) -> u8 {
     match command {
         MavCmd::NAV_WAYPOINT
@@ -279,15 +279,16 @@ impl CommandRule {
         Self { flags: self.flags & !POSITION_OPTIONAL, ..self }
     }
 
-    /// A latitude and longitude of 0, 0 is a position like others, or what the vehicle makes of it: it may mean "here" in a
-    /// take-off, a landing or a loiter. The default, but for waypoints (M-48). Stored and downloaded as received.
+    /// Accepts a latitude and longitude of 0, 0. The vehicle decides what it means: for example "here" in a take-off, a
+    /// landing or a loiter. This is the default, except for waypoints (M-48). The item is stored and downloaded as
+    /// received.
     #[must_use]
     pub const fn zero_position_allowed(self) -> Self {
         Self { flags: self.flags & !ZERO_REFUSED, ..self }
     }
 
-    /// A latitude and longitude of 0, 0 in a global frame is "not set", and refused with `INVALID_PARAM5_X`. The default for
-    /// NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_ARC_WAYPOINT and WAYPOINT_USER_1 to 5 (M-48).
+    /// Refuses a latitude and longitude of 0, 0 in a global frame, as "not set", with `INVALID_PARAM5_X`. This is the
+    /// default for NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_ARC_WAYPOINT and WAYPOINT_USER_1 to 5 (M-48).
     #[must_use]
     pub const fn zero_position_refused(self) -> Self {
         Self { flags: self.flags | ZERO_REFUSED, ..self }
@@ -459,7 +460,7 @@ mod tests {
         assert_eq!(NAV_TAKEOFF.any_frame().check(&mission), Ok(()));
     }
 
-    /// M-48: 0, 0 in a global frame is no waypoint, unless the vehicle says so; for other commands it is a position.
+    /// M-48: a waypoint at 0, 0 in a global frame is refused, unless the vehicle accepts it; other commands accept it.
     #[test]
     fn zero_is_no_waypoint() {
         let zero = |frame| Item { frame, x: 0, y: 0, ..HERE };
@@ -481,7 +482,7 @@ mod tests {
             assert_eq!(NAV_WAYPOINT.check(&Item { x: 1, ..item }), Ok(()));
             assert_eq!(NAV_WAYPOINT.check(&Item { y: -1, ..item }), Ok(()));
         }
-        assert_eq!(NAV_WAYPOINT.any_frame().check(&zero(MavFrame::MISSION)), Ok(()), "there is no position");
+        assert_eq!(NAV_WAYPOINT.any_frame().check(&zero(MavFrame::MISSION)), Ok(()), "this frame has no position");
         assert_eq!(CommandRule::any(MavCmd::NAV_WAYPOINT).check(&zero(above_home)), Ok(()));
     }
 

@@ -22,7 +22,7 @@ use crate::vehicle::{PlanFault, Plans};
 /// A COUNT like that of the upload that was done so short a time ago may be a late copy of it (M-22).
 const ECHO: Duration = Duration::from_secs(1);
 
-/// A client's transfer stays on its link for so long after the client was last heard there (M-45).
+/// How long a client's transfer stays on its link after the client was last heard there (M-45).
 const STAYS: Duration = Duration::from_secs(2);
 
 /// So long the last item of a finished upload is answered again (M-31).
@@ -133,7 +133,7 @@ impl Missions {
             && !(upload.may_be_echo && number.is_after(upload.last))
         {
             if cx.plans.staged() == 0 {
-                // The request that is out, or that the retry timer will send, is the answer (M-22 a).
+                // The pending request, or the one that the retry timer will send, is the answer (M-22 a).
                 upload.partner = caller.from;
                 upload.counts.extend(number);
                 upload.owes_request |= upload.may_be_echo;
@@ -198,34 +198,35 @@ impl Missions {
         self.heard = cx.now;
     }
 
-    /// Whether another client's upload is running, other than by a delayed duplicate.
+    /// Whether another client's upload is running, not counting one begun by a delayed duplicate.
     fn is_kept_out(&self, now: Instant, caller: &Caller<'_>) -> bool {
         let is_others = |upload: &Upload| upload.keeps_out() && !upload.is_by(caller.from.address);
         self.upload.as_ref().is_some_and(is_others) || self.is_elsewhere(now, caller.from)
     }
 
-    /// A frame came from `from`. The client that changes plans stays on its link as long as it is heard there (M-45).
+    /// Records a frame from `from`. The client that changes plans stays on its link as long as it is heard there
+    /// (M-45).
     pub(crate) fn heard(&mut self, now: Instant, from: Peer) {
         if self.client() == Some(from) {
             self.heard = now;
         }
     }
 
-    /// The client whose upload runs, or whose change is being written, and its link.
+    /// Returns the client whose upload runs or whose change is being written, with its link.
     fn client(&self) -> Option<Peer> {
         let upload = self.upload.as_ref().filter(|upload| upload.keeps_out());
         upload.map(|upload| upload.partner).or_else(|| self.committing().map(|commit| commit.to))
     }
 
-    /// Whether `from` has the ids of the client that changes plans, which was heard on another link a moment ago. Then this
-    /// is another station with the same ids, or a copy that came by a second way (M-45).
+    /// Whether `from` has the ids of the client that changes plans, while that client was recently heard on another link.
+    /// If so, the frame is from another station with the same ids, or a duplicate by a second route (M-45).
     pub(super) fn is_elsewhere(&self, now: Instant, from: Peer) -> bool {
         self.client().is_some_and(|client| client.address == from.address && client.link != from.link)
             && now.since(self.heard) < STAYS
     }
 
-    /// Whether a COUNT that came by another link than its upload is a copy of one of this upload's, or repeats it before the
-    /// first item: to refuse it would end the upload of a client that sends everything by two links.
+    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item.
+    /// To refuse it would end the upload of a client that sends everything on two links.
     fn is_copy_of_count(&self, cx: &Context<'_, '_>, plan: PlanType, count: u16, number: Number) -> bool {
         if let Some(upload) = &self.upload {
             let is_alike = (upload.plan, upload.count) == (plan, count);
@@ -251,7 +252,7 @@ impl Missions {
             return None;
         }
         if self.is_elsewhere(cx.now, from) {
-            // Not denied: most likely it is a copy, and the client would take that for the end (M-45).
+            // Not denied: most likely it is a duplicate, and a denial would end the client's upload (M-45).
             self.out_of_place();
             return None;
         }
@@ -384,8 +385,8 @@ impl Missions {
         self.done = Some(done);
     }
 
-    /// An item that is no part of any plan: "go there now", or "change the altitude", which are commands today (M-34). Told
-    /// at most once a second, as with stray items (M-36).
+    /// Refuses an item that is not part of a plan: "go there now" or "change the altitude", which are commands today
+    /// (M-34). Answers at most once a second, as for stray items (M-36).
     fn refuse_guided(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
         self.out_of_place();
         if caller.replies.may_answer_stray(cx.now) {
@@ -424,7 +425,7 @@ impl Missions {
         let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
         self.sessions.close(from, plan);
         if self.is_elsewhere(cx.now, from) {
-            // It ends another station's download, or is a copy (M-45).
+            // It ends another station's download, or is a duplicate (M-45).
             return self.out_of_place();
         }
         let Some(upload) = self.upload.as_mut().filter(|upload| upload.is_by(from.address) && upload.plan == plan)
@@ -436,7 +437,7 @@ impl Missions {
         match result {
             MavMissionResult::ACCEPTED => {}
             MavMissionResult::UNSUPPORTED if upload.form.explains_unsupported(cx.plans.staged() > 0) => {
-                // M-47: not a cancel. If the partner knows no form at all, the timer ends the upload.
+                // M-47: not a cancel. If the partner knows neither form, the timer ends the upload.
                 event!("upload by {}: asking in the other form", from);
                 upload.owes_request |= upload.form.refused();
             }
@@ -563,7 +564,7 @@ impl Missions {
         lacks
     }
 
-    /// Whether storage was written too often for a change to `count` items; the refusal is answered here (C-15).
+    /// Whether the token bucket is too empty for a change to `count` items; if so, sends the refusal (C-15).
     fn is_worn(
         &self,
         cx: &mut Context<'_, '_>,

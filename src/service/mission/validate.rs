@@ -84,7 +84,7 @@ pub(super) enum Trouble<'a> {
 }
 
 impl Trouble<'_> {
-    /// What is wrong with the plan, where that is the trouble.
+    /// Returns the fault in the plan, if that is the trouble.
     pub(super) fn fault(&self) -> PlanFault {
         match *self {
             Self::Refused(_, fault) => fault,

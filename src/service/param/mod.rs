@@ -352,7 +352,7 @@ impl Params {
         Some(result)
     }
 
-    /// From now on storage bears one more write that peers cause in this time (C-15).
+    /// Sets the time in which storage regains one token for a write that peers cause (C-15).
     pub(crate) fn limit<V: Parameters>(&mut self, vehicle: &mut V, refill: Duration) {
         self.saving(vehicle, |saving, _| saving.limit(refill));
     }
@@ -362,7 +362,8 @@ impl Params {
         self.saving(vehicle, |saving, generation| saving.loaded(generation, is_read));
     }
 
-    /// What could not be read at the start came back, or still cannot be read. What was set since is to be written, later then.
+    /// Records whether parameters that could not be read at the start have now been read. If not, parameters set since then are
+    /// written later.
     pub(crate) fn reread<V: Parameters>(&mut self, now: Instant, vehicle: &mut V, is_read: bool) {
         self.saving(vehicle, |saving, generation| saving.reread(now, generation, is_read));
     }

@@ -16,8 +16,8 @@ const PACE: u32 = 92_500_000;
 /// What a list has not used of its share is lost after this time: so much may a poll be late.
 const CATCH_UP: Duration = Duration::from_millis(100);
 
-/// A value of a list that has waited so long goes before streams and forwarded frames, or a full line would starve the list
-/// (D-4, P-11). Less than [`CATCH_UP`], so that the list loses nothing of its share by waiting.
+/// A list value that has waited this long is sent before streams and forwarded frames; otherwise a saturated link would
+/// starve the list (D-4, P-11). Less than [`CATCH_UP`], so that waiting does not reduce the list's share.
 const PATIENCE: Duration = Duration::from_millis(20);
 
 /// A request that is refused.

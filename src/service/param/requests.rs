@@ -146,14 +146,14 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     if !value::is_supported(sent) {
         return Err(MavParamError::TYPE_UNSUPPORTED);
     }
-    // A client that casts need not know the type, and pymavlink says REAL32 of everything.
+    // A client that casts need not know the type, and pymavlink names REAL32 for every parameter.
     let named = if encoding == ParamEncoding::CCast { ours } else { sent };
     if (named == MavParamType::REAL32) != (ours == MavParamType::REAL32) {
         return Err(MavParamError::TYPE_MISMATCH);
     } else if info.is_read_only() {
         return Err(MavParamError::READ_ONLY);
     }
-    // A client may know the parameter by its name, of another autopilot, as an integer of another size.
+    // A client may know the parameter from another autopilot, as an integer of another size.
     let bits = value::from_wire(encoding, named, set.param_value);
     let bits = bits.and_then(|bits| value::converted(named, ours, bits));
     // Not clamped: a client that reads something else back sets it again, and fails (P-14).

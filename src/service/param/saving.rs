@@ -1,8 +1,8 @@
 //! When parameters are written to storage: behind the changes, together, and not often (P-17, SEC-12).
 //!
 //! A write begins a second after the first change, with all that came since, and not within ten seconds of the write before,
-//! unless the operator asks for it. What changes while it goes on is in it or not; then there will be another one. After many
-//! writes they are further apart (C-15).
+//! unless the operator asks for it. A change during a write may or may not be included, and causes another write. After many
+//! writes, writes become less frequent (C-15).
 
 use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
@@ -32,7 +32,7 @@ pub(super) struct Saving {
     due: Instant,
     /// When the storage has rested.
     rested: Instant,
-    /// Whether the next write is wanted at once.
+    /// Whether the next write is requested at once.
     is_urgent: bool,
     wear: Wear,
 }
@@ -68,8 +68,8 @@ impl Saving {
         *self = Self { attached: true, stored: generation, rested: self.rested, wear: self.wear, ..Self::new() };
     }
 
-    /// What could not be read before was read, or was not: what is to be written is written after that, and not at once where it
-    /// would replace what is still to be read.
+    /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is deferred,
+    /// so that it does not replace what is still unread.
     pub(super) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
         if self.busy || self.dirty {
             (self.busy, self.dirty) = (false, true);
@@ -88,18 +88,19 @@ impl Saving {
         }
     }
 
-    /// It is to be written now, if there is something that was [noticed](Self::notice).
+    /// Makes a write due now, if a change was [noticed](Self::notice).
     pub(super) fn hurry(&mut self, now: Instant) {
         self.due = now;
         self.is_urgent = self.dirty;
     }
 
-    /// Writes are so far apart in the long run.
+    /// Sets the interval of writes in the long run.
     pub(super) fn limit(&mut self, refill: Duration) {
         self.wear.limit(refill);
     }
 
-    /// Whether there have been too many writes for another one, which `will_change` something or writes what has changed (C-15).
+    /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or if
+    /// changes are pending (C-15).
     pub(super) fn is_worn(&self, now: Instant, will_change: bool) -> bool {
         self.attached && (will_change || self.dirty) && !self.wear.has(now, 1)
     }

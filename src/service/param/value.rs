@@ -10,8 +10,8 @@ const SIGN: u32 = 1 << 31;
 
 /// How integers stand in the float that PARAM_VALUE and PARAM_SET have for a value (P-2). A `f32` is the same in both.
 ///
-/// A PARAM_SET of an integer may name another integer type than the parameter's. Its bytes are read as that type's, or with a
-/// cast as a number, and the value is taken if it fits (P-14).
+/// A PARAM_SET of an integer may name another integer type than the parameter's. Its bytes are read in that type, or as a
+/// number with C casts, and the value is accepted if it fits (P-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ParamEncoding {
@@ -152,7 +152,8 @@ pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f3
     (extended(r#type, bits) == integer).then_some(bits)
 }
 
-/// The value `bits` of one integer type, as another has it; `None` when it does not fit. The same for a float, which is no integer.
+/// Converts the value `bits` from one integer type to another; `None` when it does not fit. From float to float the bits are
+/// unchanged.
 pub(super) fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
     let spare = spare_bits(to);
     let (value, is_negative) = number(from, bits);
@@ -160,7 +161,7 @@ pub(super) fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Opti
     (number(to, low) == (value, is_negative)).then_some(low)
 }
 
-/// A value as 32 bits, and whether it is less than zero.
+/// Returns a value as 32 bits, and whether it is negative.
 fn number(r#type: MavParamType, bits: u32) -> (u32, bool) {
     if !is_signed(r#type) {
         return (bits, false);
@@ -247,12 +248,12 @@ mod tests {
         (MavParamType::INT32, i32::MIN as i64, i32::MAX as i64),
     ];
 
-    /// The bits of an integer in `type`, with zeros above them.
+    /// Returns the bits of an integer in `type`, padded with zeros.
     fn bits_of(r#type: MavParamType, value: i64) -> u32 {
         value as u32 & (u32::MAX >> spare_bits(r#type))
     }
 
-    /// P-14, P-2: an integer of every type is one of every other, if that has it: at the borders of all.
+    /// P-14, P-2: integers convert between all types if the value fits, checked at the limits of each type.
     #[test]
     fn an_integer_of_another_type_is_the_same_number_or_none() {
         let borders = INTEGERS.iter().flat_map(|(_, min, max)| [*min, *max]).flat_map(|at| [at - 1, at, at + 1]);

@@ -1,4 +1,4 @@
-//! Message signing: that a frame's sender has the key, and that the frame is no recording.
+//! Message signing: proves that a frame's sender has the key and that the frame is not replayed.
 //!
 //! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18. [`Signing`] describes how a frame is judged.
 
@@ -33,7 +33,7 @@ use streams::{MINUTE, Stale};
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
 const EPOCH: u64 = 1_420_070_400;
 
-/// How far a peer's clock may be ahead of the time that the vehicle told (10 µs): a day, for clocks that are badly set (G-17).
+/// How far a peer's clock may be ahead of the time set by the vehicle (10 µs): a day, to tolerate badly set clocks (G-17).
 const DAY: u64 = 24 * 60 * MINUTE;
 
 /// What was accepted and refused, on all links. The counters wrap.
@@ -52,8 +52,8 @@ pub struct SigningCounters {
     pub replayed: u32,
     /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6), or from before a restart.
     pub too_old: u32,
-    /// Frames with a right signature from more than a day ahead of the time that the vehicle told, and frames that bear the last
-    /// timestamp of 48 bits, which has no successor (G-17).
+    /// Frames with a right signature and a timestamp more than a day ahead of the time set by the vehicle, and frames with the
+    /// last 48-bit timestamp, which has no successor (G-17).
     pub too_far_ahead: u32,
     /// Frames with a right signature that would begin a stream, for which the table has no place (G-8).
     pub no_stream_slot: u32,
@@ -131,12 +131,12 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///   moved too far ahead, also after a restart. The time that the vehicle told since the start still counts: our time starts no
 ///   earlier than that.
 ///
-/// The last timestamp of 48 bits, in 2104, has no successor, so it is never accepted. Once our own time has reached it, links that
-/// sign send unsigned frames instead of a timestamp a second time, until there is another key.
+/// The last 48-bit timestamp, in 2104, has no successor, so it is never accepted. Once our own time has reached it, links that
+/// sign send unsigned frames until another key is set: a timestamp is never sent twice.
 ///
 /// # What can be replayed
 ///
-/// An attacker that recorded signed frames can have them accepted again in these cases:
+/// Recorded signed frames can be accepted again in these cases:
 ///
 /// - **A key that returns.** What is set after another key, or after none, counts as another key: the one before was forgotten.
 ///   So frames that were recorded with it are accepted once more, if they are no more than a minute older than the timestamp
@@ -155,21 +155,21 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///
 /// # Setting the key
 ///
-/// The firmware sets the key ([`Signing::set_key`]), or SETUP_SIGNING on a link that is made for it (G-11). SETUP_SIGNING is
-/// refused, reported by a text and counted when its timestamp is more than a day ahead of the time that the vehicle told, and ahead
-/// of ours. Before the vehicle has told the time there is nothing to compare it with.
+/// The key is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING on a provisioning link (G-11). SETUP_SIGNING is
+/// refused, with a text and a counter, when its timestamp is more than a day ahead of the time set by the vehicle and also ahead
+/// of our time. Until the vehicle has set the time there is nothing to compare it with.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
     /// Our time, less the clock.
     boot: i64,
-    /// The last timestamp that was sent; time does not fall behind it.
+    /// The last timestamp that was sent; time never falls behind it.
     last: u64,
     /// Before this no new stream begins.
     floor: u64,
-    /// The latest time that the vehicle itself told since the start, less the clock.
+    /// The latest time that the vehicle set since the start, less the clock.
     told: Option<i64>,
-    /// The latest time that peers on normal links told by their signatures, less the clock.
+    /// The latest timestamp in signatures of peers on normal links, less the clock.
     heard: Option<i64>,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
@@ -245,9 +245,9 @@ enum Verdict {
     Verified,
     /// Nothing: it has none, or there is no key.
     Unsigned,
-    /// Not made with our key. Counted.
+    /// Not signed with our key. Counted.
     Forged,
-    /// Right, but of a frame that is too old, or from too far ahead. Counted.
+    /// Right, but the frame is too old or too far ahead. Counted.
     Stale,
 }
 
@@ -262,14 +262,14 @@ impl Signing {
         self.counters
     }
 
-    /// Our time (10 µs since 2015-01-01 00:00 UTC, G-3): the next signed frame bears at least this. It is no time of day: unless
-    /// the vehicle or a peer knew that, it began where it was last.
+    /// Returns our time (10 µs since 2015-01-01 00:00 UTC, G-3), the minimum timestamp of the next signed frame. It is not the
+    /// time of day: unless the vehicle or a peer knew that, it continued from the stored time.
     #[inline(never)]
     pub fn timestamp(&self, now: Instant) -> u64 {
         self.time(now).min(MAX_TIMESTAMP)
     }
 
-    /// The same, and beyond the last timestamp when that was used.
+    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used.
     fn time(&self, now: Instant) -> u64 {
         self.last.max(at(now, self.boot))
     }
@@ -277,9 +277,9 @@ impl Signing {
     /// Signs with `key` from now on, and accepts what was signed with it (G-17).
     ///
     /// - The key that is in use: our time moves forward to `timestamp` (10 µs since 2015-01-01), never back.
-    /// - Another key, also one that was in use before: our time starts at `timestamp`, or at what the vehicle
-    ///   [told](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] says what can be replayed
-    ///   with a key that returns, and [`refuse_recorded`](Self::refuse_recorded) prevents it.
+    /// - Another key, also one that was in use before: our time starts at `timestamp`, or at the time that the vehicle
+    ///   [set](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] lists what can be
+    ///   replayed with a key that is set again; [`refuse_recorded`](Self::refuse_recorded) prevents it.
     ///
     /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
@@ -296,18 +296,19 @@ impl Signing {
         event!("signing: key set");
     }
 
-    /// Signs no longer, and forgets the key. Whatever key is set next is [another one](Self::set_key).
+    /// Stops signing and forgets the key. Whatever key is set next counts as [another key](Self::set_key).
     pub fn clear_key(&mut self) {
         self.key = None;
         self.is_to_be_stored();
         event!("signing: off");
     }
 
-    /// Tells the time: at `now` it is `unix_usec` µs after the beginning of 1970 in UTC. Moves our time forward to that (G-4),
-    /// never back (G-14), and from then on [bounds](Signing) how far ahead a peer's clock may be (G-17). An earlier time than was
-    /// told before changes nothing, nor does one before 2015, as of a clock that was never set: true.
+    /// Sets the time: at `now` it is `unix_usec` µs since 1970-01-01 00:00 UTC. Moves our time forward to it (G-4), never back
+    /// (G-14), and from then on [bounds](Signing) how far ahead a peer's clock may be (G-17). Returns true, without any effect,
+    /// for a time earlier than one set before, and for a time before 2015, as from a clock that was never set.
     ///
-    /// False, and counted, when our time would move by more than `max_step`; nothing happens then (G-14).
+    /// Returns false when our time would move by more than `max_step`, or would reach the last 48-bit timestamp. The
+    /// call is then counted and has no effect (G-14).
     ///
     /// Only tell a time that is known to be right. A wrong one shuts out the peers whose clocks are right:
     ///
@@ -338,10 +339,10 @@ impl Signing {
         true
     }
 
-    /// Refuses what was recorded before: a new stream begins at our time or later, not a minute before (stricter than G-6). Call it
-    /// after `Stack::restore_signing`, for what was recorded before a restart, and after [`set_key`](Self::set_key), for what was
-    /// recorded with that key before. What was recorded from later than our time, as with a key that comes with an early one, is
-    /// not refused.
+    /// Refuses frames that were recorded before: a new stream must begin after our time, not up to a minute before it (stricter
+    /// than G-6). Call this after `Stack::restore_signing`, against frames recorded before a restart, and after
+    /// [`set_key`](Self::set_key), against frames recorded with that key. It does not refuse recorded frames with timestamps
+    /// later than our time, which are possible when a key is set with an early timestamp.
     ///
     /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only helps after
     /// [`set_time`](Self::set_time).
@@ -352,19 +353,19 @@ impl Signing {
         self.floor = self.timestamp(now).saturating_add(1);
     }
 
-    /// Returns how long ago a frame that the stack has accepted was signed (L-16): the time now, less its timestamp. Zero for a
-    /// frame from later than now. `None` for a frame without a signature, when there is no key to verify it with, and as long as
-    /// neither the vehicle nor a peer has told the time since the start.
+    /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its timestamp, or zero
+    /// for a frame from the future. Returns `None` for an unsigned frame, without a key to verify it, and until the vehicle or a
+    /// peer has provided the time since the start.
     ///
-    /// The time now is the latest that the vehicle told by [`set_time`](Self::set_time): a clock that is set back makes nothing
-    /// young. Before it told any, it is what the peer furthest ahead told by its signatures, on other than high-latency links.
-    /// So it is too when what the vehicle told is more than a day behind that peer, as with a clock that was never set.
+    /// The current time is the latest one from [`set_time`](Self::set_time), so a clock that is set back does not reduce an
+    /// age. Until the vehicle has set the time, the current time is the latest timestamp that any peer sent on a normal link.
+    /// The same holds when the vehicle's time is more than a day behind that peer, as with a clock that was never set.
     ///
-    /// It is not our own [time](Self::timestamp), which begins up to a minute ahead after a restart (G-15). A sender whose clock is
-    /// late makes its frames look older than they are; so does a peer whose clock is ahead, as long as the vehicle has told
-    /// nothing. A sender whose clock is ahead makes its frames look younger, by up to that minute where it follows our time and
-    /// the vehicle told a right one. Otherwise a signature does not say how long a frame was on its way: a frame that begins a
-    /// stream is a minute old at most, one of a known stream has any age (G-6).
+    /// It is not our own [time](Self::timestamp), which starts up to a minute ahead after a restart (G-15). A sender whose clock
+    /// is behind makes its frames look older than they are; so does a peer whose clock is ahead, until the vehicle has set the
+    /// time. A sender whose clock is ahead makes its frames look younger: by up to that minute if it follows our time and the
+    /// vehicle's time is right. The signature alone does not bound the delay: a frame that begins a stream is at most a minute
+    /// old, but a frame of a known stream can have any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
         let signed_at = self.signed_at(frame)?.get();
         let heard = self.heard.map(|heard| at(now, heard));
@@ -379,12 +380,12 @@ impl Signing {
         NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
     }
 
-    /// The latest timestamp that is accepted, once the vehicle has told the time (G-17).
+    /// Returns the latest timestamp that is accepted, once the vehicle has set the time (G-17).
     fn bound(&self, now: Instant) -> Option<u64> {
         Some(at(now, self.told?).saturating_add(DAY))
     }
 
-    /// Whether SETUP_SIGNING may bring this timestamp.
+    /// Whether SETUP_SIGNING may have this timestamp.
     fn takes_setup(&self, now: Instant, timestamp: u64) -> bool {
         let is_near = timestamp <= self.timestamp(now) || self.bound(now).is_none_or(|bound| timestamp <= bound);
         timestamp < MAX_TIMESTAMP && is_near
@@ -407,7 +408,8 @@ impl Signing {
         self.last < MAX_TIMESTAMP && self.time(now) <= MAX_TIMESTAMP
     }
 
-    /// The timestamp of a frame that is signed now: one more than the last one at least (G-4). `None` when there is none left.
+    /// Returns the timestamp of a frame that is signed now: at least one more than the last one (G-4). `None` when none is
+    /// left.
     fn stamp(&mut self, now: Instant) -> Option<u64> {
         if !self.has_stamp(now) {
             return None;
@@ -477,7 +479,7 @@ impl Signing {
         }
     }
 
-    /// Whether a peer may have another key stored (C-15).
+    /// Whether a peer may cause another key to be stored (C-15).
     fn bears_key(&self, now: Instant) -> bool {
         #[cfg(feature = "storage")]
         return self.saving.keys.has(now, 1);
@@ -488,7 +490,7 @@ impl Signing {
         }
     }
 
-    /// A peer has another key stored.
+    /// Counts a key that a peer causes to be stored.
     fn wear_key(&mut self, now: Instant) {
         #[cfg(feature = "storage")]
         self.saving.keys.spend(now, 1);
@@ -496,8 +498,8 @@ impl Signing {
         let _ = (self, now);
     }
 
-    /// What a link accepts: what it is configured to; but nothing unsigned while the stored key is lost, if the link would sign
-    /// or refuse with a key (G-18).
+    /// Returns what a link accepts: as configured, but nothing unsigned while the stored key is lost, if the link would sign or
+    /// refuse with a key (G-18).
     const fn accept(&self, link: &LinkSigning) -> Accept {
         #[cfg(feature = "storage")]
         if self.is_lost() && !self.is_active() && (link.signs() || !matches!(link.accept, Accept::Open)) {
@@ -584,7 +586,8 @@ pub(crate) fn key_of(vehicle: &mut impl Vehicle) -> Option<&SigningKey> {
     vehicle.signing()?.key.as_ref()
 }
 
-/// Has what is sent next signed, if the link signs and there is a key and a timestamp for it. Then it is MAVLink 2 (V-3).
+/// Selects signing for the next frame, if the link signs and there is a key and a timestamp. The frame is then MAVLink 2
+/// (V-3).
 pub(crate) fn prepare(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
     let Some(signing) = vehicle.signing() else { return };
     let signs = signing.is_active() && port.config.signing.signs() && signing.has_stamp(now);
@@ -594,8 +597,8 @@ pub(crate) fn prepare(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle)
     }
 }
 
-/// Signs the frame that is about to leave, if it needs it: a new one, or one that is sent from its start again (G-4). Without
-/// a key, or a timestamp, it does not leave.
+/// Signs the frame that is about to be sent, if it needs a signature: a new frame, or one that is restarted (G-4). Without a
+/// key or a timestamp it is not sent.
 pub(crate) fn sign(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
     let Some(signing) = vehicle.signing() else { return };
     if port.outbox.needs_signature() {
@@ -618,13 +621,13 @@ const fn ticks(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
 }
 
-/// A timestamp less the clock; beyond the last one all are the same.
+/// Returns a timestamp less the clock; timestamps beyond the last one are treated alike.
 fn offset(now: Instant, timestamp: u64) -> i64 {
     let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
     timestamp.cast_signed().saturating_sub(ticks(now).cast_signed())
 }
 
-/// The time that has this [`offset`].
+/// Returns the time that has this [`offset`].
 const fn at(now: Instant, offset: i64) -> u64 {
     ticks(now).saturating_add_signed(offset)
 }

@@ -33,10 +33,10 @@ impl Accept {
 pub struct LinkSigning {
     /// Which frames are accepted.
     pub accept: Accept,
-    /// Whether the key may be set, and taken away, by SETUP_SIGNING on this link (G-11). It goes over the line as it is, so
-    /// only a wire that nobody listens to should have this. Such a link signs, so that who has set the key can see that it is in
-    /// use. As long as there is no key, SETUP_SIGNING is accepted here unsigned, whatever else is. On an [open](Accept::Open) link
-    /// a station that signs with another key is told so by an unsigned text, at most every 10 s.
+    /// Whether the key may be set, and taken away, by SETUP_SIGNING on this link (G-11). It goes over the line as it is, so set
+    /// this only for a wire that cannot be eavesdropped. Such a link signs, so that the peer that has set the key can see that
+    /// it is in use. As long as there is no key, SETUP_SIGNING is accepted here unsigned, even if nothing else is. On an
+    /// [open](Accept::Open) link, an unsigned text tells a station that it signs with a wrong key, at most every 10 s.
     pub provisioning: bool,
     /// Whether what is sent is signed, once there is a key; then it is MAVLink 2 from the start (V-3).
     pub sign_out: bool,

@@ -2,9 +2,9 @@
 //!
 //! Only on a link that is made for it, for this component by its system's number, while the vehicle is disarmed, and with no
 //! timestamp that is more than a day ahead, if the vehicle has told what time it is. The message has no acknowledgement, and a
-//! ground station that turns its own signing on by hope alone goes deaf. So what was accepted is answered at once by a
-//! HEARTBEAT, signed with the new key, or unsigned when there is none any longer, and by a text; what was refused by an
-//! unsigned text. A ground station that still signs with another key, where it could set the key, is told so by an unsigned text.
+//! ground station that turns its own signing on by hope alone goes deaf. So what was accepted is answered at once by a HEARTBEAT,
+//! signed with the new key, or unsigned when there is none any longer, and by a text; what was refused by an unsigned text. An
+//! unsigned text also tells a ground station that it signs with a wrong key, on a link where it could set the key.
 
 use zeroize::Zeroize;
 
@@ -16,10 +16,10 @@ use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
 use crate::vehicle::Vehicle;
 
-/// From one hint on a link to the next.
+/// Minimum time between two hints on a link.
 const HINT_PAUSE: Duration = Duration::from_secs(10);
 
-/// What is to be told on a link of SETUP_SIGNING.
+/// The pending text about SETUP_SIGNING on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Answer {
@@ -31,7 +31,7 @@ pub(crate) enum Answer {
     Place,
     Time,
     Often,
-    /// Nobody asked: frames come that are signed with another key. Gives way to an answer.
+    /// Unsolicited: frames are received that are signed with another key. An answer replaces it.
     WrongKey,
     /// Nobody asked: frames are refused because the stored key is lost. Gives way to an answer.
     LostKey,
@@ -133,7 +133,7 @@ pub(super) fn hint(now: Instant, port: &mut Port, answer: Answer) {
     }
 }
 
-/// Sends the text that is owed on this link. False when none is.
+/// Sends the text that is pending on this link. Returns false when none is.
 pub(crate) fn next(port: &mut Port) -> bool {
     let answer = core::mem::replace(&mut port.setup, Answer::None);
     if answer == Answer::None {
@@ -141,7 +141,7 @@ pub(crate) fn next(port: &mut Port) -> bool {
     }
     let severity = if answer.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
     if answer.is_refusal() {
-        // A station with another key reads it too.
+        // Unsigned, so that a station with another key accepts it too.
         port.outbox.set_signs(false);
     }
     port.outbox.send(&Statustext { severity, text: Text::new(answer.text()), ..Statustext::default() })

@@ -45,7 +45,7 @@ fn storage_that_failed_is_left_alone_for_ten_seconds() {
     assert!(signing.unsaved(again).is_some());
 }
 
-/// G-3, G-14, G-17: the last timestamp of 48 bits, in 2104, has no successor and is refused; the one before is taken.
+/// G-3, G-14, G-17: the last 48-bit timestamp, in 2104, has no successor and is refused; the one before is accepted.
 #[test]
 fn time_has_an_end() {
     let last = (MAX_TIMESTAMP + EPOCH * 100_000) * 10;
@@ -59,8 +59,8 @@ fn time_has_an_end() {
     assert_eq!(signing.counters().refused_times, 3);
 }
 
-/// G-4, G-15, G-17: a stored time at the end may have been used up to the last, by a version that did so: nothing is signed with it
-/// again, whatever stands there. Another key begins with its own.
+/// G-4, G-15, G-17: an older version may have used a stored time at the end up to the last timestamp, so nothing is signed with
+/// it again. Another key starts with its own time.
 #[test]
 fn a_stored_time_at_the_end_is_not_used_again() {
     for stored in [MAX_TIMESTAMP + 1, MAX_TIMESTAMP + MINUTE, u64::MAX] {
@@ -72,12 +72,12 @@ fn a_stored_time_at_the_end_is_not_used_again() {
         signing.set_key(NOW, SigningKey::new([8; 32]), TIME);
         assert_eq!((signing.stamp(NOW), signing.stamp(NOW)), (Some(TIME), Some(TIME + 1)));
         assert!(signing.unsaved(NOW).is_some());
-        assert_eq!(signing.content().1, TIME + 1 + MINUTE, "and so it is stored");
+        assert_eq!(signing.content().1, TIME + 1 + MINUTE, "stored a minute ahead");
     }
 }
 
-/// G-17: our time starts with the timestamp of another key, also when that is less than the clock; a clock that reads less than it
-/// did then is no fault.
+/// G-17: our time starts with the timestamp of another key, even when that is less than the clock; a clock that reads less
+/// afterwards causes no fault.
 #[test]
 fn another_key_may_begin_with_an_early_time() {
     let mut signing = SigningMemory::<1>::new();

@@ -113,8 +113,8 @@ fn a_second_cut_in_large_units() {
     two_cuts::<32, 256>(Torn::Unreadable);
 }
 
-/// G-18: the first record of all: nothing, or the new one. Damage is told only where a cut leaves garbage in a
-/// header, or a part of its last word.
+/// G-18: after a cut in the very first record there is nothing, or the new record. Damage is reported only where a cut
+/// leaves garbage in a header, or a part of its last word.
 #[test]
 fn a_cut_in_the_first_commit() {
     let new = Content::new([3, 1, 1], 9);

@@ -367,7 +367,7 @@ fn unreadable_slots() {
         assert_eq!(settle(&mut store), Step::Idle);
         store.flash_mut().fault = Fault::None;
         assert_eq!(restart(store.flash().clone()), Some(now.clone()), "still there");
-        assert_eq!(write(&mut store, 9, &next), Step::Unread, "it is to be read before it is replaced");
+        assert_eq!(write(&mut store, 9, &next), Step::Unread, "it must be read before it is replaced");
         assert_eq!(read(&mut store), Some(now.clone()));
         assert_eq!(write(&mut store, 9, &next), Step::Done);
         assert_eq!(restart(store.flash().clone()), Some(next.clone()), "no older record may come up beside it");
@@ -377,7 +377,7 @@ fn unreadable_slots() {
     }
 }
 
-/// G-18: where neither slot can be read, nothing is erased, however often something is to be written.
+/// G-18: when neither slot can be read, nothing is erased, however often a write is requested.
 #[test]
 fn storage_that_cannot_be_read_is_not_erased() {
     let (old, new) = contents();
@@ -394,8 +394,8 @@ fn storage_that_cannot_be_read_is_not_erased() {
     assert_eq!(restart(store.into_inner()), Some(old));
 }
 
-/// G-18: reads fail at a start, any one of them or some in a row. A record that can be read later is read before it
-/// is replaced; so the content of both slots outlasts it.
+/// G-18: any one read or several consecutive reads fail at a start. A record that can be read later is read before it
+/// is replaced, so no content is lost.
 #[test]
 fn reads_that_fail_lose_nothing() {
     let (old, new) = contents();
@@ -425,14 +425,14 @@ fn reads_that_fail_lose_nothing() {
                 step
             });
             let is_done = steps.take_while(|step| *step != Step::Done).count() < 200;
-            assert!(is_done, "{first}, {len}: it is never written");
+            assert!(is_done, "{first}, {len}: never written");
             assert_eq!(live.as_ref(), Some(newest), "{first}, {len}: replaced without having been read");
             assert_eq!(restart(store.into_inner()), Some(next));
         }
     }
 }
 
-/// What can be read of a store: all or nothing.
+/// Reads the whole content of a store, or nothing.
 fn try_read(store: &mut PlanStore<Flash>) -> Option<Content> {
     let Stored { counts, ids } = store.open().ok()??;
     let mut content = Content { items: Default::default(), ids };

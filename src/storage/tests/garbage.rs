@@ -1,4 +1,4 @@
-//! Whatever lies in the flash: nothing, a record whose checksums are right, or damage that is told; never a panic (GOAL-9, G-18).
+//! Any flash content reads as nothing, as a record with right checksums, or as reported damage; never a panic (GOAL-9, G-18).
 
 #[path = "../../../tests/support/rng.rs"]
 #[allow(dead_code, reason = "shared with other tests")]

@@ -91,7 +91,7 @@ fn bytes_are_as_documented() {
     assert_eq!(restart(expected), Some(second));
 }
 
-/// G-18: a record of another version is told from no record, and from damage.
+/// G-18: a record of another version is distinguished from no record and from damage.
 #[test]
 fn another_version_is_foreign() {
     let content = Content::new([2, 0, 0], 5);
@@ -101,7 +101,7 @@ fn another_version_is_foreign() {
     assert_eq!(found(Flash::new(4096)), Ok(None));
 }
 
-/// G-18: what stands behind a record that is too short belongs to nobody, and the record is no empty one.
+/// G-18: bytes after a record that is too short are ignored, and the record does not count as empty.
 #[cfg(feature = "signing")]
 #[test]
 fn a_short_record_is_no_key() {
@@ -156,7 +156,8 @@ fn the_newer_record_counts() {
     }
 }
 
-/// G-18: any bit of header or body. A newer record that is damaged does not hide the older one, and alone it is not nothing.
+/// G-18: any bit of header or body flips. A damaged newer record does not hide the older one, and alone it does not count as
+/// empty.
 #[test]
 fn damage_is_seen() {
     let (a, b) = (Content::new([1, 0, 0], 1), Content::new([1, 1, 0], 2));
@@ -168,7 +169,7 @@ fn damage_is_seen() {
             let mut store = store(flash(slots));
             let stored = store.open().expect("there is a record").expect("there is a record");
             assert_eq!(items(&mut store, stored), a, "bit {bit}");
-            // A header that does not match itself may be torn; a body is read back before it gets one.
+            // A header with a wrong CRC may be torn; a body is read back before its header is written.
             assert_eq!(store.is_damaged(), bit >= 256 * 8, "bit {bit}");
             assert_eq!(settle(&mut store), Step::Idle);
             assert_eq!(store.open().is_ok() && store.is_damaged(), bit >= 256 * 8, "bit {bit}: it is not cleared away");

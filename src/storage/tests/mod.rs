@@ -102,7 +102,7 @@ fn look<F: NorFlash>(store: &mut PlanStore<F>) {
     }
 }
 
-/// What a restart finds.
+/// Returns what a restart finds.
 fn found<F: NorFlash>(flash: F) -> Result<Option<Content>, RestoreError<F::Error>> {
     let mut store = store(flash);
     match store.open()? {

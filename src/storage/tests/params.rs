@@ -230,7 +230,7 @@ fn a_change_between_two_steps_spoils_nothing() {
     }
 }
 
-/// G-18: in empty storage there are no parameters; storage of plans and what cannot be read are errors.
+/// G-18: empty storage has no parameters; storage of plans and unreadable storage are errors.
 #[test]
 fn what_is_no_record_of_parameters() {
     let flash = RamFlash::<4, 256>::new(2048);

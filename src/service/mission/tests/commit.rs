@@ -245,9 +245,9 @@ fn a_repeated_clear_waits_for_the_first() {
     assert_eq!(bench.ask(A, &clear(MISSION)), []);
     assert_eq!(bench.ask(A, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
     assert_eq!(bench.ask(B, &clear(MISSION)), [to_b(Ack(DENIED, 0))]);
-    assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), [], "M-45: a copy");
+    assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), [], "M-45: a duplicate");
     assert_eq!(bench.ask(A_MOVED, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
-    // M-11: it has moved, and is answered where it was heard last.
+    // M-11: the client has moved, and is answered on the link where it was last heard.
     bench.now = bench.now.after(Duration::from_secs(2));
     assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), []);
     bench.saved();
@@ -373,8 +373,8 @@ fn the_last_item_waits_for_room_to_answer_it() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     bench.saved();
-    // Link 0 does not send, and owes A its answer. B begins on link 1, and goes on where A is when it was silent on link 1
-    // for two seconds (M-45).
+    // Link 0 does not send, and owes A its answer. B begins on link 1, and continues on A's link after two seconds of
+    // silence on link 1 (M-45).
     let moved = Peer { link: A.link, ..B };
     bench.send(B, &count(MISSION, 1));
     assert_eq!(bench.drain_link(1), [to_b(Ask(0))]);
@@ -387,8 +387,8 @@ fn the_last_item_waits_for_room_to_answer_it() {
     assert_eq!(bench.drain(), [to_b(Ack(ACCEPTED, id_of(&plan(2, 1))))]);
 }
 
-/// M-11, M-44, M-45: the client that waits for storage is answered on the link that it has moved to, but not where another
-/// answer waits.
+/// M-11, M-44, M-45: the client that waits for storage is answered on the link that it has moved to, unless another answer
+/// is pending there.
 #[test]
 fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
     for is_taken in [false, true] {
@@ -447,7 +447,8 @@ fn nothing_is_loaded_into_an_upload() {
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
 }
 
-/// M-45: a vehicle that armed while the change was being written refuses it. The old plan stays, and is written again.
+/// M-45: a vehicle that armed while the change was being written refuses it. The old plan stays live, and is written
+/// again.
 #[test]
 fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
     for is_clear in [false, true] {
@@ -460,7 +461,7 @@ fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
         } else {
             upload_to_storage(&mut bench, A, MISSION, &plan(2, 3));
         }
-        let (_, [mission, ..]) = bench.unsaved().expect("it is to be written");
+        let (_, [mission, ..]) = bench.unsaved().expect("the change must be written");
         assert_ne!(mission.0, before.0);
         bench.vehicle.may_change = Err(DENIED);
         bench.saved();

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// M-11, M-45: a partner that was silent on its link for two seconds may go on, on another link, by whatever message; the
-/// answers go there then.
+/// M-11, M-45: a partner that was silent on its link for two seconds may continue on another link, with any message; the
+/// answers then follow it.
 #[test]
 fn the_partner_may_move_to_another_link() {
     let silence = |bench: &mut Bench| {
@@ -25,7 +25,7 @@ fn the_partner_may_move_to_another_link() {
     assert!(bench.drain_link(0).is_empty());
     assert_eq!(bench.drain_link(1), [to_a(Ack(ACCEPTED, id_of(&plan(1, 3))))]);
 
-    // So it is with an item that is not wanted, with a repeated COUNT and with a MISSION_ACK.
+    // The same holds for an unexpected item, a repeated COUNT and a MISSION_ACK.
     let messages: [fn(&mut Bench); 3] = [
         |bench| bench.send(A_MOVED, &int(MISSION, 2, &item(1, 2))),
         |bench| bench.send(A_MOVED, &count(MISSION, 3)),
@@ -43,7 +43,7 @@ fn the_partner_may_move_to_another_link() {
     }
 }
 
-/// M-45: two stations have the same ids. What one sends on its link does not touch the other's upload: not its COUNT, its
+/// M-45: two stations have the same ids. Frames of one on its link do not affect the other's upload: not its COUNT, its
 /// items, the ACK that ends its download, its cancel, its clear.
 #[test]
 fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
@@ -53,7 +53,7 @@ fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
     let mut asked = bench.ask(A, &count(MISSION, 4));
     for (seq, item) in items.iter().enumerate() {
         assert_eq!(asked, [to_a(Ask(seq as u16))]);
-        // The partner is heard, even if what comes is not about plans.
+        // The partner is heard, even by frames that are not about plans.
         for _ in 0..3 {
             bench.now = bench.now.after(Duration::from_millis(1_500));
             bench.missions.heard(bench.now, A);
@@ -77,8 +77,8 @@ fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
     assert_eq!(bench.live(PlanType::Fence).0, fence(3, 2));
 }
 
-/// M-45: a client that sends everything by two links, and one of them is slow: the copies are ignored, whichever they are
-/// and however late. Also while the plan is written to storage.
+/// M-45: a client sends everything on two links, one of which is slow: all duplicates are ignored, however late. Also
+/// while the plan is written to storage.
 #[test]
 fn copies_by_a_second_link_are_ignored() {
     for is_durable in [false, true] {
@@ -88,9 +88,9 @@ fn copies_by_a_second_link_are_ignored() {
         }
         assert_eq!(ask_numbered(&mut bench, 7, A, &count(MISSION, 2)), [to_a(Ask(0))]);
         assert_eq!(ask_numbered(&mut bench, 7, A_MOVED, &count(MISSION, 2)), []);
-        assert_eq!(ask_numbered(&mut bench, 8, A_MOVED, &count(MISSION, 2)), [], "repeated, and the copy is first");
+        assert_eq!(ask_numbered(&mut bench, 8, A_MOVED, &count(MISSION, 2)), [], "repeated, duplicate first");
         assert_eq!(ask_numbered(&mut bench, 8, A, &count(MISSION, 2)), []);
-        assert_eq!(ask_numbered(&mut bench, 9, A_MOVED, &int(MISSION, 0, &item(1, 0))), [], "the copy is first");
+        assert_eq!(ask_numbered(&mut bench, 9, A_MOVED, &int(MISSION, 0, &item(1, 0))), [], "the duplicate is first");
         assert_eq!(ask_numbered(&mut bench, 9, A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
         for number in [7, 8] {
             assert_eq!(ask_numbered(&mut bench, number, A_MOVED, &count(MISSION, 2)), []);
@@ -101,7 +101,7 @@ fn copies_by_a_second_link_are_ignored() {
             assert_eq!(end, []);
             assert_eq!(ask_numbered(&mut bench, 8, A_MOVED, &count(MISSION, 2)), []);
             assert_eq!(ask_numbered(&mut bench, 10, A_MOVED, &int(MISSION, 1, &item(1, 1))), []);
-            // Another COUNT is another station's.
+            // A different COUNT is from another station.
             assert_eq!(ask_numbered(&mut bench, 11, A_MOVED, &count(MISSION, 2)), [to_a(Ack(DENIED, 0))]);
             bench.saved();
             assert_eq!(bench.drain_link(0), accepted);
@@ -112,8 +112,8 @@ fn copies_by_a_second_link_are_ignored() {
     }
 }
 
-/// M-22: behind an item, a COUNT of which the sequence number says that it is a delayed duplicate is ignored; the items that
-/// have come stay. Of a client that does not count no COUNT is known to be one.
+/// M-22: after an item, a COUNT is ignored if its sequence number shows a delayed duplicate; the received items are kept.
+/// For a client that does not count, no COUNT is known to be a duplicate.
 #[test]
 fn a_delayed_count_does_not_restart_the_upload() {
     let begin = |numbers: [u8; 3]| {
@@ -127,7 +127,7 @@ fn a_delayed_count_does_not_restart_the_upload() {
     for (numbers, number, is_restart) in [
         ([5, 7, 9], 5, false),
         ([5, 7, 9], 7, false),
-        // Lost on the way at first, as it seemed.
+        // A COUNT that seemed to be lost.
         ([5, 7, 9], 6, false),
         ([5, 7, 9], 10, true),
         ([5, 7, 9], 4, true),
@@ -140,12 +140,12 @@ fn a_delayed_count_does_not_restart_the_upload() {
         assert_eq!(ask_numbered(&mut bench, number, A, &count(MISSION, 3)), expected, "{numbers:?} {number}");
         assert_eq!(bench.staged(), u16::from(!is_restart));
     }
-    // Another plan's is another plan's.
+    // A COUNT for another plan is not a duplicate.
     assert_eq!(ask_numbered(&mut begin([5, 7, 9]), 5, A, &count(MISSION, 2)), [to_a(Ask(0))]);
 }
 
-/// M-45, M-63: one station's download is not another's with the same ids: neither its LIST nor its closing ACK lets the other
-/// mix two plans. One that moves to another link is known there (M-11).
+/// M-45, M-63: two stations with the same ids have separate downloads: neither the LIST nor the closing ACK of one makes the
+/// other mix two plans. A client that moves to another link is recognised there (M-11).
 #[test]
 fn downloads_of_equal_ids_are_two() {
     for is_closed in [false, true] {

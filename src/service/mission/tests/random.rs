@@ -92,8 +92,8 @@ proptest! {
                     let dropped = bench.missions.counters().no_answer_slot;
                     let is_elsewhere = bench.missions.is_elsewhere(bench.now, from);
                     bench.send(from, &count(mission_type, len));
-                    // One that is dropped is lost on the way: no client goes on with the new plan before it is asked. Nor does
-                    // one that was denied on another link than its transfer's (M-45).
+                    // A dropped frame counts as lost: no client continues with the new plan before it is asked. Nor does a
+                    // client that was denied on another link than its transfer's (M-45).
                     if dropped == bench.missions.counters().no_answer_slot && !is_elsewhere {
                         *client = Client { tag, count: len as u16, next: 0 };
                     }

@@ -105,8 +105,8 @@ fn a_forbidden_upload_is_refused_at_once() {
     assert_eq!(bench.texts(), ["Mission refused: not allowed now"], "and no text twice");
 }
 
-/// M-45: a vehicle that armed during an upload is asked again before the plan goes live: DENIED and a text, and the old plan
-/// stays.
+/// M-45: the vehicle is asked again before the plan goes live. If it armed during the upload, the answer is DENIED with a
+/// text, and the old plan stays.
 #[test]
 fn the_policy_is_asked_again_before_the_commit() {
     let mut bench = Bench::new();
@@ -125,7 +125,8 @@ fn the_policy_is_asked_again_before_the_commit() {
     assert_eq!((bench.missions.counters().refused, bench.staged()), (1, 0));
 }
 
-/// M-40: after 250 ms, and each repetition doubles that up to a second, until the round trip is measured.
+/// M-40: requests are repeated after 250 ms, and each repetition doubles the wait up to a second, until the round trip
+/// is measured.
 #[test]
 fn a_missing_item_is_asked_for_again() {
     let mut bench = Bench::new();
@@ -332,8 +333,8 @@ fn float_items_are_taken_and_asked_for() {
     assert!(bench.wait(1_000).is_empty(), "after an item UNSUPPORTED ends the upload like any fault");
 }
 
-/// M-47: while no item has come, from the third repetition on the forms alternate; the first item fixes the form. Each row:
-/// which request is answered, whether by MISSION_ITEM, and whether item 1 is asked for by MISSION_REQUEST.
+/// M-47: until the first item, the forms alternate from the third repetition on; the first item fixes the form. Each row:
+/// which request is answered, whether by MISSION_ITEM, and whether item 1 is requested by MISSION_REQUEST.
 #[test]
 fn the_forms_of_requests_alternate_until_an_item_comes() {
     let float = |seq: u16| item(1, seq).to_float(VEHICLE, MISSION, seq, false);
@@ -350,27 +351,27 @@ fn the_forms_of_requests_alternate_until_an_item_comes() {
         let out = if is_float { bench.ask(A, &float(0)) } else { bench.ask(A, &int(MISSION, 0, &item(1, 0))) };
         let next = if is_old { AskLegacy(1) } else { Ask(1) };
         assert_eq!(out, [to_a(next)], "{answered} {is_float}");
-        // It stays fixed, whatever comes next and however long it takes.
+        // The form stays fixed, whatever comes next and however long it takes.
         let repeated = bench.wait(4_500);
         assert!(repeated.len() > 3 && repeated.iter().all(|(_, sent)| *sent == to_a(next)), "{repeated:?}");
     }
 }
 
-/// M-35, M-47: after a MISSION_REQUEST, UNSUPPORTED asks for the other form and is no cancel, before the first item and
-/// after it, and however often it is said; the answers do not come as fast as the client refuses.
+/// M-35, M-47: after a MISSION_REQUEST, UNSUPPORTED requests the other form and is not a cancel, before and after the
+/// first item, and however often it is sent; new requests are not sent as fast as the client refuses.
 #[test]
 fn unsupported_after_the_old_request_is_no_cancel() {
     let refusal = ack(MISSION, UNSUPPORTED);
-    // MAVSDK, of which all requests but the fourth are lost.
+    // MAVSDK, with every request lost except the fourth.
     let mut bench = Bench::new();
     bench.ask(A, &count(MISSION, 2));
     assert_eq!(bench.wait(1_750).last().unwrap().1, to_a(AskLegacy(0)));
     assert_eq!(bench.ask(A, &refusal), [to_a(Ask(0))]);
     assert!(bench.ask(A, &refusal).is_empty(), "once");
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
-    assert!(bench.ask(A, &refusal).is_empty(), "a late one");
+    assert!(bench.ask(A, &refusal).is_empty(), "a delayed refusal");
     assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
-    // A client that takes neither form.
+    // A client that accepts neither form.
     let mut bench = Bench::new();
     let mut requests = bench.ask(A, &count(MISSION, 1)).len();
     let end = loop {
@@ -429,8 +430,8 @@ fn clear_is_repeatable() {
     assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
     assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
     assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, Vec::new(), 0)));
-    // Twice for each upload, once for the clear that had something to clear, and for the clear of all: each plan that there
-    // is.
+    // Twice for each upload, once for the clear that had something to clear, and once for each existing plan in the clear
+    // of all.
     use PlanType::{Fence, Mission};
     assert_eq!(bench.vehicle.asked, [Mission, Mission, Fence, Fence, Mission, Mission, Fence]);
     let bad = MavMissionType(3);

@@ -21,7 +21,8 @@ fn every_row_of_the_table() {
         ("WORD", Type::UINT16, 65_535, Ok(65_535)),
         // As it is already.
         ("BYTE", Type::UINT8, 7, Ok(7)),
-        // Another integer type: read as the type that came, and answered in the parameter's own. Above it nothing counts.
+        // Another integer type: the value is read in the type that was sent, and answered in the parameter's own type.
+        // Higher bytes are ignored.
         ("BYTE", Type::INT8, 8, Ok(8)),
         ("BYTE", Type::INT32, 200, Ok(200)),
         ("BYTE", Type::UINT16, 0xFFFF_0008, Ok(8)),
@@ -33,9 +34,9 @@ fn every_row_of_the_table() {
         ("WIDE", Type::INT8, 0xFF, Ok(0xFFFF)),
         ("ID_OF_16_LETTERS", Type::INT8, 0x80, Ok((-128i32).cast_unsigned())),
         ("ID_OF_16_LETTERS", Type::UINT32, 1_000_000_000, Ok(1_000_000_000)),
-        // As it is already, in another type.
+        // The current value, in another type.
         ("BYTE", Type::INT32, 7, Ok(7)),
-        // A number that the parameter's type does not have, or that is out of its range.
+        // A value that does not fit the parameter's type, or is out of its range.
         ("BYTE", Type::INT8, 0xFF, Err(OUT_OF_RANGE)),
         ("BYTE", Type::INT32, 256 + 8, Err(OUT_OF_RANGE)),
         ("BYTE", Type::UINT16, 201, Err(OUT_OF_RANGE)),
@@ -45,7 +46,7 @@ fn every_row_of_the_table() {
         ("WORD", Type::UINT32, 65_536, Err(OUT_OF_RANGE)),
         ("ID_OF_16_LETTERS", Type::UINT32, (-1_000i32).cast_unsigned(), Err(OUT_OF_RANGE)),
         ("LOCKED", Type::INT32, 5, Err(MavParamError::READ_ONLY)),
-        // A float for an integer, and the reverse; a type that is none of ours, or none at all.
+        // A float for an integer, and the reverse; a type that the stack does not have, or an invalid one.
         ("BYTE", Type::REAL32, full(8.0), Err(MavParamError::TYPE_MISMATCH)),
         ("ALT_MIN", Type::INT32, 8, Err(MavParamError::TYPE_MISMATCH)),
         ("ALT_MIN", Type::UINT8, 8, Err(MavParamError::TYPE_MISMATCH)),

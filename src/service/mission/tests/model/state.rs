@@ -155,7 +155,7 @@ impl State {
         let mut memory = self.bench.memory.clone();
         let staged = memory.parts(&mut Missions::new()).map(|(_, plans)| names(plans.staging.as_slice()));
         let plans = (names(self.live()), names(&self.stored), staged);
-        // Ranks of numbers do not tell which of them the upload takes for its own COUNTs'.
+        // The ranks of the numbers do not show which of them the upload counts as its own COUNTs.
         let is_own = |flying: &Flying| {
             let counts = self.bench.missions.upload.as_ref().map(|upload| upload.counts);
             counts.zip(flying.number).is_some_and(|(counts, number)| counts.contains(number.1))
