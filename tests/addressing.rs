@@ -1,4 +1,4 @@
-//! Which frames are for us, and what becomes of those that nothing handles: rules, C-2. Where the others go: `routing.rs`.
+//! Which frames are for us, and what happens to unhandled ones: rules, C-2. For forwarding see `routing.rs`.
 
 mod support;
 
@@ -6,9 +6,9 @@ use mavstack::dialect::*;
 use mavstack::{Address, ForwardQueues, LinkConfig, LinkId, Message};
 use support::*;
 
-/// C-2: what is for a component of our own system that was never heard is that component's business: it is not handled
-/// here in its place, not answered, and not forwarded, but counted. The guide had asked for the contrary until 2026
-/// (mavlink-devguide#725). Once the component is heard, frames for it are forwarded there.
+/// C-2: a frame for a component of our own system that was never heard is not handled in its place, not answered, and
+/// not forwarded, but counted. The guide required the opposite until 2026 (mavlink-devguide#725). Once the component is heard,
+/// frames for it are forwarded there.
 #[test]
 fn unknown_components_of_our_system_are_not_us() {
     let mut world = World::new(Setup { links: [LinkConfig::uart(115_200); 3], ..Setup::new() });
@@ -39,7 +39,7 @@ fn unknown_components_of_our_system_are_not_us() {
     let no_route = world.vehicle.queues.as_ref().unwrap().counters(LinkId(0)).unwrap().no_route;
     let counters = world.stack.link_counters(LinkId(0)).unwrap();
     assert_eq!((no_route, counters.not_ours, counters.unhandled), (4, 4, 0));
-    // Another component of the system makes it no better known.
+    // Hearing another component of the system does not make it known.
     world.gcs[2].send_from(Address::new(1, 191), &Attitude::default());
     world.run_for(millis(10));
     assert_eq!(send(&mut world), (false, 0, [0, 0]));
@@ -48,8 +48,8 @@ fn unknown_components_of_our_system_are_not_us() {
     assert_eq!(send(&mut world), (false, 0, [4, 0]));
 }
 
-/// a message for us that neither the stack nor the vehicle handles, a setpoint for example, is counted; one that the vehicle
-/// handles is not, nor one for everyone, nor one for another vehicle.
+/// a message for us that neither the stack nor the vehicle handles, a setpoint for example, is counted; a message that the
+/// vehicle handles, a broadcast, or a message for another vehicle is not.
 #[test]
 fn messages_that_nobody_handles_are_counted() {
     let mut world = World::new(Setup::<1>::new());

@@ -1,5 +1,5 @@
-//! What is checked of a command before the vehicle hears of it: rules C-1, C-5 to C-9, C-14; and what is not: C-10, SEC-13; and the
-//! answers that have their own ways: C-30; test T-C5.
+//! What is checked of a command before it reaches the vehicle: rules C-1, C-5 to C-9, C-14; what is not checked: C-10, SEC-13;
+//! commands with special answers: C-30; test T-C5.
 
 mod support;
 
@@ -259,11 +259,12 @@ fn disarming_and_rebooting_in_flight_is_for_the_vehicle_to_refuse() {
     }
 }
 
-/// C-14: what resets, erases or restarts is never carried out for every vehicle in reach; a text says why. For this vehicle alone
-/// it is as before, and so is what a fleet may be ordered to do.
+/// C-14: a broadcast that resets, erases or restarts is never carried out; a text says why. The same commands for this vehicle
+/// alone are not affected, nor are broadcasts that are meant for a fleet.
 #[test]
 fn a_broadcast_resets_and_erases_nothing() {
-    // Storage, reboot, calibrations, CAN, upgrade, card, camera, compass; and of other dialects the bootloader, the system id.
+    // Storage, reboot, calibrations, CAN, upgrade, memory card, camera, compass; from other dialects the bootloader and the
+    // system id.
     let never = [245, 246, 241, 242, 243, 247, 500, 526, 529, 42_006, 42_424, 42_650, 42_651, 610].map(MavCmd);
     let fleet = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_LAND, MavCmd::DO_FLIGHTTERMINATION, MavCmd::MISSION_START];
     for (command, is_denied) in never.map(|id| (id, true)).into_iter().chain(fleet.map(|id| (id, false))) {
@@ -303,7 +304,7 @@ fn a_broadcast_resets_and_erases_nothing() {
     }
 }
 
-/// C-14: PREFLIGHT_STORAGE for everyone is denied whatever it asks for: to read back, to write, to reset, or nothing.
+/// C-14: a PREFLIGHT_STORAGE broadcast is denied whatever it requests: to read back, to write, to reset, or nothing.
 #[test]
 fn no_storage_for_everyone() {
     for parameters in [0.0, 1.0, 2.0, 4.0, -1.0, NAN] {
@@ -314,7 +315,7 @@ fn no_storage_for_everyone() {
     }
 }
 
-/// C-14, L-4: by satellite the answer comes, and no text, there or later.
+/// C-14, L-4: by satellite there is an answer but no text, neither on that link nor later.
 #[test]
 fn a_denied_broadcast_by_satellite_is_only_answered() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);

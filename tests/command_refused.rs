@@ -1,4 +1,4 @@
-//! Why a command is refused, in words: rules C-4 and C-32, of what the stack refuses without asking the vehicle.
+//! Texts that explain refused commands: rules C-4 and C-32, for refusals by the stack itself.
 #![cfg(feature = "plan-texts")]
 
 mod support;
@@ -9,7 +9,7 @@ use support::pilot::{self, ARDUPILOT, PX4};
 use support::*;
 
 const NAN: f32 = f32::NAN;
-/// See `support/vehicle.rs`: at a position above home; of COMMAND_LONG only and not for everyone; of COMMAND_INT only.
+/// Declared in `support/vehicle.rs`: at a position above home; COMMAND_LONG only and no broadcast; COMMAND_INT only.
 const PLACE: MavCmd = MavCmd::NAV_VTOL_TAKEOFF;
 const MOTOR: MavCmd = MavCmd::DO_MOTOR_TEST;
 const FLY: MavCmd = MavCmd::DO_REPOSITION;
@@ -22,7 +22,8 @@ fn texts<const N: usize, P: mavstack::PlanStorage, const A: usize, V: mavstack::
     texts.iter().map(|(_, text)| text.text.as_str().expect("UTF-8").to_owned()).collect()
 }
 
-/// A COMMAND_LONG to `system`: its answer, and the texts that come with it, a while after the last.
+/// Sends a COMMAND_LONG to `system`, after the rate limit has expired. Returns the answer and the texts that come with
+/// it.
 fn long<const N: usize>(
     world: &mut World<N>,
     system: u8,
@@ -42,7 +43,7 @@ fn one(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-/// C-4, C-1, C-5: a refusal by the declaration says what is wrong and what to do.
+/// C-4, C-1, C-5: when the declaration refuses a command, the text says what is wrong and what to do.
 #[test]
 fn a_refused_declaration_is_explained() {
     let mut world: World<1> = World::new(Setup::new());
@@ -99,21 +100,21 @@ fn a_refused_declaration_is_explained() {
     assert_eq!(refused, (MavResult::NOT_IN_CONTROL, one("Command 209 refused: another station has control")));
 }
 
-/// C-4: a result that is a reason by itself has no text: a client tries the other form, and tells nobody.
+/// C-4: a result that implies the reason has no text: the client silently tries the other form.
 #[test]
 fn a_result_that_says_all_is_not_explained() {
     let mut world: World<1> = World::new(Setup::new());
     assert_eq!(long(&mut world, 1, FLY, [0.0; 7]), (MavResult::COMMAND_INT_ONLY, vec![]));
     assert_eq!(long(&mut world, 1, MavCmd(31_999), [0.0; 7]), (MavResult::UNSUPPORTED, vec![]));
-    // A program asks for messages, and for many that there are not.
+    // Programs request messages, including many that do not exist.
     assert_eq!(long(&mut world, 1, MavCmd::REQUEST_MESSAGE, [9_999.0; 7]).1, [""; 0]);
     assert_eq!(long(&mut world, 1, MavCmd::SET_MESSAGE_INTERVAL, [9_999.0; 7]).1, [""; 0]);
-    // The vehicle has its own words.
+    // The vehicle explains its own refusals.
     world.vehicle.outcomes.insert(MavCmd::DO_SET_HOME.0, MavResult::DENIED.into());
     assert_eq!(long(&mut world, 1, MavCmd::DO_SET_HOME, [0.0; 7]), (MavResult::DENIED, vec![]));
 }
 
-/// C-4, C-22: so does a refusal by a service of the stack, and by the memory for commands.
+/// C-4, C-22: refusals by a service of the stack and by the memory for commands are explained too.
 #[test]
 fn a_refusal_by_a_service_is_explained() {
     let mut world: World<1, mavstack::plan_memory!(mission: 4)> = World::with_plans(Setup::new());
@@ -141,7 +142,8 @@ fn a_refusal_by_a_service_is_explained() {
     assert_eq!(long(&mut world, 1, MavCmd::PREFLIGHT_CALIBRATION, other), (MavResult::TEMPORARILY_REJECTED, busy));
 }
 
-/// C-32, C-4: a mode that is not there, one that is not for users, and a mode of the old kind; whichever way it was asked for.
+/// C-32, C-4: an unknown mode, a mode that users cannot select, and a mode without a custom mode are explained, for every
+/// message that can request them.
 #[test]
 fn a_refused_mode_is_explained() {
     let mut world = pilot::world::<1, PX4>();
@@ -167,7 +169,7 @@ fn a_refused_mode_is_explained() {
     assert_eq!(texts(&world, 0), ["Mode 4 refused: not in AVAILABLE_MODES"]);
 }
 
-/// C-4: whatever is sent, a link is told of one refusal a second, and no link of another's.
+/// C-4: whatever is sent, a link gets at most one text a second, and only about its own commands.
 #[test]
 fn nobody_floods_the_texts_with_refusals() {
     let mut world: World<2> = World::new(Setup::new());
@@ -180,7 +182,7 @@ fn nobody_floods_the_texts_with_refusals() {
     let count = texts(&world, 0).len();
     assert!((5..=10).contains(&count), "{count} in 10 s");
     assert_eq!(texts(&world, 1), [""; 0]);
-    // The other link is told at once.
+    // The other link gets its text at once.
     world.gcs[1].command_long(MOTOR, [0.5; 7]);
     world.run_for(millis(50));
     assert_eq!(texts(&world, 1), ["Command 209 refused: parameter 1 out of range"]);

@@ -75,7 +75,7 @@ fn frame_is_what_the_guide_says() {
     assert_eq!(frame(&zero, Version::V1), reference::v1(0, source, &[0; 9], 50));
 }
 
-/// S-1, S-8, T-S1: a frame of every message of common with every length that its version allows is found.
+/// S-1, S-8, T-S1: the decoder finds frames of every message of common, with every length that the version allows.
 #[test]
 fn every_message_is_framed_in_both_versions() {
     let mut rng = Rng::new(1);
@@ -201,8 +201,8 @@ fn unknown_incompatibility_flags_are_no_frame() {
     assert_eq!(decode(&odd), [(odd.clone(), true)]);
 }
 
-/// S-11, S-13: no system has the id 0, so a header with it is rejected before its payload comes. Component 0 is accepted:
-/// pymavlink sends it by default.
+/// S-11, S-13: no system has the id 0, so a header with it is rejected before its payload is received. Component 0 is
+/// accepted: pymavlink sends it by default.
 #[test]
 fn system_0_is_no_source() {
     for source in [[0, 1], [1, 0], [0, 0]] {
@@ -215,8 +215,8 @@ fn system_0_is_no_source() {
     }
 }
 
-/// S-8, S-13, SEC-4: a v1 header with a length that its message cannot have is rejected before its payload comes; the frame
-/// behind it is found at once. STATUSTEXT may have 51 to 54 bytes, HEARTBEAT has no extensions.
+/// S-8, S-13, SEC-4: a v1 header with a length that its message cannot have is rejected before its payload is received; the
+/// next frame is found at once. STATUSTEXT may have 51 to 54 bytes; HEARTBEAT has no extensions.
 #[test]
 fn v1_length_must_fit() {
     for (id, extra, lens) in [(0, Heartbeat::CRC_EXTRA, 9..=9), (253, Statustext::CRC_EXTRA, 51..=54)] {
@@ -228,8 +228,8 @@ fn v1_length_must_fit() {
     }
 }
 
-/// S-8: pymavlink's MAVLink 1 frames end with the extensions. Those that are there are decoded, half a field too; the rest is
-/// zero. The frame is kept as received, for forwarding.
+/// S-8: pymavlink's MAVLink 1 frames end with the extensions. Received extension bytes are decoded, even part of a field; the
+/// rest is zero. The frame is kept as received, for forwarding.
 #[test]
 fn v1_extensions_that_are_there_are_decoded() {
     let count = [3, 0, 1, 1, 1];

@@ -1,5 +1,5 @@
-//! Frames that the reference implementation encodes (T-S10): decoded and encoded again they are the same bytes. How
-//! golden/common.bin and golden/unknown.bin were made stands in golden/make_vectors.py.
+//! Frames that the reference implementation encodes (T-S10): decoded and encoded again they are the same bytes.
+//! `golden/make_vectors.py` makes golden/common.bin and golden/unknown.bin.
 
 #[path = "golden/all.rs"]
 mod all;
@@ -100,8 +100,8 @@ impl Visit for Unknown {
     }
 }
 
-/// `UNKNOWN` has the values that the definitions' `invalid` marks, in every field of every message. The expected frames come
-/// from another reader of the definitions.
+/// `UNKNOWN` has the values of the definitions' `invalid` attributes, in every field of every message. An independent reader
+/// of the definitions made the expected frames.
 #[test]
 fn unknown_messages_are_what_the_definitions_call_invalid() {
     let (golden, count) = golden(UNKNOWN);

@@ -230,7 +230,7 @@ fn high_latency_link_gets_no_heartbeat() {
     assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 60);
 }
 
-/// A radio, a companion computer's link, and one by satellite, 2.5 s after boot.
+/// A radio, a companion computer's link, and a satellite link, 2.5 s after boot.
 fn three_links() -> World<3> {
     let links = [
         LinkConfig::uart(57_600),
@@ -243,7 +243,8 @@ fn three_links() -> World<3> {
     world
 }
 
-/// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the rhythm stays.
+/// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the periodic
+/// schedule is unchanged.
 #[test]
 fn change_is_reported_at_once() {
     let armed = |state: &mut VehicleState| state.base_mode = MavModeFlag::SAFETY_ARMED;
@@ -264,7 +265,8 @@ fn change_is_reported_at_once() {
     }
 }
 
-/// H-16: what a command changes is reported before its answer: clients look at the last HEARTBEAT when the ACK comes.
+/// H-16: a change by a command is reported before its answer, because clients read the last HEARTBEAT when the ACK
+/// arrives.
 #[test]
 fn heartbeat_precedes_the_answer_to_arming() {
     let mut world = three_links();
@@ -283,7 +285,7 @@ fn heartbeat_precedes_the_answer_to_arming() {
 }
 
 /// H-16: however often the state changes, a link sends at most one extra heartbeat every 200 ms, and the last state is
-/// reported when they are over. `next_deadline` wakes the driver for it.
+/// reported when this time is over. `next_deadline` wakes the driver for it.
 #[test]
 fn extra_heartbeats_are_limited() {
     let mut world = three_links();
@@ -302,7 +304,7 @@ fn extra_heartbeats_are_limited() {
     assert_eq!(world.gcs[0].all::<Heartbeat>()[3].1.custom_mode, 149);
 }
 
-/// H-16, H-5: a link that takes nothing gets one when it does again; one from a standing flight loop gets none.
+/// H-16, H-5: a blocked link sends one extra heartbeat when it recovers; while the flight loop hangs, none is sent.
 #[test]
 fn extra_heartbeat_needs_room_and_credit() {
     let mut world = three_links();
@@ -312,7 +314,7 @@ fn extra_heartbeat_needs_room_and_credit() {
     world.vehicle.state.as_mut().unwrap().custom_mode = 9;
     world.run_for(millis(400));
     assert_eq!(world.gcs[0].all::<Heartbeat>().len(), 1);
-    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 9, "as things are when it is sent");
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 9, "the state when it is sent");
     world.loop_runs = false;
     world.run_for(secs(1));
     world.gcs.iter_mut().for_each(Gcs::forget);
@@ -324,7 +326,7 @@ fn extra_heartbeat_needs_room_and_credit() {
     assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1), "no burst");
 }
 
-/// H-16: while the vehicle says that it is in a fault nothing is reported, and nobody is woken for it.
+/// H-16: while the vehicle is in a fault nothing is reported, and the driver is not woken for it.
 #[test]
 fn change_to_a_fault_is_silent() {
     let mut world = three_links();

@@ -368,7 +368,8 @@ fn a_late_copy_is_not_carried_out() {
     assert_eq!(world.vehicle.commands().len(), 5);
 }
 
-/// C-12: a command that its sender repeated for want of an answer comes by satellite as often, and is carried out once.
+/// C-12: a command that its sender retransmitted without an answer arrives by satellite as often, and is carried out
+/// once.
 #[test]
 fn late_copies_of_repetitions_are_not_carried_out() {
     let mut world = world();
@@ -382,7 +383,7 @@ fn late_copies_of_repetitions_are_not_carried_out() {
         run(&mut world, millis(500));
     }
     assert_eq!(world.vehicle.commands().len(), 1);
-    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE, "given again");
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE, "a new command");
     assert_eq!(world.vehicle.commands().len(), 2);
 }
 

@@ -290,7 +290,7 @@ fn what_is_reserved_makes_nothing_old() {
     assert_eq!(age(&mut rig, 12), Some(secs(2)));
     jump(&mut rig, secs(14), secs(1));
     assert_eq!(age(&mut rig, 13), Some(secs(2)));
-    // A clock that is set back makes nothing younger (G-14), and a peer that is ahead is not asked any more.
+    // A clock that is set back does not reduce an age (G-14), and a peer that is ahead no longer counts.
     jump(&mut rig, secs(14), Duration::ZERO);
     assert_eq!(age(&mut rig, 20), Some(Duration::ZERO));
     until(&mut rig, secs(24));

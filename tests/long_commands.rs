@@ -306,8 +306,8 @@ fn a_dead_link_gives_its_place_back() {
     assert_eq!(results(&mut world, 1).pop(), Some(running(255)));
 }
 
-/// C-12: a duplicate by another link, or with a higher confirmation, is answered and not carried out; pressed twice, with more than a
-/// second in between, is twice.
+/// C-12: a duplicate by another link, or with a higher confirmation, is answered and not carried out; two presses more than a
+/// second apart are two commands.
 #[test]
 fn what_must_not_be_done_twice_is_not() {
     let mut world = world::<2>();

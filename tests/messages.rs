@@ -209,8 +209,8 @@ fn messages_of_the_stack_keep_their_intervals() {
     assert_eq!((world.gcs[0].count_of::<Heartbeat>(), world.gcs[0].count_of::<MissionCurrent>()), (10, 10));
 }
 
-/// Q-1, H-5: HEARTBEAT can be asked for while there is one, also of a vehicle without streams; not on a high-latency link. At
-/// most one extra one is sent every 200 ms (H-16).
+/// Q-1, H-5: HEARTBEAT can be requested while heartbeats are sent, also from a vehicle without streams; not on a high-latency
+/// link. At most one extra heartbeat is sent every 200 ms (H-16).
 #[test]
 fn heartbeat_can_be_asked_for() {
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
@@ -230,7 +230,7 @@ fn heartbeat_can_be_asked_for() {
     world.loop_runs = false;
     world.run_for(secs(1));
     world.gcs[0].forget();
-    assert_eq!(request(&mut world, Heartbeat::ID, 0.0), MavResult::DENIED, "the flight loop stands");
+    assert_eq!(request(&mut world, Heartbeat::ID, 0.0), MavResult::DENIED, "the flight loop hangs");
     world.run_for(secs(1));
     assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0);
 }

@@ -208,7 +208,7 @@ fn a_bad_line_leaves_whole_plans() {
     assert!(completed >= 30, "{completed} of 60");
 }
 
-/// M-47, M-61: a client that knows only the old forms, as dronekit and mavez do, uploads and downloads.
+/// M-47, M-61: a client that knows only the old forms, like dronekit and mavez, uploads and downloads.
 #[test]
 fn a_client_of_the_old_forms_uploads_and_downloads() {
     let mut world = world::<1>();
@@ -229,8 +229,8 @@ fn a_client_of_the_old_forms_uploads_and_downloads() {
     assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 0);
 }
 
-/// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is no cancel. Nothing from the vehicle arrives at
-/// first, so that MISSION_REQUEST is what it hears first.
+/// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is not a cancel. The vehicle's first frames are
+/// lost, so that MISSION_REQUEST is the first one received.
 #[test]
 fn mavsdk_uploads_though_it_refuses_the_old_form() {
     let mut world = world::<1>();
@@ -274,8 +274,8 @@ fn a_second_station_is_refused_until_the_first_is_done() {
     world.upload(1, &plan(5, 2)).expect("accepted");
 }
 
-/// M-45, M-11: two QGroundControls, both 255/190, on two links. The second downloads, tries to upload, and cancels: the first
-/// one's upload goes on where it is. When the first falls silent, it is the second's turn.
+/// M-45, M-11: two instances of QGroundControl, both 255/190, on two links. The second downloads, tries to upload, and
+/// cancels: the first one's upload continues on its link. When the first falls silent, the second can upload.
 #[test]
 fn two_stations_with_the_same_ids_do_not_meet() {
     for is_silent in [false, true] {
@@ -296,7 +296,7 @@ fn two_stations_with_the_same_ids_do_not_meet() {
             assert_downloads(&mut world, 1, &plan(5, 2));
             continue;
         }
-        // Four seconds without an item, as on a very bad link: heartbeats say that the partner is there.
+        // Four seconds without an item, as on a very bad link: heartbeats show that the partner is alive.
         for _ in 0..2 {
             world.run_for(secs(2));
             assert_downloads(&mut world, 1, &plan(2, 9));
@@ -316,7 +316,7 @@ fn two_stations_with_the_same_ids_do_not_meet() {
     }
 }
 
-/// M-45: a vehicle that arms during an upload keeps the plan that it has.
+/// M-45: a vehicle that arms during an upload keeps its plan.
 #[test]
 fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
     let mut world = world::<1>();
@@ -335,8 +335,8 @@ fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
     assert_downloads(&mut world, 0, &plan(3, 1));
 }
 
-/// M-48: a waypoint at 0, 0 is refused and the text says why; so is a mission whose first waypoint is too far, where the
-/// vehicle sets a limit. The old plan stays.
+/// M-48: a waypoint at 0, 0 is refused and a text says why; so is a mission whose first waypoint is too far away, where
+/// the vehicle sets a limit. The old plan stays.
 #[test]
 fn missions_to_nowhere_are_refused() {
     let mut world = world::<1>();
@@ -347,7 +347,7 @@ fn missions_to_nowhere_are_refused() {
     for (seq, text) in [(0, None), (2, Some("Mission item 2: no position (0, 0)"))] {
         let mut zero = zero.clone();
         (zero[seq].x, zero[seq].y) = (0, 0);
-        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off there is here");
+        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off at 0, 0 means here");
         if let Some(text) = text {
             assert_eq!(world.upload(0, &zero), refused);
             assert_eq!(world.expect::<Statustext>(0, secs(1)).text.as_str(), Some(text));
@@ -365,7 +365,7 @@ fn missions_to_nowhere_are_refused() {
     world.upload(0, &zero).expect("near enough");
     world.vehicle.first_waypoint_limit = Some((home, 11_000));
     zero[0].x = home.latitude;
-    world.upload(0, &zero).expect("the first alone counts");
+    world.upload(0, &zero).expect("only the first counts");
 }
 
 /// T-M7, T-M8: at every item the same station may begin anew, or cancel; until the end the old plan is there.

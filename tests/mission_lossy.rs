@@ -370,8 +370,8 @@ fn a_slow_line_is_not_flooded() {
     assert_eq!(requests - requests_at_the_tenth, usize::from(LEN) - 10);
 }
 
-/// M-40, M-43: MAVSDK fails an upload in which it is asked for one item more than five times, and gives up after 2.5 s
-/// without a request. Until the round trip is measured the vehicle's requests must leave room for both.
+/// M-40, M-43: MAVSDK fails an upload when one item is requested more than five times, and gives up after 2.5 s without
+/// a request. Until the round trip is measured, the vehicle's requests must satisfy both limits.
 #[test]
 fn mavsdk_uploads_over_any_distance() {
     for delay in [50, 250, 500, 650, 700, 800] {
@@ -383,11 +383,11 @@ fn mavsdk_uploads_over_any_distance() {
     }
 }
 
-/// M-40: how many uploads of 100 items are completed, by loss each way and round trip.
+/// M-40: share of completed uploads of 100 items, by loss in each direction and round trip.
 ///
 /// `cargo test -p mavstack --test mission_lossy shares -- --nocapture` prints the table. The clients are models: of MAVSDK's
-/// transfer client and of QGroundControl's plan manager (`tests/support/transfer.rs`). An upload whose final MISSION_ACK is
-/// lost stands in a column of its own: its plan is live, but the client reports a failure (M-31).
+/// transfer client and of QGroundControl's plan manager (`tests/support/transfer.rs`). Uploads whose final MISSION_ACK is
+/// lost have a column of their own: the plan is live, but the client reports a failure (M-31).
 #[test]
 fn shares_of_uploads_that_complete() {
     const UPLOADS: u32 = 500;

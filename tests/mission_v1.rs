@@ -1,4 +1,4 @@
-//! Plans in MAVLink 1 frames that bear extension bytes, as pymavlink's `force_mavlink1` sends them (V-7).
+//! Plans in MAVLink 1 frames with extension bytes, as pymavlink's `force_mavlink1` sends them (V-7).
 
 mod support;
 
@@ -11,7 +11,7 @@ use support::*;
 
 type Plans = plan_memory!(mission: 10, fence: 10);
 
-/// A v1 frame with the message's extensions as far as the plan's type, which is the first of them.
+/// Returns a v1 frame with the message's extensions up to the plan's type, which is the first one.
 fn with_type<M: Message>(message: &M, base_len: usize, mission_type: MavMissionType) -> Vec<u8> {
     let mut payload = vec![0; M::MAX_LEN];
     message.encode(&mut payload);
@@ -69,7 +69,7 @@ fn v1_frames_that_name_another_plan_are_not_about_the_mission() {
         assert_eq!(world.stack.mission().items().len(), 3);
         assert_eq!(world.stack.fence().items().len(), 2);
     }
-    // The byte may also say that it is about the mission.
+    // The byte may also name the mission.
     let mut world = World::<1, Plans>::with_plans(Setup::new());
     world.upload(0, &plan(3, 1)).expect("accepted");
     let before = world.stack.rx_counters(LinkId(0)).expect("link 0").frames;

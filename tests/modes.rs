@@ -91,7 +91,7 @@ fn requests_are_checked() {
 }
 
 /// the table cannot change, so its sequence number does not, and the monitor is sent on request only. Each row carries
-/// the monitor's number, so a ground station knows that its list is current (mavlink#2557).
+/// the monitor's sequence number, so a ground station knows that its list is current (mavlink#2557).
 #[test]
 fn the_table_does_not_change() {
     let mut world = world::<1, PX4>();

@@ -1,4 +1,4 @@
-//! Commands that a client repeats on its link for want of an answer, with the same confirmation, and that must not be carried out
+//! Commands that a client retransmits on its link without an answer, with the same confirmation, and that must not be carried out
 //! twice: rule C-12.
 
 mod support;
@@ -16,13 +16,14 @@ fn world() -> World<2> {
     world
 }
 
-/// What the ground station of `link` was answered since it was asked last.
+/// Returns the answers that the ground station of `link` received since the last call.
 fn answers(world: &mut World<2>, link: usize) -> Vec<MavResult> {
     let gcs = &mut world.gcs[link];
     std::iter::from_fn(|| gcs.take::<CommandAck>()).map(|(_, ack)| ack.result).collect()
 }
 
-/// Sends `message` at these times (ms) by these links, and which of them were carried out; each is answered in the same way.
+/// Sends `message` at these times (ms) on these links and returns the times at which it was carried out; every one gets the
+/// same answer.
 fn carried_out(world: &mut World<2>, message: &CommandLong, times: &[(u64, usize)]) -> Vec<u64> {
     let mut done = Vec::new();
     let start = world.now();
@@ -39,18 +40,19 @@ fn carried_out(world: &mut World<2>, message: &CommandLong, times: &[(u64, usize
     done
 }
 
-/// C-12: a client that repeats an unanswered command on its link, with the same confirmation, has it carried out once: as MAVSDK
-/// after 0.5, 1.0 and 1.5 s. Each is within a second of the one before and three seconds of the first; what comes later is new.
+/// C-12: a command that a client retransmits on its link without an answer, with the same confirmation, is carried out once:
+/// MAVSDK retransmits after 0.5, 1.0 and 1.5 s. A duplicate comes within a second of the previous one and three seconds of the
+/// first; a later command is new.
 #[test]
 fn a_repetition_for_want_of_an_answer_is_not_carried_out() {
     for (times, expected) in [
         (&[0, 500, 1_000, 1_500][..], &[0][..]),
-        // After one another.
+        // One after the other.
         (&[0, 500, 1_490, 2_980], &[0, 2_980]),
         (&[0, 990], &[0]),
         (&[0, 1_010], &[0, 1_010]),
         (&[0, 10, 20, 30, 1_040], &[0, 1_040]),
-        // However long it goes on, it is a new one after three seconds.
+        // However long it continues, it is a new command after three seconds.
         (&[0, 700, 1_400, 2_100, 2_800, 3_500, 4_200], &[0, 3_500]),
     ] {
         for confirmation in [0, 3] {
@@ -62,7 +64,8 @@ fn a_repetition_for_want_of_an_answer_is_not_carried_out() {
     }
 }
 
-/// C-12: repeated on both links it is carried out once, whichever of them loses what; the other link's rule is as before.
+/// C-12: repeated on both links, it is carried out once, whichever frames are lost; the rule for the other link is
+/// unchanged.
 #[test]
 fn repetitions_on_two_links_are_one() {
     for times in [
@@ -78,11 +81,11 @@ fn repetitions_on_two_links_are_one() {
     let mut world = world();
     let message = world.gcs[0].long(ONCE, PARAMS);
     let times = [(0, 0), (2_000, 1), (2_500, 0), (3_600, 0), (3_700, 1)];
-    // The first is 3.6 s old then, and what was done at 2.5 s was pressed: more than a second after the last by any link.
+    // The first command is then 3.6 s old, so this one is new.
     assert_eq!(carried_out(&mut world, &message, &times), [0, 3_600]);
 }
 
-/// C-12: on the same link another payload, or the same of another sender, is a new command, however soon it comes.
+/// C-12: on the same link, another payload or another sender makes a new command, however soon it comes.
 #[test]
 fn another_payload_is_no_repetition() {
     let mut world = world();
@@ -103,7 +106,7 @@ fn another_payload_is_no_repetition() {
     }
 }
 
-/// C-12: a vehicle that means each press of a button says so: then only other links and higher confirmations bring duplicates.
+/// C-12: where the vehicle declares that every press counts, only other links and higher confirmations deliver duplicates.
 #[test]
 fn each_press_counts_where_the_vehicle_says_so() {
     const PRESS: MavCmd = MavCmd::DO_REPEAT_RELAY;
@@ -116,7 +119,7 @@ fn each_press_counts_where_the_vehicle_says_so() {
     assert_eq!(carried_out(&mut world, &repeated, &[(0, 0), (100, 0), (200, 1)]), []);
 }
 
-/// C-21: what runs is answered IN_PROGRESS as before, also when it must be carried out only once, and begins again when it is given
+/// C-21: a running command is answered IN_PROGRESS, also when it must be carried out only once, and starts again when it is given
 /// again after its end.
 #[test]
 fn what_runs_is_still_in_progress() {

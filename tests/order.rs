@@ -84,14 +84,14 @@ impl Telemetry for Everything {
 
 type Loaded = World<2, plan_memory!(mission: 4), 8, Everything>;
 
-/// `frame` comes in by a link.
+/// Receives `message` on a link.
 fn receive<M: Message>(world: &mut Loaded, now: Instant, link: usize, from: Address, message: &M) {
     let frame = world.gcs[link].frame_from(from, message);
     let taken = world.stack.receive(now, LinkId(link as u8), &frame, &mut world.vehicle);
     assert_eq!(taken, frame.len());
 }
 
-/// What link 0 sends at `now`: ids, and whether it is a forwarded frame.
+/// Returns what link 0 sends at `now`: the ids, and whether each frame is forwarded.
 fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
     let mut sent = Vec::new();
     loop {
@@ -105,14 +105,14 @@ fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
     }
 }
 
-/// D-4, Q-2, R-14: a link that owes one of everything sends it in this order.
+/// D-4, Q-2, R-14: a link with one pending frame of every kind sends them in this order.
 #[test]
 fn everything_at_once_is_sent_in_order() {
     let off = LinkConfig::unlimited().with_streams(StreamProfile::Off);
     let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
     let mut world = Loaded::with_plans(Setup { links, ..Setup::new() });
     world.run_for(secs(2));
-    // By now everything is due that is periodic.
+    // Every periodic message is due now.
     let now = world.now().after(millis(1_400));
     world.pulse.tick();
     world.stack.poll(now.after(Duration::ZERO), &mut world.vehicle);
@@ -171,8 +171,8 @@ fn everything_at_once_is_sent_in_order() {
     );
 }
 
-/// D-4, P-11: on a line that streams fill the list of parameters gets 30 % of the rate, however far apart the polls are, and
-/// the streams get most of the rest.
+/// D-4, P-11: on a link that streams saturate, the parameter list gets 30 % of the rate, however far apart the polls are,
+/// and the streams get most of the rest.
 #[test]
 fn list_keeps_its_share_on_a_full_line() {
     const RATE: u64 = 5_760;
@@ -187,7 +187,7 @@ fn list_keeps_its_share_on_a_full_line() {
         }
         world.gcs[0].forget();
         let begin = world.now();
-        // From one value of a list to the next (µs).
+        // Times between two values of a list (µs).
         let mut pauses = Vec::new();
         for list in 0..20 {
             world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });

@@ -160,14 +160,14 @@ fn ground_stations_are_not_evicted() {
     assert_eq!(world.expect::<CommandAck>(0, millis(10)).target_system, 253);
 }
 
-/// A table of eight for three links, the last of which is a satellite's.
+/// A table of eight peers for three links, the last of which is a satellite link.
 fn shared() -> World<3, NoPlans, 8> {
     let link = LinkConfig::uart(921_600);
     let satellite = link.with_class(LinkClass::HighLatency);
     World::with_plans(Setup { links: [link, link, satellite], ..Setup::new() })
 }
 
-/// Which systems are in the table by a link, in order.
+/// Returns the systems in the table that were heard on a link, in order.
 fn systems_on(world: &World<3, NoPlans, 8>, link: u8) -> Vec<u8> {
     let is_there = |info: &&PeerInfo| info.peer.link == LinkId(link);
     let mut systems: Vec<u8> =
@@ -176,14 +176,14 @@ fn systems_on(world: &World<3, NoPlans, 8>, link: u8) -> Vec<u8> {
     systems
 }
 
-/// A heartbeat of component 1 of a system.
+/// Sends a heartbeat from component 1 of a system.
 fn beat(world: &mut World<3, NoPlans, 8>, link: usize, system: u8, r#type: MavType) {
     world.gcs[link].send_from(Address::new(system, 1), &Heartbeat { r#type, ..Gcs::heartbeat() });
     world.run_for(millis(2));
 }
 
-/// H-12: a link takes places from a link that holds more, silent ones first, then living ones, until both hold as many; whatever it
-/// sends, it takes no more.
+/// H-12: a link takes places from a link that holds more, those of silent peers first, until both hold the same number; whatever
+/// it sends, it takes no more.
 #[test]
 fn links_share_the_table() {
     for r#type in [MavType::GCS, MavType::QUADROTOR] {
@@ -192,7 +192,7 @@ fn links_share_the_table() {
             beat(&mut world, 0, 10 + system, r#type);
         }
         assert_eq!(systems_on(&world, 0).len(), 8);
-        // A modem that makes up ids gets none of the places of the living.
+        // A modem that invents ids gets no place of a living peer.
         for system in 100..110 {
             world.gcs[1].send_from(Address::new(system, 1), &Attitude::default());
             world.run_for(millis(2));
@@ -200,15 +200,16 @@ fn links_share_the_table() {
         assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (8, 0));
         for system in 200..250 {
             beat(&mut world, 1, system, r#type);
-            // Those who are there stay there.
+            // The peers in the table keep their places.
             for system in systems_on(&world, 0) {
                 beat(&mut world, 0, system, r#type);
             }
         }
         assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (4, 4), "{:?}", r#type);
         let lost = |event: &&PeerEvent| matches!(event, PeerEvent::Lost(peer) if peer.link == LinkId(0));
-        assert_eq!(world.vehicle.peer_events().iter().filter(lost).count(), 4, "it is told");
-        // The satellite's station sends no heartbeats, and is the longest silent; it gets its place, and keeps it.
+        assert_eq!(world.vehicle.peer_events().iter().filter(lost).count(), 4, "the evictions are reported");
+        // The station on the satellite link sends no heartbeats and has been silent longest; it gets its place and
+        // keeps it.
         world.gcs[2].send_from(Address::new(255, 190), &CommandAck::default());
         for round in 0..30 {
             world.run_for(secs(1));
@@ -221,7 +222,7 @@ fn links_share_the_table() {
     }
 }
 
-/// H-12: silent peers of a link that holds few stay as well, whoever floods another one.
+/// H-12: silent peers of a link that holds few places stay too, however another link is flooded.
 #[test]
 fn a_flood_takes_places_of_its_own_link() {
     let mut world = shared();
@@ -234,7 +235,7 @@ fn a_flood_takes_places_of_its_own_link() {
         world.run_for(millis(2));
     }
     assert_eq!((systems_on(&world, 1), systems_on(&world, 2)), (vec![2, 3], vec![255]));
-    assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the last that were heard");
+    assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the last ones heard");
 }
 
 /// H-12: components of our own system keep their places, silent or not, as long as they hold no more than half of them.
@@ -250,7 +251,7 @@ fn own_components_keep_their_places() {
         beat(&mut world, 1, system, MavType::GCS);
     }
     assert_eq!(systems_on(&world, 0).iter().filter(|&&system| system == 1).count(), 3);
-    // Invented ones fill no more than half.
+    // Invented components fill no more than half.
     for component in 2..100 {
         world.gcs[0].send_from(Address::new(1, component), &Gcs::heartbeat());
         world.run_for(millis(2));
@@ -345,7 +346,7 @@ fn stranger_with_our_address_is_reported_once() {
     }
 }
 
-/// A vehicle with `N` links, which sends heartbeats only, or fifty attitudes a second as well.
+/// A vehicle with `N` links that sends only heartbeats, or also fifty attitudes a second.
 fn sending<const N: usize>(is_busy: bool) -> World<N> {
     let mut setup = Setup { links: [LinkConfig::uart(115_200); N], ..Setup::new() };
     if !is_busy {
@@ -366,8 +367,8 @@ fn conflicts<const N: usize>(world: &World<N>) -> usize {
     world.vehicle.peer_events().iter().filter(is_conflict).count()
 }
 
-/// H-14, S-15: a loop, or a slow radio, brings our own frames back up to 255 frames later, by their own link or another one. That
-/// is no other vehicle, however often it happens.
+/// H-14, S-15: a loop or a slow radio returns our own frames up to 255 frames later, on the same link or another one. That is not
+/// taken for another vehicle, however often it happens.
 #[test]
 fn late_echoes_are_no_conflict() {
     for is_busy in [false, true] {
@@ -381,7 +382,7 @@ fn late_echoes_are_no_conflict() {
             }
             world.run_for(millis(3));
         }
-        // And with the same delay for long: 60 frames.
+        // A constant delay for a long time: 60 frames.
         for _ in 0..300 {
             let sent = &world.gcs[0].received;
             let echo = sent[sent.len() - 60].raw.clone();
@@ -393,13 +394,13 @@ fn late_echoes_are_no_conflict() {
     }
 }
 
-/// H-14: another vehicle with our address is told of within seconds, whatever both send, and however its sequence numbers stand
-/// to ours.
+/// H-14: another vehicle with our address is reported within seconds, whatever both send, and whatever the offset of its
+/// sequence numbers from ours.
 #[test]
 fn true_conflicts_are_found_within_seconds() {
     fn seconds_until_told<const N: usize>(is_busy: bool, period: Duration, offset: u8) -> u64 {
         let mut world = sending::<N>(is_busy);
-        // All our numbers are in use.
+        // All our sequence numbers have been used.
         world.run_for(secs(6));
         let ours = world.gcs[0].received.last().unwrap().header.seq;
         world.gcs[0].skip_seq(VEHICLE, ours.wrapping_add(offset));

@@ -351,8 +351,8 @@ fn what_is_there_is_not_written_again() {
     }
 }
 
-/// G-18: flash that cannot be read at all: the plans are empty, and the operator is told. When it can be read, that comes before
-/// anything is written: the old plans are live then, the upload that was to replace them is repeated, and kept.
+/// G-18: when flash cannot be read at all, the plans are empty and a text says so. When it can be read again, it is read before
+/// anything is written: the old plans become live, and the upload that should replace them is repeated and kept.
 #[test]
 fn unreadable_flash_is_told() {
     let mut flash = with_plans();

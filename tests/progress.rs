@@ -100,8 +100,8 @@ fn mission_set_current() {
     assert_eq!(world.vehicle.calls, []);
 }
 
-/// M-46, M-93: a sender that may not give MAV_CMD_DO_SET_MISSION_CURRENT may not send its old form either: the vehicle is not
-/// asked, a text says so, and MISSION_CURRENT is as it was.
+/// M-46, M-93: a sender that is not authorised to give MAV_CMD_DO_SET_MISSION_CURRENT cannot use its old form either: the
+/// vehicle is not asked, a text says so, and MISSION_CURRENT is unchanged.
 #[test]
 fn mission_set_current_is_for_those_in_control() {
     let mut world = world::<2>(3);

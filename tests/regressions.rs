@@ -92,8 +92,8 @@ fn another_plan_of_the_same_length_is_not_completed_with_the_old_one() {
     }
 }
 
-/// M-11, M-45: a partner whose downlink died repeats its last item on another link, and is asked there for the next, two
-/// seconds after it was last heard on the first.
+/// M-11, M-45: a partner whose downlink failed repeats its last item on another link. The next item is requested there,
+/// two seconds after the partner was last heard on the first link.
 #[test]
 fn partner_that_repeats_itself_on_another_link_is_followed() {
     let mut world = world::<2>();

@@ -160,7 +160,8 @@ fn targets_that_were_cut_off_are_everyone() {
     assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1, 2]);
 }
 
-/// no broadcast of a source goes to a link that it is heard on; what is addressed goes to its target all the same.
+/// a broadcast is not forwarded to a link on which its source is heard; an addressed frame still reaches its
+/// target.
 #[test]
 fn no_broadcast_goes_to_where_its_source_is() {
     let mut world = normal::<4>();
@@ -172,14 +173,14 @@ fn no_broadcast_goes_to_where_its_source_is() {
     assert_eq!(reaches(&mut world, 0, WINGMAN, &tune(STATION)), [1]);
 }
 
-/// one frame of a sender that another path brought, or that was forged, cuts no way off: addressed frames take it at once,
-/// broadcasts 5 s later, and what is withheld until then is counted.
+/// a single frame of a sender that took another path, or was forged, blocks no route: addressed frames use it at once,
+/// broadcasts after 5 s, and broadcasts that are withheld until then are counted.
 #[test]
 fn one_frame_cuts_no_way_off() {
     let mut world = normal::<3>();
     introduce(&mut world, 1, WINGMAN);
     introduce(&mut world, 0, STATION);
-    // In the name of the station, where it is not.
+    // A forged frame in the station's name.
     introduce(&mut world, 1, STATION);
     let begin = world.now();
     assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
@@ -192,7 +193,7 @@ fn one_frame_cuts_no_way_off() {
     assert_eq!(
         [0, 1, 2].map(|link| counters(&world, link).source_heard),
         [1, withheld, 0],
-        "the forged one, and the true"
+        "the forged one and the real one"
     );
     world.run_for(millis(110));
     forget(&mut world);
@@ -467,8 +468,9 @@ fn satellite_gets_commands_only() {
     assert_eq!(reaches!(1, STATION, &tune(WINGMAN)), [0; 0]);
 }
 
-/// a station that was heard once by satellite and lives on a radio gets what is for it by radio only; when it is lost
-/// there, by satellite again. A link that takes no part in forwarding, or only gets what is for a component, is no other way.
+/// a station that was once heard by satellite and is alive on a radio gets its frames by radio only; when it is lost
+/// there, by satellite again. A link without forwarding, or one that only gets frames for its own components, is not an
+/// alternative route.
 #[test]
 fn satellite_is_not_used_for_those_who_live_elsewhere() {
     let radio = LinkConfig::uart(57_600);
@@ -505,8 +507,8 @@ fn satellite_is_not_used_for_those_who_live_elsewhere() {
     }
 }
 
-/// T-R5, R-4, H-12: of a source without a place in the peer table broadcasts are forwarded; what is addressed is handled here only,
-/// and counted.
+/// T-R5, R-4, H-12: broadcasts of a source without a place in the peer table are forwarded; its addressed frames are handled
+/// locally only, and counted.
 #[test]
 fn source_without_a_place_gets_its_broadcasts_through() {
     let mut world = World::<2, NoPlans, 2>::with_plans(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
@@ -538,8 +540,8 @@ fn source_without_a_place_gets_its_broadcasts_through() {
     assert_eq!(no_slot(&world), Some(2));
 }
 
-/// H-12, R-3, R-4: a link on which eight ground stations are invented fills the table, and takes nobody's way: those on other links
-/// get their places, and keep them. On that link itself broadcasts of newcomers are forwarded.
+/// H-12, R-3, R-4: eight invented ground stations on one link fill the table, but block no route: peers on other links get their
+/// places and keep them. Broadcasts of newcomers on that link itself are forwarded.
 #[test]
 fn invented_ground_stations_shut_nobody_out() {
     let mut world = world([LinkConfig::uart(921_600); 3]);
@@ -547,7 +549,7 @@ fn invented_ground_stations_shut_nobody_out() {
     let mut arrived = [0; 3];
     for round in 0..60 {
         for system in 201..=240 {
-            // Eight that are alive, and more that try.
+            // Eight are alive, and more try to get a place.
             if system <= 208 || round % 4 == 0 {
                 world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
             }
@@ -560,7 +562,7 @@ fn invented_ground_stations_shut_nobody_out() {
             forget(&mut world);
             world.gcs[1].send_from(STATION, &tune(COMPANION));
             world.gcs[2].send_from(COMPANION, &tune(STATION));
-            // A newcomer where the invented ones are.
+            // A newcomer on the link of the invented ones.
             world.gcs[0].send_from(WINGMAN, &Attitude::default());
             world.run_for(millis(100));
             sent = sent.map(|sent| sent + 1);

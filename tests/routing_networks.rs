@@ -109,7 +109,7 @@ fn post<const PEERS: usize>(network: &mut Network<PEERS>, leaves: [usize; 3], le
     frames
 }
 
-/// Sends all letters and looks for how often each was delivered. `roams`: everybody was heard at every leaf before.
+/// Sends all letters and checks how often each was delivered. `roams`: every sender was heard at every leaf before.
 fn is_bounded<const PEERS: usize>(joined: Joined, letters: &[Letter], roams: bool) -> Result<(), TestCaseError> {
     let (mut network, leaves) = joined.network::<PEERS>();
     for (home, person) in (0..3).flat_map(|home| (0..3).map(move |person| (home, person))).filter(|_| roams) {
@@ -141,7 +141,8 @@ proptest! {
         is_bounded::<8>(joined, &letters, false)?;
     }
 
-    /// T-R2, R-4, R-6: the same where every sender was heard by every line, which keeps no addressed frame from going around.
+    /// T-R2, R-4, R-6: the same when every sender was heard on every line, where R-4 does not stop addressed frames from
+    /// looping.
     #[test]
     fn not_even_where_all_are_heard_everywhere(joined in joined(0.1), letters in letters(3, 8, 100..300), rate in 1..12_u64) {
         is_bounded::<64>(Joined { rate, ..joined }, &letters, true)?;

@@ -279,8 +279,8 @@ fn forwarding_is_within_the_budget() {
     }
 }
 
-/// M-11, M-45: a plan whose upload moves from one link to another in the middle arrives, and so does one that is read. The
-/// station hears both, and speaks by one of them; between the two it is silent for two seconds.
+/// M-11, M-45: an upload or download that moves to another link halfway completes. The station receives on both links and
+/// sends on one; it is silent for two seconds before it switches.
 #[test]
 fn transfers_move_between_links() {
     for cut in 0..30 {
@@ -298,8 +298,8 @@ fn transfers_move_between_links() {
     }
 }
 
-/// Runs until `is_done`, with the station of the first link for `cut` ms, and two seconds later with that of the second, which
-/// knows all that the first hears.
+/// Runs until `is_done`: with the station of the first link for `cut` ms, and two seconds later with that of the second link,
+/// which knows everything that the first received.
 fn step_over<P: PlanStorage>(world: &mut World<2, P>, cut: u64, mut is_done: impl FnMut(Instant, &mut Gcs) -> bool) {
     let begin = world.now();
     let (silent, back) = (begin.after(millis(cut)), begin.after(millis(cut + 2_001)));
@@ -315,7 +315,7 @@ fn step_over<P: PlanStorage>(world: &mut World<2, P>, cut: u64, mut is_done: imp
             world.gcs[1].forget();
         } else {
             let heard = std::mem::take(&mut world.gcs[0].received);
-            // The next request goes where the station was heard last, and is repeated after 250 ms.
+            // The next request is sent where the station was last heard, and is repeated after 250 ms.
             let is_late = now > back.after(millis(260));
             let answers = [MissionRequestInt::ID, MissionAck::ID, MissionCount::ID, MissionItemInt::ID];
             let is_answer = |frame: &Received| is_late && answers.contains(&frame.header.id);

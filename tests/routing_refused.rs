@@ -23,7 +23,7 @@ const COMPANION: Address = Address::new(1, 191);
 const GIMBAL: Address = Address::new(1, 154);
 const WINGMAN: Address = Address::new(2, 1);
 
-/// The wires take what the radio refuses, as their configuration allows.
+/// The wires get the frames that the radio refuses, as their configuration allows.
 fn rig() -> Rig<4> {
     rig_with(LinkConfig::unlimited().with_refused_frames(true))
 }
@@ -84,8 +84,8 @@ fn what_was_refused_suppresses_nothing() {
     assert_eq!(rig.vehicle.commands().len(), 1);
 }
 
-/// an unsigned command from a link that requires signatures reaches no wire that trusts us, whoever it is for; so none comes
-/// back to us by a second one. It is counted on each link that does not get it, and suppresses nothing.
+/// an unsigned command from a link that requires signatures reaches no wire that trusts us, whatever its target; so it
+/// cannot come back to us on a second wire. It is counted on each link that does not get it, and suppresses nothing.
 #[test]
 fn refused_frames_reach_no_open_link() {
     let mut rig = rig_with(LinkConfig::unlimited());
@@ -110,7 +110,7 @@ fn refused_frames_reach_no_open_link() {
             held_back += 1;
             assert_eq!(forwarded(&rig, WIRE).not_accepted, held_back);
         }
-        // What a stranger has signed is no better.
+        // A frame signed with another key is treated the same.
         let foreign = Signer::new(OTHER_KEY).frame(&arm(target));
         assert_eq!(passes(&mut rig, RADIO, &foreign), [0; 0], "for {target:?}");
         held_back += 1;
@@ -120,7 +120,7 @@ fn refused_frames_reach_no_open_link() {
     }
     assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).not_accepted), [0, 9, 3]);
     assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).duplicates), [0; 3]);
-    // The same bytes by a link that accepts them, from then on known.
+    // The same bytes on a link that accepts them are forwarded, and are known from then on.
     let late = station.unsigned(Version::V2, &arm(Address::new(0, 0)));
     assert_eq!(passes(&mut rig, RADIO, &late), [0; 0]);
     assert_eq!(passes(&mut rig, OTHER_WIRE, &late), [WIRE]);
@@ -263,7 +263,7 @@ fn refused_commands_are_not_paid_for() {
     for link in [WIRE, SATELLITE] {
         rig.receive(link, &station.unsigned(Version::V2, &CommandLong { target_system: 7, ..there }));
     }
-    // So long that it may be lost on the wire, or the satellite would not be used at all.
+    // Long enough that it counts as lost on the wire; otherwise the satellite link would not be used at all.
     rig.now = rig.now.after(millis(6_000));
     sent_on(&mut rig, &[]);
     let unsigned = wingman.unsigned(Version::V2, &there);
@@ -373,8 +373,8 @@ fn refused_copies_cut_no_patience() {
     }
 }
 
-/// a broadcast that comes again by a way on which its source is heard is no loop: R-4 keeps it from going around. An
-/// addressed frame is one, as nothing but the memory ends it.
+/// a broadcast that returns by a link on which its source is heard does not count as a loop, because R-4 stops it.
+/// An addressed frame does, because only the memory of forwarded frames stops it.
 #[test]
 fn addressed_copies_by_known_ways_cut_patience() {
     for (is_addressed, arrives) in [(false, true), (true, false)] {
@@ -417,8 +417,8 @@ fn an_exception_takes_no_route_away() {
     assert_eq!(passes(&mut rig, WIRE, &second), [RADIO]);
 }
 
-/// H-12, H-13, R-3: RADIO_STATUS needs no signature on a signed link, so anybody can send it in any name. It takes no place from a
-/// peer that signs, or that an open link accepts, silent or not; and its own place goes first.
+/// H-12, H-13, R-3: RADIO_STATUS needs no signature on a signed link, so its sender can be forged. It evicts no peer that signs
+/// or that an open link accepts, silent or not, and its own entry is evicted first.
 #[test]
 fn radio_reports_take_no_place_from_verified_peers() {
     let open = LinkConfig::unlimited();
@@ -431,7 +431,7 @@ fn radio_reports_take_no_place_from_verified_peers() {
         rig.receive(RADIO, &radio.unsigned(Version::V1, &RadioStatus { rssi: 200, ..RadioStatus::default() }));
     };
     let is_there = |rig: &Rig<4>, address: Address| rig.stack.peers().iter().any(|info| info.peer.address == address);
-    // Fills the table, and goes first when one comes that signs.
+    // These fill the table, and are evicted first when a signed peer comes.
     (20..40).for_each(|system| radio(&mut rig, system));
     let mut wingmen: Vec<Signer> =
         (2..9).map(|system| Signer::new(KEY).of(Address::new(system, 1)).at(NOW + 200_000)).collect();
@@ -442,7 +442,7 @@ fn radio_reports_take_no_place_from_verified_peers() {
     rig.receive(WIRE, &Signer::new(KEY).of(COMPANION).unsigned(Version::V2, &Gcs::heartbeat()));
     let verified = || (2..9).map(|system| Address::new(system, 1)).chain([COMPANION]);
     assert!(verified().all(|address| is_there(&rig, address)));
-    // They are silent for long; nothing that anybody may send pushes one out.
+    // Even after a long silence, no unverified frame evicts them.
     rig.now = rig.now.after(millis(30_000));
     sent_on(&mut rig, &[]);
     (40..=255).for_each(|system| radio(&mut rig, system));
@@ -451,7 +451,7 @@ fn radio_reports_take_no_place_from_verified_peers() {
     companion.seq = 9;
     let tune = PlayTune { target_system: 2, target_component: 1, ..PlayTune::default() };
     assert_eq!(passes(&mut rig, WIRE, &companion.unsigned(Version::V2, &tune)), [RADIO]);
-    // In the name of one that signs, it says not that it is heard there.
+    // In a signed peer's name, it does not show that the peer is heard there.
     radio(&mut rig, 2);
     rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V1, &RadioStatus::default()));
     let hello = Signer::new(KEY).of(WINGMAN).unsigned(Version::V2, &Attitude::default());

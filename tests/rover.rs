@@ -1,4 +1,4 @@
-//! The rover of `examples/boards`, which needs no board to be tried: what a ground station must find on the smallest vehicle.
+//! Tests the rover of `examples/boards` on the host: what a ground station must find on the smallest vehicle.
 
 mod support;
 
@@ -11,7 +11,7 @@ use mavstack::{Text, plan_memory};
 use rover::Rover;
 use support::*;
 
-/// P-18: QGroundControl calls a vehicle ready when its parameters are loaded, and needs one at least.
+/// P-18: QGroundControl considers a vehicle ready when its parameters are loaded, and needs at least one.
 #[test]
 fn the_smallest_vehicle_has_a_parameter() {
     let mut setup = Setup::<1>::new();

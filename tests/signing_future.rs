@@ -1,5 +1,5 @@
-//! Clocks that are wrong: a frame from far ahead, the end of the 48 bits, and a vehicle's clock that is set back. Rules G-4, G-6,
-//! G-14, G-17, L-16.
+//! Wrong clocks: a frame from far ahead, the end of the 48-bit timestamps, and a vehicle's clock that is set back. Rules G-4,
+//! G-6, G-14, G-17, L-16.
 #![cfg(feature = "signing")]
 
 #[path = "support/signer.rs"]
@@ -17,7 +17,7 @@ const DAY: u64 = 24 * 60 * MINUTE;
 const YEAR: u64 = 365 * DAY;
 const LAST: u64 = (1 << 48) - 1;
 
-/// A vehicle with a key over an open wire, a radio that wants signatures, and a satellite.
+/// A vehicle with a key, an open wire, a radio that requires signatures, and a satellite link.
 fn rig() -> Rig<3> {
     let link = LinkConfig::uart(115_200);
     let mut rig = Rig::new([
@@ -33,7 +33,7 @@ const WIRE: usize = 0;
 const RADIO: usize = 1;
 const SAT: usize = 2;
 
-/// The vehicle tells the time.
+/// Sets the time from the vehicle.
 fn tell(rig: &mut Rig<3>, timestamp: u64) {
     let (now, unix) = (rig.now, 1_420_070_400_000_000);
     assert!(rig.signing().set_time(now, unix + 10 * timestamp, Duration::MAX));
@@ -43,7 +43,7 @@ fn command() -> CommandLong {
     CommandLong { target_system: 1, target_component: 1, command: MavCmd::NAV_LAND, ..CommandLong::default() }
 }
 
-/// A station like no other, whose clock says `timestamp`; whether it is heard.
+/// Returns whether a new station is accepted when its clock says `timestamp`.
 fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
     let (commands, verified) = (rig.vehicle.commands().len(), rig.counters().verified);
     rig.receive(RADIO, &Signer::new(KEY).of(Address::new(station, 190)).at(timestamp).frame(&command()));
@@ -53,8 +53,8 @@ fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
     is_heard
 }
 
-/// G-17: once the vehicle has told the time, a clock more than a day ahead is refused, counted, and moves nothing, on an open wire
-/// too; not by a day at a time either. Right clocks are heard as before.
+/// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time,
+/// on an open wire too, nor in steps of a day. Peers with right clocks are still accepted.
 #[test]
 fn a_wrong_clock_shuts_nobody_out() {
     let mut rig = rig();
@@ -70,13 +70,13 @@ fn a_wrong_clock_shuts_nobody_out() {
     }
     assert!(hears(&mut rig, 11, NOW + DAY), "badly set, and no more");
     assert!(!hears(&mut rig, 12, NOW + 2 * DAY));
-    // A day later it is a day more, also when the vehicle told nothing since.
+    // A day later the bound is a day later too, even if the vehicle has not set the time since.
     rig.now = rig.now.after(secs(86_400));
     assert!(hears(&mut rig, 12, NOW + 2 * DAY));
 }
 
-/// G-17: before the vehicle has told the time there is nothing to compare with. What a wrong clock did then another key undoes;
-/// and once there is a right time again the bound holds.
+/// G-17: before the vehicle has set the time there is nothing to compare with. Another key undoes the effect of a wrong clock,
+/// and once the time is right again the bound applies.
 #[test]
 fn another_key_heals_what_a_wrong_clock_did() {
     for is_told in [false, true] {
@@ -86,7 +86,7 @@ fn another_key_heals_what_a_wrong_clock_did() {
             tell(&mut rig, NOW);
         }
         assert!(!hears(&mut rig, 20, NOW), "shut out");
-        // Whoever follows our time is heard: to refuse that as well would leave nobody.
+        // A peer that follows our time is accepted: otherwise no peer would be.
         let ours = rig.timestamp();
         assert!(hears(&mut rig, 21, ours + 100));
         let now = rig.now;
@@ -180,7 +180,7 @@ fn no_timestamp_is_sent_twice_at_the_end() {
     assert!(rig.transmit(RADIO).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
 }
 
-/// G-4: a frame that is cut off when the last timestamp is used up is given up, and not signed with that again.
+/// G-4: a frame that is interrupted when the last timestamp has been used is dropped, and not signed with it again.
 #[test]
 fn what_is_cut_off_at_the_end_is_given_up() {
     let mut rig = rig();
@@ -192,7 +192,7 @@ fn what_is_cut_off_at_the_end_is_given_up() {
     assert!(rig.transmit(RADIO).iter().all(|frame| frame.id() != CommandAck::ID && !frame.is_signed()));
 }
 
-/// The age of a command by satellite that was signed then.
+/// Returns the age of a satellite command that was signed at `timestamp`.
 fn age(rig: &mut Rig<3>, timestamp: u64) -> Option<u64> {
     let before = rig.vehicle.commands().len();
     rig.receive(SAT, &Signer::new(KEY).link(SAT as u8).at(timestamp).frame(&command()));
@@ -201,12 +201,12 @@ fn age(rig: &mut Rig<3>, timestamp: u64) -> Option<u64> {
     rig.vehicle.commands()[before].age.map(|age| age.as_millis() / 1_000)
 }
 
-/// L-16, G-14: a clock that is set back, by minutes or to a year that was, makes no command younger. One that is set forward makes
-/// them older, and earlier times after that change nothing.
+/// L-16, G-14: a clock that is set back, by minutes or by years, does not reduce a command's age. A clock that is set forward
+/// increases it, and earlier times after that have no effect.
 #[test]
 fn a_clock_that_is_set_back_makes_nothing_young() {
     let mut rig = rig();
-    assert_eq!(age(&mut rig, NOW), None, "nobody has told the time");
+    assert_eq!(age(&mut rig, NOW), None, "the time is not known");
     tell(&mut rig, NOW + 10 * MINUTE);
     assert_eq!(age(&mut rig, NOW + 1), Some(599));
     for back in [NOW + 10 * MINUTE - 1, NOW + MINUTE, NOW - 1, NOW - 9 * YEAR, 1] {
@@ -222,8 +222,8 @@ fn a_clock_that_is_set_back_makes_nothing_young() {
     assert_eq!(age(&mut rig, NOW + 2), Some(1_259));
 }
 
-/// L-16, G-17: before the vehicle has told the time a peer on a radio says it. A vehicle's clock that is a little behind the peer
-/// is believed, and one that was never set is not: it neither makes commands young nor refuses who has a right clock.
+/// L-16, G-17: before the vehicle has set the time, a peer on a radio provides it. A vehicle's clock a little behind the peer is
+/// trusted, but one that was never set is not: it neither reduces a command's age nor refuses peers with a right clock.
 #[test]
 fn a_first_time_that_is_years_behind_is_not_believed() {
     for (told, expected) in [(NOW + 9 * MINUTE, 540), (NOW - 9 * YEAR, 600), (1, 600)] {

@@ -68,8 +68,8 @@ fn session(seed: u64, streams: u8) {
                 rig.receive(link, &stranger.unsigned(Version::V1, &command(90_002)));
             }
             5 if rng.below(10) == 0 => {
-                // The same key again, with whatever time; or another one for a while, or none, and then the same with a time
-                // a minute ahead of all that was signed, which leaves no window (G-17).
+                // The same key again, with any time; or another key or none for a while, and then the same key with a time a
+                // minute ahead of every signed frame, which leaves no window (G-17).
                 let mut time = rng.below(NOW);
                 let ahead = signers.iter().map(|signer| signer.timestamp).fold(rig.timestamp(), u64::max) + 6_000_000;
                 match rng.below(3) {

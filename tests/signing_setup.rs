@@ -69,8 +69,8 @@ fn a_key_is_set_and_told_at_once() {
     }
 }
 
-/// G-17: the same key again, as ground stations send it, moves our time forward and never back; streams stay as they are, so what
-/// was recorded is not accepted again.
+/// G-17: the same key again, as ground stations send it, moves our time forward and never back; streams are kept, so recorded
+/// frames are not accepted again.
 #[test]
 fn the_same_key_again_changes_nothing() {
     for (initial_timestamp, least) in [(NOW, NOW), (0, NOW), (NOW - 1_000_000, NOW), (NOW + 1_000_000, NOW + 1_000_000)]
@@ -97,7 +97,7 @@ fn the_same_key_again_changes_nothing() {
     }
 }
 
-/// G-17: another key begins with its own timestamp and with no streams, also when that is earlier, and after no key at all.
+/// G-17: another key starts with its own timestamp, even an earlier one, and without streams; so does a key after no key.
 #[test]
 fn another_key_begins_anew() {
     for is_off_between in [false, true] {
@@ -119,7 +119,7 @@ fn another_key_begins_anew() {
     }
 }
 
-/// G-17: what the vehicle itself told since the start counts more than an early timestamp of another key.
+/// G-17: the time that the vehicle set since the start overrides an earlier timestamp of another key.
 #[test]
 fn another_key_starts_no_earlier_than_what_the_vehicle_told() {
     for initial_timestamp in [0, NOW - 1_000_000, NOW + 1_000_000] {
@@ -132,8 +132,8 @@ fn another_key_starts_no_earlier_than_what_the_vehicle_told() {
     }
 }
 
-/// G-8, G-17: a key that returns has forgotten its streams. What was recorded with it is accepted once more if it is no more than
-/// a minute older than the timestamp that the key returns with; so one of a minute from now leaves nothing.
+/// G-8, G-17: a key that is set again has lost its streams. Frames recorded with it are accepted once more if they are at most a
+/// minute older than the key's new timestamp; a timestamp one minute in the future leaves no window.
 #[test]
 fn the_replay_window_of_a_key_that_returns() {
     const RECORDED: u64 = NOW + 100_000;
@@ -147,7 +147,7 @@ fn the_replay_window_of_a_key_that_returns() {
             let recorded = Signer::new(KEY).at(RECORDED).frame(&Gcs::heartbeat());
             rig.receive(1, &recorded);
             for (key, initial_timestamp) in way.iter().copied().chain([(KEY, initial_timestamp)]) {
-                // What we say of it moves our time by the last digits.
+                // Our own answers move our time by a few units.
                 rig.receive(0, &unsigned(&setup(key, initial_timestamp)));
                 rig.transmit(0);
             }
@@ -182,8 +182,8 @@ fn what_was_served_before_there_was_a_key() {
     }
 }
 
-/// T-G7: zeros take the key away, here and in what is sent; the heartbeat that says so is unsigned, and so is the radio
-/// open.
+/// T-G7: zeros remove the key, for receiving and for sending; the heartbeat that confirms it is unsigned, and the radio
+/// becomes open.
 #[test]
 fn signing_is_turned_off() {
     let mut rig = rig();
@@ -200,7 +200,8 @@ fn signing_is_turned_off() {
     assert_eq!((rig.counters().unsigned, rig.counters().bad_signature), (0, 0));
 }
 
-/// G-11, G-17: zeros with a time are a key, though a bad one; a time without meaning, or without a successor, is refused.
+/// G-11, G-17: zeros with a timestamp are a key, though a bad one; a meaningless timestamp, or one without a successor,
+/// is refused.
 #[test]
 fn what_is_no_key() {
     let mut rig = rig();
@@ -502,8 +503,8 @@ fn the_firmware_sets_a_key() {
     assert!(!rig.transmit(1)[0].is_signed());
 }
 
-/// G-11, G-10: on an open wire that keys come by a station with another key is told so, unsigned and every ten seconds at most; its
-/// frames are dropped as before. SETUP_SIGNING is not held up by that. Elsewhere there is no hint.
+/// G-11, G-10: on an open provisioning wire, an unsigned text tells a station that its key is wrong, at most every ten seconds;
+/// its frames are still dropped. SETUP_SIGNING is not delayed by that. Other links send no hint.
 #[test]
 fn a_stale_key_gets_a_hint() {
     const HINT: &str = "Wrong signing key: set it again on this link";
@@ -516,7 +517,7 @@ fn a_stale_key_gets_a_hint() {
     rig.run_for(millis(100));
     assert!(rig.stack.next_deadline(rig.now) > rig.now);
     rig.receive(0, &stale.frame(&Ping::default()));
-    assert!(rig.stack.next_deadline(rig.now) <= rig.now, "a firmware that sleeps is woken");
+    assert!(rig.stack.next_deadline(rig.now) <= rig.now, "a sleeping firmware is woken");
     let mut hints = Vec::new();
     for tenth in 0..250 {
         for link in [0, 1] {
@@ -529,8 +530,8 @@ fn a_stale_key_gets_a_hint() {
     }
     assert_eq!(hints, [0, 100, 200]);
     assert_eq!((rig.counters().bad_signature, rig.counters().refused_setups), (501, 0));
-    assert!(rig.stack.peers().is_empty() && rig.vehicle.calls.is_empty(), "nothing is done");
-    // Pending when the key comes.
+    assert!(rig.stack.peers().is_empty() && rig.vehicle.calls.is_empty(), "the frames have no other effect");
+    // A hint is pending when the key arrives.
     rig.run_for(secs(10));
     rig.receive(0, &stale.frame(&Ping::default()));
     rig.receive(0, &unsigned(&setup(OTHER_KEY, NOW)));
@@ -538,7 +539,7 @@ fn a_stale_key_gets_a_hint() {
     rig.run_for(secs(10));
     rig.receive(0, &stale.frame(&Gcs::heartbeat()));
     assert_eq!((texts(&rig.transmit(0)), rig.counters().verified), (vec![], 1));
-    // What is right but old is no matter of the key, nor is what has no signature.
+    // Replayed and unsigned frames do not show a wrong key.
     stale.timestamp -= 1;
     rig.receive(0, &stale.frame(&Gcs::heartbeat()));
     rig.receive(0, &unsigned(&Gcs::heartbeat()));

@@ -211,8 +211,8 @@ fn what_was_recorded_before_a_restart() {
     }
 }
 
-/// G-17: a frame from a wrong clock moves our time years ahead, which is stored. A restart does not forget that, nor does the same
-/// key; another key does, at once and after another restart. Neither is it stored half.
+/// G-17: a frame from a wrong clock moves our time years ahead, and that time is stored. Neither a restart nor the same key
+/// corrects it; another key does, at once and after another restart. Key and time are always stored together.
 #[test]
 fn another_key_heals_a_stored_time() {
     const WRONG: u64 = NOW + 14 * 365 * 1_440 * MINUTE;
@@ -244,8 +244,8 @@ fn another_key_heals_a_stored_time() {
     assert_eq!(rig.counters().verified, 1);
 }
 
-/// G-17: what is stored bounds nothing. A vehicle without a clock that was off for a year hears its peers; one that has a clock, and
-/// whose stored time is wrong, hears those that follow its own time.
+/// G-17: a stored time sets no bound. A vehicle without a clock that was off for a year accepts its peers; a vehicle with a clock
+/// and a wrong stored time accepts the peers that follow its own time.
 #[test]
 fn a_stored_time_bounds_nothing() {
     const YEAR: u64 = 365 * 1_440 * MINUTE;
@@ -261,7 +261,7 @@ fn a_stored_time_bounds_nothing() {
     assert_eq!((rig.counters().verified, rig.counters().too_far_ahead), (1, 0));
 }
 
-/// G-17: without a key nothing is written, once it is stored that there is none: the next key begins with its own time.
+/// G-17: without a key nothing is written, once that is stored: the next key starts with its own time.
 #[test]
 fn no_time_is_kept_without_a_key() {
     let mut flash = with_key(KEY);

@@ -1,4 +1,5 @@
-//! Storage is written when the vehicle permits it, one step a pass, and no more often than flash bears (C-15, D-5, SEC-12).
+//! Storage is written when the vehicle permits it, one step per pass, and no more often than flash endures (C-15, D-5,
+//! SEC-12).
 #![cfg(all(feature = "signing", feature = "storage"))]
 
 #[path = "support/flash.rs"]
@@ -14,7 +15,7 @@ use mavstack::{
 };
 use support::*;
 
-/// One erase is one write of a record, whichever.
+/// A slot is one erase unit, so that one erase means one write of a record.
 type Flash = RamFlash<8, 1024>;
 type Memory = plan_memory!(mission: 12, fence: 4, rally: 2);
 type PaceWorld = World<2, Memory, 8, Rover>;
@@ -23,7 +24,7 @@ const PLANS: u32 = PlanStore::<Flash>::region_len(12, 4, 2);
 const PARAMS: u32 = ParamStore::<Flash>::region_len(Tuning::INFO.len());
 const KEYS: u32 = SigningStore::<Flash>::REGION_LEN;
 
-/// The vehicle of the tests, but for what it says of storage: nothing.
+/// The vehicle of the tests, but with the default `may_persist`.
 #[derive(Debug)]
 struct Rover(TestVehicle);
 
@@ -80,7 +81,7 @@ impl Plans for Rover {
 
 impl Telemetry for Rover {}
 
-/// The three stores, and how often they were written.
+/// The three stores, and how often each was written.
 struct Stores {
     plans: PlanStore<Flash>,
     params: ParamStore<Flash>,
@@ -103,7 +104,7 @@ impl Stores {
         assert_eq!(world.stack.restore_signing(now, &mut self.keys, &mut world.vehicle), Ok(()));
     }
 
-    /// What a pass of the loop does.
+    /// Does what one pass of the loop does.
     fn persist(&mut self, world: &mut PaceWorld) {
         let now = world.now();
         world.stack.persist_plans(now, &mut self.plans, &mut world.vehicle);
@@ -119,7 +120,7 @@ impl Stores {
         }
     }
 
-    /// Records that were written, of plans, parameters and keys.
+    /// Returns the number of records written: plans, parameters, keys.
     fn records(&self) -> [u32; 3] {
         [self.plans.flash(), self.params.flash(), self.keys.flash()].map(|flash| {
             let slots = [0, flash.bytes.len() / 2].map(|slot| &flash.bytes[slot..slot + 32]);
@@ -128,7 +129,7 @@ impl Stores {
         })
     }
 
-    /// Erases and writes so far.
+    /// Returns the number of erases and writes so far.
     fn steps(&self) -> u32 {
         [self.plans.flash(), self.params.flash(), self.keys.flash()]
             .map(|flash| flash.erases + flash.writes)
@@ -137,7 +138,7 @@ impl Stores {
     }
 }
 
-/// A radio, and the wire by which keys come.
+/// A radio and a provisioning wire.
 fn world(config: impl FnOnce(Config) -> Config, step: Duration) -> PaceWorld {
     let setup = Setup::<2>::new();
     let wire = LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN.with_provisioning());
@@ -174,7 +175,7 @@ fn items(plan: MavMissionType, len: u16, variant: u16) -> Vec<MissionItemInt> {
     items
 }
 
-/// Uploads with storage; the answer.
+/// Uploads with storage and returns the answer.
 fn upload(world: &mut PaceWorld, stores: &mut Stores, items: &[MissionItemInt]) -> MavMissionResult {
     let mut upload = Upload::new(&world.gcs[0], items);
     while upload.result().is_none() {
@@ -200,7 +201,8 @@ fn command(world: &mut PaceWorld, stores: &mut Stores, action: f32) -> MavResult
     }
 }
 
-/// D-5, SEC-12: plans, parameters and key are to be written at once: one erase or write a pass, and all are written.
+/// D-5, SEC-12: plans, parameters and key must be written at the same time: each pass does one erase or write, and all
+/// are written.
 #[test]
 fn stores_share_a_pass() {
     let mut world = world(|config| config, millis(10));
@@ -219,14 +221,14 @@ fn stores_share_a_pass() {
             world.step();
             let before = stores.steps();
             stores.persist(&mut world);
-            assert!(stores.steps() - before <= 1, "more than a step a pass");
+            assert!(stores.steps() - before <= 1, "more than one step per pass");
         }
         let written = u32::from(round) + 1;
         assert_eq!(stores.records(), [written; 3]);
     }
 }
 
-/// D-5: a caller that asks again without polling, as before a reset, gets everything written.
+/// D-5: a caller that retries without polling, as before a reset, gets everything written.
 #[test]
 fn a_loop_without_polls_ends() {
     let mut world = world(|config| config, millis(10));
@@ -250,7 +252,7 @@ fn a_loop_without_polls_ends() {
 }
 
 /// D-5, SEC-12, M-27, M-44, P-17: by default nothing is written while the vehicle is armed or in a fault: plans are DENIED at
-/// COUNT, parameters and key wait.
+/// COUNT; parameters and key wait.
 #[test]
 fn nothing_is_written_while_armed() {
     let mut world = world(|config| config, millis(10));
@@ -279,12 +281,12 @@ fn nothing_is_written_while_armed() {
     assert_eq!(upload(&mut world, &mut stores, &mission), MavMissionResult::ACCEPTED);
 }
 
-/// What a token takes to come back by default, and how many there are.
+/// Time in which a token comes back by default (s), and the number of tokens.
 const REFILL: u32 = 15 * 60;
 const TOKENS: u32 = 128;
 
-/// C-15: an hour of everything that a peer can do to have something written, as fast as the line takes it. What is written is
-/// what the buckets hold and what comes back; and each refusal is an answer.
+/// C-15: for an hour a peer requests writes in every possible way, as fast as the line permits. The number of writes is
+/// bounded by the buckets' capacity and refill, and every refusal is answered.
 #[test]
 fn a_flood_wears_nothing_out() {
     for durability in [Durability::Durable, Durability::Deferred] {
@@ -319,13 +321,13 @@ fn a_flood_wears_nothing_out() {
         let bound = TOKENS + 3_600 / REFILL + 1;
         assert!((TOKENS / 2..=bound).contains(&plans), "{plans} records of plans");
         assert!((TOKENS / 2..=bound).contains(&params), "{params} records of parameters");
-        // And one every 50 s because time went on.
+        // Plus one every 50 s because time advanced.
         assert!((TOKENS / 2..=bound + 3_600 / 50 + 1).contains(&keys), "{keys} records of keys");
         let erases = stores.plans.flash().erases + stores.params.flash().erases + stores.keys.flash().erases;
         // A key that is replaced while it is written costs an erase too, and a token.
         assert!(erases <= 3 * bound + 3_600 / 50 + 1, "{erases} erases");
         assert!(rejected > 100 && denied > 100 && refused > 100, "{rejected}, {denied}, {refused}");
-        // What was set comes to storage, later.
+        // The parameter that was set is stored later.
         let tuned = world.vehicle.0.tuning.get(Tuning::CRUISE);
         stores.run(&mut world, secs(u64::from(REFILL) + 20));
         let mut again = PaceWorld::with_plans(Setup::new());
@@ -334,8 +336,8 @@ fn a_flood_wears_nothing_out() {
     }
 }
 
-/// C-15: an honest day, at its worst: 20 times all plans, as large as there is room for, one behind the other; and 100 parameters
-/// that are set by hand, each stored by command. Nothing is refused, and each is stored at once.
+/// C-15: the worst day of regular use: 20 uploads of all plans at full capacity, one after the other, and 100 parameters set by
+/// hand, each stored by command. Nothing is refused, and each is stored at once.
 #[test]
 fn an_honest_day_is_never_refused() {
     let mut world = world(|config| config, millis(10));
@@ -357,8 +359,8 @@ fn an_honest_day_is_never_refused() {
     }
 }
 
-/// C-15: when a bucket is empty, the refusal has a text, and an empty plan may still be cleared. A small change is taken when one
-/// token has come back, a large one needs more. A sleeping loop is not woken for parameters that have to wait.
+/// C-15: when a bucket is empty, the refusal has a text, and an empty plan may still be cleared. A small change is accepted when
+/// one token has come back; a large one needs more. A sleeping loop is not woken for parameters that have to wait.
 #[test]
 fn a_refusal_says_why_and_ends() {
     let mut world = world(|config| config, millis(20));
@@ -391,7 +393,7 @@ fn a_refusal_says_why_and_ends() {
     assert_eq!(upload(&mut world, &mut stores, &full(99)), MavMissionResult::DENIED);
     assert_eq!(upload(&mut world, &mut stores, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::ACCEPTED);
 
-    // Parameters wait in silence.
+    // Parameters wait without a text.
     for round in 0..u16::MAX {
         world.gcs[0].send(&set("RTL_ALT", f32::from(round % 100)));
         stores.run(&mut world, millis(20));
@@ -402,8 +404,8 @@ fn a_refusal_says_why_and_ends() {
     }
     let before = world.vehicle.0.tuning.get(Tuning::RTL_ALT);
     assert_eq!(command(&mut world, &mut stores, 2.0), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(world.vehicle.0.tuning.get(Tuning::RTL_ALT), before, "nothing is reset without being stored");
-    assert_eq!(command(&mut world, &mut stores, 0.0), MavResult::ACCEPTED, "reading wears nothing");
+    assert_eq!(world.vehicle.0.tuning.get(Tuning::RTL_ALT), before, "a reset that cannot be stored is refused");
+    assert_eq!(command(&mut world, &mut stores, 0.0), MavResult::ACCEPTED, "reading takes no token");
     world.gcs[0].send(&set("RTL_ALT", 101.0));
     stores.run(&mut world, secs(30));
     let end = world.now().after(secs(10));
@@ -413,7 +415,7 @@ fn a_refusal_says_why_and_ends() {
         passes += 1;
     }
     assert!(passes < 150, "{passes} passes in 10 s");
-    // The vehicle's own word counts: before a reset, say.
+    // The vehicle's own request is granted, before a reset for example.
     let records = stores.records()[1];
     let now = world.now();
     world.stack.save_parameters(now, &mut world.vehicle);
@@ -421,7 +423,7 @@ fn a_refusal_says_why_and_ends() {
     assert_eq!(stores.records()[1], records + 1);
 }
 
-/// C-15: with no storage, or with storage that does not wear out, nothing is limited.
+/// C-15: without storage, or with storage that does not wear out, nothing is limited.
 #[test]
 fn what_does_not_wear_out_is_not_limited() {
     for has_storage in [false, true] {

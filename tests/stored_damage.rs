@@ -1,5 +1,4 @@
-//! What is stored is damaged, or cannot be read: it is told, it never counts as empty, and nothing that can be read is lost
-//! (G-18, P-17).
+//! Damaged or unreadable stored data is reported, never counts as empty, and nothing that can be read is lost (G-18, P-17).
 #![cfg(all(feature = "signing", feature = "storage"))]
 
 #[path = "support/flash.rs"]
@@ -29,7 +28,7 @@ const KEYS: u32 = Keys::REGION_LEN;
 const PARAMS: u32 = Params::region_len(Tuning::INFO.len());
 const PLANS: u32 = Plans::region_len(12, 4, 2);
 
-/// The bits of the only record in this flash: of its header, and of so many bytes of its body.
+/// Returns the bits of the only record in this flash: those of its header, and of the first `body` bytes of its body.
 fn bits(flash: &Flash, body: usize) -> impl Iterator<Item = usize> + use<> {
     let half = flash.bytes.len() / 2;
     let slots = [0, half].map(|slot| flash.bytes[slot..].starts_with(b"MVSR"));
@@ -47,7 +46,7 @@ fn flipped(flash: &Flash, bit: usize) -> Flash {
     flash
 }
 
-/// A radio that has to sign once there is a key, the wire by which keys come, and a wire that has nothing to do with signing.
+/// A radio that must sign once there is a key, a provisioning wire, and a wire without signing.
 fn signing_rig() -> Rig<3> {
     let unsigned = LinkSigning { sign_out: false, ..LinkSigning::OPEN };
     let links = [LinkSigning::SIGNED, LinkSigning::OPEN.with_provisioning(), unsigned];
@@ -82,7 +81,7 @@ fn setup(key: [u8; 32]) -> SetupSigning {
     SetupSigning { initial_timestamp: NOW, target_system: 1, target_component: 1, secret_key: Secret(key) }
 }
 
-/// How many of the unsigned commands to arm, one on each link, were carried out on which.
+/// Sends an unsigned command to arm on each link and returns on which links it was carried out.
 fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
     [0, 1, 2].map(|link| {
         let before = rig.vehicle.commands().len();
@@ -92,7 +91,7 @@ fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
 }
 
 /// G-18: whichever bit of a stored key flips, the links that would sign stay closed, also after another restart, until a key is
-/// set on the link that is made for it; a text says so, unsigned.
+/// set on the provisioning link; an unsigned text says so.
 #[test]
 fn a_damaged_key_opens_no_link() {
     let whole = with_key();
@@ -109,11 +108,11 @@ fn a_damaged_key_opens_no_link() {
             let texts: Vec<_> = sent.iter().filter_map(Sent::decode::<Statustext>).collect();
             assert_eq!(texts.len(), 1, "bit {bit}");
             assert_eq!(texts[0].severity, MavSeverity::ERROR);
-            // What is stored stays as it is, whatever time goes by.
+            // The stored data does not change, however much time passes.
             rig.run_for(secs(120));
             settle(&mut rig, &mut store);
 
-            // Not by the radio, by nobody's signature.
+            // The radio accepts neither an unsigned SETUP_SIGNING nor a signed command.
             rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
             rig.receive(0, &Signer::new(KEY).frame(&arm()));
             assert_eq!((armed_by(&mut rig), rig.vehicle.commands().len()), ([false, false, true], 2));
@@ -133,7 +132,8 @@ fn a_damaged_key_opens_no_link() {
     }
 }
 
-/// G-11, G-18: who may set a key may say that there is none; then links are open as in a vehicle that never had one.
+/// G-11, G-18: a peer that may set the key may also remove it; links are then open as in a vehicle that never had a
+/// key.
 #[test]
 fn a_damaged_key_is_taken_away() {
     let whole = with_key();
@@ -151,7 +151,7 @@ fn a_damaged_key_is_taken_away() {
     assert_eq!(armed_by(&mut rig), [true; 3]);
 }
 
-/// G-18: an older key does not come back for a newer one that is damaged: it may have been replaced because others know it.
+/// G-18: an older key does not replace a damaged newer one: it may have been replaced because it was compromised.
 #[test]
 fn an_older_key_does_not_stand_in() {
     let mut flash = with_key();
@@ -159,7 +159,7 @@ fn an_older_key_does_not_stand_in() {
     let mut rig = signing_rig();
     assert_eq!(rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle), Ok(()));
     rig.set_key(OTHER_KEY);
-    // Until it is written; what is older is not erased yet.
+    // Stop when the new key is written, before the older one is erased.
     let count = |flash: &Flash| [0, 512].into_iter().filter(|slot| flash.bytes[*slot..].starts_with(b"MVSR")).count();
     while count(store.flash()) < 2 {
         assert!(rig.stack.persist_signing(rig.now, &mut store, &mut rig.vehicle));
@@ -177,7 +177,7 @@ fn an_older_key_does_not_stand_in() {
     }
 }
 
-/// G-18: reads fail at a start, any one of them: links are closed until the key could be read, which is soon.
+/// G-18: any one read fails at a start: links are closed until the key can be read, soon after.
 #[test]
 fn a_key_that_cannot_be_read_comes_back() {
     let whole = with_key();
@@ -187,7 +187,7 @@ fn a_key_that_cannot_be_read_comes_back() {
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
         if is_default_set {
-            // A key that the firmware is born with gives way to the stored one.
+            // The stored key replaces a factory key.
             rig.set_key(OTHER_KEY);
         }
         match rig.stack.restore_signing(rig.now, &mut store, &mut rig.vehicle) {
@@ -204,7 +204,8 @@ fn a_key_that_cannot_be_read_comes_back() {
     }
 }
 
-/// G-18: a new vehicle's storage cannot be read at its start: links are closed until it is known that there is no key.
+/// G-18: the storage of a new vehicle cannot be read at the start: links are closed until it is known that there is no
+/// key.
 #[test]
 fn no_key_that_cannot_be_read_is_none() {
     for has_key in [false, true] {
@@ -228,7 +229,7 @@ fn no_key_that_cannot_be_read_is_none() {
     }
 }
 
-/// G-18: a key that is set while the stored one cannot be read is the one that counts.
+/// G-18: a key that is set while the stored one cannot be read takes precedence.
 #[test]
 fn a_new_key_replaces_what_cannot_be_read() {
     let mut flash = with_key();
@@ -248,7 +249,7 @@ fn a_new_key_replaces_what_cannot_be_read() {
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
 }
 
-/// Runs with storage for parameters.
+/// Runs the world with storage for parameters.
 fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end && !store.flash().is_off() {
@@ -278,7 +279,7 @@ fn cruise_and_altitude(world: &World<1>) -> (f32, f32) {
     (world.vehicle.tuning.get(Tuning::CRUISE), world.vehicle.tuning.get(Tuning::RTL_ALT))
 }
 
-/// G-18: whichever bit of the stored parameters flips, they are not defaults without a word.
+/// G-18: whichever bit of the stored parameters flips, falling back to the defaults is reported.
 #[test]
 fn damaged_parameters_are_told() {
     let whole = with_params();
@@ -297,8 +298,8 @@ fn damaged_parameters_are_told() {
     }
 }
 
-/// G-18, P-17, GOAL-8: one read fails at the start, any of them, or eight in a row; then a parameter is set, and the power goes at any byte of what
-/// is written. The others are as they were, and that one is as it was or as it was set.
+/// G-18, P-17, GOAL-8: any one read or eight consecutive reads fail at the start; then a parameter is set, and the power fails at
+/// any byte of the write. The other parameters are unchanged, and this one has its old or its new value.
 #[test]
 fn a_read_that_fails_costs_no_parameter() {
     let whole = with_params();
@@ -336,7 +337,7 @@ fn a_read_that_fails_costs_no_parameter() {
     }
 }
 
-/// Runs with storage for plans until it rests.
+/// Runs the world with storage for plans until nothing is left to write.
 fn run_plans(world: &mut PlanWorld, store: &mut Plans<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end {
@@ -379,8 +380,8 @@ fn with_fence() -> Flash {
     flash
 }
 
-/// G-18: whichever bit of a stored fence flips, it does not come back as a fence of no items without a word; and it stays damaged
-/// until a plan is stored.
+/// G-18: whichever bit of a stored fence flips, it is not restored as an empty fence without a report; and it stays damaged until
+/// a plan is stored.
 #[test]
 fn a_damaged_fence_is_no_empty_fence() {
     let whole = with_fence();
@@ -407,8 +408,8 @@ fn a_damaged_fence_is_no_empty_fence() {
     }
 }
 
-/// G-18, M-44: one read fails at the start, any of them: the fence comes back late, the vehicle is told, and a mission that is
-/// uploaded meanwhile does not cost it.
+/// G-18, M-44: any one read fails at the start: the fence is restored late, the vehicle is told, and a mission that is
+/// uploaded meanwhile does not replace it.
 #[test]
 fn a_read_that_fails_costs_no_fence() {
     let whole = with_fence();
@@ -421,7 +422,7 @@ fn a_read_that_fails_costs_no_fence() {
             let mut world = PlanWorld::with_plans(Setup::new());
             let result = world.stack.restore_plans(world.now(), &mut store, durability, &mut world.vehicle);
             late += u32::from(result.is_err());
-            // Storage may be read again only when the upload is over.
+            // Storage can be read again only when the upload is over.
             world.vehicle.may_persist = !is_slow;
             let mission = plan(5, 1);
             if is_slow && durability == Durability::Deferred {

@@ -183,7 +183,7 @@ def tidy(other_link):
         other_link.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
         return other_link.wait("COMMAND_ACK", where=lambda ack: ack.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
 
-    # Sent again as ground stations do it: a test may leave behind a line that is still full.
+    # Repeated, as ground stations do: the previous test may leave a backlog on the line.
     assert any(disarms() for _ in range(4)), "the vehicle does not answer"
     # A client that was cut off keeps the others waiting, for a while.
     deadline = time.monotonic() + 15

@@ -7,7 +7,7 @@ import time
 
 
 class Far:
-    """Listens on a port of its own, for one client; what is sent either way arrives `delay` seconds later."""
+    """Listens on a port of its own for one client and delivers every byte, in both directions, `delay` seconds late."""
 
     def __init__(self, port, delay):
         self.delay = delay

@@ -320,7 +320,7 @@ def parameters(gcs):
     gcs.mav.param_request_list_send(1, 1)
     found = {}
     while message := gcs.wait("PARAM_VALUE", 1.0):
-        # Not what ends a flight after a second, or has the vehicle answer to another name after a start.
+        # Skip parameters that end a flight after a second or change the system id at the next start.
         is_left = message.param_id.startswith(("STAT_", "COM_FLT_TIME_MAX", "MAV_SYS_ID"))
         if message.param_type in (INT32, REAL32) and not is_left:
             code = "<i" if message.param_type == INT32 else "<f"

@@ -1,4 +1,4 @@
-"""Uploads by MAVSDK from far away."""
+"""MAVSDK uploads over links with a long round trip."""
 
 import concurrent.futures
 import contextlib
@@ -13,7 +13,7 @@ from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from plans import differences, plan
 from transfer import download
 
-# Seconds each way.
+# One-way delays (s).
 DELAYS = (0.05, 0.25, 0.5, 0.8)
 
 # A vehicle has three links and a port for its metadata.
@@ -21,7 +21,7 @@ PORTS = 4
 
 
 def free_ports():
-    """The first of a few ports in a row that nobody uses."""
+    """Returns the first of a few consecutive free ports."""
     while True:
         with contextlib.ExitStack() as stack:
             first = stack.enter_context(socket.create_server(("127.0.0.1", 0))).getsockname()[1]
@@ -35,14 +35,14 @@ def free_ports():
 
 @contextlib.contextmanager
 def sitl(program):
-    """A vehicle of one's own; gives the port of its telemetry link."""
+    """Runs a vehicle for one test and yields the port of its telemetry link."""
     port = free_ports()
     process = subprocess.Popen([program, "--port-base", str(port)], stdout=subprocess.DEVNULL)
     try:
         deadline = time.monotonic() + 10
         while True:
             with contextlib.suppress(ConnectionRefusedError):
-                # The companion's link, to leave telemetry to the test.
+                # Probe the companion's link, so that the telemetry link stays free for the test.
                 socket.create_connection(("127.0.0.1", port + 1)).close()
                 break
             assert process.poll() is None and time.monotonic() < deadline, "the vehicle does not start"
@@ -54,7 +54,7 @@ def sitl(program):
 
 
 def upload_from_afar(program, delay):
-    """Uploads to a vehicle that far away; returns the seconds that it took."""
+    """Uploads to a vehicle at this distance and returns how long that took (s)."""
     items = plan(4)
     with sitl(program) as port, contextlib.closing(Far(port, delay)) as far, found_by_mavsdk(far.url) as system:
         began = time.monotonic()
@@ -69,7 +69,7 @@ def test_mavsdk_uploads_over_any_distance(target, request, figure):
     """M-40, M-43: MAVSDK fails an upload in which it is asked for an item more than five times, and gives up after 2.5 s
     without a request."""
     if target != "sitl":
-        pytest.skip("the same code as in sitl, and each distance needs a vehicle of its own")
+        pytest.skip("runs on sitl only: the code is the same, and each distance needs its own vehicle")
     program = request.config.getoption("program")
     with concurrent.futures.ThreadPoolExecutor() as pool:
         uploads = {delay: pool.submit(upload_from_afar, program, delay) for delay in DELAYS}

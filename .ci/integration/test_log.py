@@ -60,7 +60,7 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     items = plan(5)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     logged.says("disarmed, Hold, mission 0/5 not started")
-    # MAVLink 1 with an extension, from component 0: the vehicle takes it (S-8, S-11), so it is in the log.
+    # A MAVLink 1 frame with an extension, from component 0: the vehicle accepts it (S-8, S-11), so the log contains it.
     gcs.mav.srcComponent = 0
     gcs.mav.mission_request_int_send(1, 1, 0, MISSION, force_mavlink1=True)
     assert gcs.wait("MISSION_ITEM_INT").target_component == 0

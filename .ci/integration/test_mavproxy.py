@@ -139,7 +139,7 @@ def test_connect_load_list_arm(mavproxy, tmp_path):
     mavproxy.expect("16 3 47.3978420000 -8.5456950000 12.250000")
     mavproxy.expect("Saved 5 waypoints")
     mavproxy.say("arm throttle")
-    # The heartbeat that says so precedes the answer (H-16).
+    # The heartbeat that reports the arming precedes the answer (H-16).
     mavproxy.expect("ARMED")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
     mavproxy.say("disarm")

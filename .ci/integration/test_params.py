@@ -177,7 +177,7 @@ def test_set_of_every_type(client, other, name, kind, value):
 @pytest.mark.parametrize("kind", [UINT8, INT8, UINT16, INT16, UINT32, INT32])
 @pytest.mark.parametrize("name", ["SIM_GPS_SATS", "SIM_GEOID_SEP", "COM_LOW_BAT_ACT"])
 def test_an_integer_may_come_as_another_type(client, name, kind):
-    """P-14: a client may know the name as another autopilot's. The answer has the parameter's own type."""
+    """P-14: a client may know the parameter with another autopilot's type. The answer has the parameter's own type."""
     own, default = DEFAULTS[name]
     value = 2 if name == "COM_LOW_BAT_ACT" else 20
     answer = write(client, name, kind, value)

@@ -194,7 +194,7 @@ def test_the_float_forms_are_understood(client):
 
 
 def test_a_client_that_knows_only_the_old_forms(client):
-    """M-47, M-61: as dronekit does it: nothing but MISSION_REQUEST is heard, nothing but MISSION_ITEM is sent."""
+    """M-47, M-61: a client like dronekit, which understands only MISSION_REQUEST and sends only MISSION_ITEM."""
     items = plan(6)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
     while (word := client.wait(["MISSION_REQUEST", "MISSION_ACK"])).get_type() == "MISSION_REQUEST":

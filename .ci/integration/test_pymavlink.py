@@ -74,7 +74,7 @@ def test_a_script_with_the_defaults_is_answered(port):
 
 
 def test_a_mavlink_1_station_downloads_a_plan(gcs):
-    """S-8: with `force_mavlink1` pymavlink sends the extensions of a message, too."""
+    """S-8: with `force_mavlink1`, pymavlink sends a message's extensions too."""
     items = plan(3)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     gcs.mav.mission_request_list_send(1, 1, MISSION, force_mavlink1=True)

@@ -1,4 +1,4 @@
-"""Signed sessions: the key comes over the companion's wire, and from then on the radio hears only who has it (G-1 to G-17)."""
+"""Signed sessions: the companion's wire delivers the key; the radio then accepts only frames signed with it (G-1 to G-17)."""
 
 import hashlib
 import time
@@ -114,10 +114,10 @@ def test_another_key(gcs, signing):
 
 
 def test_a_stale_key_on_the_wire(other, signing):
-    """G-10, G-11: nothing is answered, but a text without a signature says why."""
+    """G-10, G-11: nothing is answered, but an unsigned text says why."""
     sign(other.mav, bytes(range(32)))
     frame = request(other)
-    # Or pymavlink would look at no frame without a signature.
+    # Otherwise pymavlink ignores unsigned frames.
     other.mav.signing.secret_key = None
     other.mav.signing.sign_outgoing = False
     other.drain()
@@ -165,8 +165,8 @@ def test_signatures_follow_real_time(gcs, other, target):
 
 
 def test_a_key_that_comes_back(gcs, other, signing):
-    """G-8, G-17: another key, and none, and the first again, with the time of more than a minute from now: what was sent before
-    is not accepted again, and whoever follows the vehicle's time is heard."""
+    """G-8, G-17: another key, no key, then the first key again with a timestamp more than a minute ahead: recorded frames
+    are not accepted again, and a client that follows the vehicle's time is heard."""
     sign(gcs.mav, link_id=7)
     frame = request(gcs)
     assert is_answered(gcs, frame)
@@ -181,7 +181,7 @@ def test_a_key_that_comes_back(gcs, other, signing):
 
 
 def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
-    """G-17: it is refused where the vehicle has a clock. Where it has none, another key undoes what it did."""
+    """G-17: a vehicle with a clock refuses it. Without a clock, setting another key undoes its effect."""
     sign(gcs.mav, link_id=8)
     wrong = timestamp() + 14 * 365 * 86_400 * 100_000
     assert is_answered(gcs, request(gcs, wrong)) == (target != "sitl")

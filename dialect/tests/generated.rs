@@ -101,7 +101,7 @@ fn names_and_types_are_as_documented() {
     assert_eq!((tricky::Array1_2::ID, tricky::Array12::ID), (902, 903));
 }
 
-/// A message that knows nothing says what `invalid` says, in each of its notations.
+/// `UNKNOWN` has the values of the attribute `invalid`, in each of its notations.
 #[test]
 fn unknown_is_read_in_every_notation() {
     let Invalids { all, first, each, zeros, limit, nan, number, entry, entries, signed_wide, letter, word, none, most } =
@@ -112,7 +112,7 @@ fn unknown_is_read_in_every_notation() {
     assert_eq!((number, entry, entries), ([-1.5; 2], OptionEnum::SOME, [OptionEnum(255); 2]));
     assert_eq!((signed_wide, letter, most), (-1, Char(0x7F), u64::MAX));
     assert_eq!((word, none), (Text::from_wire([63, 0, 0]), Text::EMPTY));
-    // Without the attribute: as the default.
+    // Without the attribute, it equals the default.
     assert_eq!(SomeMessage::UNKNOWN, SomeMessage::default());
 }
 

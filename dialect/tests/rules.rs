@@ -148,7 +148,8 @@ fn every_rule_says_what_the_attributes_say() {
         let params: Vec<_> = (1..=7)
             .map(|index| entry.params.iter().find(|param| param.index == index).cloned().unwrap_or(unused(index)))
             .collect();
-        // With a position, 5 and 6 are 1 here, as 0, 0 is no waypoint (M-48), and 7 must be a number where it is used.
+        // With a position, 5 and 6 are 1 here, because a waypoint at 0, 0 is refused (M-48), and 7 must be a number
+        // where it is used.
         let allowed = |param: &Param, value: f32| match param.index {
             7 if is_located && value.is_nan() => param.label.is_empty() || altitude_is_optional(name),
             7 if is_located && value.abs() > 1e6 => false,

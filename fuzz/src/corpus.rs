@@ -1,7 +1,7 @@
 //! The corpora that are checked in: a tar archive per target, which `tar -tf fuzz/corpus/decode.tar` lists.
 //!
-//! Equal inputs give equal bytes: names are sorted, and neither times nor owners are stored. The archives are not compressed: git
-//! compresses what it stores, and of a new version it stores the difference.
+//! Equal inputs give identical archives: names are sorted, and neither times nor owners are stored. The archives are not
+//! compressed, because git compresses what it stores and can store a new version as a difference.
 //!
 //! `xtask` includes this file.
 
@@ -10,10 +10,10 @@ use std::fs;
 use std::io::{Error, ErrorKind, Read, Result};
 use std::path::{Component, Path};
 
-/// Inputs by their names.
+/// Inputs by name.
 pub type Corpus = BTreeMap<String, Vec<u8>>;
 
-/// Inputs that `seeds.rs` makes have names that begin so; all others were found by a run.
+/// Prefix of the names of the inputs that `seeds.rs` makes; all others were found by a run.
 pub const SEED: &str = "seed-";
 
 /// Reads the inputs of an archive.
@@ -21,7 +21,7 @@ pub fn read(archive: &Path) -> Result<Corpus> {
     fs::read(archive).and_then(|bytes| unpack(&bytes)).map_err(|error| named(archive, &error))
 }
 
-/// Replaces an archive, completely or not at all.
+/// Replaces an archive atomically.
 pub fn write(archive: &Path, corpus: &Corpus) -> Result<()> {
     let part = archive.with_extension("part");
     let replace = |bytes| fs::write(&part, bytes).and_then(|()| fs::rename(&part, archive));
@@ -37,7 +37,7 @@ fn unpack(bytes: &[u8]) -> Result<Corpus> {
     for entry in tar::Archive::new(bytes).entries()? {
         let mut entry = entry?;
         let path = entry.path()?.into_owned();
-        // Only plain names, so that nothing is written outside the folder it is unpacked into.
+        // Only plain names are allowed, so that unpacking writes nothing outside its folder.
         let mut parts = path.components();
         let (Some(Component::Normal(name)), None) = (parts.next(), parts.next()) else {
             return Err(Error::new(ErrorKind::InvalidData, format!("{} is no plain name", path.display())));

@@ -57,12 +57,12 @@ mod tests {
     use std::io::ErrorKind;
     use std::path::{Path, PathBuf};
 
-    /// The archive of a target's corpus.
+    /// Returns the path of a target's corpus archive.
     pub fn archive(target: &str) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(format!("{target}.tar"))
     }
 
-    /// Every input of the corpora and of `regressions/`, on a stable compiler and without the fuzzer.
+    /// Runs every input of the corpora and of `regressions/`, on a stable compiler and without the fuzzer.
     #[test]
     fn corpora_pass() {
         for target in TARGETS {
@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// An archive of which nothing changed is not written differently.
+    /// Rewriting an unchanged archive yields the same bytes.
     #[test]
     fn archives_are_canonical() {
         let folder = std::env::temp_dir().join(format!("mavstack-fuzz-corpus-{}", std::process::id()));
@@ -91,7 +91,7 @@ mod tests {
             let (is, again) = (archive(target.name), folder.join(target.name));
             corpus::write(&again, &corpus::read(&is).expect("a corpus")).expect("an archive that can be written");
             let bytes = |path: &Path| fs::read(path).expect("a file that can be read");
-            assert!(bytes(&is) == bytes(&again), "{} is not as it would be written", is.display());
+            assert!(bytes(&is) == bytes(&again), "{} differs from what would be written", is.display());
         }
         fs::remove_dir_all(&folder).expect("a temporary folder");
     }

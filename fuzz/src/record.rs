@@ -1,5 +1,5 @@
-//! Any flash, any cut of the power: what a vehicle starts with is nothing, whole, or told to be neither (G-13, G-18, GOAL-8,
-//! GOAL-9, M-5, M-44, P-17).
+//! Any flash content and any power cut: a vehicle starts with nothing, with a whole record, or with an error (G-13, G-18,
+//! GOAL-8, GOAL-9, M-5, M-44, P-17).
 //!
 //! ```text
 //!   0  the image      bytes, spread over both slots of all three stores
@@ -114,7 +114,7 @@ fn restored(store: &mut PlanStore<&mut Flash>, vehicle: &mut TestVehicle) -> Box
     stack
 }
 
-/// Flash that can be read has what is whole, nothing, or what is told to be neither (G-18).
+/// Readable flash has a whole record, is empty, or is reported as damaged or foreign (G-18).
 fn is_readable<E>(result: &core::result::Result<(), RestoreError<E>>) -> bool {
     !matches!(result, Err(RestoreError::Storage(_)))
 }

@@ -11,8 +11,8 @@ infinities and the extremes of integers among them; all bits set. First the v2 f
 common.bin is these frames end to end, as they stand on a wire: a frame says itself how long it is. Messages come by id;
 sequence numbers count up. Run it again after a change of the definitions; what did not change stays byte for byte.
 
-unknown.bin has one v2 frame of each message in the same form: each field has the value that the definitions' `invalid`
-marks as "not known", and zero where there is none. The notations are read here a second time, by MAVLink's own words:
+unknown.bin has one v2 frame of each message in the same form: each field has the value that the `invalid` attribute
+defines, or zero where there is none. This is an independent reader of the notations, after MAVLink's own description:
 https://mavlink.io/en/guide/xml_schema.html.
 
 Works in a virtual environment of its own (target/golden), with pinned versions.
@@ -106,7 +106,7 @@ def frames(protocol, generated, message, sequence):
 
 
 def constant(text, entries):
-    """A single value of the attribute `invalid`."""
+    """Returns a single value of the attribute `invalid`."""
     limits = {f"UINT{bits}_MAX": (1 << bits) - 1 for bits in (8, 16, 32, 64)}
     limits |= {f"INT{bits}_MAX": (1 << bits - 1) - 1 for bits in (8, 16, 32, 64)}
     if text in limits or text in entries:
@@ -115,7 +115,7 @@ def constant(text, entries):
 
 
 def invalid(field, entries):
-    """The elements of a field that is not known, zero where the definition has no such value."""
+    """Returns the elements of a field that is not known; zero where the definition has no such value."""
     count, text = field.array_length or 1, field.invalid
     if not text:
         values = []
@@ -131,7 +131,7 @@ def invalid(field, entries):
 
 
 def unknown(field, entries):
-    """The same, as the generated code wants it."""
+    """Returns the same in the form that the generated code needs."""
     values = invalid(field, entries)
     if field.type == "char":
         return bytes(values)
@@ -140,7 +140,7 @@ def unknown(field, entries):
 
 
 def unknown_frames(generated):
-    """A frame of each message whose fields are not known."""
+    """Yields a frame of each message, with every field not known."""
     from pymavlink.generator import mavparse
 
     directory = os.path.dirname(DEFINITIONS)

@@ -53,7 +53,7 @@ pub enum Fault {
     WrongWrite(u32),
     /// Reading anything of this range.
     Read(Range<u32>),
-    /// The reads of these numbers, counted by [`RamFlash::reads`].
+    /// The reads with these indices, as counted by [`RamFlash::reads`].
     Reads(Range<u32>),
 }
 

@@ -9,8 +9,8 @@
 //! item as often as it is asked for; but a second and a half without a request for the next one, or without the ACK, and
 //! it gives up (M-42).
 //!
-//! Or an upload as dronekit does it: COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, for as long as it takes; it
-//! does not know MISSION_REQUEST_INT. MAVSDK answers MISSION_REQUEST with UNSUPPORTED, and QGroundControl ignores it (M-47).
+//! Or an upload as dronekit does it: COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, without a timeout; it does
+//! not know MISSION_REQUEST_INT. MAVSDK answers MISSION_REQUEST with UNSUPPORTED, and QGroundControl ignores it (M-47).
 
 use super::Gcs;
 use mavstack::dialect::{
@@ -125,7 +125,7 @@ impl Upload {
         self
     }
 
-    /// The same, as dronekit does it.
+    /// Uploads as dronekit does.
     #[must_use]
     pub fn like_dronekit(mut self) -> Self {
         self.is_dronekit = true;

@@ -48,11 +48,11 @@ pub struct TestVehicle {
     pub state: Option<VehicleState>,
     /// Answers to commands by number; a command that is not here is UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
-    /// Whether it arms and disarms when it is told to.
+    /// Whether it arms and disarms on command.
     pub arms: bool,
     /// Commands that it starts and leaves to the test to finish, unless it has another answer.
     pub long: BTreeSet<u16>,
-    /// Its memory for those, and for DO_REPEAT_SERVO and DO_REPEAT_RELAY, which it does not do twice.
+    /// Its memory for those, and for DO_REPEAT_SERVO and DO_REPEAT_RELAY, which it does not carry out twice.
     pub memory: CommandSlots<3>,
     /// Whether it gives up a command when it is asked to.
     pub cancels: bool,
@@ -79,7 +79,7 @@ pub struct TestVehicle {
     pub bad_items: BTreeMap<u16, MavMissionResult>,
     /// What is said of each plan as a whole.
     pub plan_verdict: Result<(), MavMissionResult>,
-    /// From where, and how far, the first waypoint may be.
+    /// The limit of the first waypoint: the place it is measured from, and the distance.
     pub first_waypoint_limit: Option<(LatLon, u32)>,
     /// Whether its storage may be written.
     pub may_persist: bool,
@@ -205,7 +205,7 @@ impl Commands for TestVehicle {
         CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
         CommandPolicy::new(command_rules::DO_REPEAT_RELAY).once_per_press(),
         CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
-        // For those who may give it; its parameters are the stack's to check.
+        // For senders that are in control; the stack checks its parameters.
         CommandPolicy::new(CommandRule::any(MavCmd::DO_SET_MISSION_CURRENT)),
         CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
         CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))

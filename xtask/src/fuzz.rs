@@ -37,7 +37,7 @@ pub struct Options {
 struct Target {
     name: String,
     binary: PathBuf,
-    /// Checked in: what a run begins with, an archive, and the inputs of old defects.
+    /// Checked in: the archive that a run starts with, and the inputs of old defects.
     archive: PathBuf,
     regressions: PathBuf,
     /// The archive, unpacked.
@@ -82,7 +82,7 @@ pub fn fuzz(options: &Options) -> Result {
     if failed.is_empty() { Ok(()) } else { Err(failed.join("\n\n")) }
 }
 
-/// Sees to it that there are a nightly toolchain, cargo-fuzz and a C++ compiler.
+/// Installs a nightly toolchain, cargo-fuzz and a C++ compiler if they are missing.
 pub fn prepare() -> Result {
     system::nightly(&[])?;
     if !succeeds("cargo", &["fuzz", "--version"]) {
@@ -95,7 +95,7 @@ pub fn prepare() -> Result {
     Ok(())
 }
 
-/// Builds all targets, and tells where they are.
+/// Builds all targets and returns their folder.
 fn build() -> Result<PathBuf> {
     prepare()?;
     let host = output("rustup", &["run", "nightly", "rustc", "-vV"]).unwrap_or_default();
@@ -144,7 +144,7 @@ impl Target {
         }
     }
 
-    /// Puts the inputs of the archive, and nothing else, into the folder of the corpus.
+    /// Replaces the content of the corpus folder with the inputs of the archive.
     fn unpack(&self) -> Result {
         let inputs = corpus::read(&self.archive).map_err(|error| error.to_string())?;
         let failed = |error: std::io::Error| format!("{}: {error}", self.corpus.display());

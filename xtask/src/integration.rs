@@ -36,8 +36,8 @@ const PORTS: u16 = 8;
 const QMP: u16 = 3;
 const SPARE: u16 = 4;
 
-/// The files by groups, each of which has vehicles of its own: its name, whether telemetry goes over UDP, and its files. Those over
-/// TCP take equally long.
+/// The test files by group: the group's name, whether telemetry uses UDP, and its files. Each group has vehicles of its own. The
+/// TCP groups take equally long.
 const GROUPS: [(&str, bool, &[&str]); 3] = [
     (
         "TCP 1",
@@ -76,7 +76,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
     ),
     ("UDP", true, &["test_udp.py"]),
 ];
-/// The firmwares of the frameworks are for the emulator only.
+/// Tests of the frameworks' firmware, which runs only in the emulator.
 const IN_QEMU: [&str; 1] = ["test_frameworks.py"];
 
 /// `cargo xtask integration`.
@@ -89,7 +89,7 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
             programs.push((name, if this == Target::Qemu { Program::for_qemu(choice)? } else { Program::for_sitl()? }));
         }
     }
-    // All side by side, each group with a vehicle of its own: most of the time the tests wait.
+    // All groups run in parallel, each with a vehicle of its own: most of the time the tests wait.
     let mut runs = Vec::new();
     for (group, over_udp, files) in GROUPS {
         for &(target, ref program) in &programs {
@@ -126,7 +126,7 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
     for (name, clients, printer, _vehicle) in runs {
         let succeeds = wait(clients, &stop)?;
         if let Some(printer) = printer {
-            // It has printed everything then.
+            // The printer has then printed everything.
             let _ = printer.join();
         }
         if !succeeds {

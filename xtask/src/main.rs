@@ -49,8 +49,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Install what the other commands would install when they need it: the compiler's targets, QEMU, the ground stations, a nightly
-    /// toolchain, cargo-fuzz. To be run before several of them run at the same time.
+    /// Install everything that the other commands would otherwise install on demand: compiler targets, QEMU, ground stations, a
+    /// nightly toolchain, cargo-fuzz. Run this before running several of them at the same time.
     Setup,
     Qemu(Qemu),
     Size(Size),
@@ -101,10 +101,10 @@ struct Qemu {
     /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that
-    /// the vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink
-    /// read it. SETUP_SIGNING is left out: it has
-    /// the key. An older file of that name is replaced.
+    /// Log the links' traffic to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that the vehicle's decoder
+    /// accepts or that the vehicle sends, with its time, while a client is connected. MAVExplorer and pymavlink read it. Messages
+    /// with keys or passwords are left out, and signatures are overwritten with zeros. An existing log of that name is replaced;
+    /// any other file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Let others control the emulator by QMP on this TCP port: `system_reset` is the vehicle's reset button.
@@ -174,7 +174,7 @@ struct Fuzz {
     /// How often each of them runs, instead of for how long: for the night.
     #[arg(long, value_name = "COUNT", conflicts_with = "seconds")]
     executions: Option<u64>,
-    /// Run nothing: pack the corpora that are checked in again, from what runs on this machine have found.
+    /// Run nothing: minimise the checked-in corpora, from the inputs that runs on this machine have found.
     #[arg(long)]
     minimise: bool,
 }
@@ -257,8 +257,8 @@ struct Coverage {
 
 /// Run what takes too long for every change: coverage, mutants, Miri, long fuzzing, comparisons. For the night.
 ///
-/// Each step's result and output stay in target/nightly, with the commit that they are of. A step that has passed at this commit
-/// is skipped, so an interrupted run can be continued. What failed is reported at the end, and does not keep the rest from running.
+/// Each step's result and output stay in target/nightly, with the tested commit. A step that has passed at this commit is
+/// skipped, so an interrupted run can be resumed. Failures are reported at the end and do not stop the other steps.
 #[derive(Args)]
 struct Nightly {
     /// Only the steps whose names begin so.

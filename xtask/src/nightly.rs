@@ -1,7 +1,7 @@
-//! `cargo xtask nightly`: the lane for what takes too long for every change, in steps.
+//! `cargo xtask nightly`: the lane for checks that take too long for every change, in steps.
 //!
-//! The result of each step stays in `target/nightly/`, with the commit that it is of and the step's output. So a run may be
-//! interrupted: the next one skips what has passed at this commit, and the interrupted step starts from its beginning.
+//! The result of each step stays in `target/nightly/`, with the tested commit and the step's output. So a run may be
+//! interrupted: the next run skips the steps that passed at the same commit, and restarts the interrupted step.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use crate::system::{Result, cargo, output, root, target_dir};
 
-/// A step can be run by itself, and ends within some hours on two cores.
+/// A step, which can be run by itself and ends within some hours on two cores.
 struct Step {
     name: &'static str,
     what: &'static str,
@@ -25,12 +25,12 @@ const fn step(name: &'static str, what: &'static str, command: &'static [&'stati
     Step { name, what, command }
 }
 
-/// Half an hour of a fuzz target.
+/// A step that runs a fuzz target for half an hour.
 const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
     step(name, "half an hour of this fuzz target", command)
 }
 
-/// The short ones first.
+/// All steps, short ones first.
 const STEPS: [Step; 17] = [
     step(
         "signed-frames",
@@ -55,17 +55,17 @@ const STEPS: [Step; 17] = [
     step("mutants-storage", "mutants of storage that no test catches", &["xtask", "mutants", "storage"]),
 ];
 
-/// What is to be done.
+/// Options of a run.
 pub struct Options {
-    /// Steps whose names begin with one of these; all, when there are none.
+    /// Runs the steps whose names start with one of these; all steps if empty.
     pub names: Vec<String>,
-    /// Also those that have passed at this commit.
+    /// Also runs the steps that have passed at this commit.
     pub again: bool,
-    /// Nothing is run; the steps and their results are printed.
+    /// Runs nothing, and prints the steps and their results.
     pub lists: bool,
 }
 
-/// Runs the steps that have not passed at this commit. One that fails does not keep the others from running.
+/// Runs the steps that have not passed at this commit. A failed step does not stop the others.
 pub fn run(options: &Options) -> Result {
     let steps = select(&options.names)?;
     let folder = target_dir().join("nightly");
@@ -106,7 +106,7 @@ pub fn run(options: &Options) -> Result {
     if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join(", "))) }
 }
 
-/// The steps whose names begin with one of `names`.
+/// Returns the steps whose names start with one of `names`.
 fn select(names: &[String]) -> Result<Vec<&'static Step>> {
     let begins = |step: &Step, name: &String| step.name.starts_with(name.as_str());
     if let Some(unknown) = names.iter().find(|name| !STEPS.iter().any(|step| begins(step, name))) {
@@ -139,14 +139,14 @@ fn play(step: &Step, this: &Path, folder: &Path) -> Result<Kept> {
     let (before, began) = (Source::current(), Instant::now());
     let is_passed = print_and_keep(command.current_dir(root()), &folder.join(format!("{}.log", step.name)))?;
     let after = Source::current();
-    // What was committed or edited meanwhile may or may not have been tested.
+    // Changes that were committed or edited during the run may or may not have been tested.
     let has_changes = before != after || after.has_changes;
     let kept = Kept { source: Source { has_changes, ..before }, is_passed, seconds: began.elapsed().as_secs() };
     fs::write(&result, kept.text()).map_err(|error| format!("{}: {error}", result.display()))?;
     Ok(kept)
 }
 
-/// Whether `command` succeeds. What it says is printed, and written to the file `log`.
+/// Runs `command` and returns whether it succeeds. Its output is printed and written to the file `log`.
 fn print_and_keep(command: &mut Command, log: &Path) -> Result<bool> {
     let failed = |error: std::io::Error| format!("{}: {error}", log.display());
     let log = Mutex::new(File::create(log).map_err(failed)?);
@@ -161,7 +161,7 @@ fn print_and_keep(command: &mut Command, log: &Path) -> Result<bool> {
     child.wait().map(|status| status.success()).map_err(failed)
 }
 
-/// Line by line to both. A terminal that is gone or a full disk is no reason to stop the step.
+/// Copies line by line to both. A closed terminal or a full disk must not stop the step.
 fn copy(from: impl Read, mut to: impl Write, log: &Mutex<File>) {
     let (mut from, mut line) = (BufReader::new(from), Vec::new());
     while from.read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
@@ -173,7 +173,7 @@ fn copy(from: impl Read, mut to: impl Write, log: &Mutex<File>) {
     }
 }
 
-/// Where the result of a step is kept.
+/// Returns the path of a step's result.
 fn file(folder: &Path, step: &Step) -> PathBuf {
     folder.join(format!("{}.txt", step.name))
 }
@@ -182,11 +182,11 @@ fn kept(folder: &Path, step: &Step) -> Option<Kept> {
     Kept::parse(&fs::read_to_string(file(folder, step)).ok()?)
 }
 
-/// What is tested.
+/// The tested source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Source {
     commit: String,
-    /// Beside the commit, files that it does not have or has otherwise.
+    /// Whether files differ from the commit or are not in it.
     has_changes: bool,
 }
 
@@ -196,7 +196,7 @@ impl Source {
             let folder = root().to_string_lossy();
             output("git", &[&["-C", &folder], arguments].concat())
         };
-        // Without git it is not known what is tested, so nothing is skipped.
+        // Without git the tested source is not known, so nothing is skipped.
         let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".to_owned());
         let changes = git(&["status", "--porcelain"]);
         Self { commit, has_changes: changes.is_none_or(|changes| !changes.is_empty()) }
@@ -212,7 +212,7 @@ struct Kept {
 }
 
 impl Kept {
-    /// Whether it says something about `source`, exactly.
+    /// Whether the result applies to exactly this `source`.
     fn is_of(&self, source: &Source) -> bool {
         self.source == *source && !source.has_changes
     }
@@ -224,7 +224,7 @@ impl Kept {
         format!("commit: {commit}\nuncommitted changes: {changes}\nresult: {result}\nseconds: {seconds}\n")
     }
 
-    /// What is not complete is no result.
+    /// Parses a result; `None` if it is incomplete.
     fn parse(text: &str) -> Option<Self> {
         let value = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
         let is = |key, yes, no| match value(key)? {
@@ -293,7 +293,7 @@ mod tests {
         }
     }
 
-    /// Names are files' names, and the scheduled workflow runs each of them in a job of its own.
+    /// Names can be used as file names, and the scheduled workflow runs each step in a job of its own.
     #[test]
     fn the_workflow_has_every_step() {
         let path = root().join(".github/workflows/nightly.yml");

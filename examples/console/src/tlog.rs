@@ -1,8 +1,9 @@
 //! The log of what passed over the links, as Mission Planner, QGroundControl, MAVProxy and pymavlink write and read it
 //! (".tlog"): before each frame the time, in µs since 1970, as eight bytes, the most significant first.
 //!
-//! No secret is in it, for logs are passed on. Messages that carry one are left out. A signature stays in its place with its
-//! link id and its time, as zeros: anyone who had one could try passphrases against it. Readers have no key and ignore it.
+//! Logs are shared, so they contain no secrets. Messages that carry a secret are left out. A signature keeps its link id and
+//! its timestamp, but its hash is overwritten with zeros: with the hash, anyone could try passphrases offline. Log readers
+//! have no key and ignore the signature.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -15,11 +16,11 @@ use mavstack::dialect::{AuthKey, CellularConfig, ChangeOperatorControl, SetupSig
 use mavstack::{Address, Decoder, Frame, Instant, Message, Vehicle};
 use mavstack_demo::Quadrotor;
 
-/// Messages with a key, a password or a PIN.
+/// Ids of the messages that carry a key, a password or a PIN.
 const SECRETS: [u32; 5] =
     [SetupSigning::ID, AuthKey::ID, CellularConfig::ID, ChangeOperatorControl::ID, WifiConfigAp::ID];
 
-/// Bytes at the end of a signed frame that prove its sender.
+/// Length of the hash at the end of a signed frame (bytes).
 const SIGNATURE: usize = 6;
 
 /// A file of frames with their times.
@@ -28,7 +29,7 @@ pub struct Tlog {
     path: PathBuf,
     /// None after an error.
     file: Mutex<Option<Open>>,
-    /// The senders of checked frames: only from them does the vehicle take frames with an unknown id.
+    /// Senders of checked frames: the vehicle accepts frames with an unknown id only from these.
     heard: Mutex<BTreeSet<Address>>,
     began: time::Instant,
 }
@@ -41,7 +42,7 @@ struct Open {
 }
 
 impl Tlog {
-    /// Begins the file anew. One that is there and is no log is refused.
+    /// Creates the file, or truncates an existing log. Refuses a file that is not a log.
     pub fn create(path: &Path) -> Result<Arc<Self>, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         if !is_log_or_new(path).map_err(failed)? {
@@ -61,7 +62,7 @@ impl Tlog {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner).contains(&sender)
     }
 
-    /// Appends a frame, unless it is one with a secret.
+    /// Appends a frame, unless it carries a secret.
     fn record(&self, frame: &Frame<'_>) {
         if frame.is_checked() {
             self.heard.lock().unwrap_or_else(PoisonError::into_inner).insert(frame.source());
@@ -87,7 +88,7 @@ impl Tlog {
     }
 }
 
-/// Whether there is no such file, or an empty one, or one that begins with a time and a frame.
+/// Whether the file is missing, empty, or starts with a time and a frame.
 fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
     let metadata = match path.metadata() {
         Ok(metadata) => metadata,
@@ -95,7 +96,7 @@ fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
         Err(error) => return Err(error),
     };
     if !metadata.is_file() {
-        // A pipe, say, whose other end reads it.
+        // For example a pipe.
         return Ok(!metadata.is_dir());
     }
     let mut begin = [0; 9];
@@ -106,20 +107,20 @@ fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// Finds the frames in what goes over a line in one direction, as the vehicle's own decoder does: its settings are the defaults
-/// of the library, too.
+/// Finds the frames in one direction of a line, as the vehicle's own decoder does: both use the library's default settings.
 #[derive(Debug, Default)]
 pub struct Frames {
     decoder: Decoder,
 }
 
 impl Frames {
-    /// Hands over the frames that are whole with these bytes, of which none is damaged; the rest waits for its end.
+    /// Passes on the frames that these undamaged bytes complete, and keeps an incomplete frame for the next call.
     pub fn cut(&mut self, bytes: &[u8], each: impl FnMut(&Frame<'_>)) {
         self.find(Instant::ZERO, bytes, |_| true, each);
     }
 
-    /// The same of bytes that came at `now`, of which any may be noise. `is_known` as for [`Decoder::next`].
+    /// Like [`cut`](Self::cut), for bytes received at `now`, any of which may be noise. `is_known` is as in
+    /// [`Decoder::next`].
     fn find(
         &mut self,
         now: Instant,
@@ -128,7 +129,8 @@ impl Frames {
         mut each: impl FnMut(&Frame<'_>),
     ) {
         loop {
-            // Before the first byte, too: the time since the last one decides about what waits.
+            // Also called before the first byte: the time since the last byte decides whether the pending candidate is
+            // stale.
             let mut budget = u32::MAX;
             while let Some(frame) = self.decoder.next(now, Quadrotor::MESSAGES, &mut budget, &is_known) {
                 each(&frame);
@@ -247,8 +249,8 @@ mod tests {
         struct Foreign: FOREIGN = 200 { a: u8, }
     }
 
-    /// S-8, S-11, R-9: the log holds what the vehicle's own decoder takes: frames of component 0, MAVLink 1 frames with
-    /// extensions, and frames with an unknown id, once their sender was heard and a frame or silence follows.
+    /// S-8, S-11, R-9: the log contains what the vehicle's own decoder accepts: frames of component 0, MAVLink 1 frames
+    /// with extensions, and frames with an unknown id, once their sender was heard and a frame or silence follows.
     #[test]
     fn the_log_holds_what_the_vehicle_takes() {
         let path = Temporary::new("taken");
@@ -274,7 +276,7 @@ mod tests {
         assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
     }
 
-    /// SEC-15: a log can be passed on. A signature is zeros, everything else of its frame is as it passed; a message with a
+    /// SEC-15: a log can be shared. A signature's hash is zeros and the rest of its frame is unchanged; a message with a
     /// secret is left out.
     #[test]
     fn the_log_holds_no_signature_and_no_password() {
@@ -296,14 +298,14 @@ mod tests {
         assert_eq!(logged.len(), len, "one frame");
         let (front, signature) = logged.split_at(len - SIGNATURE);
         assert_eq!((front, signature), (&signed[..len - SIGNATURE], &[0; SIGNATURE][..]));
-        // Its link id and time are there, and it still is a frame.
+        // The link id and the timestamp are unchanged, and it is still a frame.
         assert_eq!(front[len - SIGNATURE - 7], 5);
         let mut found = 0;
         Frames::default().cut(logged, |frame| found += usize::from(frame.header().is_signed()));
         assert_eq!(found, 1);
     }
 
-    /// A mistyped `--log` costs nobody a file.
+    /// A mistyped `--log` overwrites no file.
     #[test]
     fn a_file_that_is_no_log_is_refused_and_stays_as_it_is() {
         let path = Temporary::new("notes");
@@ -313,7 +315,7 @@ mod tests {
             assert!(error.contains("mavstack-notes") && error.contains("give --log another name"), "{error}");
             assert_eq!(std::fs::read(&path.0).unwrap(), notes);
         }
-        // An empty file, and an older log, begin anew.
+        // An empty file and an older log are truncated.
         std::fs::write(&path.0, []).unwrap();
         Tap::new(Some(Tlog::create(&path.0).unwrap())).pass(&frame(&Heartbeat::default(), Version::V2, 0));
         assert!(!std::fs::read(&path.0).unwrap().is_empty());

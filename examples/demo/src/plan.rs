@@ -1,8 +1,8 @@
 //! The mission items that the vehicle can fly, and what each asks of it.
 //!
 //! A copter hovers where an aeroplane circles: radii and directions of circles are of no use to it. Where an item leaves
-//! something open (NaN, a position that is not given, or 0, 0), the vehicle keeps to what is (M-48, M-70). What is placed on the ground or
-//! just above it is flown to as low as the vehicle flies.
+//! something open (NaN, no position, or 0, 0), the vehicle keeps its current value (M-48, M-70). An item on the ground or just
+//! above it is flown at the vehicle's minimum altitude.
 
 use core::f32::consts::TAU;
 
@@ -98,7 +98,7 @@ pub fn order(item: &Item, now: &Situation) -> Order {
     let [p1, p2, p3, p4] = item.params;
     let Vector { north, east, down } = now.position;
     let (north, east) = match (item.x, item.y) {
-        // A waypoint at 0, 0 is refused: this is a take-off, a landing or a loiter.
+        // Only a take-off, a landing or a loiter gets here with 0, 0: a waypoint there is refused.
         (i32::MAX, _) | (_, i32::MAX) | (0, 0) => (north, east),
         (latitude, longitude) => now.home.to_local(latitude, longitude),
     };
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!([speed(-1.0), speed(-2.0), speed(3.5)], [Some(5.0), None, Some(3.5)].map(Order::Speed));
     }
 
-    /// M-48: 0, 0 is "here" where an item without a position has a meaning.
+    /// M-48: 0, 0 means "here" for items that make sense without a position.
     #[test]
     fn zero_is_here() {
         let here = NOW.position;

@@ -1,5 +1,4 @@
-//! What can be tuned: the parameters. Those that PX4 has too bear its names, have its types (INT32 or REAL32) and mean the same, for
-//! ground stations know them.
+//! The parameters. Those that PX4 has too use its names, types (INT32 or REAL32) and meanings, because ground stations know them.
 
 use mavstack::parameters;
 
@@ -20,15 +19,15 @@ parameters! {
         BAT_V_CHARGED: f32 = 4.2, 4.0..=4.4, "V";
         /// An empty cell.
         BAT_V_EMPTY: f32 = 3.5, 2.5..=3.9, "V";
-        /// It does not arm with less in the battery; 0 or less: with any.
+        /// Minimum battery charge for arming; 0 or less: no minimum.
         COM_ARM_BAT_MIN: f32 = 0.0, -1.0..=0.9, "norm";
         /// 1: it arms without a position too.
         COM_ARM_WO_GPS: i32 = 0, 0..=1, "";
         /// How long it stands on the ground until the motors are off.
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
-        /// Armed, it disarms when it has not taken off within this; 0: never.
+        /// Disarms when the vehicle has not taken off this long after arming; 0: never.
         COM_DISARM_PRFLT: f32 = 10.0, 0.0..=60.0, "s";
-        /// It flies home after so long in the air; 0 or less: never.
+        /// Returns home after this flight time; 0 or less: never.
         COM_FLT_TIME_MAX: i32 = 0, -1..=86_400, "s";
         /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands; 1 and 2: and does not arm.
         COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";

@@ -87,7 +87,7 @@ fn a_place_that_cannot_be_flown_to_is_refused() {
     }
     wire.run(2_000);
     assert!(distance(&wire, 0.0) < 0.1);
-    // The stack explains one refusal a second.
+    // The stack sends at most one explanation a second.
     assert_eq!(wire.said(), ["Command 192 refused: frame not supported", "Goto refused: under the ground"]);
     let goto =
         |wire: &mut Wire, flags| wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, flags, NAN, NAN], x, y, 500.0);

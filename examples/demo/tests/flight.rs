@@ -85,7 +85,7 @@ fn what_needs_an_armed_vehicle_waits_for_one() {
 #[test]
 fn the_battery_drains_faster_in_the_air_and_says_when_it_is_low() {
     let mut flight = Flight::ready();
-    // As long as it would stay armed there.
+    // Less than the time after which it would disarm on the ground.
     let before = flight.vehicle.battery().remaining;
     flight.run(9_000);
     let ground = before - flight.vehicle.battery().remaining;

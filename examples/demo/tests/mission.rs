@@ -48,7 +48,7 @@ fn items_at_one_place_are_each_reached() {
     assert_eq!(flight.reached(), (0..40).collect::<Vec<_>>());
 }
 
-/// M-48: what was uploaded with a position of 0, 0 is flown where the vehicle is.
+/// M-48: an item uploaded with a position of 0, 0 is flown where the vehicle is.
 #[test]
 fn a_plan_at_zero_is_flown_here() {
     let zero = |command, z| Item { x: 0, y: 0, ..at(command, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, z) };

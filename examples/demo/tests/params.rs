@@ -44,8 +44,8 @@ fn landing(flight: &mut Flight) -> f32 {
     (flight.millis - start) as f32 / 1_000.0
 }
 
-/// P-3: every type that the wire allows, names that clients can show. PX4 has two types only, so what bears its name has one of
-/// them.
+/// P-3: parameters of every wire type, with names that clients can show. PX4 has only two types, so parameters with its names
+/// use one of them.
 #[test]
 fn the_table_is_worth_its_name() {
     assert!(Tuning::INFO.len() >= 30);
@@ -207,7 +207,7 @@ fn the_battery_is_that_of_the_parameters() {
     assert!((battery.voltage - 15.2).abs() < 0.01 && (battery.remaining - 0.5).abs() < 0.01, "{battery:?}");
     let drawn = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = ready(|flight| {
-            // It stays armed for a minute.
+            // Keeps the vehicle armed for the whole minute.
             set(flight, Tuning::COM_DISARM_PRFLT, 0.0);
             tune(flight);
         });

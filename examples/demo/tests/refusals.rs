@@ -1,5 +1,5 @@
-//! Each refusal says why, whoever refuses: the stack, the vehicle, a service (C-4, C-31, C-32). And when the motors stop by
-//! themselves.
+//! Every refusal has a text with the reason, whether the stack, the vehicle or a service refuses (C-4, C-31, C-32). Also:
+//! when the vehicle disarms by itself.
 
 #[path = "support/wire.rs"]
 mod wire;
@@ -11,7 +11,7 @@ use wire::{Wire, command_long};
 
 const NAN: f32 = f32::NAN;
 
-/// The commands that the demo obeys, each in a form that it takes in some state.
+/// The commands that the demo obeys, each in a form that it accepts in some state.
 const COMMANDS: &[(MavCmd, &[f32])] = &[
     (MavCmd::COMPONENT_ARM_DISARM, &[1.0]),
     (MavCmd::NAV_TAKEOFF, &[]),
@@ -37,14 +37,14 @@ fn is_refused(result: MavResult) -> bool {
     matches!(result, MavResult::DENIED | MavResult::FAILED | MavResult::TEMPORARILY_REJECTED)
 }
 
-/// What a command is answered, and what is said of it.
+/// Returns the answer to a command, and the texts that are sent about it.
 fn ask(wire: &mut Wire, system: u8, command: MavCmd, params: &[f32]) -> (MavResult, Vec<String>) {
     wire.said();
     wire.send(TELEMETRY, &command_long(system, command, params));
     (wire.answer(command).result, wire.said())
 }
 
-/// C-4, C-31: on the ground and armed, in the air, going down; for it, for all; with good parameters and with bad ones.
+/// C-4, C-31: in every state, for this vehicle and for all, with good parameters and with bad ones.
 #[test]
 fn every_refusal_has_a_text() {
     type State = (&'static str, fn() -> Wire);
@@ -71,7 +71,7 @@ fn every_refusal_has_a_text() {
         for &(command, good) in COMMANDS {
             let bad: &[f32] = &[7.5, 7.5, 7.5, 7.5, 99.0, 999.0, f32::INFINITY];
             let mut wire = begin();
-            // What is accepted changes the state, so that comes last.
+            // An accepted command changes the state, so it comes last.
             for (system, params) in [(1, bad), (0, good), (1, good)] {
                 let (result, mut said) = ask(&mut wire, system, command, params);
                 if is_refused(result) && said.is_empty() {
@@ -79,7 +79,7 @@ fn every_refusal_has_a_text() {
                     wire.run(5_000);
                     said = ask(&mut wire, system, command, params).1;
                 }
-                // A link is told of one refusal a second.
+                // A link gets at most one such text a second.
                 wire.run(1_100);
                 if is_refused(result) {
                     refusals += 1;
@@ -97,7 +97,7 @@ fn every_refusal_has_a_text() {
     assert!(refusals > 100, "{refusals}");
 }
 
-/// C-4, C-1: what a fleet command to system 0 is told.
+/// C-4, C-1: a refused command for system 0 is answered with a text that names the system to use.
 #[test]
 fn a_broadcast_is_told_to_name_the_system() {
     for (command, number) in [
@@ -117,7 +117,7 @@ fn a_broadcast_is_told_to_name_the_system() {
     }
 }
 
-/// C-32: modes of other autopilots, by both messages.
+/// C-32: refused modes of other autopilots are explained, for both messages.
 #[test]
 fn an_unknown_mode_is_explained() {
     let mut wire = Wire::switched_on();
@@ -131,7 +131,7 @@ fn an_unknown_mode_is_explained() {
     assert_eq!(wire.said(), ["Mode 4 refused: not in AVAILABLE_MODES"]);
 }
 
-/// C-31: what is refused by the vehicle's own checks of a value.
+/// C-31: refusals by the vehicle's own checks of a value are explained.
 #[test]
 fn a_value_that_the_vehicle_refuses_is_explained() {
     let mut wire = Wire::airborne();
@@ -142,12 +142,12 @@ fn a_value_that_the_vehicle_refuses_is_explained() {
     assert_eq!((result, said), (MavResult::DENIED, vec!["Takeoff refused: under the ground".to_owned()]));
 }
 
-/// C-11: LAND on the ground ends a flight that has not begun, by whichever command; disarmed it is no news.
+/// C-11: LAND on the ground, by whichever command, ends a flight that has not begun; when disarmed it sends no text.
 #[test]
 fn landing_on_the_ground_disarms() {
     let land: &[(MavCmd, &[f32])] = &[
         (MavCmd::NAV_LAND, &[]),
-        // Somewhere else: it does not fly there.
+        // At another place: the vehicle does not fly there.
         (MavCmd::NAV_LAND, &[0.0, 0.0, 0.0, NAN, 47.4, 8.55, 0.0]),
         (MavCmd::DO_SET_MODE, &[1.0, 4.0, 6.0]),
     ];
@@ -164,7 +164,8 @@ fn landing_on_the_ground_disarms() {
     }
 }
 
-/// Armed and left alone, it disarms after ten seconds, or as long as its parameter says; not in the air, and not afterwards.
+/// Armed without a take-off, the vehicle disarms after ten seconds, or after the time in its parameter; not in the air, and
+/// not after a flight.
 #[test]
 fn armed_without_a_take_off_it_disarms() {
     let mut wire = Wire::switched_on();
@@ -174,7 +175,7 @@ fn armed_without_a_take_off_it_disarms() {
     wire.run(200);
     assert!(!wire.vehicle().is_armed());
     assert_eq!(wire.said(), ["Disarmed: it did not take off"]);
-    // The time begins anew.
+    // The time starts again.
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     wire.run(9_000);
     assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);

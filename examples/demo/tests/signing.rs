@@ -170,7 +170,8 @@ fn signatures_follow_the_clock() {
     assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 6_000 * 6_000_000));
 }
 
-/// what others say to each other is forwarded to the companion's wire, which is open, if the radio's link accepts it.
+/// frames between other systems are forwarded to the companion's wire, which is open, only if the radio's link
+/// accepts them.
 #[test]
 fn what_the_radio_refuses_does_not_reach_the_companion() {
     let mut wire = signing();

@@ -158,8 +158,8 @@ fn what_it_cannot_fly_is_refused() {
     assert_eq!(upload.answer(MavMissionType::MISSION, &jumps), R::NO_SPACE, "one has no counter");
 }
 
-/// M-48: nothing is flown to 0, 0: a waypoint there is refused, a take-off, landing or loiter is "here". Nor does a mission
-/// begin more than 10 km from home, once the vehicle knows where that is.
+/// M-48: the vehicle never flies to 0, 0: a waypoint there is refused, and in a take-off, landing or loiter it means
+/// "here". A mission whose first waypoint is more than 10 km from home is refused, once home is known.
 #[test]
 fn missions_begin_near_home_and_not_at_zero() {
     use MavMissionResult as R;
@@ -175,7 +175,7 @@ fn missions_begin_near_home_and_not_at_zero() {
     ];
     let mut upload = Upload::new();
     assert_eq!(upload.answer(MavMissionType::MISSION, &[far]), R::ACCEPTED, "it does not know where it is");
-    // Time for a fix.
+    // Wait for a position fix.
     for millis in 0..60_000 {
         upload.vehicle.control_step(Instant::from_millis(millis), &[], &[], &[]);
     }

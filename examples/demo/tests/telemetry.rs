@@ -112,7 +112,7 @@ fn nothing_is_said_of_a_position_before_there_is_one() {
     assert!(!flight.has::<GlobalPositionInt>(TELEMETRY) && !flight.has::<HomePosition>(COMPANION));
     let gps: GpsRawInt = flight.get(TELEMETRY);
     assert_eq!((gps.fix_type, gps.lat, gps.eph), (GpsFixType::NO_FIX, 0, u16::MAX));
-    // Zero would be a reading.
+    // Zero would mean a measured value.
     assert_eq!((gps.epv, gps.vel, gps.cog, gps.yaw), (u16::MAX, u16::MAX, u16::MAX, 0));
     let has_gps = |status: SysStatus| {
         let sensor = MavSysStatusSensor::SENSOR_GPS;

@@ -59,17 +59,17 @@ impl Memory {
 
     /// Reads everything back; once, before everything else.
     pub fn restore(&mut self, app: &mut DemoApp, now: Instant) {
-        // An error was told by text; the vehicle flies with the defaults and without the plans then, and without a key on closed
-        // links.
+        // An error was already reported by text. The vehicle then flies with default parameters and without plans; without its
+        // key, links that would sign stay closed.
         let _ = app.restore_parameters(now, &mut self.settings);
         let _ = app.restore_signing(now, &mut self.key);
         let _ = app.restore(now, &mut self.store, Durability::Durable);
     }
 
-    /// Writes what is to last, one step a pass. True when there is more to do at once.
+    /// Writes pending data to storage, one step per pass. Returns true when there is more to do at once.
     ///
-    /// The stand-in takes microseconds, so the vehicle permits it always. Where an erase stops the processor, leave it to the
-    /// vehicle's `may_persist` as it is by default: not while armed.
+    /// The simulated flash writes within microseconds, so the vehicle always permits it. Where an erase stops the processor,
+    /// keep the default `may_persist`, which permits nothing while armed.
     pub fn persist(&mut self, app: &mut DemoApp, now: Instant) -> bool {
         let is_busy = app.persist(now, &mut self.store);
         let is_busy = app.persist_parameters(now, &mut self.settings) | is_busy;

@@ -1,7 +1,7 @@
-//! Plans, parameters or the signing key in a file: what a flight controller has in flash. The file is written at once, so that
-//! they survive also the end of this program by force.
+//! Keeps plans, parameters or the signing key in a file, in place of a flight controller's flash. The file is written at once,
+//! so that its content also survives a kill of this program.
 //!
-//! A file that is not one of ours is never written to: a mistyped path must not cost anybody a file.
+//! A file of other content is never written to: a mistyped path must not destroy a file.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
@@ -17,10 +17,10 @@ pub struct FileFlash {
     bytes: Vec<u8>,
 }
 
-/// What a slot of the store begins with (`src/storage/layout.md`).
+/// The magic at the start of a slot (`src/storage/layout.md`).
 const MAGIC: &[u8] = b"MVSR";
 
-/// The byte of erased flash.
+/// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
 /// Whether one of the two slots in a file of this size begins as a record does.
@@ -38,7 +38,7 @@ fn has_record(path: &Path, size: u64) -> std::io::Result<bool> {
 }
 
 impl FileFlash {
-    /// Refuses a file that is there and is not one of this program's. Changes nothing.
+    /// Refuses an existing file that this program did not make. Changes nothing.
     pub fn check(path: &Path, len: u32) -> Result<(), String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         let metadata = match path.metadata() {
@@ -64,14 +64,14 @@ impl FileFlash {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
         let bytes = std::fs::read(path).map_err(failed)?;
-        // An empty one, or one that was not made to its end, has nothing to lose.
+        // An empty or incompletely created file has no content to lose.
         if bytes.iter().all(|&byte| byte == ERASED) {
             return Ok(());
         }
         if size < u64::from(len) {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
-        // Of a damaged one a slot may be left.
+        // A damaged file may still have one valid slot.
         let (first, second) = bytes.split_at(bytes.len() / 2);
         let is_known = |slot: &[u8]| slot.starts_with(MAGIC);
         let is_erased = |slot: &[u8]| slot.iter().take(MAGIC.len()).all(|&byte| byte == ERASED);
@@ -81,7 +81,7 @@ impl FileFlash {
         refused("it has other content".into())
     }
 
-    /// Opens a file of ours, or makes one that is erased. One that is `private` only its owner can read.
+    /// Opens a storage file, or creates an erased one. Only its owner can read a `private` file.
     pub fn open(path: &Path, len: u32, private: bool) -> Result<Self, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         Self::check(path, len)?;
@@ -92,7 +92,7 @@ impl FileFlash {
             std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         }
         let mut file = options.open(path).map_err(failed)?;
-        // Also one that an older version of this program made.
+        // Also restricts a file that an older version of this program made.
         #[cfg(unix)]
         if private {
             let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
@@ -165,7 +165,7 @@ mod tests {
 
     const LEN: u32 = 8_192;
 
-    /// A folder of this test, removed afterwards.
+    /// A temporary folder of one test, removed when dropped.
     struct Folder(PathBuf);
 
     impl Folder {
@@ -195,7 +195,7 @@ mod tests {
         bytes
     }
 
-    /// A mistyped `--storage` costs nobody a file: what is not ours is refused and stays as it is.
+    /// A mistyped `--storage` destroys no file: other files are refused and stay unchanged.
     #[test]
     fn a_file_of_somebody_else_is_refused_and_stays_as_it_is() {
         let folder = Folder::new("others");
@@ -260,12 +260,12 @@ mod tests {
         }
         let path = folder.0.join("new");
         FileFlash::check(&path, LEN).expect("nothing is there");
-        assert!(!path.exists(), "a look makes no file");
+        assert!(!path.exists(), "the check creates no file");
         FileFlash::open(&path, LEN, false).expect("made");
         assert!(fs::read(&path).unwrap() == slots(b"", b""));
     }
 
-    /// SEC-15: the signing key is its owner's, also in a file that was made readable for all.
+    /// SEC-15: only the owner can read the signing key, even in a file that was made readable for all.
     #[cfg(unix)]
     #[test]
     fn the_key_is_readable_for_its_owner_only() {

@@ -67,18 +67,18 @@ struct Arguments {
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
     /// Keep the plans in this file, and in two beside it the parameters (its name ends in ".params") and the signing key
-    /// (".key", for its owner only), as a flight controller does in flash: they are there again at the next start. A file that
-    /// is not one of these is refused. Without this option they are forgotten.
+    /// (".key", for its owner only), as a flight controller does in flash: they are there again at the next start. Any other
+    /// existing file is refused. Without this option they are forgotten.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
     /// MAVProxy save it ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
-    /// Write what passes over the links to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that the
-    /// vehicle's decoder takes, and each that it sends, with its time, while a client is connected. MAVExplorer and pymavlink read it. Messages that carry keys or
-    /// passwords are left out, and signatures are overwritten by zeros. An older log of that name is replaced; any other file
-    /// is refused.
+    /// Log the links' traffic to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that the vehicle's decoder
+    /// accepts or that the vehicle sends, with its time, while a client is connected. MAVExplorer and pymavlink read it. Messages
+    /// with keys or passwords are left out, and signatures are overwritten with zeros. An existing log of that name is replaced;
+    /// any other file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
@@ -161,7 +161,7 @@ impl Device {
             let (params, signing) = (beside(".params"), beside(".key"));
             let params_len = Settings::region_len(Tuning::INFO.len());
             let plans_len = Store::region_len(MISSION, FENCE, RALLY);
-            // None is made where one is refused.
+            // Check all files before creating any.
             FileFlash::check(path, plans_len)?;
             FileFlash::check(&params, params_len)?;
             FileFlash::check(&signing, Key::REGION_LEN)?;

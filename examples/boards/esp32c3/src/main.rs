@@ -1,8 +1,8 @@
 //! A rover on an ESP32-C3: telemetry on UART1, GPIO10 (out) and GPIO3 (in), at 57,600 bit/s.
 //!
-//! Not GPIO21 and GPIO20: those are UART0, the console of the boot ROM. It prints there at every start, at 115,200 bit/s, and on
-//! most boards they lead to the USB bridge. UART1 can have any pins; leave out the strapping pins 2, 8 and 9, JTAG's 4 to 7,
-//! the flash's 11 to 17, and USB's 18 and 19.
+//! GPIO21 and GPIO20 are not used: they belong to UART0, the console of the boot ROM, which prints at 115,200 bit/s at every
+//! start. On most boards they also lead to the USB bridge. UART1 can use any other pins; avoid the strapping pins 2, 8 and 9,
+//! JTAG's 4 to 7, the flash's 11 to 17, and USB's 18 and 19.
 //!
 //! `esp-hal` implements all that the stack asks of a UART, with its feature `unstable`, so the UART is handed over as it is.
 //! Its FIFO takes 128 bytes: with 5,760 bytes a second the loop has to come round every 22 ms. This one does not sleep.

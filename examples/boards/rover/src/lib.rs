@@ -1,5 +1,5 @@
-//! The smallest vehicle that a ground station can work with: it says that it lives, is armed and disarmed, has a parameter, and
-//! keeps a mission of up to 100 items. It stands here, once, because all boards beside have the same one; in your firmware it is your own.
+//! The smallest vehicle that a ground station can work with: it sends heartbeats, can be armed and disarmed, has one parameter,
+//! and stores a mission of up to 100 items. All boards share this crate; your firmware has a vehicle of its own instead.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -18,9 +18,9 @@ pub const CONFIG: Config = Config { r#type: MavType::GROUND_ROVER, ..Config::new
 pub type RoverStack = Stack<1, plan_memory!(mission: 100)>;
 
 parameters! {
-    /// What can be tuned. QGroundControl calls no vehicle ready that has no parameters.
+    /// The parameters. QGroundControl does not consider a vehicle ready unless it has at least one.
     pub struct Tuning {
-        /// It drives no faster.
+        /// Maximum speed.
         SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
     }
 }
@@ -38,14 +38,14 @@ impl Rover {
         Self { armed: false, tuning: Tuning::new() }
     }
 
-    /// The highest speed that the motors may be told, m/s.
+    /// Returns the maximum speed that may be commanded to the motors (m/s).
     pub fn highest_speed(&self) -> f32 {
         if self.armed { self.tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
     }
 
     /// One pass of the driving loop: steers, and says that it is healthy.
     pub fn drive(&mut self) {
-        // Here the motors would be told, from the mission and the sensors, no more than `highest_speed`.
+        // Drive the motors here, from the mission and the sensors, at `highest_speed` or less.
         PULSE.tick();
     }
 }

@@ -1,7 +1,7 @@
 //! The commands that the vehicle obeys, in flight above all; those for the ground are in [`ground`](super::ground).
 //!
-//! What a command may be at all is in [`COMMANDS`]: the stack refuses the rest, and says why. Each refusal here has a text with
-//! the reason (C-31). The same text within five seconds is dropped, so nobody can flood the operators with them.
+//! [`COMMANDS`] declares which commands are valid at all: the stack refuses the rest, with a text. Each refusal here has a text
+//! with the reason too (C-31). A text that repeats within five seconds is dropped, so refusals cannot flood the operators.
 
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{
@@ -328,7 +328,7 @@ impl Quadrotor {
     }
 
     pub(super) fn start(&mut self, mode: Mode, maneuver: Maneuver) -> MavResult {
-        // On the ground it lands where it stands, and disarms as after any landing.
+        // On the ground it lands where it stands, and disarms as after every landing.
         let maneuver = match mode == Mode::Land && self.is_landed() {
             true if !self.armed => return MavResult::ACCEPTED,
             true => Maneuver::Land(self.body.rest()),

@@ -396,7 +396,8 @@ impl Quadrotor {
         }
     }
 
-    /// Armed and not taken off, it disarms after a while, as PX4 does. A mission may begin with a wait.
+    /// Disarms when the vehicle has not taken off for a while after arming, as PX4 does. A mission may start with a
+    /// wait.
     #[inline(never)]
     fn watch_idling(&mut self) {
         let limit = self.tuning.get(Tuning::COM_DISARM_PRFLT);

@@ -7,7 +7,7 @@ use mavstack::{Command, CommandRule, Item, LatLon, ParamRule, PlanChange, PlanFa
 use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
 
-/// A mission does not begin farther from home than this, m: as PX4 has it.
+/// Maximum distance of a mission's first waypoint from home (m), as in PX4.
 const FAR: u32 = 10_000;
 
 /// It has no model of the terrain.
@@ -45,15 +45,15 @@ impl Plans for Quadrotor {
         ]),
     ];
 
-    /// From home, once it is known.
+    /// Measured from home, once it is known.
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         let home = self.home.spot;
         let (latitude, longitude) = self.home.to_global(home.north, home.east);
         self.has_fix().then_some((LatLon { latitude, longitude }, FAR))
     }
 
-    /// What the examples store in writes within microseconds: so also in flight. On a microcontroller's own flash leave this out,
-    /// and nothing is written while it is armed.
+    /// The examples' storage writes within microseconds, so writing is permitted in flight too. On a microcontroller's own flash
+    /// remove this override: by default nothing is written while armed.
     fn may_persist(&self) -> bool {
         true
     }

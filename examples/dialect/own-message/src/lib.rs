@@ -26,7 +26,7 @@ mavstack::message! {
         time_boot_ms: u32,
         /// Length of line that is out (m).
         line_out: f32,
-        /// Tension (N), and what it is when nobody measures it.
+        /// Tension (N), with the value that means "not measured".
         tension: i16 = i16::MAX,
         hook: CraneHook,
         /// What became of the last order.

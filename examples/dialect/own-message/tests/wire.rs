@@ -91,7 +91,7 @@ fn the_report_is_streamed() {
     let reports = bench.sent::<CraneReport>(5_000);
     assert!((9..=11).contains(&reports.len()), "{} in 5 s at 2 a second", reports.len());
     assert!(reports.iter().all(|report| report.line_out == 12.5 && report.hook == CraneHook::CLOSED));
-    assert!(reports.iter().all(|report| report.tension == i16::MAX), "nobody measures it");
+    assert!(reports.iter().all(|report| report.tension == i16::MAX), "not measured");
 }
 
 /// Gives a command about a message, and returns the result and the reports that come within a second.
