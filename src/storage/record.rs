@@ -179,7 +179,11 @@ impl Header {
 /// has left. Bytes that never were ours pass for one once in 300,000 times.
 fn was_header(row: &[u8; ROW], kind: u8) -> bool {
     let [m0, m1, m2, m3, what, ..] = row;
-    let right = [m0, m1, m2, m3].into_iter().zip(&MAGIC).filter(|(byte, expected)| byte == expected).count();
+    // Not `count`, whose overflow check the compiler cannot remove.
+    let right = [m0, m1, m2, m3]
+        .into_iter()
+        .zip(&MAGIC)
+        .fold(0_u8, |right, (byte, expected)| right.saturating_add(u8::from(byte == expected)));
     (right == 4 || right >= 2 && (what ^ kind).count_ones() <= 1) && !row.ends_with(&[0xFF; 4])
 }
 
@@ -343,9 +347,21 @@ impl<F: NorFlash> Record<F> {
     /// other one has a whole record: a power cut leaves that where memory has error correction. Or neither slot has a whole
     /// record, and one is damaged. Where there is one beside damage, [`is_damaged`](Self::is_damaged) says so.
     pub(crate) fn open(&mut self) -> Result<Option<Header>, RestoreError<F::Error>> {
-        let second_slot = self.start.saturating_add(self.slot_len);
         let mut error = None;
-        let slots = [self.start, second_slot].map(|slot| self.examine(slot, &mut error));
+        let first = self.examine(self.start, &mut error);
+        let second = self.examine(self.second_slot(), &mut error);
+        self.judge([first, second], error)
+    }
+
+    /// Address of the second slot.
+    const fn second_slot(&self) -> u32 {
+        self.start.saturating_add(self.slot_len)
+    }
+
+    /// Decides by the content of both slots what is the newest record. Not inlined: its stack is not needed while slots are read.
+    #[inline(never)]
+    fn judge(&mut self, slots: [Slot; 2], error: Option<F::Error>) -> Result<Option<Header>, RestoreError<F::Error>> {
+        let second_slot = self.second_slot();
         let newer = |a: Option<u32>, b: Option<u32>| match (a, b) {
             (Some(a), Some(b)) => Some(if is_newer(b, a) { b } else { a }),
             _ => a.or(b),
@@ -392,14 +408,27 @@ impl<F: NorFlash> Record<F> {
         if self.slot_len < BODY {
             return Slot::Blank;
         }
+        match self.header_at(slot, error) {
+            Ok(header) => self.check_body(slot, header, error),
+            Err(content) => content,
+        }
+    }
+
+    /// The header of a slot, or what else is there. Not inlined: its stack is free again when the body is read.
+    #[inline(never)]
+    fn header_at(&mut self, slot: u32, error: &mut Option<F::Error>) -> Result<Header, Slot> {
         let mut row = [0; ROW];
         if let Err(failure) = self.flash.read(slot, &mut row) {
             *error = Some(failure);
-            return Slot::Unreadable(None);
+            return Err(Slot::Unreadable(None));
         }
-        let Some(header) = Header::decode(&row, self.kind) else {
-            return if was_header(&row, self.kind) { Slot::Damaged(None) } else { Slot::Blank };
-        };
+        let is_damage = was_header(&row, self.kind);
+        Header::decode(&row, self.kind).ok_or(if is_damage { Slot::Damaged(None) } else { Slot::Blank })
+    }
+
+    /// What a slot with this header holds.
+    #[inline(never)]
+    fn check_body(&mut self, slot: u32, header: Header, error: &mut Option<F::Error>) -> Slot {
         let mut crc = Crc32::new();
         let add = |bytes: &[u8]| {
             crc.add(bytes);

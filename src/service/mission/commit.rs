@@ -304,6 +304,9 @@ impl Missions {
             return Err(MavMissionResult::DENIED.into());
         }
         let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {
+            if cx.plans.staged() > 0 {
+                check_plan(cx, vehicle, plan).map_err(|trouble| trouble.fault())?;
+            }
             let is_as_expected = expected.is_none_or(|expected| expected == (cx.plans.staged(), id));
             if is_as_expected { Ok(id) } else { Err(MavMissionResult::INVALID.into()) }
         });
@@ -320,7 +323,8 @@ impl Missions {
         loaded.map(|_| ())
     }
 
-    /// Fills the staging area with good items; the plan's id.
+    /// Fills the staging area with good items; the plan's id. Not inlined: its stack is free again when the plan is checked.
+    #[inline(never)]
     fn stage<V: Plans>(
         cx: &mut Context<'_, '_>,
         vehicle: &mut V,
@@ -340,11 +344,7 @@ impl Missions {
             digest.add(&item);
             let _ = cx.plans.staging.push(item);
         }
-        if cx.plans.staged() == 0 {
-            return Ok(0);
-        }
-        check_plan(cx, vehicle, plan).map_err(|trouble| trouble.fault())?;
-        Ok(digest.id())
+        Ok(if cx.plans.staged() > 0 { digest.id() } else { 0 })
     }
 
     /// The wait for storage is over: gives up what was not written in time.

@@ -17,6 +17,7 @@ const HALF_TURN: i64 = 1_800_000_000;
 
 /// The first item of a mission that is flown to, when it is farther from `from` than `limit` (m). `rules` are those of the
 /// mission's commands. Items without a position are "here", and those with 0, 0 but for waypoints.
+#[inline(never)]
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)
