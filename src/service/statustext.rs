@@ -94,13 +94,13 @@ impl StatusTexts {
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
         let repeated =
             |entry: &Entry| entry.text == *text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER;
-        let untold = |left: Option<LinkMask>, entry: &Entry| Some(left.unwrap_or(links).without(entry.links));
-        let left = self.entries.iter().filter(|entry| repeated(entry)).fold(None, untold);
-        if text.is_empty() || left.is_some_and(LinkMask::is_empty) {
+        let told = self.entries.iter().filter(|entry| repeated(entry)).map(|entry| entry.links);
+        let left = told.fold(links, LinkMask::without);
+        if text.is_empty() || (left.is_empty() && !links.is_empty()) {
             self.dropped = self.dropped.wrapping_add(1);
             return;
         }
-        let links = left.unwrap_or(links);
+        let links = left;
         event!("statustext {=u8}: {}", severity.0, text);
         // Sent ones go first, the oldest of them; then those given up, then the least severe (a larger number is less severe).
         let newest = self.newest;

@@ -37,7 +37,7 @@ const CALL: u32 = 1_024;
 
 /// The firmware `loop`, from reset: with the moment in which the vehicle is made, when the compiler puts its links and the queues
 /// for others on the stack before it copies them to their place, and nothing else is there yet; and from then on.
-const START: Subject = Subject::new("Reset", "the whole firmware, at its start", 2_048, 11_430);
+const START: Subject = Subject::new("Reset", "the whole firmware, at its start", 2_048, 11_510);
 const WHOLE: Subject = Subject::new("Reset", "the whole firmware, from then on", 2_048, 0);
 /// The firmware that paints, in the same way, without the moment in which the vehicle is made.
 const PAINTED: &str = "painted";

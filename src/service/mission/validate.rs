@@ -95,7 +95,9 @@ impl Trouble<'_> {
         }
     }
 
-    /// Writes it where no text stands yet: there is one on the stack, and not one in each of those who write a part.
+    /// Writes it into `words`, which is empty: there is one text on the stack, and not one in each function that writes a part. Not
+    /// inlined: its stack is free again when the text is queued.
+    #[inline(never)]
     pub(super) fn write(&self, words: &mut Text<MAX_TEXT_LEN>) {
         let name = |plan| match plan {
             PlanType::Mission => "Mission",

@@ -384,6 +384,7 @@ impl Params {
     }
 
     /// Storage failed; it is tried again (P-14, last row).
+    #[inline(never)]
     pub(crate) fn not_saved<V: Parameters>(&mut self, cx: &mut Context<'_>, vehicle: &mut V) {
         if self.saving(vehicle, |saving, _| saving.not_saved(cx.now)) == Some(true) {
             cx.texts.push(cx.now, cx.normal, MavSeverity::ERROR, &Text::new("Parameters not saved"));
