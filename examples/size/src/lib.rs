@@ -202,9 +202,9 @@ const _: () = {
     use mavstack::{NoPlans, Stack};
     type Plans = mavstack::plan_memory!(mission: 100, fence: 40, rally: 10);
 
-    assert!(size_of::<Stack<2, NoPlans, 8, 0, 0>>() - size_of::<Stack<1, NoPlans, 8, 0, 0>>() == 888);
-    assert!(size_of::<Stack<2>>() - size_of::<Stack<1>>() == 984);
-    assert!(size_of::<Stack<2, Plans>>() - size_of::<Stack<1, Plans>>() == 984);
+    assert!(size_of::<Stack<2, NoPlans, 8, 0, 0>>() - size_of::<Stack<1, NoPlans, 8, 0, 0>>() == 968);
+    assert!(size_of::<Stack<2>>() - size_of::<Stack<1>>() == 1_064);
+    assert!(size_of::<Stack<2, Plans>>() - size_of::<Stack<1, Plans>>() == 1_064);
 };
 
 #[cfg(not(feature = "panic-never"))]
