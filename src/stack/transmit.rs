@@ -123,8 +123,8 @@ impl Core {
     fn transfer<V: Autopilot, P: PlanStorage>(&mut self, context: &mut Context<'_, V, P>, port: &mut Port) -> bool {
         let Context { now, texts, missions, plans, vehicle, .. } = context;
         let float_items = self.config.float_mission_items;
-        plans.parts(missions).is_some_and(|(missions, mut plans)| {
-            missions.next(*now, &mut port.plans, &mut plans, &vehicle.progress(), float_items, &mut port.outbox)
+        plans.parts(missions).is_some_and(|(missions, plans)| {
+            missions.next(*now, &mut port.plans, &plans, &vehicle.progress(), float_items, &mut port.outbox)
         }) || self.params.next(*vehicle, &mut port.params, &mut port.outbox)
             || texts.next(&mut port.text, &mut port.outbox)
     }
