@@ -1,7 +1,7 @@
-//! Bytes to frames, frames to messages, messages to bytes: what one frame costs.
+//! Measures the cost per frame of decoding bytes to frames, decoding frames to messages, and encoding messages.
 //!
-//! The stream is 100,000 MAVLink 2 frames of fourteen messages of common, 38 bytes on average. Every figure is for the
-//! whole stream, so 1 ms is 10 ns a frame; the throughput column says frames per second.
+//! The stream is 100,000 MAVLink 2 frames of fourteen messages of common, 38 bytes on average. Every time is for the whole
+//! stream, so 1 ms means 10 ns per frame. The throughput column shows frames per second.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mavstack::{Address, Decoder, Dialect, Frame, Instant, MAX_FRAME_LEN, dialect::Common};
@@ -19,7 +19,7 @@ use stream::Mixed;
 const FRAMES: usize = 100_000;
 const SOURCE: Address = Address::new(1, 1);
 
-/// Feeds `stream` to a decoder in pieces of `LEN` bytes and hands each frame to `use_frame`.
+/// Feeds `stream` to a decoder in pieces of `LEN` bytes and calls `use_frame` with each frame.
 #[inline(always)]
 fn decode<const LEN: usize>(stream: &[u8], mut use_frame: impl FnMut(&Frame<'_>)) {
     let now = Instant::ZERO;
@@ -50,7 +50,7 @@ fn decode<const LEN: usize>(stream: &[u8], mut use_frame: impl FnMut(&Frame<'_>)
 fn frames(criterion: &mut Criterion) {
     let stream = stream::frames(1, FRAMES, SOURCE).concat();
     let messages = stream::messages(1, FRAMES);
-    println!("{} bytes, {:.1} a frame", stream.len(), stream.len() as f64 / FRAMES as f64);
+    println!("{} bytes, {:.1} per frame", stream.len(), stream.len() as f64 / FRAMES as f64);
 
     let mut group = criterion.benchmark_group("frames");
     group.throughput(Throughput::Elements(FRAMES as u64));

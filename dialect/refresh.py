@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Takes the facts of newer MAVLink definitions over into definitions/, and keeps the sentences that are our own.
+"""Copies the facts of newer MAVLink definitions to definitions/, and keeps our own descriptions.
 
     refresh.py UPSTREAM_DIRECTORY [TARGET_DIRECTORY [NAME...]]
 
-Names, ids, types, order, units, values, ranges and marks come from upstream; descriptions and comments of theirs do
-not. A `<description>` of ours stays with the element of the same name. By default minimal, standard and common go to
-definitions/; other names and another target serve the test fixtures. Needs nothing but Python 3.9.
+Names, ids, types, order, units, values, ranges and lifecycle elements come from upstream. Upstream's descriptions and comments
+are not copied. Our `<description>` of an element is kept with the element of the same name. By default, minimal, standard and
+common are written to definitions/. The test fixtures use other names and another target. Requires only Python 3.9.
 """
 
 import os
@@ -14,13 +14,13 @@ import xml.etree.ElementTree as ET
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 NAMED = ("enum", "entry", "message", "field")
-# The elements whose text is a fact.
+# Elements whose text is a fact.
 TEXT = ("include", "version", "dialect")
 LIFECYCLE = ("wip", "deprecated", "superseded")
 
 
 def named(node, key=()):
-    """Every element that has a name, with its path of names."""
+    """Yields all named elements, with their paths of names."""
     for child in node:
         if child.tag in NAMED:
             path = (*key, child.tag, child.get("name"))
@@ -31,7 +31,7 @@ def named(node, key=()):
 
 
 def descriptions(path):
-    """The sentences of a file, by element."""
+    """Returns the descriptions in a file, by element."""
     if not os.path.exists(path):
         return {}
     found = ((key, node.findtext("description")) for key, node in named(ET.parse(path).getroot()))
@@ -39,7 +39,7 @@ def descriptions(path):
 
 
 def strip(node):
-    """Leaves facts only."""
+    """Removes everything but facts."""
     for child in list(node):
         if child.tag == "description":
             node.remove(child)
@@ -54,10 +54,10 @@ def describe(root, texts):
         if key in texts or node.tag == "message":
             description = ET.Element("description")
             description.text = texts.pop(key, None)
-            # The schema wants it behind the marks and before all else.
+            # In the schema it follows the lifecycle element and precedes all others.
             node.insert(1 if len(node) and node[0].tag in LIFECYCLE else 0, description)
     for key in texts:
-        print("gone:", " ".join(key), file=sys.stderr)
+        print("no longer in upstream:", " ".join(key), file=sys.stderr)
 
 
 def refresh(source, target, texts):

@@ -1,6 +1,6 @@
-//! CRC-32 as in zip and Ethernet: ids of plans (M-5), and records on storage.
+//! The CRC-32 of zip and Ethernet, for the ids of plans (M-5), parameter hashes (P-20) and stored records.
 
-/// What four bits do to the sum.
+/// The effect of four bits on the checksum.
 #[allow(
     clippy::indexing_slicing,
     clippy::arithmetic_side_effects,
@@ -22,7 +22,7 @@ static TABLE: [u32; 16] = {
     table
 };
 
-/// A CRC-32 while its bytes come in.
+/// A CRC-32 under computation.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Crc32(u32);
@@ -32,11 +32,12 @@ impl Crc32 {
         Self(u32::MAX)
     }
 
-    /// Beginning with zero, as the hash of the parameters does (P-20), which is the complement of its [`sum`](Self::sum).
+    /// A CRC-32 with initial value zero, for the hash of the parameters (P-20). The hash is the complement of
+    /// [`sum`](Self::sum).
     pub(crate) const ZERO: Self = Self(0);
 
-    /// The next bytes. Half a byte at a time, by a table of 64 bytes: by single bits it would be half of all work for an item of
-    /// a plan.
+    /// Adds `bytes`, four bits at a time with a table of 64 bytes. Bit by bit, it would be half of the cost of a plan's
+    /// item.
     // Every index is below 16.
     #[allow(clippy::indexing_slicing, clippy::as_conversions, reason = "four bits into [u32; 16]")]
     pub(crate) fn add(&mut self, bytes: &[u8]) {
@@ -47,7 +48,7 @@ impl Crc32 {
         }
     }
 
-    /// The sum of all bytes so far.
+    /// Returns the CRC-32 of the bytes so far.
     pub(crate) const fn sum(self) -> u32 {
         !self.0
     }
@@ -60,7 +61,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn equals_another_implementation(bytes: std::vec::Vec<u8>, cut: usize) {
+        fn agrees_with_crc_any(bytes: std::vec::Vec<u8>, cut: usize) {
             let mut ours = Crc32::new();
             let (first, second) = bytes.split_at(cut % (bytes.len() + 1));
             ours.add(first);

@@ -1,13 +1,13 @@
 //! The autopilot's side of MAVLink for microcontrollers: no `std`, no allocation, beside the flight loop.
 //!
-//! A [`Stack`] owns all its memory and is driven by a few calls that never block and do a bounded amount of work. Time is
-//! an argument, bytes come in and go out; there is no clock, no global and no lock inside, so the same input at the same
-//! time gives the same output.
+//! A firmware declares its stack with [`stack!`], and calls it from its loop. The [`Stack`] owns all its memory. Its calls never
+//! block, and do a bounded amount of work. Time is an argument. There is no clock, no global state and no lock inside, so the same
+//! input at the same time gives the same output.
 //!
 //! ```
 //! use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 //! use mavstack::dialect::commands::ComponentArmDisarm;
-//! use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
+//! use mavstack::dialect::{MavModeFlag, MavResult, MavSeverity, MavState, MissionState};
 //! use mavstack::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
@@ -25,6 +25,13 @@
 //! const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 //! const TELEM: LinkId = LinkId(0);
 //!
+//! stack! {
+//!     struct Mavlink for Rover {
+//!         links: 1,
+//!         plans: { mission: 100 },
+//!     }
+//! }
+//!
 //! struct Rover { armed: bool }
 //!
 //! impl Vehicle for Rover {
@@ -35,13 +42,14 @@
 //! }
 //!
 //! impl Commands for Rover {
-//!     fn command(&mut self, command: &Command) -> Outcome {
-//!         // UNSUPPORTED when it is another command, DENIED when its parameters are invalid.
+//!     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
+//!         // An error is UNSUPPORTED for another command, and DENIED for invalid parameters.
 //!         match command.decode() {
 //!             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
 //!             Ok(_) => return MavResult::DENIED.into(),
 //!             Err(result) => return result.into(),
 //!         }
+//!         cx.text(MavSeverity::INFO, if self.armed { "Armed" } else { "Disarmed" });
 //!         MavResult::ACCEPTED.into()
 //!     }
 //! }
@@ -49,91 +57,97 @@
 //! impl Plans for Rover {
 //!     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
 //!
-//!     fn plan_changed(&mut self, _: PlanChange<'_>) {}
+//!     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+//!
 //!     fn progress(&self) -> Progress {
 //!         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
 //!     }
 //! }
 //!
-//! // Nothing to tell but the heartbeat.
-//! impl Telemetry for Rover {}
-//!
-//! impl Parameters for Rover {
-//!     type Table = NoParams;
-//! }
-//!
 //! let mut vehicle = Rover { armed: false };
-//! let mut stack: Stack<1, plan_memory!(mission: 100)> = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
+//! let mut stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
 //! loop {
 //!     let now = clock();
-//!     // … the flight loop's own work, then its sign of life: no tick, no heartbeat
-//!     PULSE.tick();
+//!     // … sensors, control, motors; `stack.mission().items()` is the live mission
+//!     PULSE.tick(); // without ticks, no heartbeats
 //!     stack.poll(now, &mut vehicle);
 //!     if let Err(error) = stack.poll_link(now, TELEM, &mut uart, &mut vehicle) {
-//!         // The link goes on; count it, or show it.
-//!         let _ = error;
+//!         let _ = error; // count or show it: the link keeps working
 //!     }
 //! #   break;
 //! }
 //! ```
 //!
+//! On a microcontroller, put the stack into a `static` and start it in place by [`begin`](Stack::begin): see
+//! [`stack!`](stack#in-a-static).
+//!
 //! # Layers
 //!
-//! Data flows in one direction, and each layer is public, to be used without the ones above it:
-//!
-//! | layer | what it is |
+//! | layer | contents |
 //! |---|---|
-//! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, v1 and v2 |
-//! | [`Message`], [`message!`], [`mod@dialect`] | what a payload means: all of MAVLink's `common`, and your own messages |
-//! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | what is kept of each line and each sender; what goes on from one to the other |
-//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, signing, the high-latency link |
+//! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
+//! | [`Message`], [`message!`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
+//! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | the links, the peers on them, and forwarding between links |
+//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, signing, high latency |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
-//! | [`mod@io`] | between the stack and a UART |
+//! | [`mod@io`] | transports between the stack and a UART |
 //!
-//! Beside them stand [`wpl`], plans as files, and with the feature `fmt` `metadata`, what a ground station shows of
-//! parameters.
+//! [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
+//! units and ranges of parameters.
 //!
-//! A firmware implements [`Vehicle`], [`Commands`], [`Plans`], [`Telemetry`] and [`Parameters`]; each is drawn, or shown by an
-//! example, at its trait. What not every vehicle has needs memory of the vehicle's own and costs nothing without:
-//! [`CommandMemory`], [`ManualInput`], [`TimeSync`], [`HighLatency`], [`ForwardQueues`], and `Signing`.
+//! # The vehicle
 //!
-//! For UARTs it hands over anything that is `embedded_io::{Read, Write, ReadReady, WriteReady}`. [`mod@io`] has such an end for a
-//! UART served by an interrupt, a reader for circular DMA buffers, and adapters for HALs with other traits. The byte-level
-//! calls ([`receive`](Stack::receive), [`transmit`](Stack::transmit) and their kin) are for everything else.
+//! A vehicle implements a trait for each part of it that the stack calls. The documentation of each trait has an example:
+//!
+//! | trait | required | hooks |
+//! |---|---|---|
+//! | [`Vehicle`] | always | its state; peers that are found or lost; messages of its own |
+//! | [`Commands`] | always | carries out commands |
+//! | [`Plans`] | with `plans` | checks and flies missions, fences and rally points |
+//! | [`Telemetry`] | with `streams` | fills its messages |
+//! | [`Modes`] | with `modes` | switches to another flight mode |
+//! | [`Parameters`] | with `parameters` | decides which parameter may be set |
+//!
+//! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
+//! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and announces messages.
+//!
+//! # The transport
+//!
+//! [`poll_link`](Stack::poll_link) takes any `embedded_io::{Read, Write, ReadReady, WriteReady}`. [`mod@io`] has such a type for a
+//! UART with an interrupt, a reader for circular DMA buffers, and adapters for HALs with other traits. The byte-level calls
+//! [`receive`](Stack::receive) and [`transmit`](Stack::transmit) are for everything else.
 //!
 //! # Guides
 //!
-//! - [Porting](https://github.com/mavstack/mavstack/blob/main/docs/porting.md): from a UART and a clock to a vehicle that a
-//!   ground station flies, step by step, and which HAL needs what.
-//! - [Sizing](https://github.com/mavstack/mavstack/blob/main/docs/sizing.md): bytes of flash and RAM, option by option.
-//! - [Coming from rust-mavlink, mavio or the C library](https://github.com/mavstack/mavstack/blob/main/docs/coming-from.md):
-//!   what you wrote there, what you write here.
-//! - [Architecture](https://github.com/mavstack/mavstack/blob/main/docs/architecture.md) on one page,
-//!   [what is proven and what is not](https://github.com/mavstack/mavstack/blob/main/docs/safety.md), and
-//!   [each rule with the tests that cite it](https://github.com/mavstack/mavstack/blob/main/docs/conformance.md).
+//! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and which HAL needs
+//!   what.
+//! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the peculiarities of each.
+//! - [Features](guides::features): what is supported, service by service.
+//! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
+//! - [Coming from rust-mavlink, mavio or the C library](guides::coming_from): what you wrote there, what you write here.
+//! - [Architecture](guides::architecture) on one page, [what is proven and what is not](guides::safety), and
+//!   [each rule with the tests that cite it](guides::conformance).
 //!
 //! # Guarantees
 //!
 //! - No `unsafe`, no allocation, no recursion. Received bytes cannot cause a panic.
-//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within
-//!   [`PollBudget`].
-//! - What was accepted is answered: a full transmit buffer delays an answer and never loses it. A request whose answer
-//!   could not be remembered is not carried out, and is counted.
+//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within [`PollBudget`].
+//! - A request that is carried out is answered: a full transmit buffer delays the answer, and never loses it. A request is dropped
+//!   unexecuted, and counted, when there is no memory for its answer.
 //! - Heartbeats stop when the flight loop stops ticking its [`Pulse`], whatever else still runs.
 //! - A plan is replaced as a whole or not at all.
 //!
-//! Letters with numbers, as in S-13, name the behaviour rules that the tests cite.
+//! Ids such as S-13 name the rules of behaviour. [Conformance](guides::conformance) lists them, with the tests that cite them.
 //!
-//! # Features
+//! # Cargo features
 //!
 //! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters at most once a
 //!   second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
-//! - `fmt`: what needs `core::fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata
-//!   (`metadata`).
+//! - `fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
 //!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.
-//! - `signing`: frames are signed and verified, see `Signing`.
+//! - `signing`: signs and verifies frames; see `Signing`.
 //! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]
 #![cfg_attr(
@@ -151,18 +165,12 @@
 #[cfg(test)]
 extern crate std;
 
-/// The code of the guides compiles.
-#[cfg(doctest)]
-mod guides {
-    #[doc = include_str!("../docs/coming-from.md")]
-    mod coming_from {}
-    #[doc = include_str!("../docs/porting.md")]
-    mod porting {}
-}
+#[cfg(any(doc, doctest))]
+pub mod guides;
 
 #[macro_use]
 mod log;
-mod config;
+mod crc;
 mod crc32;
 pub mod dialect;
 mod frame;
@@ -180,58 +188,73 @@ mod stack;
 #[cfg(feature = "storage")]
 mod storage;
 mod time;
-mod vehicle;
+mod types;
 pub mod wpl;
 
-pub use config::{Config, PollBudget, VehicleAddress};
-pub use frame::{
-    Address, ComponentId, Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, SystemId, Version,
-    encode,
-};
+pub use frame::{Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, Version, encode};
 #[cfg(feature = "signing")]
 pub use frame::{SigningKey, encode_signed};
-pub use link::{LinkClass, LinkConfig, LinkCounters, LinkError, LinkId, MAX_LINKS, Peer, TxVersion};
+pub use link::{LinkCounters, LinkError};
 pub use message::*;
-pub use network::{ForwardCounters, ForwardQueues, Forwarding, PeerInfo};
+pub use network::{ForwardCounters, ForwardQueues, PeerInfo};
 pub use pulse::Pulse;
-#[doc(hidden)]
-pub use service::command::CommandParams;
-pub use service::command::{
-    CommandMemory, CommandParam, CommandPolicy, CommandSlot, CommandSlots, LatLon, Location, TypedCommand,
-};
+pub use service::command::{CommandMemory, CommandPolicy, Commands};
+#[cfg(test)]
+pub use service::example::Tunes;
 pub use service::high_latency::{
     HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample,
 };
-pub use service::identity::Identity;
 pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
-#[doc(hidden)]
-pub use service::mission::__largest;
-pub use service::mission::{
-    CommandRule, Durability, Item, MAX_ITEMS, NoPlans, ParamRule, PlanCounters, PlanMemory, PlanStorage, PlanType,
-    PlanView,
-};
-pub use service::mode::{CustomMode, FlightMode, MAX_MODES, ModeRequest};
+pub use service::mission::{Durability, PlanChange, PlanCounters, PlanFault, Plans, Progress};
+pub use service::mode::{CustomMode, FlightMode, MAX_MODES, ModeRequest, Modes};
 pub use service::param::{
     MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType, Parameters,
 };
 #[doc(hidden)]
-pub use service::param::{ParamMemory as __ParamMemory, TableMut as __ParamTableMut};
+pub use service::param::{ParamMemory as __ParamMemory, ParamValues as __ParamValues, TableMut as __ParamTableMut};
 #[cfg(feature = "signing")]
-pub use service::signing::{Accept, LinkSigning, Signing, SigningCounters, SigningMemory, SigningStream};
-pub use service::statustext::MAX_TEXT_LEN;
-pub use service::stream::{Fill, MAX_STREAMS, Stream, StreamProfile};
-pub use service::time::{ClockFilter, TimeSample, TimeSlot, TimeSlots, TimeSync, WallClock};
+pub use service::signing::{Signing, SigningCounters, SigningStream};
+pub use service::stream::{Fill, MAX_STREAMS, Stream, Telemetry};
+pub use service::time::{ClockFilter, Time, TimeSample, WallClock};
 pub use stack::Stack;
 #[cfg(all(feature = "storage", feature = "signing"))]
 pub use storage::SigningStore;
 #[cfg(feature = "storage")]
 pub use storage::{Fram, FramError, ParamStore, PlanStore, RestoreError};
 pub use time::{Duration, Instant};
-pub use vehicle::{
-    Autopilot, Command, CommandPosition, Commands, Outcome, PeerEvent, PlanChange, PlanFault, Plans, Progress,
-    Telemetry, Vehicle, VehicleState,
+#[doc(hidden)]
+pub use types::{__largest, Values as __Values};
+#[cfg(feature = "signing")]
+pub use types::{Accept, LinkSigning};
+pub use types::{
+    Command, CommandPosition, Config, Context, Identity, LinkClass, LinkConfig, LinkId, MAX_ITEMS, MAX_LINKS,
+    MAX_TEXT_LEN, NoPlans, Outcome, Peer, PeerEvent, PlanMemory, PlanStorage, PlanType, PlanView, PollBudget,
+    StreamProfile, TxVersion, Vehicle, VehicleAddress, VehicleState,
 };
 
 #[cfg(feature = "defmt")]
 #[doc(hidden)]
 pub use defmt as __defmt;
+
+/// The names that [`stack!`] expands to.
+#[doc(hidden)]
+pub mod __private {
+    pub use crate::network::PeerInfo;
+    pub use crate::service::command::{CommandSlots, NoSlots};
+    pub use crate::service::forwarding::Forwarding;
+    pub use crate::service::mission::{Missions, WithoutPlans};
+    pub use crate::service::mode::ModeService;
+    pub use crate::service::param::{NoParams, ParamMemory, ParamService};
+    pub use crate::service::stream::StreamService;
+    pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
+    pub use crate::stack::Declares;
+    pub use crate::types::{Firmware, NoPlans, StatusTexts, TextEntry, Values};
+
+    /// The peer table.
+    pub type PeerTable<const N: usize> = heapless::Vec<PeerInfo, N>;
+    /// The queue of texts.
+    pub type TextQueue<const N: usize> = StatusTexts<[TextEntry; N]>;
+    /// Signing with `N` streams at a time.
+    #[cfg(feature = "signing")]
+    pub type SigningMemory<const N: usize> = crate::Signing<[crate::SigningStream; N]>;
+}

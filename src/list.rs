@@ -1,11 +1,11 @@
-//! Short lists whose order matters.
+//! Removal from short ordered lists.
 //!
-//! `heapless` can take elements out too, but counts with checks that the compiler cannot see through; a firmware that is to
-//! link without a panic has none of them.
+//! `heapless::Vec::remove` has checks that the compiler cannot remove, and so links a panic into a firmware that must
+//! not have one.
 
 use heapless::Vec;
 
-/// Takes the first element that `test` is true for; the others keep their order.
+/// Removes and returns the first element for which `test` returns true. The others keep their order.
 pub(crate) fn take_first<T: Clone, const N: usize>(
     list: &mut Vec<T, N, u8>,
     mut test: impl FnMut(&T) -> bool,
@@ -24,7 +24,7 @@ pub(crate) fn take_first<T: Clone, const N: usize>(
         rest = tail;
     }
     if taken.is_some() {
-        // The last one is there twice now, or was the one.
+        // Now the last element is a duplicate, or the one that was taken.
         list.pop();
     }
     taken
@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_is_taken_and_the_others_keep_their_order() {
+    fn the_first_match_is_removed_and_the_others_keep_their_order() {
         let full = [1, 2, 3, 4, 5, 6];
         for (wanted, left) in [(1, [2, 3, 4, 5, 6]), (3, [1, 2, 4, 5, 6]), (6, [1, 2, 3, 4, 5])] {
             let mut list = Vec::<i32, 6, u8>::from_array(full);
@@ -45,7 +45,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_taken_where_there_is_none() {
+    fn nothing_is_removed_without_a_match() {
         let mut list = Vec::<_, 4, u8>::from_array([1, 2, 3]);
         assert_eq!(take_first(&mut list, |element| *element > 3), None);
         assert_eq!(list, [1, 2, 3]);

@@ -1,29 +1,29 @@
-//! Log events: one per protocol transition, and drop counters at most once a second; compiled to nothing without the feature
-//! `defmt`.
+//! Logging: one event per protocol transition, and drop counters at most once a second. It compiles to nothing without
+//! the feature `defmt`.
 
 #[cfg(any(test, feature = "defmt"))]
 use crate::time::{Duration, Instant};
 
-/// Something a developer at the bench wants to see.
+/// Logs an event for a developer at the bench.
 #[cfg(feature = "defmt")]
 macro_rules! event {
     ($($arg:tt)*) => { defmt::debug!($($arg)*) };
 }
 
-/// Without a logger the arguments are type-checked and dropped.
+/// Without the feature `defmt`, the arguments are type-checked and dropped.
 #[cfg(not(feature = "defmt"))]
 macro_rules! event {
     ($format:literal $(, $arg:expr)* $(,)?) => { { $( let _ = &$arg; )* } };
 }
 
-/// Rate limit for logging a drop counter: at most once a second, and only when it has changed. Logging each drop would take
-/// longer than receiving the noise that causes it.
+/// Rate limit for logging a drop counter: at most once a second, and only when it has changed. Logging each drop would
+/// take longer than receiving the noise that causes it.
 #[cfg(any(test, feature = "defmt"))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DropLog {
-    /// The count, as last logged.
+    /// The count that was logged last.
     count: u32,
-    /// When it may be logged again.
+    /// When the count may be logged again.
     due: Instant,
 }
 

@@ -1,30 +1,33 @@
-//! Component metadata: the files that tell a ground station what a vehicle's parameters mean, with units and ranges.
+//! Component metadata: files that describe a vehicle's parameters to ground stations, with units and ranges.
 //!
-//! Implements the producing side of <https://mavlink.io/en/services/component_information.html> (O-1). A ground station asks
-//! for COMPONENT_METADATA, which names a *general* file, and that one names a file with the parameters:
+//! Implements the component's side of <https://mavlink.io/en/services/component_information.html> (O-1). A ground
+//! station requests COMPONENT_METADATA, which names a *general* file, which names a file with the parameters:
 //!
 //! ```text
 //!   REQUEST_MESSAGE(397) ─▶ COMPONENT_METADATA { uri, file_crc } ─▶ general.json ─▶ parameters.json
 //! ```
 //!
-//! The vehicle itself needs no file server: QGroundControl and MAVSDK also follow `http` and `https`. The files are made on
-//! the host, from the table that the firmware is built with, and put where the ground can reach them; the firmware declares
-//! [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fills in where. One that does not declare it
-//! refuses the request, which every client takes for a no (Q-1).
+//! The vehicle needs no file server, because QGroundControl and MAVSDK also fetch `http` and `https` URIs:
+//!
+//! 1. On the host, generate both files from the parameter table of the firmware, and put them on a web server.
+//! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
+//!    the general file's URI.
+//!
+//! A firmware that does not declare it refuses the request; clients then know that there is no metadata (Q-1).
 //!
 //! ```
 //! use mavstack::metadata;
 //!
 //! mavstack::parameters! {
 //!     pub struct Tuning {
-//!         /// Voltage under which it goes home.
+//!         /// Voltage below which the rover returns home.
 //!         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
 //!     }
 //! }
 //!
 //! let mut parameters = String::new();
 //! metadata::parameters::<Tuning>(&mut parameters)?;
-//! assert!(parameters.contains(r#""name":"BAT_LOW","type":"Float","shortDesc":"Voltage under which it goes home.""#));
+//! assert!(parameters.contains(r#""name":"BAT_LOW","type":"Float","shortDesc":"Voltage below which the rover returns home.""#));
 //!
 //! let mut general = String::new();
 //! let crc = metadata::file_crc(parameters.as_bytes());
@@ -43,14 +46,14 @@ use crate::crc32::Crc32;
 use crate::dialect::{CompMetadataType, MavParamType};
 use crate::service::param::{ParamInfo, ParamTable};
 
-/// The version of both files' form.
+/// The version of both file formats.
 const VERSION: u8 = 1;
 
-/// Writes the general file, which names the file with the parameters: its URI, and its [`file_crc`].
+/// Writes the general file, with the URI of the file with the parameters and its [`file_crc`].
 ///
 /// # Errors
 ///
-/// What `out` reports.
+/// The errors of `out`.
 pub fn general(out: &mut impl Write, parameters_uri: &str, parameters_crc: u32) -> Result {
     let r#type = CompMetadataType::PARAMETER.0;
     write!(out, r#"{{"version":{VERSION},"metadataTypes":[{{"type":{type},"uri":"#)?;
@@ -58,12 +61,14 @@ pub fn general(out: &mut impl Write, parameters_uri: &str, parameters_crc: u32) 
     write!(out, r#","fileCrc":{parameters_crc}}}]}}"#)
 }
 
-/// Writes the file with the parameters of a table. Their descriptions are its doc comments: what stands before the first
-/// full stop is the short one. The group is what stands before the name's first `_`.
+/// Writes the file with the parameters of table `T`.
+///
+/// A parameter's doc comment is its description; the first sentence is the short description. The part of its name
+/// before the first `_` is its group.
 ///
 /// # Errors
 ///
-/// What `out` reports.
+/// The errors of `out`.
 pub fn parameters<T: ParamTable>(out: &mut impl Write) -> Result {
     write!(out, r#"{{"version":{VERSION},"parameters":["#)?;
     for (index, info) in T::INFO.iter().enumerate() {
@@ -79,7 +84,7 @@ pub fn parameters<T: ParamTable>(out: &mut impl Write) -> Result {
 
 fn parameter(out: &mut impl Write, info: &ParamInfo, unit: &str, description: &str) -> Result {
     let group = info.name().split('_').next().unwrap_or_default();
-    // A description of one sentence is the short one.
+    // A description of one sentence is only the short one.
     let short = description.split_once(". ").map_or(description, |(first, _)| first);
     let [min, max] = info.range_bits();
     text(out, '{', "name", info.name())?;
@@ -104,7 +109,7 @@ fn parameter(out: &mut impl Write, info: &ParamInfo, unit: &str, description: &s
     out.write_char('}')
 }
 
-/// The type as the files call it.
+/// Returns the type's name in the files.
 const fn type_name(r#type: MavParamType) -> &'static str {
     match r#type {
         MavParamType::UINT8 => "Uint8",
@@ -117,7 +122,7 @@ const fn type_name(r#type: MavParamType) -> &'static str {
     }
 }
 
-/// A value from the bits that a table has of it.
+/// Writes a value, given by its bits in the table.
 fn number(out: &mut impl Write, r#type: MavParamType, bits: u32) -> Result {
     let [low, second, ..] = bits.to_le_bytes();
     match r#type {
@@ -134,7 +139,7 @@ fn text(out: &mut impl Write, before: char, key: &str, value: &str) -> Result {
     string(out, value)
 }
 
-/// A string as JSON has it.
+/// Writes a JSON string.
 fn string(out: &mut impl Write, value: &str) -> Result {
     out.write_char('"')?;
     for c in value.chars() {
@@ -147,8 +152,9 @@ fn string(out: &mut impl Write, value: &str) -> Result {
     out.write_char('"')
 }
 
-/// The checksum of a file, for COMPONENT_METADATA.file_crc and for the general file: MAVLink's CRC-32, which begins with 0
-/// and is not inverted at the end. Ground stations keep the file until it changes.
+/// Returns the checksum of a file, for COMPONENT_METADATA.file_crc and for the general file.
+///
+/// It is MAVLink's CRC-32, with initial value 0 and without inversion. Ground stations cache the file until it changes.
 pub fn file_crc(file: &[u8]) -> u32 {
     let mut crc = Crc32::ZERO;
     crc.add(file);

@@ -1,10 +1,10 @@
-//! The network: who is heard on which link, and what goes on from one link to another.
+//! The network: the peers on each link, routes, and forwarding between links.
 //!
 //! ```text
-//!   frame ──▶ peers: who, on which link ──▶ routes: for whom, on which links ──▶ forward: the queues of these links
+//!   frame ──▶ peers: source and link ──▶ routes: links that reach the target ──▶ forward: the queues of these links
 //!                                                                                  │     ▲
 //!                                                                                  ▼     │
-//!                                                                              queue   memory: did it come before?
+//!                                                                              queue   memory: is it a duplicate?
 //! ```
 
 mod forward;
@@ -13,8 +13,9 @@ mod peers;
 mod queue;
 mod routes;
 
-pub(crate) use forward::Passage;
-pub use forward::{ForwardCounters, ForwardQueues, Forwarding};
+pub use forward::Passage;
+pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
-pub(crate) use peers::{Booking, Peers, Reception, deadline, is_heard, is_known, on_frame, on_unchecked, poll};
-pub(crate) use routes::{forget_rebooted, routes};
+pub use peers::{Booking, Peers};
+pub(crate) use peers::{Reception, deadline, is_heard, is_known, on_frame, on_unchecked, poll};
+pub(crate) use routes::{forget_rebooted, routes, target_of};

@@ -1,16 +1,17 @@
-//! Conversions between floats and integers: the one place for `as` between them.
+//! Conversions between floats and integers. No other module uses `as` for them.
 //!
-//! Total over NaN and infinities, and without `f64`, which microcontrollers compute in software. Degrees are scaled by
-//! integer arithmetic on the float's parts, so the result is the exact product, rounded once (M-37).
+//! They are defined for all inputs, including NaN and infinities. They do not use `f64`, which microcontrollers emulate
+//! in software. Degrees are scaled by integer arithmetic on the float's parts, so the result is the exact product,
+//! rounded once (M-37).
 
 use core::num::NonZeroU32;
 
-/// Bits of an `f32` below the exponent.
+/// Number of bits of an `f32` below the exponent.
 const FRACTION_BITS: u32 = 23;
 const FRACTION: u32 = (1 << FRACTION_BITS) - 1;
 
-/// `degrees`·1e7, rounded half away from zero; `None` for NaN, infinities, what an `i32` cannot hold, and `i32::MAX`
-/// itself, which on the wire means "not given" (M-70).
+/// Returns `degrees`·1e7, rounded half away from zero. `None` for NaN, infinities, results that do not fit in an `i32`,
+/// and `i32::MAX`, which means "not given" on the wire (M-70).
 pub(crate) fn scale_1e7(degrees: f32) -> Option<i32> {
     let bits = degrees.to_bits();
     let exponent = (bits >> FRACTION_BITS) & 0xFF;
@@ -18,7 +19,7 @@ pub(crate) fn scale_1e7(degrees: f32) -> Option<i32> {
     let shift = 150u32.checked_sub(exponent.max(1)).filter(|shift| *shift >= 16)?;
     let hidden = if exponent == 0 { 0 } else { 1 << FRACTION_BITS };
     let product = u64::from((bits & FRACTION) | hidden).wrapping_mul(10_000_000);
-    // 24 bits times 24 bits: from a shift of 49 on nothing is left, not even for rounding.
+    // The product has at most 48 bits: a shift of 49 or more gives zero, even with rounding.
     let shift = shift.min(49);
     let half = 1u64.wrapping_shl(shift.wrapping_sub(1));
     let magnitude = i64::try_from(product.wrapping_add(half).wrapping_shr(shift)).ok()?;
@@ -26,9 +27,9 @@ pub(crate) fn scale_1e7(degrees: f32) -> Option<i32> {
     i32::try_from(value).ok().filter(|value| *value != i32::MAX)
 }
 
-/// `scaled`/1e7, correctly rounded; NaN for `i32::MAX`, which means "not given" (M-70).
+/// Returns `scaled`/1e7, correctly rounded; NaN for `i32::MAX`, which means "not given" (M-70).
 pub(crate) fn from_1e7(scaled: i32) -> f32 {
-    /// 1e7 is 5^7·2^7; the twos only move the exponent.
+    /// 5^7. As 1e7 is 5^7·2^7, the rest only changes the exponent.
     const FIVES: u32 = 78_125;
 
     match scaled {
@@ -37,8 +38,8 @@ pub(crate) fn from_1e7(scaled: i32) -> f32 {
         _ => {}
     }
     let magnitude = scaled.unsigned_abs();
-    // Long division with 15 more bits than a 32-bit quotient has, and a lowest bit for what remains: at least 30 bits,
-    // of which `as` keeps 24 and rounds once.
+    // Long division to 15 more bits than a 32-bit quotient has, with a sticky bit for the remainder. The quotient has
+    // at least 30 bits, which the conversion to a float rounds once to 24.
     let zeros = magnitude.leading_zeros();
     let dividend = magnitude.wrapping_shl(zeros);
     let rest = (dividend % FIVES).wrapping_shl(15);
@@ -46,55 +47,50 @@ pub(crate) fn from_1e7(scaled: i32) -> f32 {
     // quotient = magnitude / 5^7 · 2^(zeros + 15)
     let exponent = zeros.wrapping_add(15 + 7).wrapping_shl(FRACTION_BITS);
     let sign = if scaled < 0 { 1 << 31 } else { 0 };
-    f32::from_bits(rounded(quotient).to_bits().wrapping_sub(exponent) | sign)
+    f32::from_bits(f32_from_u32(quotient).to_bits().wrapping_sub(exponent) | sign)
 }
 
-/// The nearest float.
-#[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
-fn rounded(value: u32) -> f32 {
-    value as f32
-}
-
-/// The nearest float; NaN for `i32::MAX`, which means "not given".
+/// Returns the nearest float; NaN for `i32::MAX`, which means "not given".
 #[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
 pub(crate) fn from_i32(value: i32) -> f32 {
     if value == i32::MAX { f32::NAN } else { value as f32 }
 }
 
-/// The nearest float, whatever the number.
+/// Returns the nearest float, also for `i32::MAX`.
 #[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
 pub(crate) fn f32_from_i32(value: i32) -> f32 {
     value as f32
 }
 
-/// The nearest float.
+/// Returns the nearest float.
+#[allow(clippy::as_conversions, reason = "integer to float is total: it rounds to the nearest")]
 pub(crate) fn f32_from_u32(value: u32) -> f32 {
-    rounded(value)
+    value as f32
 }
 
-/// The unsigned integer that `value` is; `None` for NaN, infinities, fractions, and what a `u32` cannot hold.
-#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
+/// Returns `value` as an integer; `None` for NaN, infinities, fractions, and values that do not fit in a `u32`.
+#[allow(clippy::as_conversions, reason = "saturates, and a saturated value does not compare equal")]
 pub(crate) fn unsigned(value: f32) -> Option<u32> {
     let integer = value as u32;
-    // 2^32 - 1 is no `f32`, as with `integer`.
+    // 2^32 - 1 is not an `f32`: see `exact`.
     (integer as f32 == value && integer != u32::MAX).then_some(integer)
 }
 
-/// The integer next to `value` towards 0, within what a `u32` can hold; 0 for NaN.
+/// Returns `value` rounded towards zero and saturated to the range of a `u32`; 0 for NaN.
 #[allow(clippy::as_conversions, reason = "float to integer is total: it saturates")]
 pub(crate) fn saturated(value: f32) -> u32 {
     value as u32
 }
 
-/// The quotient, rounded down, of a divisor below 2^16. Not the compiler's division of 64 bits, which is 900 bytes where
-/// nothing else needs it.
+/// Returns the quotient, rounded down. The divisor must be below 2^16. It replaces the compiler's 64-bit division,
+/// which takes 900 bytes of flash.
 #[inline(never)]
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
-#[allow(clippy::arithmetic_side_effects, reason = "the divisor is not 0, and 4 no large number")]
+#[allow(clippy::arithmetic_side_effects, reason = "the divisor is not 0, and `digits` is at most 4")]
 pub(crate) const fn quotient(dividend: u64, divisor: NonZeroU32) -> u64 {
     let (mut left, mut quotient, mut rest) = (dividend, 0u64, 0u32);
     let mut digits = 0;
-    // Digits of 16 bits: what one leaves is less than the divisor, so it has room in front of the next.
+    // Long division with digits of 16 bits: the rest is below the divisor, so it fits in front of the next digit.
     while digits < 4 {
         let [high, low, ..] = left.to_be_bytes();
         left = left.wrapping_shl(16);
@@ -106,29 +102,29 @@ pub(crate) const fn quotient(dividend: u64, divisor: NonZeroU32) -> u64 {
     quotient
 }
 
-/// The integer nearest to `value`, halves away from 0, within `min` and `max`; `None` for NaN. Not inlined:
-/// there are many who ask.
+/// Returns `value` rounded half away from zero and clamped to `min` and `max`; `None` for NaN. Not inlined, because it
+/// has many callers.
 #[inline(never)]
-#[allow(clippy::as_conversions, reason = "float to integer is total: it saturates; and integer to float rounds")]
+#[allow(clippy::as_conversions, reason = "both are total: float to integer saturates, integer to float rounds")]
 pub(crate) fn nearest(value: f32, min: i32, max: i32) -> Option<i32> {
     let whole = value as i32;
-    // Exact where there are fractions, below 2^23; beyond, the saturated integer only has to stay where it is.
+    // Exact below 2^23, where floats have fractions. Above, `rest` only has to leave the saturated integer unchanged.
     let rest = value - whole as f32;
     let step = i32::from(rest >= 0.5).saturating_sub(i32::from(rest <= -0.5));
     (!value.is_nan()).then_some(whole.saturating_add(step).min(max).max(min))
 }
 
-/// The integer that `value` is; `None` for NaN, infinities, fractions, and what `T` cannot hold. At most 32 bits, signed.
+/// Returns `value` as an integer; `None` for NaN, infinities, fractions, and values that do not fit in `T` or an `i32`.
 pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
     exact(value).and_then(|integer| T::try_from(integer).ok())
 }
 
-/// Not inlined: there are many who ask.
+/// Returns `value` as an integer, as [`integer`]. Not inlined, because it has many callers.
 #[inline(never)]
-#[allow(clippy::as_conversions, reason = "saturates, and what was saturated does not compare equal")]
+#[allow(clippy::as_conversions, reason = "saturates, and a saturated value does not compare equal")]
 fn exact(value: f32) -> Option<i32> {
     let integer = value as i32;
-    // 2^31 - 1 is no `f32`: where saturation ends, rounding back gives 2^31, which must not pass for equal.
+    // 2^31 - 1 is not an `f32`: converted back, the saturated value becomes 2^31 and would compare equal to it.
     (integer as f32 == value && integer != i32::MAX).then_some(integer)
 }
 
@@ -179,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn only_integers_are_integers() {
+    fn only_integral_values_convert_to_integers() {
         assert_eq!(integer::<i32>(-1.0), Some(-1));
         assert_eq!(integer::<u16>(-1.0), None);
         assert_eq!(integer::<u16>(65_535.0), Some(65_535));
@@ -219,14 +215,14 @@ mod tests {
         }
 
         #[test]
-        fn what_came_as_a_float_goes_back_as_the_same(degrees in -180.0f32..180.0) {
-            // Above 1 degree a float's step is 1.2e-7, more than that of the integer: nothing is lost.
+        fn degrees_survive_a_round_trip(degrees in -180.0f32..180.0) {
+            // From 1 degree on, a float's step is at least 1.2e-7, more than that of the integer.
             prop_assume!(degrees.abs() >= 1.0);
             prop_assert_eq!(from_1e7(scale_1e7(degrees).unwrap()), degrees);
         }
 
         #[test]
-        fn integers_survive_the_way_to_a_float(value in -(1i32 << 24)..(1 << 24)) {
+        fn integers_survive_a_round_trip(value in -(1i32 << 24)..(1 << 24)) {
             prop_assert_eq!(integer(from_i32(value)), Some(value));
         }
 
@@ -242,7 +238,7 @@ mod tests {
         }
 
         #[test]
-        fn quotients_are_the_compilers(dividend: u64, shift in 0u32..64, divisor in 1u32..1 << 16) {
+        fn quotient_agrees_with_the_compilers_division(dividend: u64, shift in 0u32..64, divisor in 1u32..1 << 16) {
             let dividend = dividend >> shift;
             let by = NonZeroU32::new(divisor).unwrap();
             prop_assert_eq!(quotient(dividend, by), dividend / u64::from(divisor));
@@ -266,7 +262,7 @@ mod tests {
         }
 
         #[test]
-        fn every_integer_is_its_nearest_float(bits: u32) {
+        fn integers_convert_to_the_nearest_float(bits: u32) {
             prop_assert_eq!(f64::from(f32_from_u32(bits)), f64::from(f64::from(bits) as f32));
             let signed = bits.cast_signed();
             prop_assert_eq!(f64::from(f32_from_i32(signed)), f64::from(f64::from(signed) as f32));

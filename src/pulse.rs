@@ -1,26 +1,26 @@
-//! The sign of life that the flight loop gives and the heartbeat depends on.
+//! The flight loop's sign of life, on which heartbeats depend.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Ticked by the flight loop, watched by the stack: heartbeats go out only while it moves (H-5).
+/// A counter that the flight loop increments, and the stack watches: heartbeats are sent only while it advances (H-5).
 ///
-/// A counter with one writer; load, add, store, so that it works on processors without compare-and-swap. The stack may
-/// run beside the loop or in another task or interrupt: when the loop stops, the heartbeats stop.
+/// It has a single writer, so it works on processors without compare-and-swap. The stack may run in the flight loop, in
+/// another task or in an interrupt: in each case, the heartbeats stop when the flight loop stops.
 ///
-/// The stack looks at it in every poll. As long as it moved within [`max_loop_gap`](crate::Config::max_loop_gap) there is
-/// *credit*, and each link sends a HEARTBEAT a second:
+/// The stack reads it in every poll. While it has advanced within [`max_loop_gap`](crate::Config::max_loop_gap) there
+/// is *credit*, and each link sends a HEARTBEAT every second:
 ///
 /// ```text
 ///            first tick            no tick for max_loop_gap,
 ///            ┌────────▶ credit ───── or a latched fault ─────▶ silent
 ///   silent ──┘             ▲                                     │
-///                          └────────────── tick ─────────────────┘   (not after a fault)
+///                          └────────────── tick ─────────────────┘ (never after a fault)
 /// ```
 ///
 /// ```
 /// use mavstack::Pulse;
 /// static PULSE: Pulse = Pulse::new();
-/// // at the end of each healthy pass of the flight loop, and nowhere else:
+/// // At the end of each healthy pass of the flight loop, and nowhere else:
 /// PULSE.tick();
 /// ```
 #[derive(Debug)]
@@ -30,24 +30,24 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// A pulse that has not ticked yet: there is no heartbeat before the first.
+    /// Returns a pulse without a tick. No heartbeat is sent before the first.
     pub const fn new() -> Self {
         Self { count: AtomicU32::new(0), fault: AtomicBool::new(false) }
     }
 
-    /// The flight loop went round once, and is healthy. To be called from one place only.
+    /// Reports that the flight loop has completed a pass and is healthy. Call it from one place only.
     #[inline]
     pub fn tick(&self) {
         self.count.store(self.count.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
 
-    /// Stops the heartbeats for good, whatever ticks: for fault handlers. Only a reset takes it back.
+    /// Stops the heartbeats until the next reset, even if ticks follow. For fault handlers.
     #[inline]
     pub fn fault(&self) {
         self.fault.store(true, Ordering::Relaxed);
     }
 
-    /// How often it ticked; wraps.
+    /// Returns the number of ticks, which wraps.
     #[inline]
     pub(crate) fn count(&self) -> u32 {
         self.count.load(Ordering::Relaxed)

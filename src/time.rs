@@ -1,64 +1,64 @@
-//! Time as the stack sees it: an argument, never a clock.
+//! Instants and durations. The stack has no clock: its caller passes the time as an argument.
 //!
-//! Microseconds since boot in a `u64`, which lasts 584,000 years; only fields on the wire wrap (D-1).
+//! Both count microseconds in a `u64`, which lasts 584,000 years. Only fields on the wire wrap (D-1).
 
 use core::num::NonZeroU32;
 
 use crate::num;
 
-/// Microseconds of a millisecond.
+/// Microseconds per millisecond.
 const THOUSAND: NonZeroU32 = NonZeroU32::MIN.saturating_add(999);
 
-/// A moment: microseconds since boot.
+/// A point in time: microseconds since boot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instant(u64);
 
 impl Instant {
-    /// The moment of boot.
+    /// The time of boot.
     pub const ZERO: Self = Self(0);
-    /// Later than any other: the deadline of what has none.
+    /// The latest instant: a deadline that is never reached.
     pub const NEVER: Self = Self(u64::MAX);
 
-    /// `micros` µs after boot.
+    /// Returns the instant `micros` µs after boot.
     #[inline]
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros)
     }
 
-    /// `millis` ms after boot.
+    /// Returns the instant `millis` ms after boot.
     #[inline]
     pub const fn from_millis(millis: u64) -> Self {
         Self(millis.saturating_mul(1_000))
     }
 
-    /// Microseconds since boot.
+    /// Returns the microseconds since boot.
     #[inline]
     pub const fn as_micros(self) -> u64 {
         self.0
     }
 
-    /// Milliseconds since boot, rounded down.
+    /// Returns the milliseconds since boot, rounded down.
     #[inline]
     pub const fn as_millis(self) -> u64 {
         num::quotient(self.0, THOUSAND)
     }
 
-    /// The time in units of 1,024 µs, for what is kept once a link and may be wrong once in 50 days, when this wraps: compare by
-    /// difference.
+    /// Returns the time in units of 1,024 µs. It wraps after 50 days: compare by wrapping difference. It saves memory
+    /// where a comparison may be wrong once in 50 days.
     #[inline]
     pub(crate) const fn ticks(self) -> u32 {
         let [.., b3, b2, b1, b0] = (self.0 >> 10).to_be_bytes();
         u32::from_be_bytes([b3, b2, b1, b0])
     }
 
-    /// How long ago `earlier` was; zero when it is in the future.
+    /// Returns the time from `earlier` to `self`; zero if `earlier` is later.
     #[inline(never)]
     pub const fn since(self, earlier: Self) -> Duration {
         Duration(self.0.saturating_sub(earlier.0))
     }
 
-    /// `duration` later.
+    /// Returns the instant `duration` after `self`, saturating at [`NEVER`](Self::NEVER).
     #[inline(never)]
     #[must_use]
     pub const fn after(self, duration: Duration) -> Self {
@@ -72,36 +72,36 @@ impl Instant {
 pub struct Duration(u64);
 
 impl Duration {
-    /// No time.
+    /// The duration of length zero.
     pub const ZERO: Self = Self(0);
-    /// Longer than any other.
+    /// The longest duration.
     pub const MAX: Self = Self(u64::MAX);
 
-    /// `micros` µs.
+    /// Returns a duration of `micros` µs.
     #[inline]
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros)
     }
 
-    /// `millis` ms.
+    /// Returns a duration of `millis` ms.
     #[inline]
     pub const fn from_millis(millis: u64) -> Self {
         Self(millis.saturating_mul(1_000))
     }
 
-    /// `secs` s.
+    /// Returns a duration of `secs` s.
     #[inline]
     pub const fn from_secs(secs: u64) -> Self {
         Self(secs.saturating_mul(1_000_000))
     }
 
-    /// Microseconds.
+    /// Returns the duration in microseconds.
     #[inline]
     pub const fn as_micros(self) -> u64 {
         self.0
     }
 
-    /// Milliseconds, rounded down.
+    /// Returns the duration in milliseconds, rounded down.
     #[inline]
     pub const fn as_millis(self) -> u64 {
         num::quotient(self.0, THOUSAND)

@@ -1,4 +1,4 @@
-//! Links the C library where `cargo xtask compare` has put it.
+//! Links the C library that `cargo measure compare` has built.
 
 fn main() {
     println!("cargo::rerun-if-env-changed=COMPARE_C_LIBRARY");

@@ -1,11 +1,11 @@
-//! What of a dialect `mavstack::dialect` has already, and what the dialect adds to it.
+//! Generation beside `mavstack::dialect`: leaves out what that has already, and finds what a dialect adds to it.
 
 use crate::{
     Dialect, Error, builtin, load,
     model::{Entry, Enum, Message, Origin},
 };
 
-/// The dialect that is there already.
+/// The dialect of `mavstack::dialect`.
 pub(crate) struct Beside {
     pub(crate) common: Dialect,
 }
@@ -15,11 +15,12 @@ impl Beside {
         Ok(Self { common: load::common()? })
     }
 
-    /// Takes out what is there already; returns enumerations that have only what is added to one of the same name.
+    /// Removes the enumerations and messages of common. Returns enumerations with the entries that the dialect adds to
+    /// those of common.
     ///
-    /// Another state of common than ours is no fault as long as the two mean the same: the same id, digest and name, and no
-    /// field that we do not have.
-    pub(crate) fn take_out(&self, enums: &mut Vec<&Enum>, messages: &mut Vec<&Message>) -> Result<Vec<Enum>, Error> {
+    /// The dialect may include another version of common than ours, if both mean the same on the wire: same id, name
+    /// and digest, and no field that ours does not have.
+    pub(crate) fn remove(&self, enums: &mut Vec<&Enum>, messages: &mut Vec<&Message>) -> Result<Vec<Enum>, Error> {
         for message in messages.iter() {
             self.check(message)?;
         }
@@ -33,11 +34,11 @@ impl Beside {
                 match theirs.entries.iter().find(same) {
                     None => entries.push(entry.clone()),
                     Some(other) if other.name == entry.name && other.value == entry.value => {}
-                    // Renamed since, or before.
+                    // Renamed in a later or earlier version of common.
                     Some(other) if other.value == entry.value && is_of_common(&entry.origin) => {}
                     Some(other) => {
                         let problem = format!(
-                            "mavstack has {} = {}; take another name and value, or leave --beside-common out",
+                            "mavstack has {} = {}; use another name and value, or do not use --beside-common",
                             other.name, other.value
                         );
                         return Err(entry.origin.error(format!("entry {}.{}", enumeration.name, entry.name), problem));
@@ -60,14 +61,14 @@ impl Beside {
             return Ok(());
         }
         let problem = format!(
-            "mavstack has another {} with id {}; take another name and id, or leave --beside-common out",
+            "mavstack has another {} with id {}; use another name and id, or do not use --beside-common",
             theirs.name, theirs.id
         );
         Err(message.origin.error(format!("message {}", message.name), problem))
     }
 }
 
-/// Whether an element stands in a file of common, in whatever state of it.
+/// Returns whether an element is defined in a file of common, in any version.
 fn is_of_common(origin: &Origin) -> bool {
     origin.file.file_name().is_some_and(|name| builtin::path(&name.to_string_lossy()).is_some())
 }

@@ -1,4 +1,4 @@
-//! For the build scripts of firmwares: a definition in, a module to `include!` out.
+//! The generator for build scripts: a definition in, a module to `include!` out.
 
 use crate::{Error, Options, builtin, emit, load, names, output};
 use std::{
@@ -7,7 +7,7 @@ use std::{
     process,
 };
 
-/// Makes a module from a definition, in a build script.
+/// Generates a module from a definition, in a build script.
 ///
 /// ```no_run
 /// // `main` of build.rs:
@@ -15,7 +15,7 @@ use std::{
 /// ```
 ///
 /// ```ignore
-/// // src/main.rs: now there is a module `my_vehicle`, and in it the dialect `MyVehicle`
+/// // src/main.rs: adds the module `my_vehicle` with the dialect `MyVehicle`
 /// include!(concat!(env!("OUT_DIR"), "/my_vehicle.rs"));
 /// ```
 ///
@@ -28,53 +28,54 @@ pub struct Build {
 }
 
 impl Build {
-    /// All of `input`, a path from the package's root.
+    /// Generates all of `input`, a path from the package's root.
     pub fn new(input: impl Into<PathBuf>) -> Self {
         let input = input.into();
         Self { options: Options::for_file(&input), input, include_dirs: Vec::new() }
     }
 
-    /// The same, but without what `mavstack::dialect` has already: see [`Options::beside_common`].
+    /// Leaves out what `mavstack::dialect` has already: see [`Options::beside_common`].
     #[must_use]
     pub fn beside_common(mut self) -> Self {
         self.options.beside_common = true;
         self
     }
 
-    /// The same, but only messages, enumerations and typed commands of these names, MAVLink's; called again, these too.
+    /// Generates only the messages, enumerations and typed commands with these names, which are MAVLink's. Further
+    /// calls add names.
     #[must_use]
     pub fn only<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
         self.options.only.get_or_insert_default().extend(names.into_iter().map(N::into));
         self
     }
 
-    /// The same, with another directory to search for includes.
+    /// Adds a directory to be searched for included files.
     #[must_use]
     pub fn include_dir(mut self, dir: impl Into<PathBuf>) -> Self {
         self.include_dirs.push(dir.into());
         self
     }
 
-    /// The same, with another name for the struct that lists the messages. The module is called like the file.
+    /// Sets the name of the struct that lists the messages. The module has the name of the file.
     #[must_use]
     pub fn name(mut self, name: impl Into<String>) -> Self {
         self.options.name = name.into();
         self
     }
 
-    /// The same, where `mavstack` is known by another path.
+    /// Sets the path of the crate `mavstack`, if it has another name.
     #[must_use]
     pub fn crate_path(mut self, path: impl Into<String>) -> Self {
         self.options.crate_path = path.into();
         self
     }
 
-    /// Writes the module into `OUT_DIR`. What is wrong with the definition becomes an error of the build, with file and line,
+    /// Writes the module into `OUT_DIR`. An error in the definition is reported as a build error with file and line,
     /// and ends the script.
     pub fn run(self) {
         println!("cargo::rerun-if-changed={}", self.input.display());
         let Some(out_dir) = env::var_os("OUT_DIR") else {
-            eprintln!("mavstack_dialect::Build::run is for build scripts: Cargo sets OUT_DIR for them");
+            eprintln!("OUT_DIR is not set: call mavstack_dialect::Build::run only in a build script");
             process::exit(1);
         };
         match self.write_to(out_dir.as_ref()) {
@@ -86,20 +87,20 @@ impl Build {
         }
     }
 
-    /// Writes the module into a directory, and returns which files it was made from.
+    /// Writes the module into a directory, and returns the files from which it was generated.
     ///
     /// # Errors
     ///
-    /// What is wrong with the definition or the options, or that the file cannot be written.
+    /// The definition or the options are invalid, or the file cannot be written.
     pub fn write_to(&self, directory: &Path) -> Result<Vec<PathBuf>, Error> {
         let dialect = load(&self.input, &self.include_dirs)?;
         let module = names::module(&self.input);
         let text = emit::generate(&dialect, &self.options)?;
-        let dead = "#[allow(dead_code, reason = \"a firmware uses some of it\")]";
+        let dead = "#[allow(dead_code, reason = \"a firmware uses only some of the items\")]";
         let text = format!("{dead}\npub mod {module} {{\n{text}}}\n");
         let stem = self.input.file_stem().unwrap_or_default().to_string_lossy();
         fs::create_dir_all(directory)
-            .map_err(|error| Error::whole(directory, "the output", format!("cannot be made: {error}")))?;
+            .map_err(|error| Error::whole(directory, "the output", format!("cannot be created: {error}")))?;
         output::write(&directory.join(format!("{stem}.rs")), &text)?;
         let files = dialect.files.iter().filter(|file| builtin::text(file).is_none());
         Ok(files.map(|file| file.to_path_buf()).collect())

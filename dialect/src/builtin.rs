@@ -1,8 +1,8 @@
-//! The definitions that come with this crate: minimal, standard and common, those that `mavstack::dialect` is made from.
+//! The definitions in this crate: minimal, standard and common, from which `mavstack::dialect` is generated.
 
 use std::path::{Path, PathBuf};
 
-/// What the files are called in messages to people, in place of a directory.
+/// Stands for the files' directory in error messages.
 const PLACE: &str = "<mavstack-dialect>";
 
 const FILES: [(&str, &str); 3] = [
@@ -11,13 +11,13 @@ const FILES: [(&str, &str); 3] = [
     ("standard.xml", include_str!("../definitions/standard.xml")),
 ];
 
-/// The text of the definition that a path made by [`path`] names.
+/// Returns the text of the definition with a path from [`path`].
 pub(crate) fn text(path: &Path) -> Option<&'static str> {
     let name = path.strip_prefix(PLACE).ok()?;
     FILES.iter().find(|(file, _)| name == Path::new(file)).map(|(_, text)| *text)
 }
 
-/// Names the definition of this file name, if it is one of these.
+/// Returns the path of the definition with this file name; `None` if there is no such definition.
 pub(crate) fn path(name: &str) -> Option<PathBuf> {
     let path = Path::new(PLACE).join(name);
     text(&path).is_some().then_some(path)

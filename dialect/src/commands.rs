@@ -1,13 +1,14 @@
-//! The typed commands: from the parameters of `MAV_CMD`'s entries to declarations of `mavstack`'s `command!`, one a
-//! command, one line a parameter.
+//! The typed commands: declarations of `mavstack`'s `command!`, one for each command, from the parameters of
+//! `MAV_CMD`'s entries.
 //!
-//! - A parameter without a label, or reserved, has no field. A command without fields has no type.
-//! - Parameters 5, 6, 7 of a command with a location are one field, `location`. Where the unit of 5 or 6 is a length, the
-//!   place is not on the globe: such a command has no type.
-//! - A label becomes a name in snake case: `Accept Radius` → `accept_radius`. A keyword is written raw; where two would be
-//!   the same, the later has the number of its parameter behind it.
-//! - The type follows the rule of the parameter (see `rules`): an enumeration is its type, and MAV_BOOL a `bool`; an
-//!   integer is the smallest type that holds its range; all else is an `f32`. It is an `Option` exactly where NaN passes.
+//! - A parameter without a label, or a reserved one, has no field. A command without fields has no type.
+//! - Parameters 5, 6 and 7 of a command with a location are one field, `location`. If the unit of 5 or 6 is a length,
+//!   the location is not on the globe, and the command has no type.
+//! - A label becomes a name in snake case: `Accept Radius` → `accept_radius`. A keyword is written raw. If two names
+//!   are equal, the number of its parameter is appended to the second.
+//! - The type of a field follows the parameter's rule (see `rules`). An enumeration has its own type, and MAV_BOOL is a
+//!   `bool`. An integer has the smallest type that holds its range. Everything else is an `f32`. The type is an
+//!   `Option` if the rule allows NaN.
 
 use crate::{
     Dialect,
@@ -18,21 +19,22 @@ use crate::{
 };
 use std::{collections::HashSet, fmt::Write as _};
 
-/// The enumeration of two values that is a `bool`.
+/// The enumeration that becomes a `bool`.
 const BOOL: &str = "MAV_BOOL";
 
-/// An enumeration's type, as the module of commands names it.
+/// Returns the path of an enumeration's type from inside the module of commands.
 pub(crate) type TypeOf<'a> = &'a dyn Fn(&str) -> String;
 
-/// A type to write.
+/// A command for which a type is declared.
 struct Command<'a> {
     entry: &'a Entry,
-    /// Of the rule.
+    /// Name of the constant with the rule.
     constant: String,
+    /// Name of the type.
     name: String,
 }
 
-/// The enumerations that the fields of a command's type have.
+/// Returns the enumerations in the fields of a command's type.
 pub(crate) fn enumerations<'a>(dialect: &'a Dialect, entry: &'a Entry) -> impl Iterator<Item = &'a Enum> {
     let rules = fields(entry).into_iter().flatten().filter_map(|param| rules::rule(dialect, entry, param));
     rules.filter_map(|rule| match rule.values_are {
@@ -41,7 +43,7 @@ pub(crate) fn enumerations<'a>(dialect: &'a Dialect, entry: &'a Entry) -> impl I
     })
 }
 
-/// Writes the module of the commands of which `is_selected` says so; nothing when none of them has fields.
+/// Writes the module with the types of the selected commands; nothing if none of them has fields.
 pub(crate) fn write(
     out: &mut String,
     dialect: &Dialect,
@@ -52,7 +54,7 @@ pub(crate) fn write(
 ) {
     let mut taken: HashSet<String> = names::RESERVED_TYPES.map(str::to_owned).into();
     taken.insert("Location".into());
-    // All are named, so that a name does not depend on the selection.
+    // Names all commands, so that a name does not depend on the selection.
     let named = commands.entries.iter().zip(names::constants(commands)).map(|(entry, constant)| {
         let name = names::camel(&constant);
         let name = if name.starts_with(|c: char| c.is_ascii_digit()) { format!("_{name}") } else { name };
@@ -65,12 +67,12 @@ pub(crate) fn write(
     }
     let mut doc = Doc::new();
     doc.text(&format!(
-        "The commands of `{COMMANDS}` that have parameters, these under their names. A type costs flash where a firmware \
-         decodes it."
+        "The commands of `{COMMANDS}` that have parameters, as types with named fields. A type takes flash only if the \
+         firmware decodes it."
     ));
     out.push('\n');
     doc.write(out, "/// ");
-    out.push_str("#[allow(dead_code, reason = \"a firmware decodes a few\")]\npub mod commands {\n");
+    out.push_str("#[allow(dead_code, reason = \"a firmware decodes only some commands\")]\npub mod commands {\n");
     out.push_str("    use super::command_rules;\n");
     if written.iter().any(|(command, _)| is_located(command.entry)) {
         let _ = writeln!(out, "    use {crate_path}::Location;");
@@ -114,7 +116,7 @@ fn declaration(
     out.push_str("        }\n    }\n");
 }
 
-/// The parameters that have a field of their own; nothing when the command has no type.
+/// Returns the parameters that have a field of their own; `None` if the command has no type.
 fn fields(entry: &Entry) -> Option<Vec<&Param>> {
     let is_place = |param: &Param| is_located(entry) && param.index >= 5;
     let is_length = |param: &Param| matches!(param.index, 5 | 6) && matches!(param.units.as_str(), "m" | "cm" | "mm");
@@ -140,11 +142,11 @@ fn field_type(dialect: &Dialect, entry: &Entry, param: &Param, type_of: TypeOf) 
     if rule.may_be_nan { format!("Option<{ty}>") } else { ty }
 }
 
-/// The smallest that holds the range.
+/// Returns the smallest type that holds the range.
 fn integer(minimum: Option<f64>, maximum: Option<f64>) -> &'static str {
-    let (least, most) = (minimum.unwrap_or(f64::MIN), maximum.unwrap_or(f64::MAX));
-    let holds = |min: f64, max: f64| min <= least && most <= max;
-    match least {
+    let (minimum, maximum) = (minimum.unwrap_or(f64::MIN), maximum.unwrap_or(f64::MAX));
+    let holds = |min: f64, max: f64| min <= minimum && maximum <= max;
+    match minimum {
         0.0.. if holds(0.0, u8::MAX.into()) => "u8",
         0.0.. if holds(0.0, u16::MAX.into()) => "u16",
         0.0.. => "u32",
@@ -154,7 +156,8 @@ fn integer(minimum: Option<f64>, maximum: Option<f64>) -> &'static str {
     }
 }
 
-/// `Accept Radius` → `accept_radius`, `UseAltitude` → `use_altitude`; what is no letter or digit divides words.
+/// Converts a label to a field name: `Accept Radius` → `accept_radius`, `UseAltitude` → `use_altitude`. Characters
+/// other than letters and digits separate words.
 fn field_name(param: &Param) -> String {
     let mut name = String::new();
     let mut before = ' ';
@@ -177,7 +180,7 @@ fn field_name(param: &Param) -> String {
     }
 }
 
-/// Unit and range; the name says the rest.
+/// Returns the doc comment of a field: description, unit, range and default.
 fn param_doc(param: &Param) -> Doc {
     let mut doc = Doc::new();
     doc.prose(&param.description);

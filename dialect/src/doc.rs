@@ -1,11 +1,11 @@
-//! Doc comments: escaped for rustdoc, wrapped.
+//! Doc comments, escaped for rustdoc and wrapped.
 
 use crate::model::{Lifecycle, Replacement};
 
-/// Widest line.
+/// Maximum length of a line.
 const WIDTH: usize = 120;
 
-/// One paragraph, in words.
+/// A paragraph, as a list of words.
 #[derive(Default)]
 pub(crate) struct Doc(Vec<String>);
 
@@ -14,17 +14,17 @@ impl Doc {
         Self::default()
     }
 
-    /// Adds text that is Markdown already.
+    /// Adds Markdown text.
     pub fn text(&mut self, markdown: &str) {
         self.0.extend(markdown.split_whitespace().map(str::to_owned));
     }
 
-    /// Adds Markdown that is not broken between lines.
+    /// Adds Markdown text that must not be wrapped.
     pub fn phrase(&mut self, markdown: String) {
         self.0.push(markdown);
     }
 
-    /// Adds a description, which is plain text.
+    /// Adds plain text.
     pub fn prose(&mut self, plain: &str) {
         for word in plain.split_whitespace() {
             let end = word.trim_end_matches(['.', ',', ';', ':', ')', '"', '\'']);
@@ -38,21 +38,21 @@ impl Doc {
         }
     }
 
-    /// Adds whether the element is still in use.
+    /// Adds a sentence for an element that is deprecated, superseded or in progress.
     pub fn lifecycle(&mut self, lifecycle: Option<&Lifecycle>) {
-        let gone = |what: &str, Replacement { since, replaced_by }: &Replacement| {
+        let replaced = |what: &str, Replacement { since, replaced_by }: &Replacement| {
             let by = if replaced_by.is_empty() { String::new() } else { format!(": {}", escape(replaced_by)) };
             format!("{what} since {since}{by}.")
         };
         match lifecycle {
             None => {}
             Some(Lifecycle::WorkInProgress) => self.text("Work in progress."),
-            Some(Lifecycle::Deprecated(replacement)) => self.text(&gone("Deprecated", replacement)),
-            Some(Lifecycle::Superseded(replacement)) => self.text(&gone("Superseded", replacement)),
+            Some(Lifecycle::Deprecated(replacement)) => self.text(&replaced("Deprecated", replacement)),
+            Some(Lifecycle::Superseded(replacement)) => self.text(&replaced("Superseded", replacement)),
         }
     }
 
-    /// Writes the paragraph; nothing when it is empty.
+    /// Writes the paragraph with `start` before each line; nothing if it is empty.
     pub fn write(&self, out: &mut String, start: &str) {
         let mut width = 0;
         for word in &self.0 {
@@ -75,11 +75,11 @@ impl Doc {
     }
 }
 
-/// `plain` so that rustdoc shows it as it stands.
+/// Escapes plain text for Markdown.
 pub(crate) fn escape(plain: &str) -> String {
     let mut escaped = String::new();
     for (at, c) in plain.char_indices() {
-        // Inside a word an underscore, and alone a sign, mean nothing; `#`, `+` and `-` do at the start of a line.
+        // An underscore inside a word has no meaning in Markdown; `#`, `+` and `-` have one at the start of a line.
         if "\\`*[]<>|~".contains(c) || (at == 0 && "#+-_=".contains(c)) || (c == '_' && at + 1 == plain.len()) {
             escaped.push('\\');
         }
@@ -88,7 +88,7 @@ pub(crate) fn escape(plain: &str) -> String {
     escaped
 }
 
-/// A range in words.
+/// Formats a range.
 pub(crate) fn range(minimum: Option<f64>, maximum: Option<f64>) -> Option<String> {
     match (minimum, maximum) {
         (Some(min), Some(max)) => Some(format!("{min} to {max}")),
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_say_is_no_line() {
+    fn an_empty_paragraph_is_not_written() {
         let mut out = String::new();
         Doc::new().write(&mut out, "/// ");
         assert_eq!(out, "");

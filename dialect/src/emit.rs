@@ -1,5 +1,5 @@
-//! A dialect, or a selection of it, as Rust text: one declaration an enumeration and a message, one line a field. The
-//! macros of `mavstack` do the rest. Rules for commands and their types follow the enumerations. The text is as rustfmt would leave it.
+//! Generates Rust declarations of a dialect, or of a selection from it: enumerations, rules and types of commands,
+//! messages. The macros of `mavstack` expand them. The text is formatted as by rustfmt.
 
 use crate::{
     Dialect, Error,
@@ -15,24 +15,29 @@ use std::{
     path::Path,
 };
 
-/// What to write, and how it is called.
+/// The options of [`generate`].
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Name of the struct that lists all messages.
+    /// Name of the struct that lists the messages.
     pub name: String,
-    /// Path of the crate that has the macros.
+    /// Path of the crate with the macros.
     pub crate_path: String,
-    /// Messages, enumerations and typed commands to write; all when `None`. What the fields of one name comes with it.
+    /// Messages, enumerations and typed commands to generate; all if `None`. The enumerations in their fields are
+    /// included.
     pub only: Option<Vec<String>>,
-    /// Leaves out what `mavstack::dialect` has already: messages and enumerations of common are named from there, what the
-    /// definition adds to an enumeration of common, to MAV_CMD above all, becomes constants in a module of its name, and the
-    /// dialect has all messages of common besides its own. The firmware then has one type for each of them, and is compiled
-    /// in a fraction of the time.
+    /// Leaves out what `mavstack::dialect` has already.
+    ///
+    /// - Fields use the enumerations of `mavstack::dialect`.
+    /// - Entries that the definition adds to one of these enumerations, most often to MAV_CMD, become constants in a
+    ///   module with its name.
+    /// - The dialect has all messages of common and its own.
+    ///
+    /// So the firmware has a single type for each message of common, and compiles in a fraction of the time.
     pub beside_common: bool,
 }
 
 impl Options {
-    /// All of `input`, called like the file.
+    /// Returns options for all of `input`. The struct has the name of the file.
     pub fn for_file(input: &Path) -> Self {
         let stem = input.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
         let name = names::camel(&stem);
@@ -41,16 +46,17 @@ impl Options {
     }
 }
 
-/// The declarations.
+/// Generates the declarations.
 ///
 /// # Errors
 ///
-/// When the selection names what is not there, the name is not one of a Rust type, or a message differs from the one of its
-/// name or id that it is to stand beside.
+/// - The selection has a name that does not exist.
+/// - [`Options::name`] is not the name of a Rust type.
+/// - With [`Options::beside_common`], a message or entry contradicts the one in common.
 pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     let identifier = |c: char| c.is_ascii_alphanumeric() || c == '_';
     if !options.name.starts_with(|c: char| c.is_ascii_uppercase()) || !options.name.chars().all(identifier) {
-        let problem = "not a name for a Rust type; begin with a capital letter, then letters and digits";
+        let problem = "not a name for a Rust type; use a capital letter, followed by letters and digits";
         return Err(Error::whole(input(dialect), &format!("--name {}", options.name), problem));
     }
     let beside = options.beside_common.then(Beside::new).transpose()?;
@@ -58,7 +64,7 @@ pub fn generate(dialect: &Dialect, options: &Options) -> Result<String, Error> {
     let mut types = Types::new(dialect, options);
     let mut added = Vec::new();
     if let Some(beside) = &beside {
-        added = beside.take_out(&mut selection.enums, &mut selection.messages)?;
+        added = beside.remove(&mut selection.enums, &mut selection.messages)?;
         let theirs = Options { name: "Common".into(), ..options.clone() };
         let path = |name: String| format!("{}::dialect::{name}", options.crate_path);
         let enums = Types::new(&beside.common, &theirs).enums;
@@ -98,11 +104,11 @@ fn file_name(path: &Path) -> String {
     path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// What is written.
+/// The items that are generated.
 struct Selection<'a> {
     enums: Vec<&'a Enum>,
     messages: Vec<&'a Message>,
-    /// The commands that have a type, by their numbers; all when `None`.
+    /// The ids of the commands that get a type; all if `None`.
     commands: Option<BTreeSet<i128>>,
 }
 
@@ -128,7 +134,7 @@ impl<'a> Selection<'a> {
                 enums.extend(commands::enumerations(dialect, entry).map(|enumeration| enumeration.name.as_str()));
             } else {
                 let problem =
-                    "there is no message, enum or command of this name; names are MAVLink's, like COMMAND_LONG";
+                    "there is no message, enum or command with this name; use MAVLink's names, such as COMMAND_LONG";
                 return Err(Error::whole(input(dialect), &format!("--only {name}"), problem));
             }
         }
@@ -145,12 +151,12 @@ fn header(dialect: &Dialect, options: &Options, selection: &Selection) -> String
     let mut out =
         String::from("// @generated by mavstack-dialect. Do not edit: change the definitions and generate again.\n");
     let mut doc = Doc::new();
-    doc.text(&format!("Declarations made from {}.", files.join(", ")));
+    doc.text(&format!("Declarations generated from {}.", files.join(", ")));
     doc.write(&mut out, "//! ");
     out.push('\n');
     let fields = || selection.messages.iter().flat_map(|message| &message.fields);
     if fields().any(|field| field.name.contains(|c: char| c.is_ascii_uppercase())) {
-        out.push_str("#![allow(non_snake_case, reason = \"the names of fields are MAVLink's\")]\n\n");
+        out.push_str("#![allow(non_snake_case, reason = \"fields have MAVLink's names\")]\n\n");
     }
     let has_char = |array| fields().any(|field| field.scalar == Scalar::Char && field.array.is_some() == array);
     let is_secret =
@@ -164,19 +170,20 @@ fn header(dialect: &Dialect, options: &Options, selection: &Selection) -> String
     out
 }
 
-/// The Rust types of the whole dialect. They do not depend on the selection.
+/// The names of the Rust types of the whole dialect. They do not depend on the selection.
 struct Types<'a> {
-    /// Path of the crate that has the macros.
+    /// Path of the crate with the macros.
     path: &'a str,
     messages: HashMap<&'a str, String>,
-    /// Name and representation.
+    /// Name and representation of each enumeration.
     enums: HashMap<&'a str, (String, Scalar)>,
-    /// Path and representation of those that `mavstack::dialect` has already.
+    /// Path and representation of the enumerations of `mavstack::dialect`.
     theirs: HashMap<String, (String, Scalar)>,
 }
 
 impl<'a> Types<'a> {
-    /// Names messages first, by id, then enumerations, by name: where two would have the same, the message keeps it.
+    /// Names messages first, sorted by id, then enumerations, sorted by name. So if two names are equal, the message
+    /// keeps it.
     fn new(dialect: &'a Dialect, options: &'a Options) -> Self {
         let mut taken: HashSet<String> = names::RESERVED_TYPES.map(str::to_owned).into();
         taken.insert(options.name.clone());
@@ -189,12 +196,12 @@ impl<'a> Types<'a> {
         Self { path: &options.crate_path, messages, enums: enums.collect(), theirs: HashMap::new() }
     }
 
-    /// An enumeration's type and representation, as it is named here.
+    /// Returns an enumeration's type and representation.
     fn enumerated(&self, name: &str) -> Option<&(String, Scalar)> {
         self.theirs.get(name).or_else(|| self.enums.get(name))
     }
 
-    /// An enumeration's type, as it is named in a module in here.
+    /// Returns the path of an enumeration's type from inside a submodule.
     fn path_from_inside(&self, name: &str) -> String {
         match self.theirs.get(name) {
             Some((path, _)) => path.clone(),
@@ -202,12 +209,12 @@ impl<'a> Types<'a> {
         }
     }
 
-    /// A module of what is added to an enumeration of `mavstack::dialect`.
+    /// Writes a module with the entries that are added to an enumeration of `mavstack::dialect`.
     fn added(&self, out: &mut String, added: &Enum) {
         let Some((path, _)) = self.theirs.get(&added.name) else { return };
         let name = path.rsplit(':').next().unwrap_or_default();
-        let _ = writeln!(out, "/// What is added to `{}`.", added.name);
-        out.push_str("#[allow(missing_docs, reason = \"an entry's name is its definition's\")]\n");
+        let _ = writeln!(out, "/// The entries that are added to `{}`.", added.name);
+        out.push_str("#[allow(missing_docs, reason = \"entries have MAVLink's names\")]\n");
         let _ = writeln!(out, "pub mod {} {{\n    use {path};\n", added.name.to_ascii_lowercase());
         for (entry, constant) in added.entries.iter().zip(names::constants(added)) {
             entry_doc(entry).write(out, "    /// ");
@@ -299,10 +306,10 @@ impl<'a> Types<'a> {
         let _ = writeln!(out, "{}::dialect! {{", self.path);
         let mut doc = Doc::new();
         let (beside, base) = match options.beside_common {
-            true => (", beside all of common", format!(" + {}::dialect::Common", options.crate_path)),
+            true => (", and all of common", format!(" + {}::dialect::Common", options.crate_path)),
             false => ("", String::new()),
         };
-        doc.text(&format!("{what} of {} with its includes{beside}.", file_name(input(dialect))));
+        doc.text(&format!("{what} of {} and its includes{beside}.", file_name(input(dialect))));
         doc.write(out, "    /// ");
         let _ = writeln!(out, "    pub struct {}: [", options.name);
         for message in &selection.messages {
@@ -312,8 +319,8 @@ impl<'a> Types<'a> {
     }
 }
 
-/// The integer type that most fields of this enumeration have (of equals, the smaller), among those that hold all
-/// values; the smallest that does when no field has one.
+/// Returns the type of an enumeration. Of the integer types that hold all values, it is the one that most of its fields
+/// have, and the smaller of two that are equally frequent. Without fields it is the smallest.
 fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
     let holds = |scalar: &Scalar| {
         scalar.range().is_some_and(|(min, max)| enumeration.entries.iter().all(|e| (min..=max).contains(&e.value)))
@@ -323,15 +330,15 @@ fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
     for field in fields.filter(|field| field.enumeration == enumeration.name) {
         *uses.entry(field.scalar).or_default() += 1;
     }
-    // `ALL` goes from small to large, unsigned before signed; `max_by_key` takes the last of equals.
+    // `ALL` is sorted by size, unsigned before signed. `max_by_key` returns the last of several maxima, hence `rev`.
     let candidates = Scalar::ALL.into_iter().filter(holds).rev();
     candidates.max_by_key(|scalar| uses.get(scalar).copied().unwrap_or(0)).unwrap_or(Scalar::U64)
 }
 
-/// Returns the literal that means "not known" in a field with elements of type `element`; `None` when the value is zero or
-/// the field has none.
+/// Returns the literal that means "not known" in a field with elements of type `element`; `None` if the value is zero
+/// or there is none.
 fn unknown_value(dialect: &Dialect, field: &Field, element: &str) -> Option<String> {
-    // Already checked when the definition was loaded.
+    // The attribute was checked when the definition was loaded.
     let values = unknown::values(dialect, field).unwrap_or_default();
     let is_set = |value: &Option<unknown::Value>| value.is_some_and(|value| !value.is_zero());
     if !values.iter().any(is_set) {
@@ -385,7 +392,7 @@ fn entry_doc(entry: &Entry) -> Doc {
     doc
 }
 
-/// Unit, range and marks; a field's name says the rest.
+/// Returns the doc comment of a field: description, unit, range and other attributes.
 fn field_doc(field: &Field, see: Option<&str>) -> Doc {
     let mut doc = Doc::new();
     doc.prose(&field.description);
@@ -403,7 +410,7 @@ fn field_doc(field: &Field, see: Option<&str>) -> Doc {
     }
     facts.extend(field.default.map(|default| format!("Default: {default}.")));
     if field.instance {
-        facts.push("Tells instances apart.".into());
+        facts.push("Identifies the instance.".into());
     }
     facts.extend(see.map(|name| format!("See [`{name}`].")));
     if !facts.is_empty() {

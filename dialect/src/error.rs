@@ -1,25 +1,25 @@
-//! What is wrong with a definition, and where.
+//! The error of a definition, with its position.
 
 use std::{
     fmt,
     path::{Path, PathBuf},
 };
 
-/// A definition that cannot be used: `file:line: element: what is wrong`, one line, says what to do.
+/// Why a definition cannot be used. Displayed as a line: `file:line: element: what is wrong; what to do`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
     /// The XML file.
     pub file: PathBuf,
-    /// Line of the element, from 1; `None` when the file as a whole is meant.
+    /// Line of the element, from 1; `None` for the whole file.
     pub line: Option<u32>,
     /// The element, for example `field HEARTBEAT.type`.
     pub element: String,
-    /// What is wrong with it and what to do.
+    /// What is wrong, and what to do.
     pub problem: String,
 }
 
 impl Error {
-    /// An error about a file as a whole.
+    /// Returns an error about a whole file.
     pub(crate) fn whole(file: &Path, element: &str, problem: impl Into<String>) -> Self {
         Self { file: file.into(), line: None, element: element.into(), problem: problem.into() }
     }

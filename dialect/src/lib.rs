@@ -1,9 +1,12 @@
-//! From MAVLink's XML to Rust declarations for [mavstack](https://docs.rs/mavstack).
+//! Generates Rust declarations for [mavstack](https://docs.rs/mavstack) from MAVLink's XML definitions.
 //!
-//! [`load`] reads a definition with its includes and checks it; [`generate`] writes it down as `wire_enum!`,
-//! `wire_bitmask!`, `command!`, `message!` and `dialect!` of `mavstack`, one line a field; [`write()`] replaces a file by
-//! the text. The command line tool of the same name does these three, and [`Build`] does them in a build script. The model
-//! ([`Dialect`]) keeps every fact of the XML, for whoever wants other tables from it.
+//! - [`load`] reads a definition with its includes, and checks it.
+//! - [`generate`] generates declarations with `mavstack`'s macros `wire_enum!`, `wire_bitmask!`, `command!`, `message!`
+//!   and `dialect!`.
+//! - [`write()`] replaces a file by the text.
+//!
+//! The command line tool of the same name runs these three, and so does [`Build`] in a build script. The model
+//! ([`Dialect`]) has all facts of the XML, for tools that generate something else.
 //!
 //! ```no_run
 //! use mavstack_dialect::{Options, generate, load, write};
@@ -14,19 +17,24 @@
 //! # Ok::<(), mavstack_dialect::Error>(())
 //! ```
 //!
-//! Names: types are MAVLink's names in Rust's style (`HIGH_LATENCY2` → `HighLatency2`); where two would be the same, or
-//! one is taken by the language, a message gets `Message` behind it and an enumeration `Enum`. Constants lose what all
-//! names of their enumeration begin with (`MAV_CMD_NAV_WAYPOINT` → `NAV_WAYPOINT`); one that would begin with a digit
-//! gets `_` in front. Fields keep their names.
+//! # Names
 //!
-//! An enumeration has the integer type that most of its fields have, and such fields have its type; other fields remain
-//! integers, and their documentation names the enumeration.
+//! - Types have MAVLink's names in Rust's style (`HIGH_LATENCY2` → `HighLatency2`). If two names are equal, or one is
+//!   reserved in Rust, `Message` is appended to a message and `Enum` to an enumeration.
+//! - Constants have the names of their entries without the common prefix (`MAV_CMD_NAV_WAYPOINT` → `NAV_WAYPOINT`). A
+//!   name that would begin with a digit gets a leading `_`.
+//! - Fields keep their names.
 //!
-//! A field with the attribute `invalid` gets that value after its type: it is the field's value in the message's constant
-//! `UNKNOWN`.
+//! # Types
 //!
-//! Rules for commands follow the enumerations, one constant a command: what its parameters may be. Behind them stands a type
-//! for each command that has parameters, whose fields have the names of their labels.
+//! - An enumeration has the integer type that most of its fields have. Fields of this type have the enumeration as
+//!   type. Other fields are integers, and their documentation links to the enumeration.
+//! - The attribute `invalid` of a field gives its value in the message's constant `UNKNOWN`.
+//!
+//! # Commands
+//!
+//! The generated module `command_rules` has a constant for each command, with the rules for its parameters. The module
+//! `commands` has a type for each command with parameters; its fields are named by the parameters' labels.
 
 mod beside;
 mod build;

@@ -1,4 +1,4 @@
-//! A file with its includes, merged and checked as a whole.
+//! Loads a file with its includes, merges and checks them.
 
 use crate::{
     Dialect, Error, builtin,
@@ -13,20 +13,22 @@ use std::{
     sync::Arc,
 };
 
-/// Reads `input` with all that it includes. An include is searched beside the file that names it, then in
-/// `include_dirs` in their order, then among the definitions that come with this crate, `common.xml`, `standard.xml` and
-/// `minimal.xml`; a file that is included on several ways is read once.
+/// Reads `input` and all files that it includes.
+///
+/// An included file is searched in the directory of the file that includes it, then in `include_dirs` in their order,
+/// then among the definitions of this crate: `common.xml`, `standard.xml` and `minimal.xml`. A file that is included
+/// several times is read once.
 ///
 /// # Errors
 ///
-/// The first thing that is wrong: a file that cannot be read, XML that is malformed, a definition that MAVLink refuses.
+/// The first error: a file that cannot be read, malformed XML, or a definition that MAVLink does not allow.
 pub fn load(input: &Path, include_dirs: &[PathBuf]) -> Result<Dialect, Error> {
     let mut loader = Loader::new(include_dirs);
     loader.file(input)?;
     loader.finish()
 }
 
-/// The definitions that `mavstack::dialect` is made from.
+/// Loads the definitions from which `mavstack::dialect` is generated.
 pub(crate) fn common() -> Result<Dialect, Error> {
     let mut loader = Loader::new(&[]);
     loader.builtin(builtin::path("common.xml").unwrap_or_default())?;
@@ -35,12 +37,12 @@ pub(crate) fn common() -> Result<Dialect, Error> {
 
 struct Loader<'a> {
     include_dirs: &'a [PathBuf],
-    /// The chain of includes that leads to the file at hand, canonical.
+    /// Canonical paths of the chain of includes that leads to the current file.
     path: Vec<PathBuf>,
-    /// Files that were read, canonical.
+    /// Canonical paths of the files that were read.
     done: Vec<PathBuf>,
     dialect: Dialect,
-    /// Index of the message that has an id, or a name.
+    /// Indices of the messages by id, and by name.
     ids: HashMap<u32, usize>,
     names: HashMap<String, usize>,
     enums: HashMap<String, usize>,
@@ -59,7 +61,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// What was read, in order.
+    /// Sorts and checks what was read.
     fn finish(self) -> Result<Dialect, Error> {
         let mut dialect = self.dialect;
         dialect.messages.sort_by_key(|message| message.id);
@@ -71,7 +73,7 @@ impl<'a> Loader<'a> {
         Ok(dialect)
     }
 
-    /// Recursive, as deep as the longest chain of includes: no file is twice in a chain.
+    /// Reads a file and, recursively, its includes. The depth is bounded, because no file is twice in a chain.
     fn file(&mut self, file: &Path) -> Result<(), Error> {
         let unreadable = |error: std::io::Error| Error::whole(file, "the file", format!("cannot be read: {error}"));
         let canonical = fs::canonicalize(file).map_err(unreadable)?;
@@ -81,7 +83,7 @@ impl<'a> Loader<'a> {
         self.text(&shared, canonical, &text)
     }
 
-    /// A definition that comes with this crate.
+    /// Reads a definition of this crate.
     fn builtin(&mut self, path: PathBuf) -> Result<(), Error> {
         let text = builtin::text(&path).unwrap_or_default();
         self.text(&path.as_path().into(), path, text)
@@ -109,17 +111,17 @@ impl<'a> Loader<'a> {
             .map(|dir| dir.join(&include.name))
             .find_map(|file| fs::canonicalize(&file).ok().filter(|file| file.is_file()).map(|real| (file, real)));
         let builtin = || builtin::path(&include.name);
-        // What comes with this crate includes nothing else.
+        // Definitions of this crate include only each other.
         let found = if builtin::text(from).is_some() { None } else { found };
         let Some((file, canonical)) = found.or_else(|| builtin().map(|path| (path.clone(), path))) else {
-            let problem = "there is no such file beside this one, nor in the directories given with --include-dir; \
-                           minimal.xml, standard.xml and common.xml need not be there";
+            let problem = "there is no such file in this file's directory or in those given with --include-dir; add it, or \
+                           add its directory (minimal.xml, standard.xml and common.xml are built in)";
             return Err(include.origin.error(element, problem));
         };
         if let Some(first) = self.path.iter().position(|open| *open == canonical) {
             let names = self.path.iter().skip(first).chain([&canonical]);
             let names: Vec<_> = names.filter_map(|path| path.file_name()).map(|name| name.to_string_lossy()).collect();
-            let problem = format!("the includes run in a circle: {}; take one out", names.join(" → "));
+            let problem = format!("the includes are circular: {}; remove one", names.join(" → "));
             return Err(include.origin.error(element, problem));
         }
         if self.done.contains(&canonical) {
@@ -148,7 +150,8 @@ impl<'a> Loader<'a> {
             let clash = merged.entries.iter().find(|other| other.name == entry.name || other.value == entry.value);
             if let Some(other) = clash {
                 let what = if other.name == entry.name { "name".into() } else { format!("value {}", entry.value) };
-                let problem = format!("this {what} is taken by {} at {}", other.name, place(&other.origin));
+                let problem =
+                    format!("this {what} is taken by {} at {}; use another", other.name, place(&other.origin));
                 return Err(entry.origin.error(format!("entry {}.{}", merged.name, entry.name), problem));
             }
             merged.entries.push(entry);
@@ -160,7 +163,7 @@ impl<'a> Loader<'a> {
         let index = self.dialect.messages.len();
         let taken = |what: String, other: usize| {
             let other = &self.dialect.messages[other];
-            let problem = format!("this {what} is taken by {} at {}", other.name, place(&other.origin));
+            let problem = format!("this {what} is taken by {} at {}; use another", other.name, place(&other.origin));
             Err(message.origin.error(format!("message {}", message.name), problem))
         };
         if let Some(other) = self.ids.insert(message.id, index) {
@@ -178,8 +181,8 @@ fn place(origin: &crate::Origin) -> String {
     format!("{}:{}", origin.file.display(), origin.line)
 }
 
-/// Checks that every enumeration named by a field exists, and that each field's `invalid` attribute is valid. (A command's
-/// parameter may name a missing enumeration, because tools only display it.)
+/// Checks that every enumeration named by a field exists, and that each field's `invalid` attribute is valid. (A
+/// command's parameter may name a missing enumeration, because tools only display it.)
 fn check_references(dialect: &Dialect) -> Result<(), Error> {
     for message in &dialect.messages {
         for field in &message.fields {

@@ -1,12 +1,12 @@
-//! `mavstack-dialect`: a MAVLink definition to a Rust module.
+//! `mavstack-dialect`: generates a Rust module from a MAVLink definition.
 
 use clap::Parser;
 use mavstack_dialect::{Error, Options, generate, is_current, load, write};
 use std::{fs, path::PathBuf, process::ExitCode};
 
-/// Makes Rust declarations for mavstack from a MAVLink definition and its includes.
+/// Generates Rust declarations for mavstack from a MAVLink definition and its includes.
 ///
-/// On any error the output stays as it was, and the exit code is 1.
+/// On an error, the output is not changed, and the exit code is 1.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -14,25 +14,25 @@ struct Arguments {
     input: PathBuf,
     /// The Rust file to write
     output: PathBuf,
-    /// Only these messages, enums and typed commands (and the enums that their fields name), by MAVLink's names
+    /// Generate only the messages, enums and typed commands with these MAVLink names, and the enums of their fields
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
-    /// Like --only, names from a file: one a line, `#` begins a comment
+    /// Like --only, with names from a file: one per line, `#` begins a comment
     #[arg(long, value_name = "FILE")]
     only_from: Option<PathBuf>,
-    /// Name of the struct that lists the messages; the input's by default
+    /// Name of the struct that lists the messages; by default that of the input file
     #[arg(long)]
     name: Option<String>,
-    /// Leave out what `mavstack::dialect` has already, and name its types where fields have them
+    /// Leave out what `mavstack::dialect` has already, and use its types
     #[arg(long)]
     beside_common: bool,
-    /// Another directory to search for includes
+    /// A directory to search for included files
     #[arg(short = 'I', long, value_name = "DIR")]
     include_dir: Vec<PathBuf>,
-    /// Path of the crate that has the macros
+    /// Path of the crate with the macros
     #[arg(long, value_name = "PATH", default_value = "mavstack")]
     crate_path: String,
-    /// Write nothing; exit code 1 when the output is not what the input gives
+    /// Write nothing; exit with code 1 if the output is not up to date
     #[arg(long)]
     check: bool,
 }
@@ -70,7 +70,7 @@ fn run(arguments: &Arguments) -> Result<(), Error> {
     if is_current(&arguments.output, &text) {
         return Ok(());
     }
-    Err(about(&arguments.output, "is not what the definition gives; generate it again".into()))
+    Err(about(&arguments.output, "is not up to date with the definition; generate it again".into()))
 }
 
 fn about(file: &std::path::Path, problem: String) -> Error {

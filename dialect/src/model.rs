@@ -1,4 +1,4 @@
-//! All that a definition says, and what follows from it on the wire: order, lengths, offsets, `CRC_EXTRA`.
+//! The model of a definition, and its properties on the wire: order, lengths, offsets, `CRC_EXTRA`.
 //!
 //! Implements <https://mavlink.io/en/guide/xml_schema.html> and the field order of
 //! <https://mavlink.io/en/guide/serialization.html>.
@@ -6,7 +6,7 @@
 use crate::Error;
 use std::{path::Path, sync::Arc};
 
-/// Where an element stands, for messages to people.
+/// The position of an element, for error messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
     /// The XML file.
@@ -16,50 +16,50 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// An error about the element that stands here.
+    /// Returns an error about the element at this position.
     pub(crate) fn error(&self, element: impl Into<String>, problem: impl Into<String>) -> Error {
         Error { file: self.file.to_path_buf(), line: Some(self.line), element: element.into(), problem: problem.into() }
     }
 }
 
-/// A definition with its includes: what one XML file given to a MAVLink tool means.
+/// A definition with its includes.
 #[derive(Clone, Debug)]
 pub struct Dialect {
-    /// The files, an included one before the one that includes it; the last is the input.
+    /// The files. An included file precedes the one that includes it; the input file is the last.
     pub files: Vec<Arc<Path>>,
-    /// Enumerations, sorted by name; those of one name from several files are merged.
+    /// Enumerations, sorted by name. Those with the same name in several files are merged.
     pub enums: Vec<Enum>,
     /// Messages, sorted by id.
     pub messages: Vec<Message>,
 }
 
 impl Dialect {
-    /// The enumeration of this name.
+    /// Returns the enumeration with this name.
     pub fn enumeration(&self, name: &str) -> Option<&Enum> {
         self.enums.binary_search_by(|e| e.name.as_str().cmp(name)).ok().map(|at| &self.enums[at])
     }
 
-    /// The message of this name.
+    /// Returns the message with this name.
     pub fn message(&self, name: &str) -> Option<&Message> {
         self.messages.iter().find(|message| message.name == name)
     }
 }
 
-/// Whether an element is still, or not yet, meant to be used.
+/// The status of an element that is not, or no longer, recommended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Lifecycle {
-    /// May still change.
+    /// It may still change.
     WorkInProgress,
-    /// Not to be used any more.
+    /// It should no longer be used.
     Deprecated(Replacement),
-    /// There is something better; still in use.
+    /// It is still in use, but has a better replacement.
     Superseded(Replacement),
 }
 
-/// What stands in the place of a deprecated or superseded element.
+/// The replacement of a deprecated or superseded element.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replacement {
-    /// Year and month.
+    /// Year and month of the replacement.
     pub since: String,
     /// Name of the new element, or a text; may be empty.
     pub replaced_by: String,
@@ -70,15 +70,15 @@ pub struct Replacement {
 pub struct Enum {
     /// MAVLink's name.
     pub name: String,
-    /// Its values are bits.
+    /// Whether its values are bits.
     pub bitmask: bool,
-    /// What it is, may be empty.
+    /// Description; may be empty.
     pub description: String,
-    /// Whether it is still in use.
+    /// Status, if it is not in regular use.
     pub lifecycle: Option<Lifecycle>,
-    /// Sorted by value.
+    /// The entries, sorted by value.
     pub entries: Vec<Entry>,
-    /// Where it stands first.
+    /// Position of its first definition.
     pub origin: Origin,
 }
 
@@ -87,65 +87,65 @@ pub struct Enum {
 pub struct Entry {
     /// MAVLink's name.
     pub name: String,
-    /// The value on the wire; every entry of every integer type fits.
+    /// The value on the wire. The type holds the values of all integer types.
     pub value: i128,
-    /// What it means, may be empty.
+    /// Description; may be empty.
     pub description: String,
-    /// Whether it is still in use.
+    /// Status, if it is not in regular use.
     pub lifecycle: Option<Lifecycle>,
-    /// Parameters 5, 6, 7 of the command are a position.
+    /// Whether parameters 5, 6 and 7 of the command are a position.
     pub has_location: Option<bool>,
-    /// The vehicle flies to that position.
+    /// Whether the vehicle flies to that position.
     pub is_destination: Option<bool>,
-    /// The command stands in plans only.
+    /// Whether the command is allowed in plans only.
     pub mission_only: bool,
     /// The command's parameters, sorted by index.
     pub params: Vec<Param>,
-    /// Where it stands.
+    /// Position of the definition.
     pub origin: Origin,
 }
 
 /// One of the seven parameters of a command.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Param {
-    /// 1 to 7.
+    /// The number of the parameter, 1 to 7.
     pub index: u8,
-    /// Short name, may be empty.
+    /// Short name; may be empty.
     pub label: String,
-    /// Unit, may be empty.
+    /// Unit; may be empty.
     pub units: String,
-    /// Name of the enumeration of its values, may be empty.
+    /// Name of the enumeration with its values; may be empty.
     pub enumeration: String,
-    /// The least value allowed.
+    /// The smallest allowed value.
     pub minimum: Option<f64>,
-    /// The greatest value allowed.
+    /// The largest allowed value.
     pub maximum: Option<f64>,
-    /// Values are multiples of this, from the minimum.
+    /// The step between allowed values, from the minimum.
     pub increment: Option<f64>,
-    /// What to send when there is nothing to say; may be NaN.
+    /// The value that is sent by default; may be NaN.
     pub default: Option<f64>,
-    /// Not in use: to be sent as the default.
+    /// Whether the parameter is reserved: clients send the default.
     pub reserved: bool,
-    /// The real value is the sent one times this: a number or a fraction; may be empty.
+    /// The factor between the sent and the actual value, as a number or a fraction; may be empty.
     pub multiplier: String,
-    /// What it means, may be empty.
+    /// Description; may be empty.
     pub description: String,
 }
 
 /// A message.
 #[derive(Clone, Debug)]
 pub struct Message {
-    /// 24 bits.
+    /// The message id, 24 bits.
     pub id: u32,
     /// MAVLink's name.
     pub name: String,
-    /// What it says, may be empty.
+    /// Description; may be empty.
     pub description: String,
-    /// Whether it is still in use.
+    /// Status, if it is not in regular use.
     pub lifecycle: Option<Lifecycle>,
-    /// In the order of the definition; extensions last.
+    /// The fields in the order of the definition; extensions are last.
     pub fields: Vec<Field>,
-    /// Where it stands.
+    /// Position of the definition.
     pub origin: Origin,
 }
 
@@ -156,46 +156,46 @@ pub struct Field {
     pub name: String,
     /// Type of the field, or of its elements.
     pub scalar: Scalar,
-    /// Length of the array.
+    /// Length of the array; `None` if the field is not an array.
     pub array: Option<u8>,
-    /// Holds the definitions' version (`uint8_t_mavlink_version`): that of the file.
+    /// The version of the definitions, if the field is sent with it (`uint8_t_mavlink_version`).
     pub version: Option<u8>,
-    /// Not in v1, not in `CRC_EXTRA`.
+    /// Whether it is an extension field: not in MAVLink 1, and not a part of `CRC_EXTRA`.
     pub extension: bool,
-    /// Unit, may be empty.
+    /// Unit; may be empty.
     pub units: String,
-    /// Name of the enumeration of its values, may be empty.
+    /// Name of the enumeration with its values; may be empty.
     pub enumeration: String,
-    /// The value that says "unknown", in MAVLink's notation; may be empty.
+    /// The value that means "not known", in MAVLink's notation; may be empty.
     pub invalid: String,
-    /// The real value is the sent one times this: a number or a fraction; may be empty.
+    /// The factor between the sent and the actual value, as a number or a fraction; may be empty.
     pub multiplier: String,
-    /// The least value allowed.
+    /// The smallest allowed value.
     pub minimum: Option<f64>,
-    /// The greatest value allowed.
+    /// The largest allowed value.
     pub maximum: Option<f64>,
-    /// What to send when there is nothing to say; may be NaN.
+    /// The value that is sent by default; may be NaN.
     pub default: Option<f64>,
-    /// Tells apart several sensors (and such) that send the same message.
+    /// Whether it identifies the instance, for example one of several batteries that send the same message.
     pub instance: bool,
-    /// How a tool should show it, may be empty.
+    /// How tools should display it; may be empty.
     pub display: String,
-    /// How a tool should print it, may be empty.
+    /// How tools should print it; may be empty.
     pub print_format: String,
-    /// What it means, may be empty.
+    /// Description; may be empty.
     pub description: String,
-    /// Where it stands.
+    /// Position of the definition.
     pub origin: Origin,
 }
 
 impl Field {
-    /// Bytes on the wire.
+    /// Returns the size on the wire in bytes.
     pub fn size(&self) -> usize {
         self.scalar.size() * usize::from(self.array.unwrap_or(1))
     }
 }
 
-/// A type of one value on the wire.
+/// The type of a field or of an array's element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[allow(missing_docs, reason = "named like Rust's types")]
 pub enum Scalar {
@@ -209,7 +209,7 @@ pub enum Scalar {
     I64,
     F32,
     F64,
-    /// A byte of text.
+    /// A byte of a text.
     Char,
 }
 
@@ -229,7 +229,7 @@ impl Scalar {
         Self::Char,
     ];
 
-    /// Bytes on the wire.
+    /// Returns the size on the wire in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::U8 | Self::I8 | Self::Char => 1,
@@ -239,7 +239,7 @@ impl Scalar {
         }
     }
 
-    /// MAVLink's name, as it goes into `CRC_EXTRA`.
+    /// Returns MAVLink's name, which is a part of `CRC_EXTRA`.
     pub fn wire_name(self) -> &'static str {
         match self {
             Self::U8 => "uint8_t",
@@ -256,7 +256,7 @@ impl Scalar {
         }
     }
 
-    /// The type in generated code.
+    /// Returns the type's name in generated code.
     pub fn rust_name(self) -> &'static str {
         match self {
             Self::U8 => "u8",
@@ -273,7 +273,7 @@ impl Scalar {
         }
     }
 
-    /// The least and the greatest value of an integer.
+    /// Returns the smallest and the largest value of an integer type; `None` for other types.
     pub fn range(self) -> Option<(i128, i128)> {
         Some(match self {
             Self::U8 => (0, u8::MAX.into()),
@@ -290,44 +290,46 @@ impl Scalar {
 }
 
 impl Message {
-    /// The base fields in wire order: elements of 8 bytes first, then 4, 2, 1, and otherwise as in the definition (S-4).
+    /// Returns the base fields in wire order: sorted by element size (8, 4, 2, 1 bytes), and fields of the same size in
+    /// the order of the definition (S-4).
     pub fn base(&self) -> Vec<&Field> {
         let mut base: Vec<_> = self.fields.iter().filter(|field| !field.extension).collect();
-        // A stable sort.
+        // `sort_by_key` is stable.
         base.sort_by_key(|field| std::cmp::Reverse(field.scalar.size()));
         base
     }
 
-    /// The extension fields, which stand on the wire as they stand in the definition.
+    /// Returns the extension fields, which are sent in the order of the definition.
     pub fn extensions(&self) -> impl Iterator<Item = &Field> {
         self.fields.iter().filter(|field| field.extension)
     }
 
-    /// All fields in the order of the wire.
+    /// Returns all fields in wire order.
     pub fn wire_order(&self) -> Vec<&Field> {
         let mut fields = self.base();
         fields.extend(self.extensions());
         fields
     }
 
-    /// Bytes of the base fields.
+    /// Returns the length of the base fields in bytes.
     pub fn base_len(&self) -> usize {
         self.fields.iter().filter(|field| !field.extension).map(Field::size).sum()
     }
 
-    /// Bytes with the extensions.
+    /// Returns the length with all extension fields in bytes.
     pub fn max_len(&self) -> usize {
         self.fields.iter().map(Field::size).sum()
     }
 
-    /// Where the field of this name begins in the payload.
+    /// Returns the offset of the field with this name in the payload.
     pub fn offset(&self, name: &str) -> Option<usize> {
         let fields = self.wire_order();
         let at = fields.iter().position(|field| field.name == name)?;
         Some(fields.iter().take(at).map(|field| field.size()).sum())
     }
 
-    /// The byte that a frame's checksum ends with: a digest of names, types and order of the base fields (S-3).
+    /// Returns `CRC_EXTRA`, the last byte of the checksum's input: a digest of the names, types and order of the base
+    /// fields (S-3).
     pub fn crc_extra(&self) -> u8 {
         let mut crc = crc_any::CRCu16::crc16mcrf4cc();
         crc.digest(format!("{} ", self.name).as_bytes());

@@ -1,4 +1,4 @@
-//! Rust's names for MAVLink's.
+//! The names of Rust items, from MAVLink's names.
 
 use crate::model::Enum;
 use std::{collections::HashSet, path::Path};
@@ -6,10 +6,10 @@ use std::{collections::HashSet, path::Path};
 /// The enumeration whose entries are commands.
 pub(crate) const COMMANDS: &str = "MAV_CMD";
 
-/// Keywords of Rust that cannot be written raw: a field cannot have their names.
+/// Rust's keywords that cannot be written raw, and so cannot be names of fields.
 pub(crate) const REFUSED_FIELDS: [&str; 4] = ["Self", "crate", "self", "super"];
 
-/// Those that can.
+/// Rust's keywords that can be written raw.
 const KEYWORDS: [&str; 48] = [
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "do", "dyn", "else", "enum",
     "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod", "move",
@@ -17,7 +17,7 @@ const KEYWORDS: [&str; 48] = [
     "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
 ];
 
-/// Fields that are keys and passwords, by their message: they get a type that no log shows.
+/// Fields with keys and passwords, by message. Their type is not shown in logs.
 const SECRETS: [(&str, &[&str]); 5] = [
     ("AUTH_KEY", &["key"]),
     ("CELLULAR_CONFIG", &["pin", "new_pin", "puk"]),
@@ -26,7 +26,7 @@ const SECRETS: [(&str, &[&str]); 5] = [
     ("WIFI_CONFIG_AP", &["password"]),
 ];
 
-/// Names in scope where declarations are expanded.
+/// Names that are in scope where the declarations are expanded.
 pub(crate) const RESERVED_TYPES: [&str; 15] = [
     "Char",
     "Clone",
@@ -45,7 +45,7 @@ pub(crate) const RESERVED_TYPES: [&str; 15] = [
     "Text",
 ];
 
-/// `HIGH_LATENCY2` → `HighLatency2`. An underscore stays between two digits.
+/// Converts a name to camel case: `HIGH_LATENCY2` → `HighLatency2`. An underscore between two digits is kept.
 pub(crate) fn camel(name: &str) -> String {
     let mut camel = String::new();
     for word in name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty()) {
@@ -59,12 +59,12 @@ pub(crate) fn camel(name: &str) -> String {
     camel
 }
 
-/// A field's name: MAVLink's, raw when it is a keyword.
+/// Returns a field's name: MAVLink's, written raw if it is a keyword.
 pub(crate) fn field(name: &str) -> String {
     if KEYWORDS.contains(&name) { format!("r#{name}") } else { name.to_owned() }
 }
 
-/// The name of a module for what a file holds: `My-Vehicle.xml` → `my_vehicle`.
+/// Returns the name of the module for a file: `My-Vehicle.xml` → `my_vehicle`.
 pub(crate) fn module(file: &Path) -> String {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let name: String = stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
@@ -72,12 +72,12 @@ pub(crate) fn module(file: &Path) -> String {
     if is_taken || !name.starts_with(|c: char| c.is_ascii_alphabetic()) { format!("dialect_{name}") } else { name }
 }
 
-/// Whether a field is a key or a password.
+/// Returns whether a field is a key or a password.
 pub(crate) fn is_secret(message: &str, field: &str) -> bool {
     SECRETS.iter().any(|(name, fields)| *name == message && fields.contains(&field))
 }
 
-/// `name` if it is free, else with `suffix`, else with a number behind it; taken from now on.
+/// Reserves and returns a free name: `name`, or else `name` with `suffix`, or else with a number after it.
 pub(crate) fn unique(taken: &mut HashSet<String>, name: &str, suffix: &str) -> String {
     let mut free = name.to_owned();
     let mut number = 1;
@@ -88,16 +88,16 @@ pub(crate) fn unique(taken: &mut HashSet<String>, name: &str, suffix: &str) -> S
     free
 }
 
-/// The constants of an enumeration, in the order of its entries: what all names begin with is left out.
+/// Returns the names of an enumeration's constants, in the order of its entries, without their common prefix.
 pub(crate) fn constants(enumeration: &Enum) -> Vec<String> {
     let prefix = prefix(enumeration);
     let mut taken = HashSet::new();
     if enumeration.bitmask {
-        // `wire_bitmask!` declares it.
+        // `wire_bitmask!` declares `EMPTY`.
         taken.insert("EMPTY".to_owned());
     }
     if enumeration.name == COMMANDS {
-        // The list of their rules.
+        // `ALL` is the list of rules.
         taken.insert("ALL".to_owned());
     }
     let constant = |name: &str| {
@@ -107,11 +107,12 @@ pub(crate) fn constants(enumeration: &Enum) -> Vec<String> {
     enumeration.entries.iter().map(|entry| unique(&mut taken, &constant(&entry.name), "_")).collect()
 }
 
-/// Length of what is left out: `ENUM_NAME_` if all have it, else the longest that all share and that ends in `_`.
+/// Returns the length of the prefix: `ENUM_NAME_` if all names begin with it, or else the longest common prefix that
+/// ends in `_`.
 fn prefix(enumeration: &Enum) -> usize {
     let own = format!("{}_", enumeration.name);
     let names = || enumeration.entries.iter().map(|entry| entry.name.as_str());
-    // What is left must be a name: something besides underscores.
+    // The rest must be a name, not only underscores.
     let fits = |prefix: &str| {
         names().all(|name| name.strip_prefix(prefix).is_some_and(|rest| rest.contains(|c: char| c != '_')))
     };

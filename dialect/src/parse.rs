@@ -1,5 +1,5 @@
-//! One XML file to its model, element by element. Unknown elements and attributes are refused: a mistyped `<field>` must not
-//! vanish, nor the range of a `minvalue`.
+//! Parses an XML file to its model. Unknown elements and attributes are refused, so that a mistyped `<field>` or
+//! `minValue` is not ignored silently.
 
 use crate::{
     Error,
@@ -9,12 +9,12 @@ use crate::{
 use roxmltree::{Document, Node};
 use std::{path::Path, str::FromStr, sync::Arc};
 
-/// Longest payload of a frame.
+/// Maximum length of a payload in bytes.
 const MAX_PAYLOAD: usize = 255;
-/// More fields than this MAVLink's generators refuse.
+/// Maximum number of fields in a message, as in MAVLink's generators.
 const MAX_FIELDS: usize = 64;
 
-/// The attributes that MAVLink's schema has for an element, also those that nothing is made of.
+/// The attributes of each element in MAVLink's schema, including those that are not used.
 const OF_ENUM: &[&str] = &["name", "bitmask"];
 const OF_ENTRY: &[&str] = &[
     "name",
@@ -59,7 +59,7 @@ const OF_FIELD: &[&str] = &[
     "print_format",
 ];
 
-/// One file, its includes not yet read.
+/// A parsed file. Its includes are not yet read.
 pub(crate) struct File {
     pub includes: Vec<Include>,
     pub enums: Vec<Enum>,
@@ -71,12 +71,12 @@ pub(crate) struct Include {
     pub origin: Origin,
 }
 
-/// What a walk through one document needs at hand.
+/// The context for parsing a document.
 struct Source {
     file: Arc<Path>,
-    /// Offset of every line's first byte but the first's.
+    /// Offsets of the lines' first bytes, from the second line on.
     lines: Vec<usize>,
-    /// The definitions' version, which the heartbeat carries.
+    /// The version of the definitions, which HEARTBEAT reports.
     version: u8,
 }
 
@@ -85,7 +85,7 @@ pub(crate) fn parse(file: &Arc<Path>, text: &str) -> Result<File, Error> {
         file: file.to_path_buf(),
         line: Some(error.pos().row),
         element: "XML".into(),
-        problem: format!("{error}; MAVLink's definitions are well-formed XML without DTD"),
+        problem: format!("{error}; write well-formed XML without DTD"),
     })?;
     let lines = text.bytes().enumerate().filter(|&(_, byte)| byte == b'\n').map(|(at, _)| at + 1).collect();
     let mut source = Source { file: file.clone(), lines, version: 2 };
@@ -129,22 +129,22 @@ impl Source {
         self.origin(node).error(element, problem)
     }
 
-    /// Refuses an element whose name is none of these.
+    /// Refuses an element whose name is not one of `names`.
     fn expect(&self, node: &Node, names: &[&str], inside: &str) -> Result<(), Error> {
         let name = node.tag_name().name();
         if names.contains(&name) {
             return Ok(());
         }
         let names: Vec<_> = names.iter().map(|name| format!("<{name}>")).collect();
-        Err(self.error(node, name, format!("no such element in {inside}; there can be {}", names.join(", "))))
+        Err(self.error(node, name, format!("no such element in {inside}; use one of {}", names.join(", "))))
     }
 
-    /// Refuses an attribute whose name is none of these.
+    /// Refuses attributes whose names are not in `names`.
     fn expect_attributes(&self, node: &Node, element: &str, names: &[&str]) -> Result<(), Error> {
         match node.attributes().find(|attribute| !names.contains(&attribute.name())) {
             None => Ok(()),
             Some(unknown) => {
-                let problem = format!("no such attribute: {}; there can be {}", unknown.name(), names.join(", "));
+                let problem = format!("no such attribute: {}; use one of {}", unknown.name(), names.join(", "));
                 Err(self.error(node, element, problem))
             }
         }
@@ -155,7 +155,7 @@ impl Source {
         let element = format!("enum {name}");
         self.expect_attributes(node, &element, OF_ENUM)?;
         let mut entries: Vec<Entry> = Vec::new();
-        // A value that is not written is one more than the greatest so far.
+        // An entry without a value has one more than the largest value so far.
         let mut next = 1;
         for child in elements(node) {
             self.expect(&child, &["entry", "description", "wip", "deprecated", "superseded"], "<enum>")?;
@@ -185,7 +185,11 @@ impl Source {
                 .ok_or_else(|| self.error(node, &element, not_a(text, "number: write 5, 0x1F, 0b101 or 2**4")))?,
         };
         if Scalar::U64.range().is_none_or(|(_, max)| value > max) || value < i64::MIN.into() {
-            return Err(self.error(node, element, format!("the value {value} does not fit in 64 bits")));
+            return Err(self.error(
+                node,
+                element,
+                format!("the value {value} does not fit in 64 bits; use a smaller one"),
+            ));
         }
         let mut params: Vec<Param> = Vec::new();
         for child in elements(node) {
@@ -193,7 +197,8 @@ impl Source {
             if child.has_tag_name("param") {
                 let param = self.param(&child, &element)?;
                 if params.iter().any(|other| other.index == param.index) {
-                    return Err(self.error(&child, element, format!("param {} stands there twice", param.index)));
+                    let problem = format!("param {} is defined twice; remove one", param.index);
+                    return Err(self.error(&child, element, problem));
                 }
                 params.push(param);
             }
@@ -217,7 +222,7 @@ impl Source {
         self.expect_attributes(node, &element, OF_PARAM)?;
         let index: u8 = self.number(node, &element, "index")?.ok_or_else(|| self.missing(node, &element, "index"))?;
         if !(1..=7).contains(&index) {
-            return Err(self.error(node, element, format!("the index is {index}; a command has params 1 to 7")));
+            return Err(self.error(node, element, format!("the index is {index}; use one of params 1 to 7")));
         }
         Ok(Param {
             index,
@@ -243,7 +248,7 @@ impl Source {
             return Err(self.error(
                 node,
                 element,
-                format!("the id {id} has more than 24 bits; take one below 16777216"),
+                format!("the id {id} has more than 24 bits; use one below 16777216"),
             ));
         }
         let mut fields: Vec<Field> = Vec::new();
@@ -256,14 +261,14 @@ impl Source {
             )?;
             if child.has_tag_name("extensions") {
                 if extension {
-                    return Err(self.error(&child, element, "<extensions> stands there twice; leave one"));
+                    return Err(self.error(&child, element, "<extensions> is there twice; remove one"));
                 }
                 extension = true;
             }
             if child.has_tag_name("field") {
                 let field = self.field(&child, &name, extension)?;
                 if let Some(first) = fields.iter().find(|first| first.name == field.name) {
-                    let problem = format!("this name is taken by the field in line {}", first.origin.line);
+                    let problem = format!("this name is taken by the field in line {}; use another", first.origin.line);
                     return Err(self.error(&child, format!("field {name}.{}", field.name), problem));
                 }
                 fields.push(field);
@@ -279,15 +284,16 @@ impl Source {
         };
         let (count, length) = (message.fields.len(), message.max_len());
         if message.base_len() == 0 {
-            return Err(self.error(node, element, "there is no field before <extensions>; a message has at least one"));
+            return Err(self.error(node, element, "there is no field before <extensions>; add at least one"));
         }
         if count > MAX_FIELDS {
-            let problem = format!("{count} fields; a message has at most {MAX_FIELDS}: make arrays or two messages");
+            let problem = format!("{count} fields, of at most {MAX_FIELDS}; use arrays, or split the message");
             return Err(self.error(node, element, problem));
         }
         if length > MAX_PAYLOAD {
-            let problem =
-                format!("the payload has {length} bytes; {MAX_PAYLOAD} are the most: shorten arrays or split");
+            let problem = format!(
+                "the payload has {length} bytes, of at most {MAX_PAYLOAD}; shorten arrays, or split the message"
+            );
             return Err(self.error(node, element, problem));
         }
         Ok(message)
@@ -298,7 +304,7 @@ impl Source {
         let element = format!("field {parent}.{name}");
         self.expect_attributes(node, &element, OF_FIELD)?;
         if names::REFUSED_FIELDS.contains(&name.as_str()) {
-            return Err(self.error(node, element, "a field cannot have this name in Rust; take another"));
+            return Err(self.error(node, element, "a field cannot have this name in Rust; use another"));
         }
         let text = node.attribute("type").ok_or_else(|| self.missing(node, &element, "type"))?;
         let (scalar, array) = field_type(text).map_err(|problem| self.error(node, &element, problem))?;
@@ -341,7 +347,7 @@ impl Source {
         Ok(None)
     }
 
-    /// The attribute `name`, which becomes an identifier in every language and a part of `CRC_EXTRA`.
+    /// Returns the attribute `name`, which becomes an identifier in all languages and a part of `CRC_EXTRA`.
     fn name(&self, node: &Node, kind: &str, parent: &str) -> Result<String, Error> {
         let element = if parent.is_empty() { kind.to_owned() } else { format!("{kind} of {parent}") };
         let name = node.attribute("name").ok_or_else(|| self.missing(node, &element, "name"))?;
@@ -349,7 +355,7 @@ impl Source {
         if name.chars().all(letter) && name.starts_with(|c: char| c.is_ascii_alphabetic()) {
             return Ok(name.to_owned());
         }
-        let problem = not_a(name, "name: it begins with a letter, and has only A to Z, a to z, 0 to 9 and _");
+        let problem = not_a(name, "name; begin with a letter, and use only A to Z, a to z, 0 to 9 and _");
         Err(self.error(node, element, problem))
     }
 
@@ -358,13 +364,15 @@ impl Source {
             None => Ok(None),
             Some("true" | "1") => Ok(Some(true)),
             Some("false" | "0") => Ok(Some(false)),
-            Some(text) => Err(self.error(node, element, format!("{name}: {}", not_a(text, "`true` or `false`")))),
+            Some(text) => {
+                Err(self.error(node, element, format!("{name}: `{text}` is not a boolean; use `true` or `false`")))
+            }
         }
     }
 
     fn number<T: FromStr>(&self, node: &Node, element: &str, name: &str) -> Result<Option<T>, Error> {
         let Some(text) = node.attribute(name).map(str::trim) else { return Ok(None) };
-        // Where a number of any form may stand, a float is asked for.
+        // `integer` accepts more notations than `parse`.
         let number = text.parse().ok().or_else(|| integer(text)?.to_string().parse().ok());
         match number {
             Some(number) => Ok(Some(number)),
@@ -373,7 +381,7 @@ impl Source {
     }
 
     fn missing(&self, node: &Node, element: &str, attribute: &str) -> Error {
-        self.error(node, element, format!("the attribute `{attribute}` is missing"))
+        self.error(node, element, format!("the attribute `{attribute}` is missing; add it"))
     }
 }
 
@@ -385,7 +393,7 @@ fn elements<'a, 'input: 'a>(node: &Node<'a, 'input>) -> impl Iterator<Item = Nod
     node.children().filter(Node::is_element)
 }
 
-/// An element's own text, white space folded.
+/// Returns an element's own text, with normalised white space.
 fn text_of(node: &Node) -> String {
     let text: String = node.children().filter(Node::is_text).filter_map(|text| text.text()).collect();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -399,7 +407,7 @@ fn text_attribute(node: &Node, name: &str) -> String {
     node.attribute(name).map(str::trim).unwrap_or_default().to_owned()
 }
 
-/// The notations of MAVLink's schema: `5`, `0x1F`, `0b101`, `2**4`.
+/// Parses an integer in a notation of MAVLink's schema: `5`, `0x1F`, `0b101`, `2**4`.
 pub(crate) fn integer(text: &str) -> Option<i128> {
     if let Some((base, exponent)) = text.split_once("**") {
         return base.trim().parse::<i128>().ok()?.checked_pow(exponent.trim().parse().ok()?);
@@ -412,7 +420,7 @@ pub(crate) fn integer(text: &str) -> Option<i128> {
     }
 }
 
-/// A field's type: a scalar and the length of its array.
+/// Parses a field's type: a scalar, and the length if it is an array.
 fn field_type(text: &str) -> Result<(Scalar, Option<u8>), String> {
     let (element, array) = match text.split_once('[') {
         None => (text, None),
@@ -427,7 +435,7 @@ fn field_type(text: &str) -> Result<(Scalar, Option<u8>), String> {
     }
     let scalar = Scalar::ALL.into_iter().find(|scalar| scalar.wire_name() == element).ok_or_else(|| {
         let names: Vec<_> = Scalar::ALL.iter().map(|scalar| scalar.wire_name()).collect();
-        format!("unknown type `{element}`; take one of {}", names.join(", "))
+        format!("unknown type `{element}`; use one of {}", names.join(", "))
     })?;
     Ok((scalar, array))
 }
@@ -437,7 +445,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn integers_have_the_notations_of_the_schema() {
+    fn integers_in_all_notations_of_the_schema() {
         for (text, value) in [("17", 17), ("-3", -3), ("0x1F", 31), ("0B101", 5), ("2**4", 16)] {
             assert_eq!(integer(text), Some(value), "{text}");
         }

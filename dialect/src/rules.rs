@@ -1,17 +1,20 @@
-//! The rules for the parameters of commands: from the attributes of `MAV_CMD`'s entries to `CommandRule`s of `mavstack`,
-//! one constant a command.
+//! The rules for the parameters of commands: a `CommandRule` of `mavstack` for each command, from the attributes of
+//! `MAV_CMD`'s entries.
 //!
-//! How attributes are read:
+//! Attributes are interpreted as follows:
 //!
-//! - A parameter without a label, or reserved, is not used: clients send 0 or NaN, and it may be anything finite or NaN.
-//! - One with an enumeration has one of its values, or, when the values are bits, no others than these.
-//! - One with a minimum or a maximum keeps to it. With an increment that is an integer it is one too, and one of the
-//!   steps where they are few; unless it has a unit: then it is a quantity, and the increment only the step of a tool's
-//!   dial (MAVSDK sends delays of 1.5 s).
-//! - One of these is not NaN, unless its default is. One with none of these may be anything finite, or NaN for "default".
-//! - A position must be given, in a global frame, and its altitude be a number, when its parameter has a label.
+//! - **No label, or reserved:** the parameter is not used. Clients send 0 or NaN. Any finite value and NaN are allowed.
+//! - **Enumeration:** the parameter must have one of its values. For a bitmask, only its bits may be set.
+//! - **Minimum and maximum:** the parameter must be within them.
+//! - **Increment:** if it is an integer, the parameter must be an integer. If there are only a few steps, it must be
+//!   one of them. A parameter with a unit is a quantity: its increment is only the step of a tool's input field, and is
+//!   ignored (MAVSDK sends delays of 1.5 s).
+//! - **NaN** is not allowed for a parameter with one of the attributes above, unless its default is NaN. A parameter
+//!   without them may be any finite value, or NaN for "default".
+//! - **Location:** a position in a global frame is required. The altitude must be a number if its parameter has a
+//!   label.
 //!
-//! What the attributes do not say, and MAVLink's prose or its clients do, stands in the tables below.
+//! The tables below have rules that are stated only in MAVLink's prose, or that its clients rely on.
 
 use crate::{
     Dialect,
@@ -21,7 +24,7 @@ use crate::{
 };
 use std::fmt::Write as _;
 
-/// Commands whose position may be left out (`INT32_MAX`): "here", or another default.
+/// Commands whose position may be omitted (`INT32_MAX`), which means the current position or another default.
 const POSITION_OPTIONAL: [&str; 15] = [
     "MAV_CMD_NAV_LOITER_UNLIM",
     "MAV_CMD_NAV_LOITER_TURNS",
@@ -40,7 +43,7 @@ const POSITION_OPTIONAL: [&str; 15] = [
     "MAV_CMD_DO_SET_ROI",
 ];
 
-/// Commands whose altitude has a label and may be NaN nevertheless.
+/// Commands whose altitude may be NaN although it has a label.
 const ALTITUDE_OPTIONAL: [&str; 5] = [
     "MAV_CMD_DO_FIGURE_EIGHT",
     "MAV_CMD_DO_ORBIT",
@@ -49,8 +52,9 @@ const ALTITUDE_OPTIONAL: [&str; 5] = [
     "MAV_CMD_EXTERNAL_POSITION_ESTIMATE",
 ];
 
-/// Parameters with a range or an enumeration that may be NaN: "default", "ignore", or of no use until lately, so that
-/// clients still send NaN; MAVSDK does for all that its user does not set (C-8).
+/// Parameters with a range or an enumeration that may be NaN: it means "default" or "ignore", or the parameter was
+/// unused until recently, so that clients still send NaN. MAVSDK sends NaN for all parameters that its user does not
+/// set (C-8).
 const NAN: [(&str, &[u8]); 13] = [
     ("MAV_CMD_NAV_LAND", &[2]),
     ("MAV_CMD_NAV_TAKEOFF", &[3]),
@@ -67,29 +71,28 @@ const NAN: [(&str, &[u8]); 13] = [
     ("MAV_CMD_VIDEO_START_CAPTURE", &[2]),
 ];
 
-/// Commands whose position says nothing to many: QGroundControl sends a landing pattern's start in the frame MISSION.
+/// Commands whose position is often meaningless: QGroundControl sends a landing pattern's start in the frame MISSION.
 const ANY_FRAME: [&str; 1] = ["MAV_CMD_DO_LAND_START"];
 
-/// The same as `NAN`, by label, in every command.
+/// Labels of parameters that may be NaN in all commands.
 const NAN_LABELS: [&str; 1] = ["Target Camera ID"];
 
-/// Parameters whose least value is another than the attribute says: −1 repeats a jump for ever, 0 is a picture without
-/// a number.
+/// Parameters with another minimum than their attribute: −1 repeats a jump forever, 0 is a picture without a number.
 const MINIMUM: [(&str, u8, f64); 2] = [("MAV_CMD_DO_JUMP", 2, -1.0), ("MAV_CMD_IMAGE_START_CAPTURE", 4, 0.0)];
 
-/// More values than these are not listed one by one for the sake of an increment.
+/// Maximum number of steps of an increment for which the values are listed.
 const MAX_STEPS: f64 = 8.0;
 
 /// Writes the module of rules.
 pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_path: &str) {
     let mut doc = Doc::new();
     doc.text(&format!(
-        "What items of the commands of `{COMMANDS}` may be. A rule costs flash where a firmware names it."
+        "The rules for items with the commands of `{COMMANDS}`. A rule takes flash only if the firmware uses it."
     ));
     doc.write(out, "/// ");
     out.push_str("#[rustfmt::skip]\n");
     out.push_str(
-        "#[allow(missing_docs, dead_code, reason = \"all commands have a rule, which is called like the command\")]\n",
+        "#[allow(missing_docs, dead_code, reason = \"each command has a rule, with the name of the command\")]\n",
     );
     out.push_str("pub mod command_rules {\n");
     let mut rules = String::new();
@@ -105,7 +108,8 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
     if rules.contains("ParamRule::") {
         let _ = writeln!(out, "    use {crate_path}::ParamRule;");
     }
-    let _ = write!(out, "\n{rules}\n    /// All of them, for tools: a vehicle names the commands that it flies.\n");
+    let _ =
+        write!(out, "\n{rules}\n    /// All rules, for tools. A vehicle lists only the commands that it supports.\n");
     out.push_str("    pub const ALL: &[CommandRule] = &[\n");
     all.write(out, "        ");
     out.push_str("    ];\n}\n");
@@ -145,26 +149,26 @@ pub(crate) fn is_used(param: &Param) -> bool {
     !param.reserved && !param.label.is_empty()
 }
 
-/// What one parameter may be.
+/// The rule for a parameter.
 pub(crate) struct Rule<'a> {
     /// A call of one of `ParamRule`'s constructors.
     values: String,
     pub values_are: Values<'a>,
-    /// NaN passes as well.
+    /// Whether NaN is allowed, too.
     pub may_be_nan: bool,
 }
 
-/// The kind of its values.
+/// The kind of a parameter's values.
 pub(crate) enum Values<'a> {
     Floats,
-    /// From the least to the greatest, where there are bounds.
+    /// Integers, with their minimum and maximum.
     Integers(Option<f64>, Option<f64>),
     Enum(&'a Enum),
 }
 
-/// The rule of a parameter; nothing when it may be anything.
+/// Returns the rule for a parameter; `None` if all finite values and NaN are allowed.
 pub(crate) fn rule<'a>(dialect: &'a Dialect, entry: &Entry, param: &Param) -> Option<Rule<'a>> {
-    // Latitude and longitude have their own rule.
+    // Latitude and longitude are covered by the rule for the position.
     if !is_used(param) || (entry.has_location == Some(true) && matches!(param.index, 5 | 6)) {
         return None;
     }
@@ -181,7 +185,7 @@ pub(crate) fn rule<'a>(dialect: &'a Dialect, entry: &Entry, param: &Param) -> Op
 }
 
 fn enumerated(index: u8, enumeration: &Enum) -> String {
-    // What a float cannot be is left out.
+    // Values that do not fit in an `i32` are omitted.
     let values: Vec<_> = enumeration.entries.iter().filter_map(|entry| i32::try_from(entry.value).ok()).collect();
     if enumeration.bitmask {
         let mask = values.iter().fold(0, |mask, value| mask | value);
@@ -202,7 +206,7 @@ fn one_of(index: u8, values: &[i32]) -> String {
 
 fn ranged<'a>(param: &Param, minimum: Option<f64>) -> Option<(String, Values<'a>)> {
     let index = param.index;
-    // Both saturate: what an `f32` or an `i32` cannot be needs no bound.
+    // Bounds saturate: one that does not fit in the type excludes nothing.
     let float = |value: f64| format!("{:?}", value.clamp(f32::MIN.into(), f32::MAX.into()) as f32);
     let increment = param.increment.filter(|step| param.units.is_empty() && *step >= 1.0 && step.fract() == 0.0);
     let Some(step) = increment else {
@@ -225,7 +229,7 @@ fn ranged<'a>(param: &Param, minimum: Option<f64>) -> Option<(String, Values<'a>
         return Some((values, values_are));
     }
     let bound = |bound: Option<f64>, open: &str| bound.map_or(open.to_owned(), |bound| (bound as i32).to_string());
-    let least = bound(minimum.map(f64::ceil), "i32::MIN");
-    let values = format!("integers({index}, {least}, {})", bound(param.maximum.map(f64::floor), "i32::MAX"));
+    let minimum = bound(minimum.map(f64::ceil), "i32::MIN");
+    let values = format!("integers({index}, {minimum}, {})", bound(param.maximum.map(f64::floor), "i32::MAX"));
     Some((values, values_are))
 }

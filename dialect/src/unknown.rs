@@ -1,8 +1,14 @@
 //! The `invalid` attribute: the value of a field that means "not known".
 //!
-//! Notations: <https://mavlink.io/en/guide/xml_schema.html>. `v` is the value of a scalar field. For an array, `[v]` is the
-//! value of every element, `[v:]` the value of the first element, which stands for the whole array, and `[v,,w,]` lists
-//! values by element, with gaps. A value is a number, NaN, a C limit (`UINT16_MAX`) or an entry of the field's enumeration.
+//! <https://mavlink.io/en/guide/xml_schema.html> defines its notations. A value is a number, NaN, a C limit
+//! (`UINT16_MAX`) or an entry of the field's enumeration.
+//!
+//! | notation | meaning |
+//! |---|---|
+//! | `v` | the value of a scalar field |
+//! | `[v]` | the value of all elements of an array |
+//! | `[v:]` | the value of the first element, which stands for the whole array |
+//! | `[v,,w,]` | the values of the elements, with gaps |
 
 use crate::{
     Dialect,
@@ -10,12 +16,12 @@ use crate::{
     parse,
 };
 
-/// Returns the value of each of the field's elements, or a single value for a scalar field; `None` where there is no
+/// Returns the values of the field's elements, or a single value for a scalar field; `None` for an element without a
 /// value for "not known".
 ///
 /// # Errors
 ///
-/// Describes what is wrong with the attribute.
+/// The attribute is invalid; the text says why.
 pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Value>>, String> {
     let count = usize::from(field.array.unwrap_or(1));
     let text = field.invalid.as_str();
@@ -39,9 +45,9 @@ pub(crate) fn values(dialect: &Dialect, field: &Field) -> Result<Vec<Option<Valu
     for text in list.split(',') {
         values.push(if text.trim().is_empty() { None } else { Some(one(text)?) });
     }
-    // After a trailing comma, the remaining elements have no such value.
+    // A trailing comma means that the remaining elements have no such value.
     if values.len() > count && values[count..].iter().any(Option::is_some) {
-        return Err(format!("invalid: `{text}` has more values than the array has elements, {count}"));
+        return Err(format!("invalid: `{text}` has more values than the array has elements, {count}; remove some"));
     }
     values.resize(count, None);
     Ok(values)
@@ -55,7 +61,7 @@ pub(crate) enum Value {
 }
 
 impl Value {
-    /// Whether all its bits are zero, as in a field that was never set.
+    /// Returns whether all bits are zero, as in a field that was never set.
     pub(crate) fn is_zero(self) -> bool {
         match self {
             Self::Integer(value) => value == 0,
@@ -81,7 +87,7 @@ impl Value {
 fn value(text: &str, scalar: Scalar, enumeration: Option<&Enum>) -> Result<Value, String> {
     let entry = || enumeration?.entries.iter().find(|entry| entry.name == text).map(|entry| entry.value);
     let integer = parse::integer(text).or_else(|| limit(text)).or_else(entry);
-    let not_one = || format!("invalid: `{text}` is not a value; take a number, NaN or a limit such as UINT16_MAX");
+    let not_one = || format!("invalid: `{text}` is not a value; use a number, NaN or a limit such as UINT16_MAX");
     if matches!(scalar, Scalar::F32 | Scalar::F64) {
         let number = match integer {
             Some(integer) => integer.to_string().parse().map_err(|_| not_one())?,
@@ -98,7 +104,7 @@ fn value(text: &str, scalar: Scalar, enumeration: Option<&Enum>) -> Result<Value
     let (min, max) = scalar.range().unwrap_or((0, 255));
     if !(min..=max).contains(&integer) {
         return Err(format!(
-            "invalid: {integer} does not fit in {}; take a value from {min} to {max}",
+            "invalid: {integer} does not fit in {}; use a value from {min} to {max}",
             scalar.wire_name()
         ));
     }

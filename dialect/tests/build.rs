@@ -1,4 +1,4 @@
-//! What a firmware's own build script does: a definition that includes common, without a copy of common, to a module.
+//! Generation in a firmware's build script: a module from a definition that includes the built-in common.
 
 use mavstack_dialect::{Build, Options, generate, load};
 use std::{fs, path::Path};
@@ -33,11 +33,11 @@ fn declared(text: &str) -> Vec<&str> {
 }
 
 #[test]
-fn beside_common_only_what_is_new_is_written() {
+fn beside_common_only_new_items_are_generated() {
     let dir = directory("my-winch.xml", WINCH);
     let input = dir.path().join("my-winch.xml");
     let inputs = Build::new(&input).beside_common().write_to(&dir.path().join("out")).expect("a module");
-    assert_eq!(inputs, [input], "what Cargo is to look at: common is inside the generator");
+    assert_eq!(inputs, [input], "the inputs for Cargo: common is built in");
 
     let text = fs::read_to_string(dir.path().join("out/my-winch.rs")).expect("the module");
     assert!(text.contains("\npub mod my_winch {\n"), "{text}");
@@ -48,7 +48,7 @@ fn beside_common_only_what_is_new_is_written() {
 }
 
 #[test]
-fn all_of_it_has_common_too() {
+fn without_beside_common_all_of_common_is_generated() {
     let dir = directory("winch.xml", WINCH);
     let input = dir.path().join("winch.xml");
     let dialect = load(&input, &[]).expect("a definition");
@@ -58,7 +58,7 @@ fn all_of_it_has_common_too() {
 }
 
 #[test]
-fn a_file_beside_the_definition_goes_before_the_built_in_one() {
+fn a_file_beside_the_definition_replaces_the_built_in_one() {
     let dir = directory("winch.xml", "<mavlink><include>common.xml</include></mavlink>");
     let own = "<mavlink><messages><message id=\"1\" name=\"M\"><field type=\"float\" name=\"a\"/></message></messages></mavlink>";
     fs::write(dir.path().join("common.xml"), own).expect("written");
@@ -69,7 +69,7 @@ fn a_file_beside_the_definition_goes_before_the_built_in_one() {
 }
 
 #[test]
-fn a_selection_and_a_name() {
+fn only_and_name() {
     let dir = directory("winch.xml", WINCH);
     let build =
         Build::new(dir.path().join("winch.xml")).beside_common().only(["WINCH_REPORT", "HEARTBEAT"]).name("Few");
@@ -82,7 +82,7 @@ fn a_selection_and_a_name() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_file_and_line_and_the_module_stays() {
+fn errors_have_file_and_line_and_keep_the_module() {
     let dir = directory("winch.xml", &WINCH.replace("\"uint8_t\" name=\"state\"", "\"byte\" name=\"state\""));
     fs::write(dir.path().join("winch.rs"), "as it was").expect("written");
     let error = Build::new(dir.path().join("winch.xml")).write_to(dir.path()).expect_err("no such type");

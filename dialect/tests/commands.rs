@@ -1,8 +1,8 @@
-//! The typed commands: names, types and numbers of their fields, which commands have none, and selections.
+//! The typed commands: the names, types and parameters of their fields, commands without a type, and selections.
 
 mod support;
 #[path = "generated/tricky.rs"]
-#[allow(dead_code, reason = "only the commands are of interest here")]
+#[allow(dead_code, reason = "only the commands are tested here")]
 mod tricky;
 
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult};
@@ -13,13 +13,13 @@ use tricky::{OptionEnum, Signed, commands};
 
 const NAN: f32 = f32::NAN;
 
-/// An item of seven parameters, in frame MISSION.
+/// An item with seven parameters, in frame MISSION.
 fn item([p1, p2, p3, p4, x, y, z]: [f32; 7], command: u16) -> Item {
     let (frame, command) = (MavFrame::MISSION, MavCmd(command));
     Item { frame, command, params: [p1, p2, p3, p4], x: x as i32, y: y as i32, z, ..Item::default() }
 }
 
-/// The text that `only` gives.
+/// The text generated for the selection `only`.
 fn text(input: &str, only: Option<&[&str]>) -> String {
     let input = path(input);
     let only = only.map(|names| names.iter().map(|name| (*name).to_owned()).collect());
@@ -27,14 +27,14 @@ fn text(input: &str, only: Option<&[&str]>) -> String {
     generate(&load(&input, &[]).expect("a definition"), &options).expect("declarations")
 }
 
-/// The types of commands in a text.
+/// The types of commands that a text declares.
 fn types(text: &str) -> Vec<&str> {
     let declared = text.lines().filter_map(|line| line.strip_prefix("        pub struct "));
     declared.map(|line| line.split(' ').next().unwrap_or_default()).collect()
 }
 
 #[test]
-fn labels_become_names() {
+fn labels_become_field_names() {
     let home = LatLon { latitude: 1, longitude: -1 };
     let location = Location { position: Some(home), altitude: None, frame: Some(MavFrame::GLOBAL) };
     let item = Item {
@@ -58,7 +58,7 @@ fn labels_become_names() {
 }
 
 #[test]
-fn fields_have_the_types_of_their_values() {
+fn field_types_follow_the_rules() {
     let all = item([-0.5, 2.0, NAN, -7.0, 1.0, 2.0, -3.0], 1).decode::<commands::All>();
     let expected =
         commands::All { least: -0.5, most: 2.0, both: None, whole: -7, whole_from: 1, whole_to: 2, whole_between: -3 };
@@ -72,7 +72,7 @@ fn fields_have_the_types_of_their_values() {
         target_camera_id: Some(255),
     };
     assert_eq!(steps, Ok(expected));
-    // A signed byte, and bits in 64 of them.
+    // An enumeration with a signed byte, and a bitmask of 64 bits.
     let enums = item([1.0, -1.0, 1.0, 0.5, 0.0, 0.0, 0.0], u16::MAX).decode();
     let expected = commands::Enums {
         in_a_row: OptionEnum::SOME,
@@ -91,13 +91,13 @@ fn fields_have_the_types_of_their_values() {
 }
 
 #[test]
-fn command_without_fields_or_off_the_globe_has_no_type() {
+fn commands_without_fields_or_with_a_local_position_have_no_type() {
     let text = text("tests/generated/tricky.xml", None);
     assert_eq!(types(&text), ["All", "Steps", "Place", "Corner", "OptionCommand", "_3d", "Enums"]);
 }
 
 #[test]
-fn selection_has_the_commands_asked_for_and_the_enums_they_name() {
+fn selection_has_the_selected_commands_and_their_enums() {
     let few =
         text("definitions/common.xml", Some(&["HEARTBEAT", "MAV_CMD_DO_REPOSITION", "MAV_CMD_NAV_GUIDED_ENABLE"]));
     assert_eq!(types(&few), ["NavGuidedEnable", "DoReposition"]);
@@ -105,7 +105,7 @@ fn selection_has_the_commands_asked_for_and_the_enums_they_name() {
         assert!(few.contains(declared), "{declared}");
     }
     assert!(!few.contains("MavBool"), "a bool needs no type");
-    // Without a place there is nothing to import for one.
+    // `Location` is imported only if a command has one.
     let one = text("definitions/common.xml", Some(&["MAV_CMD_NAV_GUIDED_ENABLE"]));
     assert!(!one.contains("use mavstack::Location;"));
     for none in [&["MAV_CMD"][..], &["MAV_CMD_NAV_RETURN_TO_LAUNCH"], &["MISSION_ITEM_INT"], &["HEARTBEAT"]] {

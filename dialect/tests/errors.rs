@@ -1,4 +1,4 @@
-//! What is wrong with a definition is said with file, line and element, and the output stays as it was.
+//! Errors in a definition are reported with file, line and element, and the output is not changed.
 
 use std::{
     fs,
@@ -7,17 +7,17 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// A definition with these messages; the first is in line 3.
+/// A definition with these messages; the first is on line 3.
 fn messages(text: &str) -> String {
     format!("<mavlink>\n<messages>\n{text}\n</messages>\n</mavlink>\n")
 }
 
-/// A definition with these enumerations; the first is in line 3.
+/// A definition with these enumerations; the first is on line 3.
 fn enums(text: &str) -> String {
     format!("<mavlink>\n<enums>\n{text}\n</enums>\n</mavlink>\n")
 }
 
-/// A message whose attributes, or fields, are at fault.
+/// A definition of a message with these fields.
 fn fields(text: &str) -> String {
     messages(&format!("<message id=\"1\" name=\"M\">\n{text}\n</message>"))
 }
@@ -38,7 +38,8 @@ fn run(dir: &Path, arguments: &[&str]) -> Output {
         .expect("the tool runs")
 }
 
-/// Gives `files` to the tool, the first as input; it must refuse with a line that begins with `place`, and has `says` in it.
+/// Runs the tool with `files`, the first as input. Asserts that it fails with a line that begins with `place` and
+/// contains `says`.
 fn refuses(files: &[(&str, &str)], place: &str, says: &str) {
     let dir = directory(files);
     fs::write(dir.path().join("out.rs"), "as it was").expect("written");
@@ -48,7 +49,7 @@ fn refuses(files: &[(&str, &str)], place: &str, says: &str) {
     assert!(message.starts_with(place) && message.contains(says), "expected `{place} …{says}…`, was `{message}`");
     assert_eq!(message.lines().count(), 1, "{message}");
     assert_eq!(fs::read_to_string(dir.path().join("out.rs")).expect("the output"), "as it was");
-    assert_eq!(fs::read_dir(dir.path()).expect("a directory").count(), files.len() + 1, "nothing else was left there");
+    assert_eq!(fs::read_dir(dir.path()).expect("a directory").count(), files.len() + 1, "no other file is left");
 }
 
 fn refuses_file(text: &str, place: &str, says: &str) {
@@ -60,7 +61,7 @@ const FIELD: &str = "<field type=\"uint8_t\" name=\"a\"/>";
 #[test]
 fn bad_fields() {
     for (text, line, element, says) in [
-        ("<field type=\"uint7_t\" name=\"a\"/>", 4, "field M.a", "unknown type `uint7_t`; take one of uint8_t, "),
+        ("<field type=\"uint7_t\" name=\"a\"/>", 4, "field M.a", "unknown type `uint7_t`; use one of uint8_t, "),
         ("<field type=\"uint8_t[0]\" name=\"a\"/>", 4, "field M.a", "from 1 to 255"),
         ("<field type=\"uint8_t[256]\" name=\"a\"/>", 4, "field M.a", "from 1 to 255"),
         ("<field type=\"uint8_t[4\" name=\"a\"/>", 4, "field M.a", "from 1 to 255"),
@@ -69,7 +70,7 @@ fn bad_fields() {
         ("<field type=\"uint8_t\" name=\"a b\"/>", 4, "field of M", "`a b` is not a name"),
         ("<field type=\"uint8_t\" name=\"1a\"/>", 4, "field of M", "`1a` is not a name"),
         ("<field type=\"uint8_t\" name=\"größe\"/>", 4, "field of M", "`größe` is not a name"),
-        ("<field type=\"uint8_t\" name=\"self\"/>", 4, "field M.self", "take another"),
+        ("<field type=\"uint8_t\" name=\"self\"/>", 4, "field M.self", "use another"),
         ("<field type=\"uint8_t\" name=\"a\" enum=\"E\"/>", 4, "field M.a", "there is no enum E"),
         ("<field type=\"uint8_t\" name=\"a\" minValue=\"low\"/>", 4, "field M.a", "minValue: `low`"),
         ("<field type=\"uint8_t\" name=\"a\" instance=\"maybe\"/>", 4, "field M.a", "`true` or `false`"),
@@ -77,7 +78,7 @@ fn bad_fields() {
             "<field type=\"uint8_t\" name=\"a\" invalid=\"none\"/>",
             4,
             "field M.a",
-            "invalid: `none` is not a value; take",
+            "invalid: `none` is not a value; use",
         ),
         ("<field type=\"uint8_t\" name=\"a\" invalid=\"NaN\"/>", 4, "field M.a", "invalid: `NaN` is not a value"),
         (
@@ -86,7 +87,7 @@ fn bad_fields() {
             "field M.a",
             "65535 does not fit in uint8_t",
         ),
-        ("<field type=\"uint8_t\" name=\"a\" invalid=\"-1\"/>", 4, "field M.a", "take a value from 0 to 255"),
+        ("<field type=\"uint8_t\" name=\"a\" invalid=\"-1\"/>", 4, "field M.a", "use a value from 0 to 255"),
         ("<field type=\"float\" name=\"a\" invalid=\"1e99\"/>", 4, "field M.a", "invalid: `1e99`"),
         (
             "<field type=\"uint8_t[2]\" name=\"a\" invalid=\"[1,2,3]\"/>",
@@ -98,7 +99,7 @@ fn bad_fields() {
             "<field type=\"uint8_t\" name=\"a\" unit=\"m\"/>",
             4,
             "field M.a",
-            "no such attribute: unit; there can be type, ",
+            "no such attribute: unit; use one of type, ",
         ),
         (&format!("{FIELD}\n{FIELD}"), 5, "field M.a", "taken by the field in line 4"),
         (&format!("{FIELD}\n<extensions/>\n{FIELD}"), 6, "field M.a", "taken by the field in line 4"),
@@ -114,7 +115,7 @@ fn bad_fields() {
 }
 
 #[test]
-fn sixty_four_fields_are_the_most() {
+fn more_than_64_fields() {
     let many = |count| (0..count).map(|n| format!("<field type=\"uint8_t\" name=\"f{n}\"/>")).collect::<String>();
     refuses_file(&fields(&many(65)), "3: message M", "65 fields");
     let dir = directory(&[("good.xml", &fields(&many(64)))]);
@@ -174,7 +175,7 @@ fn bad_enums() {
         (param("label=\"x\""), 4, "param of entry E.A", "`index` is missing"),
         (param("index=\"8\""), 4, "param of entry E.A", "params 1 to 7"),
         (param("index=\"1\" maxValue=\"x\""), 4, "param of entry E.A", "maxValue: `x`"),
-        (param("index=\"1\"/><param index=\"1\""), 4, "entry E.A", "param 1 stands there twice"),
+        (param("index=\"1\"/><param index=\"1\""), 4, "entry E.A", "param 1 is defined twice"),
         ("<enum name=\"E\"><deprecated since=\"2020-01\"/></enum>".into(), 3, "enum E", "`replaced_by` is missing"),
     ] {
         refuses_file(&enums(&text), &format!("{line}: {element}"), says);
@@ -192,7 +193,7 @@ fn not_a_definition() {
 }
 
 #[test]
-fn enums_and_messages_of_several_files_are_one() {
+fn clashes_between_several_files() {
     let common = enums("<enum name=\"E\"><entry name=\"A\" value=\"1\"/></enum>");
     let clash = "<mavlink><include>common.xml</include>\n<enums><enum name=\"E\">\n<entry name=\"B\" value=\"1\"/></enum></enums></mavlink>";
     refuses(&[("own.xml", clash), ("common.xml", &common)], "own.xml:3: entry E.B: ", "by A at common.xml:3");
@@ -207,7 +208,7 @@ fn enums_and_messages_of_several_files_are_one() {
 }
 
 #[test]
-fn includes_that_are_not_there_or_run_in_a_circle() {
+fn missing_and_circular_includes() {
     let include = |name: &str| format!("<mavlink>\n<include>{name}</include>\n</mavlink>");
     refuses(&[("a.xml", &include("b.xml"))], "a.xml:2: include b.xml: ", "--include-dir");
     refuses(&[("a.xml", &include("a.xml"))], "a.xml:2: include a.xml: ", "a.xml → a.xml");
@@ -248,7 +249,7 @@ fn files_that_cannot_be_read_or_written() {
 }
 
 #[test]
-fn names_that_are_not_there_and_outputs_that_are_stale() {
+fn unknown_names_and_stale_outputs() {
     let dir = directory(&[("good.xml", &fields(FIELD))]);
     let fails = |arguments: &[&str], says: &str| {
         let output = run(dir.path(), arguments);
@@ -258,7 +259,7 @@ fn names_that_are_not_there_and_outputs_that_are_stale() {
     };
     fails(&["--only", "M,N", "good.xml", "out.rs"], "good.xml: --only N: there is no message");
     fails(&["--name", "lower", "good.xml", "out.rs"], "good.xml: --name lower: ");
-    fails(&["--check", "good.xml", "out.rs"], "out.rs: the file: is not what the definition gives");
+    fails(&["--check", "good.xml", "out.rs"], "out.rs: the file: is not up to date with the definition");
     assert!(!dir.path().join("out.rs").exists());
     assert!(run(dir.path(), &["good.xml", "out.rs"]).status.success());
     assert!(run(dir.path(), &["--check", "good.xml", "out.rs"]).status.success());
@@ -267,9 +268,9 @@ fn names_that_are_not_there_and_outputs_that_are_stale() {
     assert_eq!(fs::read_to_string(dir.path().join("out.rs")).expect("the output"), "stale");
 }
 
-/// Beside common: what contradicts it is refused, what repeats it is not written.
+/// With --beside-common, definitions that contradict common are refused.
 #[test]
-fn what_contradicts_mavstack_s_own_common() {
+fn contradictions_to_common() {
     let heartbeat = |name: &str, field: &str| {
         messages(&format!("<message id=\"0\" name=\"{name}\">\n<field type=\"uint32_t\" name=\"{field}\"/></message>"))
     };

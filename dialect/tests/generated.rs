@@ -1,5 +1,5 @@
-//! The text that the generator writes: it compiles, says on the wire what the model says, is as rustfmt leaves it, and
-//! the copies that are checked in are fresh.
+//! The generated text: it compiles, agrees with the model on the wire, is formatted by rustfmt, and is up to date where
+//! it is checked in.
 
 mod support;
 #[path = "generated/tricky.rs"]
@@ -18,27 +18,27 @@ use tricky::{
     SomeMessage, Tricky,
 };
 
-/// Regenerates a checked-in file and compares.
-fn is_fresh(input: &Path, crate_path: &str, output: &Path, how: &str) {
+/// Asserts that a checked-in file is up to date.
+fn assert_current(input: &Path, crate_path: &str, output: &Path, how: &str) {
     let options = Options { crate_path: crate_path.into(), ..Options::for_file(input) };
     let text = generate(&load(input, &[]).expect("a definition"), &options).expect("declarations");
     let old = std::fs::read_to_string(output).expect("the checked-in file");
-    assert!(old == text, "{} is not what its definition gives; {how}", output.display());
+    assert!(old == text, "{} is not up to date; {how}", output.display());
 }
 
 #[test]
-fn the_checked_in_dialect_is_fresh() {
-    is_fresh(&path("definitions/common.xml"), "crate", &path("../src/dialect/common.rs"), "run `cargo dialect`");
+fn the_checked_in_dialect_is_current() {
+    assert_current(&path("definitions/common.xml"), "crate", &path("../src/dialect/common.rs"), "run `cargo dialect`");
 }
 
 #[test]
-fn what_is_hard_to_write_down_compiles_and_is_fresh() {
+fn edge_cases_compile_and_are_current() {
     let how =
         "run `cargo run -p mavstack-dialect -- dialect/tests/generated/tricky.xml dialect/tests/generated/tricky.rs`";
-    is_fresh(&path("tests/generated/tricky.xml"), "mavstack", &path("tests/generated/tricky.rs"), how);
+    assert_current(&path("tests/generated/tricky.xml"), "mavstack", &path("tests/generated/tricky.rs"), how);
 }
 
-/// SEC-15: what no log may show has a type that sees to it, on the wire as before.
+/// SEC-15: keys and passwords have a type that is not logged and does not change the wire format.
 #[test]
 fn keys_and_passwords_are_secrets() {
     let input = path("definitions/common.xml");
@@ -63,7 +63,7 @@ fn keys_and_passwords_are_secrets() {
     assert!(!text(Some("STATUSTEXT")).contains("Secret"));
 }
 
-/// The macros and the generator compute the wire form apart from each other.
+/// The macros and the generator compute the wire format independently.
 #[test]
 fn the_macros_agree_with_the_model() {
     let dialect = load(&path("tests/generated/tricky.xml"), &[]).expect("a definition");
@@ -88,7 +88,7 @@ fn names_and_types_are_as_documented() {
     assert_eq!(payload[..4], [1, b'x', b'y', 0]);
     assert_eq!(NameTaken::NAME, "NAME_TAKEN");
 
-    // A message has the type of most fields of its kind; the others are integers.
+    // An enumeration has the integer type of most of its fields; the other fields are integers.
     let OptionMessage { camelCase, signed, signed_again, signed_wide } = OptionMessage::default();
     let _: (OptionEnum, [Signed; 3], Signed, i32) = (camelCase, signed, signed_again, signed_wide);
     assert_eq!((Signed::MINUS.0, Signed::_3D.0, Signed::_3D_.0), (-1_i8, 3, 16));
@@ -101,9 +101,9 @@ fn names_and_types_are_as_documented() {
     assert_eq!((tricky::Array1_2::ID, tricky::Array12::ID), (902, 903));
 }
 
-/// `UNKNOWN` has the values of the attribute `invalid`, in each of its notations.
+/// `UNKNOWN` has the values of the attribute `invalid`, in all of its notations.
 #[test]
-fn unknown_is_read_in_every_notation() {
+fn unknown_has_the_invalid_values_in_all_notations() {
     let Invalids { all, first, each, zeros, limit, nan, number, entry, entries, signed_wide, letter, word, none, most } =
         Invalids::UNKNOWN;
     assert_eq!((all, first), ([u16::MAX; 4], [i16::MIN, 0, 0, 0]));
@@ -117,7 +117,7 @@ fn unknown_is_read_in_every_notation() {
 }
 
 #[test]
-fn a_selection_has_the_messages_asked_for_and_the_enums_they_name() {
+fn selection_has_the_selected_messages_and_their_enums() {
     let input = path("definitions/common.xml");
     let only = ["HEARTBEAT", "SYSTEM_TIME", "MAV_GOTO"].map(str::to_owned).to_vec();
     let options = Options { only: Some(only), name: "Few".into(), ..Options::for_file(&input) };
@@ -139,11 +139,11 @@ fn a_selection_has_the_messages_asked_for_and_the_enums_they_name() {
 }
 
 #[test]
-fn the_text_is_as_rustfmt_leaves_it() {
+fn the_text_is_formatted_by_rustfmt() {
     let config = path("../rustfmt.toml");
     if Command::new("rustfmt").arg("--version").output().is_err() {
         assert!(std::env::var_os("CI").is_none_or(|ci| ci != "true"), "CI has no rustfmt");
-        support::say("SKIPPED: the text is not compared with rustfmt's, which is not installed");
+        support::say("SKIPPED: rustfmt is not installed, so the formatting is not checked");
         return;
     }
     let directories = [path("definitions"), path("tests/definitions"), path("tests/generated")];

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Prints what pymavlink's own parser makes of MAVLink definitions, in the form of definitions/wire.csv.
+"""Prints the wire format that pymavlink's parser computes for MAVLink definitions, in the format of definitions/wire.csv.
 
     mavparse_rows.py DIRECTORY...
 
-Every XML file of the first directory is a dialect; its includes may lie in any of the directories. Without a directory,
-the definitions inside the pymavlink package are read.
+Each XML file in the first directory is a dialect. Its includes are searched in all directories. By default, the definitions
+in the pymavlink package are read.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ def messages(path, directories):
         path = todo.pop()
         if path not in seen:
             seen.add(path)
-            # The parser prints what it thinks of enumerations.
+            # The parser prints remarks on enumerations.
             with contextlib.redirect_stdout(io.StringIO()):
                 xml = mavparse.MAVXML(path, mavparse.PROTOCOL_2_0)
             found += xml.message

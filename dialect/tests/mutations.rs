@@ -1,4 +1,4 @@
-//! Whatever the XML, the generator answers: declarations or an error, never a panic.
+//! For any XML, the generator returns declarations or an error, and never panics.
 
 use mavstack_dialect::{Options, generate, load};
 use proptest::prelude::*;
@@ -6,7 +6,7 @@ use std::fs;
 
 const TRICKY: &str = include_str!("generated/tricky.xml");
 
-/// What stands in definitions, to be put where it does not belong.
+/// Fragments of definitions that are inserted in wrong places.
 const TOKENS: [&str; 24] = [
     "<",
     ">",
@@ -42,9 +42,9 @@ proptest! {
         edits in prop::collection::vec((any::<prop::sample::Index>(), 0_usize..30, 0..TOKENS.len()), 1..6)
     ) {
         let mut text: Vec<char> = TRICKY.chars().collect();
-        for (at, gone, token) in edits {
+        for (at, removed, token) in edits {
             let at = at.index(text.len());
-            let end = text.len().min(at + gone);
+            let end = text.len().min(at + removed);
             text.splice(at..end, TOKENS[token].chars());
         }
         let dir = tempfile::tempdir().expect("a directory");

@@ -1,9 +1,9 @@
-//! The rules for commands: every one of common's says of every parameter what the attributes of the definition say,
-//! read here a second time; some stand here as text.
+//! The rules for commands: all rules of common agree with an independent interpretation of the attributes; some are
+//! compared as text.
 
 mod support;
 #[path = "generated/tricky.rs"]
-#[allow(dead_code, reason = "only the rules are of interest here")]
+#[allow(dead_code, reason = "only the rules are tested here")]
 mod tricky;
 
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, command_rules};
@@ -15,7 +15,7 @@ use mavstack_dialect::{
 use std::ops::Range;
 use support::path;
 
-/// The frames that plans know: the global ones, then MISSION.
+/// The frames that plans support: the global ones, then MISSION.
 const FRAMES: [u8; 7] = [0, 3, 5, 6, 10, 11, 2];
 
 /// The stack's integers have 32 bits.
@@ -31,8 +31,8 @@ const INVALID_PARAM: [MavMissionResult; 7] = [
     MavMissionResult::INVALID_PARAM7,
 ];
 
-/// What MAVLink says in prose only: NaN means something in these, although they have a range or an enumeration; and what
-/// MAVSDK sends.
+/// Parameters that may be NaN although they have a range or an enumeration, because MAVLink's prose says so, or because
+/// MAVSDK sends it.
 fn prose_allows_nan(command: &str, param: &Param) -> bool {
     match command {
         "NAV_TAKEOFF" => param.index == 3,
@@ -62,7 +62,7 @@ fn altitude_is_optional(command: &str) -> bool {
     ["DO_ORBIT", "DO_FIGURE_EIGHT", "DO_REPOSITION", "DO_SET_HOME", "EXTERNAL_POSITION_ESTIMATE"].contains(&command)
 }
 
-/// Whether `value` may stand in `param`, by the attributes.
+/// Returns whether the attributes allow `value` for `param`.
 fn allows(dialect: &Dialect, command: &str, param: &Param, value: f32) -> bool {
     if value.is_infinite() {
         return false;
@@ -104,20 +104,20 @@ fn is_listed(values: &Enum, value: f32) -> bool {
     values.entries.iter().any(|entry| entry.value as f64 == f64::from(value))
 }
 
-/// Values on both sides of all borders.
+/// Values on both sides of all limits.
 fn candidates(dialect: &Dialect, param: &Param) -> Vec<f32> {
     let mut values = vec![0.0, -0.0, 0.5, 1.0, -1.0, 2.0, -2.0, 3.0, 1e30, -1e30, 2_147_483_648.0, 16_777_216.0];
     values.extend([f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, f32::MIN_POSITIVE]);
-    let borders = [param.minimum, param.maximum].into_iter().flatten().map(|border| border as f32);
+    let limits = [param.minimum, param.maximum].into_iter().flatten().map(|limit| limit as f32);
     let entries = dialect.enumeration(&param.enumeration).map_or(&[][..], |values| &values.entries[..]);
     let listed = entries.iter().map(|entry| entry.value as f32);
-    for border in borders.chain(listed).collect::<Vec<_>>() {
-        values.extend([border, border - 1.0, border + 1.0, border + 0.5, border.next_up(), border.next_down()]);
+    for limit in limits.chain(listed).collect::<Vec<_>>() {
+        values.extend([limit, limit - 1.0, limit + 1.0, limit + 0.5, limit.next_up(), limit.next_down()]);
     }
     values
 }
 
-/// An item of seven parameters, as frame MISSION has them; 5 and 6 must be integers or NaN.
+/// An item with seven parameters, as in frame MISSION; 5 and 6 must be integers or NaN.
 fn item(command: u16, frame: u8, params: [f32; 7]) -> Item {
     let [p1, p2, p3, p4, x, y, z] = params;
     let integer = |value: f32| if value.is_nan() { i32::MAX } else { value as i32 };
@@ -135,7 +135,7 @@ fn common() -> Dialect {
 
 /// M-74, C-9
 #[test]
-fn every_rule_says_what_the_attributes_say() {
+fn all_rules_agree_with_the_attributes() {
     let dialect = common();
     let commands = dialect.enumeration("MAV_CMD").expect("commands");
     assert_eq!(command_rules::ALL.len(), commands.entries.len());
@@ -148,8 +148,8 @@ fn every_rule_says_what_the_attributes_say() {
         let params: Vec<_> = (1..=7)
             .map(|index| entry.params.iter().find(|param| param.index == index).cloned().unwrap_or(unused(index)))
             .collect();
-        // With a position, 5 and 6 are 1 here, because a waypoint at 0, 0 is refused (M-48), and 7 must be a number
-        // where it is used.
+        // With a position, parameters 5 and 6 are 1 here, because a waypoint at 0, 0 is refused (M-48). Parameter 7
+        // must be a number if it is used.
         let allowed = |param: &Param, value: f32| match param.index {
             7 if is_located && value.is_nan() => param.label.is_empty() || altitude_is_optional(name),
             7 if is_located && value.abs() > 1e6 => false,
@@ -185,7 +185,7 @@ fn every_rule_says_what_the_attributes_say() {
 
 /// M-4, M-70
 #[test]
-fn every_rule_knows_frames_and_positions() {
+fn all_rules_check_frames_and_positions() {
     let dialect = common();
     for entry in &dialect.enumeration("MAV_CMD").expect("commands").entries {
         let rule = rule_of(entry).expect("a rule").with_params(&[]);
@@ -208,7 +208,7 @@ fn every_rule_knows_frames_and_positions() {
         assert_eq!(place(900_000_000, -1_800_000_000), Ok(()), "{name}");
         assert_eq!(place(900_000_001, 0), Err(MavMissionResult::INVALID_PARAM5_X), "{name}");
         assert_eq!(place(0, -1_800_000_001), Err(MavMissionResult::INVALID_PARAM6_Y), "{name}");
-        // Half a position.
+        // Only one of latitude and longitude.
         assert_eq!(place(i32::MAX, 0), Err(MavMissionResult::INVALID_PARAM5_X), "{name}");
         assert_eq!(place(0, i32::MAX), Err(MavMissionResult::INVALID_PARAM6_Y), "{name}");
     }
@@ -242,12 +242,12 @@ fn rules_are_written_as_constants() {
             "CommandRule::at_position(16, &[ ParamRule::at_least(1, 0.0), ParamRule::at_least(2, 0.0), ])",
         ),
         ("NAV_RETURN_TO_LAUNCH", "CommandRule::without_position(20, &[])"),
-        // An enumeration in a row.
+        // An enumeration with consecutive values.
         ("NAV_LAND", "CommandRule::at_position(21, &[ ParamRule::integers(2, 0, 2).or_nan(), ]).position_optional()"),
         ("DO_LAND_START", "CommandRule::at_position(189, &[]).position_optional().any_frame()"),
-        // Bits, not in use until lately.
+        // A bitmask, unused until recently.
         ("NAV_TAKEOFF", "CommandRule::at_position(22, &[ ParamRule::bits(3, 0x1).or_nan(), ]).position_optional()"),
-        // −1 is for ever (M-72), whatever the attribute says.
+        // −1 means forever (M-72), although the attribute does not allow it.
         (
             "DO_JUMP",
             "CommandRule::without_position(177, &[ \
@@ -274,7 +274,7 @@ fn rules_are_written_as_constants() {
         ),
         ("NAV_FENCE_CIRCLE_EXCLUSION", "CommandRule::at_position(5004, &[]).altitude_optional()"),
         ("NAV_RALLY_POINT", "CommandRule::at_position(5100, &[])"),
-        // An enumeration with gaps, and a quantity whose increment is none.
+        // An enumeration with gaps, and a quantity, whose increment is ignored.
         (
             "PREFLIGHT_CALIBRATION",
             "CommandRule::without_position(241, &[ \
@@ -293,7 +293,7 @@ fn rules_are_written_as_constants() {
 }
 
 #[test]
-fn a_dialect_of_ones_own_has_rules_too() {
+fn private_dialects_have_rules() {
     let rules: Vec<_> = tricky::command_rules::ALL.iter().map(|rule| rule.command().0).collect();
     assert_eq!(rules, [1, 2, 3, 4, 5, 6, 7, 8, 65_535], "an item's command has 16 bits");
     let [rule, ..] = tricky::command_rules::ALL else { panic!("no rules") };
@@ -306,7 +306,7 @@ fn a_dialect_of_ones_own_has_rules_too() {
 }
 
 #[test]
-fn a_selection_without_commands_has_no_rules() {
+fn selections_without_commands_have_no_rules() {
     let input = path("definitions/common.xml");
     let only = |name: &str| Options { only: Some(vec![name.to_owned()]), ..Options::for_file(&input) };
     let text = |name| generate(&common(), &only(name)).expect("declarations");

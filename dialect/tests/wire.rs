@@ -1,5 +1,5 @@
-//! Ids, `CRC_EXTRA`, lengths, offsets and wire order of every message of every definition (S-3, S-4), against tables that
-//! pymavlink's parser computed.
+//! Ids, `CRC_EXTRA`, lengths, offsets and wire order of every message of every definition (S-3, S-4), against tables
+//! that pymavlink's parser computed.
 
 #[path = "../../tests/support/pymavlink.rs"]
 mod pymavlink;
@@ -9,16 +9,16 @@ use std::{fs, path::PathBuf, process::Command};
 use support::{assert_rows, path, table};
 
 #[test]
-fn every_message_of_every_definition_has_the_wire_form_that_the_reference_gives() {
+fn all_messages_agree_with_the_reference_table() {
     let expected = fs::read_to_string(path("tests/definitions/wire.csv")).expect("the fixture");
     let expected: Vec<_> = expected.lines().map(str::to_owned).collect();
     assert_rows(&table(&[path("definitions"), path("tests/definitions")]), &expected);
     assert_eq!(expected.len(), 3710, "3709 messages in 20 dialects, and the header");
 }
 
-/// The definitions that pymavlink ships are older: another set of facts, and their parser is at hand to compare with.
+/// The definitions in the pymavlink package are older, and so another set of inputs for a comparison with its parser.
 #[test]
-fn the_definitions_inside_pymavlink_give_what_its_own_parser_says() {
+fn all_messages_of_pymavlinks_definitions_agree_with_its_parser() {
     let Some(python) = pymavlink::python() else { return };
     let output = Command::new(python).arg(path("tests/mavparse_rows.py")).output().expect("python runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -1,9 +1,9 @@
-//! Linker scripts: the board's interrupts, and defmt's when there is a log. The others are in `.cargo/config.toml`.
+//! Adds linker scripts: the board's interrupts, and defmt's if logging is enabled. The others are in `.cargo/config.toml`.
 
 use std::env;
 
 fn main() {
-    // The linker runs in the workspace's root and finds `memory.x` there.
+    // The linker runs in the workspace root and finds `memory.x` there.
     println!("cargo:rerun-if-changed=../../memory.x");
     println!("cargo:rerun-if-changed=device.x");
     println!("cargo:rerun-if-changed=build.rs");

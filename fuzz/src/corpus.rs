@@ -1,7 +1,7 @@
-//! The corpora that are checked in: a tar archive per target, which `tar -tf fuzz/corpus/decode.tar` lists.
+//! The checked-in corpora: a tar archive per target. `tar -tf fuzz/corpus/decode.tar` lists one.
 //!
-//! Equal inputs give identical archives: names are sorted, and neither times nor owners are stored. The archives are not
-//! compressed, because git compresses what it stores and can store a new version as a difference.
+//! Equal inputs give identical archives: names are sorted, and no times or owners are stored. The archives are not compressed,
+//! because git compresses its objects and can store a new version as a delta.
 //!
 //! `xtask` includes this file.
 
@@ -13,7 +13,7 @@ use std::path::{Component, Path};
 /// Inputs by name.
 pub type Corpus = BTreeMap<String, Vec<u8>>;
 
-/// Prefix of the names of the inputs that `seeds.rs` makes; all others were found by a run.
+/// Prefix of the names of inputs from `seeds.rs`. All other inputs were found by fuzzing.
 pub const SEED: &str = "seed-";
 
 /// Reads the inputs of an archive.
@@ -40,12 +40,12 @@ fn unpack(bytes: &[u8]) -> Result<Corpus> {
         // Only plain names are allowed, so that unpacking writes nothing outside its folder.
         let mut parts = path.components();
         let (Some(Component::Normal(name)), None) = (parts.next(), parts.next()) else {
-            return Err(Error::new(ErrorKind::InvalidData, format!("{} is no plain name", path.display())));
+            return Err(Error::new(ErrorKind::InvalidData, format!("{} is not a plain file name", path.display())));
         };
         let mut input = Vec::new();
         entry.read_to_end(&mut input)?;
         if corpus.insert(name.to_string_lossy().into_owned(), input).is_some() {
-            return Err(Error::new(ErrorKind::InvalidData, format!("{} is there twice", path.display())));
+            return Err(Error::new(ErrorKind::InvalidData, format!("{} occurs twice", path.display())));
         }
     }
     Ok(corpus)
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_come_back_and_equal_ones_are_equal_bytes() {
+    fn archives_round_trip_and_are_deterministic() {
         let inputs: [(&str, &[u8]); 3] = [("b", &[0xFD; 513]), ("seed-000", &[]), ("a", b"x")];
         let packed = pack(&corpus(&inputs)).expect("packed");
         assert_eq!(unpack(&packed).expect("unpacked"), corpus(&inputs));
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_leads_elsewhere_is_refused() {
+    fn names_with_folders_are_refused() {
         let packed = pack(&corpus(&[("a/b", b"x")])).expect("packed");
         assert!(unpack(&packed).is_err());
     }

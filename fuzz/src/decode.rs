@@ -1,24 +1,24 @@
-//! Any bytes, in any pieces, with any budget: what the decoder finds is what the reference finds (S-13, S-20, SEC-1, SEC-2,
-//! SEC-5, R-9).
+//! Any bytes, in any pieces, with any budget: the decoder finds the same frames as the reference decoder (S-13, S-20, SEC-1,
+//! SEC-2, SEC-5, R-9).
 //!
 //! ```text
-//!   budget  number of pieces, and what is mended  their lengths …  the stream
+//!   budget  number of pieces and checksums to correct  their lengths …  stream
 //! ```
 //!
-//! So few of all changes leave a checksum right that it can be put right afterwards: bits 4 to 7 of the second byte say on which
-//! candidates, of each four.
+//! Few mutations leave a checksum valid, so the target corrects checksums. Bits 4 to 7 of the second byte select the candidates to
+//! correct, modulo four.
 
 use crate::support::{Receiver, reference};
 use arbitrary::Unstructured;
 use mavstack::dialect::Common;
 use mavstack::{Address, Decoder, Dialect, MAX_FRAME_LEN};
 
-/// Longer streams show nothing new, and cost time.
+/// Maximum stream length. Longer streams find nothing new and take time.
 const MAX_LEN: usize = 2_048;
-/// How much longer than its payload a frame is at most, and one byte behind it, for which one of an unknown id waits.
+/// Maximum overhead of a frame, and one byte after it, which confirms a frame with an unknown id.
 const BEYOND: usize = MAX_FRAME_LEN - 255 + 1;
 
-/// Decodes.
+/// Runs the target.
 pub fn run(data: &[u8]) {
     let mut u = Unstructured::new(data);
     let budget: u8 = u.arbitrary().unwrap_or(0);
@@ -26,7 +26,7 @@ pub fn run(data: &[u8]) {
     let pieces = u.bytes(usize::from(how % 16).min(u.len())).unwrap_or(&[]);
     let stream = u.take_rest();
     let stream = &stream[..stream.len().min(MAX_LEN)];
-    // Zeros behind it end every candidate in it.
+    // Zeros after the stream complete every candidate in it.
     let mut buffer = [0; MAX_LEN + 255 + BEYOND];
     buffer[..stream.len()].copy_from_slice(stream);
     reference::mend(&mut buffer[..stream.len()], Common::MESSAGES, how >> 4);
@@ -43,12 +43,12 @@ pub fn run(data: &[u8]) {
     receiver.receive(rest);
     assert_eq!(receiver.found, reference::decode(stream, Common::MESSAGES, |source| source == [2, 1]));
 
-    // Every frame and every refused candidate is counted once.
+    // Every frame and every rejected candidate is counted once.
     let counters = receiver.decoder.counters();
     let checked = receiver.found.iter().filter(|(_, is_checked)| *is_checked).count();
     assert_eq!((counters.frames as usize, counters.unchecked as usize), (checked, receiver.found.len() - checked));
     let found: usize = receiver.found.iter().map(|(raw, _)| raw.len()).sum();
-    let refused = [
+    let rejected = [
         counters.skipped,
         counters.incompat_flags,
         counters.zero_source,
@@ -57,16 +57,16 @@ pub fn run(data: &[u8]) {
         counters.unknown_id,
         counters.stale,
     ];
-    let refused: u32 = refused.iter().sum();
-    assert_eq!(found + refused as usize, stream.len(), "every byte is in a frame, or was given up: {counters:?}");
+    let rejected: u32 = rejected.iter().sum();
+    assert_eq!(found + rejected as usize, stream.len(), "every byte is in a frame or rejected: {counters:?}");
 }
 
-/// Where the last one has its last byte, by what it says itself.
+/// Returns the end of the last candidate by the lengths in the headers.
 fn end_of_candidates(stream: &[u8]) -> usize {
     let longest = |(at, bytes): (usize, &[u8])| match *bytes {
         [0xFD | 0xFE, len] => at + usize::from(len) + BEYOND,
         _ => 0,
     };
-    // The last byte of all has no length behind it.
+    // The last byte of the stream is not followed by a length.
     stream.windows(2).enumerate().map(longest).fold(stream.len() + BEYOND, usize::max)
 }

@@ -1,15 +1,14 @@
-//! Any definition: the generator says where it is wrong, or writes it down; without a panic, and without more text than there
-//! is reason for.
+//! Any XML: the generator reports where it is wrong, or generates code. It does not panic, and the size of its output is bounded.
 
 use mavstack_dialect::{Options, generate, load};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-/// Longer ones show nothing new.
+/// Maximum length of a definition. Longer ones find nothing new.
 const MAX_LEN: usize = 16_384;
 
-/// The generator reads files. In memory, where there is a folder for that.
+/// The input file, because the generator reads files. It is in memory if /dev/shm exists.
 static FILE: LazyLock<PathBuf> = LazyLock::new(|| {
     let memory = PathBuf::from("/dev/shm");
     let folder = if memory.is_dir() { memory } else { std::env::temp_dir() };
@@ -18,14 +17,14 @@ static FILE: LazyLock<PathBuf> = LazyLock::new(|| {
     folder.join("fuzzed.xml")
 });
 
-/// Reads, and generates.
+/// Runs the target.
 pub fn run(data: &[u8]) {
     let data = &data[..data.len().min(MAX_LEN)];
     fs::write(&*FILE, data).expect("a temporary file");
     let dialect = match load(&FILE, &[]) {
         Ok(dialect) => dialect,
         Err(error) => {
-            // What is wrong with a file as a whole has no line.
+            // An error of the whole file has no line.
             assert!(error.line.is_some() || error.element == "the file", "{error}");
             let lines = data.iter().filter(|byte| **byte == b'\n').count() + 1;
             let is_here = error.file == *FILE;
@@ -36,7 +35,7 @@ pub fn run(data: &[u8]) {
     };
     match generate(&dialect, &Options::for_file(&FILE)) {
         Ok(text) => {
-            // Includes bring all of common with them.
+            // Includes add all of common.
             assert!(text.len() < 2_000_000 + 200 * data.len(), "{} bytes of {}", text.len(), data.len());
             assert!(text.ends_with('\n'));
         }

@@ -1,8 +1,8 @@
-//! What the fuzz targets do with their bytes, one module each: `run` takes any bytes and panics when a promise is broken.
-//! README.md says how to run them, and how to keep what they find.
+//! The fuzz targets, one module each. `run` takes any bytes and panics when a guarantee is violated. README.md describes how to
+//! run them and how to keep their findings.
 //!
-//! Bytes become a test case by [`arbitrary::Unstructured`], front to back and without looking ahead, so that a short
-//! script of them can be written by hand ([`seeds`]) and a change of one byte changes one thing.
+//! [`arbitrary::Unstructured`] turns the bytes into a test case, from front to back and without lookahead. So a short script can be
+//! written by hand ([`seeds`]), and a mutation of one byte changes one thing.
 
 #[cfg(test)]
 mod corpus;
@@ -15,7 +15,7 @@ pub mod session;
 pub mod sign;
 pub mod wpl;
 
-// What the generated messages, compiled once more by `all`, ask the crate root for.
+// Names that the generated messages in `all` expect in the crate root.
 #[allow(unused_imports)]
 use all::{command, dialect, message, wire_bitmask, wire_enum};
 #[allow(unused_imports)]
@@ -29,17 +29,17 @@ mod flash;
 mod signer;
 mod support;
 
-/// A target.
+/// A fuzz target.
 pub struct Target {
     /// Its name.
     pub name: &'static str,
-    /// What it does with its bytes.
+    /// Runs an input.
     pub run: fn(&[u8]),
-    /// What it begins with.
+    /// Returns the seeds of its corpus.
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
-/// All of them.
+/// All targets.
 pub const TARGETS: [Target; 7] = [
     Target { name: "decode", run: decode::run, seeds: seeds::decode },
     Target { name: "session", run: session::run, seeds: seeds::session },
@@ -75,9 +75,9 @@ mod tests {
             let regressions = Path::new(env!("CARGO_MANIFEST_DIR")).join("regressions").join(target.name);
             let Ok(files) = fs::read_dir(regressions) else { continue };
             for file in files {
-                let path = file.expect("a folder that can be read").path();
+                let path = file.expect("a readable folder").path();
                 println!("{}", path.display());
-                (target.run)(&fs::read(&path).expect("a file that can be read"));
+                (target.run)(&fs::read(&path).expect("a readable file"));
             }
         }
     }
@@ -88,15 +88,15 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("mavstack-fuzz-corpus-{}", std::process::id()));
         fs::create_dir_all(&folder).expect("a temporary folder");
         for target in TARGETS {
-            let (is, again) = (archive(target.name), folder.join(target.name));
-            corpus::write(&again, &corpus::read(&is).expect("a corpus")).expect("an archive that can be written");
-            let bytes = |path: &Path| fs::read(path).expect("a file that can be read");
-            assert!(bytes(&is) == bytes(&again), "{} differs from what would be written", is.display());
+            let (original, copy) = (archive(target.name), folder.join(target.name));
+            corpus::write(&copy, &corpus::read(&original).expect("a corpus")).expect("a writable archive");
+            let bytes = |path: &Path| fs::read(path).expect("a readable file");
+            assert!(bytes(&original) == bytes(&copy), "{} is not canonical; write it again", original.display());
         }
         fs::remove_dir_all(&folder).expect("a temporary folder");
     }
 
-    /// The seeds themselves.
+    /// Runs the seeds.
     #[test]
     fn seeds_pass() {
         for target in TARGETS {
@@ -106,7 +106,7 @@ mod tests {
         }
     }
 
-    /// Writes the seeds into the corpora.
+    /// Writes the seeds to the corpora.
     #[test]
     #[ignore = "writes files: cargo test --lib -- --ignored write_seeds"]
     fn write_seeds() {
@@ -120,7 +120,7 @@ mod tests {
             for (index, seed) in (target.seeds)().into_iter().enumerate() {
                 corpus.insert(format!("{}{index:03}", corpus::SEED), seed);
             }
-            corpus::write(&archive, &corpus).expect("an archive that can be written");
+            corpus::write(&archive, &corpus).expect("a writable archive");
         }
     }
 }

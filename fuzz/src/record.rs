@@ -1,30 +1,44 @@
-//! Any flash content and any power cut: a vehicle starts with nothing, with a whole record, or with an error (G-13, G-18,
-//! GOAL-8, GOAL-9, M-5, M-44, P-17).
+//! Any flash contents and any power cut: a vehicle boots with nothing, with a complete record, or with an error (G-13, G-18,
+//! M-5, M-44, P-17, SEC-11).
 //!
 //! ```text
-//!   0  the image      bytes, spread over both slots of all three stores
-//!   1  a record       sequence number, body: everything around it is right
-//!   2  changes        what a cut leaves behind; each: length, number, how far the power lasts (2 bytes)
+//!   0  an image     bytes for both slots of all three stores
+//!   1  a record     sequence number, body; the header and checksums are valid
+//!   2  changes      effect of a power cut; then for each change: length, variant, steps until the cut (2 bytes)
 //! ```
 
 use crate::flash::{RamFlash, Torn};
-use crate::support::TestVehicle;
+use crate::support::{TestVehicle, Tuning};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::{MavCmd, MavFrame};
 use mavstack::{
     Address, Config, Durability, Instant, Item, LinkConfig, ParamStore, ParamTable, PlanStore, PlanType, PlanView,
-    Pulse, RestoreError, SigningKey, SigningMemory, SigningStore, Stack, plan_memory,
+    Pulse, RestoreError, SigningKey, SigningStore,
 };
 
-type Plans = plan_memory!(mission: 6, fence: 2, rally: 2);
-type TestStack = Stack<1, Plans>;
+mavstack::stack! {
+    struct TestStack for TestVehicle {
+        links: 1,
+        plans: { mission: 6, fence: 2, rally: 2 },
+        parameters: Tuning,
+        streams,
+        commands: { slots: 3 },
+    }
+}
+
+mavstack::stack! {
+    struct SigningStack for TestVehicle { links: 1, signing }
+}
+
 type Flash = RamFlash<4, 256>;
 
 const SLOT: usize = 768;
 const REGION: u32 = 2 * SLOT as u32;
 static PULSE: Pulse = Pulse::new();
+const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+const LINKS: [LinkConfig; 1] = [LinkConfig::uart(115_200)];
 
-/// Fills flash, or changes what is stored and cuts the power.
+/// Runs the target.
 pub fn run(data: &[u8]) {
     let mut u = Unstructured::new(data);
     let _ = match u.arbitrary::<u8>().unwrap_or(0) % 3 {
@@ -34,7 +48,7 @@ pub fn run(data: &[u8]) {
     };
 }
 
-/// Whatever lies there.
+/// Arbitrary flash contents.
 fn image(mut u: Unstructured<'_>) -> Result<()> {
     let at = usize::from(u.arbitrary::<u16>()?) % (2 * SLOT);
     let mut bytes = vec![0xFF; 2 * SLOT];
@@ -48,7 +62,7 @@ fn image(mut u: Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// A record of our format with this body; every checksum is right.
+/// A record in the library's format with an arbitrary body and valid checksums.
 fn record(mut u: Unstructured<'_>) -> Result<()> {
     let (kind, schema, sequence): (u8, u8, u32) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
     let kind = 1 + kind % 3;
@@ -79,7 +93,7 @@ fn crc(bytes: &[u8]) -> [u8; 4] {
     crc.get_crc().to_le_bytes()
 }
 
-/// What is stored of items, and what their id is computed from.
+/// Returns the stored form of items, from which the plan id is computed.
 fn bytes_of(items: &[Item]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for item in items {
@@ -93,14 +107,14 @@ fn bytes_of(items: &[Item]) -> Vec<u8> {
 }
 
 fn new_stack() -> Box<TestStack> {
-    Box::new(Stack::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(115_200)]))
+    Box::new(TestStack::new(CONFIG, LINKS))
 }
 
-/// What is live, bit by bit.
+/// Returns the live plans in their stored form.
 fn live(stack: &TestStack) -> [Vec<u8>; 3] {
     [stack.mission(), stack.fence(), stack.rally()].map(|plan: PlanView| {
         let items = bytes_of(plan.items());
-        // M-5: an id is that of the items, or 0 for none.
+        // M-5: the id is computed from the items; 0 for an empty plan.
         let id = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&items)).max(1) };
         assert_eq!(plan.id(), id);
         items
@@ -112,7 +126,7 @@ fn restored(store: &mut PlanStore<&mut Flash>, vehicle: &mut TestVehicle) -> Box
     let result = stack.restore_plans(Instant::ZERO, store, Durability::Durable, vehicle);
     assert!(store.flash().torn == Torn::Unreadable || is_readable(&result), "{result:?}");
     if !is_readable(&result) {
-        // A header that was cut off and cannot be read: it is read again, once a second, and then it does not count.
+        // The header of an interrupted write cannot be read. It is read again once a second, and then ignored.
         for seconds in 1..=10 {
             let now = Instant::from_millis(seconds * 1_000);
             stack.poll(now, vehicle);
@@ -122,19 +136,19 @@ fn restored(store: &mut PlanStore<&mut Flash>, vehicle: &mut TestVehicle) -> Box
     stack
 }
 
-/// Readable flash has a whole record, is empty, or is reported as damaged or foreign (G-18).
+/// Whether the flash was readable. It then has a complete record, is empty, or is reported as damaged or foreign (G-18).
 fn is_readable<E>(result: &core::result::Result<(), RestoreError<E>>) -> bool {
     !matches!(result, Err(RestoreError::Storage(_)))
 }
 
-/// A number of waypoints, no two plans of different `variant` alike.
+/// Returns a mission. Missions of different `variant` differ.
 fn mission(len: u8, variant: u8) -> Vec<Item> {
     let item = |seq| Item {
         frame: MavFrame::GLOBAL_RELATIVE_ALT,
         command: MavCmd::NAV_WAYPOINT,
         autocontinue: 1,
         params: [f32::from(variant), 0.0, 0.0, f32::NAN],
-        // Never 0, 0, which is no waypoint (M-48).
+        // Never 0, 0, which is not a valid waypoint (M-48).
         x: i32::from(seq) + 1,
         y: i32::from(variant),
         z: 20.0,
@@ -147,17 +161,17 @@ fn start_plans(mut flash: Flash) {
     let mut store = PlanStore::new(&mut flash, 0..REGION);
     let mut stack = restored(&mut store, &mut vehicle);
     let [_, fence, rally] = live(&stack);
-    // What is live was checked as an upload is, so uploading it again is accepted.
+    // Restored plans are checked like uploads, so the same plan is accepted again.
     let items = stack.mission().items().to_vec();
     let loaded = new_stack().load_plan(Instant::ZERO, PlanType::Mission, items, &mut vehicle);
-    assert_eq!(loaded, Ok(()), "what was restored can be flown");
-    // And it takes a plan, whatever there was.
+    assert_eq!(loaded, Ok(()), "the restored mission is valid");
+    // A new plan is accepted, whatever the flash contained.
     let plan = mission(3, 7);
     assert_eq!(stack.load_plan(Instant::ZERO, PlanType::Mission, plan.iter().copied(), &mut vehicle), Ok(()));
     let mut steps = 0;
     while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {
         steps += 1;
-        assert!(steps < 1_000, "it ends");
+        assert!(steps < 1_000, "persisting does not end");
     }
     let again = restored(&mut store, &mut vehicle);
     assert_eq!(live(&again), [bytes_of(&plan), fence, rally]);
@@ -169,26 +183,24 @@ fn start_params(mut flash: Flash) {
     let mut stack = new_stack();
     let result = stack.restore_parameters(Instant::ZERO, &mut store, &mut vehicle);
     assert!(is_readable(&result), "{result:?}");
-    within_bounds(&vehicle);
-    // And it keeps a change, whatever there was.
-    vehicle.tuning.set(crate::support::Tuning::TRIM_ROLL, 11);
-    stack.save_parameters(Instant::ZERO, &mut vehicle);
+    assert_in_range(stack.parameters());
+    // A change is stored, whatever the flash contained.
+    stack.parameters_mut().set(Tuning::TRIM_ROLL, 11);
+    stack.save_parameters(Instant::ZERO);
     let mut now = Instant::ZERO;
     for _ in 0..200 {
         now = now.after(crate::support::millis(100));
         stack.poll(now, &mut vehicle);
         stack.persist_parameters(now, &mut store, &mut vehicle);
     }
-    let mut again = TestVehicle::new();
-    new_stack().restore_parameters(Instant::ZERO, &mut store, &mut again).expect("flash that can be read");
-    within_bounds(&again);
-    assert_eq!(again.tuning.get(crate::support::Tuning::TRIM_ROLL), 11);
+    let (mut again, mut vehicle) = (new_stack(), TestVehicle::new());
+    again.restore_parameters(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
+    assert_in_range(again.parameters());
+    assert_eq!(again.parameters().get(Tuning::TRIM_ROLL), 11);
 }
 
-/// P-17: a value that is out of its range is the default.
-fn within_bounds(vehicle: &TestVehicle) {
-    use crate::support::Tuning;
-    let tuning = &vehicle.tuning;
+/// P-17: a stored value that is out of range is replaced by the default.
+fn assert_in_range(tuning: &Tuning) {
     assert!((9.0..=12.6).contains(&tuning.get(Tuning::BAT_LOW)));
     assert!((0.5..=20.0).contains(&tuning.get(Tuning::CRUISE)));
     assert!((0..=4).contains(&tuning.get(Tuning::FENCE_ACT)));
@@ -201,32 +213,30 @@ fn within_bounds(vehicle: &TestVehicle) {
 }
 
 fn start_signing(mut flash: Flash) {
-    let mut vehicle = TestVehicle::new();
-    vehicle.signing = Some(SigningMemory::new());
+    let vehicle = TestVehicle::new();
     let mut store = SigningStore::new(&mut flash, 0..REGION);
-    let mut stack = new_stack();
-    let result = stack.restore_signing(Instant::ZERO, &mut store, &mut vehicle);
+    let mut stack = SigningStack::new(CONFIG, LINKS);
+    let result = stack.restore_signing(Instant::ZERO, &mut store);
     assert!(is_readable(&result), "{result:?}");
-    let signing = vehicle.signing.as_mut().expect("a memory for signing");
+    let signing = stack.signing_mut();
     let time = signing.timestamp(Instant::ZERO);
     assert!(time < 1 << 48, "a timestamp has 48 bits");
     signing.set_key(Instant::ZERO, SigningKey::new([9; 32]), 37_000_000_000_000);
-    // Another key begins with its own time (G-17).
+    // A new key starts with its own timestamp (G-17).
     let time = signing.timestamp(Instant::ZERO);
     let mut steps = 0;
-    while stack.persist_signing(Instant::ZERO, &mut store, &mut vehicle) {
+    while stack.persist_signing(Instant::ZERO, &mut store, &vehicle) {
         steps += 1;
-        assert!(steps < 1_000, "it ends");
+        assert!(steps < 1_000, "persisting does not end");
     }
-    let mut again = TestVehicle::new();
-    again.signing = Some(SigningMemory::new());
-    new_stack().restore_signing(Instant::ZERO, &mut store, &mut again).expect("flash that can be read");
-    let signing = again.signing.as_mut().expect("a memory for signing");
-    assert!(signing.is_active(), "the key is there");
-    assert!(signing.timestamp(Instant::ZERO) >= time, "G-15: time goes on");
+    let mut again = SigningStack::new(CONFIG, LINKS);
+    again.restore_signing(Instant::ZERO, &mut store).expect("readable flash");
+    let signing = again.signing();
+    assert!(signing.is_active(), "the key is restored");
+    assert!(signing.timestamp(Instant::ZERO) >= time, "G-15: the timestamp does not go back");
 }
 
-/// Plans are changed, one after the other, with the power cut anywhere: there is always the old one, or the new.
+/// Changes plans one after the other and cuts the power at any step. After each cut the old or the new plan is present.
 fn changes(mut u: Unstructured<'_>) -> Result<()> {
     let mut flash = Flash::new(REGION);
     flash.torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(u.arbitrary::<u8>()? % 3)];
@@ -238,26 +248,26 @@ fn changes(mut u: Unstructured<'_>) -> Result<()> {
         let (len, variant, fuel): (u8, u8, u16) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
         flash.fuel = (fuel < 0xFF00).then_some(u64::from(fuel % 1_200));
         let mut vehicle = TestVehicle::new();
-        // The power may go while it is read, too.
+        // No power cut while restoring.
         let fuel = flash.fuel.take();
         let mut store = PlanStore::new(&mut flash, 0..REGION);
         let mut stack = restored(&mut store, &mut vehicle);
-        assert_eq!(live(&stack), old, "what was found is found again");
+        assert_eq!(live(&stack), old, "the same plan is found again");
         store.flash_mut().fuel = fuel;
         let plan = mission(len, variant);
         let new = [bytes_of(&plan), vec![], vec![]];
         assert_eq!(stack.load_plan(Instant::ZERO, PlanType::Mission, plan, &mut vehicle), Ok(()));
-        // After what restoring took.
+        // Later than the time that restoring may have used.
         let mut now = Instant::from_millis(20_000);
         for _ in 0..100 {
             now = now.after(crate::support::millis(50));
             stack.poll(now, &mut vehicle);
             stack.persist_plans(now, &mut store, &mut vehicle);
         }
-        let is_whole = !store.flash().is_off();
+        let is_complete = !store.flash().is_off();
         store.flash_mut().power_on();
         let found = live(&restored(&mut store, &mut vehicle));
-        assert!(found == new || (!is_whole && found == old), "neither the old one nor the new");
+        assert!(found == new || (!is_complete && found == old), "neither the old plan nor the new one");
         old = found;
     }
     Ok(())

@@ -1,8 +1,8 @@
-//! Any message with any content: what is encoded is found and decodes to the same bytes, in both versions (S-5, S-8, S-10,
+//! Any message with any content: after encoding it is found and decodes to the same bytes, in both versions (S-5, S-8, S-10,
 //! S-17).
 //!
 //! ```text
-//!   which message (2 bytes)  sequence number  system  component  payload …
+//!   message (2 bytes)  sequence number  system  component  payload …
 //! ```
 
 use crate::all::{self, Declared, Visit};
@@ -12,14 +12,14 @@ use mavstack::{Address, Decoder, Dialect, EncodeError, Instant, MAX_FRAME_LEN, M
 use std::fmt::Debug;
 
 struct RoundTrip<'a> {
-    /// The number of the message among all, counted down.
+    /// Index of the message, counted down.
     left: usize,
     seq: u8,
     source: Address,
     payload: &'a [u8],
 }
 
-/// Encodes, decodes, and encodes.
+/// Runs the target.
 pub fn run(data: &[u8]) {
     let mut u = Unstructured::new(data);
     let (which, seq) = (u.arbitrary::<u16>().unwrap_or(0), u.arbitrary().unwrap_or(0));
@@ -41,7 +41,7 @@ impl Visit for RoundTrip<'_> {
 
 impl RoundTrip<'_> {
     fn check<M: Message + Debug>(&self) {
-        // A payload that a newer dialect made longer, too.
+        // The payload may be longer than the message, as from a newer dialect.
         let payload = &self.payload[..self.payload.len().min(255)];
         let mut bytes = [0; 255];
         bytes[..payload.len()].copy_from_slice(payload);
@@ -60,14 +60,14 @@ impl RoundTrip<'_> {
             let found = found.unwrap_or_else(|| panic!("{}: no frame", M::NAME));
             assert_eq!((found.id(), found.source(), found.header().seq), (M::ID, self.source, self.seq));
             assert_eq!((found.header().version, found.is_checked(), found.raw()), (version, true, frame));
-            // The fields cover the payload, so all of it comes back.
+            // The fields cover the payload, so all of it is preserved.
             let kept = if version == Version::V1 { M::BASE_LEN } else { M::MAX_LEN };
             let mut expected = [0; 255];
             expected[..kept].copy_from_slice(&bytes[..kept]);
             let mut got = [0; 255];
             got[..found.payload().len()].copy_from_slice(found.payload());
             assert_eq!(got, expected, "{}", M::NAME);
-            // And the message that comes out makes the same frame.
+            // Encoding the decoded message gives the same frame.
             let again: M = found.decode().unwrap_or_else(|| panic!("{}: not decoded", M::NAME));
             let mut second = [0; MAX_FRAME_LEN];
             assert_eq!(encode(&again, version, self.source, self.seq, &mut second), Ok(len));

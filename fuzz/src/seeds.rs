@@ -1,12 +1,12 @@
-//! What the corpora began with, made of the golden frames and of scripts.
+//! The seeds of the corpora, from the golden frames and from scripts.
 
 use std::fs;
 use std::path::Path;
 
-/// The frames that the reference implementation encodes.
+/// Frames encoded by the reference implementation.
 const GOLDEN: &[u8] = include_bytes!("../../tests/golden/common.bin");
 
-/// The golden frames, one by one.
+/// Splits the golden frames.
 fn golden() -> Vec<&'static [u8]> {
     let (mut frames, mut rest) = (Vec::new(), GOLDEN);
     while let [start, len, ..] = *rest {
@@ -17,7 +17,7 @@ fn golden() -> Vec<&'static [u8]> {
     frames
 }
 
-/// Frames whole, cut, nested and damaged.
+/// Frames that are complete, truncated, nested and damaged.
 pub fn decode() -> Vec<Vec<u8>> {
     let frames = golden();
     let picked: Vec<_> = frames.iter().step_by(37).collect();
@@ -25,7 +25,7 @@ pub fn decode() -> Vec<Vec<u8>> {
     for (index, frame) in picked.iter().enumerate() {
         let other = picked[(index + 1) % picked.len()];
         seeds.push([&[0, 0], **frame].concat());
-        // In pieces, with a little budget, behind a start byte that is none.
+        // In pieces, with a small budget, after a false start byte.
         seeds.push([&[1, 3, 1, 7, 200, 0xFD, 30], **frame, other].concat());
         let mut damaged = [&[0, 0], **frame, other].concat();
         damaged[3] ^= 0x10;
@@ -33,7 +33,7 @@ pub fn decode() -> Vec<Vec<u8>> {
     }
     seeds.push([&[1, 0][..], &[0xFD; 600]].concat());
     seeds.push([&[1, 0][..], &[0xFE, 0xFF].repeat(300)].concat());
-    // Of an unknown id, from somebody known, with a frame behind it.
+    // An unknown id from a known sender, followed by a frame.
     seeds.push([&[0, 0, 0xFD, 2, 0, 0, 1, 2, 1, 0xEF, 0xCD, 0xAB, 1, 2, 3, 4], frames[0]].concat());
     // Signed.
     let mut signed = [&[0, 0][..], frames[0]].concat();
@@ -43,7 +43,7 @@ pub fn decode() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// One of each kind of payload.
+/// One seed for each kind of payload.
 pub fn roundtrip() -> Vec<Vec<u8>> {
     let counting: Vec<u8> = (1..=255).collect();
     let payloads: [&[u8]; 4] = [&[], &[0xFF; 255], &[0x7F, 0xC0, 0, 0, 0xFF].repeat(51), &counting];
@@ -56,7 +56,7 @@ pub fn roundtrip() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Frames and copies, changed everywhere that matters.
+/// Frames and duplicates, changed at every relevant offset.
 pub fn sign() -> Vec<Vec<u8>> {
     let mut seeds = vec![
         vec![0, 0, 1, 2, 0, 0, 0, 1, 2, 1, 0, 2, 1],
@@ -71,10 +71,10 @@ pub fn sign() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Images, records and cuts.
+/// Images, records and power cuts.
 pub fn record() -> Vec<Vec<u8>> {
     let mut seeds = vec![vec![0, 0, 0], [&[0, 0, 0][..], b"MVSR\x01\x00\x01\x00"].concat()];
-    // A plan of one waypoint: counts, ids that are wrong, and the item.
+    // A plan with one waypoint: counts, wrong ids, the item.
     let mut plan = vec![1, 0, 0, 1, 0, 0, 0];
     plan.extend([1, 0, 0, 0, 0, 0]);
     plan.resize(7 + 32, 0);
@@ -97,7 +97,7 @@ pub fn record() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// The definitions' own forms, small.
+/// Small definitions that use every construct.
 pub fn dialect() -> Vec<Vec<u8>> {
     let xml = |inner: &str| format!("<?xml version=\"1.0\"?>\n<mavlink>\n{inner}\n</mavlink>\n").into_bytes();
     vec![
@@ -125,7 +125,7 @@ pub fn dialect() -> Vec<Vec<u8>> {
     ]
 }
 
-/// The files of real programs, and lines that are hard to read.
+/// Files of real programs, and lines that are hard to parse.
 pub fn wpl() -> Vec<Vec<u8>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/wpl");
     let mut files: Vec<_> = fs::read_dir(folder).expect("the tests' files").flatten().map(|file| file.path()).collect();
@@ -146,23 +146,23 @@ pub fn wpl() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Whole conversations.
+/// Complete sessions.
 pub fn session() -> Vec<Vec<u8>> {
     const SECOND: &[u8] = &[11];
     let upload = |link: u8, plan: u8, count: u8| vec![10, link, plan | count << 2];
-    let usual = |way: u8, which: u8, a: u8, b: u8| vec![2, way, which, a, b];
+    let usual = |route: u8, which: u8, a: u8, b: u8| vec![2, route, which, a, b];
     let mut seeds = vec![
-        // Uploads, one after the other and at once, over all links.
+        // Uploads on all links, sequential and concurrent.
         [&[0, 0], SECOND, &upload(0, 0, 5), SECOND, &upload(0, 1, 2), SECOND, &upload(1, 2, 3), SECOND].concat(),
         [&[0x10, 8], SECOND, &upload(3, 0, 8), SECOND, &upload(0, 0, 4), &upload(1, 0, 3), SECOND, SECOND].concat(),
         [&[0, 0], SECOND, &upload(0, 0, 5), SECOND, &usual(4, 5, 0xFF, 0), SECOND, &usual(4, 1, 0, 0), SECOND].concat(),
-        // Commands while lines stall and come back.
+        // Commands while lines stall and recover.
         [&[0, 0], SECOND, &[9, 0, 9, 1, 9, 2, 9, 0x40, 6, 0, 1, 9, 0, 9, 4, 0, 9, 9, 6, 0, 0], SECOND].concat(),
         [&[0x18, 0], SECOND, &[9, 3, 9, 0x83, 9, 0xC3, 9, 0x80], SECOND, &[6, 3, 7], SECOND].concat(),
-        // The flight loop stops, the vehicle is ill, time jumps.
+        // The flight loop stops, the vehicle reports no state, time jumps.
         [&[0, 1], SECOND, &[8, 0, 0], SECOND, &[8, 0, 0], SECOND, &[8, 1, 0], SECOND, &[8, 1, 0, 1, 100, 1, 4], SECOND]
             .concat(),
-        // Forwarding: somebody on each link, then what is for him; what was forwarded comes back.
+        // Forwarding: a peer on each link, then frames addressed to it; forwarded frames return.
         [
             &[0x40, 0][..],
             &usual(4 << 2, 0, 10, 0),
@@ -179,10 +179,10 @@ pub fn session() -> Vec<Vec<u8>> {
         // The satellite.
         [&[0x20, 0], SECOND, &usual(2, 12, 11, 1), SECOND, SECOND, &[1, 100], SECOND, &usual(2, 12, 11, 8), SECOND]
             .concat(),
-        // A key comes and goes.
+        // A key is set and removed.
         [&[0x08, 0], SECOND, &usual(3, 20, 1, 1), SECOND, &[9, 0x83, 9, 3], SECOND, &usual(0x83, 20, 0, 1), SECOND]
             .concat(),
-        // Long commands.
+        // Long-running commands.
         [&[0, 0], SECOND, &usual(0, 12, 2, 0), SECOND, &[8, 6, 40], SECOND, &usual(0, 14, 2, 0), &[8, 5, 0], SECOND]
             .concat(),
         // Any message, any bytes.
@@ -197,16 +197,16 @@ pub fn session() -> Vec<Vec<u8>> {
         ]
         .concat(),
     ];
-    // Every usual message, also for others.
-    for way in [0, 1 | 1 << 2, 3 | 0x80, 0x20 | 5 << 2] {
+    // Every usual message, also addressed to others.
+    for route in [0, 1 | 1 << 2, 3 | 0x80, 0x20 | 5 << 2] {
         let mut seed = vec![0x70, 0];
         (0..24).for_each(|which| {
-            seed.extend(usual(way, which, which, 3));
+            seed.extend(usual(route, which, which, 3));
             seed.extend([0, 3, 20]);
         });
         seeds.push([&seed, SECOND].concat());
     }
-    // The power goes while a plan, or a parameter, is written.
+    // A power cut while a plan or a parameter is written.
     for fuel in [1u16, 30, 200, 300, 600, 900, 1_500] {
         let [low, high] = fuel.to_le_bytes();
         let cut = [7, 0, low, high];

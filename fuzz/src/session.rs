@@ -1,7 +1,8 @@
-//! A whole vehicle with four links, its flash and everybody around it, driven by a script: times, messages, faults of lines,
-//! cuts of the power. [`script`] says what its bytes mean, [`checks`] what must hold.
+//! A complete vehicle with four links, its flash and its peers, driven by a script of times, messages, line faults and power cuts.
+//! [`script`] defines the bytes of the script, [`checks`] the invariants.
 
 mod checks;
+mod declared;
 mod line;
 mod script;
 
@@ -10,21 +11,19 @@ use crate::signer::{KEY, NOW, Signer};
 use crate::support::{Call, TestVehicle, VEHICLE, reference};
 use arbitrary::Unstructured;
 use checks::Checks;
+use declared::Declared;
 use line::Uart;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Config, ControlSource, Durability, Duration, ForwardQueues, HighLatency, HighLatencyConfig, Instant, Item,
-    LinkClass, LinkConfig, LinkId, LinkSigning, MAX_FRAME_LEN, ManualInput, Message, ParamStore, PlanStore, Pulse,
-    SigningKey, SigningMemory, SigningStore, Stack, StreamProfile, SystemId, TimeSlots, TxVersion, Version, encode,
-    plan_memory,
+    Address, Config, ControlSource, Durability, Duration, Instant, Item, LinkClass, LinkConfig, LinkId, LinkSigning,
+    MAX_FRAME_LEN, Message, ParamStore, PlanStore, Pulse, SigningKey, SigningStore, Stack, StreamProfile, SystemId,
+    TxVersion, Version, encode,
 };
 
-/// Links of the vehicle.
+/// Number of links of the vehicle.
 const LINKS: usize = 4;
 const SATELLITE: usize = 2;
 
-type Plans = plan_memory!(mission: 8, fence: 4, rally: 4);
-type TestStack = Stack<LINKS, Plans, 6, 3, 8>;
 type Flash = RamFlash<8, 512>;
 
 const PLANS: u32 = PlanStore::<Flash>::region_len(8, 4, 4);
@@ -32,14 +31,14 @@ const PARAMS: u32 = ParamStore::<Flash>::region_len(9);
 const SIGNING: u32 = SigningStore::<Flash>::REGION_LEN;
 
 const MAX_STEPS: usize = 64;
-/// Polls of one script.
+/// Maximum number of polls per script.
 const MAX_POLLS: u32 = 600;
 
 static PULSE: Pulse = Pulse::new();
 
-struct Session {
+struct Session<D: Declared> {
     setup: [u8; 2],
-    stack: Box<TestStack>,
+    stack: Box<Stack<D, LINKS>>,
     vehicle: TestVehicle,
     plans: PlanStore<Flash>,
     params: ParamStore<Flash>,
@@ -50,15 +49,15 @@ struct Session {
     polls: u32,
     timestamp: u64,
     seq: u8,
-    /// The upload of each link's client, and how many of its items were asked for.
+    /// The upload of each link's client, and the number of items requested so far.
     uploads: [Option<(Tag, u16)>; LINKS],
-    /// Whether frames of a link's client may be lost.
+    /// Whether frames of each link's client may be lost.
     loses: [bool; LINKS],
     last_tag: u16,
     checks: Checks,
 }
 
-/// An upload, which all of its items name.
+/// Identifies an upload. Every item contains it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tag {
     plan: MavMissionType,
@@ -66,22 +65,29 @@ pub(crate) struct Tag {
     number: u16,
 }
 
-/// Runs the script.
+/// What is left of a session.
+#[cfg_attr(not(test), allow(dead_code, reason = "the tests look at it"))]
+struct Played {
+    live: [Vec<Item>; 3],
+    lines: [Uart; LINKS],
+    checks: Checks,
+}
+
+/// Runs the target.
 pub fn run(data: &[u8]) {
     play(data);
 }
 
-fn play(data: &[u8]) -> Session {
+fn play(data: &[u8]) -> Played {
     let mut u = Unstructured::new(data);
     let setup = [u.arbitrary().unwrap_or(0), u.arbitrary().unwrap_or(0)];
-    let mut session = Session::new(setup);
-    for _ in 0..MAX_STEPS {
-        if u.is_empty() || session.polls > MAX_POLLS || session.step(&mut u).is_err() {
-            break;
-        }
+    let [a, _] = setup;
+    match (a & 0x20 != 0, a & 0x40 != 0) {
+        (false, false) => Session::<declared::Plain>::play(setup, u),
+        (true, false) => Session::<declared::Satellite>::play(setup, u),
+        (false, true) => Session::<declared::Forwarding>::play(setup, u),
+        (true, true) => Session::<declared::Both>::play(setup, u),
     }
-    session.finish();
-    session
 }
 
 fn links([a, _]: [u8; 2]) -> [LinkConfig; LINKS] {
@@ -96,13 +102,24 @@ fn links([a, _]: [u8; 2]) -> [LinkConfig; LINKS] {
     ]
 }
 
-impl Session {
+impl<D: Declared> Session<D> {
+    fn play(setup: [u8; 2], mut u: Unstructured<'_>) -> Played {
+        let mut session = Self::new(setup);
+        for _ in 0..MAX_STEPS {
+            if u.is_empty() || session.polls > MAX_POLLS || session.step(&mut u).is_err() {
+                break;
+            }
+        }
+        session.finish();
+        Played { live: session.live(), lines: session.lines, checks: session.checks }
+    }
+
     fn new(setup: [u8; 2]) -> Self {
-        // Times that wrap in 32 bits, of milliseconds and of microseconds.
+        // Times at which 32 bits of microseconds or milliseconds wrap.
         let start = [0, (1 << 32) - 2_000_000, ((1 << 32) - 3_000) * 1_000, 5_000_000][usize::from(setup[1] & 3)];
         let mut new = Self {
             setup,
-            stack: Box::new(stack(setup)),
+            stack: stack(setup),
             vehicle: vehicle(setup),
             plans: PlanStore::new(Flash::new(PLANS), 0..PLANS),
             params: ParamStore::new(Flash::new(PARAMS), 0..PARAMS),
@@ -120,28 +137,27 @@ impl Session {
         };
         new.restore();
         if setup[0] & 0x10 != 0 {
-            let signing = new.vehicle.signing.as_mut().expect("a memory for signing");
-            signing.set_key(new.now, SigningKey::new(KEY), NOW);
+            new.stack.signing_mut().set_key(new.now, SigningKey::new(KEY), NOW);
         }
         new
     }
 
-    /// What a start does.
+    /// Restores everything from flash, as at boot.
     fn restore(&mut self) {
         let durability = if self.setup[1] & 4 == 0 { Durability::Durable } else { Durability::Deferred };
         let Self { stack, vehicle, now, .. } = self;
-        // What cannot be read is told, and otherwise as if it were not there.
+        // Unreadable contents are reported, and otherwise treated as missing.
         let _ = stack.restore_plans(*now, &mut self.plans, durability, vehicle);
         let _ = stack.restore_parameters(*now, &mut self.params, vehicle);
-        let _ = stack.restore_signing(*now, &mut self.signing, vehicle);
+        let _ = stack.restore_signing(*now, &mut self.signing);
     }
 
-    /// The power goes and comes back.
+    /// Cuts the power and boots again.
     fn reboot(&mut self) {
         for flash in [self.plans.flash_mut(), self.params.flash_mut(), self.signing.flash_mut()] {
             flash.power_on();
         }
-        *self.stack = stack(self.setup);
+        self.stack = stack(self.setup);
         self.vehicle = vehicle(self.setup);
         self.lines.iter_mut().for_each(Uart::cut);
         self.restore();
@@ -154,7 +170,7 @@ impl Session {
         [self.stack.mission(), self.stack.fence(), self.stack.rally()].map(|plan| plan.items().to_vec())
     }
 
-    /// One pass of the vehicle's loop, `dt` after the last.
+    /// Runs one pass of the vehicle's loop, `dt` after the last one.
     fn pass(&mut self, dt: Duration) {
         self.polls += 1;
         self.now = self.now.after(dt);
@@ -168,7 +184,7 @@ impl Session {
         for link in 0..LINKS {
             let line = &mut self.lines[link];
             line.begin();
-            // What a line reports is counted, and otherwise nothing happens.
+            // Line errors are counted and have no other effect.
             let _ = stack.poll_link(now, LinkId(link as u8), line, vehicle);
         }
         stack.persist_plans(now, &mut self.plans, vehicle);
@@ -179,8 +195,8 @@ impl Session {
         let calls = std::mem::take(&mut self.vehicle.calls);
         calls.into_iter().for_each(|call| self.checks.called(call));
         let live = [self.stack.mission(), self.stack.fence(), self.stack.rally()];
-        self.checks.is_live(&live.map(|plan| plan.items()));
-        let is_well = self.loop_runs && self.vehicle.state.is_some() && dt <= Duration::from_millis(50);
+        self.checks.assert_live(&live.map(|plan| plan.items()));
+        let is_healthy = self.loop_runs && self.vehicle.state.is_some() && dt <= Duration::from_millis(50);
         for link in 0..LINKS {
             while let Some(frame) = self.lines[link].next_frame() {
                 self.checks.sent(self.now, link, &frame, &self.lines);
@@ -188,7 +204,7 @@ impl Session {
                 self.lines[link].sent(frame);
             }
             let is_free = self.lines[link].is_free();
-            self.checks.passed(self.now, link, dt, is_well && is_free);
+            self.checks.passed(self.now, link, dt, is_healthy && is_free);
         }
         let flashes = [self.plans.flash(), self.params.flash(), self.signing.flash()];
         if flashes.iter().any(|flash| flash.is_off()) {
@@ -196,7 +212,7 @@ impl Session {
         }
     }
 
-    /// The client of a link is asked for an item of its upload.
+    /// Lets the client of a link answer a request for an item of its upload.
     fn answer(&mut self, link: usize, frame: &[u8]) {
         let Some((tag, asked)) = self.uploads[link] else { return };
         let Some((source, id, payload)) = parts(frame) else { return };
@@ -214,8 +230,8 @@ impl Session {
         };
         let me = client(link);
         let is_me = (request.target_system, request.target_component) == (me.system.0, me.component.0);
-        // Whatever is asked for, as QGroundControl does it; but where its COUNT may be lost, from the first item on, as MAVSDK does
-        // it: it would complete the plan that it gave up.
+        // Like QGroundControl, the client answers any request. If its MISSION_COUNT may be lost, it starts with the first item, like
+        // MAVSDK: it would otherwise complete a plan that it has abandoned.
         let is_wanted = request.seq < tag.count && (request.seq <= asked || !self.loses[link]);
         if is_me && request.mission_type == tag.plan && is_wanted {
             self.uploads[link] = Some((tag, asked.max(request.seq + 1)));
@@ -223,7 +239,7 @@ impl Session {
         }
     }
 
-    /// A message arrives.
+    /// Sends a message to the vehicle.
     fn send<M: Message>(&mut self, link: usize, from: Address, is_signed: bool, message: &M) {
         let frame = if is_signed {
             let mut signer = Signer { seq: self.seq, ..Signer::new(KEY).of(from).link(link as u8).at(self.timestamp) };
@@ -238,18 +254,18 @@ impl Session {
         self.lines[link].receive(&frame);
     }
 
-    /// In the end all lines are free, and everything that is owed goes out.
+    /// Repairs all lines and runs until all pending answers are sent.
     fn finish(&mut self) {
         self.loop_runs = true;
         self.vehicle.state = vehicle(self.setup).state;
-        self.lines.iter_mut().for_each(Uart::mend);
+        self.lines.iter_mut().for_each(Uart::repair);
         for flash in [self.plans.flash_mut(), self.params.flash_mut(), self.signing.flash_mut()] {
             flash.fuel = None;
         }
         if !self.checks.has_commands() {
             return;
         }
-        // What is still to be received, too.
+        // Received bytes may be pending too.
         while self.lines.iter().any(Uart::has_input) {
             self.pass(Duration::from_millis(20));
         }
@@ -258,7 +274,7 @@ impl Session {
     }
 }
 
-fn stack(setup: [u8; 2]) -> TestStack {
+fn stack<D: Declared>(setup: [u8; 2]) -> Box<Stack<D, LINKS>> {
     let config = Config {
         second_mission_ack: setup[1] & 8 != 0,
         float_mission_items: setup[1] & 0x10 != 0,
@@ -267,38 +283,30 @@ fn stack(setup: [u8; 2]) -> TestStack {
         item_reached_repeats: setup[1] >> 6,
         ..Config::new(VEHICLE, &PULSE)
     };
-    Stack::with_capacities(config, links(setup))
+    let mut stack = Box::new(Stack::VACANT);
+    stack.begin(config, links(setup));
+    let manual = stack.manual_input_mut();
+    manual.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
+    manual.set_timeout(Duration::from_secs(1));
+    D::set_up(&mut stack);
+    stack
 }
 
 fn vehicle(setup: [u8; 2]) -> TestVehicle {
     let mut vehicle = TestVehicle::new();
     vehicle.long.insert(MavCmd::NAV_LAND.0);
     vehicle.outcomes.remove(&MavCmd::NAV_LAND.0);
-    vehicle.time = Some(TimeSlots::new());
-    vehicle.manual = Some(ManualInput::new(
-        ControlSource::Systems { first: SystemId(1), last: SystemId(255) },
-        Duration::from_secs(1),
-    ));
-    vehicle.signing = Some(SigningMemory::new());
-    vehicle.satellite = (setup[0] & 0x20 != 0).then(|| {
-        HighLatency::new(HighLatencyConfig {
-            period: Duration::from_secs(5),
-            announce_once: true,
-            ..HighLatencyConfig::DEFAULT
-        })
-    });
-    vehicle.queues = (setup[0] & 0x40 != 0).then(|| Box::new(ForwardQueues::new()));
     vehicle.has_home = setup[0] & 0x80 != 0;
     vehicle
 }
 
-/// The client of a link that uploads, and nothing else.
+/// Returns the address of a link's client, which only uploads.
 fn client(link: usize) -> Address {
     Address::new(240 + link as u8, 190)
 }
 
 impl Tag {
-    /// Behind all positions of others.
+    /// Greater than the positions in all other items.
     const Y: i32 = 1_000_000_000;
 
     fn item(&self, seq: u16) -> MissionItemInt {
@@ -324,7 +332,7 @@ impl Tag {
     }
 }
 
-/// Sender, id and payload of a frame.
+/// Returns the sender, id and payload of a frame.
 fn parts(frame: &[u8]) -> Option<(Address, u32, &[u8])> {
     match *frame {
         [0xFD, len, _, _, _, system, component, a, b, c, ..] => {
@@ -345,8 +353,8 @@ mod tests {
     use crate::{corpus, seeds};
     use std::fs;
 
-    /// What came by each link in the sessions of the corpus, and the corpus of `decode`: streams, each behind its length in four
-    /// bytes, the last one behind 0xFFFF_FFFF. `cargo xtask work` puts them to the firmware.
+    /// Writes the bytes received on each link in the sessions of the corpus, and the corpus of `decode`. Each stream follows its
+    /// length in four bytes; 0xFFFF_FFFF marks the end. `cargo measure work` feeds them to the firmware.
     #[test]
     #[ignore = "writes the file that MAVSTACK_STREAMS names"]
     fn write_streams() {
@@ -360,20 +368,22 @@ mod tests {
         }
         out.extend([0xFF; 4]);
         let path = std::env::var_os("MAVSTACK_STREAMS").expect("MAVSTACK_STREAMS names a file");
-        fs::write(path, out).expect("a file that can be written");
+        fs::write(path, out).expect("a writable file");
     }
 
-    /// The scripts do what they are written for, so what is checked does happen.
+    /// The scripts reach what they are written for, so the checks have something to check.
     #[test]
-    fn seeds_get_far() {
+    fn seeds_reach_their_aims() {
         let sessions: Vec<_> = seeds::session().iter().map(|seed| play(seed)).collect();
-        let first = &sessions[0].stack;
-        assert_eq!([first.mission(), first.fence(), first.rally()].map(|plan| plan.items().len()), [5, 2, 3]);
+        assert_eq!([0, 1, 2].map(|plan| sessions[0].live[plan].len()), [5, 2, 3]);
         assert!(sessions[3].checks.answered() >= 5, "commands");
-        assert!(sessions.iter().any(|session| session.checks.forwarded > 0), "frames of others");
-        let has_plans = |index: usize| !sessions[index].stack.mission().items().is_empty();
+        assert!(sessions.iter().any(|session| session.checks.forwarded > 0), "forwarded frames");
+        let has_plans = |index: usize| !sessions[index].live[0].is_empty();
         let cut = sessions.iter().filter(|session| session.checks.restarts > 0).count();
         assert!(cut >= 8, "{cut} cuts");
-        assert!((0..sessions.len()).any(|index| sessions[index].checks.restarts > 0 && has_plans(index)), "kept");
+        assert!(
+            (0..sessions.len()).any(|index| sessions[index].checks.restarts > 0 && has_plans(index)),
+            "a plan survives"
+        );
     }
 }

@@ -1,16 +1,16 @@
-//! Signed frames, changed and repeated: what was not made with the key is accepted never, and what was is accepted once
-//! (G-6, G-7, G-10, GOAL-6).
+//! Signed frames, changed and repeated: frames not signed with the key are never accepted, and signed ones are accepted once
+//! (G-6, G-7, G-10).
 //!
-//! A script of steps, of which the first byte says what is done:
+//! The input is a script. The first byte of a step selects the action:
 //!
 //! ```text
-//!   0  the next frame              stream  step of time
-//!   1  a frame with bits changed   which   number of changes, each: where (2 bytes), bits
-//!   2  a frame once more           which
-//!   3  time goes by                0.1 s × n
-//!   4  the link is opened anew
-//!   5  the vehicle restarts with the time that it has stored
-//!   6  a frame without a signature, or with another's key
+//!   0  a new frame                 stream, time step
+//!   1  a frame with changed bits   which, number of changes; for each: offset (2 bytes), bits
+//!   2  a repeated frame            which
+//!   3  time passes                 0.1 s × n
+//!   4  the link is reset
+//!   5  the vehicle reboots with its stored timestamp
+//!   6  an unsigned frame, or one with another key
 //!   7  any bytes                   length, bytes
 //! ```
 
@@ -26,10 +26,10 @@ const LINKS: [LinkConfig; 2] = [
     LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN),
 ];
 
-/// A frame that was made with the key.
+/// A frame signed with the key.
 struct Made {
     frame: Vec<u8>,
-    /// The command that only it has.
+    /// The unique command id in the frame.
     number: u16,
     is_accepted: bool,
 }
@@ -37,19 +37,20 @@ struct Made {
 struct Case {
     rig: Rig,
     signers: [Signer; 4],
-    /// What was made with the key.
+    /// All frames signed with the key.
     made: Vec<Made>,
-    /// The number of the next command.
+    /// The next command id.
     number: u16,
-    /// All that came, by link.
+    /// All bytes received, by link.
     history: [Vec<u8>; 2],
-    /// The commands of frames that came by the open link without a signature, made so by changed bits.
+    /// Commands of frames that lost their signature by a mutation and were received on the open link.
     unsigned: Vec<u16>,
 }
 
-/// Runs the script.
+/// Runs the target.
 pub fn run(data: &[u8]) {
-    // Another key for each script: the fuzzer sees what is compared, and has brought along a good frame of another run.
+    // Each script has its own key. The fuzzer sees the operands of comparisons and could otherwise replay a valid frame of another
+    // run.
     let mut key = KEY;
     let mut crc = crc_any::CRCu64::crc64();
     crc.digest(data);
@@ -73,13 +74,13 @@ pub fn run(data: &[u8]) {
 impl Case {
     fn step(&mut self, u: &mut Unstructured<'_>) -> Result<()> {
         let what: u8 = u.arbitrary()?;
-        // Open links accept what is unsigned, but nothing with a wrong signature.
+        // Open links accept unsigned frames, but none with an invalid signature.
         let link = usize::from(what >> 7);
         match what & 7 {
             0 => {
                 let (stream, ahead): (u8, i8) = (u.arbitrary()?, u.arbitrary()?);
                 let signer = &mut self.signers[usize::from(stream % 4)];
-                // Up to two minutes, also backwards.
+                // Up to two minutes forwards or backwards.
                 signer.timestamp = signer.timestamp.saturating_add_signed(i64::from(ahead) * 100_000);
                 let frame = signer.frame(&command(self.number));
                 self.made.push(Made { frame: frame.clone(), number: self.number, is_accepted: false });
@@ -95,7 +96,7 @@ impl Case {
                     frame[at] ^= bits;
                 }
                 if changes & 0x80 != 0 && frame.len() > 12 && frame[0] == 0xFD {
-                    // So that nothing but the signature is wrong.
+                    // Correct the checksum, so that only the signature is invalid.
                     repair(&mut frame);
                 }
                 self.deliver(link, &frame);
@@ -131,25 +132,24 @@ impl Case {
         Ok(())
     }
 
-    /// No more frames were verified than came as they were made.
+    /// Checks that no more frames were verified than were received unchanged.
     fn finish(&mut self) {
-        let came = |made: &Made| self.history.iter().any(|history| contains(history, &made.frame));
-        let came = self.made.iter().filter(|made| came(made)).count();
+        let is_received = |made: &Made| self.history.iter().any(|history| contains(history, &made.frame));
+        let received = self.made.iter().filter(|made| is_received(made)).count();
         let verified = self.rig.counters().verified;
-        assert!(verified as usize <= came, "{verified} frames of {came} were verified");
+        assert!(verified as usize <= received, "{verified} frames verified, {received} received unchanged");
     }
 
     fn pick(&self, which: u8) -> Option<Vec<u8>> {
         self.made.get(usize::from(which) % self.made.len().max(1)).map(|made| made.frame.clone())
     }
 
-    /// Bytes come, and the vehicle does what it does. On the link that requires signatures nothing is carried out but what came
-    /// as it was made with the key, for the first time; on the open one the same goes for frames that say they are signed, and what
-    /// is carried out may have come before, too.
+    /// Delivers bytes to the vehicle and checks the commands that it executes. On the link that requires signatures it executes
+    /// only frames signed with the key, unchanged, and once. On the open link the same holds for frames that claim to be signed.
     fn deliver(&mut self, link: usize, bytes: &[u8]) {
         self.rig.vehicle.calls.clear();
         self.rig.receive(link, bytes);
-        // A frame may have come before, behind what seemed to be the front of a longer one.
+        // A frame may have been received earlier, inside the candidate of a longer one.
         self.history[link].extend(bytes);
         if let (1, Some(0), Some(&[low, high])) = (link, bytes.get(2).map(|flags| flags & 1), bytes.get(38..40)) {
             self.unsigned.push(u16::from_le_bytes([low, high]));
@@ -163,12 +163,12 @@ impl Case {
             let Some(made) = made else { panic!("command {number} was never signed: {bytes:02X?}") };
             assert!(
                 contains(&self.history[link], &made.frame),
-                "command {number} of a frame that nobody signed: {bytes:02X?}"
+                "command {number} of a frame that was not signed: {bytes:02X?}"
             );
             assert!(!made.is_accepted, "command {number} was accepted twice");
             made.is_accepted = true;
         }
-        // What it has to say, so that answers find room.
+        // Send pending output, so that there is room for answers.
         for link in 0..2 {
             while !self.rig.transmit(link).is_empty() {}
         }
@@ -179,7 +179,7 @@ fn contains(bytes: &[u8], frame: &[u8]) -> bool {
     bytes.windows(frame.len()).any(|window| window == frame)
 }
 
-/// One that no other frame has.
+/// Returns a command with a unique id.
 fn command(number: u16) -> CommandLong {
     CommandLong { command: MavCmd(number), target_system: 1, target_component: 1, ..CommandLong::default() }
 }

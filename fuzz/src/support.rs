@@ -1,4 +1,4 @@
-//! What is shared with the tests.
+//! Code shared with the tests.
 
 #![allow(dead_code, unused_imports, reason = "each target uses its own part")]
 
@@ -8,20 +8,23 @@ mod receiver;
 pub mod reference;
 #[path = "../../tests/support/telemetry.rs"]
 mod telemetry;
+#[path = "../../tests/support/tested.rs"]
+pub mod tested;
 #[path = "../../tests/support/vehicle.rs"]
 mod vehicle;
 
 pub use receiver::Receiver;
+pub use tested::{Signed, Tested, begun};
 pub use vehicle::{Call, TestVehicle, Tuning};
 
 use mavstack::{Address, Duration};
 
-/// The vehicle.
+/// The vehicle's address.
 pub const VEHICLE: Address = Address::new(1, 1);
-/// Its ground station.
+/// The ground station's address.
 pub const STATION: Address = Address::new(255, 190);
 
-/// `n` milliseconds.
+/// Returns a duration of `n` milliseconds.
 pub const fn millis(n: u64) -> Duration {
     Duration::from_millis(n)
 }

@@ -1,7 +1,7 @@
-//! Any text, in any pieces: it is refused with a line, or it is written back and read again as the same (W-1 to W-8).
+//! Any text, in any pieces: it is rejected with a line number, or it is written and read again without a change (W-1 to W-8).
 //!
 //! ```text
-//!   bit 0: row 0 is home  bits 1..: length of the pieces  text …
+//!   bit 0: row 0 is home; bits 1 to 7: length of the pieces  text …
 //! ```
 
 use mavstack::Item;
@@ -17,16 +17,16 @@ fn read(text: &[u8], home_row: HomeRow, piece: usize) -> Result<Plan, Error> {
         while let Some(item) = reader.next(&mut piece)? {
             items.push(item);
         }
-        assert!(piece.is_empty(), "nothing is left unread");
+        assert!(piece.is_empty(), "unread bytes");
     }
     items.extend(reader.finish()?);
     Ok((items, reader.home()))
 }
 
-/// Bits, so that NaN is equal to NaN; of those only that it is one survives.
+/// Returns an item with floats as bits, so that NaN equals NaN. All NaNs are equal, because a file keeps no NaN payload.
 fn bits(item: &Item) -> (MavFrame, u16, u8, [u32; 5], i32, i32) {
     let Item { frame, command, autocontinue, params: [a, b, c, d], x, y, z } = *item;
-    // A jump's target is the number of a row, which has no sign.
+    // The target of a jump is a row number, which has no sign.
     let a = if command == MavCmd::DO_JUMP && a == 0.0 { 0.0 } else { a };
     let bits = |value: f32| if value.is_nan() { f32::NAN.to_bits() } else { value.to_bits() };
     (frame, command.0, autocontinue, [a, b, c, d, z].map(bits), x, y)
@@ -36,7 +36,7 @@ fn all(plan: &Plan) -> Vec<(MavFrame, u16, u8, [u32; 5], i32, i32)> {
     plan.1.iter().chain(&plan.0).map(bits).collect()
 }
 
-/// Reads, writes and reads.
+/// Runs the target.
 pub fn run(data: &[u8]) {
     let [how, text @ ..] = data else { return };
     let home_row = if how & 1 == 1 { HomeRow::First } else { HomeRow::None };
@@ -46,7 +46,7 @@ pub fn run(data: &[u8]) {
         Err(error) => {
             assert!(error.line >= 1, "{error:?}");
             let whole = read(text, home_row, text.len().max(1));
-            assert_eq!(whole.err(), Some(error), "the pieces do not matter");
+            assert_eq!(whole.err(), Some(error), "the error does not depend on the pieces");
             return;
         }
     };
@@ -56,7 +56,7 @@ pub fn run(data: &[u8]) {
     for item in plan.1.iter().chain(&plan.0) {
         match writer.row(item) {
             Ok(row) => written.extend(row),
-            Err(fault) => panic!("{item:?} was read, and cannot be written: {fault:?}"),
+            Err(fault) => panic!("{item:?} was read but cannot be written: {fault:?}"),
         }
     }
     let again = read(&written, home_row, 64);

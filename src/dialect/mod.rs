@@ -1,17 +1,19 @@
-//! The messages of MAVLink: all of common, standard and minimal, as the generator writes them.
+//! The messages, enumerations and commands of MAVLink's common, standard and minimal.
 //!
-//! Implements <https://mavlink.io/en/messages/common.html>. The declarations are made from the definitions in `dialect/`
-//! and checked in; `cargo dialect` makes them anew. Types have MAVLink's names in Rust's style ([`HighLatency2`],
-//! [`MavType`]); fields and constants have MAVLink's own ([`MavCmd::NAV_WAYPOINT`]). A field that names an enumeration has
-//! its type where the two have the same size on the wire, else it is an integer whose documentation says which
-//! enumeration to see. Units stand in brackets before all else that is known of a field.
+//! Implements <https://mavlink.io/en/messages/common.html>. `cargo dialect` generates the declarations from the
+//! definitions in `dialect/`.
 //!
-//! The commands of MAVLink's command and mission protocols, which are numbers with seven parameters on the wire, are types
-//! with named fields in [`commands`], and rules for these in [`command_rules`].
+//! - **Names:** types have MAVLink's names in Rust's style ([`HighLatency2`], [`MavType`]). Fields and constants have
+//!   MAVLink's names ([`MavCmd::NAV_WAYPOINT`]).
+//! - **Enumerations:** a field with an enumeration has its type if both have the same size on the wire. Otherwise the
+//!   field is an integer, and its documentation links to the enumeration.
+//! - **Units** are in brackets in the documentation of a field.
+//! - **Commands** have ids and seven parameters on the wire. [`commands`] has types with named fields for them, and
+//!   [`command_rules`] the rules for their parameters.
 //!
-//! Each message has a constant `UNKNOWN`: every field has the value that the definitions mark as "not known" (`invalid`), and
-//! zero where they mark none. Fill in a message that is known only in part from there; `Default` is zero in every field, and
-//! that is often a reading:
+//! Each message has a constant `UNKNOWN`: all fields have the value for "not known" from the definitions (`invalid`),
+//! or zero if there is none. Start from it to fill in a message partly. `Default` is zero in all fields, which often is
+//! a valid reading:
 //!
 //! ```
 //! use mavstack::dialect::BatteryStatus;
@@ -22,7 +24,7 @@
 //! assert_eq!((battery.battery_remaining, BatteryStatus::default().battery_remaining), (-1, 0));
 //! ```
 //!
-//! What is not decoded costs nothing: no code here runs unless a caller names the message.
+//! A message that is never decoded takes no flash, except for its row in the message table.
 
 mod common;
 

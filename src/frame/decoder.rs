@@ -1,51 +1,50 @@
-//! Bytes to frames.
-//!
-//! The state machine is drawn at [`Decoder`].
+//! Decoding: bytes to frames. [`Decoder`] shows the state machine.
 
 #[cfg(feature = "signing")]
 use zeroize::Zeroize;
 
-use super::{Address, Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, SIGNATURE_LEN, STX_V1, STX_V2, Version, crc};
-use crate::message::{MessageInfo, MessageTable, zero_extend};
+use super::{Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, SIGNATURE_LEN, STX_V1, STX_V2, Version};
+use crate::crc;
+use crate::message::{Address, MessageInfo, MessageTable, zero_extend};
 use crate::time::{Duration, Instant};
 
-/// One more than the longest frame: whether a frame with an unknown id is one, the byte behind it tells (R-9).
+/// The longest frame and one byte: the byte after a frame with an unknown id helps to decide whether it is one (R-9).
 const BUFFER_LEN: usize = MAX_FRAME_LEN + 1;
 
-/// A place in the buffer. A host's processor passes on what was just stored fastest in its own word sizes.
+/// An offset in the buffer. Hosts use 32 bits, because store-to-load forwarding is slower with 16.
 #[cfg(target_pointer_width = "64")]
 type Position = u32;
 #[cfg(not(target_pointer_width = "64"))]
 type Position = u16;
 
-/// For how long nothing may come after a frame with an unknown id before the line counts as idle (R-9).
+/// How long the link must be silent after a frame with an unknown id before it counts as idle (R-9).
 const IDLE: Duration = Duration::from_millis(20);
 
-/// What looking at a header takes of the budget: on a microcontroller as long as so many bytes of a checksum.
+/// The cost of examining a header: on a microcontroller it takes as long as the checksum of this many bytes.
 const HEADER_COST: u32 = 16;
 
-/// What a decoder has seen and dropped. Numbers wrap.
+/// Counts of the frames that a decoder returned and of the candidates that it dropped. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct RxCounters {
-    /// Frames whose checksum was right.
+    /// Frames with a correct checksum.
     pub frames: u32,
-    /// Frames with an unknown id, which could not be checked (S-12).
+    /// Frames with an unknown id, whose checksum could not be verified (S-12).
     pub unchecked: u32,
-    /// Bytes before a start byte.
+    /// Bytes that were skipped before a start byte.
     pub skipped: u32,
-    /// Candidates with an incompatibility flag that we do not know (S-9).
+    /// Candidates with an unknown incompatibility flag (S-9).
     pub incompat_flags: u32,
-    /// Candidates with source system 0, or source component 0 where the [`Config`](crate::Config) refuses it (S-11).
+    /// Candidates with source system 0, or with source component 0 if the [`Config`](crate::Config) refuses it (S-11).
     pub zero_source: u32,
-    /// v1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
+    /// MAVLink 1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
     pub length: u32,
     /// Candidates with a wrong checksum (S-2).
     pub checksum: u32,
-    /// Candidates with an unknown id and nothing that speaks for them (R-9).
+    /// Candidates with an unknown id and no evidence that they are frames (R-9), see [`Decoder::next`].
     pub unknown_id: u32,
-    /// Candidates that stopped growing (SEC-4).
+    /// Incomplete candidates that received no byte for the configured time (SEC-4).
     pub stale: u32,
 }
 
@@ -65,22 +64,26 @@ impl RxCounters {
 
 /// Finds frames in a stream of bytes.
 ///
-/// It owns one buffer. Bytes land in it ([`spare`](Decoder::spare) and [`commit`](Decoder::commit), or
-/// [`push`](Decoder::push)), and [`next`](Decoder::next) looks at the *candidate* at its front:
+/// It owns one buffer. [`push`](Decoder::push) copies bytes into it; [`spare`](Decoder::spare) and
+/// [`commit`](Decoder::commit) let a driver write into it directly. [`next`](Decoder::next) examines the *candidate*,
+/// the oldest bytes that are not yet consumed:
 ///
 /// ```text
 ///                     ┌─ skip to a start byte ◀────────────────────────────┐
 ///                     ▼                                                    │ drop one byte, count the reason
 ///   bytes ──▶ start byte ──▶ header ──▶ whole frame ──▶ checksum ── wrong ─┤
-///                 │ unknown flag │ source 0,  │ stopped    │ right         │
-///                 │              │ v1 length  │ growing    ▼               │
+///                 │ unknown flag │ source 0,  │ stale      │ right         │
+///                 │              │ v1 length  │            ▼               │
 ///                 └──────────────┴────────────┴───────── ─ ─ ─ ────────────┘
 ///                                                        Frame
 /// ```
 ///
-/// A candidate that fails costs one byte: the search goes on from its second, so a false start byte or a corrupted length
-/// never swallows an intact frame behind it (S-13, SEC-4). What comes out does not depend on how the bytes were cut into
-/// pieces. Work is charged to a budget, because nested false headers can make one byte cost thousands (SEC-2).
+/// When a candidate is dropped, the search continues at its second byte. So a false start byte or a corrupted length
+/// never swallows an intact frame behind it (S-13, SEC-4). The frames do not depend on how the bytes were split into
+/// pieces.
+///
+/// A budget bounds the time of each call, because nested false headers can make one byte cost thousands of units
+/// (SEC-2).
 ///
 /// ```
 /// use mavstack::{Decoder, Dialect, Instant, dialect::{Common, Heartbeat}};
@@ -103,79 +106,79 @@ impl RxCounters {
 #[derive(Clone)]
 pub struct Decoder {
     buffer: [u8; BUFFER_LEN],
-    /// Source components below this are refused: 0 by default, 1 where component 0 is refused (S-11).
+    /// The lowest source component that is accepted: 0 by default, 1 if component 0 is refused (S-11).
     least_component: u8,
     window: Window,
-    /// When the last byte came.
+    /// When the last byte was received.
     grown: Instant,
-    /// µs; from 71 minutes on it is never.
+    /// µs; `u32::MAX` means never.
     stale_after: u32,
     counters: RxCounters,
 }
 
-/// What of the buffer is in use.
+/// The part of the buffer that is in use.
 #[derive(Clone, Copy)]
 struct Window {
-    /// The candidate begins here; what is before it is done with.
+    /// Start of the candidate. The bytes before it are consumed.
     start: Position,
-    /// Received bytes end here.
+    /// End of the received bytes.
     end: Position,
-    /// Where they must end before there is something new to decide.
+    /// The smallest `end` with which examining the candidate gives a new result.
     wanted: Position,
 }
 
 impl Window {
     const EMPTY: Self = Self { start: 0, end: 0, wanted: 1 };
 
-    /// Whether nothing came that could be decided.
+    /// Returns whether examining the candidate must wait for more bytes.
     #[inline(always)]
     const fn is_waiting(&self) -> bool {
         self.end < self.wanted
     }
 
-    /// The candidate: it begins with the first byte that is not done with.
+    /// Returns the candidate: all received bytes that are not consumed.
     #[inline(always)]
-    fn of<'a>(&self, buffer: &'a [u8; BUFFER_LEN]) -> Option<&'a [u8]> {
+    fn candidate<'a>(&self, buffer: &'a [u8; BUFFER_LEN]) -> Option<&'a [u8]> {
         buffer.get(index(self.start)..index(self.end))
     }
 
-    /// The candidate's first `len` bytes are done with.
+    /// Consumes the candidate's first `len` bytes.
     #[inline(always)]
     fn consume(&mut self, len: usize) {
         self.start = self.start.wrapping_add(position(len));
         self.wanted = self.start.wrapping_add(1);
     }
 
-    /// There is something to decide when the candidate has so many bytes.
+    /// Defers the next examination until the candidate has `len` bytes.
     #[inline(always)]
     fn want(&mut self, len: usize) {
         self.wanted = self.start.wrapping_add(position(len));
     }
 }
 
-/// What the bytes of a candidate say.
+/// The result of examining a candidate.
 enum Verdict {
-    /// Too early to tell: ask again when there are so many bytes.
+    /// Undecided until the candidate has this many bytes.
     Need(usize),
     /// Not a frame.
     Reject(Reason),
-    /// A frame with this id is known, and it is whole: check it.
+    /// A whole frame with a known id, whose checksum is to be verified.
     Check(Extent, &'static MessageInfo),
     /// A whole frame with an unknown id.
     Unknown(Extent),
 }
 
-/// How far a frame goes: all of its header that is carried about while it is looked at.
+/// The extent of a frame in bytes: all that is kept of its header until it is verified.
 #[derive(Clone, Copy)]
 struct Extent {
     header_len: usize,
-    /// Where the payload ends.
+    /// Offset of the payload's end.
     payload_end: usize,
     /// Length of the whole frame.
     len: usize,
 }
 
-/// Why a candidate is not a frame.
+/// Why a candidate was dropped.
 #[derive(Clone, Copy)]
 enum Reason {
     IncompatFlags,
@@ -186,7 +189,7 @@ enum Reason {
     Stale,
 }
 
-/// Without the received bytes: a key may be among them (SEC-15).
+/// Omits the received bytes: a key may be among them (SEC-15).
 impl core::fmt::Debug for Decoder {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let waiting = self.window.end.wrapping_sub(self.window.start);
@@ -195,23 +198,26 @@ impl core::fmt::Debug for Decoder {
 }
 
 impl Decoder {
-    /// The least budget that lets [`next`](Self::next) always get on: one header and the longest frame's checksum.
+    /// The smallest budget, in cost units, with which [`next`](Self::next) always makes progress: one header and the
+    /// checksum of the longest frame.
     pub const MIN_BUDGET: u32 = HEADER_COST + 10 + 255;
 
-    /// After how long a candidate that does not grow is dropped, by default: packet radios pause in the middle of a
-    /// frame (SEC-4).
+    /// How long an incomplete candidate is kept after its last byte, by default (SEC-4). It is long because packet
+    /// radios pause in the middle of a frame.
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
-    /// Before it is [configured](Self::configure); all zero bits.
+    /// A decoder before [`configure`](Self::configure): all zero bits, so that it lies in `.bss`.
     pub(crate) const VACANT: Self = Self::with(0, 0);
 
-    /// Returns an empty decoder that drops a candidate `stale_after` its last byte; a time of 71 minutes or more means
-    /// never. It accepts frames with source component 0, which MAVLink does not allow but pymavlink sends by default (S-11).
+    /// Returns an empty decoder that drops an incomplete candidate `stale_after` its last byte; 71 minutes or more
+    /// means never.
+    ///
+    /// It accepts frames with source component 0, which MAVLink does not allow but pymavlink sends by default (S-11).
     pub const fn new(stale_after: Duration) -> Self {
         Self::with(micros(stale_after), 1)
     }
 
-    /// Built here and not from a constant, which would be an initialiser copied from flash.
+    /// Lists the fields instead of using a constant, which would be an initialiser copied from flash.
     const fn with(stale_after: u32, wanted: Position) -> Self {
         Self {
             buffer: [0; BUFFER_LEN],
@@ -229,27 +235,28 @@ impl Decoder {
         self.least_component = if accepts_component_0 { 0 } else { 1 };
     }
 
-    /// What was seen and dropped so far.
+    /// Returns the counts since the decoder was created.
     pub const fn counters(&self) -> RxCounters {
         self.counters
     }
 
-    /// Forgets all bytes that are not yet a frame; the counters stay. For a line that was opened anew.
+    /// Discards all bytes that are not yet a frame, and keeps the counters. Call it when the link was reopened.
     pub const fn clear(&mut self) {
         self.window = Window::EMPTY;
     }
 
-    /// Overwrites what is done with: a key was in it (SEC-15).
+    /// Overwrites the buffer outside the candidate: a consumed frame contained a key (SEC-15).
     #[cfg(feature = "signing")]
     pub(crate) fn wipe(&mut self) {
         self.buffer.get_mut(..index(self.window.start)).unwrap_or_default().iter_mut().zeroize();
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
-    /// Room for new bytes: read into its front, then [`commit`](Self::commit). It is at least half of the buffer, and where
-    /// nothing waits all of it, 281 bytes: the longest frame has room, for a line that gives packets.
+    /// Returns the free space for received bytes: read into its front, then call [`commit`](Self::commit).
     ///
-    /// Empty only while frames, or a search that ran out of budget, wait for [`next`](Self::next).
+    /// When no byte is pending it is the whole buffer, 281 bytes, so that a packet transport can deliver the longest
+    /// frame in one read. It is empty only while frames, or a search that ran out of budget, wait for
+    /// [`next`](Self::next).
     pub fn spare(&mut self) -> &mut [u8] {
         if self.is_cramped() {
             self.compact();
@@ -257,24 +264,25 @@ impl Decoder {
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default()
     }
 
-    /// What [`spare`](Self::spare) takes of a budget: bytes are moved.
+    /// Returns the cost of [`spare`](Self::spare), which may move bytes.
     pub(crate) fn spare_cost(&self) -> u32 {
         let moved = if self.is_cramped() { self.window.end.wrapping_sub(self.window.start) } else { 0 };
         u32::try_from(index(moved) / 2).unwrap_or(u32::MAX)
     }
 
-    /// Whether there is less room behind the candidate than in front of it, or nothing to be moved: else it is not worth it.
+    /// Returns whether [`compact`](Self::compact) is worth its cost: there is less room behind the candidate than in
+    /// front of it, or there is nothing to move.
     #[inline]
     fn is_cramped(&self) -> bool {
         let Window { start, end, .. } = self.window;
-        // While a frame comes it is at the front.
+        // A frame that is received in pieces stays at the front.
         start > 0 && (start == end || index(start).wrapping_add(index(end)) > BUFFER_LEN)
     }
 
     /// Moves the candidate to the front of the buffer.
     fn compact(&mut self) {
         if self.window.start > 0 {
-            // A plain loop: `copy_within` can panic, and brings 1.5 kB of memmove. What is moved is the front of one frame.
+            // A plain loop: `copy_within` can panic and links 1.5 kB of `memmove`. Usually it moves a part of a frame.
             let cells = core::cell::Cell::from_mut(&mut self.buffer[..]).as_slice_of_cells();
             let (start, end) = (index(self.window.start), index(self.window.end));
             for (to, from) in cells.iter().zip(cells.get(start..end).unwrap_or_default()) {
@@ -286,20 +294,20 @@ impl Decoder {
         }
     }
 
-    /// The first `len` bytes of [`spare`](Self::spare) were filled at `now`; more than there was room for counts as all.
+    /// Marks the first `len` bytes of [`spare`](Self::spare) as received at `now`. A larger `len` means all of it.
     #[inline]
     pub fn commit(&mut self, len: usize, now: Instant) {
         self.window.end = position(index(self.window.end).saturating_add(len).min(BUFFER_LEN));
         self.grown = now;
     }
 
-    /// Takes as many of `bytes` as there is room for and returns their number. Call [`next`](Self::next) until it has no
-    /// frame left, then push the rest.
+    /// Copies as many of `bytes`, received at `now`, as there is room for, and returns how many. Call
+    /// [`next`](Self::next) until it returns `None`, then push the rest.
     #[inline]
-    #[must_use = "bytes beyond these were not taken: they are to be given again"]
+    #[must_use = "the bytes after these were not taken: push them again"]
     pub fn push(&mut self, bytes: &[u8], now: Instant) -> usize {
         if let (&[byte], Some(free)) = (bytes, self.buffer.get_mut(index(self.window.end))) {
-            // What an interrupt for each byte does.
+            // Fast path for an interrupt that pushes each byte.
             *free = byte;
             self.window.end = self.window.end.wrapping_add(1);
             self.grown = now;
@@ -308,10 +316,10 @@ impl Decoder {
         self.push_piece(bytes, now)
     }
 
-    /// Apart, for it is called seldom where bytes come one by one.
+    /// Out of line, because it is rarely called when bytes are pushed one by one.
     #[cfg_attr(target_pointer_width = "64", inline(never))]
     fn push_piece(&mut self, bytes: &[u8], now: Instant) -> usize {
-        // Moving what is there can wait until there is no room behind it.
+        // Compact only when there is too little room.
         if BUFFER_LEN.saturating_sub(index(self.window.end)) < bytes.len() {
             self.compact();
         }
@@ -321,15 +329,16 @@ impl Decoder {
         len
     }
 
-    /// The next frame.
+    /// Returns the next frame; `None` when it needs more bytes or more budget.
     ///
-    /// `budget` is what this call may still spend: 16 for each header looked at, 32 for one with an unknown id, and 1 for each
-    /// byte put through the checksum, so that it bounds the time. When it does not suffice, `None` is returned and the search
-    /// goes on from the same place at the next call; give at least [`MIN_BUDGET`](Self::MIN_BUDGET) a poll.
+    /// `budget` bounds the time of the call, in cost units: 16 for each header examined, 32 for one with an unknown id,
+    /// and 1 for each byte of a checksum. The cost is subtracted from it. When it does not suffice, the next call
+    /// continues at the same byte. Give at least [`MIN_BUDGET`](Self::MIN_BUDGET) per poll.
     ///
-    /// `is_known` tells whether a source was heard of before. That, together with a start byte or silence behind it, speaks
-    /// for a frame whose id is not in `messages` (R-9); it is then returned whole and unchecked, else searched. Either by
-    /// itself does not: behind a lost byte it would swallow intact frames.
+    /// `is_known` returns whether a source was heard before. A frame whose id is not in `messages` is returned,
+    /// unverified, if its source is known and it is followed by a start byte or by 20 ms of silence (R-9). One of the
+    /// two does not suffice: after a lost byte such a frame would swallow intact ones. Otherwise its bytes are searched
+    /// for frames.
     #[inline]
     pub fn next(
         &mut self,
@@ -341,8 +350,8 @@ impl Decoder {
         self.next_vouched(now, messages, budget, is_known, |_, _| false)
     }
 
-    /// The same. `vouches` tells whether a whole signed frame bears a right signature, and takes from the budget what that costs:
-    /// then it is one, though its id is unknown (SEC-5).
+    /// Like [`next`](Self::next). `verifies` returns whether a whole signed frame has a valid signature, and subtracts
+    /// its cost from the budget. A frame with an unknown id is accepted if it does (SEC-5).
     #[inline(always)]
     pub(crate) fn next_vouched(
         &mut self,
@@ -350,16 +359,16 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
-        vouches: impl Fn(&[u8], &mut u32) -> bool,
+        verifies: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
         if self.window.is_waiting() && now.since(self.grown) < IDLE {
-            // Most calls end here: a piece of a frame came. So this much is inlined, however often it is called.
+            // Fast path, inlined into each caller: most calls end here, because only a part of a frame was received.
             return None;
         }
-        self.find(now, messages, budget, is_known, vouches)
+        self.find(now, messages, budget, is_known, verifies)
     }
 
-    /// Apart, so that a call that finds nothing saves no registers for what it does not do.
+    /// Out of line, so that the fast path saves no registers.
     #[cfg_attr(target_pointer_width = "64", inline(never))]
     fn find(
         &mut self,
@@ -367,11 +376,11 @@ impl Decoder {
         messages: MessageTable,
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
-        vouches: impl Fn(&[u8], &mut u32) -> bool,
+        verifies: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
         let Self { buffer, window, counters, least_component, grown, stale_after, .. } = self;
         let (candidate, extent, info) = loop {
-            let candidate = window.of(buffer)?;
+            let candidate = window.candidate(buffer)?;
             if window.is_waiting() {
                 let quiet = now.since(*grown);
                 if candidate.is_empty() || quiet < IDLE {
@@ -417,11 +426,11 @@ impl Decoder {
                 }
                 Verdict::Unknown(extent) => {
                     let header = Header::parse(candidate)?;
-                    // Whether its sender is known costs as much again.
+                    // Looking up the source costs as much again.
                     *budget = budget.saturating_sub(const { 2 * HEADER_COST });
                     if cfg!(feature = "signing")
                         && header.is_signed()
-                        && candidate.get(..extent.len).is_some_and(|raw| vouches(raw, budget))
+                        && candidate.get(..extent.len).is_some_and(|raw| verifies(raw, budget))
                     {
                         break (candidate, extent, None);
                     }
@@ -429,7 +438,7 @@ impl Decoder {
                         _ if !is_known(header.source) => reject(Reason::UnknownId, window, counters),
                         Some(&(STX_V1 | STX_V2)) => break (candidate, extent, None),
                         Some(_) => reject(Reason::UnknownId, window, counters),
-                        // Wait for the byte behind it, or for silence.
+                        // Wait for the next byte, or for silence.
                         None => window.want(extent.len.wrapping_add(1)),
                     }
                 }
@@ -443,14 +452,14 @@ impl Decoder {
         Some(Frame { header: Header::parse(raw)?, payload, raw, info })
     }
 
-    /// When [`next`](Self::next) has something to do though no byte comes.
+    /// Returns when [`next`](Self::next) has work even if no byte is received until then.
     pub(crate) fn deadline(&self) -> Instant {
-        let candidate = self.window.of(&self.buffer).unwrap_or_default();
+        let candidate = self.window.candidate(&self.buffer).unwrap_or_default();
         match candidate.len() {
             0 => Instant::NEVER,
-            // Frames, or a search, wait for the next poll's budget.
+            // Frames or a search wait for the next poll's budget.
             _ if !self.window.is_waiting() => Instant::ZERO,
-            // A whole frame with an unknown id waits for one byte more, or for silence.
+            // A whole frame with an unknown id waits for the next byte, or for silence.
             received if Header::parse(candidate).is_some_and(|header| header.frame_len() == received) => {
                 self.grown.after(IDLE)
             }
@@ -465,7 +474,7 @@ impl Default for Decoder {
     }
 }
 
-/// Drops what is before the next start byte.
+/// Drops the bytes before the next start byte.
 #[cold]
 #[inline(never)]
 fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
@@ -475,7 +484,7 @@ fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
     window.consume(garbage);
 }
 
-/// Drops the candidate's first byte, so that the search goes on from its second.
+/// Drops the candidate's first byte, so that the search continues at its second.
 #[cold]
 #[inline(never)]
 fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
@@ -491,10 +500,11 @@ fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
     window.consume(1);
 }
 
-/// What the candidate is, as far as its bytes go. Cheap: the checksum is left to the caller. Inlined where flash is no matter.
+/// Examines a candidate's header and length; the caller verifies the checksum. Inlined where flash size does not
+/// matter.
 #[cfg_attr(target_pointer_width = "64", inline(always))]
 fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Verdict {
-    // The flags come before the length is believed (SEC-3): they may change the header's own length.
+    // Check the flags before trusting the length (SEC-3): an unknown flag may change the header's layout.
     let (header_len, payload_len, flags, system, component, id) = match *candidate {
         [STX_V2, _, flags, ..] if flags & !INCOMPAT_SIGNED != 0 => return Verdict::Reject(Reason::IncompatFlags),
         [STX_V2, len, flags, _, _, system, component, a, b, c, ..] => {
@@ -525,18 +535,18 @@ fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Ver
     }
 }
 
-/// What a look at a header and the checksum behind it are charged with.
+/// Returns the cost of examining a header and verifying the frame's checksum.
 fn checksum_cost(candidate: &[u8]) -> u32 {
     candidate.get(1).map_or(0, |&payload_len| u32::from(payload_len)).saturating_add(const { HEADER_COST + 10 })
 }
 
-/// A length within the buffer.
-#[allow(clippy::as_conversions, reason = "what is cast is no longer than the buffer")]
+/// Converts a length within the buffer.
+#[allow(clippy::as_conversions, reason = "the argument is no longer than the buffer")]
 const fn position(len: usize) -> Position {
     len as Position
 }
 
-#[allow(clippy::as_conversions, reason = "a host has no `From` for it; no target of ours is narrower than 32 bits")]
+#[allow(clippy::as_conversions, reason = "`usize` has no `From<u32>`; all supported targets have 32 bits or more")]
 const fn index(position: Position) -> usize {
     position as usize
 }
@@ -545,7 +555,7 @@ fn duration(micros: u32) -> Duration {
     if micros == u32::MAX { Duration::MAX } else { Duration::from_micros(u64::from(micros)) }
 }
 
-#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; the value is bounded")]
 const fn micros(duration: Duration) -> u32 {
     if duration.as_micros() < u32::MAX as u64 { duration.as_micros() as u32 } else { u32::MAX }
 }

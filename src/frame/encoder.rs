@@ -1,18 +1,20 @@
-//! Messages to frames: trimmed, numbered, with a checksum.
+//! Encoding: messages to frames, with trimmed payload, sequence number and checksum.
 
 use core::ops::Range;
 
-use super::{Address, STX_V1, STX_V2, Version, crc};
-use crate::message::{Message, MessageInfo};
+use super::{STX_V1, STX_V2, Version};
+use crate::crc;
+use crate::message::{Address, Message, MessageInfo};
 
 /// Why a message could not be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum EncodeError {
-    /// The buffer holds less than header, [`MAX_LEN`](Message::MAX_LEN) and two bytes of checksum.
+    /// The buffer is shorter than the header, [`MAX_LEN`](Message::MAX_LEN) bytes of payload and the checksum, and the
+    /// signature if there is one.
     BufferTooSmall,
-    /// The message's id is above 255, which a v1 frame cannot carry (S-10).
+    /// The message's id is above 255, which a MAVLink 1 frame cannot carry (S-10).
     NeedsV2,
 }
 
@@ -20,7 +22,7 @@ impl core::fmt::Display for EncodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::BufferTooSmall => "the buffer is smaller than the message's longest frame: take MAX_FRAME_LEN bytes",
-            Self::NeedsV2 => "a message id above 255 needs MAVLink 2: encode it as Version::V2",
+            Self::NeedsV2 => "a message id above 255 needs MAVLink 2: encode it with Version::V2",
         })
     }
 }
@@ -29,13 +31,13 @@ impl core::error::Error for EncodeError {}
 
 /// Writes `message` as one unsigned frame to the front of `out` and returns the frame's length in bytes.
 ///
-/// A v2 payload loses its trailing zeros, but never its first byte (S-5); a v1 payload is the base fields whole (S-8).
-/// `out` must hold the untrimmed frame: the header, [`MAX_LEN`](Message::MAX_LEN) and 2 bytes.
-/// [`MAX_FRAME_LEN`](super::MAX_FRAME_LEN) bytes suffice for every message.
+/// A MAVLink 2 payload is sent without its trailing zeros, but never without its first byte (S-5). A MAVLink 1 payload
+/// is all base fields (S-8). `out` must hold the untrimmed frame: the header, [`MAX_LEN`](Message::MAX_LEN) and 2
+/// bytes. [`MAX_FRAME_LEN`](super::MAX_FRAME_LEN) bytes suffice for every message.
 ///
 /// # Errors
 ///
-/// [`EncodeError`]; `out` is then in an unknown state.
+/// `out` is too small, or the message needs MAVLink 2. `out` may then be partly overwritten.
 ///
 /// ```
 /// use mavstack::{Address, Version, dialect::Heartbeat, encode};
@@ -60,8 +62,9 @@ pub fn encode<M: Message>(
     Ok(frame.end)
 }
 
-/// Puts header and checksum around the untrimmed payload that stands at `payload_at`; where the frame is, is returned, without
-/// a signature that the flags announce. A v1 frame has no flags. Compiled once for all messages.
+/// Writes header and checksum around the untrimmed payload at `payload_at`, and returns where the frame is. The caller
+/// appends the signature that the flags announce. A MAVLink 1 frame has no flags. Not generic, so it is compiled once
+/// for all messages.
 pub(crate) fn wrap(
     info: &MessageInfo,
     version: Version,
@@ -99,7 +102,7 @@ pub(crate) fn wrap(
     Ok(start..end.wrapping_add(2))
 }
 
-/// Length without trailing zeros, at least 1 (S-5).
+/// Returns the payload's length without trailing zeros, at least 1 (S-5).
 fn trimmed_len(payload: &[u8], max_len: u8) -> u8 {
     let mut len = max_len;
     while len > 1 && payload.get(usize::from(len.wrapping_sub(1))) == Some(&0) {

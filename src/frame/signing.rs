@@ -1,10 +1,10 @@
-//! Signatures: made and compared.
+//! Signatures of frames: signing and verifying.
 //!
-//! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7. Whether a signed
-//! frame is also fresh, and what becomes of the others, [`Signing`](crate::Signing) decides.
+//! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7.
+//! [`Signing`](crate::Signing) decides whether a signed frame is a replay, and what happens to unsigned frames.
 //!
-//! SHA-256 is `sha2`'s. Its compact form is a third of the size and somewhat slower; a firmware chooses it, a library cannot:
-//! `--cfg sha2_backend_soft="compact"` in the `rustflags` of its `.cargo/config.toml`.
+//! SHA-256 is from the crate `sha2`. Its compact implementation has a third of the size and is somewhat slower. Only
+//! the firmware can select it: add `--cfg sha2_backend_soft="compact"` to the `rustflags` in its `.cargo/config.toml`.
 
 use core::hint::black_box;
 use core::ops::Range;
@@ -12,27 +12,27 @@ use core::ops::Range;
 use sha2::{Digest, Sha256};
 use zeroize::Zeroize;
 
-use super::{Address, EncodeError, Frame, INCOMPAT_SIGNED, SIGNATURE_LEN, Version, wrap};
-use crate::message::Message;
+use super::{EncodeError, Frame, Header, INCOMPAT_SIGNED, SIGNATURE_LEN, Version, wrap};
+use crate::message::{Address, Message};
 
-/// Bytes of the hash that are sent.
+/// How many bytes of the hash are sent.
 const TAG_LEN: usize = 6;
 
-/// The largest timestamp: 48 bits of 10 µs, which end in 2104 (G-3).
+/// The largest timestamp: 48 bits in units of 10 µs, which last until 2104 (G-3).
 pub(crate) const MAX_TIMESTAMP: u64 = (1 << 48) - 1;
 
-/// A secret key, shared by all who sign for each other.
+/// A secret key, shared by all components that sign for each other.
 ///
-/// It is never shown: its `Debug` says nothing, and nothing gives it back. Its bytes are overwritten when it is replaced or
+/// The bytes cannot be read back, and `Debug` does not show them. They are overwritten when the key is replaced or
 /// dropped; copies that the compiler made of them on the stack are not.
 #[derive(Clone)]
 pub struct SigningKey(Wiped<[u8; Self::LEN]>);
 
 impl SigningKey {
-    /// How long a key is (bytes).
+    /// Length of a key in bytes.
     pub const LEN: usize = 32;
 
-    /// The key of these bytes. Many ground stations make them of a passphrase, by SHA-256.
+    /// Returns the key with these bytes. Many ground stations compute them as the SHA-256 of a passphrase.
     pub const fn new(bytes: [u8; Self::LEN]) -> Self {
         Self(Wiped(bytes))
     }
@@ -42,31 +42,31 @@ impl SigningKey {
         is_same(&self.0.0, &other.0.0)
     }
 
-    /// For storage only.
+    /// Returns the key's bytes. For storage only.
     #[cfg(feature = "storage")]
     pub(crate) const fn bytes(&self) -> &[u8; Self::LEN] {
         &self.0.0
     }
 
-    /// The signature of everything before it (G-2).
+    /// Returns the signature of `bytes`: the frame, link id and timestamp (G-2).
     fn tag(&self, bytes: &[u8]) -> [u8; TAG_LEN] {
         let mut hash = Sha256::new();
         hash.update(self.0.0);
         hash.update(bytes);
-        // In place, which also leaves nothing of the key in the state.
+        // Resetting the state also removes the key from it.
         let mut digest = [0; Self::LEN];
         hash.finalize_into_reset((&mut digest).into());
         let [a, b, c, d, e, f, ..] = digest;
         [a, b, c, d, e, f]
     }
 
-    /// Whether a whole signed frame bears the signature that it has to. Takes as long for a wrong one as for a right one (G-7).
+    /// Returns whether a whole signed frame has a valid signature. The time does not depend on the result (G-7).
     pub(crate) fn has_signed(&self, raw: &[u8]) -> bool {
         raw.split_last_chunk().is_some_and(|(signed, tag)| is_same(&self.tag(signed), tag))
     }
 
-    /// Writes the signature behind a frame whose flag says that it has one, and returns where it ends; `None` when there is
-    /// no room for it.
+    /// Appends the signature to a frame whose flags announce it, and returns where it ends; `None` when there is no
+    /// room.
     pub(crate) fn sign(&self, out: &mut [u8], frame: Range<usize>, link_id: u8, timestamp: u64) -> Option<usize> {
         let [t0, t1, t2, t3, t4, t5, ..] = timestamp.to_le_bytes();
         let stamp = [link_id, t0, t1, t2, t3, t4, t5];
@@ -78,22 +78,29 @@ impl SigningKey {
     }
 }
 
-/// What a signature of a frame of `len` bytes counts as work, made or compared (SEC-2): 150 units for each block that is hashed.
-/// On a microcontroller a block takes four times as long; but at its full price two frames would be a poll's work.
+/// Returns the cost of signing or verifying a frame of `len` bytes (SEC-2): 150 units for each hashed block. On a
+/// microcontroller a block takes four times as long; but at that cost two frames would spend the budget of a poll.
 pub(crate) fn signature_cost(len: usize) -> u32 {
     const BLOCK: u32 = 150;
-    // Key, and at least 9 bytes of padding.
+    // The key, and at least 9 bytes of padding.
     let hashed = len.saturating_add(const { SigningKey::LEN + 9 - TAG_LEN });
     u32::try_from(hashed.div_ceil(64)).unwrap_or(u32::MAX).saturating_mul(BLOCK)
 }
 
-/// Whether the bytes are the same, found out in the same time wherever they differ (G-7).
+/// Returns the cost of the signature of a frame that is sent, 0 without one. Forwarded frames cost the same as our own, though they
+/// were signed elsewhere.
+pub(crate) fn cost_of_sending(frame: &[u8]) -> u32 {
+    let is_signed = Header::parse(frame).is_some_and(|header| header.is_signed());
+    if is_signed { signature_cost(frame.len()) } else { 0 }
+}
+
+/// Compares in constant time: it does not depend on where the bytes differ (G-7).
 fn is_same<const N: usize>(ours: &[u8; N], theirs: &[u8; N]) -> bool {
     black_box(ours.iter().zip(theirs).fold(0, |sum, (a, b)| sum | (a ^ b))) == 0
 }
 
-/// Overwritten when it is dropped, whatever becomes of it: replaced, taken away, or forgotten with the memory that it is in
-/// (SEC-15). `zeroize::Zeroizing` is the same, but cannot be made in a constant.
+/// A value that is overwritten when it is dropped: replaced, removed, or dropped with its owner (SEC-15).
+/// `zeroize::Zeroizing` does the same, but cannot be constructed in a `const fn`.
 #[derive(Clone)]
 struct Wiped<T: Zeroize>(T);
 
@@ -117,21 +124,22 @@ impl defmt::Format for SigningKey {
 }
 
 impl Frame<'_> {
-    /// Whether the frame bears a signature made with `key`. That says who made it, not when: it may be a copy of an old one.
+    /// Returns whether the frame has a signature made with `key`. Replays are not detected: it may be a duplicate of an
+    /// old frame.
     pub fn is_signed_with(&self, key: &SigningKey) -> bool {
         self.header.is_signed() && key.has_signed(self.raw)
     }
 }
 
-/// Writes `message` as one signed MAVLink 2 frame to the front of `out` and returns the frame's length in bytes; as
-/// [`encode`](crate::encode) otherwise. `out` must hold 13 bytes more.
+/// Writes `message` as one signed MAVLink 2 frame to the front of `out` and returns the frame's length in bytes.
 ///
-/// `link_id` is the sender's own number of the line, `timestamp` counts 10 µs since 2015-01-01 00:00 UTC and must be greater
-/// than that of every other frame that the sender has signed for that line (G-4, G-5); only its low 48 bits are sent.
+/// `out` must hold 13 bytes more than for [`encode`](crate::encode). `link_id` is the sender's own id of the link.
+/// `timestamp` is in units of 10 µs since 2015-01-01 00:00 UTC. It must be greater than in every other frame that the
+/// sender has signed for this link (G-4, G-5). Only its low 48 bits are sent.
 ///
 /// # Errors
 ///
-/// [`EncodeError`]; `out` is then in an unknown state.
+/// [`EncodeError::BufferTooSmall`]; `out` may then be partly overwritten.
 ///
 /// ```
 /// use mavstack::{Address, SigningKey, dialect::Heartbeat, encode_signed};
@@ -163,7 +171,7 @@ mod tests {
     use super::*;
     use core::cell::Cell;
 
-    /// Counts how often it is overwritten.
+    /// Counts how often the value is overwritten.
     #[derive(Clone)]
     struct Spy<'a>(&'a Cell<u32>);
 
@@ -173,8 +181,9 @@ mod tests {
         }
     }
 
-    /// SEC-15: what is dropped or replaced is overwritten, and so is each copy. Without unsafe code nobody can look at the bytes
-    /// of a key that is gone: that a key is wrapped so is seen by its being dropped at all, and `zeroize` is tested by its makers.
+    /// SEC-15: a value that is dropped or replaced is overwritten, and so is each clone. Safe code cannot read the
+    /// bytes of a dropped key. So the test shows that a key has drop glue, and relies on the tests of `zeroize` for the
+    /// rest.
     #[test]
     fn a_dropped_key_is_overwritten() {
         const { assert!(core::mem::needs_drop::<SigningKey>() && core::mem::needs_drop::<Option<SigningKey>>()) };
@@ -188,9 +197,9 @@ mod tests {
         assert_eq!((wiped.get(), key.is_none()), (3, true));
     }
 
-    /// G-7: each byte counts, the first as the last.
+    /// G-7: every bit is compared.
     #[test]
-    fn signatures_are_compared_whole() {
+    fn all_bits_of_a_signature_are_compared() {
         let tag = [1, 2, 3, 4, 5, 6];
         assert!(is_same(&tag, &tag));
         for bit in 0..48 {
@@ -198,7 +207,7 @@ mod tests {
             other[bit / 8] ^= 1 << (bit % 8);
             assert!(!is_same(&tag, &other), "bit {bit}");
         }
-        // Differences do not cancel each other out.
+        // Differences do not cancel out.
         assert!(!is_same(&[1, 1], &[2, 2]));
     }
 }

@@ -1,109 +1,130 @@
-//! A circular buffer that DMA fills.
+//! Reading from a circular DMA buffer.
 
 use super::SerialError;
 
-/// How far a circular buffer was read that DMA writes without end, in halves or otherwise.
+/// The read position in a circular buffer that DMA fills continuously.
 ///
-/// Three lines in the loop. The hardware says where it writes, and its interrupt "transfer complete" counts the laps:
+/// Receiving takes three lines in the loop. The hardware reports its write position, and the "transfer complete"
+/// interrupt counts the laps:
 ///
 /// ```
 /// use core::sync::atomic::{AtomicU32, Ordering};
 /// use mavstack::io::{CircularReader, SerialError};
-/// # use mavstack::{Autopilot, Instant, LinkId, Stack};
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+/// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+/// #     }
+/// # }
+/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
 ///
-/// static LAPS: AtomicU32 = AtomicU32::new(0); // its one writer is the interrupt
+/// static LAPS: AtomicU32 = AtomicU32::new(0); // written by the interrupt only
 ///
-/// fn receive<V: Autopilot>(
-///     # now: Instant, stack: &mut Stack<1>, vehicle: &mut V,
+/// fn receive(
+///     # now: Instant, stack: &mut Mavlink, vehicle: &mut Rover,
 ///     reader: &mut CircularReader, buffer: &[u8], remaining: impl Fn() -> usize,
 /// ) -> Result<(), SerialError> {
-///     let laps = LAPS.load(Ordering::Acquire); // before the place
-///     let place = buffer.len() - remaining(); // NDTR of an STM32
-///     reader.poll(buffer, laps, place, |bytes| stack.receive(now, LinkId(0), bytes, vehicle))
+///     let laps = LAPS.load(Ordering::Acquire); // before the position
+///     let position = buffer.len() - remaining(); // NDTR of an STM32
+///     reader.poll(buffer, laps, position, |bytes| stack.receive(now, LinkId(0), bytes, vehicle))
 /// }
 /// ```
 ///
-/// And three to send, whenever the DMA is idle:
+/// Sending takes two, whenever the transmit DMA is idle:
 ///
 /// ```
-/// # use mavstack::{Autopilot, Instant, LinkId, Stack};
-/// # fn send<V: Autopilot>(now: Instant, stack: &mut Stack<1>, vehicle: &mut V, mut start: impl FnMut(&[u8]) -> usize) {
-/// let len = start(stack.transmit(now, LinkId(0), vehicle)); // copies what it has room for, and begins
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+/// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+/// #     }
+/// # }
+/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
+/// # fn send(now: Instant, stack: &mut Mavlink, vehicle: &mut Rover, mut start: impl FnMut(&[u8]) -> usize) {
+/// let len = start(stack.transmit(now, LinkId(0), vehicle)); // copies as much as fits, and starts the DMA
 /// stack.transmitted(LinkId(0), len);
 /// # }
 /// ```
 ///
-/// The buffer has room for what comes between two polls, twice: [`queue_len`](super::queue_len). Where the buffers of a HAL
-/// change hands instead, and come one by one with a length, put them into [`SerialQueues`](super::SerialQueues) in the DMA's
-/// interrupt: [`received_all`](super::InterruptEnd::received_all).
+/// The buffer must hold twice the bytes that are received between two polls: see [`queue_len`](super::queue_len).
+///
+/// Some HALs do not fill a circular buffer, but hand over filled buffers with a length. Copy these into
+/// [`SerialQueues`](super::SerialQueues) in the DMA's interrupt, with
+/// [`received_all`](super::InterruptEnd::received_all).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CircularReader {
-    /// Of the next byte to be read.
+    /// Lap of the next byte to be read.
     laps: u32,
-    place: usize,
+    /// Its position in the buffer.
+    position: usize,
     overruns: u32,
 }
 
 impl CircularReader {
-    /// At the front of a buffer that is not written yet.
+    /// Returns a reader at the front of a buffer to which DMA has not yet written.
     pub const fn new() -> Self {
-        Self { laps: 0, place: 0, overruns: 0 }
+        Self { laps: 0, position: 0, overruns: 0 }
     }
 
-    /// How often bytes were overwritten before they were read. Wraps.
+    /// Returns how often bytes were overwritten before they were read. The count wraps.
     pub const fn overruns(&self) -> u32 {
         self.overruns
     }
 
-    /// Hands what was written since to `receive`, which returns how much it took: all but what is beyond the budget of a
-    /// poll, which it is given again the next time. With nothing new it is called once with no bytes, for what waits in the
-    /// stack.
+    /// Passes the bytes that were written since the last poll to `receive`, which returns how many it took.
     ///
-    /// The writer is at `place` of `buffer` in lap number `laps`, which was read before `place`; it may lag by one, when the
-    /// interrupt that counts has not run yet. `laps` wraps.
+    /// The stack takes fewer when its budget is spent; the rest is passed again in the next poll. If there are no new
+    /// bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
+    ///
+    /// `position` is the DMA's write position in `buffer`, and `laps` counts its passes through the buffer. Read `laps`
+    /// before `position`. It may be one too low, if the interrupt has not yet run. It wraps.
     ///
     /// # Errors
     ///
-    /// [`SerialError::Overrun`] when bytes were overwritten before they were read: what is in the buffer is given up, for the
-    /// next is about to be overwritten too, and the overrun is counted. The next poll goes on.
+    /// [`SerialError::Overrun`] if bytes were overwritten before they were read. The overrun is counted and all bytes in the
+    /// buffer are dropped, because the oldest would be overwritten next. The next poll continues with new bytes.
     pub fn poll(
         &mut self,
         buffer: &[u8],
         laps: u32,
-        place: usize,
+        position: usize,
         mut receive: impl FnMut(&[u8]) -> usize,
     ) -> Result<(), SerialError> {
-        let place = place.min(buffer.len());
-        // Behind us: the lap we are in is not counted yet.
+        let position = position.min(buffer.len());
+        // The current lap is not counted yet if the writer seems to be behind the reader.
         let ahead = laps.wrapping_sub(self.laps);
-        let is_uncounted = ahead > u32::MAX / 2 || (ahead == 0 && place < self.place);
+        let is_uncounted = ahead > u32::MAX / 2 || (ahead == 0 && position < self.position);
         let (laps, ahead) = match is_uncounted {
-            true if place < self.place => (self.laps.wrapping_add(1), 1),
+            true if position < self.position => (self.laps.wrapping_add(1), 1),
             true => (self.laps, 0),
             false => (laps, ahead),
         };
-        if ahead > 1 || (ahead == 1 && place >= self.place) {
-            (self.laps, self.place) = (laps, place);
+        if ahead > 1 || (ahead == 1 && position >= self.position) {
+            (self.laps, self.position) = (laps, position);
             self.overruns = self.overruns.wrapping_add(1);
             return Err(SerialError::Overrun);
         }
         let mut is_new = false;
         if ahead == 1 {
-            let tail = buffer.get(self.place..).unwrap_or_default();
+            let tail = buffer.get(self.position..).unwrap_or_default();
             if !tail.is_empty() {
                 is_new = true;
                 let taken = receive(tail).min(tail.len());
-                self.place = self.place.saturating_add(taken);
+                self.position = self.position.saturating_add(taken);
                 if taken < tail.len() {
                     return Ok(());
                 }
             }
-            (self.laps, self.place) = (laps, 0);
+            (self.laps, self.position) = (laps, 0);
         }
-        let rest = buffer.get(self.place..place).unwrap_or_default();
+        let rest = buffer.get(self.position..position).unwrap_or_default();
         if !rest.is_empty() || !is_new {
-            self.place = self.place.saturating_add(receive(rest).min(rest.len()));
+            self.position = self.position.saturating_add(receive(rest).min(rest.len()));
         }
         Ok(())
     }
@@ -117,11 +138,11 @@ mod tests {
 
     const LEN: usize = 16;
 
-    /// A DMA that writes the numbers of its bytes.
+    /// A DMA that writes consecutive numbers.
     struct Dma {
         buffer: [u8; LEN],
         written: usize,
-        /// What its interrupt counted.
+        /// The laps that its interrupt has counted.
         laps: u32,
     }
 
@@ -135,9 +156,10 @@ mod tests {
     }
 
     proptest! {
-        /// Every byte comes once and in order, or an overrun is told; and it is told only when more was written than fits.
+        /// Every byte is received once and in order, or an overrun is reported: exactly when more was written than
+        /// fits.
         #[test]
-        fn every_byte_comes_once_or_its_loss_is_told(
+        fn each_byte_is_received_once_or_an_overrun_is_reported(
             steps in proptest::collection::vec((0..24usize, 0..24usize, any::<bool>()), 1..100),
             first_lap in prop_oneof![Just(0u32), Just(u32::MAX - 2)],
         ) {
@@ -145,7 +167,7 @@ mod tests {
             let mut reader = CircularReader { laps: first_lap, ..CircularReader::new() };
             let mut read = 0;
             let mut overruns = 0;
-            for (len, mut appetite, is_late) in steps {
+            for (len, mut budget, is_late) in steps {
                 let before = dma.written / LEN;
                 dma.write(len);
                 let laps = first_lap.wrapping_add((dma.written / LEN) as u32);
@@ -153,11 +175,11 @@ mod tests {
                 let may_be_late = is_late && dma.written / LEN == before + 1 && dma.written - read < LEN;
                 dma.laps = if may_be_late { laps.wrapping_sub(1) } else { laps };
                 let mut received: Vec<u8> = Vec::new();
-                let place = dma.written % LEN;
-                let result = reader.poll(&dma.buffer, dma.laps, place, |bytes| {
-                    let taken = bytes.len().min(appetite);
+                let position = dma.written % LEN;
+                let result = reader.poll(&dma.buffer, dma.laps, position, |bytes| {
+                    let taken = bytes.len().min(budget);
                     received.extend(&bytes[..taken]);
-                    appetite -= taken;
+                    budget -= taken;
                     taken
                 });
                 if dma.written - read >= LEN {
@@ -170,7 +192,7 @@ mod tests {
                     let expected: Vec<u8> = (read..read + received.len()).map(|number| number as u8).collect();
                     prop_assert_eq!(&received, &expected);
                     read += received.len();
-                    prop_assert!(read == dma.written || appetite == 0);
+                    prop_assert!(read == dma.written || budget == 0);
                 }
                 prop_assert_eq!(reader.overruns(), overruns);
             }
@@ -178,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn with_nothing_new_the_stack_is_called_once() {
+    fn without_new_bytes_the_stack_is_called_once() {
         let mut reader = CircularReader::new();
         let mut calls = Vec::new();
         for _ in 0..2 {
@@ -191,9 +213,9 @@ mod tests {
         assert_eq!(calls, [3, 0]);
     }
 
-    /// The interrupt that counts laps may come after more than one poll, and the place may be told as the buffer's end.
+    /// The interrupt that counts laps may run after more than one poll, and the position may be the buffer's end.
     #[test]
-    fn a_lap_may_be_counted_late_and_end_at_the_buffers_end() {
+    fn laps_may_be_counted_late_and_the_position_may_be_the_buffers_end() {
         let mut reader = CircularReader::new();
         let buffer: [u8; LEN] = core::array::from_fn(|at| at as u8);
         let steps: [(u32, usize, &[u8]); 6] = [
@@ -204,13 +226,13 @@ mod tests {
             (1, LEN, &[5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]),
             (2, 1, &[0]),
         ];
-        for (laps, place, expected) in steps {
+        for (laps, position, expected) in steps {
             let mut received = Vec::new();
-            let result = reader.poll(&buffer, laps, place, |bytes| {
+            let result = reader.poll(&buffer, laps, position, |bytes| {
                 received.extend(bytes);
                 bytes.len()
             });
-            assert_eq!((result, &received[..]), (Ok(()), expected), "lap {laps}, place {place}");
+            assert_eq!((result, &received[..]), (Ok(()), expected), "lap {laps}, position {position}");
         }
         assert_eq!(reader.overruns(), 0);
     }

@@ -1,13 +1,14 @@
-//! The error of a HAL's UART behind an adapter.
+//! The error of the adapters for HALs.
 
-/// What a HAL's UART reported through one of the adapters.
+/// The error of an adapter for a HAL's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum HalError<E> {
-    /// The HAL's own error.
+    /// An error of the HAL.
     Hal(E),
-    /// There is nothing to read, or no room to write, and nobody waits here. Ask `read_ready` and `write_ready` first.
+    /// There is nothing to read, or no room to write, and the adapter does not block. Call `read_ready` or
+    /// `write_ready` first.
     WouldBlock,
 }
 
@@ -15,7 +16,7 @@ impl<E: core::fmt::Debug> core::fmt::Display for HalError<E> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Hal(error) => write!(f, "{error:?}"),
-            Self::WouldBlock => f.write_str("not ready: ask read_ready and write_ready first"),
+            Self::WouldBlock => f.write_str("the UART is not ready: call read_ready or write_ready first"),
         }
     }
 }

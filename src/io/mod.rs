@@ -1,22 +1,23 @@
-//! Ready ends for UARTs: between an interrupt and the loop, behind a circular DMA buffer, and for HALs that do not offer the
-//! four traits that [`Stack::poll_link`](crate::Stack::poll_link) asks for.
+//! UART transports: queues between an interrupt and the loop, a reader for circular DMA buffers, and adapters for HALs
+//! that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
 //!
-//! | what the HAL offers | what to hand to the stack |
+//! | what the HAL provides | what to pass to the stack |
 //! |---|---|
-//! | `Read + Write + ReadReady + WriteReady` of `embedded-io` 0.7, and a FIFO for what comes between two polls | its UART itself |
-//! | interrupts, in whatever form | a [`LoopEnd`] of [`SerialQueues`] |
-//! | circular DMA | [`CircularReader`] and the byte-level calls; or the DMA's interrupt in front of [`SerialQueues`] |
+//! | `Read + Write + ReadReady + WriteReady` of `embedded-io` 0.7, and a FIFO for the bytes between two polls | the HAL's UART |
+//! | interrupts, in any form | a [`LoopEnd`] of [`SerialQueues`] |
+//! | circular DMA | the bytes from a [`CircularReader`]; or a [`LoopEnd`], with the DMA's interrupt filling [`SerialQueues`] |
 //! | the traits of `embedded-hal-nb` | `NbSerial`, feature `embedded-hal-nb` |
 //! | all four traits of `embedded-io` 0.6 | `Io06`, feature `embedded-io-06` |
-//! | `embedded-io-async`'s `Read` and `Write`, and `ReadReady` | `Polled`, feature `embedded-io-async` |
+//! | `Read` and `Write` of `embedded-io-async`, and `ReadReady` | `Polled`, feature `embedded-io-async` |
 //!
-//! None of them waits. Where a contract would have them wait they say [`SerialError::WouldBlock`]; the stack never gets
-//! there, because it asks first.
+//! They do not block, except for `Io06`, which blocks if the HAL does. Where a trait's contract says that a call
+//! blocks, they return [`SerialError::WouldBlock`] or `HalError::WouldBlock`. The stack never sees these errors,
+//! because it checks `read_ready` and `write_ready` first.
 //!
-//! # How large a queue
+//! # Length of the queues
 //!
-//! Between two polls a line brings baud × poll period / 10 bytes. A receive queue has room for twice that, for the poll that
-//! comes late; [`queue_len`] computes it:
+//! A link receives baud × poll period / 10 bytes between two polls. The receive queue should hold twice as many, so
+//! that a poll may be late. [`queue_len`] computes its length:
 //!
 //! | baud | polled every | bytes between two polls | queue | [`PollBudget`](crate::PollBudget) |
 //! |---:|---:|---:|---:|---|
@@ -26,17 +27,17 @@
 //! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_line` |
 //! | 921,600 | 4 ms | 369 | 1,024 | `for_line` |
 //!
-//! The default handles three frames a poll: more than any line brings of long ones, and fewer than a fast one can bring of short
-//! ones. What is beyond it waits, and in the end finds the queue full.
+//! The default budget handles three frames per poll. That suffices for long frames on any link, but not for short
+//! frames on a fast link. Excess frames stay in the queue until it overflows.
 //!
-//! A transmit queue of the same length keeps the line busy. A longer one is worse: what stands in it is not taken back, and
-//! an answer waits behind it.
+//! A transmit queue of the same length keeps the link busy. A longer one only adds latency: queued bytes cannot be
+//! reordered, so answers wait behind them.
 //!
-//! # What is lost is told
+//! # Lost bytes are reported
 //!
-//! Bytes that found the queue full, and errors that the interrupt was told of by its UART, are counted
-//! ([`LoopEnd::counters`]) and reported once, as a [`SerialError`] of the next read: so in
-//! [`LinkCounters::read_errors`](crate::LinkCounters::read_errors), and by `poll_link` as
+//! [`LoopEnd::counters`] counts the bytes for which the queue had no room and the errors that the UART reported to the
+//! interrupt. The next read reports them once, as a [`SerialError`]. The stack counts it in
+//! [`LinkCounters::read_errors`](crate::LinkCounters::read_errors), and `poll_link` returns it as
 //! [`LinkError::Read`](crate::LinkError::Read) (S-20).
 
 mod dma;
@@ -64,25 +65,29 @@ pub use serial::{InterruptEnd, LoopEnd, SerialCounters, SerialQueues};
 
 use crate::time::Duration;
 
-/// What an end reports when it fails.
+/// The error of [`LoopEnd`] and [`CircularReader`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SerialError {
-    /// Bytes came faster than they were read, and some are lost: poll more often, or make the queue longer.
+    /// Bytes were lost, because they were received faster than they were read. Poll more often, or make the queue
+    /// longer.
     Overrun,
-    /// The interrupt was told of an error on the line, or of an overrun in the UART itself.
+    /// The UART reported an error on the line, or an overrun in the UART itself.
     Line,
-    /// There is nothing to read, or no room to write, and nobody waits here. Ask `read_ready` and `write_ready` first.
+    /// There is nothing to read, or no room to write, and the call does not block. Call `read_ready` or `write_ready`
+    /// first.
     WouldBlock,
 }
 
 impl core::fmt::Display for SerialError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Overrun => "bytes came faster than they were read: poll more often, or make the queue longer",
-            Self::Line => "the UART reported an error, or an overrun of its own",
-            Self::WouldBlock => "not ready: ask read_ready and write_ready first",
+            Self::Overrun => {
+                "bytes were received faster than they were read: poll more often, or make the queue longer"
+            }
+            Self::Line => "the UART reported an error on the line or an overrun: check the baud rate and the wiring",
+            Self::WouldBlock => "the queue is not ready: call read_ready or write_ready first",
         })
     }
 }
@@ -95,8 +100,10 @@ impl embedded_io::Error for SerialError {
     }
 }
 
-/// How long a queue is for a line of `baud` bit/s that is polled every `period`, at most a second: twice the bytes that come
-/// meanwhile, rounded up to a power of two, and 32 at least.
+/// Returns the length in bytes of a queue for a link of `baud` bit/s that is polled every `period`.
+///
+/// It is twice the number of bytes in a period, rounded up to a power of two, and at least 32. A period above 1 s
+/// counts as 1 s.
 ///
 /// ```
 /// use mavstack::Duration;
@@ -119,9 +126,9 @@ pub const fn queue_len(baud: u32, period: Duration) -> usize {
 mod tests {
     use super::*;
 
-    /// The table above.
+    /// The table in the module's documentation.
     #[test]
-    fn a_queue_is_as_long_as_the_table_says() {
+    fn queue_lengths_are_those_of_the_table() {
         let rows = [(57_600, 4, 64), (115_200, 4, 128), (115_200, 20, 512), (921_600, 1, 256), (921_600, 4, 1_024)];
         for (baud, millis, len) in rows {
             assert_eq!(queue_len(baud, Duration::from_millis(millis)), len, "{baud} baud, {millis} ms");

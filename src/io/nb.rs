@@ -1,4 +1,4 @@
-//! UARTs with the traits of `embedded-hal-nb`.
+//! An adapter for UARTs with the traits of `embedded-hal-nb`.
 
 use embedded_hal_nb::nb;
 use embedded_hal_nb::serial;
@@ -6,33 +6,33 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 
 use super::HalError;
 
-/// A UART that is `embedded_hal_nb::serial::{Read, Write}`, polled. It keeps one byte each way, because those traits cannot be
-/// asked whether they are ready.
+/// A polled adapter for a UART that implements `embedded_hal_nb::serial::{Read, Write}`.
 ///
-/// Only for a UART whose FIFO holds what comes between two polls, or a slow line: of a UART with one data register a poll gets
-/// two bytes. [`SerialQueues`](super::SerialQueues) is for the others.
+/// It holds one byte in each direction, because these traits have no calls for readiness. Use it for a UART whose FIFO
+/// holds the bytes between two polls, or for a slow link: a UART with a single data register receives two bytes per
+/// poll. For other UARTs use [`SerialQueues`](super::SerialQueues).
 #[derive(Debug)]
 pub struct NbSerial<S: serial::ErrorType> {
     serial: S,
-    /// Read ahead, to see whether there is anything.
+    /// A byte or error that `read_ready` has read ahead.
     received: Option<Result<u8, S::Error>>,
-    /// To be sent when there is room.
+    /// A byte to be sent when the UART has room.
     held: Option<u8>,
 }
 
 impl<S: serial::Read + serial::Write> NbSerial<S> {
-    /// The polled end of `serial`.
+    /// Returns an adapter for `serial`.
     pub const fn new(serial: S) -> Self {
         Self { serial, received: None, held: None }
     }
 
-    /// The UART itself, for what only the HAL has: to listen to an interrupt, say. What is read from it here does not come to
-    /// the stack.
+    /// Returns the UART, for other functions of the HAL, such as enabling an interrupt. Bytes that are read from it do
+    /// not reach the stack.
     pub const fn get_mut(&mut self) -> &mut S {
         &mut self.serial
     }
 
-    /// What comes next, if anything does.
+    /// Returns the next received byte or error, if any.
     fn next(&mut self) -> Option<Result<u8, S::Error>> {
         if self.received.is_some() {
             return self.received.take();
@@ -44,7 +44,7 @@ impl<S: serial::Read + serial::Write> NbSerial<S> {
         }
     }
 
-    /// Whether `byte` was taken.
+    /// Returns whether the UART took `byte`.
     fn send(&mut self, byte: u8) -> Result<bool, HalError<S::Error>> {
         match self.serial.write(byte) {
             Ok(()) => Ok(true),
@@ -72,7 +72,7 @@ impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
             match self.next() {
                 Some(Ok(received)) => *byte = received,
                 Some(Err(error)) if len == 0 => return Err(HalError::Hal(error)),
-                // First what came before it.
+                // Return the bytes before the error first.
                 Some(Err(error)) => {
                     self.received = Some(Err(error));
                     break;
@@ -87,7 +87,7 @@ impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
 
 impl<S: serial::Read + serial::Write> WriteReady for NbSerial<S> {
     fn write_ready(&mut self) -> Result<bool, Self::Error> {
-        // Not put back when that fails, or it would fail for good.
+        // Drop the byte on an error: retrying it could fail forever.
         if let Some(byte) = self.held.take()
             && !self.send(byte)?
         {
@@ -104,7 +104,7 @@ impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
         }
         let mut len = 0usize;
         for &byte in bytes {
-            // An error after the first byte is told by the next call, which meets it again.
+            // An error after the first byte is returned by the next call, which sends the byte again.
             let is_sent = match self.send(byte) {
                 Err(error) if len == 0 => return Err(error),
                 Err(_) => break,
@@ -143,7 +143,7 @@ mod tests {
     struct Fifo {
         rx: VecDeque<Result<u8, serial::ErrorKind>>,
         tx: VecDeque<u8>,
-        /// It sends so many bytes, then fails once.
+        /// Accepts this many bytes, then fails once.
         fails_after: Option<usize>,
     }
 
@@ -189,12 +189,13 @@ mod tests {
     }
 
     proptest! {
-        /// What is written goes out in order, however the line takes it, and a ready UART takes something.
+        /// Written bytes are sent once and in order, whatever the pace of the link, and a ready UART takes at least
+        /// one.
         #[test]
-        fn what_is_written_is_sent_once_and_in_order(steps in proptest::collection::vec((0..8usize, 0..5usize), 1..100)) {
+        fn bytes_are_sent_once_and_in_order(steps in proptest::collection::vec((0..8usize, 0..5usize), 1..100)) {
             let mut uart = NbSerial::new(Fifo::default());
             let (mut written, mut sent, mut next) = (Vec::<u8>::new(), Vec::<u8>::new(), 0u8);
-            for (offered, gone) in steps {
+            for (offered, drained) in steps {
                 let bytes: Vec<u8> = (0..offered).map(|i| next.wrapping_add(i as u8)).collect();
                 if uart.write_ready() == Ok(true) && offered > 0 {
                     let len = uart.write(&bytes).unwrap();
@@ -204,8 +205,8 @@ mod tests {
                 } else if offered > 0 {
                     prop_assert_eq!(uart.write(&bytes), Err(HalError::WouldBlock));
                 }
-                let gone = gone.min(uart.serial.tx.len());
-                sent.extend(uart.serial.tx.drain(..gone));
+                let drained = drained.min(uart.serial.tx.len());
+                sent.extend(uart.serial.tx.drain(..drained));
             }
             for _ in 0..2 {
                 sent.extend(uart.serial.tx.drain(..));
@@ -216,12 +217,12 @@ mod tests {
     }
 
     #[test]
-    fn an_error_comes_behind_the_bytes_before_it_and_once() {
+    fn errors_are_returned_once_and_after_the_bytes_before_them() {
         let mut uart = NbSerial::new(Fifo::default());
         let mut buffer = [0; 8];
         assert_eq!((uart.read_ready(), uart.read(&mut buffer)), (Ok(false), Err(HalError::WouldBlock)));
         uart.serial.rx.extend([Ok(1), Ok(2), Err(serial::ErrorKind::Overrun), Ok(3)]);
-        assert_eq!((uart.read_ready(), uart.read_ready()), (Ok(true), Ok(true)), "asking takes nothing");
+        assert_eq!((uart.read_ready(), uart.read_ready()), (Ok(true), Ok(true)), "read_ready consumes nothing");
         assert_eq!((uart.read(&mut buffer), &buffer[..2]), (Ok(2), &[1, 2][..]));
         assert_eq!(uart.read(&mut buffer), Err(HalError::Hal(serial::ErrorKind::Overrun)));
         assert_eq!((uart.read(&mut buffer), buffer[0]), (Ok(1), 3));
@@ -231,9 +232,9 @@ mod tests {
 
     const FAILED: HalError<serial::ErrorKind> = HalError::Hal(serial::ErrorKind::Other);
 
-    /// The bytes before an error are told as written, and those behind it are the next call's.
+    /// The bytes before an error are returned as written, and the bytes after it are written by the next call.
     #[test]
-    fn an_error_while_writing_is_told_once_and_loses_nothing_behind_it() {
+    fn write_errors_are_returned_once_and_lose_no_later_bytes() {
         let mut uart = NbSerial::new(Fifo { fails_after: Some(0), ..Fifo::default() });
         assert_eq!(uart.write(b"ab"), Err(FAILED));
         uart.get_mut().fails_after = Some(2);
@@ -241,25 +242,25 @@ mod tests {
         assert_eq!(
             (uart.write(b"def"), uart.write_ready()),
             (Ok(2), Ok(false)),
-            "the FIFO is full, and one byte waits"
+            "the FIFO is full, and one byte is held"
         );
         uart.get_mut().fails_after = Some(0);
         assert_eq!(
             (uart.write(b"f"), uart.write_ready()),
             (Err(FAILED), Ok(true)),
-            "the byte that failed is not tried again"
+            "the byte that failed is not retried"
         );
         assert!(uart.serial.tx.iter().eq(b"abcd"));
     }
 
-    /// It is done when the UART has sent all, and an error of the UART is its own.
+    /// Flushing succeeds when the UART has sent all bytes, and returns the UART's errors.
     #[test]
-    fn flush_asks_and_does_not_wait() {
+    fn flush_does_not_block() {
         let mut uart = NbSerial::new(Fifo::default());
         assert_eq!((uart.flush(), uart.write(b"abcde")), (Ok(()), Ok(5)));
-        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "a byte is still here");
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "a byte is still held");
         uart.get_mut().tx.pop_front();
-        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "all are in the FIFO");
+        assert_eq!(uart.flush(), Err(HalError::WouldBlock), "the bytes are in the FIFO");
         uart.get_mut().tx.clear();
         uart.get_mut().fails_after = Some(0);
         assert_eq!((uart.flush(), uart.flush()), (Err(FAILED), Ok(())));

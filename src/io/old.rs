@@ -1,21 +1,23 @@
-//! UARTs with the traits of `embedded-io` 0.6.
+//! An adapter for UARTs with the traits of `embedded-io` 0.6.
 
 use embedded_io_06 as old;
 
 use super::HalError;
 
-/// A UART that is all of `embedded_io::{Read, Write, ReadReady, WriteReady}`, but of version 0.6: the same calls by their new
-/// names. It waits where the HAL's UART waits; the stack asks first.
+/// An adapter for a UART that implements `Read`, `Write`, `ReadReady` and `WriteReady` of `embedded-io` 0.6.
+///
+/// It forwards each call to the same call of version 0.6. So it blocks if the HAL's call blocks; the stack avoids that
+/// by checking for readiness first.
 #[derive(Debug)]
 pub struct Io06<S>(S);
 
 impl<S> Io06<S> {
-    /// `serial` by its new names.
+    /// Returns an adapter for `serial`.
     pub const fn new(serial: S) -> Self {
         Self(serial)
     }
 
-    /// The UART itself, for what only the HAL has.
+    /// Returns the UART, for other functions of the HAL.
     pub const fn get_mut(&mut self) -> &mut S {
         &mut self.0
     }
@@ -59,7 +61,7 @@ mod tests {
     use embedded_io::{Read, ReadReady, Write, WriteReady};
     use std::vec::Vec;
 
-    /// A UART that gives back what it was sent, and fails when it is empty.
+    /// A UART that receives what it has sent, and fails when there is nothing to read.
     #[derive(Default)]
     struct Loopback(Vec<u8>);
 
@@ -104,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn each_call_is_the_uarts_own() {
+    fn each_call_is_forwarded_to_the_uart() {
         let mut uart = Io06::new(Loopback::default());
         let mut buffer = [0; 8];
         assert_eq!((uart.read_ready(), uart.write_ready(), uart.flush()), (Ok(false), Ok(true), Ok(())));

@@ -1,4 +1,4 @@
-//! Buffered UARTs of asynchronous HALs.
+//! An adapter for buffered UARTs of asynchronous HALs.
 
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
@@ -7,26 +7,31 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 
 use super::HalError;
 
-/// A buffered UART that is `embedded_io_async::{Read, Write}` and `ReadReady`, for [`poll_link`](crate::Stack::poll_link): each
-/// future is polled once. Embassy's `BufferedUart` is meant, which cannot say whether it has room, and whose blocking
-/// `write` waits for it.
+/// An adapter for [`poll_link`](crate::Stack::poll_link): wraps a buffered UART that implements
+/// `embedded_io_async::{Read, Write}` and `ReadReady`, and polls each of its futures once.
 ///
-/// For a UART whose interrupt does the work, and whose futures may be dropped before they are done and then have done nothing.
-/// Its transmit buffer holds 32 bytes at least. Nobody is woken: poll in time, or when the HAL's own futures wake you.
+/// It is made for Embassy's `BufferedUart`, which has no `WriteReady`, and whose blocking `write` waits for room. The
+/// UART must fulfil these conditions:
+///
+/// - An interrupt moves the bytes.
+/// - The futures may be dropped before they complete, and then have no effect.
+/// - The transmit buffer holds at least 32 bytes.
+///
+/// The adapter wakes no task: poll the link periodically, or when a future of the HAL wakes the task.
 #[derive(Debug)]
 pub struct Polled<S> {
     serial: S,
-    /// What found no room, `held[begin..end]`: it goes first.
+    /// Bytes for which there was no room, `held[begin..end]`. They are sent first.
     held: [u8; PIECE],
     begin: usize,
     end: usize,
 }
 
-/// Some HALs write all or nothing.
+/// Length of a write in bytes. It is short, because some HALs write all bytes or none.
 const PIECE: usize = 32;
 
-/// What `future` gives at once.
-fn now<T>(future: impl Future<Output = T>) -> Option<T> {
+/// Polls `future` once; `None` if it is not ready.
+fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => Some(result),
         Poll::Pending => None,
@@ -34,12 +39,12 @@ fn now<T>(future: impl Future<Output = T>) -> Option<T> {
 }
 
 impl<S> Polled<S> {
-    /// The polled end of `serial`.
+    /// Returns an adapter for `serial`.
     pub const fn new(serial: S) -> Self {
         Self { serial, held: [0; PIECE], begin: 0, end: 0 }
     }
 
-    /// The UART, to be waited for: with `fill_buf` for what it receives, say.
+    /// Returns the UART, for example to wait for received bytes with `fill_buf`.
     pub const fn get_mut(&mut self) -> &mut S {
         &mut self.serial
     }
@@ -57,7 +62,7 @@ impl<S: ReadReady> ReadReady for Polled<S> {
 
 impl<S: embedded_io_async::Read> Read for Polled<S> {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
-        now(self.serial.read(buffer)).ok_or(HalError::WouldBlock)?.map_err(HalError::Hal)
+        poll_once(self.serial.read(buffer)).ok_or(HalError::WouldBlock)?.map_err(HalError::Hal)
     }
 }
 
@@ -65,9 +70,9 @@ impl<S: embedded_io_async::Write> WriteReady for Polled<S> {
     fn write_ready(&mut self) -> Result<bool, Self::Error> {
         let held = self.held.get(self.begin..self.end).unwrap_or_default();
         if !held.is_empty() {
-            match now(self.serial.write(held)) {
+            match poll_once(self.serial.write(held)) {
                 Some(Ok(len)) => self.begin = self.begin.saturating_add(len),
-                // Not tried again, or it would fail for good.
+                // Drop the bytes: retrying them could fail forever.
                 Some(Err(error)) => {
                     self.begin = self.end;
                     return Err(HalError::Hal(error));
@@ -85,7 +90,7 @@ impl<S: embedded_io_async::Write> Write for Polled<S> {
             return Err(HalError::WouldBlock);
         }
         let piece = bytes.get(..PIECE).unwrap_or(bytes);
-        if let Some(result) = now(self.serial.write(piece)) {
+        if let Some(result) = poll_once(self.serial.write(piece)) {
             return result.map_err(HalError::Hal);
         }
         for (cell, byte) in self.held.iter_mut().zip(piece) {
@@ -99,7 +104,7 @@ impl<S: embedded_io_async::Write> Write for Polled<S> {
         if !self.write_ready()? {
             return Err(HalError::WouldBlock);
         }
-        now(self.serial.flush()).ok_or(HalError::WouldBlock)?.map_err(HalError::Hal)
+        poll_once(self.serial.flush()).ok_or(HalError::WouldBlock)?.map_err(HalError::Hal)
     }
 }
 
@@ -110,12 +115,12 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// A buffered UART with room for 40 bytes to send, which takes all of a write or waits.
+    /// A buffered UART with a transmit buffer of 40 bytes, which takes all bytes of a write or is pending.
     #[derive(Default)]
     struct Buffered {
         rx: Vec<u8>,
         tx: Vec<u8>,
-        /// Its next write fails.
+        /// Whether the next write fails.
         fails: bool,
     }
 
@@ -144,7 +149,7 @@ mod tests {
 
     impl embedded_io_async::Write for Buffered {
         async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
-            assert!(bytes.len() <= 40, "a write that can never be done");
+            assert!(bytes.len() <= 40, "a write that can never complete");
             if core::mem::take(&mut self.fails) {
                 return Err(embedded_io::ErrorKind::Other);
             }
@@ -161,12 +166,13 @@ mod tests {
     }
 
     proptest! {
-        /// What is written goes out in order, however the line takes it, and a ready UART takes something.
+        /// Written bytes are sent once and in order, whatever the pace of the link, and a ready UART takes at least
+        /// one.
         #[test]
-        fn what_is_written_is_sent_once_and_in_order(steps in proptest::collection::vec((0..80usize, 0..41usize), 1..100)) {
+        fn bytes_are_sent_once_and_in_order(steps in proptest::collection::vec((0..80usize, 0..41usize), 1..100)) {
             let mut uart = Polled::new(Buffered::default());
             let (mut written, mut sent, mut next) = (Vec::<u8>::new(), Vec::<u8>::new(), 0u8);
-            for (offered, gone) in steps {
+            for (offered, drained) in steps {
                 let bytes: Vec<u8> = (0..offered).map(|i| next.wrapping_add(i as u8)).collect();
                 if uart.write_ready() == Ok(true) && offered > 0 {
                     let len = uart.write(&bytes).unwrap();
@@ -176,8 +182,8 @@ mod tests {
                 } else if offered > 0 {
                     prop_assert_eq!(uart.write(&bytes), Err(HalError::WouldBlock));
                 }
-                let gone = gone.min(uart.serial.tx.len());
-                sent.extend(uart.serial.tx.drain(..gone));
+                let drained = drained.min(uart.serial.tx.len());
+                sent.extend(uart.serial.tx.drain(..drained));
             }
             for _ in 0..2 {
                 sent.append(&mut uart.serial.tx);
@@ -188,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_waits() {
+    fn no_call_blocks() {
         let mut uart = Polled::new(Buffered::default());
         let mut buffer = [0; 8];
         assert_eq!((uart.read_ready(), uart.read(&mut buffer)), (Ok(false), Err(HalError::WouldBlock)));
@@ -200,13 +206,13 @@ mod tests {
         assert_eq!(uart.flush(), Ok(()));
     }
 
-    /// What could not be sent is not tried again, or the line would fail for good.
+    /// Bytes that failed are not retried, or the link could fail forever.
     #[test]
-    fn an_error_is_told_once() {
+    fn an_error_is_returned_once() {
         const FAILED: HalError<embedded_io::ErrorKind> = HalError::Hal(embedded_io::ErrorKind::Other);
         let mut uart = Polled::new(Buffered { fails: true, ..Buffered::default() });
         assert_eq!((uart.write(b"ab"), uart.write(&[7; 32]), uart.write(&[8; 32])), (Err(FAILED), Ok(32), Ok(32)));
-        assert_eq!(uart.write_ready(), Ok(false), "the second piece waits");
+        assert_eq!(uart.write_ready(), Ok(false), "the second piece is held");
         assert_eq!(uart.flush(), Err(HalError::WouldBlock));
         uart.get_mut().fails = true;
         assert_eq!((uart.write(b"c"), uart.write(b"d")), (Err(FAILED), Ok(1)));

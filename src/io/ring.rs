@@ -1,25 +1,25 @@
-//! A queue of bytes between one writer and one reader, of which either may interrupt the other.
+//! A lock-free single-producer, single-consumer queue of bytes, between an interrupt and the loop.
 //!
-//! Of atomics that are only loaded and stored: it lies in a `static`, needs no `unsafe`, and works on processors without
-//! compare-and-swap. (`heapless::spsc` would do, but is not there for RISC-V without the A extension.)
+//! It only loads and stores atomics, so it needs no `unsafe` and works on processors without compare-and-swap.
+//! (`heapless::spsc` is not available on RISC-V without the A extension.)
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// The queue. All of its bytes can be used; their number is a power of two.
+/// A queue whose length is a power of two. All of its bytes are usable.
 ///
-/// Two writers at once, or two readers, may lose or repeat bytes, and nothing worse.
+/// Two concurrent writers, or two readers, may lose or repeat bytes, but cause no undefined behaviour.
 #[derive(Debug)]
 pub(super) struct Ring<B: ?Sized = [AtomicU8]> {
-    /// How many were ever read; wraps. Written by the reader only.
+    /// Number of bytes ever read, which wraps. Stored by the reader only.
     read: AtomicUsize,
-    /// How many were ever written; wraps. Written by the writer only.
+    /// Number of bytes ever written, which wraps. Stored by the writer only.
     written: AtomicUsize,
     bytes: B,
 }
 
 impl<const N: usize> Ring<[AtomicU8; N]> {
     pub(super) const fn new() -> Self {
-        const { assert!(N.is_power_of_two(), "a queue has room for a power of two of bytes: 32, 64, 128, ...") };
+        const { assert!(N.is_power_of_two(), "the length of a queue must be a power of two: 32, 64, 128, ...") };
         Self { read: AtomicUsize::new(0), written: AtomicUsize::new(0), bytes: [const { AtomicU8::new(0) }; N] }
     }
 }
@@ -29,7 +29,7 @@ impl Ring {
         self.bytes.get(count & self.bytes.len().wrapping_sub(1))
     }
 
-    /// How many bytes wait.
+    /// Returns the number of queued bytes.
     pub(super) fn len(&self) -> usize {
         self.written.load(Ordering::Acquire).wrapping_sub(self.read.load(Ordering::Acquire))
     }
@@ -42,7 +42,7 @@ impl Ring {
         self.len() >= self.bytes.len()
     }
 
-    /// Takes as many of `bytes` as there is room for, which is returned. For the writer.
+    /// Appends as many of `bytes` as there is room for, and returns how many. For the writer.
     pub(super) fn push(&self, bytes: &[u8]) -> usize {
         let begin = self.written.load(Ordering::Relaxed);
         let room = self.bytes.len().saturating_sub(begin.wrapping_sub(self.read.load(Ordering::Acquire)));
@@ -53,23 +53,23 @@ impl Ring {
             }
             end = end.wrapping_add(1);
         }
-        // Only now may the reader see them.
+        // Publish the bytes to the reader.
         self.written.store(end, Ordering::Release);
         end.wrapping_sub(begin)
     }
 
-    /// Moves the oldest bytes into `buffer`: how many. For the reader.
+    /// Moves the oldest bytes into `buffer`, and returns how many. For the reader.
     pub(super) fn pop(&self, buffer: &mut [u8]) -> usize {
         let begin = self.read.load(Ordering::Relaxed);
-        let waiting = self.written.load(Ordering::Acquire).wrapping_sub(begin);
+        let queued = self.written.load(Ordering::Acquire).wrapping_sub(begin);
         let mut end = begin;
-        for byte in buffer.iter_mut().take(waiting) {
+        for byte in buffer.iter_mut().take(queued) {
             if let Some(cell) = self.cell(end) {
                 *byte = cell.load(Ordering::Relaxed);
             }
             end = end.wrapping_add(1);
         }
-        // Only now may the writer use their place.
+        // Give the room back to the writer.
         self.read.store(end, Ordering::Release);
         end.wrapping_sub(begin)
     }
@@ -97,9 +97,9 @@ mod tests {
     }
 
     proptest! {
-        /// It is a queue of eight bytes, wherever its counters stand, also where they wrap.
+        /// It behaves as a queue of eight bytes, whatever its counters are, also when they wrap.
         #[test]
-        fn it_is_a_queue(steps in steps(), start in prop_oneof![Just(0usize), Just(usize::MAX - 20), any::<usize>()]) {
+        fn is_a_queue(steps in steps(), start in prop_oneof![Just(0usize), Just(usize::MAX - 20), any::<usize>()]) {
             let ring: &Ring = &Ring::<[AtomicU8; 8]> {
                 read: AtomicUsize::new(start),
                 written: AtomicUsize::new(start),
@@ -127,9 +127,9 @@ mod tests {
     }
 
     #[test]
-    fn two_threads_lose_nothing_and_keep_the_order() {
+    fn bytes_between_two_threads_arrive_once_and_in_order() {
         let ring: &Ring = &Ring::<[AtomicU8; 16]>::new();
-        // An interpreter looks for races, and takes its time.
+        // Miri detects data races, but is slow.
         let len: u32 = if cfg!(miri) { 300 } else { 50_000 };
         let sent: Vec<u8> = (0..len).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let mut received: Vec<u8> = Vec::new();

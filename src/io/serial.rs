@@ -1,4 +1,4 @@
-//! Two queues between the interrupt of a UART and the loop.
+//! The queues between a UART's interrupt and the loop.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
@@ -7,19 +7,28 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use super::SerialError;
 use super::ring::Ring;
 
-/// The queues of one UART: `RX` bytes from the interrupt to the loop, `TX` bytes back, both powers of two; the
-/// [module](super) says how many. For a `static`:
+/// The queues of one UART: `RX` bytes from the interrupt to the loop, and `TX` bytes from the loop to the interrupt.
+///
+/// Both lengths are powers of two; see the [module](super) for how to choose them. Declare the queues as a `static`:
 ///
 /// ```
 /// use mavstack::io::{SerialError, SerialQueues};
-/// # use mavstack::{Autopilot, Instant, LinkError, LinkId, Stack};
+/// # use mavstack::{Command, Commands, Context, Instant, LinkError, LinkId, Outcome, Vehicle, VehicleState};
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+/// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+/// #     }
+/// # }
+/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
 ///
 /// static TELEM: SerialQueues<64, 64> = SerialQueues::new();
 ///
-/// /// The UART's interrupt: received, or ready to send.
+/// /// The UART's interrupt handler: a byte was received, or the UART is ready to send.
 /// fn on_uart(uart: &mut impl Registers) {
 ///     let mut telem = TELEM.interrupt_end();
-///     if uart.has_failed() {
+///     if uart.has_error() {
 ///         telem.line_error();
 ///     }
 ///     if let Some(byte) = uart.received() {
@@ -28,34 +37,34 @@ use super::ring::Ring;
 ///     if uart.can_send() {
 ///         match telem.next_to_send() {
 ///             Some(byte) => uart.send(byte),
-///             None => uart.listen_to_sent(false),
+///             None => uart.enable_tx_interrupt(false),
 ///         }
 ///     }
 /// }
 ///
 /// /// In the loop, with `telem = TELEM.loop_end()`.
-/// fn serve<V: Autopilot>(
-///     # now: Instant, stack: &mut Stack<1>, vehicle: &mut V, uart: &mut impl Registers,
+/// fn serve(
+///     # now: Instant, stack: &mut Mavlink, vehicle: &mut Rover, uart: &mut impl Registers,
 ///     telem: &mut mavstack::io::LoopEnd<'_>,
 /// ) -> Result<(), LinkError<SerialError>> {
 ///     let result = stack.poll_link(now, LinkId(0), telem, vehicle);
 ///     if telem.has_to_send() {
-///         // The interrupt comes at once, and again after each byte until there is nothing to send.
-///         uart.listen_to_sent(true);
+///         // The interrupt runs immediately, and again after each byte until the queue is empty.
+///         uart.enable_tx_interrupt(true);
 ///     }
 ///     result
 /// }
 /// # trait Registers {
-/// #     fn has_failed(&self) -> bool;
+/// #     fn has_error(&self) -> bool;
 /// #     fn received(&mut self) -> Option<u8>;
 /// #     fn can_send(&self) -> bool;
 /// #     fn send(&mut self, byte: u8);
-/// #     fn listen_to_sent(&mut self, listen: bool);
+/// #     fn enable_tx_interrupt(&mut self, enable: bool);
 /// # }
 /// ```
 ///
-/// Works on processors without compare-and-swap, and without a lock. There is one interrupt and one loop: with two of one kind at
-/// the same time bytes are lost or repeated, and nothing worse.
+/// The queues are lock-free and work on processors without compare-and-swap. Use each end in one place only: two
+/// interrupts or two loops at the same time may lose or repeat bytes, but cause no undefined behaviour.
 #[derive(Debug)]
 pub struct SerialQueues<const RX: usize, const TX: usize> {
     rx: Ring<[AtomicU8; RX]>,
@@ -63,49 +72,51 @@ pub struct SerialQueues<const RX: usize, const TX: usize> {
     faults: Faults,
 }
 
-/// What went wrong, and what of it the loop was told.
+/// The errors so far, and those that were reported to the loop.
 #[derive(Debug)]
 struct Faults {
-    /// Written by the interrupt only.
+    /// Stored by the interrupt only.
     overrun_bytes: AtomicU32,
     line_errors: AtomicU32,
-    /// Written by the loop only.
-    told_overrun_bytes: AtomicU32,
-    told_line_errors: AtomicU32,
-    /// The last read was an error: first what waits, then the next error, or a line that fails all the time would never be read.
-    owes_data: AtomicBool,
+    /// Stored by the loop only.
+    reported_overrun_bytes: AtomicU32,
+    reported_line_errors: AtomicU32,
+    /// Whether the last read returned an error. Then queued bytes are returned before the next error; otherwise a link
+    /// with permanent errors would never be read.
+    must_return_data: AtomicBool,
 }
 
 impl Faults {
-    /// Whether the loop is to be told something, and what.
-    fn untold(&self) -> Option<SerialError> {
-        if self.overrun_bytes.load(Ordering::Relaxed) != self.told_overrun_bytes.load(Ordering::Relaxed) {
+    /// Returns an error that was not yet reported, if any.
+    fn unreported(&self) -> Option<SerialError> {
+        if self.overrun_bytes.load(Ordering::Relaxed) != self.reported_overrun_bytes.load(Ordering::Relaxed) {
             return Some(SerialError::Overrun);
         }
-        let is_untold = self.line_errors.load(Ordering::Relaxed) != self.told_line_errors.load(Ordering::Relaxed);
-        is_untold.then_some(SerialError::Line)
+        let is_unreported =
+            self.line_errors.load(Ordering::Relaxed) != self.reported_line_errors.load(Ordering::Relaxed);
+        is_unreported.then_some(SerialError::Line)
     }
 
-    /// The loop was told of all that happened so far.
-    fn told(&self) {
-        self.told_overrun_bytes.store(self.overrun_bytes.load(Ordering::Relaxed), Ordering::Relaxed);
-        self.told_line_errors.store(self.line_errors.load(Ordering::Relaxed), Ordering::Relaxed);
+    /// Marks all errors so far as reported.
+    fn mark_reported(&self) {
+        self.reported_overrun_bytes.store(self.overrun_bytes.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.reported_line_errors.store(self.line_errors.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 }
 
-/// What was lost between the line and the loop. Numbers wrap.
+/// Counts of lost bytes and errors between the UART and the loop. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct SerialCounters {
     /// Bytes for which the receive queue had no room.
     pub overrun_bytes: u32,
-    /// Errors that the interrupt was told of by the UART: overruns of its own, framing, noise.
+    /// Errors that the UART reported to the interrupt: overruns in the UART, framing errors, noise.
     pub line_errors: u32,
 }
 
 impl<const RX: usize, const TX: usize> SerialQueues<RX, TX> {
-    /// Empty queues.
+    /// Returns empty queues.
     pub const fn new() -> Self {
         Self {
             rx: Ring::<[AtomicU8; RX]>::new(),
@@ -113,19 +124,20 @@ impl<const RX: usize, const TX: usize> SerialQueues<RX, TX> {
             faults: Faults {
                 overrun_bytes: AtomicU32::new(0),
                 line_errors: AtomicU32::new(0),
-                told_overrun_bytes: AtomicU32::new(0),
-                told_line_errors: AtomicU32::new(0),
-                owes_data: AtomicBool::new(false),
+                reported_overrun_bytes: AtomicU32::new(0),
+                reported_line_errors: AtomicU32::new(0),
+                must_return_data: AtomicBool::new(false),
             },
         }
     }
 
-    /// What the interrupt works with. Costs nothing: make it where it is used, or once.
+    /// Returns the interrupt's end. It is a set of references: create it once, or in each interrupt.
     pub const fn interrupt_end(&self) -> InterruptEnd<'_> {
         InterruptEnd { rx: &self.rx, tx: &self.tx, faults: &self.faults }
     }
 
-    /// What the loop hands to [`poll_link`](crate::Stack::poll_link). Costs nothing, as the other end.
+    /// Returns the loop's end, for [`poll_link`](crate::Stack::poll_link). It is a set of references: create it once,
+    /// or for each poll.
     pub const fn loop_end(&self) -> LoopEnd<'_> {
         LoopEnd { rx: &self.rx, tx: &self.tx, faults: &self.faults }
     }
@@ -137,7 +149,7 @@ impl<const RX: usize, const TX: usize> Default for SerialQueues<RX, TX> {
     }
 }
 
-/// The interrupt's end of [`SerialQueues`]: of a UART, or of the DMA behind it.
+/// The end of [`SerialQueues`] for the interrupt of a UART or of its DMA.
 #[derive(Debug)]
 pub struct InterruptEnd<'a> {
     rx: &'a Ring,
@@ -146,13 +158,15 @@ pub struct InterruptEnd<'a> {
 }
 
 impl InterruptEnd<'_> {
-    /// The UART received a byte. One for which there is no room is lost, counted, and told of.
+    /// Queues a byte that the UART received. If there is no room, the byte is dropped, counted and reported.
     pub fn received(&mut self, byte: u8) {
         self.received_all(&[byte]);
     }
 
-    /// The same for all that stands in a FIFO, or in the part of a DMA buffer that was filled since the last time: call it
-    /// when half of the buffer is full, when all of it is, and when the line falls silent.
+    /// Queues bytes from a FIFO or a DMA buffer, as [`received`](Self::received).
+    ///
+    /// Pass the part of a DMA buffer that was filled since the last call. Call it when half of the buffer is full, when
+    /// all of it is full, and when the UART detects an idle line.
     pub fn received_all(&mut self, bytes: &[u8]) {
         let lost = bytes.len().saturating_sub(self.rx.push(bytes));
         if lost > 0 {
@@ -160,36 +174,37 @@ impl InterruptEnd<'_> {
         }
     }
 
-    /// Whether a byte that is received now would be lost: for who can hold the line (RTS) until it is not.
+    /// Returns whether the receive queue is full. A UART with flow control can then release RTS.
     pub fn is_full(&self) -> bool {
         self.rx.is_full()
     }
 
-    /// The UART has an error flag set: it was overrun itself, or a byte was damaged.
+    /// Reports an error flag of the UART: an overrun in the UART, a framing error, or noise.
     pub fn line_error(&mut self) {
         add(&self.faults.line_errors, 1);
     }
 
-    /// The byte to be sent now; `None` when there is none, which is when to stop listening to "ready to send".
-    #[must_use = "the byte is out of the queue: send it"]
+    /// Removes and returns the next byte to send; `None` if there is none. Then disable the transmit interrupt.
+    #[must_use = "the byte was removed from the queue: send it"]
     pub fn next_to_send(&mut self) -> Option<u8> {
         let mut byte = [0];
         (self.tx.pop(&mut byte) > 0).then_some(byte[0])
     }
 
-    /// The same for DMA and FIFOs: moves what is to be sent into `buffer`, and returns how many bytes that are.
-    #[must_use = "the bytes are out of the queue: send them"]
+    /// Moves bytes to send into `buffer`, for DMA and FIFOs, and returns how many.
+    #[must_use = "the bytes were removed from the queue: send them"]
     pub fn take_to_send(&mut self, buffer: &mut [u8]) -> usize {
         self.tx.pop(buffer)
     }
 }
 
-/// One writer: load, add, store, for processors without compare-and-swap.
-fn add(count: &AtomicU32, by: u32) {
-    count.store(count.load(Ordering::Relaxed).wrapping_add(by), Ordering::Relaxed);
+/// Adds to a counter with a single writer: load and store suffice, also on processors without compare-and-swap.
+fn add(counter: &AtomicU32, by: u32) {
+    counter.store(counter.load(Ordering::Relaxed).wrapping_add(by), Ordering::Relaxed);
 }
 
-/// The loop's end of [`SerialQueues`]: what [`poll_link`](crate::Stack::poll_link) reads and writes. Nothing here waits.
+/// The end of [`SerialQueues`] for the loop, which [`poll_link`](crate::Stack::poll_link) reads and writes. It never
+/// blocks.
 #[derive(Debug)]
 pub struct LoopEnd<'a> {
     rx: &'a Ring,
@@ -198,13 +213,15 @@ pub struct LoopEnd<'a> {
 }
 
 impl LoopEnd<'_> {
-    /// Whether bytes wait to be sent. After a poll: then make the interrupt come, by having it listen to "ready to send", or by
-    /// pending it; it goes on by itself until [`next_to_send`](InterruptEnd::next_to_send) has nothing.
+    /// Returns whether bytes are queued for sending.
+    ///
+    /// If so after a poll, start the interrupt: enable the UART's transmit interrupt, or set the interrupt pending. It
+    /// then repeats until [`next_to_send`](InterruptEnd::next_to_send) returns `None`.
     pub fn has_to_send(&self) -> bool {
         !self.tx.is_empty()
     }
 
-    /// What was lost so far.
+    /// Returns the counts of lost bytes and errors.
     pub fn counters(&self) -> SerialCounters {
         SerialCounters {
             overrun_bytes: self.faults.overrun_bytes.load(Ordering::Relaxed),
@@ -212,10 +229,10 @@ impl LoopEnd<'_> {
         }
     }
 
-    /// The error that is due: after what was received before it, as far as that goes.
+    /// Returns the error that the next read reports, if any.
     fn due(&self) -> Option<SerialError> {
-        let has_to_wait = self.faults.owes_data.load(Ordering::Relaxed) && !self.rx.is_empty();
-        if has_to_wait { None } else { self.faults.untold() }
+        let is_deferred = self.faults.must_return_data.load(Ordering::Relaxed) && !self.rx.is_empty();
+        if is_deferred { None } else { self.faults.unreported() }
     }
 }
 
@@ -224,32 +241,33 @@ impl ErrorType for LoopEnd<'_> {
 }
 
 impl ReadReady for LoopEnd<'_> {
-    /// Whether a byte waits, or an error that was not told yet.
+    /// Returns whether there is a byte to read, or an error to report.
     fn read_ready(&mut self) -> Result<bool, SerialError> {
-        Ok(!self.rx.is_empty() || self.faults.untold().is_some())
+        Ok(!self.rx.is_empty() || self.faults.unreported().is_some())
     }
 }
 
 impl Read for LoopEnd<'_> {
-    /// Takes what waits.
+    /// Removes received bytes from the queue.
     ///
     /// # Errors
     ///
-    /// What happened since the last error, once, and no two without bytes between them while bytes wait;
-    /// [`SerialError::WouldBlock`] when there is nothing.
+    /// [`SerialError::Overrun`] or [`SerialError::Line`], once, if errors occurred since the last report. While bytes are
+    /// queued, an error is never followed immediately by another. [`SerialError::WouldBlock`] if there is nothing to
+    /// read.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
         if buffer.is_empty() {
             return Ok(0);
         }
         if let Some(error) = self.due() {
-            self.faults.told();
-            self.faults.owes_data.store(true, Ordering::Relaxed);
+            self.faults.mark_reported();
+            self.faults.must_return_data.store(true, Ordering::Relaxed);
             return Err(error);
         }
         match self.rx.pop(buffer) {
             0 => Err(SerialError::WouldBlock),
             len => {
-                self.faults.owes_data.store(false, Ordering::Relaxed);
+                self.faults.must_return_data.store(false, Ordering::Relaxed);
                 Ok(len)
             }
         }
@@ -263,11 +281,11 @@ impl WriteReady for LoopEnd<'_> {
 }
 
 impl Write for LoopEnd<'_> {
-    /// Queues what there is room for. See [`has_to_send`](LoopEnd::has_to_send).
+    /// Queues as many of `bytes` as there is room for. See [`has_to_send`](LoopEnd::has_to_send).
     ///
     /// # Errors
     ///
-    /// [`SerialError::WouldBlock`] when there is no room.
+    /// [`SerialError::WouldBlock`] if there is no room.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, SerialError> {
         match self.tx.push(bytes) {
             0 if !bytes.is_empty() => Err(SerialError::WouldBlock),
@@ -275,9 +293,11 @@ impl Write for LoopEnd<'_> {
         }
     }
 
+    /// Succeeds if the interrupt has taken all bytes.
+    ///
     /// # Errors
     ///
-    /// [`SerialError::WouldBlock`] while bytes wait to be sent.
+    /// [`SerialError::WouldBlock`] while bytes are queued for sending.
     fn flush(&mut self) -> Result<(), SerialError> {
         if self.has_to_send() { Err(SerialError::WouldBlock) } else { Ok(()) }
     }

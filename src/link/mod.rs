@@ -1,189 +1,21 @@
-//! Links: what the stack keeps for each line to the outside.
+//! Links: the stack's state for each transport.
 //!
-//! A link is a decoder, one outbound frame, and what its own peers are owed; nothing in it is shared, so a link that
-//! stalls holds up no other. What a link *is* stands in its [`LinkConfig`].
+//! A link is a decoder, one outbound frame and the pending answers to its own peers. Links share nothing, so a stalled
+//! link does not delay the others. [`LinkConfig`] configures a link.
 
 mod bucket;
 mod outbox;
 
-pub(crate) use bucket::Bucket;
+pub(crate) use bucket::{Bucket, Pace};
 pub(crate) use outbox::Outbox;
 
-use crate::config::Config;
-use crate::frame::{Address, Decoder, Version};
+use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
-use crate::service::command::Acks;
-use crate::service::heartbeat::Schedule;
-use crate::service::identity::Owed;
-use crate::service::mission::Replies;
-use crate::service::param;
-#[cfg(feature = "signing")]
-use crate::service::signing::{Accept, Answer, LinkSigning};
-use crate::service::statustext::TextCursor;
-use crate::service::stream::{StreamProfile, Streams};
-use crate::time::Instant;
+use crate::types::{Config, LinkConfig, LinkId, TxVersion};
 
-/// A link of a stack: an index into its configuration, 0 first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LinkId(pub u8);
-
-/// Who sent something, and over which link: where an answer goes (M-11).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Peer {
-    /// The sender.
-    pub address: Address,
-    /// The link it was heard on.
-    pub link: LinkId,
-}
-
-/// What a link is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum LinkClass {
-    /// A telemetry radio, a companion computer, USB.
-    Normal,
-    /// A gimbal, a payload, a camera: like a normal link, but of what is forwarded it gets only what is for a component that
-    /// was heard there.
-    Private,
-    /// A satellite modem, where every byte costs: no heartbeats, and only commands, their answers, and while it is wanted
-    /// HIGH_LATENCY2, of a vehicle that has a [`HighLatency`](crate::HighLatency) (L-2 to L-4).
-    HighLatency,
-}
-
-/// Which version a link sends; it receives both always (V-2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum TxVersion {
-    /// MAVLink 2. For all new designs.
-    V2,
-    /// MAVLink 1 until the first v2 frame is received, then MAVLink 2 for good (V-1).
-    Auto,
-    /// MAVLink 1 only: no message above id 255, no extension.
-    V1,
-}
-
-/// What a link is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LinkConfig {
-    /// What it is for.
-    pub class: LinkClass,
-    /// Which version it sends.
-    pub version: TxVersion,
-    /// How fast it is (bytes/s); 0 for a line without a limit. Transfers, texts and streams keep below it on average;
-    /// heartbeats and answers go out at once, and are charged.
-    pub bytes_per_second: u32,
-    /// Which messages it gets unasked, and how often, if it is no high-latency link.
-    pub streams: StreamProfile,
-    /// Whether frames that come by this link are forwarded, and those of others to it, by a vehicle that
-    /// [forwards](crate::Vehicle::forwarding) at all.
-    pub forwards: bool,
-    /// Whether this link also gets refused frames that it would accept itself; false by default. A frame is refused when
-    /// another link did not accept its signature, or required one. It is not forwarded to a link whose
-    /// [`accept`](LinkSigning::accept) takes the message unsigned:
-    ///
-    /// | this link | refused frames that are held back |
-    /// |---|---|
-    /// | [`Accept::Open`] | all |
-    /// | [`Accept::SignedExcept`] | those with a listed message id; all as long as the vehicle has no key |
-    /// | [`Accept::Required`] | none |
-    /// | [`LinkClass::HighLatency`] | all, even if this is true |
-    #[cfg(feature = "signing")]
-    pub takes_refused: bool,
-    /// Which frames it accepts, and whether it signs.
-    #[cfg(feature = "signing")]
-    pub signing: LinkSigning,
-}
-
-impl LinkConfig {
-    /// A normal MAVLink 2 link over a UART of `baud` bit/s: ten bits a byte.
-    ///
-    /// # Panics
-    ///
-    /// When `baud` is less than 10: in a `const` a compile error. For a rate that is only known at run time set
-    /// [`bytes_per_second`](Self::bytes_per_second).
-    pub const fn uart(baud: u32) -> Self {
-        assert!(baud >= 10, "a UART has a baud rate; a line without one is `LinkConfig::unlimited()`");
-        Self { bytes_per_second: baud / 10, ..Self::unlimited() }
-    }
-
-    /// The same over a line that takes whatever it is given, USB for example: whoever carries the bytes away slows it down.
-    pub const fn unlimited() -> Self {
-        Self {
-            class: LinkClass::Normal,
-            version: TxVersion::V2,
-            bytes_per_second: 0,
-            streams: StreamProfile::Radio,
-            forwards: true,
-            #[cfg(feature = "signing")]
-            takes_refused: false,
-            #[cfg(feature = "signing")]
-            signing: LinkSigning::OPEN,
-        }
-    }
-
-    /// The same link, with what it does about signatures: [`LinkSigning::OPEN`] at first.
-    #[cfg(feature = "signing")]
-    #[must_use]
-    pub const fn with_signing(mut self, signing: LinkSigning) -> Self {
-        self.signing = signing;
-        self
-    }
-
-    /// The same link, which gets frames that another link refused, or, as by default, does not: see
-    /// [`takes_refused`](Self::takes_refused). For a wire whose components all verify signatures themselves.
-    #[cfg(feature = "signing")]
-    #[must_use]
-    pub const fn with_refused_frames(mut self, takes_refused: bool) -> Self {
-        self.takes_refused = takes_refused;
-        self
-    }
-
-    /// Which frames are kept from this link when another one refused them: those that this accepts unsigned.
-    #[cfg(feature = "signing")]
-    pub(crate) const fn holds_refused(&self) -> Accept {
-        match self.class {
-            LinkClass::HighLatency => Accept::Open,
-            _ if self.takes_refused => Accept::Required,
-            // Not what the link accepts while a key is lost (G-18): components behind it go by the configuration.
-            _ => self.signing.accept,
-        }
-    }
-
-    /// The same link, taking part in forwarding, as at first, or not.
-    #[must_use]
-    pub const fn with_forwarding(mut self, forwards: bool) -> Self {
-        self.forwards = forwards;
-        self
-    }
-
-    /// The same link, of another class.
-    #[must_use]
-    pub const fn with_class(mut self, class: LinkClass) -> Self {
-        self.class = class;
-        self
-    }
-
-    /// The same link, with another set of default streams.
-    #[must_use]
-    pub const fn with_streams(mut self, streams: StreamProfile) -> Self {
-        self.streams = streams;
-        self
-    }
-
-    /// The same link, sending another version.
-    #[must_use]
-    pub const fn with_version(mut self, version: TxVersion) -> Self {
-        self.version = version;
-        self
-    }
-}
-
-/// What a link sent, and what it did not take. Numbers wrap. What the decoder dropped is in
-/// [`RxCounters`](crate::RxCounters).
+/// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::RxCounters) counts what the decoder
+/// dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -192,27 +24,29 @@ pub struct LinkCounters {
     pub tx_frames: u32,
     /// Bytes handed to the transport.
     pub tx_bytes: u32,
-    /// Frames for other systems or components, which are not acted on.
+    /// Frames for other systems or components; they are not handled.
     pub not_ours: u32,
-    /// Frames with our own address as sender: an echo, or another vehicle with the same address (R-8, H-14). Three of them that
-    /// are not echoes of the last 256 frames of any link are a [conflict](crate::PeerEvent::AddressConflict).
+    /// Frames with our own address as source: an echo, or another vehicle with the same address (R-8, H-14). Three of
+    /// them that are not echoes of the last 256 frames of any link are a [conflict](crate::PeerEvent::AddressConflict).
     pub own_address: u32,
-    /// Frames whose id is unknown: not acted on (S-12).
+    /// Frames with an unknown id; they are not handled (S-12).
     pub unknown: u32,
-    /// Frames of peers for whom the peer table had no room (H-12).
+    /// Frames of senders for which the peer table had no room (H-12).
     pub no_peer_slot: u32,
-    /// Peers that took another one's place in the full peer table (H-12).
+    /// Senders that evicted a peer from the full peer table (H-12).
     pub evicted_peers: u32,
-    /// Commands that were not carried out, and questions about plans that are not served, because their answer had no room;
-    /// the sender repeats them. See also [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
+    /// Commands that were not executed, and requests for plans that are not served, because there was no room for their
+    /// answer; the sender retransmits them. See also
+    /// [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
     pub no_answer_slot: u32,
-    /// Messages that do not belong on a link of this class (L-4), or to a broadcast address (M-10). Of a vehicle that has no
-    /// memory for signing also SETUP_SIGNING (G-11), and all that comes by a link that is not open to frames without a signature.
+    /// Messages that are not allowed on a link of this class (L-4), or not to a broadcast address (M-10). If the stack
+    /// does not declare `signing`, also SETUP_SIGNING (G-11), and all frames on a link that is not open to unsigned
+    /// ones.
     pub out_of_place: u32,
     /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
     /// example. Broadcasts are not counted here, because no component has to handle them.
     pub unhandled: u32,
-    /// Errors of the transport while reading, overruns among them (S-20).
+    /// Errors of the transport while reading, including overruns (S-20).
     pub read_errors: u32,
     /// Errors of the transport while writing.
     pub write_errors: u32,
@@ -235,19 +69,20 @@ impl LinkCounters {
     };
 }
 
-/// Why a transport failed in [`Stack::poll_link`](crate::Stack::poll_link). The stack goes on: what was lost on the way is found out by the
-/// checksum, and what could not be sent is sent later.
+/// Why a transport failed in [`Stack::poll_link`](crate::Stack::poll_link). The link stays usable: the checksum detects
+/// lost bytes, and bytes that could not be sent are sent later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum LinkError<E> {
-    /// Reading failed; an overrun of a UART for example (S-20).
+    /// Reading failed, for example by a UART overrun (S-20).
     Read(E),
     /// Writing failed.
     Write(E),
-    /// The other side closed the line. When it is open again call [`Stack::restart_link`](crate::Stack::restart_link).
+    /// The other side closed the connection. Call [`Stack::restart_link`](crate::Stack::restart_link) when it is open
+    /// again.
     Closed,
-    /// The stack has no link of that number.
+    /// The stack has no link with this number.
     NoSuchLink,
 }
 
@@ -264,7 +99,7 @@ impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
 
 impl<E: core::fmt::Debug> core::error::Error for LinkError<E> {}
 
-/// All that the stack keeps for one link.
+/// The stack's state of a link.
 #[derive(Clone, Debug)]
 pub(crate) struct Link {
     pub(crate) decoder: Decoder,
@@ -273,34 +108,23 @@ pub(crate) struct Link {
 
 /// A link without its decoder, so that a received frame can stay in the decoder's buffer while it is handled.
 #[derive(Clone, Debug)]
-pub(crate) struct Port {
+pub struct Port {
     pub(crate) id: LinkId,
     pub(crate) config: LinkConfig,
     pub(crate) outbox: Outbox,
     pub(crate) bucket: Bucket,
-    /// Of HEARTBEAT; on a high-latency link of HIGH_LATENCY2.
-    pub(crate) heartbeat: Schedule,
-    pub(crate) acks: Acks,
-    pub(crate) owed: Owed,
-    pub(crate) plans: Replies,
-    /// A bit for each row of the vehicle's modes that is to be told.
-    pub(crate) modes: u32,
-    pub(crate) params: param::List,
-    pub(crate) text: TextCursor,
-    pub(crate) streams: Streams,
     pub(crate) counters: LinkCounters,
-    /// The pending text about SETUP_SIGNING.
-    #[cfg(feature = "signing")]
-    pub(crate) setup: Answer,
-    /// No hint is sent before this moment to a station that signs with another key.
-    #[cfg(feature = "signing")]
-    pub(crate) hint_from: Instant,
-    /// Number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle is told
+    /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle is told
     /// (H-14).
-    pub(crate) strangers: u8,
-    /// The period in which a refused command was last explained by a text: see `service::command::refusal`.
-    pub(crate) refusal: u16,
-    /// What the transport said when it was last asked.
+    strangers: u8,
+    /// Whether a heartbeat is due at once, whatever its schedule.
+    pub(crate) is_heartbeat_due: bool,
+    /// The number of scheduled heartbeats that were sent. Wraps.
+    pub(crate) heartbeats: u8,
+    /// Whether the last frame that was sent while the link was idle was a stream. The next one is then a forwarded
+    /// frame.
+    pub(crate) has_streamed: bool,
+    /// The state of the transport when it was last asked.
     pub(crate) transport: Transport,
     /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
@@ -310,43 +134,29 @@ pub(crate) struct Port {
 /// Whether a transport takes bytes, as far as that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
-    /// Nobody asked it: the bytes are taken by interrupt or DMA.
+    /// It was not asked: an interrupt or DMA takes the bytes.
     Unknown,
-    /// It took what it was offered.
+    /// It accepts bytes.
     Ready,
-    /// It takes nothing for now.
+    /// It accepts no bytes for now: backpressure.
     Full,
 }
 
 impl Link {
-    /// A link before it is [configured](Self::configure), so that an array of them can be made in a `const fn`: all zero
-    /// bits, which costs no flash.
+    /// A link before it is [configured](Self::configure): all zero bits, so it takes no flash and an array of links can
+    /// be made in a `const`.
     pub(crate) const VACANT: Self = Self {
         decoder: Decoder::VACANT,
         port: Port {
             id: LinkId(0),
-            config: LinkConfig {
-                #[cfg(feature = "signing")]
-                signing: LinkSigning { sign_out: false, ..LinkSigning::OPEN },
-                ..LinkConfig::unlimited().with_forwarding(false)
-            },
+            config: LinkConfig::VACANT,
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,
-            heartbeat: Schedule::new(),
-            acks: Acks::new(),
-            owed: Owed::NONE,
-            plans: Replies::new(),
-            modes: 0,
-            params: param::List::new(),
-            text: TextCursor::new(),
-            streams: Streams::new(),
             counters: LinkCounters::ZERO,
-            #[cfg(feature = "signing")]
-            setup: Answer::None,
-            #[cfg(feature = "signing")]
-            hint_from: Instant::ZERO,
             strangers: 0,
-            refusal: 0,
+            is_heartbeat_due: false,
+            heartbeats: 0,
+            has_streamed: false,
             transport: Transport::Unknown,
             #[cfg(feature = "defmt")]
             drops: DropLog::NEW,
@@ -363,28 +173,15 @@ impl Link {
         self.port.config = config;
         self.port.outbox.configure(id, stack.address.get(), version);
         self.port.outbox.set_class(config.class);
-        if matches!(config.class, LinkClass::HighLatency) {
-            // No heartbeats there; until somebody wants it, nothing else in their place (L-3).
-            self.port.heartbeat.postpone(Instant::NEVER);
-        }
         self.port.bucket.configure(config.bytes_per_second);
     }
 }
 
 impl Port {
-    /// This many frames with our address, none of which can be an echo, prove another vehicle.
+    /// This many frames with our address that cannot be echoes prove another vehicle.
     const CONFLICT: u8 = 3;
 
-    /// Whether a text about SETUP_SIGNING is pending.
-    #[cfg_attr(not(feature = "signing"), allow(clippy::unused_self, reason = "nobody ever is"))]
-    pub(crate) fn is_told_of_setup(&self) -> bool {
-        #[cfg(feature = "signing")]
-        return self.setup != Answer::None;
-        #[cfg(not(feature = "signing"))]
-        false
-    }
-
-    /// A frame of version `version` came in (V-1).
+    /// Records that a frame of this version was received (V-1).
     pub(crate) fn heard(&mut self, version: Version) {
         if version == Version::V2 && self.config.version == TxVersion::Auto {
             self.outbox.set_version(Version::V2);
@@ -399,49 +196,5 @@ impl Port {
         }
         self.strangers = self.strangers.saturating_add(1);
         self.strangers == Self::CONFLICT
-    }
-}
-
-/// The most links that a stack can have.
-pub const MAX_LINKS: usize = 16;
-
-/// A set of links.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct LinkMask(u16);
-
-impl LinkMask {
-    pub(crate) const NONE: Self = Self(0);
-    pub(crate) const ALL: Self = Self(u16::MAX);
-
-    /// Only `link`; none when its number is beyond [`MAX_LINKS`].
-    #[inline(never)]
-    #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
-    pub(crate) const fn of(link: LinkId) -> Self {
-        match 1u16.checked_shl(link.0 as u32) {
-            Some(bit) => Self(bit),
-            None => Self::NONE,
-        }
-    }
-
-    pub(crate) const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    pub(crate) const fn contains(self, other: Self) -> bool {
-        self.0 & other.0 != 0
-    }
-
-    /// How many they are.
-    pub(crate) const fn len(self) -> u32 {
-        self.0.count_ones()
-    }
-
-    pub(crate) const fn with(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    pub(crate) const fn without(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
     }
 }

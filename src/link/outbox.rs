@@ -1,14 +1,14 @@
-//! The outbound half of a link: one frame at a time (SEC-2), written in place by the service whose turn it is.
+//! The outbound half of a link: one frame at a time (SEC-2), written in place by the service that sends it.
 
-use super::{LinkClass, LinkId};
-use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
-use crate::frame::{Address, Header, MAX_FRAME_LEN, Version, wrap};
+use crate::dialect::Heartbeat;
+use crate::frame::{Header, MAX_FRAME_LEN, Version, wrap};
 #[cfg(feature = "signing")]
 use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
-use crate::message::{Message, MessageInfo};
+use crate::message::{Address, Message, MessageInfo};
+use crate::types::{LinkClass, LinkId};
 
-/// Two checksum bits of each of the last 256 frames, by sequence number: an echo always matches them, while three of four frames
-/// of another vehicle do not (H-14).
+/// Two checksum bits of each of the last 256 frames, by sequence number. An echo always matches them; of another
+/// vehicle's frames, three of four do not (H-14).
 #[derive(Clone, Copy, Debug)]
 struct Fingerprints([u8; 64]);
 
@@ -39,51 +39,40 @@ pub(crate) struct Outbox {
     link: LinkId,
     source: Address,
     class: LinkClass,
-    /// What the link sends now (V-1).
+    /// The version that the link sends now (V-1).
     version: Version,
     seq: u8,
     /// Whether every sequence number has been used.
     has_wrapped: bool,
     fingerprints: Fingerprints,
     bytes: [u8; MAX_FRAME_LEN],
-    /// Whether the next frame says that it is signed.
+    /// Whether the next frame will be signed.
     #[cfg(feature = "signing")]
     signs: bool,
     #[cfg(feature = "signing")]
     signature: Signature,
-    /// The frame is `bytes[start..end]`, and what of it was sent ends at `sent`.
+    /// The frame is `bytes[start..end]`, of which everything before `sent` was sent.
     start: u16,
     end: u16,
     sent: u16,
 }
 
-/// What of a signature the frame has.
+/// The state of the frame's signature.
 #[cfg(feature = "signing")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Signature {
-    /// None of ours.
+    /// The frame needs no signature of ours.
     None,
-    /// It says that it has one.
+    /// The header announces a signature that is not made yet.
     Due,
     Made,
 }
 
-/// Whether a message may leave on a link of `class`: on a high-latency link only commands, their answers and HIGH_LATENCY2,
-/// which goes nowhere else (L-2, L-4). The one place that says so, whoever wants to send.
-pub(crate) const fn may_leave(id: u32, class: LinkClass) -> bool {
-    let is_high_latency = matches!(class, LinkClass::HighLatency);
-    match id {
-        HighLatency2::ID => is_high_latency,
-        CommandAck::ID | CommandLong::ID | CommandInt::ID | CommandCancel::ID => true,
-        _ => !is_high_latency,
-    }
-}
-
-/// Where the payload stands: behind the longer header.
+/// The position of the payload: after the longer header.
 const PAYLOAD_AT: usize = Version::V2.header_len();
 
 impl Outbox {
-    /// Before it is [configured](Self::configure); all zero bits.
+    /// An outbox before it is [configured](Self::configure): all zero bits.
     pub(crate) const VACANT: Self = Self {
         link: LinkId(0),
         source: Address::new(0, 0),
@@ -108,22 +97,22 @@ impl Outbox {
         self.version = version;
     }
 
-    /// What may leave, from the next frame on.
+    /// Sets the class of the link, which determines what may be sent from the next frame on.
     pub(crate) const fn set_class(&mut self, class: LinkClass) {
         self.class = class;
     }
 
-    /// Sends as another one from the next frame on.
+    /// Sets the source address from the next frame on.
     pub(crate) const fn set_source(&mut self, source: Address) {
         self.source = source;
     }
 
-    /// Which link this is.
+    /// Returns the link.
     pub(crate) const fn link(&self) -> LinkId {
         self.link
     }
 
-    /// What the link sends (V-8).
+    /// Returns the version that the link sends (V-8).
     pub(crate) const fn version(&self) -> Version {
         self.version
     }
@@ -132,18 +121,19 @@ impl Outbox {
         self.version = version;
     }
 
-    /// Whether message `id` can be sent: it [may leave](may_leave) on this link, and v1 has room for its id (S-10).
+    /// Whether message `id` can be sent: the link's class [allows](LinkClass::may_send) it, and MAVLink 1 has room for
+    /// its id (S-10).
     pub(crate) fn takes(&self, id: u32) -> bool {
-        may_leave(id, self.class) && (id <= 255 || self.version == Version::V2)
+        self.class.may_send(id) && (id <= 255 || self.version == Version::V2)
     }
 
-    /// Whether frames say from now on that they are signed. Each [needs a signature](Self::needs_signature) then.
+    /// Sets whether frames are signed from now on. Each then [needs a signature](Self::needs_signature).
     #[cfg(feature = "signing")]
     pub(crate) const fn set_signs(&mut self, signs: bool) {
         self.signs = signs;
     }
 
-    /// Whether the frame is to be [signed](Self::sign) before it leaves.
+    /// Whether the frame must be [signed](Self::sign) before it is sent.
     #[cfg(feature = "signing")]
     pub(crate) fn needs_signature(&self) -> bool {
         self.signature == Signature::Due && !self.is_empty()
@@ -166,10 +156,10 @@ impl Outbox {
         (self.has_wrapped || seq < self.seq) && self.fingerprints.agree(seq, checksum)
     }
 
-    /// Sends `message` in the link's version. A message that v1 cannot carry is not sent (S-10), nor one that
-    /// [may not leave](may_leave) on this link: false.
+    /// Sends `message` in the link's version. Returns false, and sends nothing, if MAVLink 1 cannot carry it (S-10), or
+    /// if the link's class [forbids](LinkClass::may_send) it.
     pub(crate) fn send<M: Message>(&mut self, message: &M) -> bool {
-        // At a constant place, whatever the version, so that the encoders need no checks.
+        // The payload has the same position in both versions, so the encoders need no checks.
         let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
         if payload.and_then(|payload| message.encode(payload)).is_none() {
             return false;
@@ -185,12 +175,12 @@ impl Outbox {
         sent
     }
 
-    /// Makes the payload that stands in its place a frame. Compiled once for all messages, and with one argument, as there are
-    /// many who call it.
+    /// Completes the frame around the payload. Compiled once for all messages, and with one argument because it has
+    /// many callers.
     #[inline(never)]
     fn finish(&mut self, info: &MessageInfo) -> bool {
         let version = self.version;
-        if !may_leave(info.id(), self.class) {
+        if !self.class.may_send(info.id()) {
             event!("tx: message {=u32} is not for link {=u8}", info.id(), self.link.0);
             return false;
         }
@@ -215,8 +205,8 @@ impl Outbox {
         true
     }
 
-    /// Sends a frame of somebody else as it is, to the byte, with its own number and signature. One that is not for a
-    /// high-latency link is not sent: false.
+    /// Sends another component's frame unchanged, with its own sequence number and signature. Returns false, and
+    /// sends nothing, if a high-latency link must not send it.
     pub(crate) fn forward(&mut self, frame: [&[u8]; 2]) -> bool {
         let mut len = 0usize;
         for part in frame {
@@ -226,7 +216,7 @@ impl Outbox {
             len = len.saturating_add(part.len()).min(MAX_FRAME_LEN);
         }
         let id = Header::parse(&self.bytes).map(|header| header.id);
-        if self.class == LinkClass::HighLatency && !id.is_some_and(|id| may_leave(id, self.class)) {
+        if self.class == LinkClass::HighLatency && !id.is_some_and(|id| self.class.may_send(id)) {
             return false;
         }
         (self.start, self.sent, self.end) = (0, 0, short(len));
@@ -242,18 +232,18 @@ impl Outbox {
         self.sent >= self.end
     }
 
-    /// What is still to be handed to the transport.
+    /// Returns the bytes that are still to be handed to the transport.
     pub(crate) fn pending(&self) -> &[u8] {
         self.bytes.get(usize::from(self.sent)..usize::from(self.end)).unwrap_or_default()
     }
 
-    /// The transport took `len` bytes.
+    /// Records that the transport took `len` bytes.
     pub(crate) fn advance(&mut self, len: usize) {
         self.sent = self.sent.saturating_add(short(len)).min(self.end);
     }
 
-    /// Sends an unfinished frame from its first byte again: who heard the front of it is gone. But not a heartbeat: it says
-    /// how things are now.
+    /// Sends an unfinished frame from its first byte again: the peer that received its start is gone. A heartbeat is
+    /// dropped instead, because it reports the current state.
     pub(crate) fn restart(&mut self) {
         if self.is_empty() {
             return;
@@ -269,7 +259,7 @@ impl Outbox {
     }
 }
 
-/// A place in a frame.
+/// Converts a position in a frame.
 fn short(place: usize) -> u16 {
     u16::try_from(place).unwrap_or(u16::MAX)
 }
@@ -277,12 +267,12 @@ fn short(place: usize) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::{Attitude, Common, Statustext};
+    use crate::dialect::{Attitude, CommandAck, Common, HighLatency2, Statustext};
     use crate::message::Dialect;
 
     #[test]
-    fn nothing_but_the_list_leaves_by_satellite() {
-        // L-2, L-4: also what a service sends by mistake.
+    fn only_allowed_messages_are_sent_by_satellite() {
+        // L-2, L-4: this includes what a service sends by mistake.
         let mut outbox = Outbox::VACANT;
         outbox.configure(LinkId(3), Address::new(1, 1), Version::V2);
         outbox.set_class(LinkClass::HighLatency);
@@ -298,8 +288,9 @@ mod tests {
     }
 
     #[test]
-    fn the_list_is_this() {
-        let ids = |class| Common::MESSAGES.rows().iter().map(|row| row.id()).filter(move |id| may_leave(*id, class));
+    fn allowed_messages_are_these() {
+        let ids =
+            |class: LinkClass| Common::MESSAGES.rows().iter().map(|row| row.id()).filter(move |id| class.may_send(*id));
         assert!(ids(LinkClass::HighLatency).eq([75, 76, 77, 80, 235]));
         assert_eq!(ids(LinkClass::Normal).count(), Common::MESSAGES.rows().len() - 1);
     }

@@ -1,25 +1,26 @@
-//! One field of a payload: size, name on the wire, little-endian bytes (S-19).
+//! The fields of a payload: size, type name on the wire, little-endian encoding (S-19).
 
-/// A type that can stand in a message declaration.
+/// A type that a field of a message can have.
 ///
 /// Implemented for the integers and floats of MAVLink, for arrays of them, for [`Text`](crate::Text), and by
 /// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
 pub trait Field: Copy {
-    /// Bytes on the wire.
+    /// Size on the wire, in bytes.
     const SIZE: usize;
-    /// Bytes of one element: what the wire order is sorted by (S-4). For an array it is less than [`SIZE`](Self::SIZE).
+    /// Size of one element in bytes, by which the wire order sorts the fields (S-4). Of an array it is the size of an
+    /// element, not of the array.
     const ELEMENT: usize;
-    /// Name of the element's type as it goes into `CRC_EXTRA` (S-3).
+    /// Name of the element's type, which is a part of `CRC_EXTRA` (S-3).
     const WIRE_TYPE: &'static str;
-    /// Whether the length goes into `CRC_EXTRA` too: true for arrays and text, also of one element.
+    /// Whether the array length is a part of `CRC_EXTRA`: true for arrays and texts, even with one element.
     const IS_ARRAY: bool = false;
     /// The value whose bytes are all zero.
     const ZERO: Self;
 
-    /// Reads the field that begins at `payload[at]`; bytes that are not there read as zero.
+    /// Reads the field that begins at `payload[at]`. A number that does not lie within the payload reads as zero.
     fn read(payload: &[u8], at: usize) -> Self;
 
-    /// Writes the field so that it begins at `payload[at]`; where there is no room nothing is written.
+    /// Writes the field to `payload[at..]`. A number that does not lie within the payload is not written.
     fn write(&self, payload: &mut [u8], at: usize);
 }
 
@@ -83,7 +84,7 @@ impl<T: Field, const N: usize> Field for [T; N] {
     }
 }
 
-/// A lone `char` field: one byte of text. (`char[N]` is [`Text<N>`](crate::Text).)
+/// A single `char`: one byte of text. The type of `char[N]` is [`Text<N>`](crate::Text).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Char(pub u8);
@@ -105,7 +106,7 @@ impl Field for Char {
     }
 }
 
-/// Reads a message's fields one behind the other. Inlined, every offset is a constant, and what nobody uses is gone.
+/// Reads a message's fields in order. Once it is inlined, every offset is a constant and unused fields cost nothing.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct FieldReader<'a> {
@@ -127,7 +128,7 @@ impl<'a> FieldReader<'a> {
     }
 }
 
-/// Writes a message's fields one behind the other.
+/// Writes a message's fields in order.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct FieldWriter<'a> {

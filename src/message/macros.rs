@@ -1,27 +1,26 @@
-//! `message!`, `wire_enum!` and `wire_bitmask!`: from a declaration, one line a field, to a type that encodes and
-//! decodes itself. The checked-in dialect is written with them, and so is a firmware's own private message.
+//! `message!`, `wire_enum!`, `wire_bitmask!` and `dialect!`: macros that generate messages, their encoders and decoders
+//! and their table from declarations. The checked-in dialect uses them, and so do a firmware's private messages.
 
 /// Declares a MAVLink message: a plain struct, its encoder and decoder, its lengths and its `CRC_EXTRA`.
 ///
-/// Base fields stand in *wire order*: sorted by element size (8, 4, 2, 1), and otherwise in the order of the
-/// definition; a wrong order does not compile (S-4). Extension fields follow in an `extensions` block, unsorted. The
-/// name after the colon is MAVLink's own and goes into `CRC_EXTRA`, like the fields' names and types (S-3); a field whose
-/// name is a Rust keyword is written raw (`r#type`). The field types are those that implement [`Field`](crate::Field):
-/// integers, floats, arrays of them, [`Text<N>`](crate::Text) for `char[N]`, and types made by
-/// [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
-///
-/// A field's type may be followed by `= value`: the value that means "not known". The constant `UNKNOWN` has this value in
-/// that field, and zero in fields without one; `Default` is zero in every field. Start from `UNKNOWN` when you fill only a
-/// part of a message.
-///
-/// The generator writes `, crc_extra = n` behind the id: it has computed the digest already, for the compiler that is slow
-/// work. It is not checked; leave it out of a declaration by hand.
+/// - **Base fields** are listed in *wire order*: sorted by element size (8, 4, 2, 1 bytes), and fields of the same size
+///   in the order of the definition. Fields that are not sorted by size do not compile (S-4).
+/// - **Extension fields** follow in an `extensions` block, in the order of the definition.
+/// - **The name after the colon** is MAVLink's name of the message. It is a part of `CRC_EXTRA`, like the names and
+///   types of the base fields (S-3). A field whose name is a Rust keyword is written raw (`r#type`).
+/// - **Field types** implement [`Field`](crate::Field): integers, floats, arrays of them, [`Text<N>`](crate::Text) for
+///   `char[N]`, and types declared by [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
+/// - **`= value` after a type** is the value that means "not known". The constant `UNKNOWN` has this value in that
+///   field, and zero in fields without one. `Default` is zero in all fields. Start from `UNKNOWN` to fill in a part of
+///   a message.
+/// - **`, crc_extra = n` after the id** is the digest computed by the generator, which saves time in the compiler. It
+///   is not verified: leave it out of handwritten declarations.
 ///
 /// ```
 /// mavstack::message! {
-///     /// What our winch reports.
+///     /// The state of our winch.
 ///     pub struct WinchReport: WINCH_REPORT = 53_001 {
-///         /// Length of line that is out (mm).
+///         /// Length of the line that is paid out (mm).
 ///         line_out: u32,
 ///         /// Tension (N).
 ///         tension: i16 = i16::MAX,
@@ -41,7 +40,7 @@
 /// assert_eq!(WinchReport::decode(&payload), report);
 /// ```
 ///
-/// The wrong order of fields is a compile error:
+/// A wrong order of fields is a compile error:
 ///
 /// ```compile_fail
 /// mavstack::message! {
@@ -107,7 +106,7 @@ macro_rules! message {
                 }
             }
 
-            // Checked where the message is declared, not where it is first used.
+            // Evaluates the checks where the message is declared, not where it is first used.
             const _: $crate::MessageInfo = <$name as $crate::Message>::INFO;
 
             /// All bytes zero.
@@ -117,10 +116,10 @@ macro_rules! message {
             };
 
             impl $name {
-                /// A message without any known value: each field has the value that means "not known", or zero where
-                /// the definition has no such value. Fill in what you know: `Self { …, ..Self::UNKNOWN }`.
-                #[allow(dead_code, reason = "a private message may be known as a whole")]
-                #[allow(clippy::needless_update, reason = "each field may have such a value")]
+                /// The message with all fields unknown: each has the value that means "not known", or zero if the
+                /// definition has no such value. Fill in the known fields: `Self { …, ..Self::UNKNOWN }`.
+                #[allow(dead_code, reason = "a private message may always be filled in completely")]
+                #[allow(clippy::needless_update, reason = "all fields may have such a value")]
                 pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..__ZERO };
             }
 
@@ -136,7 +135,7 @@ macro_rules! message {
     };
 }
 
-/// A message's digest: given by the generator, or computed.
+/// A message's digest: computed by the generator, or else at compile time.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __crc_extra {
@@ -148,7 +147,7 @@ macro_rules! __crc_extra {
     };
 }
 
-/// `defmt::Format` of a message; the firmware that declares one needs no `defmt` of its own for it.
+/// `defmt::Format` of a message. A firmware that declares a message needs no dependency on `defmt` for it.
 #[cfg(feature = "defmt")]
 #[doc(hidden)]
 #[macro_export]
@@ -163,7 +162,7 @@ macro_rules! __message_format {
     };
 }
 
-/// Without the feature there is nothing to implement.
+/// Expands to nothing without the feature `defmt`.
 #[cfg(not(feature = "defmt"))]
 #[doc(hidden)]
 #[macro_export]
@@ -171,12 +170,12 @@ macro_rules! __message_format {
     ($($any:tt)*) => {};
 }
 
-/// Declares an *open* enumeration: a transparent integer with named constants, so that a value from next year's
-/// definitions still decodes (S-17).
+/// Declares an *open* enumeration: a newtype over an integer with named constants. Values that newer definitions add
+/// still decode (S-17).
 ///
 /// ```
 /// mavstack::wire_enum! {
-///     /// What the winch is doing.
+///     /// The activity of the winch.
 ///     pub struct WinchState: u8 {
 ///         IDLE = 0,
 ///         LOWERING = 1,
@@ -198,7 +197,7 @@ macro_rules! wire_enum {
         #[repr(transparent)]
         $vis struct $name(pub $repr);
 
-        // The derived one declares a function that only the compiler looks at.
+        // The derive would add a hidden function to each type, which costs compile time.
         impl Eq for $name {}
 
         #[allow(missing_docs, reason = "an entry's name is its definition's; MAVLink documents it")]
@@ -210,11 +209,11 @@ macro_rules! wire_enum {
     };
 }
 
-/// Declares a bitmask: a transparent integer with named bits and set operations. Unknown bits are kept (S-17).
+/// Declares a bitmask: a newtype over an integer with named bits and set operations. Unknown bits are kept (S-17).
 ///
 /// ```
 /// mavstack::wire_bitmask! {
-///     /// What the winch has seen go wrong.
+///     /// Faults that the winch has detected.
 ///     pub struct WinchFault: u16 {
 ///         OVERLOAD = 1,
 ///         JAMMED = 2,
@@ -238,29 +237,29 @@ macro_rules! wire_bitmask {
         }
 
         impl $name {
-            /// No bit set.
+            /// The value with no bit set.
             pub const EMPTY: Self = Self(0);
 
-            /// Whether every bit of `other` is set in `self`.
+            /// Returns whether all bits of `other` are set.
             #[inline]
             pub const fn contains(self, other: Self) -> bool {
                 self.0 & other.0 == other.0
             }
 
-            /// Whether no bit is set.
+            /// Returns whether no bit is set.
             #[inline]
             pub const fn is_empty(self) -> bool {
                 self.0 == 0
             }
 
-            /// The bits of both.
+            /// Returns the union of both: the bits that are set in `self` or `other`.
             #[inline]
             #[must_use]
             pub const fn with(self, other: Self) -> Self {
                 Self(self.0 | other.0)
             }
 
-            /// The bits of `self` that are not in `other`.
+            /// Returns the bits of `self` that are not set in `other`.
             #[inline]
             #[must_use]
             pub const fn without(self, other: Self) -> Self {
@@ -285,7 +284,7 @@ macro_rules! wire_bitmask {
     };
 }
 
-/// What enumerations and bitmasks share: they are fields, and log as their number.
+/// The common part of enumerations and bitmasks: both are fields, and both are logged as numbers.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __wire_newtype {
@@ -311,7 +310,7 @@ macro_rules! __wire_newtype {
     };
 }
 
-/// `defmt::Format` of an enumeration or bitmask: its number.
+/// `defmt::Format` of an enumeration or bitmask, which is logged as a number.
 #[cfg(feature = "defmt")]
 #[doc(hidden)]
 #[macro_export]
@@ -325,7 +324,7 @@ macro_rules! __newtype_format {
     };
 }
 
-/// Without the feature there is nothing to implement.
+/// Expands to nothing without the feature `defmt`.
 #[cfg(not(feature = "defmt"))]
 #[doc(hidden)]
 #[macro_export]
@@ -333,29 +332,29 @@ macro_rules! __newtype_format {
     ($name:ident) => {};
 }
 
-/// Declares a set of messages as a [`Dialect`](crate::Dialect), to be put in the place of
-/// [`Common`](crate::dialect::Common) as [`Vehicle::MESSAGES`](crate::Vehicle::MESSAGES): a few, by a firmware with little
-/// flash; or messages of one's own and, behind a `+`, all of another dialect. The order is free; two messages with one id
-/// do not compile.
+/// Declares a [`Dialect`](crate::Dialect), a set of messages that replaces [`Common`](crate::dialect::Common) as
+/// [`Vehicle::MESSAGES`](crate::Vehicle::MESSAGES).
 ///
-/// Frames of messages that are not in the selection are *unknown*: their checksum cannot be checked, so the stack
-/// never acts on them (S-12).
+/// List only a few messages to save flash, or list your own and add all messages of another dialect after a `+`. The
+/// order does not matter. Two messages with the same id do not compile.
+///
+/// Frames of other messages are *unknown*: their checksums cannot be verified, so the stack never acts on them (S-12).
 ///
 /// ```
 /// use mavstack::dialect::{CommandLong, Heartbeat};
 /// mavstack::dialect! {
-///     /// All that a winch listens to.
+///     /// The messages that a winch receives.
 ///     pub struct Winch: [CommandLong, Heartbeat];
 /// }
 /// use mavstack::Dialect;
 /// assert_eq!(Winch::MESSAGES.get(76).map(|info| info.crc_extra()), Some(152));
 ///
 /// mavstack::message! {
-///     /// What our winch reports.
+///     /// The state of our winch.
 ///     pub struct WinchReport: WINCH_REPORT = 53_001 { line_out: u32, }
 /// }
 /// mavstack::dialect! {
-///     /// What the winch says, and all of common.
+///     /// The winch's own message, and all of common.
 ///     pub struct WithWinch: [WinchReport] + mavstack::dialect::Common;
 /// }
 /// assert!(WithWinch::MESSAGES.get(53_001).is_some() && WithWinch::MESSAGES.get(30).is_some());

@@ -1,50 +1,61 @@
-//! Messages: what a payload means.
+//! Messages: the types of payloads, with their encoding and the table of their ids.
 //!
-//! Implements <https://mavlink.io/en/guide/serialization.html>: field order, zero extension, `CRC_EXTRA`. A message is a
-//! plain struct that [`message!`](crate::message) makes from a declaration. There is no enum of all messages: a service looks
-//! at a frame's id and decodes what it uses, and the linker drops the rest.
+//! Implements <https://mavlink.io/en/guide/serialization.html>: field order, zero extension, `CRC_EXTRA`. A message is
+//! a plain struct that [`message!`](crate::message) generates from a declaration. There is no enum of all messages: a
+//! service matches on a frame's id and decodes the messages that it uses, and the linker removes the rest.
 
+mod address;
+mod command;
 mod field;
+mod item;
 #[macro_use]
 mod macros;
+mod rules;
 mod secret;
 mod table;
 mod text;
+mod typed;
 
+pub use address::{Address, ComponentId, SystemId};
 pub use field::{Char, Field, FieldReader, FieldWriter};
+pub(crate) use item::{Digest, Position, position};
+pub use item::{Item, LatLon};
+pub use rules::{CommandRule, ParamRule};
+pub(crate) use rules::{Value, is_zero_here};
 pub use secret::Secret;
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;
-pub(crate) use text::cut;
+pub(crate) use text::{cut, front};
+pub use typed::{CommandParam, CommandParams, Location, TypedCommand};
 
-/// A MAVLink message: its numbers, and how it stands in a payload.
+/// A MAVLink message: its id, name and lengths, and how it is encoded.
 ///
 /// Implemented by [`message!`](crate::message).
 pub trait Message: Sized {
     /// The message id, 24 bits.
     const ID: u32;
-    /// MAVLink's own name, for example `MISSION_COUNT`.
+    /// The name in MAVLink's definitions, for example `MISSION_COUNT`.
     const NAME: &'static str;
-    /// The byte that a frame's checksum ends with: a digest of names, types and order of the base fields (S-3).
+    /// The last byte of the checksum's input: a digest of the names, types and order of the base fields (S-3).
     const CRC_EXTRA: u8;
-    /// Length in bytes of the base fields: what a v1 frame carries (S-8).
+    /// Length of the base fields in bytes: the payload of a MAVLink 1 frame (S-8).
     const BASE_LEN: usize;
-    /// Length in bytes with all extensions: the longest payload that we send.
+    /// Length with all extension fields in bytes: the longest payload that is sent.
     const MAX_LEN: usize;
     /// This message's row of a [`MessageTable`].
     const INFO: MessageInfo;
 
-    /// Reads the message from a payload of any length: a short one is extended with zeros (S-6), what is beyond
-    /// [`MAX_LEN`](Self::MAX_LEN) is ignored (S-7). Cannot fail: every bit pattern is a value (S-17, S-19).
+    /// Decodes a payload of any length. A short one is extended with zeros (S-6); bytes after
+    /// [`MAX_LEN`](Self::MAX_LEN) are ignored (S-7). It cannot fail: every bit pattern is a value (S-17, S-19).
     fn decode(payload: &[u8]) -> Self;
 
-    /// Writes the untrimmed payload, [`MAX_LEN`](Self::MAX_LEN) bytes, and returns that length; `None`, and nothing is
-    /// written, when `payload` is shorter.
+    /// Writes the untrimmed payload, [`MAX_LEN`](Self::MAX_LEN) bytes, and returns its length. If `payload` is shorter,
+    /// returns `None` and writes nothing.
     fn encode(&self, payload: &mut [u8]) -> Option<usize>;
 }
 
-/// Copies the front of `payload` into `out`, whose rest stays as it is: zero, where a payload is extended (S-6). Returns
-/// how many bytes were copied. Not inlined: every message's decoder shares it.
+/// Copies as much of `payload` into `out` as fits, and returns how many bytes. The rest of `out` is unchanged: zeros,
+/// where a payload is extended (S-6). Not inlined, because the decoders of all messages share it.
 #[doc(hidden)]
 #[inline(never)]
 pub fn zero_extend(payload: &[u8], out: &mut [u8]) -> usize {
@@ -92,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn layout_is_the_wire_order_and_extensions_are_not_in_the_base() {
+    fn fields_are_encoded_in_wire_order_and_extensions_last() {
         assert_eq!((Kinds::BASE_LEN, Kinds::MAX_LEN), (24, 29));
         let message = Kinds {
             a: 0x0102,
@@ -117,8 +128,8 @@ mod tests {
     }
 
     #[test]
-    fn short_payload_reads_as_zeros_and_a_short_buffer_is_refused() {
-        // S-6: field `a` is cut in its middle.
+    fn short_payload_is_extended_with_zeros_and_short_buffer_is_refused() {
+        // S-6: the payload ends within field `a`.
         assert_eq!(Kinds::decode(&[1, 2]), Kinds { a: 0x0201, ..Kinds::default() });
         assert_eq!(Kinds::default().encode(&mut [0; 28]), None);
     }

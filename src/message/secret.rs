@@ -1,24 +1,25 @@
-//! A field that nobody is to read in a log: a key, a password (SEC-15).
+//! Fields that must not be logged: keys and passwords (SEC-15).
 
 use super::Field;
 
-/// A secret: a field as `T` is, whose `Debug` and `defmt::Format` say nothing of it.
+/// A secret field: encoded like `T`, but not shown by `Debug` and `defmt::Format`.
 ///
-/// The generator gives it to the fields of `common` that are keys and passwords; a private message does it itself. It is a copy
-/// like any other field: who has read it overwrites it. Comparing two stops at the first difference: that is for tests, not for
-/// whether somebody knows a password.
+/// The generator uses it for keys and passwords in `common`; private messages declare it themselves. A decoded message
+/// holds a copy of the secret, which the reader should overwrite after use.
+///
+/// `==` stops at the first difference, so it is for tests only: do not verify passwords with it.
 ///
 /// ```
 /// use mavstack::Secret;
 ///
 /// mavstack::message! {
 ///     pub struct Unlock: UNLOCK = 52_003 {
-///         who: u8,
+///         door: u8,
 ///         code: Secret<[u8; 4]>,
 ///     }
 /// }
-/// let unlock = Unlock { who: 1, code: Secret([4, 7, 1, 1]) };
-/// assert_eq!(format!("{unlock:?}"), "Unlock { who: 1, code: Secret }");
+/// let unlock = Unlock { door: 1, code: Secret([4, 7, 1, 1]) };
+/// assert_eq!(format!("{unlock:?}"), "Unlock { door: 1, code: Secret }");
 /// assert_eq!(unlock.code.0, [4, 7, 1, 1]);
 /// ```
 #[derive(Clone, Copy, Default, PartialEq, Eq)]

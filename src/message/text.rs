@@ -1,10 +1,10 @@
-//! `char[N]`: text of at most `N` bytes.
+//! Texts of at most `N` bytes: the type of `char[N]`.
 
 use super::Field;
 
-/// A `char[N]` field: bytes up to the first NUL, or all `N` when there is none (S-18). Need not be UTF-8.
+/// A `char[N]` field: its bytes up to the first NUL, or all `N` if there is none (S-18). It need not be UTF-8.
 ///
-/// Also the place where short texts are built, the stack's own and the vehicle's, without `core::fmt`:
+/// It also serves as a builder for short texts, without `core::fmt`:
 ///
 /// ```
 /// let mut text = mavstack::Text::<43>::new("Battery 2: ");
@@ -14,106 +14,113 @@ use super::Field;
 /// text.push_str("°C, error 0x");
 /// text.push_hex(0x2F, 4);
 /// assert_eq!(text.as_str(), Some("Battery 2: 11.84 V at -7°C, error 0x002F"));
-/// // What has no room is cut off, between code points.
+/// // Text that does not fit is cut between code points.
 /// text.push_str(" – replace it");
 /// assert_eq!(text.len(), 42);
 /// ```
 ///
-/// With the feature `fmt` it implements `core::fmt::Write`, for `write!`.
+/// With the feature `fmt` it implements `core::fmt::Write`, so that `write!` works.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Text<const N: usize>([u8; N]);
 
 impl<const N: usize> Text<N> {
-    /// No text.
+    /// The empty text.
     pub const EMPTY: Self = Self([0; N]);
 
-    /// The front of `text`, as much of it as fits, cut between code points; a NUL in it ends it.
+    /// Returns as much of `text` as fits in `N` bytes, cut between code points. A NUL ends the text.
     #[must_use]
     pub fn new(text: &str) -> Self {
         Self::from_bytes(text.as_bytes())
     }
 
-    /// The same of bytes that need not be UTF-8.
+    /// Like [`new`](Self::new), for bytes that need not be UTF-8.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Self {
         let mut new = Self::EMPTY;
         append(&mut new.0, bytes);
         new
     }
 
-    /// The field's bytes as they stand on the wire.
+    /// Replaces the text, as [`from_bytes`](Self::from_bytes) does, in place.
+    pub(crate) fn set(&mut self, bytes: &[u8]) {
+        self.0 = [0; N];
+        append(&mut self.0, bytes);
+    }
+
+    /// Returns the text with these bytes on the wire.
     #[inline]
     pub const fn from_wire(bytes: [u8; N]) -> Self {
         Self(bytes)
     }
 
-    /// All `N` bytes, with the NULs behind the text.
+    /// Returns all `N` bytes on the wire, including the NULs after the text.
     #[inline]
     pub const fn wire(&self) -> &[u8; N] {
         &self.0
     }
 
-    /// The text: up to the first NUL.
+    /// Returns the text's bytes, up to the first NUL.
     pub fn as_bytes(&self) -> &[u8] {
         self.0.split(|&byte| byte == 0).next().unwrap_or(&[])
     }
 
-    /// The text, when it is UTF-8.
+    /// Returns the text; `None` if it is not UTF-8.
     pub fn as_str(&self) -> Option<&str> {
         core::str::from_utf8(self.as_bytes()).ok()
     }
 
-    /// Length of the text in bytes.
+    /// Returns the length of the text in bytes.
     pub fn len(&self) -> usize {
         self.as_bytes().len()
     }
 
-    /// Whether there is no text.
+    /// Returns whether the text is empty.
     pub fn is_empty(&self) -> bool {
         self.0.first().is_none_or(|&byte| byte == 0)
     }
 
-    /// Appends as much of `text` as fits, cut between code points; a NUL in it ends it.
+    /// Appends as much of `text` as fits, cut between code points. A NUL ends the text.
     pub fn push_str(&mut self, text: &str) {
         append(&mut self.0, text.as_bytes());
     }
 
     /// Appends a number in decimal.
     pub fn push_number(&mut self, number: u32) {
-        Digits::new(number, 10).end(false, &mut self.0);
+        Digits::new(number, 10).append_to(false, &mut self.0);
     }
 
-    /// Appends a number in decimal, with a minus sign where it is negative.
+    /// Appends a number in decimal, with a minus sign if it is negative.
     pub fn push_signed(&mut self, number: i32) {
         self.push_decimal(number, 0);
     }
 
-    /// Appends a decimal fraction: `number` with `places` digits behind the point, so a voltage in mV is shown in volts by
-    /// `push_decimal(millivolts, 3)`, a latitude in deg·1e7 in degrees by `push_decimal(latitude, 7)`. 0 to 9 places; more
-    /// count as 9.
+    /// Appends `number`·10^-`places` as a decimal fraction with `places` digits after the point, 0 to 9; more count as
+    /// 9.
+    ///
+    /// `push_decimal(millivolts, 3)` shows a voltage in volts, `push_decimal(latitude, 7)` a latitude in degrees.
     pub fn push_decimal(&mut self, number: i32, places: u8) {
         let mut digits = Digits::new(number.unsigned_abs(), 10);
-        digits.point = places.min(9);
-        digits.end(number < 0, &mut self.0);
+        digits.places = places.min(9);
+        digits.append_to(number < 0, &mut self.0);
     }
 
-    /// Appends a number in hexadecimal, with zeros before it up to `digits` digits, of which there are at most 8.
+    /// Appends a number in hexadecimal, padded with zeros to `digits` digits, 0 to 8; more count as 8.
     pub fn push_hex(&mut self, number: u32, digits: u8) {
         let mut hex = Digits::new(number, 16);
-        hex.least = digits.min(8);
-        hex.end(false, &mut self.0);
+        hex.min_digits = digits.min(8);
+        hex.append_to(false, &mut self.0);
     }
 
-    /// The front of the text as a shorter field, cut between code points when it is UTF-8.
+    /// Returns as much of the text as fits in a field of `M` bytes, cut between code points if it is UTF-8.
     #[must_use]
     pub fn front<const M: usize>(&self) -> Text<M> {
         Text::from_bytes(self.as_bytes())
     }
 }
 
-/// Appends what fits of `text`, up to a NUL, to the text in `field`. Whether that is all of it. Not generic, so it is compiled
-/// once.
+/// Appends as much of `text` as fits, up to a NUL, to the text in `field`. Returns whether all of it was appended. Not
+/// generic, so it is compiled once.
 fn append(field: &mut [u8], text: &[u8]) -> bool {
-    let text = text.split(|&byte| byte == 0).next().unwrap_or_default();
+    let text = up_to_nul(text);
     let room = match field.iter().position(|&byte| byte == 0) {
         Some(end) => field.get_mut(end..).unwrap_or_default(),
         None => &mut [],
@@ -122,46 +129,56 @@ fn append(field: &mut [u8], text: &[u8]) -> bool {
     for (to, from) in room.iter_mut().zip(front) {
         *to = *from;
     }
-    // Behind the NUL something else may have stood.
+    // A received field may have other bytes after the NUL.
     room.get_mut(front.len()..).unwrap_or_default().fill(0);
     front.len() == text.len()
 }
 
-/// How many of the first `max` bytes of a text are whole code points; `max`, where it is not UTF-8.
+fn up_to_nul(text: &[u8]) -> &[u8] {
+    text.split(|&byte| byte == 0).next().unwrap_or_default()
+}
+
+/// Returns what a [`Text`] of `max` bytes has of `text`.
+pub(crate) fn front(text: &[u8], max: usize) -> &[u8] {
+    let text = up_to_nul(text);
+    text.get(..cut(text, max)).unwrap_or_default()
+}
+
+/// Returns how many of the first `max` bytes of a text are whole code points; `max` if it is not UTF-8.
 pub(crate) fn cut(text: &[u8], max: usize) -> usize {
     if text.len() <= max {
         return text.len();
     }
-    // A byte 0b10xx_xxxx goes on with the code point before it, which has four bytes at most.
+    // A byte 0b10xx_xxxx continues a code point, which has at most four bytes.
     let is_start = |&len: &usize| text.get(len).is_none_or(|&byte| byte & 0xC0 != 0x80);
-    let least = max.saturating_sub(3);
-    (least..=max).rev().find(is_start).unwrap_or(max)
+    let min = max.saturating_sub(3);
+    (min..=max).rev().find(is_start).unwrap_or(max)
 }
 
-/// A number on its way into a text.
+/// The digits of a number that is to be appended to a text.
 struct Digits {
     rest: u32,
     radix: u32,
-    /// How many digits stand behind the point; with none there is no point.
-    point: u8,
-    /// How many digits there are at least.
-    least: u8,
+    /// Digits after the point; 0 means no point.
+    places: u8,
+    /// Minimum number of digits; shorter numbers are padded with zeros.
+    min_digits: u8,
 }
 
 impl Digits {
     fn new(number: u32, radix: u32) -> Self {
-        Self { rest: number, radix, point: 0, least: 0 }
+        Self { rest: number, radix, places: 0, min_digits: 0 }
     }
 
     /// Appends the number to the text in `field`.
-    fn end(mut self, is_negative: bool, field: &mut [u8]) {
-        // A sign, ten digits and a point, from behind.
+    fn append_to(mut self, is_negative: bool, field: &mut [u8]) {
+        // A sign, ten digits and a point, written from the end.
         let mut text = [0; 12];
         let mut free = text.iter_mut().rev();
         let mut put = |byte: u8| free.next().map_or((), |place| *place = byte);
         let mut count = 0u8;
-        while count == 0 || self.rest != 0 || count <= self.point || count < self.least {
-            if count == self.point && count > 0 {
+        while count == 0 || self.rest != 0 || count <= self.places || count < self.min_digits {
+            if count == self.places && count > 0 {
                 put(b'.');
             }
             let digit = self.rest.checked_rem(self.radix).unwrap_or(0);
@@ -178,14 +195,14 @@ impl Digits {
     }
 }
 
-/// For what takes any text, as [`Stack::send_text`](crate::Stack::send_text) does.
+/// For functions that accept any text, such as [`Stack::send_text`](crate::Stack::send_text).
 impl<const N: usize> AsRef<[u8]> for Text<N> {
     fn as_ref(&self) -> &[u8] {
         self.as_bytes()
     }
 }
 
-/// An error is a text that was cut off; what fitted is there.
+/// Appends as much as fits, and returns an error if the text was cut.
 #[cfg(feature = "fmt")]
 impl<const N: usize> core::fmt::Write for Text<N> {
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
@@ -253,9 +270,9 @@ mod tests {
         assert_eq!(Text::<2>::new("€").as_str(), Some(""));
     }
 
-    /// A text that is UTF-8 stays UTF-8, wherever it is cut; and what is not loses no more than that.
+    /// UTF-8 stays valid wherever it is cut, and at most three bytes more than necessary are removed.
     #[test]
-    fn cut_is_a_code_point_at_most() {
+    fn cut_keeps_utf8_valid() {
         for text in ["aé€𝄞", "é", "€uro", "𝄞𝄞𝄞", "abcdefg", ""] {
             for max in 0..12 {
                 let len = cut(text.as_bytes(), max);
@@ -267,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_behind_the_nul_does_not_come_back() {
+    fn bytes_after_the_nul_are_cleared() {
         let mut text = Text::from_wire(*b"ab\0cdefg");
         text.push_str("xy\0z");
         assert_eq!(text.as_bytes(), b"abxy");
@@ -318,7 +335,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// Without `core::fmt` it is written as with it.
+        /// Numbers are written as `core::fmt` writes them.
         #[test]
         fn numbers_are_written_as_by_fmt(number: i32, places in 0usize..10, digits in 0usize..9) {
             let power = 10i64.pow(places as u32);

@@ -1,30 +1,32 @@
-//! What was forwarded a moment ago, so that a frame which comes back is not forwarded again.
+//! Duplicate detection: remembers the frames that were forwarded within the last 0.8 s, so that a frame that returns is
+//! not forwarded again.
 //!
-//! A frame that has a place is known for its 0.8 s, whatever else comes: none is pushed out. So what keeps others out is how
-//! many places are taken, and these are shared: a link takes three for each that is free, and for frames that are addressed
-//! seven. Whoever floods one link finds no more than that, and what comes by the others still finds places. What finds none is
-//! not forwarded, and as nobody knows it again it is handled here each time that it comes.
+//! A remembered frame is never evicted: it keeps its place for 0.8 s. So a flood could take all places, and they are
+//! shared instead. A link may take three places for each free one, and seven for addressed frames. A flood on one link
+//! then leaves places for the other links.
+//!
+//! A frame without a place is not forwarded. It is not remembered either, so each of its duplicates is handled locally.
 
-use crate::link::{LinkId, MAX_LINKS};
 use crate::time::{Duration, Instant};
+use crate::types::{LinkId, MAX_LINKS};
 use heapless::deque::{Deque, DequeView};
 
-/// One frame that was forwarded.
+/// A forwarded frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// Of all its bytes; 0 when it has another place by now.
-    key: u32,
+    /// Hash of all its bytes; 0 if the frame was remembered again in another place.
+    hash: u32,
     from: Share,
-    /// In [`steps`].
+    /// When it was forwarded, in [`steps`].
     at: u8,
 }
 
-/// Whose share a place is: that of the link that a frame came by, or that of all frames that were refused where they came in.
+/// The share to which a place belongs: there is one for each link, and one for the refused frames of all links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Share(u8);
 
 impl Share {
-    /// Behind all links.
+    /// The share after those of all links.
     const REFUSED: Self = Self(16);
     const COUNT: usize = MAX_LINKS + 1;
 
@@ -33,14 +35,14 @@ impl Share {
     }
 }
 
-const _: () = assert!(Share::COUNT == 17, "a share for each link, and one");
+const _: () = assert!(Share::COUNT == 17, "one share for each link, and one for refused frames");
 
-/// What is known of a frame that was not forwarded yet, or only when it was refused.
+/// A frame that is not a duplicate, or only of a refused frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Ticket {
-    key: u32,
+pub struct Ticket {
+    hash: u32,
     from: Share,
-    /// Whether it is known as one that was refused.
+    /// Whether it is remembered as a refused frame.
     pub(super) was_refused: bool,
 }
 
@@ -50,69 +52,71 @@ impl Ticket {
     }
 }
 
-/// What the memory says of a frame.
+/// The result of looking up a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Recall {
-    /// It is to be forwarded.
+pub(super) enum Lookup {
+    /// It may be forwarded.
     New(Ticket),
-    /// It was forwarded a moment ago. `is_same_way`: it came by the same link.
-    Copy { is_same_way: bool },
+    /// It was forwarded within the last 0.8 s. `is_same_share`: the original was received on the same link, or both
+    /// were refused.
+    Duplicate { is_same_share: bool },
 }
 
-/// For how many steps a frame is known: 0.8 s, less than the second after which a sender without sequence numbers sends the
-/// same heartbeat again.
-const KNOWN: u8 = 98;
+/// How long a frame is remembered, in steps: 0.8 s. It is less than 1 s, because a sender without sequence numbers
+/// sends the same heartbeat again after 1 s.
+const REMEMBERED_STEPS: u8 = 98;
 
-/// The same as a time.
+/// How long a frame is remembered.
 #[allow(clippy::as_conversions, reason = "const: `From` cannot be called; u8 to u64")]
-const PAUSE: Duration = Duration::from_micros((KNOWN as u64) << STEP);
+const REMEMBERED: Duration = Duration::from_micros((REMEMBERED_STEPS as u64) << STEP);
 
 /// A step is 2^13 µs.
 const STEP: u32 = 13;
 
-/// Since the last frame that came around for so long the lines are no loop any more.
-const LOOP_OVER: Duration = Duration::from_secs(10);
+/// How long links count as a routing loop after the last frame that returned.
+const LOOP_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The last frames that were forwarded. The logic works on the unsized form, so their number is compiled once.
+/// The frames that were forwarded last. The logic works on the unsized type, so it is compiled once for all capacities.
 #[derive(Clone, Debug)]
 pub(super) struct Memory<S: ?Sized = DequeView<Seen>> {
-    /// How many places each share has taken.
+    /// The number of places that each share has taken.
     held: [u16; Share::COUNT],
-    /// When it was last asked.
-    asked: Instant,
-    /// When the last frame came around.
-    came_around: Option<Instant>,
-    /// The oldest first.
+    /// When the last frame was looked up.
+    last_lookup: Instant,
+    /// When the last frame returned through a loop.
+    last_loop: Option<Instant>,
+    /// The oldest frame is first.
     seen: S,
 }
 
 impl<const SEEN: usize> Memory<Deque<Seen, SEEN>> {
-    /// Zero bits.
+    /// An empty memory: all zero bits.
     pub(super) const EMPTY: Self =
-        Self { held: [0; Share::COUNT], asked: Instant::ZERO, came_around: None, seen: Deque::new() };
+        Self { held: [0; Share::COUNT], last_lookup: Instant::ZERO, last_loop: None, seen: Deque::new() };
 }
 
 impl Memory {
-    /// Looks for a frame that came by the link `from`, and was accepted there or not. What was only ever refused is new when
-    /// it is accepted.
-    pub(super) fn recall(&mut self, now: Instant, frame: &[u8], from: LinkId, is_accepted: bool) -> Recall {
+    /// Looks up a frame that was received on link `from`, and accepted there or not. A frame that is accepted is new if
+    /// it was only refused before.
+    pub(super) fn look_up(&mut self, now: Instant, frame: &[u8], from: LinkId, is_accepted: bool) -> Lookup {
         self.forget_old(now);
-        let (key, from) = (key_of(frame), Share::of(from, is_accepted));
-        match self.seen.iter().find(|seen| seen.key == key) {
-            None => Recall::New(Ticket { key, from, was_refused: false }),
+        let (hash, from) = (hash_of(frame), Share::of(from, is_accepted));
+        match self.seen.iter().find(|seen| seen.hash == hash) {
+            None => Lookup::New(Ticket { hash, from, was_refused: false }),
             Some(seen) if seen.from == Share::REFUSED && is_accepted => {
-                Recall::New(Ticket { key, from, was_refused: true })
+                Lookup::New(Ticket { hash, from, was_refused: true })
             }
-            Some(seen) => Recall::Copy { is_same_way: seen.from == from },
+            Some(seen) => Lookup::Duplicate { is_same_share: seen.from == from },
         }
     }
 
     fn forget_old(&mut self, now: Instant) {
-        // After a pause all are old, and the steps say no more which is.
-        let is_late = now.since(self.asked) >= PAUSE;
-        self.asked = now;
+        // After a pause all frames are old, and the steps, which wrap, no longer show it.
+        let is_late = now.since(self.last_lookup) >= REMEMBERED;
+        self.last_lookup = now;
         let at = steps(now);
-        while let Some(oldest) = self.seen.front().filter(|seen| is_late || at.wrapping_sub(seen.at) >= KNOWN) {
+        let is_old = |seen: &Seen| is_late || at.wrapping_sub(seen.at) >= REMEMBERED_STEPS;
+        while let Some(oldest) = self.seen.front().filter(|seen| is_old(seen)) {
             if let Some(held) = self.held.get_mut(usize::from(oldest.from.0)) {
                 *held = held.saturating_sub(1);
             }
@@ -120,7 +124,7 @@ impl Memory {
         }
     }
 
-    /// Whether there is a place for a frame that was looked for, which is not taken from others.
+    /// Returns whether there is a place within the frame's share.
     pub(super) fn has_room(&self, ticket: &Ticket, is_addressed: bool) -> bool {
         let (older, newer) = self.seen.as_slices();
         let free = self.seen.storage_capacity().saturating_sub(older.len()).saturating_sub(newer.len());
@@ -128,41 +132,41 @@ impl Memory {
         held < free.saturating_mul(if is_addressed { 7 } else { 3 })
     }
 
-    /// Notes a frame that has a place, now.
-    pub(super) fn note(&mut self, now: Instant, ticket: &Ticket) {
-        let Ticket { key, from, was_refused } = *ticket;
+    /// Remembers a frame for which there is a place.
+    pub(super) fn remember(&mut self, now: Instant, ticket: &Ticket) {
+        let Ticket { hash, from, was_refused } = *ticket;
         if was_refused {
-            for seen in self.seen.iter_mut().filter(|seen| seen.key == key) {
-                seen.key = 0;
+            for seen in self.seen.iter_mut().filter(|seen| seen.hash == hash) {
+                seen.hash = 0;
             }
         }
-        let seen = Seen { key, from, at: steps(now) };
+        let seen = Seen { hash, from, at: steps(now) };
         if let (Ok(()), Some(held)) = (self.seen.push_back(seen), self.held.get_mut(usize::from(from.0))) {
             *held = held.saturating_add(1);
         }
     }
 
-    /// A frame came around: there is a loop.
+    /// Records that a frame returned through a routing loop.
     pub(super) fn on_loop(&mut self, now: Instant) {
-        self.came_around = Some(now);
+        self.last_loop = Some(now);
     }
 
-    /// Whether frames come around.
+    /// Returns whether the links form a routing loop.
     pub(super) fn is_looped(&self, now: Instant) -> bool {
-        self.came_around.is_some_and(|at| now.since(at) < LOOP_OVER)
+        self.last_loop.is_some_and(|at| now.since(at) < LOOP_TIMEOUT)
     }
 }
 
-/// A number for all bytes of a frame; not 0.
-fn key_of(frame: &[u8]) -> u32 {
-    let add = |key: u32, word: u32| (key.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
+/// Returns a hash of all bytes of a frame, which is never 0 (FxHash).
+fn hash_of(frame: &[u8]) -> u32 {
+    let add = |hash: u32, word: u32| (hash.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
     let (words, rest) = frame.as_chunks();
-    let key = words.iter().fold(0, |key, &word| add(key, u32::from_le_bytes(word)));
-    let key = rest.iter().fold(key, |key, &byte| add(key, u32::from(byte)));
-    key.max(1)
+    let hash = words.iter().fold(0, |hash, &word| add(hash, u32::from_le_bytes(word)));
+    let hash = rest.iter().fold(hash, |hash, &byte| add(hash, u32::from(byte)));
+    hash.max(1)
 }
 
-/// A time in [`STEP`]s. Wraps after two seconds.
+/// Returns a time in [`STEP`]s. It wraps after two seconds.
 #[allow(clippy::as_conversions, reason = "the low bits are meant")]
 const fn steps(now: Instant) -> u8 {
     (now.as_micros() >> STEP) as u8
@@ -176,40 +180,42 @@ mod tests {
 
     const LINKS: [LinkId; 3] = [LinkId(0), LinkId(1), LinkId(2)];
 
-    /// Looks for a frame, and notes it if it is new and has a place.
+    /// Looks up an accepted frame, and remembers it if it is new and has a place. Returns whether it did.
     fn pass(memory: &mut Memory, now: Instant, frame: &[u8], from: LinkId, is_addressed: bool) -> bool {
-        match memory.recall(now, frame, from, true) {
-            Recall::New(ticket) if memory.has_room(&ticket, is_addressed) => {
-                memory.note(now, &ticket);
+        match memory.look_up(now, frame, from, true) {
+            Lookup::New(ticket) if memory.has_room(&ticket, is_addressed) => {
+                memory.remember(now, &ticket);
                 true
             }
             _ => false,
         }
     }
 
-    /// a frame is known for 0.8 s, also where the steps wrap, and after a pause of any length it is not.
+    /// a frame is remembered for 0.8 s, also when the steps wrap, and is forgotten after a longer pause of any
+    /// length.
     #[test]
-    fn frames_are_known_for_a_while() {
-        let known = PAUSE.as_micros();
-        assert!((790_000..810_000).contains(&known));
+    fn frames_are_remembered_for_800_ms() {
+        let remembered = REMEMBERED.as_micros();
+        assert!((790_000..810_000).contains(&remembered));
         let wrap = 256 << STEP;
         for start in [0, 1, 5_000, wrap - 1, wrap, 7 * wrap + 99] {
-            let is_known = |afters: &[u64]| {
+            let is_duplicate = |afters: &[u64]| {
                 let mut memory = Memory::<Deque<Seen, 4>>::EMPTY;
                 let memory: &mut Memory = &mut memory;
                 assert!(pass(memory, Instant::from_micros(start), b"a", LINKS[0], false));
-                let recall = |after| memory.recall(Instant::from_micros(start + after), b"a", LINKS[1], true);
-                matches!(afters.iter().copied().map(recall).last(), Some(Recall::Copy { is_same_way: false }))
+                let look_up = |after| memory.look_up(Instant::from_micros(start + after), b"a", LINKS[1], true);
+                matches!(afters.iter().copied().map(look_up).last(), Some(Lookup::Duplicate { is_same_share: false }))
             };
-            assert!(is_known(&[0, 1, known / 2, known - (1 << STEP)]), "after {start}");
-            assert!(!is_known(&[known / 2, known]), "after {start}");
-            for pause in [known, wrap - 1, wrap, wrap + known / 2, 10 * wrap] {
-                assert!(!is_known(&[pause]), "{pause} µs after {start}");
+            assert!(is_duplicate(&[0, 1, remembered / 2, remembered - (1 << STEP)]), "after {start}");
+            assert!(!is_duplicate(&[remembered / 2, remembered]), "after {start}");
+            for pause in [remembered, wrap - 1, wrap, wrap + remembered / 2, 10 * wrap] {
+                assert!(!is_duplicate(&[pause]), "{pause} µs after {start}");
             }
         }
     }
 
-    /// a flood by one link finds three places of four, or seven of eight; then others still find some.
+    /// a flood on one link takes three of four places, seven of eight for addressed frames. The other links still
+    /// find places.
     #[test]
     fn places_are_shared() {
         let mut memory = Memory::<Deque<Seen, 256>>::EMPTY;
@@ -223,9 +229,9 @@ mod tests {
         assert_eq!([flood(2, false), flood(2, true)], [3, 1]);
     }
 
-    /// However small it is, it takes one.
+    /// A memory with a single place remembers one frame.
     #[test]
-    fn one_place_is_a_memory() {
+    fn a_single_place_suffices() {
         let mut memory = Memory::<Deque<Seen, 1>>::EMPTY;
         let memory: &mut Memory = &mut memory;
         assert!(pass(memory, Instant::ZERO, b"a", LINKS[0], false));
@@ -233,9 +239,9 @@ mod tests {
         assert!(pass(memory, Instant::from_millis(900), b"b", LINKS[1], true));
     }
 
-    /// frames come around for ten seconds after the last one that did.
+    /// links count as a loop for ten seconds after the last frame that returned.
     #[test]
-    fn loops_are_over_some_time() {
+    fn loops_time_out() {
         let mut memory = Memory::<Deque<Seen, 1>>::EMPTY;
         let memory: &mut Memory = &mut memory;
         assert!(!memory.is_looped(Instant::ZERO));
@@ -244,17 +250,17 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_counts() {
+    fn all_bytes_are_hashed() {
         let frame = [0xFD, 3, 0, 0, 7, 255, 190, 1, 2, 3, 4, 5, 6, 7, 8];
         for index in 0..frame.len() {
             let mut other = frame;
             other[index] ^= 0x10;
-            assert_ne!(key_of(&frame), key_of(&other), "byte {index}");
+            assert_ne!(hash_of(&frame), hash_of(&other), "byte {index}");
         }
-        assert_ne!(key_of(&frame), key_of(&frame[..14]));
+        assert_ne!(hash_of(&frame), hash_of(&frame[..14]));
     }
 
-    /// Something that the memory is asked: so many milliseconds later, a frame of so few, by a link, as it was judged.
+    /// A frame that is looked up `wait` milliseconds after the one before.
     #[derive(Clone, Copy, Debug)]
     struct Step {
         wait: u64,
@@ -272,9 +278,9 @@ mod tests {
     }
 
     proptest! {
-        /// against a list that forgets nothing.
+        /// agrees with a list that never forgets.
         #[test]
-        fn is_a_memory(steps in prop::collection::vec(step(), 0..300)) {
+        fn agrees_with_a_list(steps in prop::collection::vec(step(), 0..300)) {
             let mut memory = Memory::<Deque<Seen, 12>>::EMPTY;
             let memory: &mut Memory = &mut memory;
             let mut list: Vec<(u64, Step)> = Vec::new();
@@ -282,27 +288,28 @@ mod tests {
             for step in steps {
                 now += step.wait * 1_000;
                 let instant = Instant::from_micros(now);
-                let live: Vec<_> = list.iter().filter(|(at, _)| (now >> STEP) - (at >> STEP) < u64::from(KNOWN)).collect();
+                let age = |at: u64| (now >> STEP) - (at >> STEP);
+                let live: Vec<_> = list.iter().filter(|(at, _)| age(*at) < u64::from(REMEMBERED_STEPS)).collect();
                 let last = live.iter().rfind(|(_, other)| other.frame == step.frame);
-                let recall = memory.recall(instant, &[step.frame], LINKS[step.from], step.is_accepted);
-                let was_refused = match (last, recall) {
-                    (Some((_, other)), Recall::Copy { is_same_way }) => {
+                let lookup = memory.look_up(instant, &[step.frame], LINKS[step.from], step.is_accepted);
+                let was_refused = match (last, lookup) {
+                    (Some((_, other)), Lookup::Duplicate { is_same_share }) => {
                         prop_assert!(other.is_accepted || !step.is_accepted);
                         let is_same = other.is_accepted == step.is_accepted
                             && (other.from == step.from || !step.is_accepted);
-                        prop_assert_eq!(is_same_way, is_same);
+                        prop_assert_eq!(is_same_share, is_same);
                         continue;
                     }
-                    (Some((_, other)), Recall::New(_)) => {
+                    (Some((_, other)), Lookup::New(_)) => {
                         prop_assert!(!other.is_accepted && step.is_accepted);
                         true
                     }
-                    (None, recall) => {
-                        prop_assert!(matches!(recall, Recall::New(_)));
+                    (None, lookup) => {
+                        prop_assert!(matches!(lookup, Lookup::New(_)));
                         false
                     }
                 };
-                let Recall::New(ticket) = recall else { unreachable!() };
+                let Lookup::New(ticket) = lookup else { unreachable!() };
                 prop_assert_eq!(ticket.was_refused, was_refused);
                 prop_assert_eq!(ticket.is_refused(), !step.is_accepted);
                 let is_share = |other: &Step| match step.is_accepted {
@@ -313,7 +320,7 @@ mod tests {
                 let has_room = held < (12 - live.len()) * if step.is_addressed { 7 } else { 3 };
                 prop_assert_eq!(memory.has_room(&ticket, step.is_addressed), has_room);
                 if has_room {
-                    memory.note(instant, &ticket);
+                    memory.remember(instant, &ticket);
                     list.push((now, step));
                 }
             }

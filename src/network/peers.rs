@@ -1,28 +1,29 @@
-//! Peers: who is out there, on which link, and how well we hear them.
+//! The peer table: the components that were heard, on which links, and how many of their frames were lost.
 //!
-//! Implements the receiving half of <https://mavlink.io/en/services/heartbeat.html>, rules H-10 to H-13, and the loss
-//! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). The states of
-//! a peer are drawn at [`PeerInfo`].
+//! Implements the receiver's side of <https://mavlink.io/en/services/heartbeat.html>, rules H-10 to H-13, and the loss
+//! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). [`PeerInfo`] shows the states of a peer.
 
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
-use crate::frame::{Address, Frame, SystemId, Version};
-use crate::link::{LinkClass, LinkId, MAX_LINKS, Peer};
+use crate::frame::{Frame, Version};
+use crate::message::{Address, SystemId};
 use crate::time::{Duration, Instant};
-use crate::vehicle::{PeerEvent, Vehicle};
+use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 
-/// What is known of a peer.
+/// An entry of the peer table: a component, and the link on which it was heard.
 ///
-/// Any checked frame makes an entry; *alive* is only who sends heartbeats. In brackets the [`PeerEvent`] of each step:
+/// Any frame with a correct checksum creates an entry. A peer is *alive* while it sends heartbeats. The names in
+/// brackets are the [`PeerEvent`]s that the vehicle receives:
 ///
 /// ```text
-///   any frame ──▶ heard ── HEARTBEAT (Found) ──▶ alive ── silence for peer_timeout (Lost) ──▶ lost
-///                                                  ▲                                            │
-///                                                  └──────────── HEARTBEAT (Regained) ──────────┘
+///   any frame ──▶ heard ── HEARTBEAT (Found) ──▶ alive ── no HEARTBEAT for peer_timeout (Lost) ──▶ timed out
+///                                                  ▲                                                   │
+///                                                  └─────────────── HEARTBEAT (Regained) ──────────────┘
 /// ```
 ///
-/// # When the table is full
+/// # Eviction from a full table
 ///
-/// A new sender evicts a peer of the first row below that has a candidate: the one that has been silent longest (H-12).
+/// A new sender evicts a peer of the first row below that has a candidate, namely the peer that has been silent longest
+/// (H-12).
 ///
 /// | evicted | by |
 /// |---|---|
@@ -32,48 +33,49 @@ use crate::vehicle::{PeerEvent, Vehicle};
 /// | a living peer that is not a ground station | a ground station's heartbeat, or any heartbeat on another link |
 /// | a living ground station | a heartbeat on another link |
 ///
-/// - A peer is verified when one of its signatures was right, or when it was heard on an open link. Frames that other links
-///   accept unsigned, such as RADIO_STATUS, verify no sender.
-/// - Links share the table. A sender evicts a peer of another link only if that link holds at least two places more than the
-///   sender's own link.
-/// - Components of our own system are not evicted by other systems, as long as they hold no more than half of the places.
-///   Neither this rule nor the previous one protects an unverified peer from a verified sender.
+/// - A peer is verified once one of its signatures was valid, or once it was heard on an open link. Frames that other
+///   links accept unsigned, such as RADIO_STATUS, verify no sender.
+/// - Links share the table. A sender evicts a peer of another link only if that link has at least two entries more than
+///   the sender's own link.
+/// - Other systems do not evict components of the vehicle's own system while these have at most half of the entries.
+/// - The last two rules do not protect an unverified peer from a verified sender.
 /// - On a high-latency link, which has no heartbeats, any frame counts as a heartbeat.
 ///
-/// A sender without a place is still served, and its broadcasts are forwarded. Addressed frames from it or to it are not
-/// forwarded: see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
+/// A sender without an entry is still served, and its broadcasts are forwarded. Addressed frames from it or to it are
+/// not forwarded: see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeerInfo {
-    /// Who, and on which link. One component that is heard on two links stands here twice.
+    /// The component and the link. A component that is heard on two links has two entries.
     pub peer: Peer,
     /// HEARTBEAT.type; [`MavType::GENERIC`] before the first heartbeat.
     pub r#type: MavType,
     /// HEARTBEAT.autopilot; [`MavAutopilot::INVALID`] before the first heartbeat.
     pub autopilot: MavAutopilot,
-    /// The version of its last frame.
+    /// The MAVLink version of its last frame.
     pub version: Version,
-    /// Whether its heartbeats come. Never so on a high-latency link, where none are expected, and silence means nothing: what
-    /// comes there only counts as [heard](Self::last_heard) (L-3).
+    /// Whether its last heartbeat is more recent than `peer_timeout`. Always false on a high-latency link, where no
+    /// heartbeats are expected: frames there only count for [`last_heard`](Self::last_heard) (L-3).
     pub is_alive: bool,
-    /// Frames received. Wraps.
+    /// Number of frames received. It wraps.
     pub received: u32,
-    /// Frames that its sequence numbers say were lost on the way (S-16). Wraps.
+    /// Number of frames lost in transit, from gaps in the sequence numbers (S-16). It wraps.
     pub lost: u32,
     has_heartbeat: bool,
-    /// Whether an accepted frame proves that the peer exists: a signed one, or any frame on an open link.
+    /// Whether an accepted frame proves that the peer exists: a signed frame, or any frame on an open link.
     is_verified: bool,
-    /// Whether frames for it go out on this link.
+    /// Whether frames for the peer are forwarded to this link.
     pub(super) is_route: bool,
+    /// The sequence number that is expected next.
     seq: u8,
-    /// Its last SYSTEM_TIME.time_boot_ms; 0 before the first, and where nothing is forwarded.
+    /// Its last SYSTEM_TIME.time_boot_ms; 0 before the first, and if forwarding is off.
     pub(super) time_boot_ms: u32,
     heartbeat: Instant,
     heard: Instant,
 }
 
 impl PeerInfo {
-    /// When its last heartbeat came, if any did.
+    /// Returns when its last heartbeat was received; `None` before the first.
     pub fn last_heartbeat(&self) -> Option<Instant> {
         self.has_heartbeat.then_some(self.heartbeat)
     }
@@ -85,31 +87,32 @@ impl PeerInfo {
     }
 }
 
-/// The peer table. The logic works on a view, so its size is compiled once.
-pub(crate) type Peers = heapless::vec::VecView<PeerInfo>;
+/// The peer table. The logic works on a view, so it is compiled once for all capacities.
+pub type Peers = heapless::vec::VecView<PeerInfo>;
 
-/// Whether frames of `address` were heard before, on any link.
+/// Returns whether `address` was heard before, on any link.
 pub(crate) fn is_known(peers: &Peers, address: Address) -> bool {
     peers.iter().any(|info| info.peer.address == address)
 }
 
-/// Whether frames of `peer` were heard before.
+/// Returns whether `peer` was heard before, on its link.
 pub(crate) fn is_heard(peers: &Peers, peer: Peer) -> bool {
     peers.iter().any(|info| info.peer == peer)
 }
 
-/// What became of a frame's sender in the table (H-12).
+/// The result of recording a frame's sender in the table (H-12).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Booking {
-    /// It stood there, or there was room.
+pub enum Booking {
+    /// The sender had an entry, or there was room for one.
     Kept,
-    /// It took another one's place.
+    /// The sender evicted another peer.
     Evicted,
-    /// The table is full of peers that matter more.
+    /// The table is full, and the sender may evict no peer.
     NoRoom,
 }
 
-/// A number up to so many behind the one that is due is a late or repeated frame, not the loss of nearly all numbers.
+/// A sequence number up to this much behind the expected one is a duplicate or a delayed frame, not a loss of over 200
+/// frames.
 const LATE: u8 = 32;
 
 /// How a frame was received.
@@ -122,13 +125,13 @@ pub(crate) struct Reception {
     pub(crate) is_verified: bool,
 }
 
-/// Records a checked frame in the peer table. `own` is our own system.
+/// Records a frame with a correct checksum in the peer table. `own` is the vehicle's system.
 pub(crate) fn on_frame(
     peers: &mut Peers,
     by: Reception,
     own: SystemId,
     frame: &Frame<'_>,
-    vehicle: &mut impl Vehicle,
+    mut report: impl FnMut(PeerEvent),
 ) -> Booking {
     let Reception { now, link, class, is_verified } = by;
     let is_satellite = class == LinkClass::HighLatency;
@@ -156,8 +159,8 @@ pub(crate) fn on_frame(
         return Booking::NoRoom;
     };
     if let Some(evicted) = evicted.filter(|evicted| evicted.is_alive) {
-        // Nobody watches it any longer.
-        vehicle.peer(PeerEvent::Lost(evicted.peer));
+        // It is no longer monitored.
+        report(PeerEvent::Lost(evicted.peer));
     }
     let booking = if evicted.is_some() { Booking::Evicted } else { Booking::Kept };
     let gap = header.seq.wrapping_sub(info.seq);
@@ -180,46 +183,46 @@ pub(crate) fn on_frame(
     let is_new = !core::mem::replace(&mut info.has_heartbeat, true);
     if is_new {
         event!("peer {} found", peer);
-        vehicle.peer(PeerEvent::Found(peer));
+        report(PeerEvent::Found(peer));
     } else if !was_alive {
-        event!("peer {} regained", peer);
-        vehicle.peer(PeerEvent::Regained(peer));
+        event!("peer {} reconnected", peer);
+        report(PeerEvent::Regained(peer));
     }
     booking
 }
 
-/// A frame with an unknown id came from `peer`. It could not be checked, so it is believed only when it bears the number
-/// that is due: then it is no loss (S-16).
+/// Records a frame with an unknown id, whose checksum could not be verified. It is trusted only if it has the expected
+/// sequence number: then it does not count as lost (S-16).
 pub(crate) fn on_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
     if let Some(info) = peers.iter_mut().find(|info| info.peer == peer && info.seq == seq) {
         info.seq = seq.wrapping_add(1);
     }
 }
 
-/// Reports those whose heartbeats stopped (H-11).
-pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, vehicle: &mut impl Vehicle) {
+/// Reports the peers whose heartbeats have timed out (H-11).
+pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, mut report: impl FnMut(PeerEvent)) {
     for info in peers.iter_mut() {
         if info.is_alive && now.since(info.heartbeat) >= timeout {
             info.is_alive = false;
-            event!("peer {} lost", info.peer);
-            vehicle.peer(PeerEvent::Lost(info.peer));
+            event!("peer {} timed out", info.peer);
+            report(PeerEvent::Lost(info.peer));
         }
     }
 }
 
-/// When [`poll`] has something to report.
-pub(crate) fn deadline(peers: &Peers, timeout: Duration) -> Instant {
+/// Returns when [`poll`] has something to report.
+pub(crate) fn deadline(peers: &[PeerInfo], timeout: Duration) -> Instant {
     let alive = peers.iter().filter(|info| info.is_alive);
     alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
 }
 
-/// Returns the entry for the sender of `new`, and the entry that it evicted; `None` when the table is full and nothing can be
-/// evicted. `beats`: the frame counts as a heartbeat.
+/// Returns the entry of the sender of `new`, and the entry that it evicted; `None` if the table is full and the sender
+/// may evict no peer. `is_heartbeat`: the frame counts as a heartbeat.
 fn find_or_insert(
     peers: &mut Peers,
     new: PeerInfo,
     own: SystemId,
-    beats: bool,
+    is_heartbeat: bool,
 ) -> Option<(&mut PeerInfo, Option<PeerInfo>)> {
     if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
         return Some((peers.get_mut(index)?, None));
@@ -236,27 +239,29 @@ fn find_or_insert(
     }
     let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or(0);
     let is_ours = |info: &PeerInfo| info.peer.address.system == own;
-    let ours_stay = !is_ours(&new) && ours.saturating_mul(2) <= peers.len();
-    // 0: cannot be evicted.
+    let protects_ours = !is_ours(&new) && ours.saturating_mul(2) <= peers.len();
+    // Rank 0 is never evicted, rank 5 first.
     let rank = |old: &PeerInfo| {
-        let is_elsewhere = old.peer.link != new.peer.link;
-        let is_poor = is_elsewhere && held(old) <= held(&new).saturating_add(1);
-        let (is_lower, is_higher) = (!old.is_verified && new.is_verified, old.is_verified && !new.is_verified);
+        let is_other_link = old.peer.link != new.peer.link;
+        let protects_link = is_other_link && held(old) <= held(&new).saturating_add(1);
+        let (only_new_is_verified, only_old_is_verified) =
+            (!old.is_verified && new.is_verified, old.is_verified && !new.is_verified);
+        let is_protected = protects_link || (protects_ours && is_ours(old));
         match old.is_alive {
-            _ if is_higher || (!is_lower && (is_poor || (ours_stay && is_ours(old)))) => 0,
+            _ if only_old_is_verified || (!only_new_is_verified && is_protected) => 0,
             false if old.is_verified => 4,
             false => 5,
-            true if is_lower => 3,
-            true if !beats => 0,
-            true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_elsewhere) => 2,
-            true => u8::from(is_elsewhere),
+            true if only_new_is_verified => 3,
+            true if !is_heartbeat => 0,
+            true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_other_link) => 2,
+            true => u8::from(is_other_link),
         }
     };
     let (mut victim, mut highest) = (None, (1, Duration::ZERO));
     for old in peers.iter_mut() {
-        let place = (rank(old), new.heard.since(old.heard));
-        if place >= highest {
-            (victim, highest) = (Some(old), place);
+        let rank = (rank(old), new.heard.since(old.heard));
+        if rank >= highest {
+            (victim, highest) = (Some(old), rank);
         }
     }
     let victim = victim?;

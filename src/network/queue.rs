@@ -1,8 +1,9 @@
-//! Frames that wait for their turn on a link: a ring of bytes, each frame whole, behind its length and the time it came.
+//! The queue of frames that are to be forwarded to a link: a ring of bytes with a prefix of length and time for each
+//! frame.
 
 use crate::time::{Duration, Instant};
 
-/// Where the frames stand in the ring.
+/// The used part of a ring, whose bytes the caller owns.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(super) struct Ring {
@@ -10,13 +11,13 @@ pub(super) struct Ring {
     used: usize,
 }
 
-/// Bytes before each frame: its length, and when it came, in [`ticks`].
+/// Length of the prefix of a frame: two bytes of length, and four bytes with the time of queueing in units of 1,024 µs.
 const PREFIX: usize = 6;
 
 impl Ring {
     pub(super) const EMPTY: Self = Self { start: 0, used: 0 };
 
-    /// A ring of so many bytes holds any frame, if it is empty.
+    /// Returns whether an empty ring of `bytes` bytes has room for a frame of `frame` bytes.
     pub(super) const fn holds(bytes: usize, frame: usize) -> bool {
         bytes >= frame.saturating_add(PREFIX)
     }
@@ -25,8 +26,8 @@ impl Ring {
         self.used == 0
     }
 
-    /// Puts `frame` behind the others, if that leaves so many bytes free, or there are no others. False, and nothing changed,
-    /// when it has no room.
+    /// Appends `frame` if at least `spare` bytes stay free, or if the ring is empty. Otherwise returns false and
+    /// changes nothing.
     pub(super) fn push(&mut self, bytes: &mut [u8], now: Instant, frame: &[u8], spare: usize) -> bool {
         let (Ok(len), size) = (u16::try_from(frame.len()), bytes.len()) else { return false };
         let needed = frame.len().saturating_add(PREFIX);
@@ -35,7 +36,7 @@ impl Ring {
             return false;
         }
         let [len_low, len_high] = len.to_le_bytes();
-        let [t0, t1, t2, t3] = ticks(now).to_le_bytes();
+        let [t0, t1, t2, t3] = now.ticks().to_le_bytes();
         let end = wrapped(self.start.saturating_add(self.used), size);
         put(bytes, end, &[len_low, len_high, t0, t1, t2, t3]);
         put(bytes, wrapped(end.saturating_add(PREFIX), size), frame);
@@ -43,7 +44,7 @@ impl Ring {
         true
     }
 
-    /// Takes the oldest frame out, in its two parts, and tells how long it waited.
+    /// Removes the oldest frame. Returns how long it waited, and its bytes in two parts.
     pub(super) fn pop<'a>(&mut self, bytes: &'a [u8], now: Instant) -> Option<(Duration, [&'a [u8]; 2])> {
         if self.is_empty() {
             return None;
@@ -62,22 +63,12 @@ impl Ring {
         let second = bytes.get(..len.saturating_sub(first.len()))?;
         self.start = wrapped(begin.saturating_add(len), bytes.len());
         self.used = self.used.saturating_sub(PREFIX.saturating_add(len));
-        Some((span(ticks(now).wrapping_sub(at)), [first, second]))
+        let waited = now.ticks().wrapping_sub(at);
+        Some((Duration::from_micros(u64::from(waited) << 10), [first, second]))
     }
 }
 
-/// A time in units of 1,024 µs, which needs no division. Wraps after 50 days.
-#[allow(clippy::as_conversions, reason = "the low half is meant")]
-const fn ticks(now: Instant) -> u32 {
-    (now.as_micros() >> 10) as u32
-}
-
-/// A span of such units.
-fn span(ticks: u32) -> Duration {
-    Duration::from_micros(u64::from(ticks) << 10)
-}
-
-/// Writes `data` into a ring from `at` on.
+/// Writes `data` to a ring at `at`.
 #[inline(never)]
 fn put(ring: &mut [u8], at: usize, data: &[u8]) {
     let Some((front, back)) = ring.split_at_mut_checked(at) else { return };
@@ -90,7 +81,7 @@ fn put(ring: &mut [u8], at: usize, data: &[u8]) {
     }
 }
 
-/// A place in a ring of `size` bytes; `at` is less than twice that.
+/// Wraps an offset in a ring of `size` bytes; `at` is less than twice `size`.
 fn wrapped(at: usize, size: usize) -> usize {
     if at >= size { at.saturating_sub(size) } else { at }
 }
@@ -103,8 +94,8 @@ mod tests {
     use std::vec::Vec;
 
     proptest! {
-        /// Against a queue that allocates: frames come out whole, in order, with the time that they waited, and are refused
-        /// only when there is no room.
+        /// Agrees with a queue that allocates: frames are returned whole and in order, with the time that they waited,
+        /// and are refused only if there is no room.
         #[test]
         fn is_a_queue(size in 20_usize..120, steps: Vec<(bool, u8, u16, u8)>) {
             let (mut ring, mut bytes) = (Ring::EMPTY, std::vec![0; size]);

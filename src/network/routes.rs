@@ -1,31 +1,31 @@
-//! The peer table as route table: which links a frame is for, and which it must not go to.
+//! Routes from the peer table: the links to which a frame is forwarded, and those to which it must not be.
 
 use super::peers::Peers;
-use crate::dialect::SystemTime;
-use crate::frame::{Address, Frame};
-use crate::link::{LinkMask, Peer};
-use crate::message::Message;
+use crate::dialect::{ManualControl, SystemTime};
+use crate::frame::Frame;
+use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
+use crate::types::{LinkMask, Peer};
 
-/// For this long after a frame of a peer came by a link, its broadcasts are not forwarded there, and it counts as reachable
-/// there.
+/// How long after a frame of a peer was received on a link, its broadcasts are not forwarded to that link, and
+/// the peer counts as reachable on it.
 const HEARD: Duration = Duration::from_secs(5);
 
-/// What the peer table says of a frame.
+/// The routes of a frame, from the peer table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Routes {
-    /// Whom the frame is for.
+    /// The frame's target.
     pub(crate) target: Address,
-    /// Links that its source was heard on [lately](HEARD).
+    /// Links on which its source was heard [recently](HEARD).
     pub(crate) seen: LinkMask,
-    /// Links that its target was heard on; all, for a broadcast.
+    /// Links on which its target was heard; all links for a broadcast.
     pub(crate) to: LinkMask,
     /// Links on which its target is alive, or was heard [recently](HEARD).
     pub(crate) alive: LinkMask,
 }
 
-/// Finds the routes of a frame of `from` for `target`. `is_learned`: the way to `from` is known from this very frame
-///
+/// Returns the routes of a frame from `from` to `target`. With `is_learned`, the frame teaches the route to its
+/// source.
 pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bool, target: Address) -> Routes {
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
     let mut routes = Routes { target, seen: LinkMask::NONE, to, alive: LinkMask::NONE };
@@ -51,17 +51,17 @@ pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bo
     routes
 }
 
-/// Forgets the routes to who has rebooted: to `from`, if his SYSTEM_TIME went backwards. The link that told so is known
-/// again at once. The frame's checksum was seen to be right.
+/// Forgets the routes to `from` on other links if it has rebooted, that is, if its SYSTEM_TIME went backwards.
+/// The frame's checksum was verified.
 pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {
     if frame.id() != SystemTime::ID {
         return;
     }
-    // Behind `time_unix_usec`.
+    // It follows `time_unix_usec`.
     let time_boot_ms = u32::from_le_bytes([8, 9, 10, 11].map(|offset| frame.byte(offset)));
     let info = peers.iter_mut().find(|info| info.peer == from);
     let last = info.map_or(0, |info| core::mem::replace(&mut info.time_boot_ms, time_boot_ms));
-    // A step over 2^32 ms is none (D-1).
+    // A wrap at 2^32 ms is not a reboot (D-1).
     if time_boot_ms >= last || time_boot_ms.wrapping_sub(last) < HOUR_MS {
         return;
     }
@@ -72,3 +72,16 @@ pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) 
 }
 
 const HOUR_MS: u32 = 3_600_000;
+
+/// Whom a frame is for; for everyone, where that is not known.
+pub(crate) fn target_of(frame: &Frame<'_>) -> Address {
+    let Some(info) = frame.info() else { return Address::default() };
+    // MANUAL_CONTROL alone calls the system that it means otherwise.
+    let system = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
+    // A field that was cut off, or is not there, reads as 0: for everyone.
+    let byte = |offset: Option<u8>| offset.map_or(0, |offset| frame.byte(offset));
+    Address::new(byte(system), byte(info.target_component()))
+}
+
+/// Where MANUAL_CONTROL.target stands.
+const MANUAL_CONTROL_TARGET: u8 = 10;

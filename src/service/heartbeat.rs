@@ -1,71 +1,143 @@
-//! HEARTBEAT: sent while the flight loop ticks, and only then.
+//! HEARTBEAT: sent only while the flight loop ticks.
 //!
 //! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7 and H-16. The states are drawn at
 //! [`Pulse`](crate::Pulse).
 
-use crate::pulse::Pulse;
+use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
+use crate::dialect::{Heartbeat, MavCmd, MavResult};
+use crate::link::Port;
+use crate::message::Message;
+use crate::num;
 use crate::time::{Duration, Instant};
+use crate::types::{Firmware, LinkMask, Vehicle, VehicleState};
 
-/// What of the pulse was seen.
-#[derive(Clone, Debug)]
-pub(crate) struct Credit {
-    count: u32,
-    looked: Option<Instant>,
-    /// The last tick that was seen came after this moment.
-    renewed: Option<Instant>,
-    is_faulted: bool,
-    was_good: bool,
+/// HEARTBEAT.mavlink_version: the version of the definitions, the same for both wire versions (V-5).
+const MAVLINK_VERSION: u8 = 3;
+
+/// Sends HEARTBEAT.
+#[derive(Debug)]
+pub struct Heartbeats {
+    /// Links on which an extra heartbeat is pending (H-16).
+    extra: LinkMask,
 }
 
-impl Credit {
-    pub(crate) const fn new() -> Self {
-        Self { count: 0, looked: None, renewed: None, is_faulted: false, was_good: false }
-    }
-
-    /// Looks at the pulse and tells whether heartbeats may go out.
-    pub(crate) fn sample(&mut self, now: Instant, pulse: &Pulse, max_loop_gap: Duration) -> bool {
-        let count = pulse.count();
-        if count != self.count {
-            self.count = count;
-            // When it ticked is not known, only that it was after the last look.
-            self.renewed = self.looked.or(Some(now));
+impl Heartbeats {
+    /// Schedules an extra heartbeat on each normal link when the reported state has changed (H-16).
+    fn notice<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, state: Option<VehicleState>) {
+        let flight = &mut cx.shared.flight;
+        flight.has_state = state.is_some();
+        if let Some(state) = state.filter(|state| *state != flight.state) {
+            flight.state = state;
+            self.extra = cx.shared.normal;
         }
-        self.looked = Some(now);
-        self.is_faulted |= pulse.is_faulted();
-        let is_good = self.is_good(now, max_loop_gap);
-        if is_good != core::mem::replace(&mut self.was_good, is_good) {
-            event!(
-                "heartbeats: {=str}",
-                if is_good { "the flight loop ticks" } else { "the flight loop stands, or faulted" }
-            );
-        }
-        is_good
-    }
-
-    /// When somebody who sleeps must look at the pulse, so that a heartbeat which is due at `due` finds it fresh.
-    pub(crate) fn look_for(&self, due: Instant, max_loop_gap: Duration) -> Instant {
-        let look = Instant::from_micros(due.as_micros().saturating_sub(max_loop_gap.as_micros() / 2));
-        if self.looked.is_none_or(|looked| looked < look) { look } else { due }
-    }
-
-    /// Whether heartbeats may go out, as of the last look.
-    pub(crate) fn is_good(&self, now: Instant, max_loop_gap: Duration) -> bool {
-        !self.is_faulted && self.renewed.is_some_and(|renewed| now.since(renewed) <= max_loop_gap)
     }
 }
 
-/// A shorter period counts as this: a link must get round to something else.
+impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
+    const NEW: Self = Self { extra: LinkMask::NONE };
+    type Link = Schedule;
+    const VACANT: Schedule = Schedule::new();
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Schedule>) {
+        cx.shared.is_beating(cx.now);
+        let state = cx.vehicle.state();
+        self.notice(cx, state);
+    }
+
+    /// Handles requests for HEARTBEAT. A requested heartbeat is sent like one that reports a change. The request is
+    /// refused while no heartbeats are sent (H-5, Q-1). A request for another interval is accepted, but the interval
+    /// stays as it is.
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        _: &mut Schedule,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let command = &request.command;
+        let [id, micros, instance, _] = command.params;
+        let is_interval = command.id == MavCmd::SET_MESSAGE_INTERVAL;
+        if !(is_interval || command.id == MavCmd::REQUEST_MESSAGE) || num::unsigned(id) != Some(Heartbeat::ID) {
+            return None;
+        }
+        let is_valid = !port.config.class.is_high_latency() && command.has_response_target();
+        let is_accepted = if is_interval {
+            is_valid && micros >= 0.0 && (instance == 0.0 || instance.is_nan())
+        } else {
+            is_valid && cx.vehicle.state().is_some() && cx.shared.is_beating(cx.now)
+        };
+        if is_accepted && !is_interval {
+            self.extra = self.extra.with(LinkMask::of(port.id));
+        }
+        Some(Verdict::done(if is_accepted { MavResult::ACCEPTED } else { MavResult::DENIED }))
+    }
+
+    /// Sends the heartbeat when it is due or the reported state has changed, and the flight loop is healthy (H-1, H-5,
+    /// H-16).
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Schedule, _: Turn) -> bool {
+        let now = cx.now;
+        if cx.shared.has_acted {
+            // A command may have changed the state. Its heartbeat must precede the answer, because clients read it as
+            // soon as the answer arrives.
+            let state = cx.vehicle.state();
+            self.notice(cx, state);
+        }
+        if core::mem::take(&mut port.is_heartbeat_due) {
+            link.postpone(now);
+        }
+        let mask = LinkMask::of(port.id);
+        let is_due = link.is_due(now);
+        let is_extra = self.extra.contains(mask) && link.may_send_extra(now) && port.bucket.has_room();
+        if !(is_due || is_extra) || !cx.shared.is_beating(now) {
+            return false;
+        }
+        let Some(state) = cx.vehicle.state() else {
+            if is_due {
+                link.postpone(now.after(RETRY));
+            }
+            return false;
+        };
+        self.extra = self.extra.without(mask);
+        let config = &cx.shared.config;
+        if is_due {
+            link.sent(now, config.heartbeat_period);
+            port.heartbeats = port.heartbeats.wrapping_add(1);
+        } else {
+            link.sent_extra(now);
+        }
+        port.outbox.send(&Heartbeat {
+            custom_mode: state.custom_mode,
+            r#type: config.r#type,
+            autopilot: config.autopilot,
+            base_mode: state.base_mode,
+            system_status: state.system_status,
+            mavlink_version: MAVLINK_VERSION,
+        })
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &Schedule, _: Turn) -> Instant {
+        let now = view.now;
+        let due = if view.shared.flight.has_state && self.extra.contains(LinkMask::of(port.id)) {
+            link.due_with_extra(port.bucket.ready_at())
+        } else {
+            link.due()
+        };
+        view.shared.when_beating(now, if port.is_heartbeat_due { now } else { due })
+    }
+}
+
+/// The minimum period: a link must have time for other frames.
 const MIN_PERIOD: Duration = Duration::from_millis(10);
 
-/// A link sends at most one extra heartbeat in this time (H-16).
+/// The minimum time between extra heartbeats on a link (H-16).
 const EXTRA_PERIOD: Duration = Duration::from_millis(200);
 
-/// When a link's next heartbeat is due: without drift, and without a burst after a stall (H-6). Extra heartbeats, which report
-/// a change, do not shift the schedule (H-16).
+/// When a link's next heartbeat is due. The schedule has no drift, and no burst after a stall (H-6). Extra heartbeats,
+/// which report a change, do not shift it (H-16).
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Schedule {
+pub struct Schedule {
     due: Instant,
-    /// When an extra heartbeat may be sent.
+    /// When the next extra heartbeat may be sent.
     extra: Instant,
 }
 
@@ -88,14 +160,15 @@ impl Schedule {
         self.extra = now.after(EXTRA_PERIOD);
     }
 
-    /// One was sent: the next follows a period after this one was *due*, or, when that is past too, after now.
+    /// Records that a heartbeat was sent. The next is due one period after this one was *due*, or one period after
+    /// `now` if that is in the past.
     pub(crate) fn sent(&mut self, now: Instant, period: Duration) {
         let period = period.max(MIN_PERIOD);
         let next = self.due.after(period);
         self.due = if next > now { next } else { now.after(period) };
     }
 
-    /// It could not be sent now: looked at again at `due`.
+    /// Moves the next heartbeat to `due`, because it cannot be sent now.
     pub(crate) const fn postpone(&mut self, due: Instant) {
         self.due = due;
     }
@@ -104,7 +177,7 @@ impl Schedule {
         self.due
     }
 
-    /// When the next one is due while an extra one is pending, on a link that has room from `ready_at` on.
+    /// Returns when a heartbeat is due while an extra one is pending, on a link that has room from `ready_at` on.
     pub(crate) fn due_with_extra(&self, ready_at: Instant) -> Instant {
         self.due.min(self.extra.max(ready_at))
     }
@@ -114,34 +187,14 @@ impl Schedule {
 mod tests {
     use super::*;
 
-    const GAP: Duration = Duration::from_millis(500);
-
     #[test]
-    fn credit_follows_the_pulse() {
-        // H-5
-        let pulse = Pulse::new();
-        let mut credit = Credit::new();
-        let at = Instant::from_millis;
-        assert!(!credit.sample(at(0), &pulse, GAP), "nothing ticked yet");
-        pulse.tick();
-        assert!(credit.sample(at(10), &pulse, GAP));
-        assert!(credit.sample(at(500), &pulse, GAP), "the tick came after the look at 0 ms");
-        assert!(!credit.sample(at(501), &pulse, GAP), "the loop is late");
-        pulse.tick();
-        assert!(credit.sample(at(900), &pulse, GAP), "it goes on");
-        pulse.fault();
-        pulse.tick();
-        assert!(!credit.sample(at(901), &pulse, GAP), "a fault is for good");
-    }
-
-    #[test]
-    fn schedule_keeps_its_phase_and_does_not_burst() {
+    fn schedule_has_no_drift_and_no_burst() {
         // H-6
         let period = Duration::from_secs(1);
         let mut schedule = Schedule::new();
         schedule.sent(Instant::from_millis(3), period);
-        assert_eq!(schedule.due(), Instant::from_millis(1_000), "a late poll does not move the phase");
+        assert_eq!(schedule.due(), Instant::from_millis(1_000), "a late poll does not shift the schedule");
         schedule.sent(Instant::from_millis(5_300), period);
-        assert_eq!(schedule.due(), Instant::from_millis(6_300), "after a stall it starts from now");
+        assert_eq!(schedule.due(), Instant::from_millis(6_300), "after a stall the schedule starts from now");
     }
 }

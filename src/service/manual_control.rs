@@ -1,24 +1,26 @@
-//! Manual control: the sticks of a pilot on the ground, and the radio control channels that he takes over.
+//! Manual control: the sticks of a pilot on the ground, and the radio control channels that a peer overrides.
 //!
 //! Implements <https://mavlink.io/en/services/manual_control.html>, MANUAL_CONTROL and its alternative
-//! RC_CHANNELS_OVERRIDE, rules J-1 to J-5. Neither is answered. What a stick does is the vehicle's: it asks for them in
-//! every pass of its loop, and gets `None` when nobody steers.
+//! RC_CHANNELS_OVERRIDE, rules J-1 to J-5. Neither message is answered. The vehicle decides what a stick does: it reads
+//! the input in every pass of its loop, and gets `None` when nobody steers.
 //!
-//! Who steers, and for how long, is drawn at [`ManualInput`].
+//! [`ManualInput`] shows which sender steers, and for how long.
 
+use super::{Cx, Handled, Received, Service};
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
-use crate::frame::{Frame, SystemId};
-use crate::link::Peer;
-use crate::message::Message;
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, Message, SystemId};
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
-use crate::vehicle::Vehicle;
+use crate::types::{Config, Firmware, LinkId, Peer};
 
-/// The radio control channels that the messages know.
+/// The number of radio control channels in the messages.
 const CHANNELS: usize = 18;
-/// The first channels, which the message had from the beginning: here a 0 releases, in the others it is what was cut off.
+/// The channels of the original message. Here a 0 releases the channel; in the others a 0 means that the field was cut
+/// off.
 const FIRST_CHANNELS: usize = 8;
-/// Gives a channel back.
+/// The value that releases a channel.
 const RELEASE: u16 = u16::MAX - 1;
 
 /// Who may steer the vehicle by hand (J-2).
@@ -27,7 +29,7 @@ const RELEASE: u16 = u16::MAX - 1;
 pub enum ControlSource {
     /// Nobody.
     Nobody,
-    /// Every component of one system: the ground station that is in control.
+    /// Every component of one system: the ground station in control.
     System(SystemId),
     /// Every system from `first` to `last`, both included.
     Systems {
@@ -36,8 +38,8 @@ pub enum ControlSource {
         /// The highest id.
         last: SystemId,
     },
-    /// Every system from which a ground station's heartbeats come on the same link: with type
-    /// [`GCS`](MavType::GCS), and not [lost](crate::PeerEvent::Lost). One for whom the peer table has no room is not known.
+    /// Every system that sends a ground station's heartbeats on the same link: type [`GCS`](MavType::GCS), and not
+    /// [timed out](crate::PeerEvent::Lost). A sender without an entry in the peer table is not known.
     GroundStation,
 }
 
@@ -58,53 +60,69 @@ impl ControlSource {
     }
 }
 
-/// The positions of a pilot's sticks: a MANUAL_CONTROL. Axes are −1000 to 1000; `None` for one that the sender does not
-/// have, or that was out of this range (J-1).
+/// The positions of a pilot's sticks, from MANUAL_CONTROL. An axis is −1000 to 1000, or `None` if the sender does not
+/// have it or sent a value out of this range (J-1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ManualControlInput {
-    /// Who steers.
+    /// The sender.
     pub from: Peer,
-    /// When it came.
+    /// When it was received.
     pub at: Instant,
-    /// Forward; the pitch of a vehicle, nose down.
+    /// Forward; for an aircraft, pitch with the nose down.
     pub x: Option<i16>,
-    /// Right; the roll of a vehicle.
+    /// Right; for an aircraft, roll.
     pub y: Option<i16>,
-    /// Up; the thrust of a vehicle. For one without reverse thrust many senders use 0 to 1000 only, 500 being the middle:
-    /// which it is, is agreed with the ground station (QGroundControl has a setting, MAVSDK always sends 0 to 1000).
+    /// Up; thrust. For a vehicle without reverse thrust many senders use only 0 to 1000, with 500 in the middle. The
+    /// vehicle and the ground station must agree on it: QGroundControl has a setting, MAVSDK always sends 0 to 1000.
     pub z: Option<i16>,
-    /// The yaw of a vehicle. By the definitions counter-clockwise; ground stations in use send clockwise as positive.
+    /// Yaw. MAVLink defines it as counter-clockwise; the ground stations in use send clockwise as positive.
     pub r: Option<i16>,
-    /// Pitch alone, of a vehicle that `x` moves forward.
+    /// Pitch only, for a vehicle that `x` moves forward.
     pub s: Option<i16>,
-    /// Roll alone, of a vehicle that `y` moves right.
+    /// Roll only, for a vehicle that `y` moves right.
     pub t: Option<i16>,
-    /// `aux1` to `aux6`: what the vehicle makes of them.
+    /// `aux1` to `aux6`. The vehicle defines their meaning.
     pub aux: [Option<i16>; 6],
-    /// The buttons that are pressed, the first in the lowest bit: `buttons`, and `buttons2` above them, which is 0 from
-    /// who does not have it.
+    /// The pressed buttons, the first in the lowest bit: `buttons` in the lower half, `buttons2` in the upper.
+    /// `buttons2` is 0 if the sender does not have it.
     pub buttons: u32,
 }
 
-/// Radio control channels in the place of received ones: the RC_CHANNELS_OVERRIDEs of the last while together (J-4).
+impl ManualControlInput {
+    /// All zero bits.
+    const VACANT: Self = Self {
+        from: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        at: Instant::ZERO,
+        x: None,
+        y: None,
+        z: None,
+        r: None,
+        s: None,
+        t: None,
+        aux: [None; 6],
+        buttons: 0,
+    };
+}
+
+/// Radio control channels that replace received ones: the combination of the recent RC_CHANNELS_OVERRIDEs (J-4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RcOverride {
-    /// (µs); 0 for a channel that is not overridden.
+    /// The channels (µs); 0 for a channel that is not overridden.
     channels: [u16; CHANNELS],
 }
 
 impl RcOverride {
-    /// The pulse of channel `number`, 1 to 18, in µs: any number from 1 to 65533, 1000 to 2000 from a sender in his
-    /// senses. `None` when the channel is not overridden: what the receiver says counts.
+    /// Returns the pulse of channel `number`, 1 to 18, in µs. Any number from 1 to 65533 is possible; a sane sender
+    /// uses 1000 to 2000. `None` if the channel is not overridden: the receiver's value applies.
     pub fn channel(&self, number: u8) -> Option<u16> {
         let index = usize::from(number).checked_sub(1)?;
         self.channels.get(index).copied().filter(|&raw| raw != 0)
     }
 
-    /// RC_CHANNELS as the vehicle takes them: each channel's override, or else what the receiver says of it in `received`
-    /// (µs; none, for a vehicle without one). The signal strength is left unknown.
+    /// Returns RC_CHANNELS as the vehicle uses them: each channel's override, or else the receiver's value in
+    /// `received` (µs; empty for a vehicle without a receiver). The signal strength is unknown.
     ///
     /// ```
     /// use mavstack::{Instant, RcOverride};
@@ -149,98 +167,102 @@ impl RcOverride {
     }
 }
 
-/// What became of the messages of manual control. Numbers wrap. One that is for another system is in
-/// [`LinkCounters::not_ours`](crate::LinkCounters::not_ours), one on a high-latency link in
+/// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
+/// [`LinkCounters::not_ours`](crate::LinkCounters::not_ours), those on a high-latency link in
 /// [`out_of_place`](crate::LinkCounters::out_of_place).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct ManualCounters {
-    /// Messages that were obeyed, of both kinds.
+    /// Accepted messages of both kinds.
     pub taken: u32,
-    /// To every vehicle in reach: no stick is for all of them (J-1).
+    /// Dropped because they were addressed to every vehicle (J-1).
     pub broadcast: u32,
-    /// Of senders that may not steer (J-2).
+    /// Dropped because the sender may not steer (J-2).
     pub not_allowed: u32,
-    /// Of senders that may, while another one did.
+    /// Dropped because another sender was steering.
     pub not_holder: u32,
-    /// Axes in messages that were obeyed which were neither within ±1000 nor "not given" (J-1).
+    /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1).
     pub bad_axes: u32,
 }
 
-/// The vehicle's memory for manual control, some 300 bytes. The vehicle keeps it and hands it to the stack by
-/// [`Vehicle::manual_input`](crate::Vehicle::manual_input); one that does not pays nothing.
+/// Manual control: declared by `manual_control` in [`stack!`](crate::stack), and read through
+/// [`Stack::manual_input`](crate::Stack::manual_input). A vehicle without it gets both messages in
+/// [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// ```text
-///                  to all? ──▶ may he? ──▶ does another one steer? ──▶ ManualInput ──▶ manual_control(now)
-///                     │           │                   │                     │          rc_channels(now)
-///                     ▼           ▼                   ▼                     ▼
-///                 broadcast  not_allowed         not_holder        None from the timeout on
+///                  to all? ──▶ authorised? ──▶ does another one steer? ──▶ ManualInput ──▶ manual_control(now)
+///                     │           │                       │                     │          rc_channels(now)
+///                     ▼           ▼                       ▼                     ▼
+///                 broadcast  not_allowed             not_holder        None from the timeout on
 /// ```
 ///
-/// One sender, which is an address on a link, steers at a time: the first that may, until neither message came from him
-/// for the timeout. Who sends meanwhile is counted and not obeyed. A vehicle that took whatever came last would tremble
-/// between two sticks, and a second, idle joystick could take it out of a pilot's hands.
+/// One sender, which is an address on a link, steers at a time: the first authorised one, until neither message was
+/// received from it for the timeout. Messages of other senders are counted and ignored meanwhile. If the last message
+/// always won, the vehicle would jitter between two sticks, and an idle second joystick could take control from a
+/// pilot.
 ///
-/// Sticks are no sign of life of their sender: only heartbeats are (H-10). A vehicle that wants them to be looks at
-/// [`ManualInput::holder`] before it believes that he is [lost](crate::PeerEvent::Lost).
+/// Manual control does not show that its sender is alive: only heartbeats do (H-10). To count it too, check
+/// [`ManualInput::holder`] before you act on [`Lost`](crate::PeerEvent::Lost).
 ///
-/// Nothing that is older than the timeout comes out of it, whatever else arrives: not a stick, and not a channel, each of
-/// which ages by itself (J-3). Nothing comes in over a high-latency link (J-5).
+/// Input that is older than the timeout is never returned, neither a stick nor a channel; each channel has its own
+/// timeout (J-3). Input from a high-latency link is not accepted (J-5).
 ///
 /// ```
-/// use mavstack::{ControlSource, Instant, ManualInput, Vehicle, VehicleState};
-///
-/// struct Rover { manual: ManualInput, steering: i16 }
-///
-/// impl Vehicle for Rover {
-///     fn state(&self) -> Option<VehicleState> {
-///         None
-///     }
-///
-///     fn manual_input(&mut self) -> Option<&mut ManualInput> {
-///         Some(&mut self.manual)
-///     }
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// mavstack::stack! {
+///     struct Mavlink for Rover { links: 1, manual_control }
 /// }
 ///
-/// let manual = ManualInput::new(ControlSource::GroundStation, ManualInput::TIMEOUT);
-/// let mut rover = Rover { manual, steering: 0 };
-/// // In every pass of the flight loop:
-/// let now = Instant::from_millis(40);
-/// rover.steering = match rover.manual.manual_control(now) {
-///     Some(sticks) => sticks.y.unwrap_or(0),
-///     // Nobody steers, or no longer: straight on, and on to the failsafe.
-///     None => 0,
-/// };
+/// /// Called once, before the loop: until then nobody may steer.
+/// fn configure(stack: &mut Mavlink) {
+///     stack.manual_input_mut().set_source(ControlSource::GroundStation);
+/// }
+///
+/// /// Called in every pass of the flight loop.
+/// fn steering(stack: &Mavlink, now: Instant) -> i16 {
+///     match stack.manual_input().manual_control(now) {
+///         Some(sticks) => sticks.y.unwrap_or(0),
+///         // Nobody steers, or no longer: fly straight on, and start the failsafe.
+///         None => 0,
+///     }
+/// }
 /// ```
 #[derive(Clone, Debug)]
 pub struct ManualInput {
     source: ControlSource,
     timeout: Duration,
-    /// Who steers, and until when, if nothing more is heard of him.
+    /// The steering sender, and when its turn ends if it sends nothing more.
     holder: Option<(Peer, Instant)>,
-    /// And until when they are valid.
+    /// The sticks, and until when they are valid.
     sticks: Option<(ManualControlInput, Instant)>,
-    /// As they were given (µs); 0 for those that were not.
+    /// The channels as received (µs); 0 for those that are not overridden.
     channels: [u16; CHANNELS],
-    /// Until when they are valid.
+    /// Until when each channel is valid.
     until: [Instant; CHANNELS],
     counters: ManualCounters,
 }
 
 impl ManualInput {
-    /// A timeout for most: of ten sticks a second, the least that clients send, five are lost until it has passed.
+    /// The default timeout. At ten messages a second, the lowest rate that clients use, it passes after five lost
+    /// messages.
     pub const TIMEOUT: Duration = Duration::from_millis(500);
 
-    /// Nobody steers yet. `source` may; what he says is valid for `timeout`, and with a timeout of zero never.
-    pub const fn new(source: ControlSource, timeout: Duration) -> Self {
+    /// Returns the state in which nobody steers. `source` may; its input is valid for `timeout`, and with a timeout of
+    /// zero never.
+    const fn new(source: ControlSource, timeout: Duration) -> Self {
         let counters = ManualCounters { taken: 0, broadcast: 0, not_allowed: 0, not_holder: 0, bad_axes: 0 };
         let (channels, until) = ([0; CHANNELS], [Instant::ZERO; CHANNELS]);
         Self { source, timeout, holder: None, sticks: None, channels, until, counters }
     }
 
-    /// From now on `source` may steer. When this is a change, who steered does not any longer, until his next message if
-    /// he still may.
+    /// Sets who may steer. A change ends the turn of the steering sender; it may begin again with its next message if
+    /// it is still authorised. Until the first call nobody may steer.
     pub fn set_source(&mut self, source: ControlSource) {
         if self.source != source {
             self.source = source;
@@ -248,20 +270,20 @@ impl ManualInput {
         }
     }
 
-    /// From now on what is said is valid for `timeout`. What was said before is for as long as it was: no stick that was
-    /// stale comes back.
+    /// Sets how long input is valid, [`TIMEOUT`](Self::TIMEOUT) by default. It applies to later messages: input that
+    /// has expired does not become valid again.
     pub fn set_timeout(&mut self, timeout: Duration) {
         self.timeout = timeout;
     }
 
-    /// The sticks as they are now; `None` when nobody moves them: at first, and when the last MANUAL_CONTROL is as old as
+    /// Returns the sticks now; `None` if nobody moves them: initially, and once the last MANUAL_CONTROL is as old as
     /// the timeout (J-3).
     pub fn manual_control(&self, now: Instant) -> Option<ManualControlInput> {
         self.sticks.filter(|&(_, until)| now < until).map(|(sticks, _)| sticks)
     }
 
-    /// The channels that are overridden now; `None` when none is. A message leaves those alone that it ignores, so each is
-    /// valid for the timeout from when it was given last (J-3, J-4).
+    /// Returns the channels that are overridden now; `None` if none is. A message may leave channels unchanged, so each
+    /// is valid for the timeout since it was last given (J-3, J-4).
     pub fn rc_channels(&self, now: Instant) -> Option<RcOverride> {
         let mut channels = self.channels;
         for (channel, &until) in channels.iter_mut().zip(&self.until) {
@@ -272,12 +294,12 @@ impl ManualInput {
         channels.iter().any(|&raw| raw != 0).then_some(RcOverride { channels })
     }
 
-    /// Who steers: nobody else can until he was silent for the timeout.
+    /// Returns the steering sender. Nobody else can steer until it was silent for the timeout.
     pub fn holder(&self, now: Instant) -> Option<Peer> {
         self.holder.filter(|&(_, until)| now < until).map(|(holder, _)| holder)
     }
 
-    /// What became of the messages so far.
+    /// Returns the counters.
     pub const fn counters(&self) -> ManualCounters {
         self.counters
     }
@@ -288,8 +310,9 @@ impl ManualInput {
         self.channels = [0; CHANNELS];
     }
 
-    /// A MANUAL_CONTROL or RC_CHANNELS_OVERRIDE came in.
-    fn on_frame(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
+    /// Handles a MANUAL_CONTROL or RC_CHANNELS_OVERRIDE.
+    #[inline(never)]
+    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
         let holder = self.holder(now);
         let counters = &mut self.counters;
         let counter = if is_broadcast {
@@ -319,7 +342,7 @@ impl ManualInput {
                 match raw {
                     u16::MAX => {}
                     0 if index >= FIRST_CHANNELS => {}
-                    // No pulse is 65 ms long, so the later channels' word for it is understood for all.
+                    // The later channels' value for "release" works for all: no pulse is 65 ms long.
                     0 | RELEASE => *channel = 0,
                     _ => (*channel, *until) = (raw, valid_until),
                 }
@@ -328,8 +351,8 @@ impl ManualInput {
     }
 }
 
-/// What a MANUAL_CONTROL says (J-1). Extensions are only there with their bit, so that what a v1 sender has not, or a v2
-/// sender cut off, is not given.
+/// Returns the sticks in a MANUAL_CONTROL (J-1). An extension is present only with its bit. A field that a v1 sender
+/// does not have, or that a v2 sender cut off, is thus not given.
 fn sticks(now: Instant, from: Peer, message: &ManualControl, bad_axes: &mut u32) -> ManualControlInput {
     let mut axis = |raw: i16| {
         let value = Some(raw).filter(|raw| (-1_000..=1_000).contains(raw));
@@ -350,7 +373,7 @@ fn sticks(now: Instant, from: Peer, message: &ManualControl, bad_axes: &mut u32)
     ManualControlInput { from, at: now, x, y, z, r, s, t, aux, buttons }
 }
 
-/// The fields of an RC_CHANNELS_OVERRIDE, channel 1 first.
+/// Returns the channels of an RC_CHANNELS_OVERRIDE, channel 1 first.
 const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
     [
         message.chan1_raw,
@@ -374,7 +397,7 @@ const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
     ]
 }
 
-/// Milliseconds since boot as the wire has them: they wrap (D-1).
+/// Returns the milliseconds since boot as sent on the wire: they wrap (D-1).
 fn millis(now: Instant) -> u32 {
     let [a, b, c, d, ..] = now.as_millis().to_le_bytes();
     u32::from_le_bytes([a, b, c, d])
@@ -384,20 +407,43 @@ fn count(counter: &mut u32) {
     *counter = counter.wrapping_add(1);
 }
 
-/// Takes MANUAL_CONTROL and RC_CHANNELS_OVERRIDE, where the vehicle has a memory for them. False for other messages, and
-/// where it has none.
-pub(crate) fn on_frame(
-    now: Instant,
-    from: Peer,
-    frame: &Frame<'_>,
-    is_broadcast: bool,
-    peers: &Peers,
-    vehicle: &mut impl Vehicle,
-) -> bool {
-    if frame.id() != ManualControl::ID && frame.id() != RcChannelsOverride::ID {
-        return false;
+impl<F: Firmware> Service<F> for ManualInput {
+    /// `Some` of zeros is all zero bits, which `None` is not. These sticks have expired since [`Instant::ZERO`].
+    const NEW: Self = Self {
+        sticks: Some((ManualControlInput::VACANT, Instant::ZERO)),
+        ..Self::new(ControlSource::Nobody, Duration::ZERO)
+    };
+    type Link = ();
+    const VACANT: () = ();
+
+    fn begin(&mut self, _: &Config) {
+        self.timeout = Self::TIMEOUT;
     }
-    let Some(input) = vehicle.manual_input() else { return false };
-    input.on_frame(now, from, frame, is_broadcast, peers);
-    true
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        drops(&self.counters)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        if frame.id() != ManualControl::ID && frame.id() != RcChannelsOverride::ID {
+            return Handled::No;
+        }
+        self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers);
+        Handled::Yes
+    }
+}
+
+/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
+/// decided here whether it counts drops.
+#[cfg(feature = "defmt")]
+fn drops(counters: &ManualCounters) -> u32 {
+    let ManualCounters { taken: _, broadcast, not_allowed, not_holder, bad_axes } = *counters;
+    super::sum([broadcast, not_allowed, not_holder, bad_axes])
 }

@@ -1,11 +1,17 @@
-//! Services: what a vehicle does for those who talk to it.
+//! The services that a vehicle offers to its peers.
 //!
-//! Each is a plain struct with two verbs: `on_…` takes a message and changes state, `next` writes at most one message when
-//! a link has room. What is owed is remembered as a flag, a cursor or a slot, never as bytes, so a full link delays an
-//! answer and never loses it (D-3).
+//! Each service is a type that implements [`Service`]. Received frames and commands change its state.
+//! [`next`](Service::next) writes at most one message when a link has room. A pending answer is a flag, a cursor or a
+//! slot, never bytes, so a full link delays it and never loses it (D-3). The list of the services is in
+//! `stack/services.rs`; [`Turn`] is the order in which they send.
 
-mod clock;
+mod gate;
+mod turn;
+
 pub mod command;
+#[cfg(test)]
+pub mod example;
+pub(crate) mod forwarding;
 pub(crate) mod heartbeat;
 pub mod high_latency;
 pub(crate) mod identity;
@@ -13,10 +19,309 @@ pub mod manual_control;
 pub mod mission;
 pub mod mode;
 pub mod param;
+#[cfg(test)]
+pub(crate) mod rest;
 #[cfg(feature = "signing")]
 pub mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
-mod wall_clock;
 mod wear;
+
+pub use gate::{Absent, ForwardingGate, SigningGate, WithoutSigning};
+#[cfg(test)]
+pub(crate) use turn::TABLE;
+pub use turn::Turn;
+pub(crate) use turn::turns;
+
+use crate::dialect::{MavProtocolCapability, MavResult, MavSeverity};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, Text};
+use crate::network::{PeerInfo, Peers};
+use crate::time::{Duration, Instant};
+#[cfg(feature = "defmt")]
+use crate::types::LinkId;
+use crate::types::{
+    Command, Config, Context, Firmware, Flight, LinkMask, MAX_TEXT_LEN, Origin, Outcome, Peer, PlansMut, Refusal,
+    Requests, SignedAt, StatusTexts, Values,
+};
+
+/// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
+///
+/// A call for a link gets the link's port and the service's own state on that link. A service that is not declared
+/// keeps the default methods, which compile to nothing.
+pub trait Service<F: Firmware> {
+    /// The service's state on a link.
+    type Link: core::fmt::Debug;
+
+    /// The initial state on a link: all zero bits, so it takes no flash.
+    const VACANT: Self::Link;
+
+    /// The capabilities that the service adds to AUTOPILOT_VERSION.
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::EMPTY;
+
+    /// The initial service: all zero bits, if the service is part of the stack, so it takes no flash.
+    const NEW: Self;
+
+    /// Sets the initial values that are not zero bits.
+    fn begin(&mut self, config: &Config) {
+        let _ = config;
+    }
+
+    /// Runs the service's timers. `links`: its state on each link, in order.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
+    where
+        Self::Link: 'l,
+    {
+        let _ = (cx, links);
+    }
+
+    /// Returns when [`poll`](Self::poll) has something to do.
+    fn deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
+    /// Handles a frame that is addressed to us or to all, if the service handles its message.
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Self::Link,
+        received: &Received<'_>,
+    ) -> Handled {
+        let _ = (cx, port, link, received);
+        Handled::No
+    }
+
+    /// Executes a command, or refuses it. Returns `None` if the service does not handle the command.
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Self::Link,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let _ = (cx, port, link, request);
+        None
+    }
+
+    /// Puts at most one frame into the link's outbox, which is empty. Returns false if nothing is pending for this
+    /// turn.
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
+        let _ = (cx, port, link, turn);
+        false
+    }
+
+    /// Returns when [`next`](Self::next) has something to send in this turn, if the link has room.
+    fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
+        let _ = (view, port, link, turn);
+        Instant::NEVER
+    }
+
+    /// Called for each accepted frame, whatever its message.
+    fn on_heard(&mut self, now: Instant, from: Peer) {
+        let _ = (now, from);
+    }
+
+    /// Called when any service has put a frame into the link's outbox.
+    fn on_sent(&mut self, port: &Port) {
+        let _ = port;
+    }
+
+    /// Returns the sum of the service's drop counters.
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        0
+    }
+
+    /// Returns the sum of the service's drop counters of one link.
+    #[cfg(feature = "defmt")]
+    fn drops_on(&self, link: LinkId) -> u32 {
+        let _ = link;
+        0
+    }
+
+    /// Logs the service's counters.
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {}
+
+    /// Logs the service's counters of one link.
+    #[cfg(feature = "defmt")]
+    fn log_drops_on(&self, link: LinkId) {
+        let _ = link;
+    }
+
+    /// Called when the link was opened again. Discards pending answers that mean nothing to the new peers.
+    fn restart(&mut self, port: &Port, link: &mut Self::Link) {
+        let _ = (port, link);
+    }
+}
+
+/// The data that all services share.
+#[derive(Debug)]
+pub struct Shared {
+    pub(crate) config: Config,
+    /// All links except the high-latency links.
+    pub(crate) normal: LinkMask,
+    /// The high-latency links.
+    pub(crate) satellites: LinkMask,
+    pub(crate) flight: Flight,
+    /// Requests of the vehicle's hooks.
+    pub(crate) requests: Requests,
+    /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
+    pub(crate) has_acted: bool,
+}
+
+impl Shared {
+    /// All zero bits.
+    pub(crate) const VACANT: Self = Self {
+        config: Config::VACANT,
+        normal: LinkMask::NONE,
+        satellites: LinkMask::NONE,
+        flight: Flight::new(),
+        requests: Requests::NONE,
+        has_acted: false,
+    };
+
+    /// Samples the pulse, and returns whether heartbeats may be sent (H-5).
+    pub(crate) fn is_beating(&mut self, now: Instant) -> bool {
+        let Self { config, flight, .. } = self;
+        config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap))
+    }
+
+    /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
+    /// vehicle is in a fault.
+    pub(crate) fn when_beating(&self, now: Instant, due: Instant) -> Instant {
+        let (credit, gap) = (&self.flight.credit, self.config.max_loop_gap);
+        match due {
+            Instant::NEVER => Instant::NEVER,
+            due if due > now => credit.look_for(due, gap),
+            due if self.flight.has_state && credit.is_good(now, gap) => due,
+            // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
+            _ => now.after(RETRY),
+        }
+    }
+}
+
+/// How soon to check again whether heartbeats may be sent.
+pub(crate) const RETRY: Duration = Duration::from_millis(100);
+
+/// The data that a call of a service uses, besides the service itself and its link.
+pub struct Cx<'a, F: Firmware> {
+    pub(crate) now: Instant,
+    pub(crate) shared: &'a mut Shared,
+    pub(crate) peers: &'a mut Peers,
+    pub(crate) texts: &'a mut StatusTexts,
+    pub(crate) plans: Option<PlansMut<'a>>,
+    pub(crate) parameters: &'a mut F::Parameters,
+    /// The capabilities of all services, for AUTOPILOT_VERSION.
+    pub(crate) capabilities: MavProtocolCapability,
+    /// Whether CURRENT_MODE is sent.
+    pub(crate) has_modes: bool,
+    pub(crate) vehicle: &'a mut F::Vehicle,
+}
+
+impl<F: Firmware> Cx<'_, F> {
+    /// Sends a text on every normal link.
+    pub(crate) fn say(&mut self, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
+        self.texts.push(self.now, self.shared.normal, severity, text.as_bytes());
+    }
+
+    /// Returns the vehicle, and the context for its hooks.
+    pub(crate) fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
+        let context = Context {
+            now: self.now,
+            texts: self.texts,
+            requests: &mut self.shared.requests,
+            normal: self.shared.normal,
+            plans: self.plans.as_ref(),
+            values: self.parameters.values(),
+            can_start: false,
+        };
+        (self.vehicle, context)
+    }
+}
+
+/// The data that is available without the vehicle.
+pub struct View<'a> {
+    pub(crate) now: Instant,
+    pub(crate) shared: &'a Shared,
+    pub(crate) peers: &'a [PeerInfo],
+    pub(crate) texts: &'a StatusTexts,
+}
+
+/// A frame that is addressed to us or to all.
+pub struct Received<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    /// The sender, and the link on which it was received.
+    pub(crate) from: Peer,
+    /// The address to which it is sent.
+    pub(crate) target: Address,
+    /// How long ago it was signed, if that is known.
+    pub(crate) age: Option<Duration>,
+}
+
+/// What a service did with a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Handled {
+    /// The service does not handle its message.
+    No,
+    Yes,
+    /// There is no room for its answer, so it was dropped without effect. Counted.
+    NoRoom,
+    /// It does not belong on this link, or to this address. Counted.
+    OutOfPlace,
+}
+
+/// A command that was admitted and is to be executed.
+#[derive(Debug)]
+pub struct Request {
+    pub(crate) command: Command,
+    /// SET_MODE.custom_mode, if the command was received as SET_MODE: a parameter cannot hold every number.
+    pub(crate) set_mode: Option<u32>,
+    pub(crate) signed_at: SignedAt,
+}
+
+/// The answer to a command.
+#[derive(Clone, Copy, Debug)]
+pub enum Verdict {
+    Done(Outcome),
+    /// The stack refused the command: a text explains why.
+    Refused(Refusal),
+}
+
+impl From<Outcome> for Verdict {
+    fn from(outcome: Outcome) -> Self {
+        Self::Done(outcome)
+    }
+}
+
+impl Verdict {
+    /// The vehicle's own answer, or one without a text.
+    pub(crate) fn done(result: MavResult) -> Self {
+        Self::Done(result.into())
+    }
+
+    /// ACCEPTED, or a refusal with a text that explains it.
+    pub(crate) fn accepted(result: MavResult) -> Self {
+        if result == MavResult::ACCEPTED { Self::done(result) } else { Self::Refused(result.into()) }
+    }
+}
+
+impl Received<'_> {
+    pub(crate) fn origin(&self, port: &Port) -> Origin {
+        Origin { from: self.from, class: port.config.class, age: self.age }
+    }
+}
+
+/// Returns the sum of drop counters, which wrap.
+#[cfg(feature = "defmt")]
+pub(crate) fn sum<const N: usize>(counts: [u32; N]) -> u32 {
+    counts.into_iter().fold(0, u32::wrapping_add)
+}
+
+/// Increments a counter, which wraps.
+pub(crate) fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}

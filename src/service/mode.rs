@@ -1,75 +1,79 @@
-//! Flight modes: which ones there are, which one the vehicle is in, and who asks for another.
+//! Flight modes: the list of modes, the current mode, and requests for another.
 //!
-//! Implements <https://mavlink.io/en/services/standard_modes.html>, MAV_CMD_DO_SET_MODE and the SET_MODE from before it:
-//! rules C-32, Q-3, Q-10. The modes are a constant of the firmware
-//! ([`Commands::MODES`](crate::Commands::MODES)); a request for one of them reaches the vehicle as that row of the table,
-//! whichever way it came, and any other is DENIED. Which modes a link was asked for and not told yet is a bit each. Nothing
-//! but answers goes to a high-latency link, and nothing at all to one that sends MAVLink 1, which has no room for these
-//! messages' ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent to who asks for it.
+//! Implements <https://mavlink.io/en/services/standard_modes.html>, MAV_CMD_DO_SET_MODE and its predecessor SET_MODE:
+//! rules C-32, Q-3, Q-10. The modes are a constant of the firmware ([`Modes::MODES`]). Every form of request reaches
+//! the vehicle as a row of that table; a request for any other mode is DENIED. Each pending AVAILABLE_MODES is a bit on
+//! its link.
+//!
+//! High-latency links get nothing but answers. Links that send MAVLink 1 get none of these messages, because MAVLink 1
+//! has no room for their ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent on request.
 
-use super::command::Origin;
-use super::identity::Owed;
+use super::{Cx, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
     MavStandardMode, SetMode,
 };
 use crate::frame::Version;
-use crate::link::{Link, LinkClass, Peer, Port};
+use crate::link::Port;
 use crate::message::{Message, Text};
 use crate::num;
-use crate::time::Duration;
-use crate::vehicle::{Command, CommandPosition, Commands, Outcome, Vehicle, VehicleState};
+use crate::time::{Duration, Instant};
+use crate::types::{
+    Command, CommandPosition, Context, Firmware, LinkClass, Origin, Outcome, Peer, Refusal, Vehicle, Why,
+};
 
-/// The most modes that a vehicle can declare.
+/// The maximum number of modes of a vehicle.
 pub const MAX_MODES: usize = 32;
 
-/// The longest name: AVAILABLE_MODES ends it with a NUL.
+/// The maximum length of a name: AVAILABLE_MODES terminates it by a NUL.
 const MAX_NAME: usize = 34;
 
-/// The revision of the table, the same in AVAILABLE_MODES and AVAILABLE_MODES_MONITOR. It starts at 0 and counts changes; the
-/// table is a constant and has none. Source: mavlink#2557.
+/// The revision of the table, the same in AVAILABLE_MODES and AVAILABLE_MODES_MONITOR. It starts at 0 and counts
+/// changes, of which a constant table has none. Source: mavlink#2557.
 const SEQ: u8 = 0;
 
-/// A flight mode: a row of [`Commands::MODES`](crate::Commands::MODES).
+/// A flight mode: a row of [`Modes::MODES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FlightMode {
-    /// What [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is in this mode. No other mode has the same.
+    /// The value of [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) in this mode. Each mode has a
+    /// different one.
     pub custom_mode: u32,
-    /// What people call it: 1 to 34 bytes.
+    /// The name that ground stations show: 1 to 34 bytes.
     pub name: &'static str,
-    /// The mode that means the same on all vehicles, if it is one; no other mode is the same one.
+    /// The standard mode that it is, if any. No two modes may be the same standard mode.
     pub standard_mode: MavStandardMode,
-    /// What a ground station should know of it. One that is
-    /// [`NOT_USER_SELECTABLE`](MavModeProperty::NOT_USER_SELECTABLE) is DENIED to who asks for it.
+    /// Properties for the ground station. A request for a mode with
+    /// [`NOT_USER_SELECTABLE`](MavModeProperty::NOT_USER_SELECTABLE) is DENIED.
     pub properties: MavModeProperty,
 }
 
 impl FlightMode {
-    /// A mode of this vehicle only, which anybody may ask for.
+    /// Returns a mode that only this vehicle has, and that any peer may request.
     ///
-    /// A `custom_mode` of more than 24 significant bits is no `f32`: then SET_MODE can ask for it and MAV_CMD_DO_SET_MODE
-    /// cannot.
+    /// MAV_CMD_DO_SET_MODE cannot request a `custom_mode` of more than 24 significant bits, because its parameters are
+    /// `f32`. SET_MODE can.
     pub const fn new(custom_mode: u32, name: &'static str) -> Self {
         let (standard_mode, properties) = (MavStandardMode::NON_STANDARD, MavModeProperty::EMPTY);
         Self { custom_mode, name, standard_mode, properties }
     }
 
-    /// The same, as the standard mode that MAV_CMD_DO_SET_STANDARD_MODE asks for.
+    /// Returns the same mode as a standard mode, which MAV_CMD_DO_SET_STANDARD_MODE requests.
     #[must_use]
     pub const fn with_standard_mode(self, standard_mode: MavStandardMode) -> Self {
         Self { standard_mode, ..self }
     }
 
-    /// The same, with what a ground station should know of it: several are put together by `with`.
+    /// Returns the same mode with these properties. `with` combines several.
     #[must_use]
     pub const fn with_properties(self, properties: MavModeProperty) -> Self {
         Self { properties, ..self }
     }
 
-    /// At most [`MAX_MODES`], each number and each standard mode once, names within bounds.
+    /// Checks a table: at most [`MAX_MODES`] modes, each number and each standard mode once, names of 1 to 34 bytes.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
-    pub(crate) const fn check(table: &[Self]) {
+    #[doc(hidden)]
+    pub const fn check(table: &[Self]) {
         assert!(table.len() <= MAX_MODES, "a vehicle has at most 32 modes");
         let mut i = 0;
         while i < table.len() {
@@ -90,19 +94,19 @@ impl FlightMode {
     }
 }
 
-/// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE make a `custom_mode`.
+/// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE encode a `custom_mode`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CustomMode {
-    /// Parameter 2 is all of it, and parameter 3 says nothing: ArduPilot's way.
+    /// Parameter 2 is the `custom_mode`, and parameter 3 is ignored: the encoding of ArduPilot.
     Whole,
-    /// Parameter 2 is the main mode, parameter 3 the sub-mode, each 0 to 255: `main << 16 | sub << 24`, PX4's way, which
-    /// MAVSDK uses with every autopilot but ArduPilot. Without a sub-mode a parameter 2 above 255 is all of it, as with
-    /// [`Whole`](Self::Whole).
+    /// Parameter 2 is the main mode and parameter 3 the sub-mode, each 0 to 255: `main << 16 | sub << 24`. This is the
+    /// encoding of PX4, which MAVSDK uses with every autopilot except ArduPilot. If there is no sub-mode, a parameter 2
+    /// above 255 is the whole `custom_mode`, as with [`Whole`](Self::Whole).
     MainSub,
 }
 
-/// Who asks for a mode.
+/// The sender of a request for a mode, and the circumstances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ModeRequest {
@@ -112,15 +116,89 @@ pub struct ModeRequest {
     pub class: LinkClass,
     /// As [`Command::age`](crate::Command::age).
     pub age: Option<Duration>,
-    /// Whether every system was asked (C-1).
+    /// Whether the request is addressed to every system (C-1).
     pub is_broadcast: bool,
 }
 
-/// What an answer to SET_MODE calls its command (C-32): the number of no command.
+/// Flight modes, for a vehicle that declares `modes` in [`stack!`](crate::stack). Without it, the two commands about
+/// modes reach [`Commands::command`](crate::Commands::command), and SET_MODE reaches [`Vehicle::message`].
+///
+/// ```
+/// use mavstack::dialect::{MavModeProperty, MavResult, MavStandardMode};
+/// use mavstack::{Context, CustomMode, FlightMode, ModeRequest, Modes, Outcome, Vehicle, VehicleState};
+///
+/// const HOLD: u32 = 0x0304_0000;
+/// const RETURN: u32 = 0x0504_0000;
+/// const AFLOAT: u32 = 0x0009_0000;
+///
+/// struct Copter { mode: u32, has_fix: bool }
+///
+/// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
+/// impl Modes for Copter {
+///     const MODES: &'static [FlightMode] = &[
+///         FlightMode::new(HOLD, "Hold"),
+///         FlightMode::new(RETURN, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
+///         // Reported, but no peer can request it.
+///         FlightMode::new(AFLOAT, "Afloat").with_properties(MavModeProperty::NOT_USER_SELECTABLE),
+///     ];
+///     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
+///
+///     fn set_mode(&mut self, _: &mut Context<'_>, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+///         if mode.custom_mode == RETURN && !self.has_fix {
+///             return MavResult::TEMPORARILY_REJECTED.into();
+///         }
+///         self.mode = mode.custom_mode;
+///         MavResult::ACCEPTED.into()
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `Modes`",
+    note = "`modes` in `stack!` needs `impl Modes for {Self}`: write it, or leave `modes` out"
+)]
+pub trait Modes: Vehicle {
+    /// The flight modes, including those that the vehicle only enters by itself. At most
+    /// [`MAX_MODES`](crate::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
+    /// otherwise it does not compile.
+    ///
+    /// The stack lists them on request (AVAILABLE_MODES). It reports the current mode with every second HEARTBEAT and
+    /// at once after a change (CURRENT_MODE, Q-10). It turns MAV_CMD_DO_SET_MODE, the older message SET_MODE, and
+    /// MAV_CMD_DO_SET_STANDARD_MODE into [`set_mode`](Self::set_mode).
+    ///
+    /// [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is the current mode. Set
+    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED) in `base_mode` then, or ground stations ignore the
+    /// number.
+    const MODES: &'static [FlightMode];
+
+    /// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE encode a `custom_mode`.
+    const CUSTOM_MODE: CustomMode = CustomMode::Whole;
+
+    /// Enters `mode`, a selectable row of [`MODES`](Self::MODES), or refuses. The outcome is sent at once and is the
+    /// only answer, so do not return IN_PROGRESS. A request for the current mode must do no harm (C-11).
+    ///
+    /// The stack has DENIED invalid requests before: a number or a standard mode that is not in the table, NaN, a
+    /// fraction, flags without [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
+    /// in ArduPilot: clients send back the flags of the last heartbeat, and do not mean to arm or disarm.
+    ///
+    /// If MAV_CMD_DO_SET_MODE is one of [`COMMANDS`](crate::Commands::COMMANDS), its policy applies to SET_MODE too
+    /// (C-5). MAV_CMD_DO_SET_STANDARD_MODE has its own policy. SET_MODE is answered by a COMMAND_ACK for command 11
+    /// (C-32); it is not accepted from a high-latency link.
+    fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, request: &ModeRequest) -> Outcome;
+
+    /// Returns the `custom_mode` that was requested last, by any peer, or the mode that followed it, such as hold after
+    /// a take-off. It differs from the current mode only after a failsafe. 0, the default, means unknown. It is sent in
+    /// CURRENT_MODE.
+    fn intended_mode(&self) -> u32 {
+        0
+    }
+}
+
+/// The command id in the answer to SET_MODE (C-32). No command has this id.
 pub(crate) const SET_MODE: MavCmd = MavCmd(11);
 const _: () = assert!(SetMode::ID == 11);
 
-/// The command that a SET_MODE is, but for its number, which a parameter cannot always hold: [`on_command`] gets it apart.
+/// Converts a SET_MODE to a command, except its number, which a parameter cannot always hold. [`on_command`] gets the
+/// number separately.
 pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
     Command {
         id: MavCmd::DO_SET_MODE,
@@ -135,52 +213,133 @@ pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
     }
 }
 
-/// A mode that is refused: its number, if it has one, and the reason.
+/// The state of the service on a link.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Refused(pub(crate) Option<u32>, pub(crate) &'static str);
+pub struct ModeLink {
+    /// A bit for each row of the table whose AVAILABLE_MODES is pending.
+    listed: u32,
+    /// Whether a requested CURRENT_MODE is pending.
+    current: bool,
+    /// Whether AVAILABLE_MODES_MONITOR is pending.
+    monitor: bool,
+    /// The changes of the mode and the pairs of heartbeats for which CURRENT_MODE was sent: values of
+    /// [`ModeService::changes`] and [`pairs`].
+    changes: u8,
+    pairs: u8,
+}
 
-/// Handles a command about modes; `None` for all others. `set_mode` is the `custom_mode` of a SET_MODE. An error means
-/// DENIED, and a text must explain it.
+/// Reports the vehicle's mode, and enters another one on request.
+#[derive(Debug)]
+pub struct ModeService {
+    /// The mode that was reported last.
+    mode: u32,
+    /// How often it has changed. Wraps.
+    changes: u8,
+}
+
+/// Counts pairs of scheduled heartbeats, starting with the first: CURRENT_MODE is sent once for each.
+const fn pairs(port: &Port) -> u8 {
+    port.heartbeats.wrapping_add(1) >> 1
+}
+
+impl ModeService {
+    /// Whether CURRENT_MODE is pending on a link (Q-10).
+    fn owes_current(&self, port: &Port, link: &ModeLink) -> bool {
+        link.current || ((link.changes != self.changes || link.pairs != pairs(port)) && can_send(port))
+    }
+}
+
+impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
+    const NEW: Self = Self { mode: 0, changes: 0 };
+    type Link = ModeLink;
+    const VACANT: ModeLink = ModeLink { listed: 0, current: false, monitor: false, changes: 0, pairs: 0 };
+
+    /// Sends CURRENT_MODE when the mode differs from the last reported one (Q-10).
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ModeLink>) {
+        let flight = &cx.shared.flight;
+        if !flight.has_state || flight.state.custom_mode == self.mode {
+            return;
+        }
+        self.mode = flight.state.custom_mode;
+        self.changes = self.changes.wrapping_add(1);
+        event!("mode {=u32}", self.mode);
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut ModeLink,
+        request: &Request,
+    ) -> Option<Verdict> {
+        on_command(cx, port, link, request)
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ModeLink, turn: Turn) -> bool {
+        match turn {
+            Turn::ModeList => next_listed(port, link, F::Vehicle::MODES),
+            _ => {
+                let is_pending = self.owes_current(port, link);
+                (link.current, link.changes, link.pairs) = (false, self.changes, pairs(port));
+                next_current(cx.vehicle, port, link, is_pending)
+            }
+        }
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &ModeLink, turn: Turn) -> Instant {
+        let is_pending = match turn {
+            Turn::ModeList => link.listed != 0,
+            _ => link.monitor || (view.shared.flight.has_state && self.owes_current(port, link)),
+        };
+        if is_pending { view.now } else { Instant::NEVER }
+    }
+}
+
+/// Handles a command about modes; `None` for all others.
 #[inline(never)]
-pub(crate) fn on_command<V: Vehicle + Commands>(
-    port: &mut Port,
-    vehicle: &mut V,
-    command: &Command,
-    set_mode: Option<u32>,
-) -> Option<Result<Outcome, Refused>> {
+fn on_command<F: Firmware<Vehicle: Modes>>(
+    cx: &mut Cx<'_, F>,
+    port: &Port,
+    link: &mut ModeLink,
+    Request { command, set_mode, .. }: &Request,
+) -> Option<Verdict> {
+    let refused = |mode, why| Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Mode(mode, why) });
+    let modes = F::Vehicle::MODES;
     let [first, ..] = command.params;
     let (asked, mode) = match command.id {
         MavCmd::DO_SET_MODE => {
-            let custom_mode = set_mode.or_else(|| custom_mode(V::CUSTOM_MODE, command.params));
-            // The other flags name no mode that a vehicle would know.
+            let custom_mode = (*set_mode).or_else(|| custom_mode(F::Vehicle::CUSTOM_MODE, command.params));
+            // The other flags name no mode of the vehicle.
             let is_custom =
                 num::integer(first).is_some_and(|flags| MavModeFlag(flags).contains(MavModeFlag::CUSTOM_MODE_ENABLED));
             if !is_custom {
-                return Some(Err(Refused(custom_mode, "set CUSTOM_MODE_ENABLED")));
+                return Some(refused(custom_mode, "set CUSTOM_MODE_ENABLED"));
             }
-            (custom_mode, custom_mode.and_then(|mode| find(V::MODES, mode)))
+            (custom_mode, custom_mode.and_then(|mode| find(modes, mode)))
         }
-        MavCmd::DO_SET_STANDARD_MODE => (None, num::integer(first).and_then(|mode| find_standard(V::MODES, mode))),
+        MavCmd::DO_SET_STANDARD_MODE => (None, num::integer(first).and_then(|mode| find_standard(modes, mode))),
         MavCmd::REQUEST_MESSAGE => {
-            let result = request(V::MODES.len(), port, command, || vehicle.state().is_some());
-            return result.map(|result| Ok(result.into()));
+            let result = on_request(modes.len(), port, link, command, || cx.vehicle.state().is_some());
+            return result.map(Verdict::done);
         }
         _ => return None,
     };
     Some(match mode {
         Some(mode) if mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE) => {
-            Err(Refused(asked, "it cannot be selected"))
+            refused(asked, "not selectable")
         }
         Some(mode) => {
             let Command { from, class, age, is_broadcast, .. } = *command;
-            Ok(vehicle.set_mode(mode, &ModeRequest { from, class, age, is_broadcast }))
+            let (vehicle, mut context) = cx.hook();
+            vehicle.set_mode(&mut context, mode, &ModeRequest { from, class, age, is_broadcast }).into()
         }
-        // The guide has FAILED for a standard mode that there is not; but asking again never helps (C-4).
-        None => Err(Refused(asked, "not in AVAILABLE_MODES")),
+        // MAVLink's guide answers an unknown standard mode with FAILED. DENIED is clearer: asking again never helps
+        // (C-4).
+        None => refused(asked, "not in AVAILABLE_MODES"),
     })
 }
 
-/// The `custom_mode` of parameters 2 and 3 of a MAV_CMD_DO_SET_MODE (C-8, C-9).
+/// Returns the `custom_mode` in parameters 2 and 3 of a MAV_CMD_DO_SET_MODE (C-8, C-9).
 fn custom_mode(way: CustomMode, [_, mode, sub, _]: [f32; 4]) -> Option<u32> {
     let mode = num::unsigned(mode)?;
     let sub = if sub.is_nan() { 0 } else { num::integer::<u8>(sub)? };
@@ -199,31 +358,35 @@ fn find_standard(table: &'static [FlightMode], standard_mode: u8) -> Option<&'st
     table.iter().find(is_it).filter(|mode| mode.standard_mode != MavStandardMode::NON_STANDARD)
 }
 
-/// A request for one of the messages about modes; `None` for other messages. `count` is how many modes there are.
-fn request(count: usize, port: &mut Port, command: &Command, knows_mode: impl FnOnce() -> bool) -> Option<MavResult> {
+/// Handles a request for a message about modes; `None` for other messages. `count`: the number of modes.
+fn on_request(
+    count: usize,
+    port: &Port,
+    link: &mut ModeLink,
+    command: &Command,
+    knows_mode: impl FnOnce() -> bool,
+) -> Option<MavResult> {
     let [id, index, ..] = command.params;
     let id = num::unsigned(id).filter(|id| matches!(*id, AvailableModes::ID..=AvailableModesMonitor::ID))?;
-    if !takes(port) || !command.has_response_target() {
+    if !can_send(port) || !command.has_response_target() {
         return Some(MavResult::DENIED);
     }
-    let message = match id {
+    match id {
         AvailableModes::ID => {
             let index = if index.is_nan() { Some(0) } else { num::integer::<u8>(index) };
             let Some(modes) = index.and_then(|index| bits(count, index)) else { return Some(MavResult::DENIED) };
-            port.modes |= modes;
-            Owed::AVAILABLE_MODES
+            link.listed |= modes;
         }
-        CurrentMode::ID if knows_mode() => Owed::CURRENT_MODE,
+        CurrentMode::ID if knows_mode() => link.current = true,
         CurrentMode::ID => return Some(MavResult::DENIED),
-        _ => Owed::AVAILABLE_MODES_MONITOR,
-    };
-    port.owed.add(message);
+        _ => link.monitor = true,
+    }
     Some(MavResult::ACCEPTED)
 }
 
 const _: () = assert!(CurrentMode::ID == AvailableModes::ID + 1 && AvailableModesMonitor::ID == CurrentMode::ID + 1);
 
-/// The modes that index `index` of AVAILABLE_MODES means: 0 is all of the `count`, others count from 1 (Q-3).
+/// Returns the rows that `index` of AVAILABLE_MODES selects, a bit for each: 0 selects all, others count from 1 (Q-3).
 fn bits(count: usize, index: u8) -> Option<u32> {
     let count = u32::try_from(count).ok()?;
     let index = u32::from(index);
@@ -233,64 +396,31 @@ fn bits(count: usize, index: u8) -> Option<u32> {
     1u32.checked_shl(index.wrapping_sub(1)).filter(|_| index <= count)
 }
 
-/// Whether the messages about modes may go out on a link.
-fn takes(port: &Port) -> bool {
-    port.config.class != LinkClass::HighLatency && port.outbox.version() == Version::V2
+/// Whether the messages about modes can be sent on a link: MAVLink 1 has no room for their ids (S-10).
+fn can_send(port: &Port) -> bool {
+    !port.config.class.is_high_latency() && port.outbox.version() == Version::V2
 }
 
-/// CURRENT_MODE is to be sent.
-fn tell(port: &mut Port) {
-    if takes(port) {
-        port.owed.add(Owed::CURRENT_MODE);
-    }
-}
-
-/// Sends CURRENT_MODE when the mode of `state` differs from `told`, the last reported mode (Q-10).
-pub(crate) fn poll(told: &mut u32, links: &mut [Link], state: Option<VehicleState>) {
-    let Some(state) = state.filter(|state| state.custom_mode != *told) else { return };
-    *told = state.custom_mode;
-    event!("mode {=u32}", state.custom_mode);
-    links.iter_mut().for_each(|link| tell(&mut link.port));
-}
-
-/// A HEARTBEAT was sent: CURRENT_MODE goes with every second one.
-pub(crate) fn on_heartbeat(port: &mut Port) {
-    if !port.owed.take(Owed::NO_MODE_NEXT) {
-        port.owed.add(Owed::NO_MODE_NEXT);
-        tell(port);
-    }
-}
-
-/// Sends CURRENT_MODE or AVAILABLE_MODES_MONITOR. False when neither is owed, or can be sent.
-pub(crate) fn next_current<V: Vehicle + Commands>(port: &mut Port, vehicle: &V) -> bool {
-    let Port { owed, outbox, .. } = port;
-    if owed.take(Owed::CURRENT_MODE)
-        && let Some(state) = vehicle.state()
-    {
+/// Sends CURRENT_MODE or AVAILABLE_MODES_MONITOR. Returns false if neither is pending, or neither can be sent.
+fn next_current<V: Modes>(vehicle: &V, port: &mut Port, link: &mut ModeLink, is_pending: bool) -> bool {
+    if is_pending && let Some(state) = vehicle.state() {
         let mode = find(V::MODES, state.custom_mode);
-        return outbox.send(&CurrentMode {
+        return port.outbox.send(&CurrentMode {
             custom_mode: state.custom_mode,
             intended_custom_mode: vehicle.intended_mode(),
             standard_mode: mode.map_or(MavStandardMode::NON_STANDARD, |mode| mode.standard_mode),
         });
     }
-    owed.take(Owed::AVAILABLE_MODES_MONITOR) && outbox.send(&AvailableModesMonitor { seq: SEQ })
+    core::mem::take(&mut link.monitor) && port.outbox.send(&AvailableModesMonitor { seq: SEQ })
 }
 
-/// Sends the next row of `table` that somebody asked for. False when none is owed, or can be sent.
-pub(crate) fn next_listed(port: &mut Port, table: &[FlightMode]) -> bool {
-    let Port { owed, modes, outbox, .. } = port;
-    if !owed.take(Owed::AVAILABLE_MODES) {
-        return false;
-    }
-    // In the table's order: QGroundControl takes the last one for the end of the list.
-    let index = usize::try_from(modes.trailing_zeros()).unwrap_or(MAX_MODES);
-    *modes &= modes.wrapping_sub(1);
-    if *modes != 0 {
-        owed.add(Owed::AVAILABLE_MODES);
-    }
+/// Sends the next pending row of `table`. Returns false if none is pending, or it cannot be sent.
+fn next_listed(port: &mut Port, link: &mut ModeLink, table: &[FlightMode]) -> bool {
+    // In the table's order: QGroundControl takes the last row for the end of the list.
+    let index = usize::try_from(link.listed.trailing_zeros()).unwrap_or(MAX_MODES);
+    link.listed &= link.listed.wrapping_sub(1);
     table.get(index).is_some_and(|mode| {
-        outbox.send(&AvailableModes {
+        port.outbox.send(&AvailableModes {
             custom_mode: mode.custom_mode,
             properties: mode.properties,
             number_modes: u8::try_from(table.len()).unwrap_or(0),
@@ -310,7 +440,7 @@ mod tests {
     const LAND: FlightMode = FlightMode::new(2, "Land").with_standard_mode(MavStandardMode::LAND);
 
     #[test]
-    fn tables_within_bounds_are_taken() {
+    fn valid_tables_are_accepted() {
         FlightMode::check(&[]);
         FlightMode::check(&[HOLD, LAND, FlightMode::new(0, "a mode whose name is 34 bytes long")]);
         let mut most = [HOLD; MAX_MODES];
@@ -320,31 +450,31 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "at most 32 modes")]
-    fn too_many_modes_are_not() {
+    fn too_many_modes_are_refused() {
         FlightMode::check(&[HOLD; MAX_MODES + 1]);
     }
 
     #[test]
     #[should_panic(expected = "same custom_mode")]
-    fn two_modes_with_one_number_are_not() {
+    fn a_number_twice_is_refused() {
         FlightMode::check(&[HOLD, LAND, FlightMode { name: "Wait", ..HOLD }]);
     }
 
     #[test]
     #[should_panic(expected = "same standard mode")]
-    fn one_standard_mode_twice_is_not() {
+    fn a_standard_mode_twice_is_refused() {
         FlightMode::check(&[LAND, HOLD, FlightMode { custom_mode: 3, ..LAND }]);
     }
 
     #[test]
     #[should_panic(expected = "1 to 34 bytes")]
-    fn a_mode_without_a_name_is_not() {
+    fn an_empty_name_is_refused() {
         FlightMode::check(&[HOLD, FlightMode { name: "", ..LAND }]);
     }
 
     #[test]
     #[should_panic(expected = "1 to 34 bytes")]
-    fn a_name_without_room_for_its_end_is_not() {
+    fn a_name_without_room_for_the_nul_is_refused() {
         FlightMode::check(&[FlightMode { name: "a mode whose name is 35 bytes long.", ..HOLD }]);
     }
 }

@@ -13,23 +13,23 @@ const CAPACITY: u64 = 128;
 /// arithmetic.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wear {
-    /// The time in which a token comes back; zero disables the limit.
+    /// The time in which one token is refilled; zero disables the limit.
     refill: Duration,
-    /// When the bucket is full.
+    /// When the bucket will be full.
     full_at: Instant,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "nothing is stored"))]
 impl Wear {
-    /// No limit, as where no storage is attached.
+    /// No limit: no storage is attached.
     pub(crate) const NONE: Self = Self { refill: Duration::ZERO, full_at: Instant::ZERO };
 
-    /// Sets the time in which a token comes back.
+    /// Sets the time in which one token is refilled.
     pub(crate) const fn limit(&mut self, refill: Duration) {
         self.refill = refill;
     }
 
-    /// Returns the time in which this many tokens come back.
+    /// Returns the time in which this many tokens are refilled.
     const fn time(&self, tokens: u64) -> Duration {
         Duration::from_micros(self.refill.as_micros().saturating_mul(tokens))
     }
@@ -57,10 +57,10 @@ impl Wear {
 mod tests {
     use super::*;
 
-    /// C-15: a burst up to the bucket's capacity, then as many tokens as come back; however long the pause, never more
-    /// than the capacity.
+    /// C-15: a burst empties the bucket; then as many tokens are available as were refilled. However long the pause,
+    /// there are never more than the capacity.
     #[test]
-    fn tokens_run_out_and_come_back() {
+    fn tokens_are_spent_and_refilled() {
         let mut wear = Wear::NONE;
         wear.limit(Duration::from_secs(900));
         let mut now = Instant::from_millis(1);
@@ -81,9 +81,9 @@ mod tests {
         }
     }
 
-    /// C-15: where no storage is attached nothing is limited.
+    /// C-15: nothing is limited if no storage is attached.
     #[test]
-    fn no_limit() {
+    fn without_storage_there_is_no_limit() {
         let mut wear = Wear::NONE;
         for _ in 0..1_000 {
             assert!(wear.has(Instant::ZERO, 4));

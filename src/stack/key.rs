@@ -1,13 +1,13 @@
-//! The signing key and the time that survive a power cut: what joins the stack and a [`SigningStore`] (G-13, G-15).
+//! Persistence of the signing key and the signing time: the code between the stack and a [`SigningStore`] (G-13, G-15).
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::Stack;
 use super::storage::{RestoreTexts, Turn};
-use crate::service::mission::PlanStorage;
+use super::{Declares, Stack};
+use crate::service::signing::{Signing, SigningStream};
 use crate::storage::{RestoreError, SigningStore, Step};
 use crate::time::Instant;
-use crate::vehicle::Autopilot;
+use crate::types::Vehicle;
 
 const KEY_TEXTS: RestoreTexts = RestoreTexts {
     unreadable: "The signing key cannot be read",
@@ -15,65 +15,63 @@ const KEY_TEXTS: RestoreTexts = RestoreTexts {
     readable: "The signing key can be read again",
 };
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
-{
-    /// Reads the signing key and its timestamp back after a start. Call it once, before the loop. If nothing is stored, as in
-    /// a new vehicle, the vehicle's [`Signing`](crate::Signing) is unchanged.
+/// With `signing`.
+impl<D: Declares<Signing = Signing<[SigningStream; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Reads the signing key and its timestamp at startup. Call it once, before the loop. If nothing is stored, as in a
+    /// new vehicle, [`Signing`](crate::Signing) is unchanged.
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or cannot be read. Unless the vehicle has set a key, there is none then; but links are not
-    /// open (G-18). Those that would sign, or refuse unsigned frames, accept nothing until there is a key; only links for
-    /// [provisioning](crate::LinkSigning::provisioning) accept SETUP_SIGNING, which ends it by a key or by taking the key away.
-    /// [`Signing::set_key`](crate::Signing::set_key) and [`clear_key`](crate::Signing::clear_key) end it too. A text says so,
-    /// unsigned, and again every 10 s at most where a frame is refused on a link for provisioning.
+    /// Returns an error if the record is damaged or cannot be read. There is no key then, unless the firmware has set
+    /// one, but the links are not open (G-18). Links that would sign, or refuse unsigned frames, accept nothing until
+    /// there is a key. Only links for [provisioning](crate::LinkSigning::provisioning) accept SETUP_SIGNING, which ends
+    /// this state by setting a key or by removing it. [`Signing::set_key`](crate::Signing::set_key) and
+    /// [`clear_key`](crate::Signing::clear_key) end it too. An unsigned text reports it. The text is repeated, at most
+    /// every 10 s, when a frame is refused on a link for provisioning.
     ///
-    /// As long as the newest record cannot be read, an older key does not stand in for it.
-    /// [`persist_signing`](Self::persist_signing) reads again, also while nothing may be written.
-    pub fn restore_signing<F: NorFlash, V: Autopilot>(
+    /// While the newest record cannot be read, an older key does not replace it.
+    /// [`persist_signing`](Self::persist_signing) reads again, even while nothing may be written.
+    pub fn restore_signing<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut SigningStore<F>,
-        vehicle: &mut V,
     ) -> Result<(), RestoreError<F::Error>> {
-        if let Some(signing) = vehicle.signing() {
-            signing.limit(self.core.config.storage_refill);
-        }
-        let result = read_key(now, store, vehicle);
+        let signing: &mut Signing = &mut self.services.signing;
+        signing.limit(self.shared.config.storage_refill);
+        let result = read_key(now, store, signing);
         self.tell_restored(now, &result, &KEY_TEXTS, false);
         result
     }
 
-    /// Writes the signing key when it was changed, and with it the time that is used up, one step at a time, as
-    /// [`persist_plans`](Self::persist_plans) does with plans: every 55 s, and only while the vehicle [permits](crate::Plans::may_persist).
-    /// True when there is more to do at once.
+    /// Writes the signing key after a change, and every 55 s the time that is in use. Like
+    /// [`persist_plans`](Self::persist_plans) it does one step per call, and writes only while the vehicle
+    /// [permits](crate::Vehicle::may_persist) it. Returns true if more is to be done at once.
     ///
-    /// A vehicle that does not permit it in flight begins, after a restart there, with the time of its take-off, until the first
-    /// signed frame tells it better: see [`set_time`](crate::Signing::set_time) too.
-    pub fn persist_signing<F: NorFlash, V: Autopilot>(
+    /// If the vehicle does not permit writing in flight, a restart in flight begins with the time of take-off, until
+    /// the first signed frame provides a later time. See also [`set_time`](crate::Signing::set_time).
+    pub fn persist_signing<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut SigningStore<F>,
-        vehicle: &mut V,
+        vehicle: &D::Vehicle,
     ) -> bool {
         let may_write = vehicle.may_persist();
-        if vehicle.signing().is_none() || !(may_write || store.is_unread()) {
+        if !(may_write || store.is_unread()) {
             return false;
         }
-        if !self.core.turn.is_for(Turn::KEY) {
+        if !self.turn.is_for(Turn::KEY) {
             return true;
         }
-        let Some(signing) = vehicle.signing() else { return false };
+        let signing: &mut Signing = &mut self.services.signing;
         let job = if may_write { signing.unsaved(now) } else { None };
         let step = store.step(now, signing, job);
-        self.core.turn.took(Turn::KEY, step);
+        self.turn.took(Turn::KEY, step);
         // A key that was set in the meantime takes precedence.
-        if step == Step::Unread && vehicle.signing().is_some_and(|signing| signing.is_lost()) {
-            let result = read_key(now, store, vehicle);
+        if step == Step::Unread && signing.is_lost() {
+            let result = read_key(now, store, signing);
             self.tell_restored(now, &result, &KEY_TEXTS, true);
         }
-        let Some(signing) = vehicle.signing() else { return false };
+        let signing: &mut Signing = &mut self.services.signing;
         match step {
             Step::Idle => return false,
             Step::Busy | Step::Unread => {}
@@ -86,12 +84,11 @@ impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize,
 
 /// Restores the stored key, or records it as lost.
 #[inline(never)]
-fn read_key<F: NorFlash, V: Autopilot>(
+fn read_key<F: NorFlash>(
     now: Instant,
     store: &mut SigningStore<F>,
-    vehicle: &mut V,
+    signing: &mut Signing,
 ) -> Result<(), RestoreError<F::Error>> {
-    let Some(signing) = vehicle.signing() else { return Ok(()) };
     match store.open() {
         Ok(None) => {
             signing.nothing_stored();

@@ -1,65 +1,70 @@
-//! Plans as the firmware sees them: what is live, what was reached, what it brings itself.
+//! The firmware's view of plans: live plans, reached items, and plans that the firmware loads itself.
 
-use super::Stack;
-use crate::service::mission::{Item, PlanCounters, PlanStorage, PlanType, PlanView};
+use super::{Cx, Declares, PeerMemory, Stack, TextMemory, services::Services, split};
+use crate::message::Item;
+use crate::service::command::Commands;
+use crate::service::mission::{self, Missions, PlanCounters, PlanFault, Plans};
 use crate::time::Instant;
-use crate::vehicle::{Autopilot, PlanFault};
+use crate::types::{PlanStorage, PlanType, PlanView};
 
-impl<const LINKS: usize, P: PlanStorage, const PEERS: usize, const TEXTS: usize, const STREAMS: usize>
-    Stack<LINKS, P, PEERS, TEXTS, STREAMS>
-{
-    /// The live mission: changes in one step, inside calls that are given the vehicle (M-39).
+/// The live plans.
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the live mission. It changes in one step, and only inside calls that are given the vehicle (M-39). Empty
+    /// without `plans`.
     pub fn mission(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Mission)
     }
 
-    /// The live geofence, in the same way.
+    /// Returns the live geofence, in the same way.
     pub fn fence(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Fence)
     }
 
-    /// The live rally points, in the same way.
+    /// Returns the live rally points, in the same way.
     pub fn rally(&self) -> PlanView<'_> {
         self.plans.live(PlanType::Rally)
     }
+}
 
-    /// The vehicle has reached an item of the mission: MISSION_ITEM_REACHED on every normal link, before the next item is
-    /// current there (M-91). Call it after the flight loop's step and before [`poll`](Self::poll).
+/// With `plans`.
+impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: usize> Stack<D, LINKS> {
+    /// Reports that the vehicle has reached a mission item. MISSION_ITEM_REACHED is sent on every normal link, before
+    /// the next item becomes current there (M-91). Call it after the flight loop's step and before
+    /// [`poll`](Self::poll).
     pub fn mission_item_reached(&mut self, now: Instant, seq: u16) {
-        if let Some((missions, _)) = self.plans.parts(&mut self.missions) {
-            missions.reached(now, seq, self.core.normal, self.core.config.item_reached_repeats);
-        }
+        let (links, repeats) = (self.shared.normal, self.shared.config.item_reached_repeats);
+        self.services.mission.reached(now, seq, links, repeats);
     }
 
-    /// Makes `items` the live plan: one from a file, or that the firmware is born with. They are checked as an upload is, and
-    /// go live at once; where there is storage they are written later. No items clear the plan.
+    /// Makes `items` the live plan: a plan from a file, or the firmware's default plan. The items are checked as in an
+    /// upload and take effect at once; with storage they are written later. An empty list clears the plan.
     ///
     /// # Errors
     ///
-    /// What is wrong with the plan, which then stays as it was: as for an upload; [`DENIED`] while an upload runs, and
-    /// [`UNSUPPORTED`] where there is no room for such a plan at all.
+    /// Returns what is wrong with the plan, as for an upload; the live plan is then unchanged. [`DENIED`]: an upload is
+    /// running. [`UNSUPPORTED`]: there is no memory for such a plan.
     ///
     /// [`DENIED`]: crate::dialect::MavMissionResult::DENIED
     /// [`UNSUPPORTED`]: crate::dialect::MavMissionResult::UNSUPPORTED
-    pub fn load_plan<V: Autopilot>(
+    pub fn load_plan(
         &mut self,
         now: Instant,
         plan: PlanType,
         items: impl IntoIterator<Item = Item>,
-        vehicle: &mut V,
+        vehicle: &mut D::Vehicle,
     ) -> Result<(), PlanFault> {
         let unsupported = PlanFault::from(crate::dialect::MavMissionResult::UNSUPPORTED);
-        if !plan.is_served(&P::CAPACITIES) {
+        if !plan.is_served(&D::Plans::CAPACITIES) {
             return Err(unsupported);
         }
-        let (missions, mut plans) = self.plans.parts(&mut self.missions).ok_or(unsupported)?;
-        let mut context = self.core.plan_context(now, &mut plans, &mut self.texts);
+        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
+        let (mut work, vehicle) = mission::work(&mut cx).ok_or(unsupported)?;
         let mut items = items.into_iter();
-        missions.load(&mut context, vehicle, plan, None, |_| items.next())
+        services.mission.load(&mut work, vehicle, plan, None, |_| items.next())
     }
 
-    /// What became of plans that were uploaded.
+    /// Returns the counters of uploads.
     pub fn plan_counters(&self) -> PlanCounters {
-        P::engine(&self.missions).map(|missions| *missions.counters()).unwrap_or_default()
+        *self.services.mission.counters()
     }
 }

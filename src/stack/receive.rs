@@ -1,129 +1,110 @@
-//! From a decoded frame to the service that it is for: the address filter, then the services one by one.
+//! The receiving half of the stack: the address filter, then the services one by one.
 
-use super::commands::{command_of, refused_item};
-use super::{Context, Core, count, signing, streams};
-use crate::config::Allowance;
-#[cfg(feature = "signing")]
-use crate::dialect::SetupSigning;
-use crate::dialect::{Heartbeat, ManualControl, MavComponent, MavResult, MavSeverity};
-use crate::frame::{Address, Frame};
-use crate::link::{Link, LinkClass, Peer, Port};
-use crate::message::{Message, MessageTable, Text};
+use super::services::{Services, States};
+use super::{Declares, report};
+use crate::dialect::{CommandCancel, CommandInt, CommandLong, Heartbeat, MavComponent, MavSeverity, SetMode};
+use crate::frame::Frame;
+use crate::link::{Link, Port};
+use crate::message::{Message, Text};
 use crate::network::{self, Booking, Passage, Reception};
-use crate::service::command::{self, Origin, Refusal};
-use crate::service::high_latency;
-use crate::service::manual_control;
-use crate::service::mission::{Caller, Missions, PlanStorage};
-use crate::service::mode;
-use crate::service::param::{self, Params, Taken};
-use crate::service::statustext::{MAX_TEXT_LEN, StatusTexts};
-use crate::service::time;
-use crate::time::Instant;
-use crate::vehicle::{Autopilot, Command, Outcome};
+use crate::service::mission::Missions;
+use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, Verdict, command, count, mode};
+use crate::types::{Allowance, Context, MAX_TEXT_LEN, Origin, Outcome, Peer, Values, Vehicle, Why};
 
-impl Core {
-    /// Handles the frames that the decoder finds.
-    pub(super) fn drain<V: Autopilot, P: PlanStorage>(
+/// The sequence number and the low checksum byte of a received frame with our own address.
+pub(super) type OwnFrame = [u8; 2];
+
+impl<D: Declares> Services<D> {
+    /// Handles the frames that the decoder finds. Returns the last frame with our own address, which may be an echo.
+    pub(super) fn drain(
         &mut self,
-        context: &mut Context<'_, V, P>,
+        cx: &mut Cx<'_, D>,
         link: &mut Link,
-        messages: MessageTable,
+        state: &mut States<D>,
         allowance: &mut Allowance,
-    ) {
+    ) -> Option<OwnFrame> {
+        let mut own_frame = None;
         let Link { decoder, port } = link;
         while allowance.may_handle() {
-            let is_known = |address| network::is_known(context.peers, address);
-            let key = signing::key_of(context.vehicle);
-            let vouches = |raw: &[u8], work: &mut u32| signing::vouches_for(raw, key, work);
-            let next = decoder.next_vouched(context.now, messages, &mut allowance.work, is_known, vouches);
-            let Some(frame) = next else { return };
+            let is_known = |address| network::is_known(cx.peers, address);
+            let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
+            let messages = <D::Vehicle as Vehicle>::MESSAGES;
+            let next = decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches);
+            let Some(frame) = next else { break };
             allowance.handle();
-            allowance.spend(signing::cost(&frame, context.vehicle));
-            #[cfg(feature = "signing")]
-            let has_key = frame.id() == SetupSigning::ID;
-            let (copied, is_served) = self.on_frame(context, port, &frame);
-            allowance.work = allowance.work.saturating_sub(copied);
+            allowance.spend(self.signing.cost(&frame));
+            let id = frame.id();
+            let (copied, is_served) = self.learn(cx, port, state, &frame, &mut own_frame);
+            allowance.spend(copied);
             if is_served
-                && let Some(target) = self.addressee(port, &frame)
-                && !self.on_command(context, port, &frame)
+                && let Some(received) = self.receive(cx, port, &frame)
+                && !self.command(cx, port, state, &received)
             {
-                self.serve(context, port, &frame, target);
+                self.serve(cx, port, state, &received);
             }
-            #[cfg(feature = "signing")]
-            if has_key {
-                decoder.wipe();
-            }
+            self.signing.wipe(id, decoder);
         }
+        own_frame
     }
 
-    /// A frame came in on a link: what is learned from it, and where it goes on to. Tells what forwarding it has cost, in
-    /// units of the decoder's work, and whether the services are to see it. Not inlined, and apart from what they do with it:
-    /// what this takes of the stack they need for themselves.
+    /// Learns from a received frame, and forwards it. Returns the cost of forwarding, in cost units, and whether the
+    /// services get the frame. Not inlined, and separate from the services, which need the stack space themselves.
     #[inline(never)]
-    fn on_frame<V: Autopilot, P: PlanStorage>(
+    fn learn(
         &mut self,
-        context: &mut Context<'_, V, P>,
+        cx: &mut Cx<'_, D>,
         port: &mut Port,
+        state: &mut States<D>,
         frame: &Frame<'_>,
+        own_frame: &mut Option<OwnFrame>,
     ) -> (u32, bool) {
-        let own = self.config.address.get();
+        let own = cx.shared.config.address.get();
         if frame.source() == own {
             count(&mut port.counters.own_address);
-            if frame.is_checked() && signing::believes_unsigned(port, frame.id(), context.vehicle) {
+            if frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
                 let header = frame.header();
                 let sum_at = header.version.header_len().saturating_add(frame.payload().len());
-                self.own_frame = frame.raw().get(sum_at).map(|&checksum| [header.seq, checksum]);
+                *own_frame = frame.raw().get(sum_at).map(|&checksum| [header.seq, checksum]);
             }
             return (0, false);
         }
         let from = Peer { address: frame.source(), link: port.id };
         // A refused frame may be forwarded to links that verify signatures themselves; it has no other effect.
-        let is_accepted = signing::admits(context.now, port, frame, context.vehicle);
-        let passage = self.examine(context, port, frame, is_accepted);
+        let is_accepted = self.signing.admits(cx.now, port, &mut state.signing, frame);
+        let passage = self.forwarding.examine(cx, port, frame, is_accepted);
+        let has_key = self.signing.has_key();
         if !is_accepted {
-            return (self.pass_on(context, port, frame, passage, None), false);
+            return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
         if !frame.is_checked() {
             count(&mut port.counters.unknown);
-            network::on_unchecked(context.peers, from, frame.header().seq);
-            return (self.pass_on(context, port, frame, passage, None), false);
+            network::on_unchecked(cx.peers, from, frame.header().seq);
+            return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
-        let was_heard = network::is_heard(context.peers, from);
-        if passage == Passage::Again && !was_heard {
-            // No way back to its sender is learned from what came around.
+        if passage == Passage::Again && !network::is_heard(cx.peers, from) {
+            // A duplicate must not teach a route to its sender.
             return (0, false);
         }
         port.heard(frame.header().version);
-        let is_verified = signing::knows_sender(port, frame, context.vehicle);
-        let by = Reception { now: context.now, link: port.id, class: port.config.class, is_verified };
-        let booking = network::on_frame(context.peers, by, own.system, frame, context.vehicle);
+        let is_verified = self.signing.knows_sender(port, frame);
+        let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
+        let booking = network::on_frame(cx.peers, by, own.system, frame, report!(cx));
         match booking {
             Booking::Evicted => count(&mut port.counters.evicted_peers),
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
             Booking::Kept => {}
         }
-        if passage != Passage::Again
-            && let Some((missions, _)) = context.plans.parts(context.missions)
-        {
-            missions.heard(context.now, from);
+        if passage != Passage::Again {
+            self.on_heard(cx.now, from);
         }
-        let copied = self.pass_on(context, port, frame, passage, is_verified.then_some(booking));
+        let copied = self.forwarding.pass_on(cx, port, frame, passage, is_verified.then_some(booking), has_key);
         (copied, passage != Passage::Again)
     }
 
-    /// Reports that another vehicle has our address. Not inlined, because it is rare.
-    #[inline(never)]
-    pub(super) fn tell_conflict(&self, now: Instant, texts: &mut StatusTexts) {
-        let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
-        text.push_str("Another vehicle has system id ");
-        text.push_number(u32::from(self.config.address.get().system.0));
-        texts.push(now, self.normal, MavSeverity::WARNING, &text);
-    }
-
-    /// Whom a frame is for, if it is for us.
-    fn addressee(&self, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
-        let own = self.config.address.get();
-        let target = target_of(frame);
+    /// Returns the frame with the data that services need, if it is addressed to us or to all.
+    fn receive<'a>(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &'a Frame<'a>) -> Option<Received<'a>> {
+        let own = cx.shared.config.address.get();
+        let target = network::target_of(frame);
         // Old ground stations address plans to component 190 (M-10).
         let is_our_component = target.component.0 == 0
             || target.component == own.component
@@ -132,171 +113,107 @@ impl Core {
             count(&mut port.counters.not_ours);
             return None;
         }
-        Some(target)
+        let from = Peer { address: frame.source(), link: port.id };
+        Some(Received { frame, from, target, age: self.signing.age(cx.now, frame) })
     }
 
-    /// Hands a frame that is for us, and is no command, to its service.
+    /// Hands a frame that is not a command to its service, or to the vehicle.
     #[inline(never)]
-    fn serve<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        frame: &Frame<'_>,
-        target: Address,
-    ) {
-        let own = self.config.address.get();
-        let from = Peer { address: frame.source(), link: port.id };
-        if self.on_cancel(context, port, frame, target) {
-            // That was all.
-        } else if port.config.class == LinkClass::HighLatency && frame.id() != Heartbeat::ID {
-            count(&mut port.counters.out_of_place);
-        } else if Missions::handles(frame.id()) {
-            if target.system.0 == 0 {
-                // A broadcast COUNT would start uploads on every vehicle in reach (M-10).
-                count(&mut port.counters.out_of_place);
-                return;
-            }
-            let refused = refused_item(frame, origin(context, port, frame), context.vehicle);
-            let mut caller = Caller { from, version: port.outbox.version(), replies: &mut port.plans };
-            let Some((missions, mut plans)) = context.plans.parts(context.missions) else {
-                if !caller.refuse(frame) {
-                    count(&mut port.counters.no_answer_slot);
+    fn serve(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, received: &Received<'_>) {
+        let id = received.frame.id();
+        let handled = match id {
+            Heartbeat::ID => Handled::Yes,
+            _ if port.config.class.is_high_latency() && id != CommandCancel::ID => Handled::OutOfPlace,
+            _ => self.on_frame(cx, port, state, received),
+        };
+        match handled {
+            Handled::Yes => {}
+            Handled::NoRoom => count(&mut port.counters.no_answer_slot),
+            Handled::OutOfPlace => count(&mut port.counters.out_of_place),
+            Handled::No if port.config.class.is_high_latency() => count(&mut port.counters.out_of_place),
+            Handled::No => {
+                let (vehicle, mut context) = cx.hook();
+                let is_handled = vehicle.message(&mut context, received.frame, port.id);
+                // Broadcasts are not counted: no component has to handle them.
+                if !is_handled && received.target.system == cx.shared.config.address.get().system {
+                    count(&mut port.counters.unhandled);
                 }
-                return;
-            };
-            let Context { now, texts, vehicle, .. } = context;
-            let mut context = self.plan_context(*now, &mut plans, texts);
-            match refused {
-                Some(seq) => missions.refuse_current(&mut context, *vehicle, seq),
-                None => missions.on_frame(&mut context, *vehicle, &mut caller, frame),
             }
-        } else if Params::handles(frame.id()) && context.vehicle.parameters_mut().is_some() {
-            let Context { now, texts, vehicle, .. } = context;
-            let mut context = param::Context { now: *now, texts, normal: self.normal };
-            let mut caller = param::Caller { from, version: port.outbox.version(), list: &mut port.params };
-            match self.params.on_frame(&mut context, *vehicle, &mut caller, frame) {
-                Taken::Yes => {}
-                Taken::NoRoom => count(&mut port.counters.no_answer_slot),
-                Taken::OutOfPlace => count(&mut port.counters.out_of_place),
-            }
-        } else if frame.id() == Heartbeat::ID || streams::on_frame(context, port, frame) {
-            // That was all.
-        } else if time::on_frame(context.now, port, frame, context.vehicle) {
-            self.has_acted = true;
-        } else if !signing::on_frame(context.now, port, frame, target.system == own.system, context.vehicle)
-            && !manual_control::on_frame(context.now, from, frame, target.system.0 == 0, context.peers, context.vehicle)
-            && !context.vehicle.message(frame, port.id)
-            && target.system == own.system
-        {
-            // Broadcasts are not counted: no component has to handle them.
-            count(&mut port.counters.unhandled);
         }
     }
 
-    /// Carries out the command in a frame, and owes its answer. False when there is none in it.
+    /// Executes the command in a frame, and queues its answer. Returns false if the frame contains no command.
     #[inline(never)]
-    fn on_command<V: Autopilot, P: PlanStorage>(
-        &mut self,
-        context: &mut Context<'_, V, P>,
-        port: &mut Port,
-        frame: &Frame<'_>,
-    ) -> bool {
-        let has_set_mode = const { !V::MODES.is_empty() } && port.config.class != LinkClass::HighLatency;
-        let command = command_of(frame, origin(context, port, frame), has_set_mode);
-        let Some((command, set_mode)) = &command else { return false };
-        let id = if set_mode.is_some() { mode::SET_MODE } else { command.id };
-        if port.acks.is_full() {
+    fn command(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, received: &Received<'_>) -> bool {
+        let has_set_mode = D::HAS_MODES && !port.config.class.is_high_latency();
+        let mut request = request_of(received.frame, received.origin(port), has_set_mode);
+        // By reference: it is large.
+        let Some(request) = &mut request else { return false };
+        let id = if request.set_mode.is_some() { mode::SET_MODE } else { request.command.id };
+        if state.command.acks.is_full() {
             count(&mut port.counters.no_answer_slot);
             return true;
         }
-        if command.is_broadcast && command::is_for_one(id) {
-            let answer = self.refuse(context.now, port, context.texts, command, Refusal::BROADCAST);
-            port.acks.push(command.from.address, id, answer);
-            return true;
-        }
-        let signed_at = signing::signed_at(frame, context.vehicle);
-        if let Some(answer) = command::answered(context.now, command, signed_at, context.vehicle) {
-            let answer =
-                answer.unwrap_or_else(|refusal| self.refuse(context.now, port, context.texts, command, refusal));
-            port.acks.push(command.from.address, id, answer);
-            return true;
-        }
-        let satellite = high_latency::on_command(context.now, port, context.peers, context.vehicle, command, signed_at);
-        let satellite = satellite.map(accepted);
-        let Context { now, texts, vehicle, .. } = context;
-        let progress = satellite.or_else(|| {
-            let (missions, mut plans) = context.plans.parts(context.missions)?;
-            let mut context = self.plan_context(*now, &mut plans, texts);
-            missions.on_command(&mut context, *vehicle, command)
-        });
-        let stored = progress.or_else(|| {
-            let mut context = param::Context { now: *now, texts, normal: self.normal };
-            self.params.on_command(&mut context, *vehicle, command).map(accepted)
-        });
-        let asked = stored.or_else(|| self.on_message_command(context, port, command).map(Ok));
-        let outcome = match asked {
-            Some(Ok(result)) => result.into(),
-            Some(Err(result)) => self.refuse(context.now, port, context.texts, command, result.into()),
-            None => execute(context, port, command, *set_mode),
+        request.signed_at = self.signing.signed_at(received.frame);
+        let outcome = match self.command.admit(cx, id, request) {
+            Some(verdict) => explained(cx, port, state, request, verdict),
+            None => {
+                let outcome = match self.on_command(cx, port, state, request) {
+                    Some(verdict) => explained(cx, port, state, request, verdict),
+                    None => self.command.execute(cx, &request.command),
+                };
+                self.command.settle(cx, request, outcome);
+                outcome
+            }
         };
-        command::carried_out(context.now, command, signed_at, outcome, context.vehicle);
-        self.has_acted = true;
-        port.acks.push(command.from.address, id, outcome);
+        state.command.acks.push(received.from.address, id, outcome);
         true
     }
-
-    /// Explains a refusal to the sender's link, and returns the answer.
-    fn refuse(
-        &self,
-        now: Instant,
-        port: &mut Port,
-        texts: &mut StatusTexts,
-        command: &Command,
-        refusal: Refusal,
-    ) -> Outcome {
-        command::explain(now, self.config.address.get().system, port, texts, command, refusal);
-        refusal.result.into()
-    }
 }
 
-/// Converts a service's answer to a command: a refusal becomes an error.
-fn accepted(result: MavResult) -> Result<MavResult, MavResult> {
-    if result == MavResult::ACCEPTED { Ok(result) } else { Err(result) }
-}
-
-/// Where the command in a frame comes from, and how old it is if that is known (L-16).
-fn origin<V: Autopilot, P: PlanStorage>(context: &mut Context<'_, V, P>, port: &Port, frame: &Frame<'_>) -> Origin {
-    let from = Peer { address: frame.source(), link: port.id };
-    Origin { from, class: port.config.class, age: signing::age(context.now, frame, context.vehicle) }
-}
-
-/// Carries out a command that is none of plans, parameters and streams.
-fn execute<V: Autopilot, P: PlanStorage>(
-    context: &mut Context<'_, V, P>,
-    port: &mut Port,
-    command: &Command,
-    set_mode: Option<u32>,
+/// Returns the outcome of a verdict. A text on the sender's link explains a refusal.
+fn explained<D: Declares>(
+    cx: &mut Cx<'_, D>,
+    port: &Port,
+    state: &mut States<D>,
+    request: &Request,
+    verdict: Verdict,
 ) -> Outcome {
-    let has_modes = const { !V::MODES.is_empty() };
-    match has_modes.then(|| mode::on_command(port, context.vehicle, command, set_mode)).flatten() {
-        Some(Ok(outcome)) => outcome,
-        Some(Err(mode::Refused(mode, why))) => {
-            command::explain_mode(context.now, port, context.texts, mode, why);
-            MavResult::DENIED.into()
+    match verdict {
+        Verdict::Done(outcome) => outcome,
+        Verdict::Refused(refusal) => {
+            let own = cx.shared.config.address.get().system;
+            let link = &mut state.command;
+            match refusal.why {
+                Why::Mode(mode, why) if D::HAS_MODES => command::explain_mode(cx.now, port, link, cx.texts, mode, why),
+                _ => command::explain(cx.now, own, port, link, cx.texts, &request.command, refusal),
+            }
+            refusal.result.into()
         }
-        None => command::execute(command, port.config.class, &mut port.owed, context.vehicle),
     }
 }
 
-/// Whom a frame is for; for everyone, where that is not known.
-pub(super) fn target_of(frame: &Frame<'_>) -> Address {
-    let Some(info) = frame.info() else { return Address::default() };
-    // MANUAL_CONTROL alone calls the system that it means otherwise.
-    let system = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
-    // A field that was cut off, or is not there, reads as 0: for everyone.
-    let byte = |offset: Option<u8>| offset.map_or(0, |offset| frame.byte(offset));
-    Address::new(byte(system), byte(info.target_component()))
+/// Returns the command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE if that is handled as a command. Not inlined:
+/// the message is no longer needed when the command is executed.
+#[inline(never)]
+fn request_of(frame: &Frame<'_>, origin: Origin, has_set_mode: bool) -> Option<Request> {
+    let request = |command| Request { command, set_mode: None, signed_at: None };
+    if let Some(message) = frame.decode::<CommandLong>() {
+        return Some(request(command::from_long(&message, origin)));
+    }
+    if let Some(message) = frame.decode::<CommandInt>() {
+        return Some(request(command::from_int(&message, origin)));
+    }
+    let message = frame.decode::<SetMode>().filter(|_| has_set_mode)?;
+    let set_mode = Some(message.custom_mode);
+    Some(Request { set_mode, ..request(mode::from_set_mode(&message, origin)) })
 }
 
-/// Where MANUAL_CONTROL.target stands.
-const MANUAL_CONTROL_TARGET: u8 = 10;
+/// Reports that another vehicle has our address. Not inlined, because it is rare.
+#[inline(never)]
+pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>) {
+    let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
+    text.push_str("Another vehicle has system id ");
+    text.push_number(u32::from(cx.shared.config.address.get().system.0));
+    cx.say(MavSeverity::WARNING, &text);
+}

@@ -1,7 +1,8 @@
-//! FRAM of the FM25V family (Ramtron, Cypress, Infineon) on SPI: what flight controllers keep their settings in.
+//! A driver for FRAM of the FM25V family (Ramtron, Cypress, Infineon) on SPI, which many flight controllers have for
+//! settings.
 //!
-//! FRAM is written byte by byte, at the speed of the bus, without pages, without erasing and without wear that matters.
-//! It is driven here as NOR flash with erase units of 256 bytes, so that all that works on flash works on it.
+//! FRAM is written byte by byte, at the speed of the bus, without pages, erasing or relevant wear. The driver presents
+//! it as NOR flash with erase units of 256 bytes, so that it works with all stores.
 
 use embedded_hal::spi::{Operation, SpiDevice};
 use embedded_storage::nor_flash::{
@@ -12,27 +13,27 @@ use embedded_storage::nor_flash::{
 mod op {
     pub(super) const WRITE: u8 = 0x02;
     pub(super) const READ: u8 = 0x03;
-    /// Read the status register.
+    /// Reads the status register.
     pub(super) const RDSR: u8 = 0x05;
-    /// Allow the next write.
+    /// Enables the next write.
     pub(super) const WREN: u8 = 0x06;
-    /// Read the device id.
+    /// Reads the device id.
     pub(super) const RDID: u8 = 0x9F;
 }
 
-/// Ramtron's JEDEC id: number C2 of the seventh bank.
+/// Ramtron's JEDEC manufacturer id: C2 in bank 7.
 const MANUFACTURER: [u8; 7] = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2];
 
-/// Status bits that protect a part of the memory, or all, from writing.
+/// The status bits that write-protect a part of the memory, or all of it.
 const BLOCK_PROTECT: u8 = 0x0C;
 
-/// What an erase unit has in it; FRAM has none of its own.
+/// An erase unit after erasing. FRAM itself has no erase units.
 const ERASED: [u8; 256] = [0xFF; 256];
 
-/// An FM25V01 to FM25V20, CY15B104Q, or one that answers alike.
+/// A driver for the FM25V01 to FM25V20, the CY15B104Q and compatible chips.
 ///
-/// The chip is recognized by its id, which also says how large it is: 16 KiB to 512 KiB. Each write enables itself, as the
-/// chip wants it. No call waits for the chip, which is never busy; each blocks for as long as the bus needs.
+/// The driver recognises the chip by its id, which also encodes the capacity: 16 KiB to 512 KiB. It enables each write,
+/// as the chip requires. Calls block only for the transfer on the bus, because the chip is never busy.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fram<S> {
@@ -40,16 +41,16 @@ pub struct Fram<S> {
     capacity: u32,
 }
 
-/// What went wrong with an FRAM.
+/// The error of an FRAM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum FramError<E> {
     /// The bus failed.
     Bus(E),
-    /// There is something else, or nothing: the nine bytes that came as its id.
+    /// No known FRAM answered. These nine bytes were read as its id.
     Id([u8; 9]),
-    /// The chip's status register protects memory from writing. It is left as it is.
+    /// The chip's status register write-protects memory. The driver does not change it.
     Protected,
     /// An address or a length is not a multiple of its unit.
     NotAligned,
@@ -62,11 +63,13 @@ impl<E: core::fmt::Debug> core::fmt::Display for FramError<E> {
         match self {
             Self::Bus(error) => write!(f, "the bus failed: {error:?}"),
             Self::Id(id) => {
-                write!(f, "no FRAM that is known answers, but {id:02X?}: is it wired, and is this its chip select?")
+                write!(f, "no known FRAM answers, its id reads as {id:02X?}: check the wiring and the chip select")
             }
             Self::Protected => f.write_str("the chip's status register protects memory: clear its bits BP0 and BP1"),
-            Self::NotAligned => f.write_str("an address or a length is not a multiple of its unit"),
-            Self::OutOfBounds => f.write_str("beyond the end of the memory: is the region larger than the chip?"),
+            Self::NotAligned => {
+                f.write_str("an address or a length is not a multiple of its unit: erase 256 bytes at a time")
+            }
+            Self::OutOfBounds => f.write_str("the region reaches beyond the end of the memory: make it smaller"),
         }
     }
 }
@@ -93,16 +96,16 @@ impl<E> FramError<E> {
 }
 
 impl<S: SpiDevice> Fram<S> {
-    /// Asks the chip what it is. SPI mode 0 or 3, at most 40 MHz.
+    /// Identifies the chip and returns its driver. The bus must be in SPI mode 0 or 3, at no more than 40 MHz.
     ///
     /// # Errors
     ///
-    /// The bus failed, another chip answered or none, or the chip is protected from writing.
+    /// The bus failed, no known FRAM answered, or the chip is write-protected.
     pub fn new(mut spi: S) -> Result<Self, FramError<S::Error>> {
         let mut id = [0; 9];
         spi.transaction(&mut [Operation::Write(&[op::RDID]), Operation::Read(&mut id)]).map_err(FramError::Bus)?;
         let [manufacturer @ .., product, _] = &id;
-        // Three bits of family, which is 1; five of density, which is 1 for 16 KiB and one more for each doubling.
+        // Three bits of family, which is 1, and five of density: 1 is 16 KiB, and each increment doubles it.
         let capacity = match product {
             0x21..=0x26 if *manufacturer == MANUFACTURER => 0x2000u32.wrapping_shl((product & 0x0F).into()),
             _ => return Err(FramError::Id(id)),
@@ -116,13 +119,13 @@ impl<S: SpiDevice> Fram<S> {
         Ok(Self { spi, capacity })
     }
 
-    /// Gives the bus back.
+    /// Returns the bus.
     pub fn into_inner(self) -> S {
         self.spi
     }
 
-    /// The bytes that begin an access at `offset`, and how many they are: addresses have two bytes up to 64 KiB, and three
-    /// beyond.
+    /// Returns the command of an access at `offset`, and its length: addresses have two bytes in chips of up to 64 KiB,
+    /// and three bytes in larger chips.
     fn command(&self, code: u8, offset: u32) -> ([u8; 4], usize) {
         let [_, high, middle, low] = offset.to_be_bytes();
         if self.capacity > 0x1_0000 { ([code, high, middle, low], 4) } else { ([code, middle, low, 0], 3) }
@@ -152,7 +155,7 @@ impl<S: SpiDevice> NorFlash for Fram<S> {
     const WRITE_SIZE: usize = 1;
     const ERASE_SIZE: usize = ERASED.len();
 
-    /// Writes 0xFF.
+    /// Erases by writing 0xFF.
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
         check_erase(self, from, to).map_err(FramError::of_call)?;
         for offset in (from..to).step_by(Self::ERASE_SIZE) {
@@ -163,7 +166,7 @@ impl<S: SpiDevice> NorFlash for Fram<S> {
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
         check_write(self, offset, bytes.len()).map_err(FramError::of_call)?;
-        // The chip forgets after each write that it was allowed.
+        // The chip disables writing after each write.
         self.spi.write(&[op::WREN]).map_err(FramError::Bus)?;
         let (command, len) = self.command(op::WRITE, offset);
         let command = command.get(..len).unwrap_or_default();

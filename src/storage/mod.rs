@@ -1,9 +1,8 @@
-//! Records that survive power loss, in NOR flash and in FRAM.
+//! Persistent storage of plans, parameters and the signing key, in NOR flash or FRAM.
 //!
-//! [`PlanStore`] keeps the plans, [`ParamStore`] the parameters, `SigningStore` the signing key, over anything that is
-//! [`NorFlash`](embedded_storage::nor_flash::NorFlash): the microcontroller's own flash, a chip beside it, or an FRAM by
-//! [`Fram`]. Writing goes in bounded steps; whatever moment the power goes, the restarted vehicle has exactly what was
-//! complete before, or exactly the new.
+//! [`PlanStore`], [`ParamStore`] and `SigningStore` work with any [`NorFlash`](embedded_storage::nor_flash::NorFlash): the
+//! microcontroller's flash, an external chip, or an FRAM with the driver [`Fram`]. They write in bounded steps. If
+//! power fails at any moment, the restarted vehicle has either the complete old content or the complete new content.
 
 mod fram;
 mod params;

@@ -1,8 +1,8 @@
-//! The parameters on storage: one [record](super::record) with a row for each of them (P-17).
+//! Storage of the parameters: a [record](super::record) with a row for each parameter (P-17).
 //!
-//! The bytes are described in `params.md` beside this file. Rows are matched by name and type when they are read, so that
-//! firmware with another table keeps what both have. Whoever changes a row counts the schema version up, and goes on reading
-//! what was stored before.
+//! `params.md` in this folder documents the format. Rows are matched by name and type when they are read, so firmware
+//! with another table keeps the parameters that both tables have. If you change the row, increment the schema version,
+//! and keep reading the old one.
 
 use core::ops::Range;
 
@@ -19,17 +19,17 @@ const SCHEMA: u16 = 1;
 impl Stored {
     fn to_row(self) -> [u8; ROW] {
         let mut row = [0; ROW];
-        let [name0, name1, name2, name3, value, what, ..] = row.as_chunks_mut().0 else { return row };
+        let [name0, name1, name2, name3, value, flags, ..] = row.as_chunks_mut().0 else { return row };
         let (name, _) = self.name.as_chunks();
         for (to, from) in [name0, name1, name2, name3].into_iter().zip(name) {
             *to = *from;
         }
         *value = self.bits.to_le_bytes();
-        *what = [self.r#type.0, u8::from(self.is_default), 0, 0];
+        *flags = [self.r#type.0, u8::from(self.is_default), 0, 0];
         row
     }
 
-    /// What a row says; whatever is in it, it is something.
+    /// Decodes a row. All bytes are valid.
     fn from_row(row: &[u8; ROW]) -> Self {
         let (words, _) = row.as_chunks();
         let word = |index: usize| -> [u8; 4] { words.get(index).copied().unwrap_or_default() };
@@ -43,21 +43,21 @@ impl Stored {
     }
 }
 
-/// Keeps the parameters on storage: two slots, of which one always has what was complete before.
+/// Stores the parameters in two slots, of which one always has a complete record.
 ///
-/// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
-/// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
-/// bytes, about a second after a change and at most every ten seconds (SEC-12), in the long run at most every
-/// [`storage_refill`](crate::Config::storage_refill) (C-15):
+/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
+/// [`PlanStore`](super::PlanStore). Each store needs a region of its own. It writes in steps of at most one erase unit
+/// or 256 bytes: about a second after a change, and at most every ten seconds (SEC-12). In the long run it writes at
+/// most once every [`storage_refill`](crate::Config::storage_refill) (C-15).
 ///
 /// ```text
-///            a value changes             after 1 s, and 10 s after the last one       whole
+///            a value changes           after 1 s, and 10 s after the last write     complete
 ///   stored ──────────────────▶ changed ─────────────────────────────────────▶ writing ─────▶ stored
-///                                 ▲       PREFLIGHT_STORAGE: at once             │
-///                                 └──── not written: a text, again after 10 s ───┘
+///                                 ▲       PREFLIGHT_STORAGE: immediately         │
+///                                 └─── failed: text, and a retry after 10 s ─────┘
 /// ```
 ///
-/// What changes while it is written is in it or not; then it is written once more.
+/// A value that changes while it is written may or may not be in the record; the parameters are then written again.
 ///
 #[doc = include_str!("params.md")]
 #[derive(Debug)]
@@ -67,39 +67,39 @@ pub struct ParamStore<F> {
 }
 
 impl<F: NorFlash> ParamStore<F> {
-    /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
+    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         Self { record: Record::new(flash, region, KIND) }
     }
 
-    /// How long the region has to be for so many parameters, in bytes: a multiple of two erase units. It has to begin where
-    /// an erase unit does.
-    #[allow(clippy::as_conversions, reason = "`try_from` is not const; saturated before")]
+    /// Returns the length of the region for `count` parameters, in bytes: a multiple of two erase units. The region
+    /// must begin at an erase unit.
+    #[allow(clippy::as_conversions, reason = "`try_from` is not const; the value is bounded")]
     pub const fn region_len(count: usize) -> u32 {
         let rows = if count < 0x0400_0000 { count as u32 } else { 0x0400_0000 };
         Record::<F>::slot_len(rows.saturating_mul(32)).saturating_mul(2)
     }
 
-    /// The storage.
+    /// Returns the storage.
     pub const fn flash(&self) -> &F {
         &self.record.flash
     }
 
-    /// The storage. What is written to the store's region here is lost, or damages the parameters.
+    /// Returns the storage. Do not write to the store's region: that may damage the parameters.
     pub const fn flash_mut(&mut self) -> &mut F {
         &mut self.record.flash
     }
 
-    /// Gives the storage back.
+    /// Returns the storage and drops the store.
     pub fn into_inner(self) -> F {
         self.record.flash
     }
 
-    /// Finds the newest record, and says how many rows it has. Reads the whole of it.
+    /// Finds the newest record, and returns its number of rows. Reads all of it.
     ///
     /// # Errors
     ///
-    /// Neither slot has a whole record of this version, and the storage is not empty.
+    /// Neither slot has a whole record of this version, and the storage is not empty; or it cannot be read.
     pub(crate) fn open(&mut self) -> Result<u32, RestoreError<F::Error>> {
         match self.record.open()? {
             Some(header) if header.schema != SCHEMA => Err(RestoreError::Foreign),
@@ -107,25 +107,27 @@ impl<F: NorFlash> ParamStore<F> {
         }
     }
 
-    /// Whether there is damage besides the record that was found.
+    /// Returns whether a slot is damaged, besides the record that was found.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.record.is_damaged()
     }
 
-    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
     pub(crate) const fn is_unread(&self) -> bool {
         self.record.is_unread()
     }
 
-    /// A row of those that [`open`](Self::open) has found.
+    /// Reads a row of the record that [`open`](Self::open) has found.
     #[inline(never)]
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
         Ok(self.record.row(index)?.map(|row| Stored::from_row(&row)))
     }
 
-    /// At most one erase unit or one write of at most 256 bytes, towards the table being durable, with a number that stands
-    /// for its content. What changes between two steps is in the record or not. Without a number, towards the next record
-    /// having an erased slot.
+    /// Erases at most one unit or writes at most 256 bytes.
+    ///
+    /// With a `job`, it is a step towards storing the table; the job's number stands for the table's content. A value
+    /// that changes between two steps may or may not be in the record. Without a job, it is a step towards an erased
+    /// spare slot.
     #[inline(never)]
     pub(crate) fn step(&mut self, now: Instant, table: &TableMut<'_>, job: Option<u32>) -> Step {
         let len = u32::from(table.count()).saturating_mul(32);

@@ -1,8 +1,7 @@
-//! The three plans on storage: one [record](super::record), so that they are replaced together.
+//! Storage of the three plans: one [record](super::record), so that they are replaced together.
 //!
-//! The bytes are described in `layout.md` beside this file. They are what postcard makes of the structures below, all
-//! numbers with fixed width. Whoever changes one of them counts the schema version up, and goes on reading what was stored
-//! before.
+//! `layout.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
+//! fixed width. If you change a struct, increment the schema version, and keep reading the old one.
 
 use core::ops::Range;
 
@@ -12,13 +11,14 @@ use serde::{Deserialize, Serialize};
 
 use super::record::{Job, ROW, Record, RestoreError, Step};
 use crate::dialect::{MavCmd, MavFrame};
-use crate::service::mission::{Item, PlanType, PlanView};
+use crate::message::Item;
 use crate::time::Instant;
+use crate::types::{PlanType, PlanView};
 
 const KIND: u8 = 1;
 const SCHEMA: u16 = 1;
 
-/// The first row.
+/// The first row of the body.
 #[derive(Serialize, Deserialize)]
 struct HeadRow {
     #[serde(with = "le")]
@@ -35,7 +35,7 @@ struct HeadRow {
     rally_id: u32,
 }
 
-/// An item. Floats as their bits, so that nothing on the way can change a NaN.
+/// The row of an item. Floats are stored as their bits, so that no NaN is changed.
 #[derive(Serialize, Deserialize)]
 struct ItemRow {
     frame: u8,
@@ -58,7 +58,7 @@ struct ItemRow {
     z: u32,
 }
 
-/// Which plans are stored. In the order of [`PlanType::ALL`].
+/// The number of items and the id of each stored plan, in the order of [`PlanType::ALL`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Stored {
@@ -74,7 +74,7 @@ impl Stored {
         }
     }
 
-    /// Length of the body, in bytes.
+    /// Returns the length of the body in bytes.
     fn len(&self) -> u32 {
         self.counts.iter().fold(1u32, |rows, count| rows.saturating_add(u32::from(*count))).saturating_mul(32)
     }
@@ -93,7 +93,7 @@ impl Stored {
         })
     }
 
-    /// The row of an item, if there is one.
+    /// Returns the row of an item; `None` if the plan has no such item.
     fn row_of(&self, plan: PlanType, seq: u16) -> Option<u32> {
         let [mission, fence, rally] = self.counts.map(u32::from);
         let (before, count) = match plan {
@@ -141,7 +141,7 @@ fn item_from_row(row: &[u8; ROW]) -> Option<Item> {
     })
 }
 
-/// A row of the body; `None` when the content has not so many.
+/// Returns a row of the body; `None` if the content has fewer rows.
 fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
     let Some(index) = row.checked_sub(1) else { return Stored::of(content).to_row() };
     let mut index = usize::try_from(index).ok()?;
@@ -154,21 +154,21 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
     None
 }
 
-/// Keeps the three plans on storage: two slots, of which one always has what was complete before.
+/// Stores the three plans in two slots, of which one always has a complete record.
 ///
-/// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32.
-/// Writing is done by [`Stack::persist_plans`](crate::Stack::persist_plans), in steps of at most one erase unit or 256 bytes.
-/// Wherever the power goes, one slot has what was whole before, or the other one has the new plans:
+/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32.
+/// [`Stack::persist_plans`](crate::Stack::persist_plans) writes in steps of at most one erase unit or 256 bytes. If
+/// power fails at any step, either the old or the new plans are complete:
 ///
 /// ```text
-///                 older record, or torn ── erased ahead, header first ──▶ erased
-///   spare slot:      ▲                                                      │ there is something to store
-///                    │                                                      ▼
-///                 the newer record counts ◀── header ── read back ◀── body, 256 bytes a step
-///                 and the other slot is spare
+///                 older record, or torn ── erased in advance, header first ──▶ erased
+///   spare slot:      ▲                                                           │ there are plans to store
+///                    │                                                           ▼
+///                 the new record is valid, ◀── header ── read back ◀── body, 256 bytes per step
+///                 and the other slot is the spare
 /// ```
 ///
-/// When an upload is answered and goes live, [`Durability`](crate::Durability) says.
+/// [`Durability`](crate::Durability) determines when an upload is acknowledged and goes live.
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -203,40 +203,40 @@ pub struct PlanStore<F> {
 }
 
 impl<F: NorFlash> PlanStore<F> {
-    /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
+    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         Self { record: Record::new(flash, region, KIND), stored: Stored { counts: [0; 3], ids: [0; 3] } }
     }
 
-    /// How long the region has to be for plans of so many items, in bytes: a multiple of two erase units. It has to begin
-    /// where an erase unit does.
-    #[allow(clippy::as_conversions, reason = "`try_from` is not const; saturated before")]
+    /// Returns the length of the region for plans with these numbers of items, in bytes: a multiple of two erase units.
+    /// The region must begin at an erase unit.
+    #[allow(clippy::as_conversions, reason = "`try_from` is not const; the value is bounded")]
     pub const fn region_len(mission: usize, fence: usize, rally: usize) -> u32 {
         let items = mission.saturating_add(fence).saturating_add(rally);
         let rows = if items < 0x0400_0000 { items as u32 } else { 0x0400_0000 };
         Record::<F>::slot_len(rows.saturating_add(1).saturating_mul(32)).saturating_mul(2)
     }
 
-    /// The storage.
+    /// Returns the storage.
     pub const fn flash(&self) -> &F {
         &self.record.flash
     }
 
-    /// The storage. What is written to the store's region here is lost, or damages the plans.
+    /// Returns the storage. Do not write to the store's region: that may damage the plans.
     pub const fn flash_mut(&mut self) -> &mut F {
         &mut self.record.flash
     }
 
-    /// Gives the storage back.
+    /// Returns the storage and drops the store.
     pub fn into_inner(self) -> F {
         self.record.flash
     }
 
-    /// Finds the newest record. Reads the whole of it.
+    /// Finds the newest record. Reads all of it.
     ///
     /// # Errors
     ///
-    /// Neither slot has a whole record of this version, and the storage is not empty.
+    /// Neither slot has a whole record of this version, and the storage is not empty; or it cannot be read.
     pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         self.stored = Stored::default();
         let Some(header) = self.record.open()? else { return Ok(None) };
@@ -249,30 +249,32 @@ impl<F: NorFlash> PlanStore<F> {
         Ok(stored)
     }
 
-    /// Whether there is damage besides the record that was found.
+    /// Returns whether a slot is damaged, besides the record that was found.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.record.is_damaged()
     }
 
-    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
     pub(crate) const fn is_unread(&self) -> bool {
         self.record.is_unread()
     }
 
-    /// Whether a slot could not be read.
+    /// Returns whether a slot could not be read.
     pub(crate) const fn is_impaired(&self) -> bool {
         self.record.is_impaired()
     }
 
-    /// An item that [`open`](Self::open) has found, or that was written since.
+    /// Reads an item of the record that [`open`](Self::open) has found, or that was written since.
     pub(crate) fn item(&mut self, plan: PlanType, seq: u16) -> Result<Option<Item>, F::Error> {
         let Some(row) = self.stored.row_of(plan, seq) else { return Ok(None) };
         let row = self.record.row(row)?;
         Ok(row.and_then(|row| item_from_row(&row)))
     }
 
-    /// At most one erase unit or one write of at most 256 bytes, towards `content` being durable, with a number that
-    /// stands for it: another number begins anew. Without content, towards the next content having an erased slot.
+    /// Erases at most one unit or writes at most 256 bytes.
+    ///
+    /// With `content`, it is a step towards storing it. The content has a number; another number starts again. Without
+    /// content, it is a step towards an erased spare slot.
     pub(crate) fn step(&mut self, now: Instant, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
         let Some((id, content)) = content else { return self.record.step(now, None, |_| None) };
         let stored = Stored::of(&content);

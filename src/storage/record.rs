@@ -1,26 +1,24 @@
-//! One record that is replaced as a whole: two slots, of which one always keeps what was complete before.
+//! A record that is replaced as a whole: two slots, of which one always has a complete record.
 //!
-//! The bytes are described in `layout.md` beside this file, which is a part of [`PlanStore`](super::PlanStore)'s
-//! documentation.
+//! `layout.md` in this folder, a part of the documentation of [`PlanStore`](super::PlanStore), documents the format.
 //!
-//! Of two whole records the newer counts. The other slot is the spare: it is erased ahead of need, its header first, then
-//! written, its header last. So whatever moment the power goes, one slot has a record that was whole before, or the other
-//! one has the new one:
+//! Of two whole records the newer one is valid. The other slot is the spare. It is erased in advance, its header first;
+//! then it is written, its header last. So if power fails at any moment, one slot has a whole record:
 //!
-//! - while the spare is erased, it has an older record, or none; what is left of a body does not match its CRC, and
-//!   without its header it is nothing;
-//! - while the body is written, there is no header;
-//! - a torn header does not match its own CRC.
+//! - While the spare is erased, it has an older record or none. The rest of a body does not match its CRC, and a slot
+//!   without a header is empty.
+//! - While the body is written, there is no header.
+//! - A torn header does not match its own CRC.
 //!
-//! A record of a schema that this version does not know is kept as long as any other.
+//! A record of an unknown schema version is kept like any other.
 //!
-//! What a power cut cannot have left is damage, and never counts as empty (G-18): a header of ours that is wrong while there is no
-//! whole record, and a newer header whose body does not match. It is left alone until a record replaces it. What never was ours is
-//! no damage: the slot counts as blank.
+//! What a power cut cannot leave is damage, and never counts as empty (G-18): a wrong header if there is no whole
+//! record, and a newer header whose body does not match. Damage remains until a record replaces it. Data that never was
+//! a record is not damage: the slot counts as blank.
 //!
-//! What cannot be read may be the newest record. So nothing counts until it was read, or until several looks failed: then a slot
-//! with an unreadable header is torn, if the other one has a whole record. A whole record that the owner has not read is never
-//! replaced.
+//! A slot that cannot be read may have the newest record. So no record is valid until it was read, or until several
+//! attempts have failed. Then a slot with an unreadable header is torn, if the other slot has a whole record. A whole
+//! record that the owner has not read is never replaced.
 
 use core::ops::Range;
 
@@ -29,19 +27,19 @@ use embedded_storage::nor_flash::NorFlash;
 use crate::crc32::Crc32;
 use crate::time::{Duration, Instant};
 
-/// The most that is written at once; every unit that storage may be written in divides it.
+/// Maximum length of a write in bytes, a multiple of `WRITE_SIZE`.
 pub(crate) const CHUNK: usize = 256;
-/// The most that is read at once: it is on the stack where that is deepest.
+/// Maximum length of a read in bytes. The buffer lies on the stack where that is deepest.
 const PIECE: usize = 128;
-/// Bodies come in rows of so many bytes; every unit that storage may be read in divides it.
+/// Length of a body's row in bytes, a multiple of `READ_SIZE`.
 pub(crate) const ROW: usize = 32;
-/// Where the body begins in its slot: the header can be written alone.
+/// Offset of the body in its slot, so that the header can be written separately.
 pub(crate) const BODY: u32 = 256;
 
 const MAGIC: [u8; 4] = *b"MVSR";
 
-/// Ends the use of a buffer on the stack that a body went through. The signing key does so too: so it is overwritten (SEC-15).
-/// A guard would do that by itself, and be moved to its place: the buffer would be on the stack twice.
+/// Overwrites a buffer that has held a part of a body, which may be the signing key (SEC-15). A drop guard would do it
+/// automatically, but would be moved, so that the buffer would be on the stack twice.
 pub(super) fn wipe(buffer: &mut [u8]) {
     #[cfg(feature = "signing")]
     zeroize::Zeroize::zeroize(buffer);
@@ -49,35 +47,37 @@ pub(super) fn wipe(buffer: &mut [u8]) {
     let _ = buffer;
 }
 
-/// What one [`step`](Record::step) did.
+/// The result of a [`step`](Record::step).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
-    /// Nothing: there is nothing to do.
+    /// There was nothing to do.
     Idle,
-    /// A part; there is more to do.
+    /// A part is done, and more is to do.
     Busy,
-    /// The last part: the record is complete, and was read back. Once a job.
+    /// The record is complete, and was read back. Returned once for each job.
     Done,
-    /// The storage failed, or the content has no room. The next step begins anew.
+    /// The storage failed, or the content does not fit. The next step starts again.
     Failed,
-    /// What could not be read before can be read now, or is given up: the owner is to read. Nothing was written.
+    /// A slot that could not be read can be read now, or is given up: the owner must read the record. Nothing was
+    /// written.
     Unread,
 }
 
-/// Why stored content was not restored, or not completely. A text reports it too.
+/// Why stored data was not restored, or not completely. A STATUSTEXT reports it, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RestoreError<E> {
-    /// The storage, or a part of it that may hold the newest record, could not be read, and reported this. Nothing stored is in
-    /// use. `persist_…` reads again, at most once a second, and before anything is written: what can be read then comes back late.
-    /// When only one of the two copies stays unreadable, the other one comes back after three seconds.
+    /// The storage, or a part of it that may have the newest record, could not be read. No stored data is in use.
+    ///
+    /// `persist_…` reads again, at most once a second, before it writes: data that can be read then is restored late.
+    /// If only one of the two slots remains unreadable, the other one is restored after three seconds.
     Storage(E),
-    /// The newest record is damaged. Plans and parameters of an older record that is whole are in use. The damage stays there until
-    /// something new is stored.
+    /// The newest record is damaged. Plans and parameters are restored from the older record if it is whole. The
+    /// damaged data remains until new data is stored.
     Damaged,
-    /// The stored data is whole, but has a layout that this version does not know, because newer firmware wrote it. It stays
-    /// there until something new is stored.
+    /// The stored data is whole, but newer firmware wrote it in a format that this version does not know. It remains
+    /// until new data is stored.
     Foreign,
 }
 
@@ -90,23 +90,25 @@ impl<E> From<E> for RestoreError<E> {
 impl<E: core::fmt::Debug> core::fmt::Display for RestoreError<E> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Storage(error) => write!(f, "the storage cannot be read: {error:?}"),
-            Self::Damaged => f.write_str("what is stored is damaged: set it again"),
-            Self::Foreign => f.write_str("newer firmware stored it: install that, or set it again"),
+            Self::Storage(error) => write!(f, "the storage cannot be read, reading is repeated: {error:?}"),
+            Self::Damaged => f.write_str("the stored data is damaged: store it again"),
+            Self::Foreign => {
+                f.write_str("newer firmware wrote the stored data: install that firmware, or store it again")
+            }
         }
     }
 }
 
 impl<E: core::fmt::Debug> core::error::Error for RestoreError<E> {}
 
-/// What is to be durable.
+/// The content that is to be stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Job {
-    /// Another number is another content.
+    /// Stands for the content: other content has another number.
     pub(crate) id: u32,
     pub(crate) schema: u16,
-    /// Bytes: a multiple of [`ROW`].
+    /// Length in bytes: a multiple of [`ROW`].
     pub(crate) len: u32,
 }
 
@@ -119,7 +121,7 @@ struct Newest {
     header: Header,
 }
 
-/// What a header says.
+/// The fields of a header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Header {
@@ -155,39 +157,39 @@ impl Header {
         row
     }
 
-    /// The header, when it is one of this kind and undamaged. A power cut in its last bytes leaves them erased: then the CRC of the
-    /// body has to do, which was complete before.
+    /// Decodes a header; `None` if it is of another kind or damaged. A power cut may leave its last bytes erased: then
+    /// the CRC of the body suffices, which was complete before.
     pub(crate) fn decode(row: &[u8; ROW], kind: u8) -> Option<Self> {
         let (words, _) = row.as_chunks();
-        let &[_, what, sequence, len, body_crc, ..] = words else { return None };
-        let [_, _, v0, v1] = what;
+        let &[_, kind_and_schema, sequence, len, body_crc, ..] = words else { return None };
+        let [_, _, v0, v1] = kind_and_schema;
         let header = Self {
             schema: u16::from_le_bytes([v0, v1]),
             sequence: u32::from_le_bytes(sequence),
             len: u32::from_le_bytes(len),
             body_crc: u32::from_le_bytes(body_crc),
         };
-        // Magic, kind, zeros and CRC in one.
+        // Compares magic, kind, zeros and CRC at once.
         let expected = header.encode(kind);
-        let is_right =
+        let is_valid =
             |(index, (byte, expected)): (usize, (&u8, &u8))| byte == expected || (index > 28 && *byte == 0xFF);
-        row.iter().zip(&expected).enumerate().all(is_right).then_some(header)
+        row.iter().zip(&expected).enumerate().all(is_valid).then_some(header)
     }
 }
 
-/// Whether a header that does not [decode](Header::decode) is damage: it was one, and does not end erased as one that a power cut
-/// has left. Bytes that never were ours pass for one once in 300,000 times.
+/// Returns whether a header that does not [decode](Header::decode) is damage: it was a header, and does not end with
+/// erased bytes as after a power cut. Other data is taken for a header with a probability of 1 in 300,000.
 fn was_header(row: &[u8; ROW], kind: u8) -> bool {
-    let [m0, m1, m2, m3, what, ..] = row;
+    let [m0, m1, m2, m3, stored_kind, ..] = row;
     // Not `count`, whose overflow check the compiler cannot remove.
-    let right = [m0, m1, m2, m3]
+    let matches = [m0, m1, m2, m3]
         .into_iter()
         .zip(&MAGIC)
-        .fold(0_u8, |right, (byte, expected)| right.saturating_add(u8::from(byte == expected)));
-    (right == 4 || right >= 2 && (what ^ kind).count_ones() <= 1) && !row.ends_with(&[0xFF; 4])
+        .fold(0_u8, |matches, (byte, expected)| matches.saturating_add(u8::from(byte == expected)));
+    (matches == 4 || matches >= 2 && (stored_kind ^ kind).count_ones() <= 1) && !row.ends_with(&[0xFF; 4])
 }
 
-/// Whether the record of sequence `a` was written after that of `b`.
+/// Returns whether the record with sequence number `a` is newer than that with `b`.
 pub(crate) fn is_newer(a: u32, b: u32) -> bool {
     a.wrapping_sub(b).cast_signed() > 0
 }
@@ -195,12 +197,12 @@ pub(crate) fn is_newer(a: u32, b: u32) -> bool {
 /// The content of a slot.
 #[derive(Clone, Copy, Debug)]
 enum Slot {
-    /// No header of ours: never written, or erased; or the beginning of one, which a power cut left.
+    /// No header: never written, erased, or the front of a header after a power cut.
     Blank,
     Whole(Newest),
-    /// It was a header, or its body does not match; the sequence, where the header tells one.
+    /// A damaged header, or a body that does not match; with the sequence number if the header is valid.
     Damaged(Option<u32>),
-    /// The storage refused; the sequence, if the header could be read.
+    /// Reading failed; with the sequence number if the header could be read.
     Unreadable(Option<u32>),
 }
 
@@ -220,7 +222,7 @@ impl Slot {
         }
     }
 
-    /// Whether this may be newer than `newest`, and could not be read.
+    /// Returns whether the slot could not be read, and may be newer than `newest`.
     fn is_unreadable(self, newest: Option<Newest>) -> bool {
         match (self, newest) {
             (Self::Unreadable(Some(sequence)), Some(newest)) => is_newer(sequence, newest.header.sequence),
@@ -229,7 +231,7 @@ impl Slot {
         }
     }
 
-    /// Whether a power cut cannot have left this next to `newest`.
+    /// Returns whether the slot is damaged: a power cut cannot leave it beside `newest`.
     fn is_damage(self, newest: Option<Newest>) -> bool {
         match (self, newest) {
             (Self::Damaged(_), None) => true,
@@ -239,25 +241,25 @@ impl Slot {
     }
 }
 
-/// After so many looks a slot that cannot be read is torn, if the other one has a whole record.
-const LOOKS: u8 = 4;
-/// From one look to the next.
-const LOOK_PAUSE: Duration = Duration::from_secs(1);
-/// The same after [`LOOKS`].
-const LONG_PAUSE: Duration = Duration::from_secs(10);
+/// After this many attempts, a slot that cannot be read is torn, if the other slot has a whole record.
+const READ_ATTEMPTS: u8 = 4;
+/// The time between two attempts.
+const RETRY_PAUSE: Duration = Duration::from_secs(1);
+/// The time between attempts after the first [`READ_ATTEMPTS`].
+const LONG_RETRY_PAUSE: Duration = Duration::from_secs(10);
 
-/// What is known of the slot that the next record goes to.
+/// The state of the slot for the next record.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 enum Spare {
-    /// Nothing is known, not even which slot it is.
+    /// Neither its state nor which slot it is is known.
     Unknown,
-    /// It could not be erased or read, or its content is damaged. Not touched until there is something to write.
+    /// It could not be erased or read, or its content is damaged. It is not changed until there is something to write.
     Failing,
     /// Erased up to this offset.
     Dirty(u32),
     Blank,
-    /// So many bytes of this job's body are written.
+    /// `written` bytes of this job's body are written.
     Writing {
         job: Job,
         written: u32,
@@ -265,7 +267,7 @@ enum Spare {
     },
 }
 
-/// The two slots of a record, and where the writing of the next one stands.
+/// The two slots of a record, and the progress of writing the next one.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Record<F> {
@@ -274,22 +276,22 @@ pub(crate) struct Record<F> {
     slot_len: u32,
     kind: u8,
     newest: Option<Newest>,
-    /// The sequence of the newest header, even if its record is damaged.
+    /// The sequence number of the newest header, even if its record is damaged.
     sequence: Option<u32>,
     /// Address of the spare slot.
     spare_slot: u32,
     spare: Spare,
-    /// The job that is done, as long as it is asked for.
+    /// The job that is done, while it is still passed to [`step`](Self::step).
     done: Option<u32>,
-    /// How many slots could not be read that may have the newest record.
+    /// Number of slots that could not be read and may have the newest record.
     unreadable: u8,
-    /// What is newest was not read as a whole: to be [looked at again](Self::look_again).
+    /// Whether the newest record was not read completely, so that [reading is repeated](Self::retry_reading).
     is_unread: bool,
     is_damaged: bool,
-    /// How many looks are left until a slot that cannot be read is torn.
-    looks: u8,
-    /// The next look is not before.
-    look_from: Instant,
+    /// Number of attempts left until a slot that cannot be read is torn.
+    attempts_left: u8,
+    /// The earliest time of the next attempt.
+    retry_from: Instant,
 }
 
 impl<F: NorFlash> Record<F> {
@@ -302,7 +304,7 @@ impl<F: NorFlash> Record<F> {
         F::ERASE_SIZE as u32
     };
 
-    /// The region is divided in two halves; what does not fill whole erase units is not used.
+    /// Divides the region into two slots. The rest that does not fill whole erase units is not used.
     pub(crate) const fn new(flash: F, region: Range<u32>, kind: u8) -> Self {
         let start = match region.start.checked_next_multiple_of(Self::ERASE) {
             Some(start) => start,
@@ -326,12 +328,12 @@ impl<F: NorFlash> Record<F> {
             unreadable: 0,
             is_unread: false,
             is_damaged: false,
-            looks: LOOKS,
-            look_from: Instant::ZERO,
+            attempts_left: READ_ATTEMPTS,
+            retry_from: Instant::ZERO,
         }
     }
 
-    /// Length of a slot whose body has `len` bytes.
+    /// Returns the length of a slot with a body of `len` bytes.
     pub(crate) const fn slot_len(len: u32) -> u32 {
         match BODY.saturating_add(len).checked_next_multiple_of(Self::ERASE) {
             Some(len) => len,
@@ -343,9 +345,11 @@ impl<F: NorFlash> Record<F> {
     ///
     /// # Errors
     ///
-    /// What may be the newest record cannot be read; after [`LOOKS`] that is no error if only the header of one slot cannot, and the
-    /// other one has a whole record: a power cut leaves that where memory has error correction. Or neither slot has a whole
-    /// record, and one is damaged. Where there is one beside damage, [`is_damaged`](Self::is_damaged) says so.
+    /// - [`Storage`](RestoreError::Storage): a slot that may have the newest record cannot be read. After
+    ///   [`READ_ATTEMPTS`] it is no error if the other slot has a whole record: memory with error correction refuses to
+    ///   read what a power cut has left.
+    /// - [`Damaged`](RestoreError::Damaged): neither slot has a whole record, and one is damaged. If there is a whole
+    ///   record beside the damage, [`is_damaged`](Self::is_damaged) returns true instead.
     pub(crate) fn open(&mut self) -> Result<Option<Header>, RestoreError<F::Error>> {
         let mut error = None;
         let first = self.examine(self.start, &mut error);
@@ -353,12 +357,12 @@ impl<F: NorFlash> Record<F> {
         self.judge([first, second], error)
     }
 
-    /// Address of the second slot.
+    /// Returns the address of the second slot.
     const fn second_slot(&self) -> u32 {
         self.start.saturating_add(self.slot_len)
     }
 
-    /// Decides by the content of both slots what is the newest record. Not inlined: its stack is not needed while slots are read.
+    /// Determines the newest record from both slots. Not inlined: its stack is not needed while slots are read.
     #[inline(never)]
     fn judge(&mut self, slots: [Slot; 2], error: Option<F::Error>) -> Result<Option<Header>, RestoreError<F::Error>> {
         let second_slot = self.second_slot();
@@ -375,22 +379,23 @@ impl<F: NorFlash> Record<F> {
         let newest = self.newest;
         self.unreadable = slots.iter().map(|slot| u8::from(slot.is_unreadable(newest))).fold(0, u8::saturating_add);
         if self.unreadable == 0 {
-            self.looks = LOOKS;
+            self.attempts_left = READ_ATTEMPTS;
         }
-        let is_torn = self.looks == 0 && newest.is_some();
+        let is_torn = self.attempts_left == 0 && newest.is_some();
         self.is_unread = self.unreadable > 0 && !is_torn;
-        // A body that stays unreadable under a good header is not what a power cut leaves.
+        // A power cut does not leave a valid header with an unreadable body.
         let is_damage = |slot: &Slot| match slot {
             Slot::Unreadable(Some(_)) => is_torn && slot.is_unreadable(newest),
             _ => slot.is_damage(newest),
         };
         self.is_damaged = slots.iter().any(is_damage);
-        // What cannot be read now, or not any more, is left alone until there is something to write.
-        let is_left_alone = self.unreadable > 0 || self.is_damaged;
-        self.spare = if is_left_alone { Spare::Failing } else { Spare::Dirty(0) };
+        // Unreadable or damaged data is not erased until there is something to write.
+        let is_failing = self.unreadable > 0 || self.is_damaged;
+        self.spare = if is_failing { Spare::Failing } else { Spare::Dirty(0) };
         self.spare_slot = match (newest, slots) {
             (Some(newest), _) if newest.slot == self.start => second_slot,
-            // Damage outlasts what replaces it, and what cannot be read is replaced first: erasing may mend that.
+            // Damaged data is kept until the first record is complete. An unreadable slot is used first, because
+            // erasing may repair it.
             (None, [Slot::Blank | Slot::Damaged(_), Slot::Unreadable(_)] | [Slot::Damaged(_), Slot::Blank]) => {
                 second_slot
             }
@@ -403,7 +408,7 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// What lies in a slot.
+    /// Returns the content of a slot.
     fn examine(&mut self, slot: u32, error: &mut Option<F::Error>) -> Slot {
         if self.slot_len < BODY {
             return Slot::Blank;
@@ -414,7 +419,7 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// The header of a slot, or what else is there. Not inlined: its stack is free again when the body is read.
+    /// Reads the header of a slot. Not inlined, so that its stack is free when the body is read.
     #[inline(never)]
     fn header_at(&mut self, slot: u32, error: &mut Option<F::Error>) -> Result<Header, Slot> {
         let mut row = [0; ROW];
@@ -426,7 +431,7 @@ impl<F: NorFlash> Record<F> {
         Header::decode(&row, self.kind).ok_or(if is_damage { Slot::Damaged(None) } else { Slot::Blank })
     }
 
-    /// What a slot with this header holds.
+    /// Returns the content of a slot with this header.
     #[inline(never)]
     fn check_body(&mut self, slot: u32, header: Header, error: &mut Option<F::Error>) -> Slot {
         let mut crc = Crc32::new();
@@ -447,13 +452,13 @@ impl<F: NorFlash> Record<F> {
         }
     }
 
-    /// Whether a body can have this length.
+    /// Returns whether a body can have this length.
     fn is_len(&self, len: u32) -> bool {
         const MIN: u32 = 32;
         len >= MIN && len.is_multiple_of(MIN) && len <= self.slot_len.saturating_sub(BODY)
     }
 
-    /// Reads `len` bytes, until `each` says that it has seen enough.
+    /// Reads `len` bytes in pieces, until `each` returns false.
     fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
         let mut piece = [0; PIECE];
         let mut done = 0;
@@ -468,22 +473,22 @@ impl<F: NorFlash> Record<F> {
         result
     }
 
-    /// Whether a slot could not be read.
+    /// Returns whether a slot could not be read.
     pub(crate) const fn is_impaired(&self) -> bool {
         self.unreadable > 0
     }
 
-    /// Whether a [`step`](Self::step) reads again what could not be read, and does nothing else.
+    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
     pub(crate) const fn is_unread(&self) -> bool {
         self.is_unread && matches!(self.spare, Spare::Failing)
     }
 
-    /// Whether there is damage that no power cut leaves.
+    /// Returns whether there is damage that a power cut cannot leave.
     pub(crate) const fn is_damaged(&self) -> bool {
         self.is_damaged
     }
 
-    /// A row of the newest record's body.
+    /// Reads a row of the newest record's body.
     pub(crate) fn row(&mut self, index: u32) -> Result<Option<[u8; ROW]>, F::Error> {
         let Some(Newest { slot, header }) = self.newest else { return Ok(None) };
         if index >= header.len / 32 {
@@ -492,30 +497,30 @@ impl<F: NorFlash> Record<F> {
         let mut row = [0; ROW];
         let read = self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row);
         if read.is_err() {
-            // That comes first.
+            // Reading must be repeated before anything else.
             (self.is_unread, self.spare) = (true, Spare::Failing);
         }
         read.map(|()| Some(row))
     }
 
-    /// Erases at most one unit or writes at most [`CHUNK`] bytes, towards a record that is what `job` says, or, without
-    /// one, towards a blank spare slot. `row` gives a row of the body; `None` gives the job up.
+    /// Erases at most one unit or writes at most [`CHUNK`] bytes. With a `job`, it is a step towards its record;
+    /// without one, towards a blank spare slot. `row` returns a row of the body; `None` aborts the job.
     pub(crate) fn step(&mut self, now: Instant, job: Option<Job>, row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
         if job.is_none() || self.done != job.map(|job| job.id) {
             self.done = None;
         }
         let job = job.filter(|_| self.done.is_none());
-        // No room; without a job, not even for the shortest record.
+        // The content does not fit; without a job, not even the shortest record would.
         if !self.is_len(job.map_or(32, |job| job.len)) {
             return if job.is_some() { Step::Failed } else { Step::Idle };
         }
         match (self.spare, job) {
             (Spare::Unknown, _) => {
-                // Without a record it begins one; an error here comes again from what is done next.
+                // Without a record the first one is written. An error occurs again in one of the next steps.
                 let _ = self.open();
                 Step::Busy
             }
-            (Spare::Failing, job) if self.is_unread => self.look_again(now, job.is_some()),
+            (Spare::Failing, job) if self.is_unread => self.retry_reading(now, job.is_some()),
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
             (Spare::Failing, Some(_)) => {
                 self.spare = Spare::Dirty(0);
@@ -530,28 +535,28 @@ impl<F: NorFlash> Record<F> {
                     self.finish(job, crc)
                 }
             }
-            // Something else is wanted now.
+            // The job has changed.
             (Spare::Writing { .. }, _) => self.clear(0),
         }
     }
 
-    /// Reads what could not be read before, at most once a second. After [`LOOKS`], when there is something to write, a slot that
-    /// still cannot be read is given up; not both, for one of them has what was complete.
+    /// Repeats a failed read, at most once a second. After [`READ_ATTEMPTS`], if there is something to write, it gives
+    /// up a slot that still cannot be read, but not both: one of them has the complete record.
     #[inline(never)]
-    fn look_again(&mut self, now: Instant, is_wanted: bool) -> Step {
-        if now < self.look_from {
+    fn retry_reading(&mut self, now: Instant, has_job: bool) -> Step {
+        if now < self.retry_from {
             return Step::Idle;
         }
-        self.looks = self.looks.saturating_sub(1);
-        self.look_from = now.after(if self.looks > 0 { LOOK_PAUSE } else { LONG_PAUSE });
+        self.attempts_left = self.attempts_left.saturating_sub(1);
+        self.retry_from = now.after(if self.attempts_left > 0 { RETRY_PAUSE } else { LONG_RETRY_PAUSE });
         let _ = self.open();
         if !self.is_unread {
-            // Also that there is nothing is worth knowing.
-            return if self.newest.is_some() || !is_wanted { Step::Unread } else { Step::Busy };
+            // The owner also needs to know that there is no record.
+            return if self.newest.is_some() || !has_job { Step::Unread } else { Step::Busy };
         }
         match self.unreadable {
-            _ if !is_wanted => return Step::Idle,
-            1 if self.looks == 0 => self.spare = Spare::Dirty(0),
+            _ if !has_job => return Step::Idle,
+            1 if self.attempts_left == 0 => self.spare = Spare::Dirty(0),
             1 => {}
             _ => return Step::Failed,
         }
@@ -562,7 +567,7 @@ impl<F: NorFlash> Record<F> {
     fn clear(&mut self, offset: u32) -> Step {
         let at = self.spare_slot.saturating_add(offset);
         let next = offset.saturating_add(Self::ERASE);
-        // What cannot be read is not blank.
+        // A unit that cannot be read is not blank.
         let is_blank = self.scan(at, Self::ERASE, |bytes| bytes.iter().all(|byte| *byte == 0xFF)).unwrap_or(false);
         if !is_blank && self.flash.erase(at, at.saturating_add(Self::ERASE)).is_err() {
             self.spare = Spare::Failing;
@@ -574,7 +579,7 @@ impl<F: NorFlash> Record<F> {
 
     /// Writes the next chunk of the body.
     fn write(&mut self, job: Job, written: u32, mut crc: Crc32, mut row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
-        // Whatever fails, the slot has to be erased again.
+        // If anything fails, the slot must be erased again.
         self.spare = Spare::Dirty(0);
         let mut chunk = [0xFF; CHUNK];
         let mut is_whole = true;
@@ -602,10 +607,10 @@ impl<F: NorFlash> Record<F> {
         Step::Busy
     }
 
-    /// Writes the header: with it the spare slot has the newest record.
+    /// Writes the header, which makes the spare slot the newest record.
     #[inline(never)]
     fn finish(&mut self, job: Job, crc: Crc32) -> Step {
-        // Whatever fails, the slot has to be erased again.
+        // If anything fails, the slot must be erased again.
         self.spare = Spare::Dirty(0);
         let mut chunk = [0xFF; CHUNK];
         let slot = self.spare_slot;
@@ -615,7 +620,7 @@ impl<F: NorFlash> Record<F> {
             *place = header.encode(self.kind);
         }
         let bytes = chunk.get(..ROW.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
-        // Whatever the driver says: after a restart counts what can be read.
+        // Ignore the driver's result: what can be read back is valid after a restart.
         let _ = self.flash.write(slot, bytes);
         if !self.reads_back(slot, bytes) {
             return Step::Failed;
@@ -628,7 +633,7 @@ impl<F: NorFlash> Record<F> {
         self.newest = Some(Newest { slot, header });
         self.sequence = Some(sequence);
         (self.unreadable, self.is_unread, self.is_damaged) = (0, false, false);
-        self.looks = LOOKS;
+        self.attempts_left = READ_ATTEMPTS;
         self.done = Some(job.id);
         Step::Done
     }

@@ -1,6 +1,6 @@
-//! The signing key on storage, with the timestamp that goes with it: one [record](super::record) of two rows (G-13, G-15).
+//! Storage of the signing key and its timestamp: a [record](super::record) of two rows (G-13, G-15).
 //!
-//! The bytes are described in `signing.md` beside this file.
+//! `signing.md` in this folder documents the format.
 
 use core::ops::Range;
 
@@ -19,23 +19,24 @@ const LEN: u32 = 64;
 /// The key, if there is one, and the timestamp to start from.
 type Stored = (Option<SigningKey>, u64);
 
-/// Keeps the signing key on storage, and how far time has been used: two slots, of which one always has what was complete
-/// before, so a key and a timestamp always belong together (G-13).
+/// Stores the signing key and its timestamp in two slots, of which one always has a complete record. So a key and a
+/// timestamp always belong together (G-13).
 ///
-/// The storage is anything that is [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
-/// [`PlanStore`](super::PlanStore), beside whose region this one stands. Writing goes in steps of at most one erase unit or 256
-/// bytes: when the key was changed, and every 55 s while there is one. That is one erase of a slot every 110 s: no problem for
-/// FRAM, but flash rated for 10,000 cycles lasts twelve days of powered and disarmed time. Peers can hardly increase this rate:
-/// see [`storage_refill`](crate::Config::storage_refill).
+/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
+/// [`PlanStore`](super::PlanStore). Each store needs a region of its own. It writes in steps of at most one erase unit
+/// or 256 bytes, when the key was changed, and every 55 s while there is one.
 ///
-/// The key lies there as it is. Whoever can read the storage has it.
+/// Each slot is erased every 110 s. FRAM endures that, but flash rated for 10,000 cycles lasts twelve days of powered
+/// and disarmed time. Peers can hardly increase this rate: see [`storage_refill`](crate::Config::storage_refill).
+///
+/// The key is stored unencrypted.
 ///
 #[doc = include_str!("signing.md")]
 pub struct SigningStore<F> {
     record: Record<F>,
 }
 
-/// Without the storage, which may be memory that shows its bytes (SEC-15).
+/// Omits the storage, whose `Debug` may show its bytes (SEC-15).
 impl<F> core::fmt::Debug for SigningStore<F> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("SigningStore")
@@ -50,25 +51,25 @@ impl<F> defmt::Format for SigningStore<F> {
 }
 
 impl<F: NorFlash> SigningStore<F> {
-    /// How long the region has to be, in bytes: a multiple of two erase units. It has to begin where an erase unit does.
+    /// Length of the region in bytes: a multiple of two erase units. The region must begin at an erase unit.
     pub const REGION_LEN: u32 = Record::<F>::slot_len(LEN).saturating_mul(2);
 
-    /// A store in this region of the storage, of which it uses two halves of whole erase units. Nothing is read yet.
+    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         Self { record: Record::new(flash, region, KIND) }
     }
 
-    /// The storage.
+    /// Returns the storage.
     pub const fn flash(&self) -> &F {
         &self.record.flash
     }
 
-    /// The storage. What is written to the store's region here is lost, or damages the record.
+    /// Returns the storage. Do not write to the store's region: that may damage the record.
     pub const fn flash_mut(&mut self) -> &mut F {
         &mut self.record.flash
     }
 
-    /// Gives the storage back.
+    /// Returns the storage and drops the store.
     pub fn into_inner(self) -> F {
         self.record.flash
     }
@@ -77,8 +78,8 @@ impl<F: NorFlash> SigningStore<F> {
     ///
     /// # Errors
     ///
-    /// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may have been
-    /// replaced because it was compromised.
+    /// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may
+    /// have been replaced because it was compromised.
     pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
         let Some(header) = self.record.open()? else { return Ok(None) };
         if header.schema != SCHEMA {
@@ -95,27 +96,28 @@ impl<F: NorFlash> SigningStore<F> {
         Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
     }
 
-    /// Whether a [`step`](Self::step) only reads again what could not be read.
+    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
     pub(crate) const fn is_unread(&self) -> bool {
         self.record.is_unread()
     }
 
-    /// At most one erase unit or one write of at most 256 bytes, towards what `job` stands for being durable.
+    /// Erases at most one unit or writes at most 256 bytes. With a `job`, it is a step towards storing the key and
+    /// timestamp; the job's number stands for this content. Without a job, it is a step towards an erased spare slot.
     pub(crate) fn step(&mut self, now: Instant, signing: &Signing, job: Option<u32>) -> Step {
         let job = job.map(|id| Job { id, schema: SCHEMA, len: LEN });
         self.record.step(now, job, |index| row(signing, index))
     }
 }
 
-/// A row of the record.
+/// Returns a row of the record.
 fn row(signing: &Signing, index: u32) -> Option<[u8; ROW]> {
     let (key, timestamp) = signing.content();
     if index == 0 {
         return Some(key.map_or([0; ROW], |key| *key.bytes()));
     }
     let mut row = [0; ROW];
-    let [time, what, ..] = row.as_chunks_mut().0 else { return None };
+    let [time, flags, ..] = row.as_chunks_mut().0 else { return None };
     *time = timestamp.to_le_bytes();
-    *what = u64::from(key.is_some()).to_le_bytes();
+    *flags = u64::from(key.is_some()).to_le_bytes();
     Some(row)
 }

@@ -1,9 +1,9 @@
-//! Decimal text to numbers, exactly, by integers.
+//! Exact conversion of decimal text to numbers, with integer arithmetic.
 
 use super::Fault;
 use super::wide::{INFINITY, Wide};
 
-/// A number as it is written: digits before and behind the point, to be multiplied by a power of ten.
+/// The parts of a finite number: its digits before and after the point, and its exponent.
 struct Decimal<'a> {
     whole: &'a [u8],
     fraction: &'a [u8],
@@ -15,22 +15,23 @@ impl Decimal<'_> {
         self.whole.iter().chain(self.fraction).map(|byte| byte.wrapping_sub(b'0'))
     }
 
-    /// How many digits there are, and how many of them stand before the point; that may be more, or less than none.
+    /// Returns the number of digits, and how many of them are before the point once the exponent is applied. The latter
+    /// may be negative, or larger than the number of digits.
     fn point(&self) -> (usize, i32) {
         let count = self.whole.len().saturating_add(self.fraction.len());
         (count, i32::try_from(self.whole.len()).unwrap_or(i32::MAX).saturating_add(self.exponent))
     }
 
-    /// The bits of the nearest `f32`; nothing when that is infinity.
+    /// Returns the bits of the nearest `f32`; `None` if that is infinity.
     fn bits(&self) -> Option<u32> {
         let (count, point) = self.point();
         let before = usize::try_from(point).unwrap_or(0);
         let mut wide = Wide::ZERO;
-        // First what is behind the point, from the right.
+        // First the digits after the point, from the right.
         for digit in self.digits().rev().take(count.saturating_sub(before)) {
             wide.push_behind_point(digit);
         }
-        // 64 zeros behind the point are too many for any `f32`.
+        // A number with 64 zeros after the point is below half of the smallest `f32`.
         for _ in 0..point.saturating_neg().clamp(0, 64) {
             wide.push_behind_point(0);
         }
@@ -45,7 +46,7 @@ impl Decimal<'_> {
         wide.round()
     }
 
-    /// The magnitude times 10^`decimals`, rounded half away from zero; with `decimals` 0 nothing is rounded.
+    /// Returns the magnitude times 10^`decimals`, rounded half away from zero. With `decimals` 0 it must be whole.
     fn scaled(&self, decimals: u8) -> Result<u32, Fault> {
         let (_, point) = self.point();
         let mut left = point.saturating_add(decimals.into());
@@ -68,20 +69,20 @@ impl Decimal<'_> {
     }
 }
 
-/// A number's parts.
+/// The magnitude of a number.
 enum Number<'a> {
     Nan,
     Infinite,
     Finite(Decimal<'a>),
 }
 
-/// The digits in front, and what follows them.
+/// Splits off the leading digits.
 fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
     let end = text.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(text.len());
     text.split_at_checked(end).unwrap_or_default()
 }
 
-/// Whether it is negative, and what follows the sign.
+/// Splits off the sign: returns whether it is negative, and the rest.
 fn split_sign(text: &[u8]) -> (bool, &[u8]) {
     match text {
         [b'-', rest @ ..] => (true, rest),
@@ -90,7 +91,8 @@ fn split_sign(text: &[u8]) -> (bool, &[u8]) {
     }
 }
 
-/// `[+-] (digits [. [digits]] | . digits) [(e|E) [+-] digits]`, or `[+-] (nan | inf)` in any case (W-1).
+/// Parses `[+-] (digits [. [digits]] | . digits) [(e|E) [+-] digits]`, or `[+-] (nan | inf)` in upper or lower case
+/// (W-1). Returns whether it is negative, and its magnitude.
 fn split(text: &[u8]) -> Option<(bool, Number<'_>)> {
     let (negative, text) = split_sign(text);
     if text.eq_ignore_ascii_case(b"nan") {
@@ -101,8 +103,8 @@ fn split(text: &[u8]) -> Option<(bool, Number<'_>)> {
     }
     let (whole, mut rest) = split_digits(text);
     let mut fraction: &[u8] = &[];
-    if let [b'.', behind @ ..] = rest {
-        (fraction, rest) = split_digits(behind);
+    if let [b'.', after @ ..] = rest {
+        (fraction, rest) = split_digits(after);
     }
     let mut exponent = 0i32;
     if let [b'e' | b'E', signed @ ..] = rest {
@@ -112,7 +114,7 @@ fn split(text: &[u8]) -> Option<(bool, Number<'_>)> {
             return None;
         }
         for digit in digits {
-            // No text is long enough to make up for an exponent of 100,000.
+            // No column is long enough to compensate an exponent of 100,000.
             let digit = digit.wrapping_sub(b'0').into();
             exponent = exponent.saturating_mul(10).saturating_add(digit).min(100_000);
         }
@@ -123,7 +125,7 @@ fn split(text: &[u8]) -> Option<(bool, Number<'_>)> {
     is_number.then_some((negative, Number::Finite(Decimal { whole, fraction, exponent })))
 }
 
-/// The nearest `f32`. A finite number that no `f32` is near to is out of range, not infinite.
+/// Returns the nearest `f32`. A finite number that rounds to infinity is out of range.
 pub(super) fn parse_f32(text: &[u8]) -> Result<f32, Fault> {
     let (negative, number) = split(text).ok_or(Fault::Number)?;
     let bits = match number {
@@ -134,8 +136,10 @@ pub(super) fn parse_f32(text: &[u8]) -> Result<f32, Fault> {
     Ok(f32::from_bits(bits | u32::from(negative) << 31))
 }
 
-/// The number times 10^`decimals`, rounded half away from zero, exactly; NaN is `i32::MAX`, "not given" (M-70), and no
-/// other number is but the integer itself. With `decimals` 0 the number must be whole.
+/// Returns the number times 10^`decimals`, rounded half away from zero. With `decimals` 0 the number must be whole.
+///
+/// NaN gives `i32::MAX`, "not given" (M-70). Another number that gives `i32::MAX` is out of range, unless `decimals` is
+/// 0.
 pub(super) fn parse_scaled(text: &[u8], decimals: u8) -> Result<i32, Fault> {
     let (negative, number) = split(text).ok_or(Fault::Number)?;
     let magnitude = match number {
@@ -147,7 +151,7 @@ pub(super) fn parse_scaled(text: &[u8], decimals: u8) -> Result<i32, Fault> {
     value.filter(|value| decimals == 0 || *value != i32::MAX).ok_or(Fault::Range)
 }
 
-/// Digits and nothing else.
+/// Parses an integer, which has only digits.
 pub(super) fn parse_integer(text: &[u8]) -> Result<u16, Fault> {
     let (digits, rest) = split_digits(text);
     if digits.is_empty() || !rest.is_empty() {
@@ -155,6 +159,7 @@ pub(super) fn parse_integer(text: &[u8]) -> Result<u16, Fault> {
     }
     Decimal { whole: digits, fraction: &[], exponent: 0 }.scaled(0)?.try_into().map_err(|_| Fault::Range)
 }
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,7 +169,7 @@ mod tests {
     use std::format;
     use std::string::{String, ToString};
 
-    /// Few where the optimiser is off: each takes a twentieth of a millisecond there.
+    /// Fewer in debug builds, where a case takes a twentieth of a millisecond.
     const CASES: usize = if cfg!(debug_assertions) { 5_000 } else { 1_000_000 };
 
     fn written(value: f32) -> String {
@@ -179,14 +184,14 @@ mod tests {
         String::from_utf8(line.as_bytes().to_vec()).unwrap()
     }
 
-    /// Read as `std` reads it; what `std` calls infinite is out of range.
+    /// Asserts that `text` is read as `std` reads it. Numbers that `std` reads as infinite are out of range.
     fn assert_reads(text: &str) {
         let expected: f32 = text.parse().unwrap();
         let expected = if expected.is_infinite() { Err(Fault::Range) } else { Ok(expected.to_bits()) };
         assert_eq!(parse_f32(text.as_bytes()).map(f32::to_bits), expected, "{text}");
     }
 
-    /// The digits that `std` finds, and the way back.
+    /// Asserts that the digits are those of `std`, and that they read back as the same number.
     fn assert_shortest(bits: u32) {
         let value = f32::from_bits(bits);
         let (digits, exponent) = shortest(bits);
@@ -203,15 +208,16 @@ mod tests {
         }
     }
 
-    /// What lies halfway to the next larger float, and a little to each side of it.
-    fn assert_halves(bits: u32) {
+    /// Asserts that the midpoint to the next larger float is read correctly, and so are numbers just above and below
+    /// it.
+    fn assert_midpoint(bits: u32) {
         let half = |bits| f64::from(f32::from_bits(bits));
-        // Exact: one bit more than an `f32` has. Above the largest it is where infinity begins.
+        // Exact in an `f64`: the midpoint has one bit more than an `f32`. After the largest `f32` comes 2^128.
         let next = if bits + 1 < INFINITY { half(bits + 1) } else { 2f64.powi(128) };
         let middle = format!("{:.150}", (half(bits) + next) / 2.0);
         assert_reads(&middle);
         assert_reads(&format!("{middle}000000000000000000000000001"));
-        // A half, which the words hold exactly, and what they cannot hold; 150 digits stand behind the point.
+        // A half bit, which a `Wide` holds exactly, and smaller differences, which it does not. There are 150 decimals.
         for (place, digit) in [(150, b'5'), (130, b'1'), (100, b'1')] {
             let mut above = middle.clone().into_bytes();
             let at = above.len() - place;
@@ -236,8 +242,8 @@ mod tests {
         (*state >> 32) as u32
     }
 
-    /// Positive and finite.
-    fn edges() -> impl Iterator<Item = u32> {
+    /// Bits of positive, finite floats: edge cases, then random ones.
+    fn samples() -> impl Iterator<Item = u32> {
         let mut state = 1;
         let edges = (0..255u32).flat_map(|exponent| {
             [0, 1, 2, 0x3F_FFFF, 0x40_0000, 0x40_0001, 0x7F_FFFE, 0x7F_FFFF].map(|low| exponent << 23 | low)
@@ -246,18 +252,18 @@ mod tests {
     }
 
     #[test]
-    fn floats_are_written_as_the_shortest_that_reads_back() {
+    fn floats_are_written_as_the_shortest_decimal_that_reads_back() {
         // W-4
-        edges().take(2_040 + CASES).for_each(assert_shortest);
-        // Numbers as they stand in plans, and ties: between 2^20 and 2^24 a fraction can lie halfway between decimals.
+        samples().take(2_040 + CASES).for_each(assert_shortest);
+        // Numbers as in plans, and ties: between 2^20 and 2^24 a fraction can be halfway between two decimals.
         (0..2_000).for_each(|number: u32| assert_shortest((number as f32 / 100.0).to_bits()));
         (0..2_000).for_each(|number: u32| assert_shortest((2_097_152.0 + number as f32 / 4.0).to_bits()));
     }
 
     #[test]
     fn floats_are_read_as_the_nearest() {
-        edges().take(2_040 + CASES / 20).for_each(assert_halves);
-        for bits in edges().take(2_040 + CASES / 10) {
+        samples().take(2_040 + CASES / 20).for_each(assert_midpoint);
+        for bits in samples().take(2_040 + CASES / 10) {
             let value = f32::from_bits(bits);
             for text in [format!("{value:e}"), format!("{value}"), format!("{value:.6}"), format!("{value:.9e}")] {
                 assert_reads(&text);
@@ -293,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_a_number() {
+    fn syntax_of_numbers() {
         // W-1, W-8
         for (text, expected) in [
             ("0", 0.0),
@@ -329,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_an_integer() {
+    fn syntax_of_integers() {
         for (text, expected) in [
             ("0", Ok(0)),
             ("00016", Ok(16)),
@@ -348,7 +354,7 @@ mod tests {
 
     #[test]
     fn coordinates_are_exact() {
-        // T-W4
+        // W-4
         for (text, decimals, expected) in [
             ("47.3977420", 7, Ok(473_977_420)),
             ("47.397741999999998", 7, Ok(473_977_420)),
@@ -406,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn floats_are_written_without_exponent_where_that_is_short() {
+    fn short_floats_are_written_without_exponent() {
         for (value, text) in [
             (0.0, "0"),
             (-0.0, "-0"),
@@ -433,13 +439,13 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2_000))]
 
         #[test]
-        fn coordinates_come_back(value: i32, decimals in prop::sample::select(&[0u8, 4, 7])) {
+        fn coordinates_survive_a_round_trip(value: i32, decimals in prop::sample::select(&[0u8, 4, 7])) {
             prop_assert_eq!(parse_scaled(scaled(value, decimals).as_bytes(), decimals), Ok(value));
         }
 
         #[test]
         fn coordinates_are_rounded_once(whole in 0u32..200, fraction in "[0-9]{0,20}", negative: bool) {
-            // In units of 1e-20, half of 1e-7 is added and the rest cut off.
+            // In units of 1e-20: add half of 1e-7 and truncate.
             let units = i128::from(whole) * 10i128.pow(20) + format!("{fraction:0<20}").parse::<i128>().unwrap();
             let expected = i32::try_from((units + 5 * 10i128.pow(12)) / 10i128.pow(13)).unwrap();
             let text = format!("{}{whole}.{fraction}", if negative { "-" } else { "" });
@@ -447,12 +453,12 @@ mod tests {
         }
 
         #[test]
-        fn any_decimal_is_read_as_std_reads_it(text in r"-?[0-9]{0,50}\.[0-9]{1,60}(e-?[0-9]{1,2})?") {
+        fn decimals_are_read_as_by_std(text in r"-?[0-9]{0,50}\.[0-9]{1,60}(e-?[0-9]{1,2})?") {
             assert_reads(&text);
         }
 
         #[test]
-        fn no_text_is_too_strange(text in prop_oneof![
+        fn any_text_is_a_number_exactly_if_std_reads_it(text in prop_oneof![
             prop::collection::vec(any::<u8>(), 0..20),
             r"[-+]?[0-9.]{0,8}[eEnaif]?[-+0-9.]{0,8}".prop_map(String::into_bytes),
         ]) {

@@ -1,8 +1,8 @@
-//! A row as it is written.
+//! The line that the writer composes.
 
 use super::wide::shortest;
 
-/// A line that is being written; what does not fit is cut off.
+/// The text of a row. Bytes that do not fit are dropped.
 #[derive(Clone, Debug)]
 pub(super) struct Line {
     bytes: [u8; Self::LEN],
@@ -10,8 +10,8 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// The longest row: 5 + 1 + 3 + 5 digits, five floats of 16 characters, x and y of 12, 3 digits, and what ends
-    /// each.
+    /// Length of the longest row: 5 + 1 + 3 + 5 digits, five floats of 16 characters, x and y of 12, 3 digits, and a
+    /// separator after each column.
     const LEN: usize = 6 + 2 + 4 + 6 + 5 * 17 + 2 * 13 + 4;
 
     pub(super) const fn new() -> Self {
@@ -43,7 +43,7 @@ impl Line {
         self.push_all(Digits::new(value).as_bytes());
     }
 
-    /// `value`/10^`decimals`, with all its decimals; `nan` for `i32::MAX`, "not given".
+    /// Appends `value`/10^`decimals` with all decimals; `nan` for `i32::MAX`, "not given".
     pub(super) fn push_scaled(&mut self, value: i32, decimals: u8) {
         if value == i32::MAX {
             return self.push_all(b"nan");
@@ -54,7 +54,8 @@ impl Line {
         self.push_plain(value.unsigned_abs(), i32::from(decimals).wrapping_neg());
     }
 
-    /// The shortest number that reads back as `value`, and of those the nearest; at most 16 characters.
+    /// Appends the shortest number that reads back as `value`, the nearest one if there are several: at most 16
+    /// characters.
     pub(super) fn push_f32(&mut self, value: f32) {
         if value.is_nan() {
             return self.push_all(b"nan");
@@ -80,7 +81,7 @@ impl Line {
         self.push_integer(power.unsigned_abs());
     }
 
-    /// `value`·10^`exponent` without an exponent.
+    /// Appends `value`·10^`exponent` in positional notation.
     fn push_plain(&mut self, value: u32, exponent: i32) {
         let digits = Digits::new(value);
         let digits = digits.as_bytes();
@@ -96,7 +97,7 @@ impl Line {
     }
 }
 
-/// A number's digits, at the end of the array.
+/// The decimal digits of a number, at the end of the array.
 struct Digits {
     bytes: [u8; 10],
     count: usize,

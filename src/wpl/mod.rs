@@ -1,10 +1,11 @@
-//! Plans as text: the file format "QGC WPL" of QGroundControl, Mission Planner and MAVProxy.
+//! Plan files: reads and writes the text format "QGC WPL" of QGroundControl, Mission Planner and MAVProxy.
 //!
-//! Implements <https://mavlink.io/en/file_formats/> (plain-text file format), rules W-1 to W-8: a [`Reader`] that takes
-//! a file in pieces of any length, as they come from an SD card, and a [`Writer`] that gives one line after the other.
-//! Both need no more memory than a line's worth, and neither `core::fmt` nor floating-point arithmetic: coordinates are
-//! read and written exactly to 1e-7 degrees, parameters as the nearest `f32` and the shortest text that gives it back.
-//! NaN stays NaN.
+//! Implements <https://mavlink.io/en/file_formats/> (plain-text file format), rules W-1 to W-8. A [`Reader`] takes a
+//! file in blocks of any length, for example from an SD card. A [`Writer`] returns one line at a time. Both hold a
+//! single line in memory.
+//!
+//! Neither uses `core::fmt` or floating-point arithmetic. Coordinates are exact to 1e-7 degrees. Parameters are read as
+//! the nearest `f32`, and written as the shortest text that reads back as the same `f32`. NaN is kept.
 //!
 //! ```
 //! use mavstack::wpl::{HomeRow, Reader, Writer};
@@ -24,10 +25,10 @@
 //! if let Some(item) = reader.finish()? {
 //!     plan.push(item).expect("room");
 //! }
-//! let home = reader.home().expect("a row for it");
+//! let home = reader.home().expect("a home row");
 //! assert_eq!((home.x, home.y), (473_977_420, 85_455_940));
 //! assert!(plan[0].params[3].is_nan());
-//! assert_eq!(plan[1].params[0], 0.0, "counted without home, the jump goes to item 0");
+//! assert_eq!(plan[1].params[0], 0.0, "home is not counted, so the jump's target is item 0");
 //!
 //! let mut text = Vec::from(Writer::HEADER);
 //! let mut writer = Writer::new(HomeRow::First);
@@ -41,24 +42,31 @@
 //!
 //! # The format
 //!
-//! A header, `QGC WPL 110` or `QGC WPL 120`, then twelve columns a row: index, current, frame, command, param1 to
-//! param4, x, y, z, autocontinue. What the columns say goes into the [`Item`]; the reader checks `current` and forgets
-//! it. The file does not tell a mission from a geofence or rally points: that is the caller's to know.
+//! A file is a header, `QGC WPL 110` or `QGC WPL 120`, followed by rows of twelve columns: index, current, frame,
+//! command, param1 to param4, x, y, z, autocontinue. A row becomes an [`Item`]. The reader checks `current` but does
+//! not keep it. The file does not say whether it is a mission, a geofence or rally points: the caller must know.
 //!
-//! What is read: any white space between columns, lines that end in LF or CRLF, the last also without; blank lines,
-//! lines that begin with `#`, and a byte order mark in front (W-5). Numbers may have a sign and an exponent, or be
-//! `nan` or, in param1 to param4 and z, `inf` (which the vehicle's validation then refuses). x and y are degrees in
-//! global frames, rounded to 1e-7; metres in local frames, rounded to 1e-4 (M-4); whole numbers in
-//! [`MavFrame::MISSION`]. In each, `nan` is "not given", `i32::MAX` (M-70).
+//! The reader accepts:
 //!
-//! What is refused, with the line's number: versions other than 110 and 120, so 100 and the protobuf form `PB 110`;
-//! fence files of latitude and longitude alone, rally files of `RALLY` lines; numbers that the item cannot hold, or of
-//! more than 64 characters; frames whose x and y mean nothing known; a [`DO_JUMP`](MavCmd::DO_JUMP) to home or to a row
-//! that is not there. What a vehicle can fly is not looked at: that is for the checks that an upload goes through as
-//! well.
+//! - Any white space between columns; lines that end in LF or CRLF, and a last line without an end; blank lines; lines
+//!   that begin with `#`; a byte order mark (W-5).
+//! - Numbers with a sign and an exponent, and `nan`. In param1 to param4 and z also `inf`, which the vehicle's
+//!   validation then refuses.
+//! - x and y in degrees in global frames, rounded to 1e-7; in metres in local frames, rounded to 1e-4 (M-4); as whole
+//!   numbers in [`MavFrame::MISSION`]. `nan` means "not given", which is `i32::MAX` in an item (M-70).
 //!
-//! What is written: version 110, as all of these programs read it (W-3). NaN is written without sign and payload, a jump's
-//! target of -0 as 0; all other values come back to the bit.
+//! The reader refuses the following, with the number of the line:
+//!
+//! - Versions other than 110 and 120: for example 100, and the protobuf format `PB 110`.
+//! - Fence files with latitude and longitude only, and rally files of `RALLY` lines.
+//! - Numbers that do not fit in the item, or have more than 64 characters.
+//! - Frames for which the meaning of x and y is not known.
+//! - A [`DO_JUMP`](MavCmd::DO_JUMP) to home, or to a row that does not exist.
+//!
+//! The reader does not check whether the vehicle can fly the plan. The checks of an upload do.
+//!
+//! The writer writes version 110, which all three programs read (W-3). NaN is written without sign and payload, and a
+//! jump's target of -0 as 0. All other values are read back bit by bit.
 
 mod decimal;
 mod line;
@@ -70,24 +78,24 @@ pub use reader::{Error, Fault, Reader};
 pub use writer::Writer;
 
 use crate::dialect::{MavCmd, MavFrame};
+use crate::message::Item;
 use crate::num;
-use crate::service::mission::Item;
 
-/// Whether row 0 of a version 110 file is the home position (W-6). The file does not say.
+/// Whether row 0 of a version 110 file is the home position (W-6). The file itself does not say.
 ///
-/// DO_JUMP counts rows. Where row 0 is home, it is no item of the vehicle's plan: item 0 is row 1, and the target of
-/// each jump is one less in the plan than in the file.
+/// The targets of DO_JUMP are rows. If row 0 is home, item 0 of the plan is row 1, so the target of each jump is one
+/// less in the plan than in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HomeRow {
-    /// Row 0 is the planned home: missions of QGroundControl and Mission Planner.
+    /// Row 0 is the planned home: missions saved by QGroundControl and Mission Planner.
     First,
-    /// There is none, row 0 is item 0: geofences, rally points, and what MAVProxy saves of a vehicle that does not keep
-    /// its home in the mission. Files of version 120 are so by definition.
+    /// There is no home, and row 0 is item 0: geofences, rally points, and missions that MAVProxy saves from a vehicle
+    /// without home in its mission. Files of version 120 never have a home row.
     None,
 }
 
-/// How many decimals x and y have in this frame; nothing when it is not known what they are (M-4).
+/// Returns the number of decimals of x and y in this frame; `None` if their meaning is not known (M-4).
 fn decimals(frame: MavFrame) -> Option<u8> {
     match frame {
         MavFrame::GLOBAL
@@ -109,7 +117,7 @@ fn decimals(frame: MavFrame) -> Option<u8> {
     }
 }
 
-/// The row that a [`DO_JUMP`](MavCmd::DO_JUMP) goes to; nothing for other commands.
+/// Returns the target of a [`DO_JUMP`](MavCmd::DO_JUMP); `None` for other commands.
 fn jump_target(item: &Item) -> Option<Result<u16, Fault>> {
     let [target, ..] = item.params;
     (item.command == MavCmd::DO_JUMP).then(|| num::integer(target).ok_or(Fault::Jump))

@@ -1,20 +1,20 @@
-//! From bytes to items.
+//! Reading: bytes to items.
 
 use heapless::Vec;
 
 use super::{HomeRow, decimal, decimals, jump_target};
 use crate::dialect::{MavCmd, MavFrame};
-use crate::service::mission::Item;
+use crate::message::Item;
 
-/// The longest column in bytes. C's `%f` makes 47 of the largest `f32`.
+/// Maximum length of a column in bytes. C's `%f` writes the largest `f32` with 47.
 const MAX_COLUMN: usize = 64;
 const COLUMNS: [&str; 12] =
     ["index", "current", "frame", "command", "param1", "param2", "param3", "param4", "x", "y", "z", "autocontinue"];
-/// The column of a jump's target, param1.
+/// The number of the column with a jump's target, param1.
 const JUMP: u8 = 5;
 const BYTE_ORDER_MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
 
-/// What is wrong with a file, or with an item that is to be written.
+/// Why a file cannot be read, or an item cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -25,26 +25,26 @@ pub enum Fault {
     Version,
     /// A row has more or fewer than twelve columns.
     Columns,
-    /// The text is not a number, or not one of digits only where an integer is due.
+    /// The text is not a number, or not an integer in a column of integers.
     Number,
-    /// More than 64 bytes in one column.
+    /// A column has more than 64 bytes.
     TooLong,
-    /// The item has no room for the number: it is too large, or infinite in x or y.
+    /// The number does not fit in the item: it is too large, or infinite in x or y.
     Range,
-    /// x or y is no whole number, and in [`MavFrame::MISSION`] it is a parameter that can be nothing else.
+    /// x or y is not a whole number in [`MavFrame::MISSION`], where it is an integer parameter.
     Fraction,
-    /// It is not known what x and y are in this frame.
+    /// The meaning of x and y is not known in this frame.
     Frame,
     /// The rows are not numbered 0, 1, 2… ([`Reader::numbered`]).
     Index,
-    /// The target of a [`DO_JUMP`](MavCmd::DO_JUMP) is home or no row of the file.
+    /// The target of a [`DO_JUMP`](MavCmd::DO_JUMP) is home, or not a row of the file.
     Jump,
-    /// More rows than sequence numbers, 65,535.
+    /// There are more than 65,535 rows, the number of sequence numbers.
     TooMany,
 }
 
 impl Fault {
-    /// The same in English words, without an end of sentence: for a text to the operator.
+    /// Returns a description in a few words, for a text to the operator.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Header => "not a QGC WPL file",
@@ -70,20 +70,20 @@ impl core::fmt::Display for Fault {
 
 impl core::error::Error for Fault {}
 
-/// Where a file is wrong, and how.
+/// A fault in a file, and its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Error {
-    /// The line, from 1; all count: header, comments and blank ones too.
+    /// The number of the line, from 1. Header, comments and blank lines count.
     pub line: u32,
-    /// The column, from 1 (index) to 12 (autocontinue); 0 when it is the line as a whole.
+    /// The number of the column, from 1 (index) to 12 (autocontinue); 0 for the whole line.
     pub column: u8,
-    /// What is wrong there.
+    /// The fault.
     pub fault: Fault,
 }
 
 impl Error {
-    /// The column's name; empty when it is the line as a whole.
+    /// Returns the column's name; empty for the whole line.
     pub fn column_name(&self) -> &'static str {
         let at = self.column.checked_sub(1).map(usize::from);
         at.and_then(|at| COLUMNS.get(at)).copied().unwrap_or_default()
@@ -100,9 +100,10 @@ impl core::fmt::Display for Error {
 
 impl core::error::Error for Error {}
 
-/// Reads a plan from a file that comes in pieces.
+/// Reads a plan from a file in blocks of any length.
 ///
-/// The items are good for use once [`finish`](Self::finish) has said so: until then the file may prove to be faulty.
+/// Use the items only after [`finish`](Self::finish) has succeeded, because a fault may be found at the end of the
+/// file.
 #[derive(Clone, Debug)]
 pub struct Reader {
     home_row: HomeRow,
@@ -112,21 +113,21 @@ pub struct Reader {
     rows: u16,
     /// Whether the header was read.
     in_rows: bool,
-    /// The first fault, which ends it all.
+    /// The first fault, after which nothing is read.
     error: Option<Error>,
     line: u32,
     /// Columns of this line so far.
     column: u8,
     is_comment: bool,
-    /// The front of the next column.
+    /// The bytes of the current column so far.
     text: Vec<u8, MAX_COLUMN>,
     item: Item,
-    /// The farthest row that is jumped to, and the line that says so.
+    /// The largest target of a jump, and the line of that jump.
     farthest: Option<(u16, u32)>,
 }
 
 impl Reader {
-    /// A reader of one file. `home_row` tells what row 0 of version 110 is.
+    /// Returns a reader for one file. `home_row` says what row 0 of a version 110 file is.
     pub const fn new(home_row: HomeRow) -> Self {
         Self {
             home_row,
@@ -152,24 +153,24 @@ impl Reader {
         }
     }
 
-    /// Insists that the rows are numbered 0, 1, 2… Else their order counts and the index does not, as in other readers.
+    /// Requires that the rows are numbered 0, 1, 2… By default the index is ignored, as in other readers.
     #[must_use]
     pub const fn numbered(mut self) -> Self {
         self.numbered = true;
         self
     }
 
-    /// The planned home, once its row was read.
+    /// Returns the planned home; `None` until its row was read.
     pub const fn home(&self) -> Option<Item> {
         self.home
     }
 
-    /// Reads on to the end of the next item's line. What was read is taken off the front of `bytes`; nothing is
-    /// returned when all of it was.
+    /// Reads to the end of the next item's line, and removes the bytes that it has read from the front of `bytes`.
+    /// Returns `None` when it has read all of them.
     ///
     /// # Errors
     ///
-    /// The first fault of the file, now and ever after: no item behind it is returned.
+    /// The first fault of the file. All later calls return the same error.
     pub fn next(&mut self, bytes: &mut &[u8]) -> Result<Option<Item>, Error> {
         self.error.map_or(Ok(()), Err)?;
         while let Some((&byte, rest)) = bytes.split_first() {
@@ -183,12 +184,12 @@ impl Reader {
         Ok(None)
     }
 
-    /// The file ends here. Returns the item of a last line that has no end.
+    /// Ends the file. Returns the item of the last line if that line has no end.
     ///
     /// # Errors
     ///
-    /// The first fault of the file; of its last line; or of the file as a whole: there is no header
-    /// ([`Header`](Fault::Header)), or no row that was to be jumped to ([`Jump`](Fault::Jump)).
+    /// The first fault of the file. Two faults are found only here: there is no header ([`Header`](Fault::Header)), or
+    /// the target of a jump is not a row ([`Jump`](Fault::Jump)).
     pub fn finish(&mut self) -> Result<Option<Item>, Error> {
         let last = self.line;
         let item = self.next(&mut b"\n".as_slice())?;
@@ -203,7 +204,8 @@ impl Reader {
         *self.error.insert(Error { line, column, fault })
     }
 
-    /// One more byte. True when it ends the line of an item, which is then in `item`. A fault comes with its column.
+    /// Reads a byte. Returns whether it ends the line of an item, which is then in `item`. An error has the column's
+    /// number.
     fn byte(&mut self, byte: u8) -> Result<bool, (u8, Fault)> {
         let mut is_item = false;
         if byte.is_ascii_whitespace() {
@@ -232,7 +234,7 @@ impl Reader {
         Ok(is_item)
     }
 
-    /// A column has ended. A fault comes with its number, unless it is no column of a row.
+    /// Handles the end of a column. An error has the column's number, or 0 for the whole line.
     fn column(&mut self) -> Result<(), (u8, Fault)> {
         if !self.in_rows {
             return self.header_column().map_err(|fault| (0, fault));
@@ -240,7 +242,7 @@ impl Reader {
         self.row_column().map_err(|fault| (if fault == Fault::Columns { 0 } else { self.column }, fault))
     }
 
-    /// A column of the header has ended.
+    /// Handles the end of a column of the header.
     fn header_column(&mut self) -> Result<(), Fault> {
         match (self.column, self.text.as_slice()) {
             (1, b"QGC") | (2, b"WPL") | (3, b"110") => Ok(()),
@@ -253,7 +255,7 @@ impl Reader {
         }
     }
 
-    /// A column of a row has ended.
+    /// Handles the end of a column of a row.
     fn row_column(&mut self) -> Result<(), Fault> {
         let text = self.text.as_slice();
         let item = &mut self.item;
@@ -297,7 +299,7 @@ impl Reader {
         Ok(())
     }
 
-    /// A line has ended: whether there is an item in it. A fault comes with its column.
+    /// Handles the end of a line. Returns whether it has an item. An error has the column's number.
     fn end_of_line(&mut self) -> Result<bool, (u8, Fault)> {
         if self.column == 0 {
             return Ok(false);
@@ -313,7 +315,7 @@ impl Reader {
         self.rows = row.checked_add(1).ok_or((0, Fault::TooMany))?;
         let has_home = self.home_row == HomeRow::First;
         if has_home && row == 0 {
-            // An old Mission Planner's way to say that it knows no home.
+            // Old versions of Mission Planner write command 0 if they know no home.
             if self.item.command == MavCmd(0) {
                 self.item.command = MavCmd::NAV_WAYPOINT;
             }

@@ -1,20 +1,20 @@
-//! The numbers in which decimal and binary meet: wide enough to hold any `f32` and its halves exactly, multiplied and
-//! divided by ten.
+//! Fixed-point numbers for conversions between decimal and binary. They hold any `f32`, and the midpoint between two,
+//! exactly, and can be multiplied and divided by ten.
 //!
-//! The parser of `core` takes 20 kB of flash with its tables, and `core::fmt` can panic. Plans are read now and then,
-//! not in the control loop, so this is small rather than quick.
+//! The parser of `core` takes 20 kB of flash with its tables, and `core::fmt` can panic. Plan files are not read in the
+//! control loop, so the code is small rather than fast.
 
-/// The magnitude of any `f32`, exactly: 128 bits before the point and 160 behind it, in words of 16 bits, the highest
-/// first. The lowest bit of a subnormal is 2^-149, and half of it decides how to round.
+/// The magnitude of an `f32`: 128 bits before the point and 160 bits after it, in words of 16 bits, the highest first.
+/// The lowest bit of a subnormal is 2^-149, and half of it decides how to round.
 pub(super) struct Wide {
     words: [u16; 18],
-    /// Whether a division dropped something below the last word.
+    /// Sticky bit: whether a division has dropped a remainder below the last word.
     inexact: bool,
 }
 
-/// How far the lowest bit of a subnormal is above the lowest bit of a [`Wide`].
+/// The position of a subnormal's lowest bit in a [`Wide`], counted from the lowest bit.
 const LOWEST: u32 = 160 - 149;
-/// How many words stand before the point.
+/// Number of words before the point.
 const WHOLE: usize = 8;
 const FRACTION_BITS: u32 = 23;
 pub(super) const INFINITY: u32 = 0xFF << FRACTION_BITS;
@@ -24,7 +24,7 @@ fn low(value: u32) -> u16 {
     u16::from_le_bytes([a, b])
 }
 
-/// Multiplies by ten and adds; returns what did not fit.
+/// Multiplies `words` by ten and adds `carry`. Returns the carry out of the highest word.
 fn multiply(words: &mut [u16], mut carry: u32) -> u32 {
     for word in words.iter_mut().rev() {
         let value = u32::from(*word).wrapping_mul(10).wrapping_add(carry);
@@ -34,7 +34,7 @@ fn multiply(words: &mut [u16], mut carry: u32) -> u32 {
     carry
 }
 
-/// Divides by ten what stands here with `rest` before it; returns the rest.
+/// Divides `words` by ten, with `rest` as the digit before them. Returns the remainder.
 fn divide(words: &mut [u16], mut rest: u32) -> u32 {
     for word in words {
         let value = (rest << 16) | u32::from(*word);
@@ -63,14 +63,14 @@ impl Wide {
         self.words.get_mut(WHOLE..).unwrap_or_default()
     }
 
-    /// From the bits of a positive, finite `f32`.
+    /// Converts the bits of a positive, finite `f32`.
     fn from_bits(bits: u32) -> Self {
         let exponent = bits >> FRACTION_BITS;
         let hidden = if exponent == 0 { 0 } else { 1 << FRACTION_BITS };
         let at = LOWEST.wrapping_add(exponent.saturating_sub(1));
         let mut rest = u64::from((bits & ((1 << FRACTION_BITS) - 1)) | hidden).wrapping_shl(at % 16);
         let mut wide = Self::ZERO;
-        // At most 18 words lie there.
+        // The conversion cannot fail; 18 skips all words.
         let skipped = usize::try_from(at / 16).unwrap_or(18);
         for word in wide.words.iter_mut().rev().skip(skipped).take(3) {
             let [a, b, ..] = rest.to_le_bytes();
@@ -84,13 +84,13 @@ impl Wide {
         self.words == [0; 18]
     }
 
-    /// Ten times this, plus a digit; false when it is 2^128 or more. There must be nothing behind the point.
+    /// Multiplies by ten and adds `digit`. Returns false if the result is 2^128 or more. The fraction must be zero.
     pub(super) fn push(&mut self, digit: u8) -> bool {
         multiply(self.whole(), digit.into()) == 0
     }
 
-    /// A tenth of this with `digit` added first. Divided down to the last word and cut there, any number of such steps
-    /// gives what one division by a power of ten would.
+    /// Adds `digit` and divides by ten. Each step truncates after the last word. Together the steps give the same
+    /// result as one division by a power of ten.
     pub(super) fn push_behind_point(&mut self, digit: u8) {
         if let Some(lowest) = self.whole().last_mut() {
             *lowest |= u16::from(digit);
@@ -102,15 +102,15 @@ impl Wide {
         self.inexact |= divide(&mut self.words, 0) != 0;
     }
 
-    /// The bits of the nearest `f32`, of two that are as near the even one; nothing when that is infinity.
+    /// Returns the bits of the nearest `f32`, ties to even; `None` if that is infinity.
     pub(super) fn round(&self) -> Option<u32> {
-        // Three words, of which the first is not zero unless they are the last: at least 33 bits of significance.
+        // Three words, of which the first is not zero unless they are the last: at least 33 significant bits.
         let skipped = self.words.iter().take(15).take_while(|word| **word == 0).count();
         let base = 16u32.wrapping_mul(u32::try_from(15usize.wrapping_sub(skipped)).unwrap_or(0));
         let [high, middle, lowest, rest @ ..] = self.words.get(skipped..)? else { return None };
         let window = u64::from(*high) << 32 | u64::from(*middle) << 16 | u64::from(*lowest);
         let inexact = self.inexact || rest.iter().any(|word| *word != 0);
-        // Where the bits that are kept begin: 24 of them, or fewer of a subnormal.
+        // The lowest of the bits that are kept: 24, or fewer for a subnormal.
         let length = 64u32.wrapping_sub(window.leading_zeros());
         let lowest = base.wrapping_add(length).saturating_sub(24).max(LOWEST);
         let shift = lowest.wrapping_sub(base);
@@ -119,12 +119,13 @@ impl Wide {
         let dropped = window.wrapping_shl(64u32.wrapping_sub(shift)) | u64::from(inexact);
         let half = 1u64 << 63;
         let up = dropped > half || (dropped == half && kept % 2 == 1);
-        // The highest kept bit counts as one exponent more, and so does a carry.
+        // The hidden bit is added to the exponent, and so is a carry.
         let bits = (lowest.wrapping_sub(LOWEST) << FRACTION_BITS).wrapping_add(kept).wrapping_add(up.into());
         (bits < INFINITY).then_some(bits)
     }
 }
-/// The bits of the `f32` nearest to `digits`·10^`exponent`.
+
+/// Returns the bits of the `f32` nearest to `digits`·10^`exponent`.
 fn nearest(digits: u32, exponent: i32) -> Option<u32> {
     let mut wide = Wide::from_integer(digits);
     for _ in 0..exponent {
@@ -136,13 +137,13 @@ fn nearest(digits: u32, exponent: i32) -> Option<u32> {
     wide.round()
 }
 
-/// The fewest digits, and their power of ten, that are read as the positive, finite `f32` with these bits; of several
-/// as short the nearest, of two as near the larger.
+/// Returns the shortest decimal, as digits and a power of ten, that reads back as the positive, finite `f32` with these
+/// bits. If there are several of this length, it is the nearest, and of two as near the larger.
 pub(super) fn shortest(bits: u32) -> (u32, i32) {
     if bits == 0 {
         return (0, 0);
     }
-    // The first nine digits, cut off: the number is `digits`·10^exponent and a bit, `next` being the tenth digit.
+    // The number, truncated to nine digits, is `digits`·10^`exponent`; `next` is the tenth digit.
     let mut wide = Wide::from_bits(bits);
     let mut exponent = 0i32;
     let mut next = 0;
@@ -163,7 +164,8 @@ pub(super) fn shortest(bits: u32) -> (u32, i32) {
         }
         next = multiply(wide.fraction(), 0);
     }
-    // What is shorter and is read as this number, if anything is, is the number cut off or one more. Nine digits do.
+    // For each length, only the truncated digits and the next larger ones can read back as the number. Nine digits
+    // suffice.
     let mut unit = 100_000_000u32;
     exponent = exponent.wrapping_add(8);
     loop {
@@ -173,7 +175,7 @@ pub(super) fn shortest(bits: u32) -> (u32, i32) {
         for up in [up, !up] {
             let candidate = cut.wrapping_add(up.into());
             if unit <= 1 || nearest(candidate, exponent) == Some(bits) {
-                // Of nine and one more.
+                // Rounded up from 9.
                 return if candidate == 10 { (1, exponent.wrapping_add(1)) } else { (candidate, exponent) };
             }
         }

@@ -1,10 +1,10 @@
-//! From items to lines.
+//! Writing: items to lines.
 
 use super::line::Line;
 use super::{Fault, HomeRow, decimals, jump_target};
-use crate::service::mission::Item;
+use crate::message::Item;
 
-/// Writes a plan as text: [`HEADER`](Self::HEADER), then one line an item.
+/// Writes a plan as text: [`HEADER`](Self::HEADER), then one line for each item.
 #[derive(Clone, Debug)]
 pub struct Writer {
     home_row: HomeRow,
@@ -16,19 +16,19 @@ impl Writer {
     /// The first line of the file.
     pub const HEADER: &'static [u8] = b"QGC WPL 110\n";
 
-    /// A writer of one file. With [`HomeRow::First`] the first item that it is given is the home position;
-    /// QGroundControl takes the first row for that in any case.
+    /// Returns a writer for one file. With [`HomeRow::First`] the first item is the home position. QGroundControl
+    /// always takes the first row as home.
     pub const fn new(home_row: HomeRow) -> Self {
         Self { home_row, rows: 0, line: Line::new() }
     }
 
-    /// The next row, with the end of its line.
+    /// Returns the next row, including the end of its line.
     ///
     /// # Errors
     ///
-    /// [`Frame`](Fault::Frame) when it is not known what x and y are; [`Jump`](Fault::Jump) when the target of a
-    /// [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is no sequence number; [`TooMany`](Fault::TooMany) for more rows
-    /// than those.
+    /// - [`Frame`](Fault::Frame): the meaning of x and y is not known in the item's frame.
+    /// - [`Jump`](Fault::Jump): the target of a [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is not a sequence number.
+    /// - [`TooMany`](Fault::TooMany): there are more rows than sequence numbers.
     pub fn row(&mut self, item: &Item) -> Result<&[u8], Fault> {
         let decimals = decimals(item.frame).ok_or(Fault::Frame)?;
         let rows = self.rows.checked_add(1).ok_or(Fault::TooMany)?;

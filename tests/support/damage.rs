@@ -1,10 +1,10 @@
-//! Streams as a bad line delivers them.
+//! Damages streams as a noisy line does.
 //!
 //! The comparison with other libraries uses it too.
 
 use super::Rng;
 
-/// How a stream is damaged.
+/// The kinds of damage.
 #[derive(Clone, Copy)]
 pub struct Damage {
     pub flips: bool,
@@ -12,8 +12,8 @@ pub struct Damage {
     pub bursts: bool,
 }
 
-/// Damages a tenth of `frames` in each way, and tells which are left untouched: no byte of theirs is changed or lost, and
-/// none comes between.
+/// Damages one in ten of `frames` in each enabled way. Returns the stream and the intact frames: those without a changed, lost or
+/// inserted byte.
 pub fn damage(frames: &[Vec<u8>], how: Damage, rng: &mut Rng) -> (Vec<u8>, Vec<Vec<u8>>) {
     let (mut stream, mut intact) = (Vec::new(), Vec::new());
     for frame in frames {
@@ -32,7 +32,7 @@ pub fn damage(frames: &[Vec<u8>], how: Damage, rng: &mut Rng) -> (Vec<u8>, Vec<V
         if how.bursts && rng.chance(0.1) {
             let at = rng.below(sent.len() as u64 + 1) as usize;
             let burst: Vec<u8> = (0..=rng.below(80)).map(|_| rng.byte()).collect();
-            // Before or behind a frame it leaves the frame whole.
+            // A burst before or after a frame leaves the frame intact.
             if at == 0 || at == sent.len() {
                 if sent == *frame {
                     intact.push(frame.clone());

@@ -1,7 +1,7 @@
-//! NOR flash in RAM, as bad as real one: what is not erased cannot be written, power goes at any byte, and it fails on
-//! demand.
+//! Simulates NOR flash in RAM, with the faults of real flash: only erased bytes can be written, the power can be cut at any byte,
+//! and operations fail on demand.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(dead_code, reason = "each test binary uses its own part")]
 
 use std::ops::Range;
 use std::vec::Vec;
@@ -10,15 +10,15 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// `WRITE` and `ERASE` are its units, in bytes.
+/// A simulated NOR flash. `WRITE` and `ERASE` are the sizes of its units, in bytes.
 #[derive(Clone, Debug)]
 pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub bytes: Vec<u8>,
-    /// What is left until the power goes: a byte written costs 1, an erased unit [`Self::ERASE_COST`].
+    /// Steps left until the power cut: writing a byte costs 1, erasing a unit [`Self::ERASE_COST`].
     pub fuel: Option<u64>,
-    /// What a write unit has in it when the power goes while it is written.
+    /// The contents of a write unit after a power cut.
     pub torn: Torn,
-    /// What fails.
+    /// The injected fault.
     pub fault: Fault,
     pub reads: u32,
     pub erases: u32,
@@ -26,47 +26,47 @@ pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub bytes_written: u64,
 }
 
-/// What is left of a write unit that the power went from.
+/// The contents of a write unit after a power cut during its write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// Its first bytes.
+    /// The first bytes.
     Prefix,
-    /// Nothing that makes sense.
+    /// Garbage.
     Garbage,
-    /// Nothing that can be read: the error correction refuses it, until it is erased.
+    /// Unreadable: reads fail with an ECC error until the unit is erased.
     Unreadable,
 }
 
-/// What fails.
+/// A fault to inject.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
     None,
-    /// Each erase: nothing happens, and it says so.
+    /// Every erase fails without an effect.
     Erase,
-    /// Each write behind so many: nothing happens, and it says so.
+    /// Every write after this many fails without an effect.
     Write(u32),
-    /// Each write behind so many: half of it is written, and it says so.
+    /// Every write after this many fails and writes half of the bytes.
     HalfWrite(u32),
-    /// Each write behind so many: all is written, and it says that it failed.
+    /// Every write after this many writes all bytes but returns an error.
     LyingWrite(u32),
-    /// Each write behind so many: a bit is wrong, and nobody says so.
+    /// Every write after this many writes a wrong bit and returns no error.
     WrongWrite(u32),
-    /// Reading anything of this range.
+    /// Reads of this range fail.
     Read(Range<u32>),
-    /// The reads with these indices, as counted by [`RamFlash::reads`].
+    /// The reads with these indices fail, as counted by [`RamFlash::reads`].
     Reads(Range<u32>),
 }
 
-/// Why the flash refused.
+/// An error of the simulated flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashError {
-    /// The call breaks the rules of the trait.
+    /// The call violates the rules of the trait.
     Call(NorFlashErrorKind),
-    /// What was to be written is not erased.
+    /// The bytes to write are not erased.
     NotErased,
     /// The power is off.
     Off,
-    /// As the test wanted it.
+    /// An injected fault.
     Fault,
 }
 
@@ -80,32 +80,31 @@ impl NorFlashError for FlashError {
 }
 
 impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
-    /// What may be left when the power goes while a unit is erased: nothing happened, a half is erased, garbage; or it is
-    /// erased, and the power goes behind it.
+    /// The cost of erasing a unit. A power cut can leave it unchanged, half erased, as garbage, or erased with the cut directly after.
     pub const ERASE_COST: u64 = 3;
 
-    /// All erased.
+    /// Creates erased flash.
     pub fn new(len: u32) -> Self {
         Self::of(std::vec![0xFF; len as usize])
     }
 
-    /// With this in it.
+    /// Creates flash with these contents.
     pub fn of(bytes: Vec<u8>) -> Self {
         let (fuel, torn, fault) = (None, Torn::Prefix, Fault::None);
         Self { bytes, fuel, torn, fault, reads: 0, erases: 0, writes: 0, bytes_written: 0 }
     }
 
-    /// Whether the power went.
+    /// Whether the power was cut.
     pub fn is_off(&self) -> bool {
         self.fuel == Some(0)
     }
 
-    /// The power comes back.
+    /// Restores the power.
     pub fn power_on(&mut self) {
         self.fuel = None;
     }
 
-    /// How much a run without a cut costs: with any smaller fuel the power goes.
+    /// Returns the total cost so far. A run with less fuel is cut.
     pub fn cost(&self) -> u64 {
         self.bytes_written + Self::ERASE_COST * u64::from(self.erases)
     }
@@ -114,7 +113,7 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
         if self.is_off() { Err(FlashError::Off) } else { Ok(()) }
     }
 
-    /// How much of `cost` there is fuel for.
+    /// Uses fuel. Returns the part of `cost` that the fuel covered.
     fn burn(&mut self, cost: u64) -> u64 {
         let Some(fuel) = &mut self.fuel else { return cost };
         let burnt = cost.min(*fuel);

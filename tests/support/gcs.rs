@@ -1,4 +1,4 @@
-//! The far end of a line: whoever the test wants there.
+//! A simulated client at the far end of a line.
 
 use super::{STATION, SerialEnd, VEHICLE};
 use embedded_io::{Read, ReadReady, Write, WriteReady};
@@ -6,40 +6,40 @@ use mavstack::dialect::{CommandInt, CommandLong, Common, Heartbeat, MavAutopilot
 use mavstack::{Address, Decoder, Dialect, Duration, Header, Instant, MAX_FRAME_LEN, Message, Version, encode};
 use std::collections::{BTreeMap, VecDeque};
 
-/// A frame as it came down the line.
+/// A frame received from the vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Received {
-    /// When its last byte was read.
+    /// When the last byte was read.
     pub at: Instant,
     pub header: Header,
-    /// As sent, trailing zeros cut off.
+    /// The payload as sent, without trailing zeros.
     pub payload: Vec<u8>,
-    /// All its bytes.
+    /// All bytes of the frame.
     pub raw: Vec<u8>,
     taken: bool,
 }
 
 impl Received {
-    /// The message `M`, if this is one.
+    /// Decodes the message if it is an `M`.
     pub fn decode<M: Message>(&self) -> Option<M> {
         (self.header.id == M::ID).then(|| M::decode(&self.payload))
     }
 }
 
-/// A ground station, or several behind one line.
+/// One or more ground stations on a line.
 #[derive(Debug)]
 pub struct Gcs {
-    /// What it calls itself: [`STATION`] at first.
+    /// Its own address; [`STATION`] by default.
     pub address: Address,
-    /// Whom it talks to: [`VEHICLE`] at first.
+    /// The address of the vehicle; [`VEHICLE`] by default.
     pub vehicle: Address,
-    /// What it sends: MAVLink 2 at first.
+    /// The MAVLink version that it sends; 2 by default.
     pub version: Version,
-    /// Time between its heartbeats; `None`, as at first, sends none.
+    /// Interval of its heartbeats; `None` (the default) sends none.
     pub heartbeat_period: Option<Duration>,
-    /// All that it received, in order.
+    /// All frames received, in order.
     pub received: Vec<Received>,
-    /// Whether it takes frames whose id it does not know; not at first.
+    /// Whether it accepts frames with an unknown id; false by default.
     pub takes_unknown: bool,
     /// Its end of the line.
     pub end: SerialEnd,
@@ -59,7 +59,7 @@ impl Gcs {
             received: Vec::new(),
             takes_unknown: false,
             end,
-            // Ground stations wait for the rest of a frame for as long as it takes.
+            // Ground stations wait for the rest of a frame without a timeout.
             decoder: Decoder::new(Duration::from_secs(1 << 30)),
             outgoing: VecDeque::new(),
             seqs: BTreeMap::new(),
@@ -67,7 +67,7 @@ impl Gcs {
         }
     }
 
-    /// A frame of its own version with the next sequence number of `from`, not sent.
+    /// Encodes a message with the next sequence number of `from`, without sending it.
     pub fn frame_from<M: Message>(&mut self, from: Address, message: &M) -> Vec<u8> {
         let seq = self.seqs.entry(from).or_default();
         let mut frame = vec![0; MAX_FRAME_LEN];
@@ -82,18 +82,18 @@ impl Gcs {
         self.send_from(self.address, message);
     }
 
-    /// Sends `message` as somebody else.
+    /// Sends `message` from another address.
     pub fn send_from<M: Message>(&mut self, from: Address, message: &M) {
         let frame = self.frame_from(from, message);
         self.send_raw(&frame);
     }
 
-    /// Sends bytes as they are.
+    /// Sends raw bytes.
     pub fn send_raw(&mut self, bytes: &[u8]) {
         self.outgoing.extend(bytes);
     }
 
-    /// Frames of `from` that are lost on the way before they reach the line.
+    /// Skips sequence numbers of `from`, as if frames were lost on the way.
     pub fn skip_seq(&mut self, from: Address, frames: u8) {
         let seq = self.seqs.entry(from).or_default();
         *seq = seq.wrapping_add(frames);
@@ -120,7 +120,7 @@ impl Gcs {
         });
     }
 
-    /// A COMMAND_LONG to the vehicle, not sent.
+    /// Returns a COMMAND_LONG to the vehicle, without sending it.
     pub fn long(&self, command: MavCmd, params: [f32; 7]) -> CommandLong {
         let [param1, param2, param3, param4, param5, param6, param7] = params;
         CommandLong {
@@ -138,7 +138,7 @@ impl Gcs {
         }
     }
 
-    /// A ground station's heartbeat.
+    /// Returns the heartbeat of a ground station.
     pub fn heartbeat() -> Heartbeat {
         Heartbeat {
             r#type: MavType::GCS,
@@ -149,34 +149,34 @@ impl Gcs {
         }
     }
 
-    /// Whether all that was sent is on the line.
+    /// Whether all bytes to send were written to the line.
     pub fn is_idle(&self) -> bool {
         self.outgoing.is_empty()
     }
 
-    /// The oldest `M` that was not taken yet, and when it came.
+    /// Takes the oldest `M` that was not taken before, with its time.
     pub fn take<M: Message>(&mut self) -> Option<(Instant, M)> {
         let frame = self.received.iter_mut().find(|frame| !frame.taken && frame.header.id == M::ID)?;
         frame.taken = true;
         Some((frame.at, M::decode(&frame.payload)))
     }
 
-    /// Every `M` that was received, and when.
+    /// Returns every `M` received, with its time.
     pub fn all<M: Message>(&self) -> Vec<(Instant, M)> {
         self.received.iter().filter_map(|frame| Some((frame.at, frame.decode::<M>()?))).collect()
     }
 
-    /// How many `M` were received.
+    /// Returns the number of `M` received.
     pub fn count_of<M: Message>(&self) -> usize {
         self.received.iter().filter(|frame| frame.header.id == M::ID).count()
     }
 
-    /// Forgets what was received.
+    /// Discards all received frames.
     pub fn forget(&mut self) {
         self.received.clear();
     }
 
-    /// Reads and writes what the line is ready for.
+    /// Reads and writes as far as the line is ready.
     pub fn poll(&mut self, now: Instant) {
         if let Some(period) = self.heartbeat_period
             && now >= self.heartbeat_due
@@ -208,7 +208,7 @@ impl Gcs {
         }
     }
 
-    /// Bytes and candidates that were no frames, as this end saw them.
+    /// Returns the counters of this end's decoder.
     pub fn counters(&self) -> mavstack::RxCounters {
         self.decoder.counters()
     }

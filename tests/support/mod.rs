@@ -1,16 +1,18 @@
-//! What the protocol tests share: a vehicle and its ground stations in simulated time, with a bad line in between.
+//! Code shared by the protocol tests: a vehicle and its ground stations in simulated time, connected by unreliable lines.
 //!
-//! - [`SimSerial`]: a serial line whose two ends implement embedded-io; it loses, flips and repeats bytes or frames, stalls,
-//!   and takes and gives a few bytes at a time, all drawn from a seed.
-//! - [`TestVehicle`]: implements the stack's traits, records every call, answers as it is told; [`pilot`] is one with modes.
-//! - [`Gcs`]: the far end of a line: sends any message as anybody, keeps what it received with the time.
-//! - [`Upload`], [`Download`], [`Clear`]: plan transfers as a real client does them, retries included.
-//! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder by itself, telemetry for it, what a bad line makes of it,
-//!   and a second decoder to compare with.
+//! - [`SimSerial`]: a serial line whose two ends implement embedded-io. It loses, flips and duplicates bytes or frames, stalls, and
+//!   transfers a few bytes at a time. All faults are drawn from a seed.
+//! - [`Tested`]: the declaration of a stack, put together from types: `World::<1, Tested<plan_memory!(mission: 9)>>`.
+//! - [`TestVehicle`]: implements the stack's traits, records every call, and returns configured answers. [`pilot`] is a vehicle with
+//!   flight modes.
+//! - [`Gcs`]: the far end of a line. It sends any message from any address, and stores received frames with their times.
+//! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
+//! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
+//!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
-//! - [`World`]: one stack with its lines and ground stations, stepped a millisecond at a time.
+//! - [`World`]: one stack with its lines and ground stations, in steps of a millisecond.
 //!
-//! A test reads like this:
+//! A typical test:
 //!
 //! ```ignore
 //! let mut world = World::new(Setup::<1>::new());
@@ -20,12 +22,12 @@
 //! assert_eq!(ack.result, MavResult::ACCEPTED);
 //! ```
 //!
-//! Everything is deterministic: no clock, no thread, no randomness without a seed. Lines that would block panic, so every
-//! test also proves that the stack never blocks.
+//! Everything is deterministic: there are no clocks, no threads and no randomness without a seed. Lines panic instead of blocking,
+//! so every test also proves that the stack never blocks.
 
-#![allow(dead_code, unused_imports, reason = "each test file uses its own part")]
+#![allow(dead_code, unused_imports, reason = "each test binary uses its own part")]
 
-/// Counters that are zero but for what `set` sets.
+/// Returns counters that are zero except those that `set` changes.
 pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
     let mut counters = C::default();
     set(&mut counters);
@@ -33,24 +35,34 @@ pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
 }
 
 pub mod damage;
+#[cfg(feature = "storage")]
+pub mod flash;
 mod gcs;
 mod network;
 pub mod pilot;
+pub mod pymavlink;
 mod receiver;
 pub mod reference;
 mod rng;
 mod serial;
+#[cfg(feature = "signing")]
+pub mod signer;
 pub mod stream;
 mod telemetry;
+pub mod tested;
 mod transfer;
 mod vehicle;
 mod world;
 
 pub use gcs::{Gcs, Received};
-pub use network::{End, Line, Network};
+pub use network::Network;
 pub use receiver::{Receiver, decode};
 pub use rng::Rng;
 pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
+pub use tested::{
+    Everything, Forwarded, ForwardedSatellite, Plain, Satellite, Signed, SignedForwarded, SignedSatellite, Steered,
+    Tested, Timed, Unsigned, begun,
+};
 pub use transfer::{Clear, Download, TransferError, Upload, plan};
 pub use vehicle::{Call, TestVehicle, Tuning};
 pub use world::{Setup, World};
@@ -58,25 +70,25 @@ pub use world::{Setup, World};
 use mavstack::{Address, Duration};
 use proptest::test_runner::{Config, RngSeed};
 
-/// The vehicle of the tests.
+/// The vehicle's address.
 pub const VEHICLE: Address = Address::new(1, 1);
-/// The ground station of the tests, as most of them call themselves.
+/// The ground station's address, which most ground stations use.
 pub const STATION: Address = Address::new(255, 190);
-/// A second ground station.
+/// The address of a second ground station.
 pub const OTHER_STATION: Address = Address::new(254, 190);
 
-/// `n` milliseconds.
+/// Returns a duration of `n` milliseconds.
 pub const fn millis(n: u64) -> Duration {
     Duration::from_millis(n)
 }
 
-/// `n` seconds.
+/// Returns a duration of `n` seconds.
 pub const fn secs(n: u64) -> Duration {
     Duration::from_secs(n)
 }
 
-/// So many cases of a property, the same ones at every run; the environment's `PROPTEST_CASES` and `PROPTEST_RNG_SEED`
-/// give more, or others.
+/// Returns a configuration with `count` cases per property, the same in every run. The environment variables `PROPTEST_CASES` and
+/// `PROPTEST_RNG_SEED` select more or other cases.
 pub fn cases(count: u32) -> Config {
     let default = Config::default();
     let rng_seed = if default.rng_seed == RngSeed::Random { RngSeed::Fixed(1) } else { default.rng_seed };

@@ -1,27 +1,27 @@
-//! Several vehicles that forward, the lines between them, and what hangs on these lines, in simulated time.
+//! Several vehicles that forward, the lines between them, and leaves at these lines, in simulated time.
 
-use super::{Rng, TestVehicle, millis};
-use mavstack::{Address, Config, Duration, ForwardQueues, Instant, LinkConfig, LinkId, NoPlans, Pulse, Stack};
+use super::{Forwarded, Rng, TestVehicle, Tested, millis};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, NoPlans, Pulse, Stack};
 use std::collections::{BTreeMap, VecDeque};
 
-/// Links of every vehicle, used or not.
+/// Number of links of every vehicle, used or not.
 const LINKS: usize = 6;
 
-/// Who is at an end of a line.
+/// An end of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// A vehicle, and which of its links that is.
+    /// A vehicle and its link.
     Vehicle(usize, LinkId),
-    /// A leaf: what comes out is only recorded.
+    /// A leaf, which only records received frames.
     Leaf,
 }
 
 /// One direction of a line.
 #[derive(Debug, Default)]
 struct Lane {
-    /// Frames on their way, with the time of their arrival.
+    /// Frames in transit, with their times of arrival.
     in_flight: VecDeque<(Instant, Vec<u8>)>,
-    /// Until then it is sending.
+    /// The line is busy until this time.
     busy_until: Instant,
 }
 
@@ -29,22 +29,22 @@ struct Lane {
 #[derive(Debug)]
 pub struct Line {
     pub ends: [End; 2],
-    /// Bytes a millisecond, each way; 0 is infinitely fast.
+    /// Bytes per millisecond in each direction; 0 is infinitely fast.
     pub rate: u64,
     pub latency: Duration,
-    /// The share of frames that get lost.
+    /// Probability that a frame is lost.
     pub loss: f64,
-    /// Frames that arrived, by the end at which they came out, and how often.
+    /// Frames delivered at each end, with their counts.
     pub delivered: [BTreeMap<Vec<u8>, usize>; 2],
     lanes: [Lane; 2],
-    /// What a leaf at each end is still to send.
+    /// Frames that a leaf at each end has yet to send.
     waiting: [VecDeque<Vec<u8>>; 2],
 }
 
 /// A vehicle.
 #[derive(Debug)]
 pub struct Node<const PEERS: usize> {
-    pub stack: Box<Stack<LINKS, NoPlans, PEERS>>,
+    pub stack: Box<Stack<Tested<NoPlans, PEERS, Forwarded>, LINKS>>,
     pub vehicle: TestVehicle,
     pulse: &'static Pulse,
     used: u8,
@@ -56,20 +56,20 @@ pub struct Network<const PEERS: usize> {
     pub nodes: Vec<Node<PEERS>>,
     pub lines: Vec<Line>,
     pub now: Instant,
-    /// Whether the flight loops run, and heartbeats go out.
+    /// Whether the flight loops run, so that heartbeats are sent.
     pub has_heartbeats: bool,
     rng: Rng,
 }
 
 impl<const PEERS: usize> Network<PEERS> {
-    /// So many vehicles, without a line, with links of `bytes_per_second`.
+    /// Creates vehicles without lines, with links of `bytes_per_second`.
     pub fn new(vehicles: u8, bytes_per_second: u32, seed: u64) -> Self {
         let node = |system| {
             let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
             let link = LinkConfig { bytes_per_second, ..LinkConfig::unlimited() };
-            let stack = Stack::with_capacities(Config::new(Address::new(system, 1), pulse), [link; LINKS]);
-            let vehicle = TestVehicle { queues: Some(Box::new(ForwardQueues::new())), ..TestVehicle::new() };
-            Node { stack: Box::new(stack), vehicle, pulse, used: 0 }
+            let mut stack = Box::new(Stack::VACANT);
+            stack.begin(Config::new(Address::new(system, 1), pulse), [link; LINKS]);
+            Node { stack, vehicle: TestVehicle::new(), pulse, used: 0 }
         };
         Self {
             nodes: (1..=vehicles).map(node).collect(),
@@ -80,7 +80,7 @@ impl<const PEERS: usize> Network<PEERS> {
         }
     }
 
-    /// Lays a line from the next free link of a vehicle to that of another one, or to a leaf; returns its number.
+    /// Connects the next free link of a vehicle to that of another vehicle, or to a leaf. Returns the index of the line.
     pub fn join(&mut self, from: usize, to: Option<usize>, rate: u64, latency: Duration) -> usize {
         let mut end = |node: usize| {
             let link = LinkId(self.nodes[node].used);
@@ -100,18 +100,18 @@ impl<const PEERS: usize> Network<PEERS> {
         self.lines.len() - 1
     }
 
-    /// Has the leaf of a line send `frame`.
+    /// Sends `frame` from the leaf of a line.
     pub fn send(&mut self, line: usize, frame: Vec<u8>) {
         self.lines[line].waiting[1].push_back(frame);
     }
 
-    /// How often `frame` came out of each line, at each end.
+    /// Returns how often `frame` was delivered by each line, at each end.
     pub fn deliveries(&self, frame: &[u8]) -> Vec<[usize; 2]> {
         let of = |line: &Line| [0, 1].map(|end| line.delivered[end].get(frame).copied().unwrap_or(0));
         self.lines.iter().map(of).collect()
     }
 
-    /// One pass of every flight loop.
+    /// Runs one pass of every flight loop.
     pub fn step(&mut self) {
         self.now = self.now.after(millis(1));
         let Self { nodes, lines, now, has_heartbeats, rng } = self;
@@ -133,7 +133,7 @@ impl<const PEERS: usize> Network<PEERS> {
         }
     }
 
-    /// Whether nothing is on its way.
+    /// Whether no frame is in transit.
     pub fn is_quiet(&self) -> bool {
         let is_quiet = |line: &Line| {
             line.waiting.iter().all(VecDeque::is_empty) && line.lanes.iter().all(|lane| lane.in_flight.is_empty())
@@ -179,7 +179,7 @@ impl Line {
                 }
                 *self.delivered[to].entry(frame).or_default() += 1;
             }
-            // What the budget of a poll left in the decoder.
+            // Frames may be pending in the decoder that exceeded the budget of a call.
             if let End::Vehicle(node, link) = self.ends[to] {
                 nodes[node].stack.receive(now, link, &[], &mut nodes[node].vehicle);
             }

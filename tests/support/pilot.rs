@@ -1,11 +1,12 @@
-//! A vehicle with flight modes, and how to ask it for them.
+//! A vehicle with flight modes, and functions to request them.
 
-use super::{Setup, World, millis, secs};
+use super::tested::{HookServices, Hooks, Plain, Tested, WithModes, check_modes};
+use super::{Setup, World, secs};
+use mavstack::__private::{Absent, Firmware, StreamService};
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPolicy, CommandRule, Commands, CustomMode, Duration, Fill, FlightMode, Frame, LinkId,
-    ModeRequest, NoParams, NoPlans, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle,
-    VehicleState,
+    Address, Command, CommandPolicy, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId,
+    ModeRequest, Modes, NoParams, NoPlans, Outcome, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 pub const POSITION: u32 = 3 << 16;
@@ -14,7 +15,7 @@ pub const MISSION: u32 = 4 << 16 | 4 << 24;
 pub const RETURN: u32 = 4 << 16 | 5 << 24;
 pub const TEST: u32 = 7;
 pub const AFLOAT: u32 = 9 << 16;
-/// No `f32` is this number.
+/// A number that `f32` cannot represent.
 pub const ODD: u32 = 0xFEDC_BA99;
 
 pub const LONGEST: &str = "a mode whose name is 34 bytes long";
@@ -33,7 +34,7 @@ pub const MODES: &[FlightMode] = &[
     FlightMode::new(ODD, "Odd"),
 ];
 
-/// As many as there can be.
+/// The maximum number of modes.
 pub const ALL_32: &[FlightMode] = &{
     let mut modes = [FlightMode::new(0, "Mode"); 32];
     let mut i = 0;
@@ -44,22 +45,22 @@ pub const ALL_32: &[FlightMode] = &{
     modes
 };
 
-/// The ways to declare modes.
+// The variants of the declaration of modes.
 pub const PX4: u8 = 0;
 pub const ARDUPILOT: u8 = 1;
-/// PX4's, and with a policy for MAV_CMD_DO_SET_MODE.
+/// As PX4, with a policy for MAV_CMD_DO_SET_MODE.
 pub const DECLARED: u8 = 2;
 pub const MANY: u8 = 3;
-/// PX4's, of a vehicle that tells nothing else.
+/// As PX4, without telemetry.
 pub const QUIET: u8 = 4;
 
-/// A vehicle with modes, declared in way `W`.
+/// A vehicle with modes, declared in variant `W`.
 pub struct Pilot<const W: u8> {
     pub state: Option<VehicleState>,
     pub intended: u32,
     pub verdict: Outcome,
     pub controller: Option<Address>,
-    /// What it was asked for.
+    /// The requested modes.
     pub asked: Vec<(u32, ModeRequest)>,
     pub commands: usize,
     pub messages: Vec<u32>,
@@ -91,15 +92,13 @@ impl<const W: u8> Vehicle for Pilot<W> {
         self.state
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+    fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {
         self.messages.push(frame.id());
         true
     }
 }
 
 impl<const W: u8> Commands for Pilot<W> {
-    const MODES: &'static [FlightMode] = if W == MANY { ALL_32 } else { MODES };
-    const CUSTOM_MODE: CustomMode = if W == ARDUPILOT { CustomMode::Whole } else { CustomMode::MainSub };
     const COMMANDS: &'static [CommandPolicy] =
         if W == DECLARED { &[CommandPolicy::new(command_rules::DO_SET_MODE).no_broadcast()] } else { &[] };
 
@@ -107,7 +106,17 @@ impl<const W: u8> Commands for Pilot<W> {
         self.controller.is_none_or(|controller| controller == command.from.address)
     }
 
-    fn set_mode(&mut self, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        self.commands += 1;
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl<const W: u8> Modes for Pilot<W> {
+    const MODES: &'static [FlightMode] = if W == MANY { ALL_32 } else { MODES };
+    const CUSTOM_MODE: CustomMode = if W == ARDUPILOT { CustomMode::Whole } else { CustomMode::MainSub };
+
+    fn set_mode(&mut self, _: &mut Context<'_>, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
         assert!(Self::MODES.contains(mode));
         self.asked.push((mode.custom_mode, *request));
         self.verdict
@@ -116,41 +125,35 @@ impl<const W: u8> Commands for Pilot<W> {
     fn intended_mode(&self) -> u32 {
         self.intended
     }
-
-    fn command(&mut self, _: &Command) -> Outcome {
-        self.commands += 1;
-        MavResult::UNSUPPORTED.into()
-    }
 }
 
-/// One message that others may ask for at an interval.
+/// One message that clients may request at an interval.
 impl<const W: u8> Telemetry for Pilot<W> {
     const STREAMS: &'static [Stream] =
         if W == QUIET { &[] } else { &[Stream::of::<Attitude>().onboard(Duration::from_millis(20))] };
 
-    fn fill(&mut self, _: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, _: u32, out: &mut Fill<'_>) -> bool {
         out.put(&Attitude { yaw: 1.0, ..Attitude::default() })
     }
 }
 
-impl<const W: u8> Plans for Pilot<W> {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[];
-
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
-
-    fn progress(&self) -> Progress {
-        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
-    }
+impl<const W: u8> Hooks for Pilot<W> {
+    type Parameters = NoParams;
+    const HAS_MODES: bool = true;
+    const CHECKED: () = check_modes::<Self>();
 }
 
-impl<const W: u8> Parameters for Pilot<W> {
-    type Table = NoParams;
+impl<D: Firmware<Vehicle = Self>, const W: u8> HookServices<D> for Pilot<W> {
+    type Param = Absent;
+    type Stream = StreamService<1>;
+    type Mode = WithModes;
 }
 
-pub type Modes<const N: usize, const W: u8 = PX4> = World<N, NoPlans, 8, Pilot<W>>;
+/// A world with such a vehicle.
+pub type Piloted<const N: usize, const W: u8 = PX4> = World<N, Tested<NoPlans, 8, Plain, Pilot<W>>>;
 
-pub fn world<const N: usize, const W: u8>() -> Modes<N, W> {
-    Modes::with_plans(Setup::new())
+pub fn world<const N: usize, const W: u8>() -> Piloted<N, W> {
+    Piloted::of(Setup::new())
 }
 
 pub fn seven(params: &[f32]) -> [f32; 7] {
@@ -159,9 +162,9 @@ pub fn seven(params: &[f32]) -> [f32; 7] {
     all
 }
 
-/// The answer to a COMMAND_LONG.
+/// Sends COMMAND_LONG and returns the result.
 pub fn command<const N: usize, const W: u8>(
-    world: &mut Modes<N, W>,
+    world: &mut Piloted<N, W>,
     link: usize,
     id: MavCmd,
     params: &[f32],
@@ -172,8 +175,8 @@ pub fn command<const N: usize, const W: u8>(
     ack.result
 }
 
-/// The answer to a MAV_CMD_REQUEST_MESSAGE.
-pub fn request<const N: usize, const W: u8>(world: &mut Modes<N, W>, link: usize, id: u32, index: f32) -> MavResult {
+/// Sends MAV_CMD_REQUEST_MESSAGE and returns the result.
+pub fn request<const N: usize, const W: u8>(world: &mut Piloted<N, W>, link: usize, id: u32, index: f32) -> MavResult {
     command(world, link, MavCmd::REQUEST_MESSAGE, &[id as f32, index])
 }
 
@@ -181,8 +184,8 @@ pub const AVAILABLE: u32 = 435;
 pub const CURRENT: u32 = 436;
 pub const MONITOR: u32 = 437;
 
-/// What the vehicle was asked for since the last time.
-pub fn asked<const N: usize, const W: u8>(world: &mut Modes<N, W>) -> Vec<u32> {
+/// Takes the modes requested since the last call.
+pub fn asked<const N: usize, const W: u8>(world: &mut Piloted<N, W>) -> Vec<u32> {
     std::mem::take(&mut world.vehicle.asked).iter().map(|(mode, _)| *mode).collect()
 }
 

@@ -1,15 +1,16 @@
-//! Python with pymavlink, for tests that compare with it.
+//! A Python with pymavlink, for tests that compare with it.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
 
-/// As in `.ci/integration/requirements.txt`.
+/// The same version as in `.ci/integration/requirements.txt`.
 const PYMAVLINK: &str = "pymavlink==2.4.50";
 
-/// A Python that has pymavlink. Where there is none, and none can be had, the test is left out, but not in CI.
+/// Returns a Python with pymavlink, which is installed on first use. Returns `None` if that is not possible, and the test is then
+/// skipped; in CI it panics.
 pub fn python() -> Option<&'static Path> {
-    // Tests run side by side; the first one makes it.
+    // Tests run in parallel; the first one creates the environment.
     static PYTHON: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     match PYTHON.get_or_init(environment) {
         Ok(python) => Some(python),
@@ -21,7 +22,7 @@ pub fn python() -> Option<&'static Path> {
     }
 }
 
-/// The Python of a virtual environment beside the build's output, made on first use.
+/// Returns the Python of a virtual environment in the target folder, which is created on first use.
 fn environment() -> Result<PathBuf, String> {
     let environment = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pymavlink");
     let python = environment.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });

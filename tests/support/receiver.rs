@@ -1,23 +1,23 @@
-//! A decoder by itself, fed by hand.
+//! A decoder alone, without a stack.
 
 use super::reference::Found;
 use mavstack::dialect::Common;
 use mavstack::{Address, Decoder, Dialect, Duration, Instant};
 
-/// A decoder and what came out of it.
+/// A decoder and the frames it has found.
 #[derive(Default)]
 pub struct Receiver {
     pub decoder: Decoder,
     pub now: Instant,
-    /// What each call may cost; `None` for no limit.
+    /// The budget of each call; `None` for no limit.
     pub budget: Option<u32>,
-    /// Who was heard before.
+    /// The known senders.
     pub known: Vec<Address>,
     pub found: Vec<Found>,
 }
 
 impl Receiver {
-    /// `bytes` come in at once.
+    /// Receives `bytes` at once.
     pub fn receive(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -26,10 +26,10 @@ impl Receiver {
         }
     }
 
-    /// Takes out all frames there are.
+    /// Takes all pending frames.
     pub fn drain(&mut self) {
-        // A call may spend its budget on a header, and the next one on that frame's checksum: two of them that drop nothing have
-        // nothing to do.
+        // One call may spend its budget on a header, and the next call on the checksum. So decoding has finished after two calls
+        // without a frame and without a change of the counters.
         let mut idle = 0;
         while idle < 2 {
             let mut budget = self.budget.unwrap_or(u32::MAX);
@@ -42,19 +42,19 @@ impl Receiver {
         }
     }
 
-    /// Nothing comes for so long.
+    /// Receives nothing for `duration`.
     pub fn wait(&mut self, duration: Duration) {
         self.now = self.now.after(duration);
         self.drain();
     }
 
-    /// The frames whose checksum was checked.
+    /// Returns the frames with a verified checksum.
     pub fn checked(&self) -> Vec<Vec<u8>> {
         self.found.iter().filter(|(_, checked)| *checked).map(|(raw, _)| raw.clone()).collect()
     }
 }
 
-/// What a decoder without limits finds in `bytes`.
+/// Returns the frames that a decoder without limits finds in `bytes`.
 pub fn decode(bytes: &[u8]) -> Vec<Found> {
     let mut receiver = Receiver::default();
     receiver.receive(bytes);

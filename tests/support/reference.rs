@@ -1,18 +1,18 @@
-//! Framing written a second time, from MAVLink's guide alone and without regard to speed: what the decoder is compared
-//! with, and how the tests make frames that the encoder would not.
+//! A reference decoder, written independently from MAVLink's guide and without regard to speed. It also encodes frames that the
+//! library's encoder would refuse.
 
 use crc::{CRC_16_MCRF4XX, Crc, Table};
 use mavstack::MessageTable;
 
-/// MAVLink's checksum by a crate of the host, sixteen bytes at a time: it is most of what the fuzzer would wait for otherwise.
+/// MAVLink's checksum by slicing-by-16, from a host crate. A slower one would dominate the time of the fuzzer.
 static CRC: Crc<u16, Table<16>> = Crc::<u16, Table<16>>::new(&CRC_16_MCRF4XX);
 
-/// CRC-16/MCRF4XX.
+/// Returns CRC-16/MCRF4XX.
 pub fn crc(bytes: &[u8]) -> u16 {
     CRC.checksum(bytes)
 }
 
-/// The checksum of what lies between a start byte and a checksum, and of what the sender's definition says.
+/// Returns the checksum of the bytes between the start byte and the checksum, followed by CRC_EXTRA.
 fn checksum(bytes: &[u8], crc_extra: u8) -> u16 {
     let mut digest = CRC.digest();
     digest.update(bytes);
@@ -20,29 +20,29 @@ fn checksum(bytes: &[u8], crc_extra: u8) -> u16 {
     digest.finalize()
 }
 
-/// Appends the checksum to `frame`, which begins with its start byte and ends with its payload.
+/// Appends the checksum to `frame`, which starts with the start byte and ends with the payload.
 pub fn seal(mut frame: Vec<u8>, crc_extra: u8) -> Vec<u8> {
     let sum = checksum(&frame[1..], crc_extra);
     frame.extend(sum.to_le_bytes());
     frame
 }
 
-/// A v2 frame of any id, flags, source and payload.
+/// Returns a v2 frame with any id, flags, source and payload.
 pub fn v2(id: u32, flags: [u8; 2], source: [u8; 2], payload: &[u8], crc_extra: u8) -> Vec<u8> {
     let [a, b, c, _] = id.to_le_bytes();
     let header = [0xFD, payload.len() as u8, flags[0], flags[1], 7, source[0], source[1], a, b, c];
     seal([&header, payload].concat(), crc_extra)
 }
 
-/// A v1 frame of any id, source and payload.
+/// Returns a v1 frame with any id, source and payload.
 pub fn v1(id: u8, source: [u8; 2], payload: &[u8], crc_extra: u8) -> Vec<u8> {
     seal([&[0xFE, payload.len() as u8, 7, source[0], source[1], id], payload].concat(), crc_extra)
 }
 
-/// A frame that was found: its bytes, and whether its checksum could be checked.
+/// A frame that was found: its bytes, and whether its checksum was verified.
 pub type Found = (Vec<u8>, bool);
 
-/// All frames of a stream that no byte will follow for a while: what the candidate at `at` is does not depend on time.
+/// Returns all frames of a complete stream. Whether a candidate is a frame depends only on the bytes, not on time.
 pub fn decode(stream: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> bool) -> Vec<Found> {
     let (mut found, mut at) = (Vec::new(), 0);
     while at < stream.len() {
@@ -57,16 +57,17 @@ pub fn decode(stream: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> 
     found
 }
 
-/// What the header of a candidate says.
+/// The contents of a candidate's header.
 struct Claim {
     source: [u8; 2],
     id: u32,
-    /// Where the payload begins and ends, and where the frame does.
+    /// Start and end of the payload.
     payload: [usize; 2],
+    /// Length of the frame.
     len: usize,
 }
 
-/// What the bytes from a start byte on say, unless no frame begins so.
+/// Parses a header; `None` if no frame can start like this.
 fn claim(bytes: &[u8]) -> Option<Claim> {
     let (header, source, id, signature) = match *bytes {
         [0xFD, _, flags, ..] if flags & 0xFE != 0 => return None,
@@ -80,14 +81,14 @@ fn claim(bytes: &[u8]) -> Option<Claim> {
     Some(Claim { source, id, payload: [header, end], len: end + 2 + signature }).filter(|_| source[0] != 0)
 }
 
-/// Length of the frame at the front of `bytes`, and whether it could be checked.
+/// Returns the length of the frame at the start of `bytes`, and whether its checksum was verified.
 fn frame_at(bytes: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> bool) -> Option<(usize, bool)> {
     let Claim { source, id, payload: [header, end], len } = claim(bytes)?;
     if bytes.len() < len {
         return None;
     }
     let Some(info) = table.get(id) else {
-        // Nothing to check it with: taken when its sender is known and another frame seems to follow at once.
+        // Without CRC_EXTRA the frame is accepted if its sender is known and a start byte follows.
         let followed = matches!(bytes.get(len), Some(0xFD | 0xFE));
         return (is_known(source) && followed).then_some((len, false));
     };
@@ -96,7 +97,7 @@ fn frame_at(bytes: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> boo
     (fits && bytes[end..end + 2] == sum.to_le_bytes()).then_some((len, true))
 }
 
-/// Puts right checksums on what looks like frames of known messages: on those whose bit, one of four in turn, is set in `which`.
+/// Corrects the checksums of candidates with a known id. `which` selects them: bit n stands for candidates n, n + 4, n + 8 and so on.
 pub fn mend(stream: &mut [u8], table: MessageTable, which: u8) {
     let (mut at, mut bit) = (0, 1);
     while at < stream.len() && which != 0 {

@@ -1,6 +1,6 @@
 //! Reproducible randomness: SplitMix64.
 
-/// A generator that gives the same numbers for the same seed.
+/// A generator that returns the same numbers for the same seed.
 #[derive(Clone, Debug)]
 pub struct Rng(u64);
 
@@ -21,12 +21,12 @@ impl Rng {
         self.next() as u8
     }
 
-    /// A number below `end`; 0 when that is 0.
+    /// Returns a number below `end`, or 0 if `end` is 0.
     pub fn below(&mut self, end: u64) -> u64 {
         if end == 0 { 0 } else { self.next() % end }
     }
 
-    /// True with this probability. Draws nothing for 0, so that a fault that is off does not move the others.
+    /// Returns true with this probability. For 0 it draws no number, so that a disabled fault does not change the others.
     pub fn chance(&mut self, probability: f64) -> bool {
         probability > 0.0 && ((self.next() >> 11) as f64) < probability * (1u64 << 53) as f64
     }

@@ -1,4 +1,4 @@
-//! A full-duplex serial line in simulated time, with faults.
+//! A simulated full-duplex serial line with faults.
 
 use super::Rng;
 use embedded_io::{ErrorKind, ErrorType, Read, ReadReady, Write, WriteReady};
@@ -9,7 +9,7 @@ use std::{
     rc::Rc,
 };
 
-/// The time that all parts of a simulation share.
+/// The simulated time, shared by all parts of a simulation.
 #[derive(Clone, Debug, Default)]
 pub struct Clock(Rc<Cell<Instant>>);
 
@@ -27,35 +27,35 @@ impl Clock {
     }
 }
 
-/// What a direction of a line does to what is written to it. Probabilities, 0 at first.
+/// The faults of one direction of a line, as probabilities; 0 by default.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Faults {
-    /// A byte vanishes.
+    /// A byte is lost.
     pub byte_loss: f64,
     /// One bit of a byte is flipped.
     pub byte_flip: f64,
-    /// A byte comes twice.
+    /// A byte is duplicated.
     pub byte_duplicate: f64,
-    /// Before a byte come 1 to [`burst_len`](Self::burst_len) random ones.
+    /// 1 to [`burst_len`](Self::burst_len) random bytes are inserted before a byte.
     pub burst: f64,
     /// See [`burst`](Self::burst).
     pub burst_len: u64,
-    /// After a byte the writer is not ready for [`stall_for`](Self::stall_for).
+    /// After a byte the writer stalls for [`stall_for`](Self::stall_for).
     pub stall: f64,
     /// See [`stall`](Self::stall).
     pub stall_for: Duration,
-    /// A whole frame vanishes.
+    /// A frame is lost.
     pub frame_loss: f64,
-    /// A whole frame comes twice.
+    /// A frame is duplicated.
     pub frame_duplicate: f64,
-    /// A whole frame is late by up to [`reorder_by`](Self::reorder_by), so that others may overtake it.
+    /// A frame is delayed by up to [`reorder_by`](Self::reorder_by), so that frames may be reordered.
     pub frame_reorder: f64,
     /// See [`frame_reorder`](Self::frame_reorder).
     pub reorder_by: Duration,
 }
 
 impl Faults {
-    /// A radio that loses this share of all frames and doubles that one.
+    /// Returns the faults of a radio that loses and duplicates frames with these probabilities.
     pub fn frames(loss: f64, duplicate: f64) -> Self {
         Self { frame_loss: loss, frame_duplicate: duplicate, ..Self::default() }
     }
@@ -68,22 +68,22 @@ impl Faults {
 /// One direction of a line.
 #[derive(Clone, Copy, Debug)]
 pub struct Wire {
-    /// Bytes/s; 0 is infinitely fast.
+    /// Data rate (bytes/s); 0 is infinitely fast.
     pub bytes_per_second: u64,
-    /// From the last bit written to the first that can be read.
+    /// Time from writing a byte until it can be read.
     pub latency: Duration,
-    /// Bytes that the writer's side holds before it is not ready any more.
+    /// Capacity of the transmit FIFO, in bytes. When it is full, the writer is not ready.
     pub tx_fifo: usize,
-    /// Bytes that the reader's side holds before an overrun.
+    /// Capacity of the receive FIFO, in bytes. When it is full, bytes overrun it.
     pub rx_fifo: usize,
-    /// A call reads or writes at most 1 to so many bytes, at random; 0 is as many as there are.
+    /// Maximum bytes per read or write, drawn from 1 to this number; 0 means no limit.
     pub piece: usize,
-    /// What goes wrong.
+    /// The faults.
     pub faults: Faults,
 }
 
 impl Default for Wire {
-    /// Infinitely fast, with room for a kilobyte in and 4 kB out, nothing goes wrong.
+    /// Infinitely fast, with FIFOs of 1 KiB (transmit) and 4 KiB (receive), and without faults.
     fn default() -> Self {
         Self {
             bytes_per_second: 0,
@@ -106,25 +106,25 @@ pub struct LineConfig {
 }
 
 impl LineConfig {
-    /// The same for both directions.
+    /// Uses the same properties for both directions.
     pub fn both(wire: Wire) -> Self {
         Self { up: wire, down: wire }
     }
 
-    /// A radio of `baud` bit/s with `latency` each way.
+    /// Returns a radio of `baud` bit/s with `latency` in each direction.
     pub fn radio(baud: u64, latency: Duration) -> Self {
         Self::both(Wire { bytes_per_second: baud / 10, latency, ..Wire::default() })
     }
 }
 
-/// What an end of a line reports when it fails.
+/// An error of an end of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimError {
-    /// Bytes came faster than they were read, and are lost.
+    /// Bytes arrived faster than they were read and were lost.
     Overrun,
-    /// Told to fail by the test.
+    /// Injected by the test.
     Injected,
-    /// Nobody is at the far side.
+    /// The far side is closed.
     Closed,
 }
 
@@ -142,7 +142,7 @@ impl embedded_io::Error for SimError {
     }
 }
 
-/// A serial line. Its [ends](Self::ends) are what is read from and written to; this is the hand that breaks it.
+/// Controls a serial line. Its [ends](Self::ends) are read and written; this handle injects faults.
 #[derive(Clone, Debug)]
 pub struct SimSerial {
     up: Rc<RefCell<Direction>>,
@@ -155,7 +155,7 @@ impl SimSerial {
         Self { up: direction(config.up, seed), down: direction(config.down, !seed) }
     }
 
-    /// The vehicle's end and the ground station's.
+    /// Returns the vehicle's end and the ground station's end.
     pub fn ends(&self) -> (SerialEnd, SerialEnd) {
         let end = |rx: &Rc<_>, tx: &Rc<_>| SerialEnd { rx: Rc::clone(rx), tx: Rc::clone(tx) };
         (end(&self.up, &self.down), end(&self.down, &self.up))
@@ -172,7 +172,7 @@ impl SimSerial {
     }
 }
 
-/// One end of a [`SimSerial`]. Panics where a real one would block.
+/// One end of a [`SimSerial`]. Panics where a real end would block.
 #[derive(Clone, Debug)]
 pub struct SerialEnd {
     rx: Rc<RefCell<Direction>>,
@@ -180,28 +180,27 @@ pub struct SerialEnd {
 }
 
 impl SerialEnd {
-    /// Until then this end has nothing to read, though bytes keep coming in.
+    /// Stalls reads until this time. Bytes keep arriving.
     pub fn stall_reads_until(&self, until: Instant) {
         self.rx.borrow_mut().read_stalled = until;
     }
 
-    /// Until then this end takes nothing.
+    /// Stalls writes until this time.
     pub fn stall_writes_until(&self, until: Instant) {
         self.tx.borrow_mut().write_stalled = until;
     }
 
-    /// The next read fails.
+    /// Lets the next read fail.
     pub fn fail_next_read(&self, error: SimError) {
         self.rx.borrow_mut().read_error = Some(error);
     }
 
-    /// The next write fails.
+    /// Lets the next write fail.
     pub fn fail_next_write(&self, error: SimError) {
         self.tx.borrow_mut().write_error = Some(error);
     }
 
-    /// The far side hangs up: reads give `Ok(0)`, writes fail, what was in flight is gone. Or, with `false`, it is there
-    /// again.
+    /// Closes or reopens the far side. While it is closed, reads return `Ok(0)` and writes fail. Bytes in transit are lost.
     pub fn set_closed(&self, closed: bool) {
         for direction in [&self.rx, &self.tx] {
             let mut direction = direction.borrow_mut();
@@ -212,17 +211,17 @@ impl SerialEnd {
         }
     }
 
-    /// Bytes that were written to this end so far, faults not yet applied.
+    /// Returns the number of bytes written to this end so far, before faults.
     pub fn written(&self) -> u64 {
         self.tx.borrow().written
     }
 
-    /// When the next byte can be read; long ago when one can be read now.
+    /// Returns when the next byte can be read; in the past if it can be read now.
     pub fn next_arrival(&self) -> Instant {
         self.rx.borrow().next_arrival()
     }
 
-    /// Bytes that can be read now.
+    /// Returns the number of bytes that can be read now.
     pub fn readable(&self) -> usize {
         let mut direction = self.rx.borrow_mut();
         direction.deliver();
@@ -267,12 +266,12 @@ struct Direction {
     clock: Clock,
     wire: Wire,
     rng: Rng,
-    /// Bytes on their way with the time of their arrival, the earliest first.
+    /// Bytes in transit with their times of arrival, the earliest first.
     in_flight: VecDeque<(Instant, u8)>,
-    /// When the bytes still in the writer's FIFO leave it.
+    /// When each byte leaves the transmit FIFO.
     departures: VecDeque<Instant>,
     received: VecDeque<u8>,
-    /// The front of a frame, while faults are drawn per frame.
+    /// The bytes of an incomplete frame, if faults apply to frames.
     unfinished: Vec<u8>,
     written: u64,
     read_stalled: Instant,
@@ -301,7 +300,7 @@ impl Direction {
         }
     }
 
-    /// Moves what has arrived by now into the reader's FIFO.
+    /// Moves arrived bytes to the receive FIFO.
     fn deliver(&mut self) {
         let now = self.clock.now();
         while let Some(&(at, byte)) = self.in_flight.front()
@@ -343,7 +342,7 @@ impl Direction {
         Ok(len)
     }
 
-    /// How many bytes the writer's FIFO has room for.
+    /// Returns the free space of the transmit FIFO.
     fn room(&mut self) -> usize {
         let now = self.clock.now();
         while self.departures.front().is_some_and(|&at| at <= now) {
@@ -374,7 +373,7 @@ impl Direction {
         Ok(len)
     }
 
-    /// At most `len`, and at least one of them.
+    /// Returns a random number of bytes, from 1 to `len`.
     fn piece(&mut self, len: usize) -> usize {
         match self.wire.piece {
             0 => len,
@@ -383,7 +382,7 @@ impl Direction {
     }
 
     fn send(&mut self, byte: u8) {
-        // The time on the line is spent whatever becomes of the byte.
+        // A lost byte takes its time on the line too.
         let now = self.clock.now();
         let begin = self.departures.back().copied().unwrap_or(now).max(now);
         let micros = 1_000_000_u64.checked_div(self.wire.bytes_per_second).unwrap_or(0);
@@ -443,7 +442,8 @@ impl Direction {
     }
 }
 
-/// Length of the frame that begins like this; 0 while it cannot be told. Bytes outside a frame are frames of one byte.
+/// Returns the length of the frame that starts like this, or 0 while it is unknown. A byte outside a frame counts as a frame of one
+/// byte.
 fn frame_len(bytes: &[u8]) -> usize {
     match *bytes {
         [0xFE, len, ..] => usize::from(len) + 8,

@@ -1,28 +1,30 @@
-//! A vehicle that signs, byte by byte, and somebody who signs for it.
+//! A vehicle with message signing, driven by bytes, and a peer that signs its frames.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(dead_code, reason = "each test binary uses its own part")]
 
-use crate::support::{STATION, TestVehicle, VEHICLE, millis};
+use crate::support::tested::Options;
+use crate::support::{STATION, Signed, TestVehicle, Tested, VEHICLE, begun, millis};
+use mavstack::__private::SigningMemory;
 use mavstack::dialect::Common;
 use mavstack::{
     Address, Config, Decoder, Dialect, Duration, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, NoPlans, Pulse,
-    Signature, SigningCounters, SigningKey, SigningMemory, Stack, Version, encode, encode_signed,
+    Signature, Signing, SigningCounters, SigningKey, Stack, Version, encode, encode_signed,
 };
 use sha2::{Digest, Sha256};
 
 pub const KEY: [u8; 32] = *b"a key for tests, and nothing els";
 pub const OTHER_KEY: [u8; 32] = *b"another key, that nobody gave us";
-/// What time it is at first: in 2026.
+/// The initial timestamp, in 2026.
 pub const NOW: u64 = 37_000_000_000_000;
 pub const LINKS: [LinkId; 2] = [LinkId(0), LinkId(1)];
 
-/// Somebody who signs: the station of the tests over its link 0, a second ahead.
+/// A peer that signs its frames. By default it is the ground station on its link 0, one second ahead.
 #[derive(Clone, Debug)]
 pub struct Signer {
     pub key: [u8; 32],
     pub address: Address,
     pub link_id: u8,
-    /// Of the next frame.
+    /// Timestamp of the next frame.
     pub timestamp: u64,
     pub seq: u8,
 }
@@ -47,7 +49,7 @@ impl Signer {
         self
     }
 
-    /// The next frame.
+    /// Returns the next frame, signed.
     pub fn frame<M: Message>(&mut self, message: &M) -> Vec<u8> {
         let mut out = [0; MAX_FRAME_LEN];
         let (seq, timestamp) = (self.seq, self.timestamp);
@@ -57,7 +59,7 @@ impl Signer {
         out[..len.expect("every message fits")].to_vec()
     }
 
-    /// The next frame, without a signature.
+    /// Returns the next frame, unsigned.
     pub fn unsigned<M: Message>(&mut self, version: Version, message: &M) -> Vec<u8> {
         let mut out = [0; MAX_FRAME_LEN];
         let len = encode(message, version, self.address, self.seq, &mut out).expect("every message fits");
@@ -65,7 +67,7 @@ impl Signer {
         out[..len].to_vec()
     }
 
-    /// The next frame, of a message that nobody knows.
+    /// Returns the next frame, signed, with an unknown message id.
     pub fn frame_of(&mut self, id: u32, payload: &[u8]) -> Vec<u8> {
         let [a, b, c, _] = id.to_le_bytes();
         let mut raw = vec![0xFD, payload.len() as u8, 1, 0, self.seq];
@@ -80,7 +82,7 @@ impl Signer {
     }
 }
 
-/// A frame that the vehicle has sent.
+/// A frame sent by the vehicle.
 #[derive(Clone, Debug)]
 pub struct Sent {
     pub raw: Vec<u8>,
@@ -96,10 +98,6 @@ impl Sent {
 
     pub fn id(&self) -> u32 {
         self.with(|frame| frame.id())
-    }
-
-    pub fn source(&self) -> Address {
-        self.with(|frame| frame.source())
     }
 
     pub fn is_signed(&self) -> bool {
@@ -119,45 +117,23 @@ impl Sent {
     }
 }
 
-/// A vehicle with `N` links that take everything at once.
-pub struct Rig<const N: usize = 2> {
-    pub stack: Box<Stack<N, NoPlans>>,
+/// A vehicle with `N` links that accept all output at once.
+pub struct Rig<const N: usize = 2, O: Options<Tested<NoPlans, 8, O>> + 'static = Signed> {
+    pub stack: Box<Stack<Tested<NoPlans, 8, O>, N>>,
     pub vehicle: TestVehicle,
     pub now: Instant,
     pulse: &'static Pulse,
 }
 
-impl<const N: usize> Rig<N> {
-    /// It has a memory for signing, without a key.
+impl<const N: usize, O: Options<Tested<NoPlans, 8, O>>> Rig<N, O> {
+    /// Creates a vehicle without a key.
     pub fn new(links: [LinkConfig; N]) -> Self {
         let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
-        let stack = Box::new(Stack::new(Config::new(VEHICLE, pulse), links));
-        let mut vehicle = TestVehicle::new();
-        vehicle.signing = Some(SigningMemory::new());
-        Self { stack, vehicle, now: Instant::from_millis(5_000), pulse }
+        let stack = begun(Config::new(VEHICLE, pulse), links);
+        Self { stack, vehicle: TestVehicle::new(), now: Instant::from_millis(5_000), pulse }
     }
 
-    /// A key, and the time [`NOW`].
-    pub fn set_key(&mut self, key: [u8; 32]) {
-        let now = self.now;
-        self.signing().set_key(now, SigningKey::new(key), NOW);
-    }
-
-    pub fn signing(&mut self) -> &mut SigningMemory {
-        self.vehicle.signing.as_mut().expect("a memory for signing")
-    }
-
-    pub fn counters(&mut self) -> SigningCounters {
-        self.signing().counters()
-    }
-
-    /// The vehicle's own time.
-    pub fn timestamp(&mut self) -> u64 {
-        let now = self.now;
-        self.signing().timestamp(now)
-    }
-
-    /// Bytes come in.
+    /// Delivers bytes to the vehicle.
     pub fn receive(&mut self, link: usize, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -167,7 +143,7 @@ impl<const N: usize> Rig<N> {
         self.stack.receive(self.now, LinkId(link as u8), &[], &mut self.vehicle);
     }
 
-    /// Everything that the vehicle has to say on a link now.
+    /// Returns all frames that the vehicle sends on a link now.
     pub fn transmit(&mut self, link: usize) -> Vec<Sent> {
         self.pulse.tick();
         self.stack.poll(self.now, &mut self.vehicle);
@@ -182,24 +158,24 @@ impl<const N: usize> Rig<N> {
         }
     }
 
-    /// The same, and of that the messages `M`.
+    /// Like [`transmit`](Self::transmit), but returns only messages of type `M`.
     pub fn sent<M: Message>(&mut self, link: usize) -> Vec<Sent> {
         self.transmit(link).into_iter().filter(|frame| frame.id() == M::ID).collect()
     }
 
-    /// The line takes so many bytes of the next frame, which is returned whole.
+    /// Sends the first `len` bytes of the next frame. Returns the complete frame.
     pub fn begin(&mut self, link: usize, len: usize) -> Vec<u8> {
         let frame = self.stack.transmit(self.now, LinkId(link as u8), &mut self.vehicle).to_vec();
         self.stack.transmitted(LinkId(link as u8), len);
         frame
     }
 
-    /// The line was opened anew.
+    /// Resets a link.
     pub fn restart(&mut self, link: usize) {
         self.stack.restart_link(LinkId(link as u8));
     }
 
-    /// Time goes by: the flight loop runs, nothing is sent.
+    /// Runs the flight loop for `duration`, without sending.
     pub fn run_for(&mut self, duration: Duration) {
         let end = self.now.after(duration);
         while self.now < end {
@@ -213,7 +189,29 @@ impl<const N: usize> Rig<N> {
     }
 }
 
-/// Makes the checksum of a changed frame right, if its message is known.
+impl<const N: usize, O: Options<Tested<NoPlans, 8, O>, Signing = SigningMemory<16>>> Rig<N, O> {
+    /// Sets a key and the time [`NOW`].
+    pub fn set_key(&mut self, key: [u8; 32]) {
+        let now = self.now;
+        self.signing().set_key(now, SigningKey::new(key), NOW);
+    }
+
+    pub fn signing(&mut self) -> &mut Signing {
+        self.stack.signing_mut()
+    }
+
+    pub fn counters(&mut self) -> SigningCounters {
+        self.signing().counters()
+    }
+
+    /// Returns the vehicle's timestamp.
+    pub fn timestamp(&mut self) -> u64 {
+        let now = self.now;
+        self.signing().timestamp(now)
+    }
+}
+
+/// Corrects the checksum of a changed frame, if its message is known.
 pub fn repair(raw: &mut [u8]) {
     let end = usize::from(raw[1]) + 10;
     let id = u32::from_le_bytes([raw[7], raw[8], raw[9], 0]);

@@ -1,4 +1,4 @@
-//! A telemetry stream: frames of fourteen messages that every vehicle sends or gets, 38 bytes on average.
+//! A telemetry stream: frames of fourteen common messages, 38 bytes on average.
 //!
 //! The benchmarks use it too.
 
@@ -14,10 +14,10 @@ macro_rules! mixed {
         pub enum Mixed { $($message($message)),+ }
 
         impl Mixed {
-            /// Their ids.
+            /// The ids of the messages.
             pub const IDS: &[u32] = &[$($message::ID),+];
 
-            /// A message with random base fields and without extensions.
+            /// Returns a message with random base fields and without extensions.
             pub fn random(rng: &mut Rng) -> Self {
                 let mut payload = [0; 255];
                 let kind = Self::IDS[rng.below(Self::IDS.len() as u64) as usize];
@@ -28,7 +28,7 @@ macro_rules! mixed {
                 unreachable!()
             }
 
-            /// Writes it as a frame.
+            /// Encodes the message as a frame.
             #[inline]
             pub fn encode(&self, source: Address, seq: u8, out: &mut [u8]) -> Result<usize, EncodeError> {
                 match self {
@@ -36,7 +36,7 @@ macro_rules! mixed {
                 }
             }
 
-            /// The message of a frame, if it is one of the stream.
+            /// Decodes a frame if it contains one of the messages.
             #[inline(always)]
             pub fn decode(frame: &Frame<'_>) -> Option<Self> {
                 match frame.id() {
@@ -45,7 +45,7 @@ macro_rules! mixed {
                 }
             }
 
-            /// Decodes a frame and has every field of its message looked at.
+            /// Decodes a frame so that every field is used.
             #[inline(always)]
             pub fn read(frame: &Frame<'_>) {
                 match frame.id() {
@@ -62,13 +62,13 @@ mixed! {
     ParamValue, MissionItemInt, MissionRequestInt, Statustext,
 }
 
-/// `count` random messages of the stream, the same for the same seed.
+/// Returns `count` random messages, the same for the same seed.
 pub fn messages(seed: u64, count: usize) -> Vec<Mixed> {
     let mut rng = Rng::new(seed);
     (0..count).map(|_| Mixed::random(&mut rng)).collect()
 }
 
-/// The same as MAVLink 2 frames from `source`, numbered.
+/// Returns the same messages as MAVLink 2 frames from `source`, with consecutive sequence numbers.
 pub fn frames(seed: u64, count: usize, source: Address) -> Vec<Vec<u8>> {
     let mut buffer = [0; MAX_FRAME_LEN];
     let frame = |(seq, message): (usize, Mixed)| {

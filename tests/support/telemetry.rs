@@ -1,4 +1,4 @@
-//! What the vehicle of the tests tells of itself.
+//! The telemetry of the test vehicle.
 
 use super::TestVehicle;
 use mavstack::dialect::{
@@ -6,7 +6,7 @@ use mavstack::dialect::{
 };
 use mavstack::{Duration, Fill, Message, Stream, Telemetry};
 
-/// Unasked only on links with [`StreamProfile::Onboard`](mavstack::StreamProfile::Onboard).
+/// By default the streams are sent only on links with [`StreamProfile::Onboard`](mavstack::StreamProfile::Onboard).
 impl Telemetry for TestVehicle {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().onboard(Duration::from_millis(20)).in_group(MavDataStream::EXTRA1),
@@ -18,7 +18,7 @@ impl Telemetry for TestVehicle {
         Stream::of::<SystemTime>(),
     ];
 
-    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         let now = out.now();
         let time_boot_ms = now.as_millis() as u32;
         match id {
@@ -27,7 +27,7 @@ impl Telemetry for TestVehicle {
                 out.put(&GlobalPositionInt { time_boot_ms, hdg: u16::MAX, ..GlobalPositionInt::default() })
             }
             SysStatus::ID => out.put(&SysStatus { battery_remaining: -1, ..SysStatus::default() }),
-            // Two packs.
+            // Two batteries.
             BatteryStatus::ID if out.index() < 2 => {
                 let id = out.index() as u8;
                 out.put(&BatteryStatus { id, battery_remaining: 50, ..BatteryStatus::default() })

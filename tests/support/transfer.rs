@@ -1,46 +1,48 @@
-//! Plan transfers as a client does them: MAVSDK's rules, of its `MavlinkMissionTransferClient`.
+//! Plan transfers as real clients do them.
 //!
-//! Upload: COUNT, then an ITEM_INT for each REQUEST_INT, until the ACK. COUNT is repeated after half a second; an item is
-//! only sent when it is asked for, and not for ever; a request for a later one than is due is ignored. Download: LIST,
-//! then a REQUEST_INT for each item, repeated after half a second, in the end an ACK. Everything five times at most,
-//! unless the test has more patience.
+//! By default, transfers follow MAVSDK's `MavlinkMissionTransferClient`:
 //!
-//! Or an upload as QGroundControl does it, in its `PlanManager`: COUNT up to seven times, a second and a half apart; any
-//! item as often as it is asked for; but a second and a half without a request for the next one, or without the ACK, and
-//! it gives up (M-42).
+//! - Upload: sends COUNT, then an ITEM_INT for each REQUEST_INT, until the ACK. COUNT is repeated after 0.5 s. An item is sent only
+//!   on request, and a limited number of times. A request beyond the next item is ignored.
+//! - Download: sends LIST, then a REQUEST_INT for each item, and an ACK at the end. Requests are repeated after 0.5 s.
+//! - Every message is sent at most five times, unless the test sets another limit.
+//! - MISSION_REQUEST is answered with UNSUPPORTED (M-47).
 //!
-//! Or an upload as dronekit does it: COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, without a timeout; it does
-//! not know MISSION_REQUEST_INT. MAVSDK answers MISSION_REQUEST with UNSUPPORTED, and QGroundControl ignores it (M-47).
+//! An upload like QGroundControl's `PlanManager` sends COUNT up to seven times, 1.5 s apart. It answers every request for an item.
+//! It aborts after 1.5 s without a request for the next item or the ACK (M-42). It ignores MISSION_REQUEST (M-47).
+//!
+//! An upload like dronekit sends COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, without a timeout. It does not know
+//! MISSION_REQUEST_INT.
 
 use super::Gcs;
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionItem,
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
 };
-use mavstack::{Address, Duration, Instant, Message};
+use mavstack::{Address, Duration, Instant};
 
-/// How a transfer failed.
+/// Why a transfer failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TransferError {
-    /// The vehicle said so.
+    /// The vehicle refused it.
     Refused(MavMissionResult),
-    /// The vehicle said too little.
+    /// The vehicle did not answer in time.
     Timeout,
 }
 
-/// What the transfers share: who talks to whom, what was heard so far, when to repeat.
+/// The common state of transfers: the addresses, the frames seen so far, and the time of the next retry.
 #[derive(Clone, Debug)]
 struct Session {
     from: Address,
     vehicle: Address,
     plan: MavMissionType,
-    /// Frames of [`Gcs::received`] that were looked at.
+    /// The number of frames of [`Gcs::received`] that were processed.
     seen: usize,
     timeout: Duration,
-    /// How often something is sent, or waited for, before the client gives up.
+    /// Maximum number of tries before the client aborts.
     patience: u32,
     tries: u32,
-    /// What was sent more than once.
+    /// The number of repeated messages.
     repeats: u32,
     due: Option<Instant>,
 }
@@ -60,7 +62,7 @@ impl Session {
         }
     }
 
-    /// The next frame from the vehicle, as its place in [`Gcs::received`].
+    /// Returns the next frame from the vehicle, as an index in [`Gcs::received`].
     fn next_frame(&mut self, gcs: &Gcs) -> Option<usize> {
         while self.seen < gcs.received.len() {
             self.seen += 1;
@@ -79,7 +81,7 @@ impl Session {
         self.due = Some(now.after(self.timeout));
     }
 
-    /// Whether it is time to send again; the first call is.
+    /// Whether it is time to send; true on the first call.
     fn is_due(&mut self, now: Instant) -> bool {
         let due = self.due.is_none_or(|due| now >= due);
         if due {
@@ -89,7 +91,7 @@ impl Session {
     }
 }
 
-/// An upload in progress. Make it, [`poll`](Self::poll) it after every step.
+/// An upload in progress. Call [`poll`](Self::poll) after every step.
 #[derive(Clone, Debug)]
 pub struct Upload {
     session: Session,
@@ -102,7 +104,7 @@ pub struct Upload {
 }
 
 impl Upload {
-    /// From the ground station's own address to the vehicle it talks to; the plan is the items' own type.
+    /// Creates an upload from the ground station to its vehicle. The type of the plan is the items' type.
     pub fn new(gcs: &Gcs, items: &[MissionItemInt]) -> Self {
         let plan = items.first().map_or(MavMissionType::MISSION, |item| item.mission_type);
         Self {
@@ -116,7 +118,7 @@ impl Upload {
         }
     }
 
-    /// The same, as QGroundControl does it.
+    /// Uploads like QGroundControl.
     #[must_use]
     pub fn like_qgroundcontrol(mut self) -> Self {
         self.is_qgroundcontrol = true;
@@ -125,7 +127,7 @@ impl Upload {
         self
     }
 
-    /// Uploads as dronekit does.
+    /// Uploads like dronekit.
     #[must_use]
     pub fn like_dronekit(mut self) -> Self {
         self.is_dronekit = true;
@@ -134,41 +136,41 @@ impl Upload {
         self
     }
 
-    /// The same from another address.
+    /// Uses another source address.
     #[must_use]
     pub fn by(mut self, from: Address) -> Self {
         self.session.from = from;
         self
     }
 
-    /// The same, that tries everything so often, and not five times.
+    /// Sets the maximum number of tries, instead of five.
     #[must_use]
     pub fn with_patience(mut self, patience: u32) -> Self {
         self.session.patience = patience;
         self
     }
 
-    /// How it ended; `None` while it goes on.
+    /// Returns the result; `None` while the transfer is in progress.
     pub fn result(&self) -> Option<Result<MissionAck, TransferError>> {
         self.result
     }
 
-    /// When it does something though nothing comes.
+    /// Returns the time of the next retry or timeout.
     pub fn due(&self) -> Instant {
         self.session.due.unwrap_or(Instant::ZERO)
     }
 
-    /// What it sent again, because no answer came or because it was asked to.
+    /// Returns the number of repeated messages, by timeout or on request.
     pub fn repeats(&self) -> u32 {
         self.session.repeats
     }
 
-    /// Items that were sent, each counted once.
+    /// Returns the number of items sent, without repetitions.
     pub fn items_sent(&self) -> usize {
         self.next
     }
 
-    /// Takes in what came and sends what is due.
+    /// Processes received frames and sends what is due.
     pub fn poll(&mut self, now: Instant, gcs: &mut Gcs) -> Option<Result<MissionAck, TransferError>> {
         while self.result.is_none()
             && let Some(index) = self.session.next_frame(gcs)
@@ -284,7 +286,7 @@ impl Upload {
     }
 }
 
-/// A download in progress. Make it, [`poll`](Self::poll) it after every step.
+/// A download in progress. Call [`poll`](Self::poll) after every step.
 #[derive(Clone, Debug)]
 pub struct Download {
     session: Session,
@@ -294,41 +296,41 @@ pub struct Download {
 }
 
 impl Download {
-    /// By the ground station's own address from the vehicle it talks to.
+    /// Creates a download from the ground station's vehicle.
     pub fn new(gcs: &Gcs, plan: MavMissionType) -> Self {
         Self { session: Session::new(gcs, plan), count: None, items: Vec::new(), result: None }
     }
 
-    /// The same by another address.
+    /// Uses another source address.
     #[must_use]
     pub fn by(mut self, from: Address) -> Self {
         self.session.from = from;
         self
     }
 
-    /// The same, that tries everything so often, and not five times.
+    /// Sets the maximum number of tries, instead of five.
     #[must_use]
     pub fn with_patience(mut self, patience: u32) -> Self {
         self.session.patience = patience;
         self
     }
 
-    /// How it ended; `None` while it goes on.
+    /// Returns the result; `None` while the transfer is in progress.
     pub fn result(&self) -> Option<Result<Vec<MissionItemInt>, TransferError>> {
         self.result.clone()
     }
 
-    /// When it does something though nothing comes.
+    /// Returns the time of the next retry or timeout.
     pub fn due(&self) -> Instant {
         self.session.due.unwrap_or(Instant::ZERO)
     }
 
-    /// What it sent again, because no answer came.
+    /// Returns the number of repeated messages.
     pub fn repeats(&self) -> u32 {
         self.session.repeats
     }
 
-    /// Takes in what came and sends what is due. Unlike MAVSDK it heeds a refusal, as QGroundControl does.
+    /// Processes received frames and sends what is due. A refusal ends the download, as in QGroundControl and unlike MAVSDK.
     pub fn poll(&mut self, now: Instant, gcs: &mut Gcs) -> Option<Result<Vec<MissionItemInt>, TransferError>> {
         while self.result.is_none()
             && let Some(index) = self.session.next_frame(gcs)
@@ -367,7 +369,7 @@ impl Download {
         self.result.clone()
     }
 
-    /// Something new came: asks for the next item at once, or ends.
+    /// Requests the next item, or ends the download.
     fn go_on(&mut self, now: Instant, gcs: &mut Gcs) {
         self.session.tries = 0;
         self.session.refresh(now);
@@ -403,7 +405,7 @@ impl Download {
     }
 }
 
-/// A plan being cleared. Make it, [`poll`](Self::poll) it after every step.
+/// A clear in progress. Call [`poll`](Self::poll) after every step.
 #[derive(Clone, Debug)]
 pub struct Clear {
     session: Session,
@@ -411,17 +413,17 @@ pub struct Clear {
 }
 
 impl Clear {
-    /// By the ground station's own address at the vehicle it talks to.
+    /// Creates a clear of a plan of the ground station's vehicle.
     pub fn new(gcs: &Gcs, plan: MavMissionType) -> Self {
         Self { session: Session::new(gcs, plan), result: None }
     }
 
-    /// How it ended; `None` while it goes on.
+    /// Returns the result; `None` while the transfer is in progress.
     pub fn result(&self) -> Option<Result<MissionAck, TransferError>> {
         self.result
     }
 
-    /// Takes in what came and sends what is due.
+    /// Processes received frames and sends what is due.
     pub fn poll(&mut self, now: Instant, gcs: &mut Gcs) -> Option<Result<MissionAck, TransferError>> {
         while self.result.is_none()
             && let Some(index) = self.session.next_frame(gcs)
@@ -453,7 +455,7 @@ impl Clear {
     }
 }
 
-/// A mission of `len` waypoints, no two alike; `variant` makes another one of the same length.
+/// Returns a mission of `len` different waypoints. Another `variant` gives a different mission of the same length.
 pub fn plan(len: u16, variant: u16) -> Vec<MissionItemInt> {
     let waypoint = |seq: u16| MissionItemInt {
         seq,

@@ -1,17 +1,16 @@
-//! A vehicle that does as it is told and remembers what it was asked.
+//! A vehicle that returns configured answers and records all calls.
 
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
 };
 use mavstack::{
-    Address, Command, CommandMemory, CommandPolicy, CommandRule, CommandSlots, Commands, ForwardQueues, Forwarding,
-    Frame, HighLatency, Item, LatLon, LinkId, ManualInput, Outcome, ParamChange, Parameters, Peer, PeerEvent,
-    PlanChange, PlanFault, PlanType, Plans, Progress, TimeSlots, TimeSync, Vehicle, VehicleState, WallClock,
+    Address, Command, CommandPolicy, CommandRule, Commands, Context, Frame, Item, LatLon, LinkId, Outcome, ParamChange,
+    Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, Vehicle, VehicleState, WallClock,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
 mavstack::parameters! {
-    /// What can be tuned on the vehicle of the tests.
+    /// The parameters of the test vehicle.
     pub struct Tuning {
         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
         CRUISE: f32 = 5.0, 0.5..=20.0, "m/s";
@@ -25,7 +24,7 @@ mavstack::parameters! {
     }
 }
 
-/// One call of the stack to the vehicle.
+/// A call of a vehicle's hook.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Call {
     Peer(PeerEvent),
@@ -41,64 +40,49 @@ pub enum Call {
     CancelCommand(MavCmd, Peer),
 }
 
-/// Implements all of the stack's traits; what it answers stands in its fields.
+/// Implements all traits of the stack. Its fields contain its answers.
 #[derive(Clone, Debug)]
 pub struct TestVehicle {
-    /// What the heartbeat says; `None` for a fault.
+    /// The state in the heartbeat; `None` for a fault.
     pub state: Option<VehicleState>,
-    /// Answers to commands by number; a command that is not here is UNSUPPORTED.
+    /// Answers to commands by id. Other commands are UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
     /// Whether it arms and disarms on command.
     pub arms: bool,
-    /// Commands that it starts and leaves to the test to finish, unless it has another answer.
+    /// Long-running commands, which the test finishes. An entry in `outcomes` takes precedence.
     pub long: BTreeSet<u16>,
-    /// Its memory for those, and for DO_REPEAT_SERVO and DO_REPEAT_RELAY, which it does not carry out twice.
-    pub memory: CommandSlots<3>,
-    /// Whether it gives up a command when it is asked to.
+    /// Whether it cancels commands on request.
     pub cancels: bool,
-    /// Who may give it the commands that it declares; everybody at first.
+    /// The only sender authorised for the commands that it declares; `None` authorises every sender.
     pub controller: Option<Address>,
-    /// Answers PING and TIMESYNC; `None` when it does not.
-    pub time: Option<TimeSlots<2>>,
-    /// Forwards between its links; `None` when it does not.
-    pub queues: Option<Box<ForwardQueues<6>>>,
-    /// Steered by hand; `None` when it is not.
-    pub manual: Option<ManualInput>,
-    /// What it knows of the time of day.
+    /// The time of day.
     pub clock: WallClock,
-    /// Its high-latency links' memory; `None` when only commands travel there.
-    pub satellite: Option<HighLatency>,
-    /// Signs; `None` when it does not.
-    #[cfg(feature = "signing")]
-    pub signing: Option<mavstack::SigningMemory>,
-    /// Its parameters.
-    pub tuning: Tuning,
     /// Whether plans may be changed.
     pub may_change: Result<(), MavMissionResult>,
-    /// Refusals of single items.
+    /// Refusals of single items, by sequence number.
     pub bad_items: BTreeMap<u16, MavMissionResult>,
-    /// What is said of each plan as a whole.
+    /// Result of the check of a complete plan.
     pub plan_verdict: Result<(), MavMissionResult>,
-    /// The limit of the first waypoint: the place it is measured from, and the distance.
+    /// Limit for the first waypoint: a position and the maximum distance from it.
     pub first_waypoint_limit: Option<(LatLon, u32)>,
     /// Whether its storage may be written.
     pub may_persist: bool,
-    /// What it answers to who sets the current item, or starts the mission.
+    /// Answer to a change of the current item, and to a start of the mission.
     pub progress_verdict: MavResult,
-    /// Whether it starts no mission that every vehicle is to start.
+    /// Whether it refuses a broadcast start of the mission.
     pub refuses_broadcast: bool,
-    /// Where it is in its mission; a new mission sets it to the mission's first item.
+    /// Progress of the mission. A new mission sets the current item to its first item.
     pub progress: Progress,
-    /// Whether it knows where home is, and so can fill HOME_POSITION.
+    /// Whether home is known, so that HOME_POSITION can be filled.
     pub has_home: bool,
-    /// The messages that it handles itself.
+    /// Ids of the messages that it handles itself.
     pub handles: BTreeSet<u32>,
-    /// Every call, in order, but for [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
+    /// Every call in order, except [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
     pub calls: Vec<Call>,
 }
 
 impl TestVehicle {
-    /// A healthy vehicle on the ground that knows how to arm, take off, land and start a mission, and takes any plan.
+    /// Creates a healthy vehicle on the ground. It supports arming, takeoff, landing and mission start, and accepts any plan.
     pub fn new() -> Self {
         let known = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_TAKEOFF, MavCmd::NAV_LAND, MavCmd::MISSION_START];
         Self {
@@ -110,17 +94,9 @@ impl TestVehicle {
             outcomes: known.into_iter().map(|id| (id.0, MavResult::ACCEPTED.into())).collect(),
             arms: false,
             long: BTreeSet::new(),
-            memory: CommandSlots::new(),
             cancels: true,
             controller: None,
-            time: None,
-            queues: None,
-            manual: None,
-            satellite: None,
             clock: WallClock::new(),
-            #[cfg(feature = "signing")]
-            signing: None,
-            tuning: Tuning::new(),
             may_change: Ok(()),
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
@@ -135,19 +111,19 @@ impl TestVehicle {
         }
     }
 
-    /// The commands that reached the vehicle.
+    /// Returns the commands passed to the vehicle.
     pub fn commands(&self) -> Vec<Command> {
         let command = |call: &Call| if let Call::Command(command) = call { Some(*command) } else { None };
         self.calls.iter().filter_map(command).collect()
     }
 
-    /// What it was told of its peers.
+    /// Returns the events of peers passed to the vehicle.
     pub fn peer_events(&self) -> Vec<PeerEvent> {
         let event = |call: &Call| if let Call::Peer(event) = call { Some(*event) } else { None };
         self.calls.iter().filter_map(event).collect()
     }
 
-    /// The plans that went live, each with the item to begin with.
+    /// Returns the plans that became live, each with its first item to fly.
     pub fn plan_changes(&self) -> Vec<(PlanType, Vec<Item>, u16)> {
         let change = |call: &Call| match call {
             Call::PlanChanged { plan, items, first } => Some((*plan, items.clone(), *first)),
@@ -168,32 +144,15 @@ impl Vehicle for TestVehicle {
         self.state
     }
 
-    fn time_sync(&mut self) -> Option<&mut TimeSync> {
-        self.time.as_mut().map(|time| time as &mut TimeSync)
+    fn may_persist(&self) -> bool {
+        self.may_persist
     }
 
-    fn manual_input(&mut self) -> Option<&mut ManualInput> {
-        self.manual.as_mut()
-    }
-
-    fn high_latency(&mut self) -> Option<&mut HighLatency> {
-        self.satellite.as_mut()
-    }
-
-    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
-        self.queues.as_mut().map(|queues| queues.forwarding())
-    }
-
-    #[cfg(feature = "signing")]
-    fn signing(&mut self) -> Option<&mut mavstack::Signing> {
-        self.signing.as_mut().map(|signing| signing as &mut mavstack::Signing)
-    }
-
-    fn peer(&mut self, event: PeerEvent) {
+    fn peer(&mut self, _: &mut Context<'_>, event: PeerEvent) {
         self.calls.push(Call::Peer(event));
     }
 
-    fn message(&mut self, frame: &Frame<'_>, link: LinkId) -> bool {
+    fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {
         let payload = frame.payload().to_vec();
         self.calls.push(Call::Message { id: frame.id(), from: frame.source(), link, payload });
         self.handles.contains(&frame.id())
@@ -205,7 +164,7 @@ impl Commands for TestVehicle {
         CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
         CommandPolicy::new(command_rules::DO_REPEAT_RELAY).once_per_press(),
         CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
-        // For senders that are in control; the stack checks its parameters.
+        // Only for senders in control. The stack checks the parameters.
         CommandPolicy::new(CommandRule::any(MavCmd::DO_SET_MISSION_CURRENT)),
         CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
         CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))
@@ -216,16 +175,12 @@ impl Commands for TestVehicle {
         self.controller.is_none_or(|controller| controller == command.from.address)
     }
 
-    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
-        Some(&mut self.memory)
-    }
-
-    fn cancel_command(&mut self, command: MavCmd, from: Peer) -> bool {
+    fn cancel_command(&mut self, _: &mut Context<'_>, command: MavCmd, from: Peer) -> bool {
         self.calls.push(Call::CancelCommand(command, from));
         self.cancels
     }
 
-    fn command(&mut self, command: &Command) -> Outcome {
+    fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         self.calls.push(Call::Command(*command));
         if let Some(state) = self.state.as_mut().filter(|_| self.arms && command.id == MavCmd::COMPONENT_ARM_DISARM) {
             let is_armed = command.params[0] == 1.0;
@@ -233,7 +188,7 @@ impl Commands for TestVehicle {
             state.base_mode = MavModeFlag::CUSTOM_MODE_ENABLED | armed;
         }
         if self.long.contains(&command.id.0) {
-            let started = self.memory.start(command);
+            let started = cx.start();
             return self.outcomes.get(&command.id.0).copied().unwrap_or(started);
         }
         self.outcomes.get(&command.id.0).copied().unwrap_or(MavResult::UNSUPPORTED.into())
@@ -243,13 +198,9 @@ impl Commands for TestVehicle {
 impl Parameters for TestVehicle {
     type Table = Tuning;
 
-    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
-        Some(&mut self.tuning)
-    }
-
-    fn parameter_changed(&mut self, change: &ParamChange<Tuning>) {
+    fn parameter_changed(&mut self, cx: &mut Context<'_>, change: &ParamChange<Tuning>) {
         if let Some(cruise) = change.value(Tuning::CRUISE) {
-            assert_eq!(cruise, self.tuning.get(Tuning::CRUISE), "{change:?}");
+            assert_eq!(cruise, cx.parameter(Tuning::CRUISE), "{change:?}");
         }
         self.calls.push(Call::ParameterChanged(change.index()));
     }
@@ -283,7 +234,7 @@ impl Plans for TestVehicle {
         self.first_waypoint_limit
     }
 
-    fn plan_changed(&mut self, change: PlanChange<'_>) {
+    fn plan_changed(&mut self, _: &mut Context<'_>, change: PlanChange<'_>) {
         if change.plan == PlanType::Mission {
             self.progress.current = change.first;
         }
@@ -294,11 +245,7 @@ impl Plans for TestVehicle {
         self.progress
     }
 
-    fn may_persist(&self) -> bool {
-        self.may_persist
-    }
-
-    fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
+    fn set_current(&mut self, _: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
         self.calls.push(Call::SetCurrent(seq, reset));
         if self.progress_verdict == MavResult::ACCEPTED {
             self.progress.current = seq;
@@ -306,7 +253,13 @@ impl Plans for TestVehicle {
         self.progress_verdict
     }
 
-    fn start_mission(&mut self, command: &Command, first: Option<u16>, last: Option<u16>) -> MavResult {
+    fn start_mission(
+        &mut self,
+        _: &mut Context<'_>,
+        command: &Command,
+        first: Option<u16>,
+        last: Option<u16>,
+    ) -> MavResult {
         if command.is_broadcast && self.refuses_broadcast {
             return MavResult::DENIED;
         }

@@ -1,30 +1,29 @@
-//! One vehicle, its lines, and who is at their other ends, in simulated time.
+//! One vehicle, its lines, and the ground stations at their other ends, in simulated time.
 
 use super::{
-    Clear, Clock, Download, Gcs, LineConfig, Rng, SerialEnd, SimError, SimSerial, TestVehicle, TransferError, Upload,
-    VEHICLE, millis,
+    Clear, Clock, Download, Gcs, LineConfig, Rng, SerialEnd, SimError, SimSerial, Tested, TransferError, Upload,
+    VEHICLE, begun, millis,
 };
+use mavstack::__private::{Declares, Firmware};
 use mavstack::dialect::{MavMissionType, MissionAck, MissionItemInt};
-use mavstack::{
-    Autopilot, Config, Duration, Instant, LinkConfig, LinkError, LinkId, Message, NoPlans, PlanStorage, Pulse, Stack,
-};
+use mavstack::{Config, Duration, Instant, LinkConfig, LinkError, LinkId, Message, Pulse, Stack};
 
-/// What a [`World`] is made from; change what matters by struct update.
+/// The configuration of a [`World`]. Change single fields with struct update syntax.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<const N: usize> {
-    /// What the vehicle is told once. Its pulse is the world's own.
+    /// The configuration of the stack, with the world's own pulse.
     pub config: Config,
-    /// What the vehicle is told of its links: MAVLink 2 at 115,200 bit/s at first.
+    /// The configured links; MAVLink 2 at 115,200 bit/s by default.
     pub links: [LinkConfig; N],
-    /// What the lines really are: perfect and infinitely fast at first.
+    /// The actual properties of the lines; ideal and infinitely fast by default.
     pub lines: [LineConfig; N],
-    /// When the world begins: at boot, at first.
+    /// The start of the simulated time; boot by default.
     pub start: Instant,
-    /// From one pass of the loop to the next: 1 ms at first.
+    /// Period of the loop; 1 ms by default.
     pub step: Duration,
-    /// By up to so much is a pass late, at random.
+    /// Maximum random delay of a pass.
     pub jitter: Duration,
-    /// What all randomness is drawn from.
+    /// The seed of all randomness.
     pub seed: u64,
 }
 
@@ -42,21 +41,21 @@ impl<const N: usize> Setup<N> {
     }
 }
 
-/// A stack with `N` links, plan memory `P` and `PEERS` places in the peer table, the vehicle `V`, and everything around them.
-pub struct World<const N: usize, P: PlanStorage = NoPlans, const PEERS: usize = 8, V = TestVehicle> {
-    pub stack: Box<Stack<N, P, PEERS>>,
-    pub vehicle: V,
+/// A stack with `N` links of the declaration `D`, its vehicle, and their surroundings.
+pub struct World<const N: usize, D: Declares = Tested> {
+    pub stack: Box<Stack<D, N>>,
+    pub vehicle: D::Vehicle,
     /// The lines, by link.
     pub lines: Vec<SimSerial>,
     /// The vehicle's ends of the lines, by link.
     pub uarts: Vec<SerialEnd>,
-    /// One ground station a line, by link.
+    /// One ground station per line, by link.
     pub gcs: Vec<Gcs>,
-    /// What the stack reported of its transports.
+    /// Errors of the transports that the stack reported.
     pub errors: Vec<(LinkId, LinkError<SimError>)>,
-    /// What the flight loop ticks.
+    /// The pulse that the flight loop ticks.
     pub pulse: &'static Pulse,
-    /// Whether the flight loop runs; the stack is polled either way.
+    /// Whether the flight loop runs. The stack is polled in any case.
     pub loop_runs: bool,
     pub clock: Clock,
     step: Duration,
@@ -65,27 +64,27 @@ pub struct World<const N: usize, P: PlanStorage = NoPlans, const PEERS: usize = 
 }
 
 impl<const N: usize> World<N> {
-    /// A world without plans.
+    /// Creates a world of [`Tested`], without plans.
     pub fn new(setup: Setup<N>) -> Self {
-        Self::with_plans(setup)
+        Self::of(setup)
     }
 }
 
-impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default> World<N, P, PEERS, V> {
-    /// A world with plan memory, peer table and vehicle of its own.
-    pub fn with_plans(setup: Setup<N>) -> Self {
+impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
+    /// Creates a world of any declaration.
+    pub fn of(setup: Setup<N>) -> Self {
         let clock = Clock::new(setup.start);
         let line = |(i, config): (usize, LineConfig)| SimSerial::new(&clock, config, setup.seed ^ ((i as u64) << 32));
         let lines: Vec<_> = setup.lines.into_iter().enumerate().map(line).collect();
         let (uarts, far): (Vec<_>, Vec<_>) = lines.iter().map(SimSerial::ends).unzip();
         Self {
-            stack: Box::new(Stack::with_capacities(setup.config, setup.links)),
-            vehicle: V::default(),
+            stack: begun(setup.config, setup.links),
+            vehicle: <D as Firmware>::Vehicle::default(),
             lines,
             uarts,
             gcs: far.into_iter().map(Gcs::new).collect(),
             errors: Vec::new(),
-            pulse: setup.config.pulse,
+            pulse: setup.config.pulse.expect("a world has a pulse"),
             loop_runs: true,
             clock,
             step: setup.step,
@@ -98,14 +97,14 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default>
         self.clock.now()
     }
 
-    /// One pass of the flight loop, then everybody on the ground.
+    /// Runs one pass of the flight loop, then the ground stations.
     pub fn step(&mut self) {
         let late = self.rng.below(self.jitter.as_micros() + 1);
         let now = self.now().after(self.step).after(Duration::from_micros(late));
         self.step_to(now);
     }
 
-    /// The same, at a time of your own.
+    /// Runs one pass at a given time.
     pub fn step_to(&mut self, now: Instant) {
         self.clock.set(now);
         if self.loop_runs {
@@ -122,10 +121,10 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default>
         }
     }
 
-    /// A pass at the next moment at which anybody has something to do, `due` at the latest; what the stack says of that is
-    /// believed. Passes in between are left out, which saves most of the time of a test that takes minutes.
+    /// Runs one pass at the next deadline of the stack, the lines or the ground stations, at `due` at the latest. Skipping idle
+    /// passes saves most of the run time of a test of several minutes.
     pub fn skip_to(&mut self, due: Instant) {
-        // The flight loop may not seem to hang.
+        // The flight loop must not seem to hang.
         let now = self.now();
         let mut next = due.min(now.after(millis(200))).min(self.stack.next_deadline(now));
         for (uart, gcs) in self.uarts.iter().zip(&self.gcs) {
@@ -140,7 +139,7 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default>
         self.run_until(duration, |_| false);
     }
 
-    /// Runs until `done`, which is asked after every step; false when it was not so `within` that time.
+    /// Runs until `done` returns true, which is called after every step. Returns false if that did not happen `within` the time.
     pub fn run_until(&mut self, within: Duration, mut done: impl FnMut(&mut Self) -> bool) -> bool {
         let end = self.now().after(within);
         while self.now() < end {
@@ -152,7 +151,7 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default>
         false
     }
 
-    /// Runs until the ground station of `link` has an `M` that no test took before, and takes it.
+    /// Runs until the ground station of `link` has received an `M` that was not taken before, and takes it.
     pub fn expect<M: Message>(&mut self, link: usize, within: Duration) -> M {
         let mut taken = self.gcs[link].take::<M>();
         if taken.is_none() {
@@ -165,7 +164,7 @@ impl<const N: usize, P: PlanStorage, const PEERS: usize, V: Autopilot + Default>
         message
     }
 
-    /// Runs for `within` and requires that the ground station of `link` gets no `M` that was not taken before.
+    /// Runs for `within` and asserts that the ground station of `link` receives no new `M`.
     pub fn expect_no<M: Message>(&mut self, link: usize, within: Duration) {
         self.run_for(within);
         assert!(self.gcs[link].take::<M>().is_none(), "a {} came", M::NAME);

@@ -1,6 +1,6 @@
-/* The C library in a firmware of benches/compare/firmware: 12 messages in, every field of each read, 8 out. The line is that
- * firmware's, and so is the counting. RUN is the function's name. With LEAN the library's table is of the 12 messages, and nothing
- * is signed. */
+/* The C library in a firmware of benches/compare/firmware: receives 12 message types, reads every field of each, and sends 8 types.
+ * The firmware provides the transport and counts instructions. RUN is the name of the function. LEAN reduces the library's table to
+ * the 12 messages and disables signing. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -17,7 +17,7 @@ void compare_send(const uint8_t *bytes, size_t len);
 #ifdef LEAN
 #define MAVLINK_NO_SIGN_PACKET
 #define MAVLINK_NO_SIGNATURE_CHECK
-/* id, CRC_EXTRA, least and greatest length, whether there are targets, and where */
+/* id, CRC_EXTRA, minimum and maximum length, target flags, offsets of target system and component */
 #define MAVLINK_MESSAGE_CRCS          \
     {                                 \
         {0, 50, 9, 9, 0, 0, 0},       \
@@ -50,7 +50,7 @@ static void send_bytes(mavlink_channel_t chan, const uint8_t *bytes, uint16_t le
 
 static mavlink_message_t received;
 static mavlink_status_t status;
-/* Values that the compiler does not know. */
+/* A value that the compiler cannot know. */
 static volatile uint8_t value;
 
 static void acknowledge(uint16_t command) {

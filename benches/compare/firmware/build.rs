@@ -1,4 +1,4 @@
-//! The memory of the emulated board, the stream that is read, and the C library where `cargo xtask compare` has put it.
+//! Adds the memory layout of the emulated board, and links the C library that `cargo measure compare` has built.
 
 use std::path::Path;
 

@@ -1,10 +1,10 @@
-//! What the libraries are measured with: the same streams, read from files that the program `streams` writes, and the same
-//! works. Each library has a program of its own, which `cargo xtask compare` runs in turns.
+//! The common workloads for all libraries. The streams are read from files that the program `streams` writes. Each library has
+//! its own program, and `cargo measure compare` runs them in turn.
 //!
 //! ```text
-//! PROGRAM FOLDER time            ns per frame of each work, the median of a few passes
-//! PROGRAM FOLDER once WORK N     the work N times, for a counter of instructions
-//! PROGRAM FOLDER recover         per damaged stream: name, intact frames, those of them found, false accepts
+//! PROGRAM FOLDER time               ns per frame of each workload, the median of several passes
+//! PROGRAM FOLDER once WORKLOAD N    runs the workload N times, for an instruction counter
+//! PROGRAM FOLDER recover            for each damaged stream: name, intact frames, intact frames found, false accepts
 //! ```
 
 use std::hint::black_box;
@@ -17,35 +17,35 @@ use rustix::time::{ClockId, clock_gettime};
 pub const FRAMES: usize = 100_000;
 /// The sender of all frames.
 pub const SOURCE: (u8, u8) = (1, 1);
-/// The sender of the damaged ones.
+/// The sender of the frames in damaged streams.
 pub const DAMAGED_SOURCE: (u8, u8) = (2, 1);
-/// The damaged streams.
+/// The names of the damaged streams.
 pub const DAMAGED: [&str; 5] = ["flips", "losses", "bursts", "all", "noise"];
-/// So many bytes behind a damaged stream end every candidate in it.
+/// Bytes after a damaged stream, enough to complete every candidate in it.
 pub const FILLER: [u8; 300] = [0; 300];
 
-/// The works in the order of the tables, and the bytes per piece of those that are framing alone.
-pub const WORKS: [(&str, Option<usize>); 5] =
+/// The workloads in the order of the tables. Workloads of framing alone have a piece size in bytes.
+pub const WORKLOADS: [(&str, Option<usize>); 5] =
     [("whole", Some(usize::MAX)), ("16", Some(16)), ("1", Some(1)), ("decode", None), ("encode", None)];
 
-/// A library, used as its documentation has it.
+/// A library, used as documented.
 pub trait Peer {
-    /// The stream's messages in the library's own form.
+    /// The messages of the stream in the library's representation.
     type Messages;
 
-    /// Finds frames whose checksum is right in a stream that comes in pieces of so many bytes; returns their number.
+    /// Finds frames with a valid checksum in a stream that arrives in pieces of `piece` bytes. Returns their number.
     fn frames(stream: &[u8], piece: usize) -> usize;
-    /// The same for the whole stream, with the message of each frame decoded and every field of it looked at.
+    /// Finds the frames of the whole stream, decodes each message and uses every field. Returns the number of frames.
     fn decode(stream: &[u8]) -> usize;
-    /// What [`encode`](Self::encode) writes again.
+    /// Decodes the messages for [`encode`](Self::encode).
     fn messages(stream: &[u8]) -> Self::Messages;
-    /// Writes each message as a frame, numbered from 0.
+    /// Encodes each message as a frame, with sequence numbers from 0.
     fn encode(messages: &Self::Messages, each: impl FnMut(&[u8]));
-    /// Hands over the frames that are found in a damaged stream and whose checksum is right, in pieces of 64 bytes.
+    /// Calls `each` with every frame with a valid checksum found in a damaged stream, which arrives in pieces of 64 bytes.
     fn recover(stream: &[u8], each: impl FnMut(&[u8]));
 }
 
-/// A stream of bytes that gives at most a piece at a time.
+/// A byte stream that returns at most one piece at a time.
 #[derive(Debug)]
 pub struct Source<'a> {
     rest: &'a [u8],
@@ -54,12 +54,12 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// Pieces of `piece` bytes.
+    /// Splits `stream` into pieces of `piece` bytes.
     pub fn new(stream: &'a [u8], piece: usize) -> Self {
         Self { rest: stream, piece, left: piece }
     }
 
-    /// Fills the front of `out` with what is left of the piece; 0 at the end.
+    /// Copies the rest of the current piece to `out`. Returns the number of bytes; 0 at the end.
     #[inline]
     pub fn take(&mut self, out: &mut [u8]) -> usize {
         let len = out.len().min(self.left).min(self.rest.len());
@@ -76,7 +76,7 @@ impl<'a> Source<'a> {
         len
     }
 
-    /// Fills all of `out`; false when the stream ends before.
+    /// Fills all of `out`. Returns false if the stream ends before.
     #[inline]
     pub fn take_exact(&mut self, mut out: &mut [u8]) -> bool {
         while !out.is_empty() {
@@ -110,21 +110,21 @@ impl std::io::Read for Source<'_> {
     }
 }
 
-/// The program of a library.
+/// Runs the program of a library.
 pub fn run<P: Peer>() {
     let mut arguments = std::env::args().skip(1);
-    let mut next = || arguments.next().expect("FOLDER time, FOLDER once WORK N, or FOLDER recover");
+    let mut next = || arguments.next().expect("FOLDER time, FOLDER once WORKLOAD N, or FOLDER recover");
     let folder = PathBuf::from(next());
     match next().as_str() {
         "time" => time::<P>(&folder),
         "once" => {
-            let (work, passes) = (next(), next().parse().expect("a number"));
+            let (workload, passes) = (next(), next().parse().expect("a number"));
             let stream = read(&folder, "frames");
             let messages = P::messages(&stream);
-            (0..passes).for_each(|_| pass::<P>(&work, &stream, &messages));
+            (0..passes).for_each(|_| pass::<P>(&workload, &stream, &messages));
         }
         "recover" => recover::<P>(&folder),
-        other => panic!("{other}: what is that?"),
+        other => panic!("unknown argument {other}; use time, once or recover"),
     }
 }
 
@@ -133,39 +133,39 @@ fn read(folder: &Path, name: &str) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-fn pass<P: Peer>(work: &str, stream: &[u8], messages: &P::Messages) {
-    let (_, piece) = WORKS.into_iter().find(|(name, _)| *name == work).expect("one of the works");
+fn pass<P: Peer>(workload: &str, stream: &[u8], messages: &P::Messages) {
+    let (_, piece) = WORKLOADS.into_iter().find(|(name, _)| *name == workload).expect("a known workload");
     match piece {
         Some(piece) => assert_eq!(P::frames(black_box(stream), piece), FRAMES),
-        None if work == "decode" => assert_eq!(P::decode(black_box(stream)), FRAMES),
+        None if workload == "decode" => assert_eq!(P::decode(black_box(stream)), FRAMES),
         None => P::encode(black_box(messages), |frame| _ = black_box(frame)),
     }
 }
 
-/// What this thread has had so far.
+/// Returns the processor time of this thread.
 fn processor_time() -> Duration {
     let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::try_from(now).expect("it is positive")
+    Duration::try_from(now).expect("a positive time")
 }
 
 fn time<P: Peer>(folder: &Path) {
     let stream = read(folder, "frames");
     let messages = P::messages(&stream);
-    // All do the same work.
+    // Check that encoding reproduces the stream, so that all libraries do the same work.
     let mut rest = &stream[..];
-    P::encode(&messages, |frame| rest = rest.strip_prefix(frame).expect("the frame as it was"));
+    P::encode(&messages, |frame| rest = rest.strip_prefix(frame).expect("the original frame"));
     assert!(rest.is_empty());
-    for (work, _) in WORKS {
+    for (workload, _) in WORKLOADS {
         let mut took: Vec<_> = (0..7)
             .map(|_| {
                 let began = processor_time();
-                pass::<P>(work, &stream, &messages);
+                pass::<P>(workload, &stream, &messages);
                 processor_time() - began
             })
             .skip(2)
             .collect();
         took.sort_unstable();
-        println!("{work} {:.2}", took[took.len() / 2].as_nanos() as f64 / FRAMES as f64);
+        println!("{workload} {:.2}", took[took.len() / 2].as_nanos() as f64 / FRAMES as f64);
     }
 }
 
@@ -178,7 +178,7 @@ fn recover<P: Peer>(folder: &Path) {
         intact.reverse();
         let (mut found, mut false_accepts) = (0, 0);
         P::recover(&stream, |frame| {
-            // They come in order; those before it were lost.
+            // Frames arrive in order, so the frames before this one were not found.
             match intact.iter().rposition(|it| *it == frame) {
                 Some(at) => {
                     intact.truncate(at);
@@ -191,7 +191,7 @@ fn recover<P: Peer>(folder: &Path) {
     }
 }
 
-/// Clean MAVLink 2 frames without signatures.
+/// Splits a clean stream of unsigned MAVLink 2 frames.
 fn split(mut bytes: &[u8]) -> Vec<&[u8]> {
     let mut frames = Vec::new();
     while let [_, len, ..] = bytes {

@@ -1,5 +1,5 @@
-//! What several tests need.
-#![allow(dead_code, reason = "no test uses all of it")]
+//! Helpers that several tests share.
+#![allow(dead_code, reason = "each test uses only some of the helpers")]
 
 use mavstack_dialect::Dialect;
 use std::{
@@ -25,7 +25,7 @@ pub fn xml_files(directories: &[PathBuf]) -> Vec<PathBuf> {
     files
 }
 
-/// The rows of wire.csv that a dialect gives.
+/// The rows of wire.csv for a dialect.
 pub fn rows(name: &str, dialect: &Dialect) -> Vec<String> {
     let offset = |offset: Option<usize>| offset.map_or(String::new(), |offset| offset.to_string());
     let row = |message: &mavstack_dialect::model::Message| {
@@ -45,7 +45,7 @@ pub fn rows(name: &str, dialect: &Dialect) -> Vec<String> {
     dialect.messages.iter().map(row).collect()
 }
 
-/// All rows of all files of these directories, which are searched for includes too.
+/// The rows of all files in these directories, in which includes are searched, too.
 pub fn table(directories: &[PathBuf]) -> Vec<String> {
     let mut table = vec![HEADER.to_owned()];
     for file in xml_files(directories) {
@@ -55,7 +55,7 @@ pub fn table(directories: &[PathBuf]) -> Vec<String> {
     table
 }
 
-/// Like `assert_eq!`, shows the first row that differs.
+/// Asserts that the rows are equal, and shows the first row that differs.
 pub fn assert_rows(ours: &[String], theirs: &[String]) {
     for (ours, theirs) in ours.iter().zip(theirs) {
         assert_eq!(ours, theirs);
@@ -63,7 +63,7 @@ pub fn assert_rows(ours: &[String], theirs: &[String]) {
     assert_eq!(ours.len(), theirs.len(), "number of rows");
 }
 
-/// Prints a line that the test harness does not swallow.
+/// Prints a line that the test harness does not capture.
 pub fn say(line: &str) {
     writeln!(std::io::stderr(), "{line}").expect("standard error");
 }

@@ -1,4 +1,4 @@
-//! Links anew when the memory layout was changed.
+//! Links again when the memory layout changes.
 
 fn main() {
     println!("cargo:rerun-if-changed=memory.x");

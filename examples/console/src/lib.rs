@@ -1,5 +1,4 @@
-//! What `cargo sitl` and `cargo qemu` have in common on the host: the vehicle's status on a terminal, and the log of the
-//! frames that passed.
+//! Host code shared by `cargo sitl` and `cargo qemu`: the vehicle's status on a terminal, and a log of the frames.
 
 mod line;
 mod show;

@@ -1,4 +1,4 @@
-//! The vehicle's status in words.
+//! Formats the vehicle's status.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use mavstack::dialect::MissionState;
 use mavstack_demo::status::{LINK_DROPS, LinkStatus, Mission, OTHER_DROPS};
 use mavstack_demo::{COMPANION, Mode, SATELLITE, Status, TELEMETRY};
 
-/// Prints a status in one line. Rates are those since the status before, which is none at first and after a restart.
+/// Formats a status as one line.
 #[derive(Clone, Copy, Debug)]
 pub struct Line<'a> {
-    /// What is to be shown.
+    /// The status to show.
     pub now: &'a Status,
-    /// What was shown before.
+    /// The previous status, from which rates are computed. After a reboot of the vehicle it is ignored.
     pub before: Option<&'a Status>,
 }
 
@@ -25,7 +25,7 @@ impl fmt::Display for Line<'_> {
         self.drops(f)?;
         f.write_str(" | frames/s in/out:")?;
         for (link, name) in [TELEMETRY, COMPANION, SATELLITE].into_iter().zip(NAMES) {
-            // Nothing goes there by itself.
+            // An unused satellite link carries no traffic at all.
             if link == SATELLITE && counts(self.now, link) == LinkStatus::default() {
                 continue;
             }
@@ -37,7 +37,7 @@ impl fmt::Display for Line<'_> {
     }
 }
 
-/// What the links are called, in their order.
+/// The links' names, in order of their ids.
 const NAMES: [&str; 3] = ["telemetry", "companion", "satellite"];
 
 fn counts(status: &Status, link: LinkId) -> LinkStatus {
@@ -45,7 +45,7 @@ fn counts(status: &Status, link: LinkId) -> LinkStatus {
 }
 
 impl Line<'_> {
-    /// Frames a second, in and out.
+    /// Returns the rates of received and sent frames (1/s).
     fn rates(&self, link: LinkId) -> (u32, u32) {
         let before = self.before.filter(|before| before.time < self.now.time);
         let elapsed = self.now.time - before.map_or(0, |before| before.time);
@@ -80,7 +80,7 @@ impl Line<'_> {
     }
 }
 
-/// How far the mission is: so many items of so many are behind it.
+/// Formats the progress of the mission: the current item, the number of items, the state.
 struct Progress(Mission);
 
 impl fmt::Display for Progress {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_nobody_talks_to() {
+    fn a_vehicle_without_peers() {
         assert_eq!(
             Line { now: &status(0), before: None }.to_string(),
             "disarmed, Hold, mission none | frames/s in/out: telemetry 0/0 companion 0/0"
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_there_is_to_say() {
+    fn a_line_with_every_part() {
         let peer = |link, system, component| Some(PeerStatus { link, system, component });
         let mut before = status(10_000);
         before.links[0] = LinkStatus { received: u32::MAX - 1, sent: 1_000 };
@@ -133,7 +133,7 @@ mod tests {
         now.is_armed = true;
         now.mode = Mode::Mission;
         now.mission = Mission { current: 3, count: 12, state: MissionState::ACTIVE.0 };
-        // In two seconds; counters wrap.
+        // Two seconds later; the counters have wrapped.
         now.links[0] = LinkStatus { received: 4, sent: 1_099 };
         now.links[1] = LinkStatus { received: 1, sent: 0 };
         now.links[2] = LinkStatus { received: 0, sent: 3 };
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_restart_counters_begin_anew() {
+    fn after_a_reboot_rates_count_from_zero() {
         let mut before = status(60_000);
         before.links[0] = LinkStatus { received: 900, sent: 9_000 };
         let mut now = status(500);

@@ -1,4 +1,5 @@
-//! One line of a terminal that changes in place, below what is printed; where there is no terminal, lines.
+//! Shows the status in the last line of a terminal, below the printed lines. Without a terminal it prints the status now and
+//! then.
 
 use std::fmt::Display;
 use std::io::Write as _;
@@ -9,10 +10,10 @@ use mavstack_demo::Status;
 
 use crate::line::Line;
 
-/// ms between lines when nothing happens, where there is no terminal.
+/// Interval between status lines without a terminal when nothing changes (ms).
 const PERIOD: u32 = 10_000;
 
-/// The standard output, for whoever prints: each clone prints to the same.
+/// Standard output with a status line. All clones share it.
 #[derive(Clone, Debug)]
 pub struct Console {
     bar: ProgressBar,
@@ -22,15 +23,15 @@ pub struct Console {
 #[derive(Debug, Default)]
 struct Shown {
     last: Option<Status>,
-    /// The last one for which a line was printed.
+    /// The last status that was printed as a line.
     printed: Option<Status>,
 }
 
 impl Console {
-    /// The status stays in the last line if standard output is a terminal.
+    /// Uses the last line for the status if standard output is a terminal.
     pub fn new() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
-        // It is cut where the terminal ends.
+        // Truncated to the width of the terminal.
         bar.set_style(ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
         Self { bar, shown: Arc::default() }
     }
@@ -43,33 +44,33 @@ impl Console {
     /// Prints a line.
     pub fn print(&self, line: impl Display) {
         self.bar.suspend(|| {
-            // Nobody reads it any more: no reason to stop the vehicle.
+            // A closed pipe is no reason to stop the vehicle.
             let _ = writeln!(std::io::stdout(), "{line}");
         });
     }
 
-    /// Prints a line of what went wrong.
-    pub fn complain(&self, line: impl Display) {
+    /// Prints a line to standard error.
+    pub fn print_error(&self, line: impl Display) {
         self.bar.suspend(|| {
             let _ = writeln!(std::io::stderr(), "{line}");
         });
     }
 
-    /// Shows the status: to be called about once a second. Without a terminal a line is printed when there are news, and now
-    /// and then.
+    /// Shows the status. Call it about once a second. Without a terminal it prints a line when the state has changed, and every
+    /// 10 s otherwise.
     pub fn show(&self, now: Status) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         let line = |before| Line { now: &now, before };
         if self.is_terminal() {
             self.bar.set_message(line(shown.last.as_ref()).to_string());
-        } else if shown.printed.as_ref().is_none_or(|printed| is_news(&now, printed)) {
+        } else if shown.printed.as_ref().is_none_or(|printed| needs_line(&now, printed)) {
             self.print(format_args!("{:.1} s: {}", f64::from(now.time) / 1_000.0, line(shown.last.as_ref())));
             shown.printed = Some(now.clone());
         }
         shown.last = Some(now);
     }
 
-    /// Takes the status away.
+    /// Removes the status line.
     pub fn end(&self) {
         self.bar.finish_and_clear();
     }
@@ -81,12 +82,12 @@ impl Default for Console {
     }
 }
 
-/// Whether a line is worth it.
-fn is_news(now: &Status, printed: &Status) -> bool {
+/// Whether to print a new line without a terminal.
+fn needs_line(now: &Status, printed: &Status) -> bool {
     now.is_armed != printed.is_armed
         || now.mode != printed.mode
         || now.mission != printed.mission
         || now.peers != printed.peers
-        // Also after a restart, when time began anew.
+        // Also true after a reboot, when time starts at 0 again.
         || now.time.abs_diff(printed.time) >= PERIOD
 }

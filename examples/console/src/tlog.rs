@@ -1,9 +1,11 @@
-//! The log of what passed over the links, as Mission Planner, QGroundControl, MAVProxy and pymavlink write and read it
-//! (".tlog"): before each frame the time, in µs since 1970, as eight bytes, the most significant first.
+//! A log of the links' traffic in the ".tlog" format of Mission Planner, QGroundControl, MAVProxy and pymavlink. Each frame is
+//! preceded by its time: µs since 1970, as eight bytes, big-endian.
 //!
-//! Logs are shared, so they contain no secrets. Messages that carry a secret are left out. A signature keeps its link id and
-//! its timestamp, but its hash is overwritten with zeros: with the hash, anyone could try passphrases offline. Log readers
-//! have no key and ignore the signature.
+//! Logs are shared, so they contain no secrets:
+//!
+//! - Messages that carry a secret are omitted.
+//! - The hash of a signature is overwritten with zeros, because it allows an offline attack on the passphrase. The link id and
+//!   timestamp stay. Log readers have no key and ignore the signature.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -16,28 +18,28 @@ use mavstack::dialect::{AuthKey, CellularConfig, ChangeOperatorControl, SetupSig
 use mavstack::{Address, Decoder, Frame, Instant, Message, Vehicle};
 use mavstack_demo::Quadrotor;
 
-/// Ids of the messages that carry a key, a password or a PIN.
+/// Ids of messages that carry a key, a password or a PIN.
 const SECRETS: [u32; 5] =
     [SetupSigning::ID, AuthKey::ID, CellularConfig::ID, ChangeOperatorControl::ID, WifiConfigAp::ID];
 
-/// Length of the hash at the end of a signed frame (bytes).
+/// Length of the hash at the end of a signed frame, in bytes.
 const SIGNATURE: usize = 6;
 
 /// A file of frames with their times.
 #[derive(Debug)]
 pub struct Tlog {
     path: PathBuf,
-    /// None after an error.
+    /// `None` after a write error.
     file: Mutex<Option<Open>>,
-    /// Senders of checked frames: the vehicle accepts frames with an unknown id only from these.
-    heard: Mutex<BTreeSet<Address>>,
+    /// Senders of frames with a valid checksum. As in the vehicle, frames with an unknown id are accepted only from these.
+    known_senders: Mutex<BTreeSet<Address>>,
     began: time::Instant,
 }
 
 #[derive(Debug)]
 struct Open {
     file: File,
-    /// Time does not go back in it, also where the machine's clock is set.
+    /// The last time written. Times never decrease, even if the machine's clock is set back.
     last: u64,
 }
 
@@ -46,26 +48,26 @@ impl Tlog {
     pub fn create(path: &Path) -> Result<Arc<Self>, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         if !is_log_or_new(path).map_err(failed)? {
-            return Err(format!("{} is no log of frames; give --log another name, or move it away", path.display()));
+            return Err(format!("{} is not a frame log; give --log another name, or move the file", path.display()));
         }
         let file = File::create(path).map_err(failed)?;
         let file = Mutex::new(Some(Open { file, last: 0 }));
-        Ok(Arc::new(Self { path: path.into(), file, heard: Mutex::default(), began: time::Instant::now() }))
+        Ok(Arc::new(Self { path: path.into(), file, known_senders: Mutex::default(), began: time::Instant::now() }))
     }
 
-    /// Time since the log began.
+    /// Returns the time since the log was created.
     fn now(&self) -> Instant {
         Instant::from_micros(u64::try_from(self.began.elapsed().as_micros()).unwrap_or(u64::MAX))
     }
 
-    fn is_heard(&self, sender: Address) -> bool {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner).contains(&sender)
+    fn is_known_sender(&self, sender: Address) -> bool {
+        self.known_senders.lock().unwrap_or_else(PoisonError::into_inner).contains(&sender)
     }
 
     /// Appends a frame, unless it carries a secret.
     fn record(&self, frame: &Frame<'_>) {
         if frame.is_checked() {
-            self.heard.lock().unwrap_or_else(PoisonError::into_inner).insert(frame.source());
+            self.known_senders.lock().unwrap_or_else(PoisonError::into_inner).insert(frame.source());
         }
         if SECRETS.contains(&frame.id()) {
             return;
@@ -80,9 +82,9 @@ impl Tlog {
         let mut open = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(Open { file, last }) = &mut *open else { return };
         *last = now.max(*last);
-        // At once and as a whole: the file can be read whenever this program ends.
+        // One unbuffered write per frame: the file is complete whenever this program ends.
         if let Err(error) = file.write_all(&[&last.to_be_bytes(), &bytes[..]].concat()) {
-            eprintln!("{}: {error}; nothing more is logged", self.path.display());
+            eprintln!("{}: {error}; logging stops", self.path.display());
             *open = None;
         }
     }
@@ -107,14 +109,15 @@ fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// Finds the frames in one direction of a line, as the vehicle's own decoder does: both use the library's default settings.
+/// Finds the frames in one direction of a link. It uses the same decoder as the vehicle, with the same default settings.
 #[derive(Debug, Default)]
 pub struct Frames {
     decoder: Decoder,
 }
 
 impl Frames {
-    /// Passes on the frames that these undamaged bytes complete, and keeps an incomplete frame for the next call.
+    /// Calls `each` with every frame that `bytes` completes, and keeps an incomplete frame for the next call. The bytes must be
+    /// undamaged.
     pub fn cut(&mut self, bytes: &[u8], each: impl FnMut(&Frame<'_>)) {
         self.find(Instant::ZERO, bytes, |_| true, each);
     }
@@ -129,7 +132,7 @@ impl Frames {
         mut each: impl FnMut(&Frame<'_>),
     ) {
         loop {
-            // Also called before the first byte: the time since the last byte decides whether the pending candidate is
+            // Also called before the first byte, because the time since the last byte decides whether a pending candidate is
             // stale.
             let mut budget = u32::MAX;
             while let Some(frame) = self.decoder.next(now, Quadrotor::MESSAGES, &mut budget, &is_known) {
@@ -144,7 +147,7 @@ impl Frames {
     }
 }
 
-/// Logs what goes over a line in one direction, whole frames only; or nothing, without a log.
+/// Logs the complete frames in one direction of a link. Without a log it does nothing.
 #[derive(Debug, Default)]
 pub struct Tap {
     tlog: Option<Arc<Tlog>>,
@@ -152,12 +155,12 @@ pub struct Tap {
 }
 
 impl Tap {
-    /// Into this log.
+    /// Creates a tap that writes to `tlog`.
     pub fn new(tlog: Option<Arc<Tlog>>) -> Self {
         Self { tlog, frames: Frames::default() }
     }
 
-    /// These bytes passed.
+    /// Logs the frames in these bytes.
     pub fn pass(&mut self, bytes: &[u8]) {
         if let Some(tlog) = &self.tlog {
             let now = tlog.now();
@@ -167,11 +170,11 @@ impl Tap {
 
     fn pass_at(&mut self, now: Instant, bytes: &[u8]) {
         if let Some(tlog) = &self.tlog {
-            self.frames.find(now, bytes, |sender| tlog.is_heard(sender), |frame| tlog.record(frame));
+            self.frames.find(now, bytes, |sender| tlog.is_known_sender(sender), |frame| tlog.record(frame));
         }
     }
 
-    /// What comes now is no end of what came last.
+    /// Discards an incomplete frame. Call it when the peer changes.
     pub fn restart(&mut self) {
         self.pass(&[]);
         self.frames = Frames::default();
@@ -194,7 +197,7 @@ mod tests {
         bytes[..len].to_vec()
     }
 
-    /// A file of this test, removed afterwards.
+    /// A temporary file, removed when dropped.
     struct Temporary(PathBuf);
 
     impl Temporary {
@@ -209,9 +212,10 @@ mod tests {
         }
     }
 
-    /// Whole frames with times that do not go back, whatever the pieces; nothing of half a frame, noise or a signing key.
+    /// The log contains complete frames with times that never decrease, however the bytes are split. It contains no incomplete
+    /// frame, noise or signing key.
     #[test]
-    fn the_log_holds_whole_frames_with_their_times_and_no_key() {
+    fn the_log_contains_complete_frames_and_no_key() {
         let path = Temporary::new("whole");
         let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
         let frames: Vec<_> = [Version::V1, Version::V2, Version::V2]
@@ -225,7 +229,7 @@ mod tests {
         let before = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros();
         let mut tap = Tap::new(Some(Tlog::create(&path.0).unwrap()));
         stream.chunks(7).for_each(|bytes| tap.pass(bytes));
-        // The half frame at the end is of a client that left.
+        // The incomplete frame at the end is of a client that has disconnected.
         tap.restart();
         tap.pass(&frames[1]);
         let after = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros();
@@ -249,11 +253,11 @@ mod tests {
         struct Foreign: FOREIGN = 200 { a: u8, }
     }
 
-    /// S-8, S-11, R-9: the log contains what the vehicle's own decoder accepts: frames of component 0, MAVLink 1 frames
-    /// with extensions, and frames with an unknown id, once their sender was heard and a frame or silence follows.
+    /// S-8, S-11, R-9: the log contains what the vehicle's own decoder accepts. That includes frames of component 0, MAVLink 1
+    /// frames with extensions, and frames with an unknown id if their sender is known and a frame or silence follows.
     #[test]
-    fn the_log_holds_what_the_vehicle_takes() {
-        let path = Temporary::new("taken");
+    fn the_log_contains_what_the_vehicle_accepts() {
+        let path = Temporary::new("accepted");
         let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
         let (script, stranger) = (Address::new(255, 0), Address::new(9, 9));
         let component_0 = frame_of(&heartbeat, Version::V2, script, 0);
@@ -276,10 +280,10 @@ mod tests {
         assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
     }
 
-    /// SEC-15: a log can be shared. A signature's hash is zeros and the rest of its frame is unchanged; a message with a
-    /// secret is left out.
+    /// SEC-15: a log can be shared. The hash of a signature is zeros and the rest of the frame is unchanged. Messages with a
+    /// secret are omitted.
     #[test]
-    fn the_log_holds_no_signature_and_no_password() {
+    fn the_log_contains_no_signature_and_no_password() {
         let path = Temporary::new("signed");
         let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
         let mut signed = [0; MAX_FRAME_LEN];
@@ -298,7 +302,7 @@ mod tests {
         assert_eq!(logged.len(), len, "one frame");
         let (front, signature) = logged.split_at(len - SIGNATURE);
         assert_eq!((front, signature), (&signed[..len - SIGNATURE], &[0; SIGNATURE][..]));
-        // The link id and the timestamp are unchanged, and it is still a frame.
+        // The link id and the timestamp are unchanged, and the frame is still valid.
         assert_eq!(front[len - SIGNATURE - 7], 5);
         let mut found = 0;
         Frames::default().cut(logged, |frame| found += usize::from(frame.header().is_signed()));
@@ -307,7 +311,7 @@ mod tests {
 
     /// A mistyped `--log` overwrites no file.
     #[test]
-    fn a_file_that_is_no_log_is_refused_and_stays_as_it_is() {
+    fn other_files_are_refused_and_unchanged() {
         let path = Temporary::new("notes");
         for notes in [&b"notes"[..], b"The only copy of my notes."] {
             std::fs::write(&path.0, notes).unwrap();
@@ -324,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_made_is_named() {
+    fn an_error_names_the_file() {
         let error = Tlog::create(Path::new("/no such folder/flight.tlog")).unwrap_err();
         assert!(error.contains("/no such folder/flight.tlog"), "{error}");
     }

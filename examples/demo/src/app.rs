@@ -1,37 +1,63 @@
-//! The loop's body: what a firmware with mavstack looks like.
+//! The body of the main loop: what a firmware with mavstack looks like.
+
+use core::ops::DerefMut;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
-#[cfg(feature = "defmt")]
-use mavstack::Duration;
-use mavstack::dialect::HomePosition;
 use mavstack::{
-    Address, Config, Durability, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, ParamStore,
-    PlanStorage, PlanStore, Pulse, RestoreError, SigningStore, Stack, StreamProfile, Vehicle, VehicleAddress,
+    Address, Config, Durability, Duration, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning,
+    ParamStore, PlanStore, Pulse, RestoreError, SigningStore, StreamProfile, Vehicle, VehicleAddress,
 };
 
 use crate::status::Status;
 use crate::tuning::Tuning;
-use crate::vehicle::Quadrotor;
+use crate::vehicle::{Quadrotor, SATELLITE_CONFIG};
 
 /// The link to the ground station.
 pub const TELEMETRY: LinkId = LinkId(0);
 /// The link to a companion computer.
 pub const COMPANION: LinkId = LinkId(1);
-/// The link to a satellite modem: slow and dear.
+/// The link to a satellite modem: slow and expensive.
 pub const SATELLITE: LinkId = LinkId(2);
-/// How many links there are.
+/// The number of links.
 pub const LINKS: usize = 3;
 
-/// Ticked by the flight loop.
+/// Maximum number of mission items, at 32 bytes each. A microcontroller has less memory for plans than a host.
+pub const MISSION: usize = if cfg!(target_os = "none") { 250 } else { 1000 };
+/// Maximum number of geofence items.
+pub const FENCE: usize = if cfg!(target_os = "none") { 64 } else { 256 };
+/// Maximum number of rally points.
+pub const RALLY: usize = if cfg!(target_os = "none") { 16 } else { 64 };
+
+mavstack::stack! {
+    /// The MAVLink services of the vehicle.
+    ///
+    /// It is too large for the call stack. A firmware keeps [`VACANT`](Self::VACANT) in a `static`, which takes no flash, and
+    /// [`App::new`] begins it there.
+    pub struct Mavlink for Quadrotor {
+        links: LINKS,
+        plans: { mission: MISSION, fence: FENCE, rally: RALLY },
+        parameters: Tuning,
+        streams,
+        modes,
+        commands: { slots: 4 },
+        forwarding: { bytes: 512, seen: 256 },
+        signing: { streams: 16 },
+        time,
+        manual_control,
+        high_latency,
+    }
+}
+
+/// The flight loop ticks it; heartbeats stop when the ticks stop.
 static PULSE: Pulse = Pulse::new();
 
 const CONFIG: Config = Config { identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
 
-/// The vehicle's component id; its system id is a parameter.
+/// The vehicle's component id. Its system id is a parameter.
 const COMPONENT: u8 = 1;
 
-/// Version 0.1.0, in development, of the only vehicle of its kind.
+/// Firmware version 0.1.0 (development), and the ids of the only vehicle of its kind.
 const IDENTITY: Identity = Identity {
     flight_sw_version: 0x0001_0000,
     board_version: 1,
@@ -40,86 +66,79 @@ const IDENTITY: Identity = Identity {
     ..Identity::NONE
 };
 
-/// Once there is a key, whoever speaks over the air has to sign. The key comes by the companion's wire, which stays open.
+/// Once a signing key is set, frames must be signed on both radio links. The companion link stays open to unsigned frames,
+/// and only it accepts a key.
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
     LinkConfig::uart(115_200).with_signing(LinkSigning::SIGNED),
     LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard).with_signing(LinkSigning::OPEN.with_provisioning()),
-    // In MAVLink 1 a report would cost a credit less; but then answers of others, in MAVLink 2, could not go that way, and
-    // nothing would be signed.
+    // MAVLink 1 would save one credit per report. But it cannot carry MAVLink 2 frames of other components, or signatures.
     LinkConfig::uart(2_400).with_class(LinkClass::HighLatency).with_signing(LinkSigning::SIGNED),
 ];
 
-/// The vehicle and its stack, with plans in a memory of type `P`. There is one in a program: they would share the pulse.
+/// The vehicle and its stack, to which `S` points. Create one per program: all instances share a single pulse.
 #[derive(Debug)]
-pub struct App<P: PlanStorage> {
-    stack: Stack<LINKS, P>,
+pub struct App<S = &'static mut Mavlink> {
+    stack: S,
     vehicle: Quadrotor,
     saving: Saving,
-    /// When the status is to be logged next.
+    /// When to log the status next.
     #[cfg(feature = "defmt")]
     status_due: Instant,
 }
 
-/// Whether parameters are being written before it restarts.
+/// How far parameters have been written before a reboot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Saving {
-    /// There is no storage.
-    Never,
-    /// It does not restart.
-    No,
+    NoStorage,
+    /// No reboot was requested.
+    Idle,
     Busy,
     Done,
 }
 
-impl<P: PlanStorage> App<P> {
-    /// Switched on at [`Instant::ZERO`].
-    pub const fn new() -> Self {
+impl<S: DerefMut<Target = Mavlink>> App<S> {
+    /// Creates a vehicle that boots at [`Instant::ZERO`], with a stack that is not begun.
+    pub fn new(mut stack: S) -> Self {
+        stack.begin(CONFIG, LINK_CONFIGS);
+        stack.high_latency_mut().set_config(SATELLITE_CONFIG);
         Self {
-            stack: Stack::new(CONFIG, LINK_CONFIGS),
+            stack,
             vehicle: Quadrotor::new(),
-            saving: Saving::Never,
+            saving: Saving::NoStorage,
             #[cfg(feature = "defmt")]
             status_due: Instant::ZERO,
         }
     }
 
-    /// One pass of the loop, where there is only one: [`fly`](Self::fly) and [`poll`](Self::poll); to be followed by
-    /// [`serve`](Self::serve) for each link.
+    /// Runs one pass of a single-loop firmware: [`fly`](Self::fly), then [`poll`](Self::poll). Call
+    /// [`serve`](Self::serve) for each link afterwards.
     pub fn control(&mut self, now: Instant) {
         self.fly(now);
         self.poll(now);
     }
 
-    /// One pass of the flight loop. True when it left something to tell: who speaks for it and sleeps is to be woken.
-    // Neither this nor `poll` and `serve` is inlined: a loop with all of them in it would take their stack together.
+    /// Runs one pass of the flight loop. Returns true when the stack has something new to send: wake the task that
+    /// transmits.
+    // This, `poll` and `serve` are not inlined: a loop that inlines all three needs the sum of their stack frames.
     #[inline(never)]
     pub fn fly(&mut self, now: Instant) -> bool {
-        let before = self.vehicle.state();
-        let (mission, fence, rally) = (self.stack.mission(), self.stack.fence(), self.stack.rally());
-        self.vehicle.control_step(now, mission.items(), fence.items(), rally.items());
+        let Self { stack, vehicle, .. } = self;
+        let before = vehicle.state();
+        vehicle.take_sticks(now, stack);
+        stack.with_context(now, |cx| vehicle.control_step(cx));
         PULSE.tick();
-        let mut has_news = self.vehicle.state() != before;
-        while let Some(seq) = self.vehicle.take_reached() {
-            self.stack.mission_item_reached(now, seq);
-            has_news = true;
-        }
-        while let Some((severity, text)) = self.vehicle.take_text() {
-            self.stack.send_text(now, severity, text);
-            has_news = true;
-        }
-        if self.vehicle.take_new_home() {
-            self.stack.announce::<HomePosition, Quadrotor>();
-            has_news = true;
-        }
-        has_news
+        vehicle.report_calibration(stack.commands_mut());
+        vehicle.store_counts(stack.parameters_mut());
+        vehicle.watch_satellite(stack);
+        vehicle.state() != before || stack.next_deadline(now) <= now
     }
 
-    /// What of the stack's work belongs to no link; as [`Stack::poll`].
+    /// Runs the stack's timers, which belong to no link; see [`Stack::poll`](mavstack::Stack::poll).
     #[inline(never)]
     pub fn poll(&mut self, now: Instant) {
-        if self.vehicle.is_going_down() && self.saving == Saving::No {
+        if self.vehicle.is_rebooting() && self.saving == Saving::Idle {
             self.saving = Saving::Busy;
-            self.stack.save_parameters(now, &mut self.vehicle);
+            self.stack.save_parameters(now);
         }
         self.stack.poll(now, &mut self.vehicle);
         #[cfg(feature = "defmt")]
@@ -129,28 +148,28 @@ impl<P: PlanStorage> App<P> {
         }
     }
 
-    /// The vehicle at a glance.
+    /// Returns a summary of the vehicle's state.
     pub fn status(&self, now: Instant) -> Status {
         Status::of(now, &self.stack, &self.vehicle)
     }
 
-    /// Whether the flight loop is to stand still from here on, for good: [`Tuning::SIM_HANG`], for a look at what becomes of
-    /// everything else. Whoever flies sees to it, in the way that he would hang.
-    pub fn hangs(&self) -> bool {
-        self.vehicle.tuning().get(Tuning::SIM_HANG) != 0
+    /// Whether to simulate a hung flight loop ([`Tuning::SIM_HANG`]), which shows how everything else behaves then. The
+    /// caller of [`fly`](Self::fly) must stop in the way that its own loop would hang.
+    pub fn simulates_hang(&self) -> bool {
+        self.stack.parameters().get(Tuning::SIM_HANG) != 0
     }
 
-    /// Whether the processor is to be reset now: somebody asked for it, has his answer, and parameters that he set are
-    /// stored (C-30).
+    /// Whether to reset the processor now: a reboot was requested, its acknowledgement was sent, and changed parameters
+    /// are stored (C-30).
     pub fn wants_reboot(&self) -> bool {
         self.saving != Saving::Busy && self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
     }
 
-    /// Reads the plans back, once after a start; as [`Stack::restore_plans`].
+    /// Restores the plans from storage. Call it once after boot; see [`Stack::restore_plans`](mavstack::Stack::restore_plans).
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or could not be read; a text says so too.
+    /// The stored plans are damaged or cannot be read. A STATUSTEXT reports it too.
     pub fn restore<F: NorFlash>(
         &mut self,
         now: Instant,
@@ -160,33 +179,34 @@ impl<P: PlanStorage> App<P> {
         self.stack.restore_plans(now, store, durability, &mut self.vehicle)
     }
 
-    /// Writes plans that are to be durable, a step at a time; as [`Stack::persist_plans`]. True when there is more to do at once.
+    /// Writes one step of the pending plans to storage; see [`Stack::persist_plans`](mavstack::Stack::persist_plans). Returns
+    /// true when more work is pending.
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut PlanStore<F>) -> bool {
         self.stack.persist_plans(now, store, &mut self.vehicle)
     }
 
-    /// Reads the parameters back, once after a start and before everything else, for some have their effect only then; as
-    /// [`Stack::restore_parameters`].
+    /// Restores the parameters from storage; see [`Stack::restore_parameters`](mavstack::Stack::restore_parameters). Call it
+    /// once after boot and before anything else, because some parameters take effect only at boot.
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or could not be read; a text says so too.
+    /// The stored parameters are damaged or cannot be read. A STATUSTEXT reports it too.
     pub fn restore_parameters<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut ParamStore<F>,
     ) -> Result<(), RestoreError<F::Error>> {
         let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
-        self.saving = Saving::No;
-        let id = u8::try_from(self.vehicle.tuning().get(Tuning::MAV_SYS_ID));
+        self.saving = Saving::Idle;
+        let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));
         if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
             self.stack.set_address(address);
         }
         result
     }
 
-    /// Writes parameters that have changed, a step at a time; as [`Stack::persist_parameters`]. True when there is more to do
-    /// at once.
+    /// Writes one step of the changed parameters to storage; see
+    /// [`Stack::persist_parameters`](mavstack::Stack::persist_parameters). Returns true when more work is pending.
     pub fn persist_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> bool {
         let is_busy = self.stack.persist_parameters(now, store, &mut self.vehicle);
         if !is_busy && self.saving == Saving::Busy {
@@ -195,30 +215,31 @@ impl<P: PlanStorage> App<P> {
         is_busy
     }
 
-    /// Reads the signing key back, once after a start; as [`Stack::restore_signing`].
+    /// Restores the signing key from storage. Call it once after boot; see
+    /// [`Stack::restore_signing`](mavstack::Stack::restore_signing).
     ///
     /// # Errors
     ///
-    /// What is stored is damaged, or could not be read; a text says so too.
+    /// The stored key is damaged or cannot be read. A STATUSTEXT reports it too.
     pub fn restore_signing<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut SigningStore<F>,
     ) -> Result<(), RestoreError<F::Error>> {
-        self.stack.restore_signing(now, store, &mut self.vehicle)
+        self.stack.restore_signing(now, store)
     }
 
-    /// Writes the signing key and its time, a step at a time; as [`Stack::persist_signing`]. True when there is more to do at
-    /// once.
+    /// Writes one step of the signing key and its timestamp to storage; see
+    /// [`Stack::persist_signing`](mavstack::Stack::persist_signing). Returns true when more work is pending.
     pub fn persist_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> bool {
-        self.stack.persist_signing(now, store, &mut self.vehicle)
+        self.stack.persist_signing(now, store, &self.vehicle)
     }
 
-    /// Moves bytes between a link and its transport; never waits.
+    /// Moves bytes between a link and its transport. Never blocks.
     ///
     /// # Errors
     ///
-    /// As [`Stack::poll_link`].
+    /// See [`Stack::poll_link`](mavstack::Stack::poll_link).
     #[inline(never)]
     pub fn serve<U: Read + Write + ReadReady + WriteReady>(
         &mut self,
@@ -229,19 +250,32 @@ impl<P: PlanStorage> App<P> {
         self.stack.poll_link(now, link, uart, &mut self.vehicle)
     }
 
-    /// The stack and the vehicle, for transports that need more than [`serve`](Self::serve).
-    pub fn parts(&mut self) -> (&mut Stack<LINKS, P>, &mut Quadrotor) {
+    /// Sets the time of day from a battery-backed real-time clock: `unix_usec` µs since 1970 (UTC) at `now`.
+    ///
+    /// Signature timestamps follow this clock (G-4). They do not follow GPS time, which can be spoofed, or the time in unsigned
+    /// messages. A signed message with a later timestamp moves them forward (G-6, G-14).
+    pub fn set_calendar(&mut self, now: Instant, unix_usec: u64) {
+        self.vehicle.set_calendar(now, unix_usec);
+        self.stack.signing_mut().set_time(now, unix_usec, Duration::MAX);
+    }
+
+    /// Returns the stack and the vehicle, for transports that need more than [`serve`](Self::serve).
+    pub fn parts(&mut self) -> (&mut Mavlink, &mut Quadrotor) {
         (&mut self.stack, &mut self.vehicle)
     }
 
-    /// The vehicle.
+    /// Returns the stack, for another vehicle after a reboot.
+    pub fn into_stack(self) -> S {
+        self.stack
+    }
+
+    /// Returns the stack.
+    pub fn stack(&self) -> &Mavlink {
+        &self.stack
+    }
+
+    /// Returns the vehicle.
     pub fn vehicle(&self) -> &Quadrotor {
         &self.vehicle
-    }
-}
-
-impl<P: PlanStorage> Default for App<P> {
-    fn default() -> Self {
-        Self::new()
     }
 }

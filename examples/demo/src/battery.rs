@@ -1,27 +1,29 @@
-//! The battery: cells that drain.
+//! A simulated battery.
+
+use mavstack::Context;
 
 use crate::tuning::Tuning;
 
-/// The battery.
+/// A battery: its charge, voltage and current.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Battery {
-    /// From 1 (full) to 0.
+    /// Remaining charge, from 1 (full) to 0 (empty).
     pub remaining: f32,
-    /// V
+    /// Voltage (V).
     pub voltage: f32,
-    /// A
+    /// Current drawn (A).
     pub current: f32,
-    /// How many cells it has.
+    /// The number of cells.
     pub(crate) cells: u8,
-    /// A·s
+    /// Capacity (A·s).
     pub(crate) capacity: f32,
     pub(crate) charge: Charge,
-    /// What was drawn and is not taken from `remaining` yet, A·s: a step's alone would be rounded away.
+    /// Charge drawn but not yet subtracted from `remaining` (A·s). The charge of a single step is lost to rounding.
     drawn: f32,
 }
 
-/// How much is left in it.
+/// A level of charge, by the thresholds in the parameters.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Charge {
@@ -45,22 +47,22 @@ impl Battery {
         self.charge <= Charge::Low
     }
 
-    pub(crate) fn drain(&mut self, tuning: &Tuning, current: f32, dt: f32) {
+    pub(crate) fn drain(&mut self, cx: &Context<'_>, current: f32, dt: f32) {
         self.current = current;
         // 1 mAh is 3.6 A·s.
-        self.capacity = 3.6 * tuning.get(Tuning::BAT_CAPACITY);
+        self.capacity = 3.6 * cx.parameter(Tuning::BAT_CAPACITY);
         self.drawn += current * dt;
         if self.drawn >= 1e-4 * self.capacity {
             self.remaining = (self.remaining - self.drawn / self.capacity).max(0.0);
             self.drawn = 0.0;
         }
-        self.cells = tuning.get(Tuning::BAT_N_CELLS).try_into().unwrap_or(u8::MAX);
-        let (empty, charged) = (tuning.get(Tuning::BAT_V_EMPTY), tuning.get(Tuning::BAT_V_CHARGED));
+        self.cells = cx.parameter(Tuning::BAT_N_CELLS).try_into().unwrap_or(u8::MAX);
+        let (empty, charged) = (cx.parameter(Tuning::BAT_V_EMPTY), cx.parameter(Tuning::BAT_V_CHARGED));
         let cells = f32::from(self.cells) * (empty + (charged - empty) * self.remaining);
-        self.voltage = (cells - tuning.get(Tuning::BAT_R_INTERNAL) * current).max(0.0);
-        self.charge = if self.remaining < tuning.get(Tuning::BAT_CRIT_THR) {
+        self.voltage = (cells - cx.parameter(Tuning::BAT_R_INTERNAL) * current).max(0.0);
+        self.charge = if self.remaining < cx.parameter(Tuning::BAT_CRIT_THR) {
             Charge::Critical
-        } else if self.remaining < tuning.get(Tuning::BAT_LOW_THR) {
+        } else if self.remaining < cx.parameter(Tuning::BAT_LOW_THR) {
             Charge::Low
         } else {
             Charge::Good

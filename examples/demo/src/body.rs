@@ -1,26 +1,28 @@
-//! How the vehicle moves: a point that accelerates within limits, and leans as far as that takes.
+//! The flight dynamics: a point mass that accelerates within limits and tilts accordingly.
 
 use libm::{atan2f, fabsf, sqrtf};
+use mavstack::Context;
 
 use crate::tuning::Tuning;
 
-/// Metres (or m/s) north, east and down of where it was switched on. The ground is at down = 0, everywhere.
+/// A position (m) or velocity (m/s) in the local NED frame. The origin is the position at boot. The ground is flat, at
+/// down = 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vector {
-    /// Metres north.
+    /// North.
     pub north: f32,
-    /// Metres east.
+    /// East.
     pub east: f32,
-    /// Metres down: negative in the air.
+    /// Down: negative in the air.
     pub down: f32,
 }
 
 impl Vector {
-    /// Where it was switched on.
+    /// The origin: the position at boot, or no velocity.
     pub const ZERO: Self = Self { north: 0.0, east: 0.0, down: 0.0 };
 
-    /// Horizontal distance (m).
+    /// Returns the horizontal distance to `other` (m).
     pub fn distance(self, other: Self) -> f32 {
         let (north, east) = (other.north - self.north, other.east - self.east);
         sqrtf(north * north + east * east)
@@ -28,70 +30,72 @@ impl Vector {
 }
 
 const GRAVITY: f32 = 9.81;
-/// Lower than this it only moves up and down.
+/// Below this height (m) the vehicle only moves vertically.
 pub const CLEARANCE: f32 = 1.0;
-/// What is slower than this has no course, m/s.
+/// Below this speed (m/s) the vehicle has no course.
 const DRIFT: f32 = 0.05;
-/// How long it takes to lean, s.
-const LEANING: f32 = 0.15;
+/// Time constant of roll and pitch (s).
+const TILT_TIME: f32 = 0.15;
 
-/// What it can do.
+/// The vehicle's performance limits.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Horizontally, m/s²: 3 is a lean of 17°.
+    /// Horizontal acceleration (m/s²): 3 is a tilt of 17°.
     pub acceleration: f32,
-    /// m/s
+    /// Climb rate (m/s).
     pub climb: f32,
-    /// m/s
+    /// Descent rate (m/s).
     pub sink: f32,
-    /// Below `flare` metres, m/s.
+    /// Descent rate below the height `flare` (m/s).
     pub touch_down: f32,
+    /// Height (m).
     pub flare: f32,
-    /// Speed for each metre that is left, 1/s.
+    /// Approach speed per metre of remaining distance (1/s).
     pub approach: f32,
-    /// How fast it turns, rad/s.
+    /// Yaw rate (rad/s).
     pub turn: f32,
-    /// Whether the nose points along the course, where it is not told otherwise.
-    pub has_course: bool,
+    /// Whether the nose points along the course unless a heading is given.
+    pub follows_course: bool,
 }
 
 impl Limits {
-    pub fn of(tuning: &Tuning) -> Self {
+    pub fn of(cx: &Context<'_>) -> Self {
         Self {
-            acceleration: tuning.get(Tuning::MPC_ACC_HOR),
-            climb: tuning.get(Tuning::MPC_Z_VEL_MAX_UP),
-            sink: tuning.get(Tuning::MPC_Z_VEL_MAX_DN),
-            touch_down: tuning.get(Tuning::MPC_LAND_SPEED),
-            flare: tuning.get(Tuning::MPC_LAND_ALT),
-            approach: tuning.get(Tuning::MPC_XY_P),
-            turn: tuning.get(Tuning::MPC_YAWRAUTO_MAX).to_radians(),
-            has_course: tuning.get(Tuning::MPC_YAW_MODE) == 0,
+            acceleration: cx.parameter(Tuning::MPC_ACC_HOR),
+            climb: cx.parameter(Tuning::MPC_Z_VEL_MAX_UP),
+            sink: cx.parameter(Tuning::MPC_Z_VEL_MAX_DN),
+            touch_down: cx.parameter(Tuning::MPC_LAND_SPEED),
+            flare: cx.parameter(Tuning::MPC_LAND_ALT),
+            approach: cx.parameter(Tuning::MPC_XY_P),
+            turn: cx.parameter(Tuning::MPC_YAWRAUTO_MAX).to_radians(),
+            follows_course: cx.parameter(Tuning::MPC_YAW_MODE) == 0,
         }
     }
 }
 
-/// Where the nose is to point.
+/// The direction in which to point the nose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Nose {
     /// Along the course.
     Course,
-    /// Elsewhere: still so far to turn to the right (rad), at so many rad/s.
-    Turn { left: f32, rate: f32 },
+    /// In another direction: the remaining turn to the right (rad), and the yaw rate (rad/s).
+    Turn { remaining: f32, rate: f32 },
 }
 
-/// Where it is and how it moves.
+/// The vehicle's position, velocity and attitude.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     pub position: Vector,
     pub velocity: Vector,
-    /// The horizontal acceleration that it leans into, m/s² north and east: follows the real one.
-    lean: (f32, f32),
-    /// Roll and pitch, rad, and how fast they change, rad/s.
+    /// Horizontal acceleration, low-pass filtered (m/s², north and east). It determines the tilt.
+    smooth_acceleration: (f32, f32),
+    /// Roll and pitch (rad).
     tilt: [f32; 2],
+    /// Roll rate and pitch rate (rad/s).
     pub tilt_rate: [f32; 2],
-    /// Where the nose points, north and east, of length 1.
+    /// Direction of the nose as a unit vector (north, east).
     heading: (f32, f32),
-    /// How fast it turns to the right, rad/s.
+    /// Yaw rate (rad/s), positive to the right.
     pub yaw_rate: f32,
     pub nose: Nose,
     pub limits: Limits,
@@ -101,7 +105,7 @@ impl Body {
     pub const AT_HOME: Self = Self {
         position: Vector::ZERO,
         velocity: Vector::ZERO,
-        lean: (0.0, 0.0),
+        smooth_acceleration: (0.0, 0.0),
         tilt: [0.0; 2],
         tilt_rate: [0.0; 2],
         heading: (1.0, 0.0),
@@ -115,7 +119,7 @@ impl Body {
             flare: 4.0,
             approach: 2.0,
             turn: 1.5,
-            has_course: true,
+            follows_course: true,
         },
     };
 
@@ -123,28 +127,28 @@ impl Body {
         self.position.down >= 0.0
     }
 
-    /// Roll, pitch, yaw in rad.
+    /// Returns roll, pitch and yaw (rad).
     pub fn attitude(&self) -> [f32; 3] {
         let [roll, pitch] = self.tilt;
         [roll, pitch, self.yaw()]
     }
 
-    /// Where the nose points: rad from north, to the right.
+    /// Returns the heading (rad), clockwise from north.
     pub fn yaw(&self) -> f32 {
         atan2f(self.heading.1, self.heading.0)
     }
 
-    /// Whether the nose points where it is to.
+    /// Whether the last turn is complete.
     pub fn is_turned(&self) -> bool {
-        !matches!(self.nose, Nose::Turn { left, .. } if fabsf(left) > 0.001)
+        !matches!(self.nose, Nose::Turn { remaining, .. } if fabsf(remaining) > 0.001)
     }
 
-    /// Where it comes to rest when it brakes now, at its height.
+    /// Returns where the vehicle comes to rest if it brakes now, at its current height.
     pub fn rest(&self) -> Vector {
         self.ahead(0.0)
     }
 
-    /// [`rest`](Self::rest), and `margin` metres further the same way; where it is, when it only drifts.
+    /// Returns the point `margin` metres beyond [`rest`](Self::rest) along the course. Without a course it is `rest`.
     pub fn ahead(&self, margin: f32) -> Vector {
         let Vector { north, east, .. } = self.velocity;
         let speed = sqrtf(north * north + east * east);
@@ -153,12 +157,12 @@ impl Body {
         Vector { north: at_north + north * seconds, east: at_east + east * seconds, down }
     }
 
-    /// `dt` seconds of flight towards `goal`, at most at `cruise` m/s.
+    /// Flies towards `goal` for `dt` seconds, at `cruise` m/s or less.
     pub fn fly(&mut self, goal: Vector, cruise: f32, dt: f32) {
         let distance = self.position.distance(goal);
         let Limits { acceleration, approach, .. } = self.limits;
         let is_clear = -self.position.down >= CLEARANCE;
-        // As fast as it can still brake from, and gently at the end.
+        // Slow enough to brake in time, and proportional to the distance at the end.
         let speed =
             if is_clear { cruise.min(sqrtf(2.0 * acceleration * distance)).min(approach * distance) } else { 0.0 };
         let scale = if distance > 0.01 { speed / distance } else { 0.0 };
@@ -167,7 +171,7 @@ impl Body {
         self.travel(wanted, goal.down - self.position.down, course, dt);
     }
 
-    /// `dt` seconds of flight by hand: so fast forward, to the right and down (m/s), turning at `rate` rad/s.
+    /// Flies manually for `dt` seconds: velocity forward, right and down (m/s), yaw rate `rate` (rad/s).
     pub fn steer(&mut self, [forward, right, down]: [f32; 3], rate: f32, dt: f32) {
         let (north, east) = self.heading;
         let wanted = if -self.position.down >= CLEARANCE {
@@ -175,11 +179,11 @@ impl Body {
         } else {
             (0.0, 0.0)
         };
-        self.nose = Nose::Turn { left: rate * dt, rate: fabsf(rate) };
+        self.nose = Nose::Turn { remaining: rate * dt, rate: fabsf(rate) };
         self.travel(wanted, down, None, dt);
     }
 
-    /// `dt` seconds with a velocity that is wanted, within the limits.
+    /// Moves for `dt` seconds towards the wanted velocity, within the limits.
     fn travel(&mut self, wanted: (f32, f32), down: f32, course: Option<(f32, f32)>, dt: f32) {
         let Limits { acceleration, climb, sink, touch_down, flare, .. } = self.limits;
         let change = (wanted.0 - self.velocity.north, wanted.1 - self.velocity.east);
@@ -191,27 +195,28 @@ impl Body {
         if !self.is_on_ground() {
             self.turn(course, dt);
         }
-        self.lean_into((change.0 * share / dt, change.1 * share / dt), dt);
+        self.tilt_by((change.0 * share / dt, change.1 * share / dt), dt);
         let sink = if -self.position.down < flare { touch_down } else { sink };
         self.velocity.down = down.min(sink).max(-climb);
         self.move_on(dt);
     }
 
-    /// `dt` seconds with the motors off.
+    /// Falls for `dt` seconds, with the motors off.
     pub fn fall(&mut self, dt: f32) {
-        self.lean_into((0.0, 0.0), dt);
+        self.tilt_by((0.0, 0.0), dt);
         self.yaw_rate = 0.0;
         self.velocity.down += GRAVITY * dt;
         self.move_on(dt);
     }
 
-    /// Roll and pitch follow the acceleration.
-    fn lean_into(&mut self, (north, east): (f32, f32), dt: f32) {
-        let share = dt / LEANING;
-        self.lean.0 += (north - self.lean.0) * share;
-        self.lean.1 += (east - self.lean.1) * share;
-        let forward = self.lean.0 * self.heading.0 + self.lean.1 * self.heading.1;
-        let right = self.lean.1 * self.heading.0 - self.lean.0 * self.heading.1;
+    /// Derives roll and pitch from the acceleration.
+    fn tilt_by(&mut self, (north, east): (f32, f32), dt: f32) {
+        let share = dt / TILT_TIME;
+        let smooth = &mut self.smooth_acceleration;
+        smooth.0 += (north - smooth.0) * share;
+        smooth.1 += (east - smooth.1) * share;
+        let forward = smooth.0 * self.heading.0 + smooth.1 * self.heading.1;
+        let right = smooth.1 * self.heading.0 - smooth.0 * self.heading.1;
         let [roll, pitch] = self.tilt;
         self.tilt = [atan2f(right, GRAVITY), atan2f(-forward, GRAVITY)];
         self.tilt_rate = [(self.tilt[0] - roll) / dt, (self.tilt[1] - pitch) / dt];
@@ -219,20 +224,20 @@ impl Body {
 
     fn turn(&mut self, course: Option<(f32, f32)>, dt: f32) {
         let (north, east) = self.heading;
-        let (left, rate) = match (self.nose, course) {
-            (Nose::Turn { left, rate }, _) => (left, rate),
-            // Exactly astern there is no shorter way round: to the right.
-            (Nose::Course, Some(to)) if self.limits.has_course => {
+        let (remaining, rate) = match (self.nose, course) {
+            (Nose::Turn { remaining, rate }, _) => (remaining, rate),
+            // A turn of exactly half a circle goes to the right.
+            (Nose::Course, Some(to)) if self.limits.follows_course => {
                 (atan2f(north * to.1 - east * to.0, north * to.0 + east * to.1), self.limits.turn)
             }
             (Nose::Course, _) => return,
         };
-        let angle = left.min(rate * dt).max(-rate * dt);
+        let angle = remaining.min(rate * dt).max(-rate * dt);
         self.yaw_rate = angle / dt;
-        if let Nose::Turn { left, .. } = &mut self.nose {
-            *left -= angle;
+        if let Nose::Turn { remaining, .. } = &mut self.nose {
+            *remaining -= angle;
         }
-        // So small an angle is its own sine.
+        // Small-angle approximation: sin(x) = x.
         let (north, east) = (north - east * angle, east + north * angle);
         let length = sqrtf(north * north + east * east);
         self.heading = (north / length, east / length);
@@ -262,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn it_arrives_and_stays_without_overshooting_far() {
+    fn reaches_the_goal_with_little_overshoot() {
         let goal = Vector { north: 60.0, east: -80.0, down: -20.0 };
         let mut body = airborne();
         let mut furthest: f32 = 0.0;
@@ -275,32 +280,32 @@ mod tests {
     }
 
     #[test]
-    fn it_leans_and_points_where_it_flies() {
+    fn tilts_and_turns_towards_the_course() {
         let mut body = airborne();
         (0..50).for_each(|_| body.fly(Vector { east: 500.0, down: -10.0, ..Vector::ZERO }, 8.0, DT));
         let [roll, _, _] = body.attitude();
-        assert!(roll > 0.1, "still pointing north, it leans right to go east: {roll}");
+        assert!(roll > 0.1, "still heading north, it rolls right to fly east: {roll}");
         (0..200).for_each(|_| body.fly(Vector { east: 500.0, down: -10.0, ..Vector::ZERO }, 8.0, DT));
         assert!((body.yaw() - FRAC_PI_2).abs() < 0.1, "{}", body.yaw());
     }
 
     #[test]
-    fn it_turns_as_far_and_as_fast_as_it_is_told() {
-        for (left, yaw) in [(FRAC_PI_2, FRAC_PI_2), (-FRAC_PI_2, -FRAC_PI_2), (3.0 * FRAC_PI_2, -FRAC_PI_2)] {
-            let mut body = Body { nose: Nose::Turn { left, rate: 0.5 }, ..airborne() };
-            let seconds = left.abs() / 0.5;
+    fn turns_by_the_angle_and_at_the_rate_requested() {
+        for (angle, yaw) in [(FRAC_PI_2, FRAC_PI_2), (-FRAC_PI_2, -FRAC_PI_2), (3.0 * FRAC_PI_2, -FRAC_PI_2)] {
+            let mut body = Body { nose: Nose::Turn { remaining: angle, rate: 0.5 }, ..airborne() };
+            let seconds = angle.abs() / 0.5;
             let mut turn_for = |share: f32| {
                 (0..(seconds * share / DT) as u32).for_each(|_| body.fly(body.position, 8.0, DT));
                 body
             };
-            assert!(!turn_for(0.9).is_turned(), "{left}");
+            assert!(!turn_for(0.9).is_turned(), "{angle}");
             let body = turn_for(0.2);
-            assert!(body.is_turned() && (body.yaw() - yaw).abs() < 0.01, "{left}: {}", body.yaw());
+            assert!(body.is_turned() && (body.yaw() - yaw).abs() < 0.01, "{angle}: {}", body.yaw());
         }
     }
 
     #[test]
-    fn it_comes_to_rest_where_it_says() {
+    fn comes_to_rest_at_the_predicted_point() {
         for cruise in [1.0, 8.0, 25.0] {
             let mut body = airborne();
             (0..1_500).for_each(|_| body.fly(Vector { north: 900.0, east: 500.0, down: -10.0 }, cruise, DT));
@@ -315,12 +320,12 @@ mod tests {
             assert!(body.position.distance(rest) < 0.1, "{body:?}");
             let beyond = furthest - rest.distance(airborne().position);
             assert!(beyond < 0.2, "{cruise}: {beyond}");
-            assert_eq!(body.ahead(2.0), body.rest(), "at rest there is no way ahead");
+            assert_eq!(body.ahead(2.0), body.rest(), "at rest there is no course");
         }
     }
 
     #[test]
-    fn it_does_not_drift_on_the_ground_or_through_it() {
+    fn does_not_slide_on_the_ground_or_sink_below_it() {
         let mut body = Body::AT_HOME;
         (0..100).for_each(|_| body.fly(Vector { north: 50.0, east: 0.0, down: 5.0 }, 8.0, DT));
         assert_eq!(body.position, Vector::ZERO);

@@ -1,14 +1,14 @@
-//! What to tell somebody who wants to connect a ground station.
+//! Instructions for connecting ground stations.
 
 use core::fmt;
 use core::net::SocketAddr;
 
-/// Prints what the two other links are, on TCP ports of this machine.
+/// Prints how to use the other two links, which are TCP ports of this machine.
 #[derive(Clone, Copy, Debug)]
 pub struct OtherLinks {
-    /// The companion computer's.
+    /// The port for a companion computer.
     pub companion: u16,
-    /// The satellite modem's.
+    /// The port for a satellite modem.
     pub satellite: u16,
 }
 
@@ -17,10 +17,10 @@ impl fmt::Display for OtherLinks {
         let Self { companion, satellite } = self;
         write!(
             f,
-            "Companion computer: TCP port {companion}. It hears and reaches the ground station through the vehicle, as \
-             component 191\nof system 1 for example.\n\
-             Satellite modem: TCP port {satellite}. Commands and their answers, no heartbeats; \
-             MAV_CMD_CONTROL_HIGH_LATENCY has the vehicle\nreport there (in MAVProxy: `link hl on`)."
+            "Companion computer: TCP port {companion}. The vehicle forwards between it and the ground station. Use \
+             system 1,\ncomponent 191, for example.\n\
+             Satellite modem: TCP port {satellite}. Carries commands and their answers, no heartbeats. \
+             MAV_CMD_CONTROL_HIGH_LATENCY\nstarts HIGH_LATENCY2 reports there (in MAVProxy: `link hl on`)."
         )
     }
 }
@@ -28,9 +28,9 @@ impl fmt::Display for OtherLinks {
 /// Prints the ways to connect to the telemetry link.
 #[derive(Clone, Copy, Debug)]
 pub enum HowToConnect {
-    /// It listens on this TCP port of this machine.
+    /// The vehicle listens on this TCP port of this machine.
     Tcp(u16),
-    /// It sends datagrams there.
+    /// The vehicle sends datagrams to this address.
     Udp(SocketAddr),
 }
 
@@ -47,7 +47,7 @@ impl fmt::Display for HowToConnect {
             Self::Udp(address) => {
                 f.write_str("    QGroundControl   ")?;
                 match address.port() {
-                    14_550 => f.write_str("listens on UDP port 14550 by itself")?,
+                    14_550 => f.write_str("listens on UDP port 14550 by default")?,
                     port => write!(f, "Application Settings > Comm Links > Add: UDP, port {port}")?,
                 }
                 write!(

@@ -1,13 +1,15 @@
-//! The geofence: whether the vehicle may be somewhere and fly on from there.
+//! The geofence: whether the vehicle may fly a straight path.
 //!
-//! Inclusion areas of one group (parameter 2) have to contain the vehicle all together, and one group that does is enough:
-//! so MAVLink has it. A fence without groups has one, 0, and is then what PX4 and ArduPilot make of it: the vehicle stays
-//! inside every inclusion area and outside every exclusion area. A way must stay within a single group as a whole, so from
-//! one group to another it goes where they overlap by more than the way is long. A fence has no height, and the return
-//! point is kept and not flown to: the vehicle stops inside its fence.
+//! - The vehicle must be inside all inclusion areas of at least one group (parameter 2), as MAVLink defines it.
+//! - A fence without groups is one group, 0. Then the vehicle stays inside every inclusion area and outside every exclusion
+//!   area, as with PX4 and ArduPilot.
+//! - A path must lie within a single group. The vehicle therefore passes from one group to another where they overlap by
+//!   more than the length of a path.
+//! - A fence has no height.
+//! - The return point is stored but not used: the vehicle stops inside its fence.
 //!
-//! Each question looks once at every item, with about thirty operations on floats for a corner; nothing is remembered
-//! between two.
+//! Each check visits every item once, with about thirty floating-point operations per corner. No state is kept between
+//! checks.
 
 use mavstack::Item;
 use mavstack::dialect::MavCmd;
@@ -15,30 +17,30 @@ use mavstack::dialect::MavCmd;
 use crate::body::Vector;
 use crate::geo::Home;
 
-/// How many inclusion groups there are: numbers from 0.
+/// The number of inclusion groups, numbered from 0.
 pub const GROUPS: i32 = 32;
 
-/// Metres north and east.
+/// A point, in metres north and east.
 type Point = (f32, f32);
 
-/// Where a way is, seen from an area.
+/// Where a path lies relative to an area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Side {
     Inside,
     Outside,
-    /// It crosses the border.
+    /// The path crosses the border.
     Across,
 }
 
-/// Whether the straight way between two places is within `fence`, a whole and valid plan, at every point.
+/// Whether every point of the straight path from `from` to `to` is within `fence`, which is a complete and valid plan.
 pub fn allows(home: Home, fence: &[Item], from: Vector, to: Vector) -> bool {
-    let way = (to.north - from.north, to.east - from.east);
-    let seen_from = |item: &Item| {
+    let path = (to.north - from.north, to.east - from.east);
+    let relative = |item: &Item| {
         let (north, east) = home.to_local(item.x, item.y);
         (north - from.north, east - from.east)
     };
-    // A bit for each group.
-    let (mut groups, mut left) = (0_u32, 0_u32);
+    // One bit per group.
+    let (mut groups, mut exited) = (0_u32, 0_u32);
     let mut rest = fence;
     while let Some(first) = rest.first() {
         let [p1, p2, ..] = first.params;
@@ -49,13 +51,13 @@ pub fn allows(home: Home, fence: &[Item], from: Vector, to: Vector) -> bool {
         let count = if is_polygon { (p1 as usize).clamp(1, rest.len()) } else { 1 };
         let (area, others) = rest.split_at_checked(count).unwrap_or((rest, &[]));
         rest = others;
-        let side = || if is_polygon { polygon(area, seen_from, way) } else { circle(seen_from(first), p1, way) };
+        let side = || if is_polygon { polygon(area, relative, path) } else { circle(relative(first), p1, path) };
         match first.command {
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_CIRCLE_INCLUSION => {
                 let group = 1_u32.wrapping_shl(p2 as u32);
                 groups |= group;
                 if side() != Side::Inside {
-                    left |= group;
+                    exited |= group;
                 }
             }
             MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION | MavCmd::NAV_FENCE_CIRCLE_EXCLUSION
@@ -66,25 +68,26 @@ pub fn allows(home: Home, fence: &[Item], from: Vector, to: Vector) -> bool {
             _ => {}
         }
     }
-    groups == 0 || groups & !left != 0
+    groups == 0 || groups & !exited != 0
 }
 
-/// The way from the origin against a polygon. What leaves the origin eastward crosses the border an odd number of times
-/// when it begins inside. A corner belongs to one side of any line, so a way through it is seen as crossing.
-fn polygon(corners: &[Item], seen_from: impl Fn(&Item) -> Point, way: Point) -> Side {
+/// Classifies the path from the origin to `path` against a polygon. Ray casting decides whether the origin is inside: a ray
+/// to the east crosses the border an odd number of times. A corner counts as one side of any line, so a path through a
+/// corner crosses the border.
+fn polygon(corners: &[Item], relative: impl Fn(&Item) -> Point, path: Point) -> Side {
     let Some(last) = corners.last() else { return Side::Outside };
-    let mut a = seen_from(last);
+    let mut a = relative(last);
     let mut is_inside = false;
     for corner in corners {
-        let b = seen_from(corner);
+        let b = relative(corner);
         let edge = (b.0 - a.0, b.1 - a.1);
         let is_right = cross(a, b) < 0.0;
         if (a.0 > 0.0) != (b.0 > 0.0) && is_right == (edge.0 > 0.0) {
             is_inside = !is_inside;
         }
-        // The ends of each are on different sides of the other.
-        let is_end_right = cross(edge, (way.0 - a.0, way.1 - a.1)) < 0.0;
-        if (cross(way, a) < 0.0) != (cross(way, b) < 0.0) && (cross(edge, (-a.0, -a.1)) < 0.0) != is_end_right {
+        // Two segments intersect when the ends of each are on different sides of the other.
+        let is_end_right = cross(edge, (path.0 - a.0, path.1 - a.1)) < 0.0;
+        if (cross(path, a) < 0.0) != (cross(path, b) < 0.0) && (cross(edge, (-a.0, -a.1)) < 0.0) != is_end_right {
             return Side::Across;
         }
         a = b;
@@ -92,21 +95,21 @@ fn polygon(corners: &[Item], seen_from: impl Fn(&Item) -> Point, way: Point) -> 
     if is_inside { Side::Inside } else { Side::Outside }
 }
 
-/// The way from the origin against a circle.
-fn circle(centre: Point, radius: f32, way: Point) -> Side {
+/// Classifies the path from the origin to `path` against a circle.
+fn circle(centre: Point, radius: f32, path: Point) -> Side {
     let square = |(north, east): Point| north * north + east * east;
-    let after = |share: f32| square((centre.0 - way.0 * share, centre.1 - way.1 * share));
+    let after = |share: f32| square((centre.0 - path.0 * share, centre.1 - path.1 * share));
     let limit = radius * radius;
     if square(centre) <= limit && after(1.0) <= limit {
         return Side::Inside;
     }
-    // The nearest that the way comes to the centre.
-    let length = square(way);
-    let share = if length > 0.0 { ((centre.0 * way.0 + centre.1 * way.1) / length).clamp(0.0, 1.0) } else { 0.0 };
+    // The point of the path that is nearest to the centre.
+    let length = square(path);
+    let share = if length > 0.0 { ((centre.0 * path.0 + centre.1 * path.1) / length).clamp(0.0, 1.0) } else { 0.0 };
     if after(share) > limit { Side::Outside } else { Side::Across }
 }
 
-/// Positive when `b` is to the right of `a`.
+/// Returns the cross product: positive when `b` is to the right of `a`.
 fn cross(a: Point, b: Point) -> f32 {
     a.0 * b.1 - a.1 * b.0
 }
@@ -122,7 +125,7 @@ mod tests {
     const CIRCLE_IN: MavCmd = MavCmd::NAV_FENCE_CIRCLE_INCLUSION;
     const CIRCLE_OUT: MavCmd = MavCmd::NAV_FENCE_CIRCLE_EXCLUSION;
 
-    fn place(north: f32, east: f32) -> Vector {
+    fn point(north: f32, east: f32) -> Vector {
         Vector { north, east, down: -10.0 }
     }
 
@@ -136,10 +139,10 @@ mod tests {
     }
 
     fn is_allowed(fence: &[Item], from: (f32, f32), to: (f32, f32)) -> bool {
-        let way =
-            |from: (f32, f32), to: (f32, f32)| allows(Home::DEMO, fence, place(from.0, from.1), place(to.0, to.1));
-        assert_eq!(way(from, to), way(to, from), "the way back is the same: {from:?} {to:?}");
-        way(from, to)
+        let check =
+            |from: (f32, f32), to: (f32, f32)| allows(Home::DEMO, fence, point(from.0, from.1), point(to.0, to.1));
+        assert_eq!(check(from, to), check(to, from), "both directions agree: {from:?} {to:?}");
+        check(from, to)
     }
 
     #[test]
@@ -149,8 +152,8 @@ mod tests {
     }
 
     #[test]
-    fn ways_in_and_across_a_hollow_polygon() {
-        // Open to the east: a hollow between two arms.
+    fn paths_inside_and_across_a_concave_polygon() {
+        // A U shape that is open to the east.
         let corners =
             [(20.0, -20.0), (20.0, 30.0), (10.0, 30.0), (0.0, 0.0), (-10.0, 30.0), (-20.0, 30.0), (-20.0, -20.0)];
         for (from, to, side) in [
@@ -162,7 +165,7 @@ mod tests {
             ((0.0, -10.0), (0.0, 10.0), Side::Across),
             ((30.0, -40.0), (30.0, 40.0), Side::Outside),
             ((30.0, 0.0), (-30.0, 0.0), Side::Across),
-            // Right through a corner, on the line of an edge, and past its end.
+            // Through a corner, along the line of an edge, and past its end.
             ((10.0, -10.0), (30.0, -30.0), Side::Across),
             ((20.0, 40.0), (20.0, 31.0), Side::Outside),
             ((25.0, -20.0), (21.0, -20.0), Side::Outside),
@@ -173,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_in_and_across_a_circle() {
+    fn paths_inside_and_across_a_circle() {
         for (from, to, side) in [
             ((11.0, 0.0), (29.0, 0.0), Side::Inside),
             ((11.0, 0.0), (31.0, 0.0), Side::Across),
@@ -196,9 +199,9 @@ mod tests {
         }
     }
 
-    /// What has not passed the stack's checks has an answer too.
+    /// A fence that would fail the stack's checks does not panic either.
     #[test]
-    fn broken_fences_have_an_answer() {
+    fn invalid_fences_do_not_panic() {
         let square = polygon(IN, [(-9.0, -9.0), (-9.0, 9.0), (9.0, 9.0), (9.0, -9.0)]);
         for p1 in [f32::NAN, -1.0, 0.0, 1e9, f32::INFINITY] {
             for fence in [[square[0]; 3], [item(IN, p1, 0.0, 0.0); 3], [item(CIRCLE_IN, p1, 0.0, 0.0); 3]] {
@@ -207,9 +210,9 @@ mod tests {
         }
     }
 
-    /// Random triangles and circles against a walk along the way in small steps.
+    /// Compares random triangles and circles with a check of many points along the path.
     #[test]
-    fn ways_agree_with_a_walk() {
+    fn paths_agree_with_their_points() {
         let mut state = 1_u32;
         let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -222,14 +225,14 @@ mod tests {
             let circle = item(if random() > 0.0 { CIRCLE_IN } else { CIRCLE_OUT }, 60.0 + random(), random(), random());
             let (from, to) = ((random(), random()), (random() / 4.0, random() / 4.0));
             let to = (from.0 + to.0, from.1 + to.1);
-            let walk = (0..=200).map(|i| i as f32 / 200.0).all(|share| {
+            let points = (0..=200).map(|i| i as f32 / 200.0).all(|share| {
                 let at = (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
                 is_allowed(&[a, b, c, circle], at, at)
             });
-            match (is_allowed(&[a, b, c, circle], from, to), walk) {
+            match (is_allowed(&[a, b, c, circle], from, to), points) {
                 (true, true) => allowed += 1,
                 (false, false) => refused += 1,
-                // The steps missed a corner that the way cuts off.
+                // The points missed a corner that the path cuts off.
                 (false, true) => cut += 1,
                 (true, false) => panic!("{corners:?} {circle:?} {from:?} {to:?}"),
             }

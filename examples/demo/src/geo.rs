@@ -1,29 +1,29 @@
-//! Latitude and longitude to metres around the start and back, on a sphere that is flat near it; and where home is.
+//! Converts between latitude and longitude and local coordinates (m), with a local tangent plane on a sphere. Also stores
+//! the home position.
 
 use mavstack::dialect::MavFrame;
 
 use crate::angle::cos;
 use crate::body::Vector;
 
-/// Metres in 1e-7 degrees of latitude.
+/// Metres per 1e-7 degrees of latitude.
 const METRES_PER_UNIT: f32 = 0.011_131_95;
 
 /// Half a turn in 1e-7 degrees.
 const HALF_TURN: i64 = 1_800_000_000;
 
-/// Where the vehicle is when it is switched on, which local coordinates count from; and home, which is there at first and
-/// can be moved.
+/// The origin of local coordinates, which is the position at boot, and the home position. Home is the origin by default.
 #[derive(Clone, Copy, Debug)]
 pub struct Home {
-    /// deg·1e7
+    /// Latitude of the origin (1e-7 degrees).
     pub latitude: i32,
-    /// deg·1e7
+    /// Longitude of the origin (1e-7 degrees).
     pub longitude: i32,
-    /// m above mean sea level
+    /// Altitude of the origin above mean sea level (m).
     pub altitude: f32,
-    /// Cosine of the latitude: how much shorter a degree of longitude is.
+    /// Cosine of the latitude: the length of a degree of longitude relative to a degree of latitude.
     cos_latitude: f32,
-    /// Home.
+    /// The home position in local coordinates.
     pub spot: Vector,
 }
 
@@ -37,29 +37,31 @@ impl Home {
         spot: Vector::ZERO,
     };
 
-    /// At a latitude and longitude (deg·1e7) and an altitude (m above mean sea level).
+    /// Creates an origin from latitude, longitude (1e-7 degrees) and altitude above mean sea level (m).
     pub fn at(latitude: i32, longitude: i32, altitude: f32) -> Self {
         let cos_latitude = cos((latitude as f32 * 1e-7).to_radians());
         Self { latitude, longitude, altitude, cos_latitude, spot: Vector::ZERO }
     }
 
-    /// Metres north and east of the start of a place (deg·1e7), the short way round.
+    /// Converts latitude and longitude (1e-7 degrees) to metres north and east of the origin, along the shorter way around
+    /// the globe.
     pub fn to_local(self, latitude: i32, longitude: i32) -> (f32, f32) {
         let north = i64::from(latitude) - i64::from(self.latitude);
         let east = i64::from(longitude) - i64::from(self.longitude);
-        (north as f32 * METRES_PER_UNIT, short_way(east) as f32 * METRES_PER_UNIT * self.cos_latitude)
+        (north as f32 * METRES_PER_UNIT, wrap_180(east) as f32 * METRES_PER_UNIT * self.cos_latitude)
     }
 
-    /// Latitude and longitude (deg·1e7) of a place near the start.
-    // Messages are made deep down: what a call takes of the stack is dear there.
+    /// Converts metres north and east of the origin to latitude and longitude (1e-7 degrees).
+    // Inlined because messages are filled at the deepest point of the call graph, where each frame adds to the maximum.
     #[inline(always)]
     pub fn to_global(self, north: f32, east: f32) -> (i32, i32) {
         let latitude = i64::from(self.latitude) + round(north / METRES_PER_UNIT);
         let longitude = i64::from(self.longitude) + round(east / (METRES_PER_UNIT * self.cos_latitude));
-        (latitude.clamp(-HALF_TURN / 2, HALF_TURN / 2) as i32, short_way(longitude) as i32)
+        (latitude.clamp(-HALF_TURN / 2, HALF_TURN / 2) as i32, wrap_180(longitude) as i32)
     }
 
-    /// Height above the start (m) of an altitude in `frame`; `None` when the vehicle cannot tell.
+    /// Converts an altitude in `frame` to the height above the origin (m). Returns `None` for an unsupported frame, NaN or
+    /// infinity.
     pub fn to_height(self, frame: MavFrame, z: f32) -> Option<f32> {
         match frame {
             _ if !z.is_finite() => None,
@@ -69,20 +71,20 @@ impl Home {
         }
     }
 
-    /// The same with home elsewhere.
+    /// Returns the same origin with another home position.
     pub fn moved_to(self, spot: Vector) -> Self {
         Self { spot, ..self }
     }
 
-    /// Whether a place is not further from home than `far`, nor higher above it than `high` (m); 0 is no limit.
-    pub fn is_near(self, far: f32, high: f32, place: Vector) -> bool {
-        (far == 0.0 || place.distance(self.spot) <= far) && (high == 0.0 || self.spot.down - place.down <= high)
+    /// Whether `point` is at most `far` metres from home and at most `high` metres above it; 0 means no limit.
+    pub fn is_near(self, far: f32, high: f32, point: Vector) -> bool {
+        (far == 0.0 || point.distance(self.spot) <= far) && (high == 0.0 || self.spot.down - point.down <= high)
     }
 }
 
-/// So many 1e-7 degrees of longitude, which are less than one and a half turns, to within half a turn. Without a division: the
-/// fence asks for every corner in every step.
-fn short_way(longitude: i64) -> i64 {
+/// Wraps a longitude (1e-7 degrees) to ±180°. The input must be within ±540°. It avoids a division because the fence calls it
+/// for every corner in every step.
+fn wrap_180(longitude: i64) -> i64 {
     if longitude < -HALF_TURN {
         longitude + 2 * HALF_TURN
     } else if longitude >= HALF_TURN {
@@ -101,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_near_home_come_back_within_a_centimetre() {
+    fn conversion_round_trips_within_two_centimetres() {
         let home = Home::DEMO;
         for (north, east) in [(0.0, 0.0), (120.5, -80.25), (-2_000.0, 3_000.0)] {
             let (latitude, longitude) = home.to_global(north, east);
@@ -118,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_date_line_is_crossed_the_short_way() {
+    fn distances_cross_the_antimeridian() {
         let fiji = Home { latitude: 0, longitude: 1_799_999_000, altitude: 0.0, cos_latitude: 1.0, spot: Vector::ZERO };
         let (_, east) = fiji.to_local(0, -1_799_999_000);
         assert!((east - 22.26).abs() < 0.1, "{east}");

@@ -1,7 +1,7 @@
-//! The demo vehicle and its main loop, shared by the firmware in QEMU and the simulator on the host.
+//! A demo vehicle and its main loop, shared by the firmware in QEMU and the simulator on the host.
 //!
-//! [`Quadrotor`] is the vehicle: what a firmware with real sensors and motors would replace. [`App`] is the loop's body:
-//! the stack, the vehicle and how they are joined, as in any firmware.
+//! [`Quadrotor`] simulates the vehicle; a real firmware replaces it with sensors and motors. [`App`] is the body of the
+//! main loop: it connects the stack and the vehicle, as any firmware does.
 #![no_std]
 
 mod angle;
@@ -12,13 +12,12 @@ pub mod connect;
 mod fence;
 mod geo;
 mod plan;
-mod queue;
 pub mod status;
 mod telemetry;
 mod tuning;
 mod vehicle;
 
-pub use app::{App, COMPANION, LINKS, SATELLITE, TELEMETRY};
+pub use app::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY};
 pub use battery::Battery;
 pub use body::Vector;
 pub use status::Status;

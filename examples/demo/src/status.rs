@@ -1,63 +1,64 @@
-//! The vehicle at a glance: what a line on a terminal says of it. The simulator asks for it, the firmware logs it once a second.
+//! A summary of the vehicle's state, which the console shows in one line. The simulator reads it directly; the firmware logs
+//! it once a second.
 
 use mavstack::dialect::MissionState;
-use mavstack::{Instant, LinkId, PlanStorage, Plans, Progress, Stack};
+use mavstack::{Instant, LinkId, Plans, Progress};
 use serde::{Deserialize, Serialize};
 
-use crate::app::{LINKS, SATELLITE};
+use crate::app::{LINKS, Mavlink, SATELLITE};
 use crate::vehicle::{Mode, Quadrotor};
 
-/// Room for the peers that a line shows: as many as the stack's table has.
+/// The number of peers that are shown: the capacity of the stack's peer table.
 const PEERS: usize = 8;
 
-/// Encoded by [`postcard`] it has at most 5 bytes for each of 31 counters, 4 for each peer, and a few more.
+/// Maximum size encoded by [`postcard`]: up to 5 bytes per counter (31 of them), 4 bytes per peer, and a few more.
 const MAX_LEN: usize = 256;
 
-/// The vehicle at one moment. Counters are since it was switched on and wrap.
+/// The vehicle's state at one moment. Counters start at boot and wrap.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Status {
-    /// ms since it was switched on.
+    /// Time since boot (ms).
     pub time: u32,
-    /// Whether the motors may turn.
+    /// Whether the motors may run.
     pub is_armed: bool,
-    /// What it is doing.
+    /// The flight mode.
     pub mode: Mode,
-    /// How far it is.
+    /// The mission and its progress.
     pub mission: Mission,
-    /// The links in their order.
+    /// The links, in order of their ids.
     pub links: [LinkStatus; LINKS],
-    /// Who is there; the empty places are at the end.
+    /// The peers that are connected. Empty slots are at the end.
     pub peers: [Option<PeerStatus>; PEERS],
-    /// What the links dropped together, for the reasons of [`LINK_DROPS`].
+    /// Drops on all links, by the reasons in [`LINK_DROPS`].
     pub link_drops: [u32; LINK_DROPS.len()],
-    /// What else was dropped, for the reasons of [`OTHER_DROPS`].
+    /// Other drops, by the reasons in [`OTHER_DROPS`].
     pub other_drops: [u32; OTHER_DROPS.len()],
 }
 
-/// The mission and where in it the vehicle is.
+/// The mission and its progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mission {
-    /// The item that is being flown, or is next; the number of items when all are flown.
+    /// The current item, or the number of items when the mission is complete.
     pub current: u16,
-    /// How many items there are.
+    /// The number of items.
     pub count: u16,
     /// A `MISSION_STATE`.
     pub state: u8,
 }
 
-/// What passed over a link.
+/// The traffic of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkStatus {
-    /// Frames from the others.
+    /// Frames received.
     pub received: u32,
-    /// Frames to the others.
+    /// Frames sent.
     pub sent: u32,
 }
 
-/// Somebody whose heartbeats come, or, by satellite, who was heard.
+/// A peer that sends heartbeats. On the satellite link, which carries none, any peer that has sent a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PeerStatus {
-    /// On which link.
+    /// The link that it is on.
     pub link: u8,
     /// Its system id.
     pub system: u8,
@@ -65,40 +66,40 @@ pub struct PeerStatus {
     pub component: u8,
 }
 
-/// Why links drop frames, and bytes that are in none: [`mavstack::RxCounters`], [`mavstack::LinkCounters`],
-/// [`mavstack::ForwardCounters`].
+/// Why links drop frames, or bytes outside of frames. The reasons are counters of [`mavstack::RxCounters`],
+/// [`mavstack::LinkCounters`] and [`mavstack::ForwardCounters`].
 pub const LINK_DROPS: [&str; 21] = [
     "checksum",
     "length",
     "unknown flags",
     "source 0",
-    "cut short",
+    "truncated",
     "stray bytes",
     "unknown id",
     "own address",
-    "no place for the peer",
-    "no place for the answer",
-    "out of place",
+    "peer table full",
+    "no answer slot",
+    "not allowed here",
     "not handled",
     "read errors",
     "write errors",
     "forwarding: queue full",
-    "forwarding: too late",
+    "forwarding: expired",
     "forwarding: needs MAVLink 2",
-    "forwarding: loop",
+    "forwarding: duplicate",
     "forwarding: no route",
     "forwarding: refused",
-    "forwarding: no place",
+    "forwarding: table full",
 ];
 
-/// Why else something is dropped: signatures, [`mavstack::SigningCounters`], and texts that found no place.
+/// Other reasons for drops: invalid signatures ([`mavstack::SigningCounters`]), and a full queue of texts.
 pub const OTHER_DROPS: [&str; 6] =
-    ["unsigned", "bad signature", "replayed", "signed too far ahead", "no place for the signer", "texts"];
+    ["unsigned", "bad signature", "replayed", "signed too far ahead", "signing stream table full", "texts"];
 
 impl Status {
-    pub(crate) fn of<P: PlanStorage>(now: Instant, stack: &Stack<LINKS, P>, vehicle: &Quadrotor) -> Self {
+    pub(crate) fn of(now: Instant, stack: &Mavlink, vehicle: &Quadrotor) -> Self {
         let mut status = Self {
-            // Wraps after 49 days, and only here.
+            // Wraps after 49 days. Only this display is affected.
             time: now.as_millis() as u32,
             is_armed: vehicle.is_armed(),
             mode: vehicle.mode(),
@@ -108,10 +109,10 @@ impl Status {
             link_drops: [0; LINK_DROPS.len()],
             other_drops: [0; OTHER_DROPS.len()],
         };
-        for (link, place) in (0..).map(LinkId).zip(&mut status.links) {
+        for (link, slot) in (0..).map(LinkId).zip(&mut status.links) {
             let (Some(rx), Some(port)) = (stack.rx_counters(link), stack.link_counters(link)) else { continue };
-            let forward = vehicle.forward_counters(link);
-            *place = LinkStatus { received: rx.frames.wrapping_add(rx.unchecked), sent: port.tx_frames };
+            let forward = stack.forward_counters(link).unwrap_or_default();
+            *slot = LinkStatus { received: rx.frames.wrapping_add(rx.unchecked), sent: port.tx_frames };
             let drops = [
                 rx.checksum,
                 rx.length,
@@ -139,7 +140,7 @@ impl Status {
                 *sum = sum.wrapping_add(count);
             }
         }
-        let signing = vehicle.signing_counters();
+        let signing = stack.signing().counters();
         status.other_drops = [
             signing.unsigned,
             signing.bad_signature,
@@ -148,16 +149,16 @@ impl Status {
             signing.no_stream_slot,
             stack.dropped_texts(),
         ];
-        // By satellite no heartbeats come.
-        let there = stack.peers().iter().filter(|info| info.is_alive || info.peer.link == SATELLITE);
-        for (place, info) in status.peers.iter_mut().zip(there) {
+        // The satellite link carries no heartbeats.
+        let connected = stack.peers().iter().filter(|info| info.is_alive || info.peer.link == SATELLITE);
+        for (slot, info) in status.peers.iter_mut().zip(connected) {
             let (LinkId(link), address) = (info.peer.link, info.peer.address);
-            *place = Some(PeerStatus { link, system: address.system.0, component: address.component.0 });
+            *slot = Some(PeerStatus { link, system: address.system.0, component: address.component.0 });
         }
         status
     }
 
-    /// One event of the log, whatever level was asked for.
+    /// Logs the status as one event, at any log level.
     #[cfg(feature = "defmt")]
     pub(crate) fn log(&self) {
         let mut bytes = [0; MAX_LEN];
@@ -166,7 +167,7 @@ impl Status {
         }
     }
 
-    /// The status in that event as it is printed; `None` in any other message.
+    /// Parses the status from a printed log event. Returns `None` for any other message.
     pub fn from_log(message: &str) -> Option<Self> {
         let list = message.strip_prefix("status: [")?.strip_suffix(']')?;
         let mut bytes = [0; MAX_LEN];
@@ -178,8 +179,8 @@ impl Status {
 }
 
 impl Mission {
-    fn of<P: PlanStorage>(stack: &Stack<LINKS, P>, vehicle: &Quadrotor) -> Self {
-        // A plan has no more items than a sequence number can name.
+    fn of(stack: &Mavlink, vehicle: &Quadrotor) -> Self {
+        // A plan has at most 65,535 items.
         let count = stack.mission().items().len() as u16;
         let Progress { current, state, .. } = vehicle.progress();
         match state {
@@ -198,7 +199,7 @@ mod tests {
     use std::format;
 
     #[test]
-    fn a_status_is_read_back_from_the_log_and_nothing_else_is() {
+    fn from_log_parses_status_events_only() {
         let status = Status {
             time: u32::MAX,
             is_armed: true,

@@ -1,4 +1,4 @@
-//! What the vehicle tells of itself: the messages that it fills, and how often.
+//! Telemetry: the messages that the vehicle fills, and their rates.
 
 use libm::{atan2f, roundf, sqrtf};
 use mavstack::dialect::{
@@ -13,16 +13,15 @@ use crate::angle::{cos, sin};
 use crate::battery::{Battery, Charge};
 use crate::body::Vector;
 use crate::geo::Home;
-use crate::tuning::Tuning;
 use crate::vehicle::{GPS_ERROR, Quadrotor, Times};
 
-/// All of it on a radio, heartbeats included, is less than 800 bytes/s: a seventh of what 57,600 bit/s carry.
+/// The telemetry streams. On the radio link they need less than 800 bytes/s, heartbeats included: a seventh of 57,600 bit/s.
 const STREAMS: &[Stream] = &[
     stream::<SysStatus>(1_000, 500).in_group(MavDataStream::EXTENDED_STATUS),
     stream::<SystemTime>(1_000, 1_000).in_group(MavDataStream::EXTRA3),
     stream::<GpsRawInt>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
     stream::<Attitude>(250, 20).in_group(MavDataStream::EXTRA1),
-    // For those who ask: the radio has the angles already.
+    // On request only on the radio, which carries ATTITUDE already.
     Stream::of::<AttitudeQuaternion>().onboard(millis(20)).in_group(MavDataStream::EXTRA1),
     stream::<LocalPositionNed>(500, 33).in_group(MavDataStream::POSITION),
     stream::<GlobalPositionInt>(250, 33).in_group(MavDataStream::POSITION),
@@ -47,7 +46,7 @@ const fn millis(n: u64) -> Duration {
 impl Telemetry for Quadrotor {
     const STREAMS: &'static [Stream] = STREAMS;
 
-    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         let now = out.now();
         match id {
             SysStatus::ID => out.put(&self.sys_status()),
@@ -61,7 +60,7 @@ impl Telemetry for Quadrotor {
                 None => false,
             },
             VfrHud::ID => out.put(&self.vfr_hud()),
-            // There is one battery.
+            // The vehicle has one battery.
             BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
             GpsGlobalOrigin::ID if self.has_fix() => out.put(&self.origin(now)),
             HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
@@ -97,7 +96,7 @@ impl Quadrotor {
         let enabled = if self.is_armed() { present } else { present.without(Sensor::SENSOR_MOTOR_OUTPUTS) };
         let needs_fix = Sensor::SENSOR_GPS | Sensor::SENSOR_XY_POSITION_CONTROL;
         let mut health = if self.has_fix() { present } else { present.without(needs_fix) };
-        if !self.is_armed() && self.check_arming().is_err() {
+        if !self.is_armed() && !self.last().is_ready {
             health = health.without(Sensor::PREARM_CHECK);
         }
         if battery.is_low() {
@@ -107,7 +106,7 @@ impl Quadrotor {
             onboard_control_sensors_present: present,
             onboard_control_sensors_enabled: enabled,
             onboard_control_sensors_health: health,
-            // 2 ms of work in 10.
+            // 20 %: 2 ms in every 10 ms.
             load: 200,
             voltage_battery: scaled(battery.voltage, 1e3) as u16,
             current_battery: scaled(battery.current, 1e2) as i16,
@@ -116,12 +115,11 @@ impl Quadrotor {
         }
     }
 
-    /// Not inlined: of all messages only this one is large.
+    /// Not inlined, because only this message needs a large stack frame.
     #[inline(never)]
-    fn put_metadata(&self, out: Fill<'_>) -> bool {
+    fn put_metadata(&self, out: &mut Fill<'_>) -> bool {
         let Some(&metadata) = self.metadata() else { return false };
-        let message = ComponentMetadata { time_boot_ms: boot_ms(out.now()), ..metadata };
-        out.put(&message)
+        out.put(&ComponentMetadata { time_boot_ms: boot_ms(out.now()), ..metadata })
     }
 
     fn gps_raw(&self, now: Instant) -> GpsRawInt {
@@ -143,11 +141,11 @@ impl Quadrotor {
             eph: 80,
             epv: 120,
             vel: scaled(speed, 1e2) as u16,
-            // Standing still it has no course.
+            // No course when the vehicle does not move.
             cog: if speed > 0.1 { compass(atan2f(east, north)) } else { GpsRawInt::UNKNOWN.cog },
             fix_type: GpsFixType::_3D_FIX,
-            satellites_visible: self.tuning().get(Tuning::SIM_GPS_SATS),
-            alt_ellipsoid: scaled(position.altitude + f32::from(self.tuning().get(Tuning::SIM_GEOID_SEP)), 1e3),
+            satellites_visible: self.last().satellites,
+            alt_ellipsoid: scaled(position.altitude + f32::from(self.last().geoid_separation), 1e3),
             h_acc: scaled(GPS_ERROR.0, 1e3) as u32,
             v_acc: scaled(GPS_ERROR.1, 1e3) as u32,
             vel_acc: 100,
@@ -210,7 +208,7 @@ impl Quadrotor {
     pub(crate) fn vfr_hud(&self) -> VfrHud {
         let [_, _, yaw] = self.attitude();
         VfrHud {
-            // There is no wind.
+            // No wind is simulated.
             airspeed: self.ground_speed(),
             groundspeed: self.ground_speed(),
             alt: self.home().altitude - self.local_position().down,
@@ -249,7 +247,7 @@ impl Quadrotor {
         }
     }
 
-    /// Where LOCAL_POSITION_NED counts from.
+    /// Returns the origin of LOCAL_POSITION_NED.
     fn origin(&self, now: Instant) -> GpsGlobalOrigin {
         let Home { latitude, longitude, altitude, .. } = self.home();
         GpsGlobalOrigin { latitude, longitude, altitude: scaled(altitude, 1e3), time_usec: now.as_micros() }
@@ -266,7 +264,7 @@ impl Quadrotor {
             x: north,
             y: east,
             z: down,
-            // On level ground, the nose to the north; it comes down from straight above.
+            // Level ground, heading north; the approach is vertical.
             q: [1.0, 0.0, 0.0, 0.0],
             approach_z: -1.0,
             time_usec: now.as_micros(),
@@ -274,7 +272,7 @@ impl Quadrotor {
         }
     }
 
-    /// Its times are of the clock that begins at boot, whatever their names say.
+    /// The times count from boot, although two of the fields are named UTC.
     fn flight_information(&self, now: Instant) -> FlightInformation {
         let Times { armed, took_off, landed } = self.times();
         FlightInformation {
@@ -282,7 +280,7 @@ impl Quadrotor {
             arming_time_utc: armed.as_micros(),
             takeoff_time_utc: took_off.as_micros(),
             landing_time: boot_ms(landed),
-            flight_uuid: self.tuning().get(Tuning::STAT_FLIGHTS).into(),
+            flight_uuid: self.last().flights.into(),
         }
     }
 
@@ -298,19 +296,19 @@ impl Quadrotor {
         }
     }
 
-    /// m/s, horizontally.
+    /// Returns the horizontal speed (m/s).
     fn ground_speed(&self) -> f32 {
         let Vector { north, east, .. } = self.velocity();
         sqrtf(north * north + east * east)
     }
 }
 
-/// time_boot_ms: wraps after 49 days (D-1).
+/// Returns `time_boot_ms`, which wraps after 49 days (D-1).
 fn boot_ms(now: Instant) -> u32 {
     now.as_millis() as u32
 }
 
-/// In a field's own unit, rounded.
+/// Converts a value to the unit of a field, rounded.
 fn scaled(value: f32, scale: f32) -> i32 {
     roundf(value * scale) as i32
 }
@@ -319,7 +317,7 @@ fn percent(battery: Battery) -> i8 {
     scaled(battery.remaining, 100.0) as i8
 }
 
-/// An angle from north (rad) in hundredths of degrees, 0 to 35,999.
+/// Converts a heading (rad) to hundredths of degrees, 0 to 35,999.
 fn compass(angle: f32) -> u16 {
     scaled(angle.to_degrees(), 100.0).rem_euclid(36_000) as u16
 }

@@ -1,115 +1,116 @@
-//! The parameters. Those that PX4 has too use its names, types (INT32 or REAL32) and meanings, because ground stations know them.
+//! The parameters. Parameters that PX4 has too use its names, types (INT32 or REAL32) and meanings, which ground stations know.
+//! The doc comments are the descriptions that ground stations show.
 
 use mavstack::parameters;
 
 parameters! {
-    /// The vehicle's parameters, each of which changes what it does.
+    /// The vehicle's parameters. Each one affects its behaviour.
     pub struct Tuning {
-        /// Charge of a full battery.
+        /// Battery capacity.
         BAT_CAPACITY: f32 = 5_000.0, 100.0..=100_000.0, "mAh";
-        /// It is critical with less of it: see `COM_LOW_BAT_ACT`.
+        /// Critical battery threshold: see `COM_LOW_BAT_ACT`.
         BAT_CRIT_THR: f32 = 0.07, 0.01..=0.5, "norm";
-        /// The operator is warned below this.
+        /// Low battery threshold: the vehicle warns below it.
         BAT_LOW_THR: f32 = 0.15, 0.01..=0.5, "norm";
-        /// Cells in series.
+        /// Number of battery cells in series.
         BAT_N_CELLS: i32 = 3, 1..=10, "";
-        /// Resistance of all cells together: what the voltage loses under load.
+        /// Internal resistance of the battery, which reduces its voltage under load.
         BAT_R_INTERNAL: f32 = 0.02, 0.0..=0.2, "Ohm";
-        /// A full cell.
+        /// Voltage of a full cell.
         BAT_V_CHARGED: f32 = 4.2, 4.0..=4.4, "V";
-        /// An empty cell.
+        /// Voltage of an empty cell.
         BAT_V_EMPTY: f32 = 3.5, 2.5..=3.9, "V";
         /// Minimum battery charge for arming; 0 or less: no minimum.
         COM_ARM_BAT_MIN: f32 = 0.0, -1.0..=0.9, "norm";
-        /// 1: it arms without a position too.
+        /// Arming without a position fix. 0: refused, 1: allowed.
         COM_ARM_WO_GPS: i32 = 0, 0..=1, "";
-        /// How long it stands on the ground until the motors are off.
+        /// Time from landing to disarming.
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
-        /// Disarms when the vehicle has not taken off this long after arming; 0: never.
+        /// Time after arming until the vehicle disarms if it has not taken off; 0: never.
         COM_DISARM_PRFLT: f32 = 10.0, 0.0..=60.0, "s";
-        /// Returns home after this flight time; 0 or less: never.
+        /// Flight time after which the vehicle returns; 0 or less: no limit.
         COM_FLT_TIME_MAX: i32 = 0, -1..=86_400, "s";
-        /// With a critical battery in flight. 0: a warning, 1: it flies home, 2: it lands; 1 and 2: and does not arm.
+        /// Action at a critical battery in flight. 0: warn, 1: return, 2: land. With 1 or 2 arming is refused too.
         COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
-        /// Sticks that are older do not count.
+        /// Timeout of manual control input.
         COM_RC_LOSS_T: f32 = 0.5, 0.1..=35.0, "s";
-        /// After a take-off. 0: it holds, 1: it flies the mission.
+        /// Action after takeoff. 0: hold, 1: start the mission.
         COM_TAKEOFF_ACT: i32 = 0, 0..=1, "";
-        /// At the fence. 0: nothing, 1: a warning, 2: it holds, 3: it flies home.
+        /// Action at the fence. 0: none, 1: warn, 2: hold, 3: return.
         GF_ACTION: i32 = 2, 0..=3, "";
-        /// It stops so far from the fence: more than it is wrong about where it comes to rest.
+        /// Distance from the fence at which the vehicle stops. It must exceed the error of the predicted stopping point.
         GF_MARGIN: f32 = 0.5, 0.0..=50.0, "m";
-        /// A fence around home; 0: none.
+        /// Maximum horizontal distance from home; 0: no limit.
         GF_MAX_HOR_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
-        /// The highest above home; 0: no limit.
+        /// Maximum height above home; 0: no limit.
         GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
-        /// How often HIGH_LATENCY2 goes out by satellite, while it does.
+        /// Rate of HIGH_LATENCY2 on the satellite link while it is enabled.
         MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz";
-        /// The system whose sticks it follows; 0: any ground station's.
+        /// System id that may send manual control; 0: any ground station.
         MAV_GCS_SYSID: u8 = 0, 0..=u8::MAX, "";
-        /// HIGH_LATENCY2 goes out by itself so long after the last ground station on the other links was lost; 0: never.
+        /// Time after losing the last ground station on the other links until HIGH_LATENCY2 starts automatically; 0: never.
         MAV_HL_LOSS_T: u16 = 0, 0..=3_600, "s";
-        /// System id.
+        /// MAVLink system id.
         MAV_SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
-        /// Where a take-off without an altitude ends.
+        /// Default takeoff altitude.
         MIS_TAKEOFF_ALT: f32 = 10.0, 1.0..=500.0, "m";
-        /// Horizontal acceleration.
+        /// Maximum horizontal acceleration.
         MPC_ACC_HOR: f32 = 3.0, 0.5..=15.0, "m/s^2";
-        /// Lower than this it comes down with `MPC_LAND_SPEED`.
+        /// Height below which the vehicle descends at `MPC_LAND_SPEED`.
         MPC_LAND_ALT: f32 = 4.0, 1.0..=50.0, "m";
-        /// How fast it touches down.
+        /// Touchdown speed.
         MPC_LAND_SPEED: f32 = 0.7, 0.2..=5.0, "m/s";
-        /// By hand it turns no faster than this.
+        /// Maximum yaw rate in manual flight.
         MPC_MAN_Y_MAX: f32 = 90.0, 5.0..=360.0, "deg/s";
-        /// By hand it flies no faster than this.
+        /// Maximum horizontal speed in manual flight.
         MPC_VEL_MANUAL: f32 = 8.0, 0.5..=25.0, "m/s";
         /// Cruise speed.
         MPC_XY_CRUISE: f32 = 8.0, 0.5..=25.0, "m/s";
-        /// Speed for each metre that is left to fly, for gentle stops.
+        /// Approach speed per metre of remaining distance. Lower values give gentler stops.
         MPC_XY_P: f32 = 2.0, 0.1..=4.0, "1/s";
-        /// It turns no faster than this.
+        /// Maximum yaw rate in automatic flight.
         MPC_YAWRAUTO_MAX: f32 = 86.0, 5.0..=360.0, "deg/s";
-        /// On a way without a heading of its own. 0: the nose points along the course, 1: it stays.
+        /// Heading where the plan gives none. 0: along the course, 1: unchanged.
         MPC_YAW_MODE: i32 = 0, 0..=1, "";
-        /// It goes down no faster than this.
+        /// Maximum descent rate.
         MPC_Z_VEL_MAX_DN: f32 = 2.0, 0.5..=8.0, "m/s";
-        /// It goes up no faster than this.
+        /// Maximum climb rate.
         MPC_Z_VEL_MAX_UP: f32 = 3.0, 0.5..=8.0, "m/s";
-        /// A waypoint counts as reached within so many metres, unless it says otherwise.
+        /// Default acceptance radius of waypoints.
         NAV_ACC_RAD: f32 = 2.0, 0.5..=200.0, "m";
-        /// It flies home no lower than this.
+        /// Minimum height above home for the return flight.
         RTL_RETURN_ALT: f32 = 15.0, 0.0..=500.0, "m";
-        /// Where it returns to. 0: home or a rally point, whichever is nearest, 1: home.
+        /// Return destination. 0: home or a rally point, whichever is nearest, 1: home.
         RTL_TYPE: i32 = 0, 0..=1, "";
-        /// Where it is switched on: altitude above mean sea level.
+        /// Altitude at boot, above mean sea level.
         SIH_LOC_H0: f32 = 488.0, -400.0..=8_000.0, "m", [reboot_required];
-        /// Latitude.
+        /// Latitude at boot.
         SIH_LOC_LAT0: i32 = 473_977_420, -850_000_000..=850_000_000, "deg*1e7", [reboot_required];
-        /// Longitude.
+        /// Longitude at boot.
         SIH_LOC_LON0: i32 = 85_455_940, -1_800_000_000..=1_799_999_999, "deg*1e7", [reboot_required];
-        /// What it draws in the air.
+        /// Current drawn in flight.
         SIM_AMP_FLIGHT: f32 = 18.0, 1.0..=200.0, "A";
-        /// What it draws armed on the ground.
+        /// Current drawn when armed on the ground.
         SIM_AMP_IDLE: f32 = 2.0, 0.1..=50.0, "A";
-        /// What it draws disarmed.
+        /// Current drawn when disarmed.
         SIM_AMP_OFF: f32 = 0.3, 0.0..=5.0, "A";
-        /// What the battery has when it is switched on.
+        /// Battery charge at boot.
         SIM_BAT_START: i8 = 100, 1..=100, "%", [reboot_required];
-        /// How far the geoid is above the ellipsoid.
+        /// Height of the geoid above the ellipsoid.
         SIM_GEOID_SEP: i16 = 47, -110..=90, "m";
-        /// The receiver needs so long from the start to find its position.
+        /// Time from boot to the first GPS fix.
         SIM_GPS_FIX_TIME: u32 = 2_000, 0..=60_000, "ms";
-        /// Satellites that it sees then.
+        /// Number of visible satellites after the first fix.
         SIM_GPS_SATS: u8 = 14, 4..=40, "";
-        /// 1: the flight loop stands still until the next start. What keeps beating then is wrong.
+        /// 1: the flight loop hangs until the next boot. Heartbeats must then stop.
         SIM_HANG: u8 = 0, 0..=1, "", [volatile];
-        /// How often it took off.
+        /// Number of flights.
         STAT_FLIGHTS: u16 = 0, 0..=u16::MAX, "", [read_only];
-        /// How long it was in the air, all flights together.
+        /// Total flight time.
         STAT_FLIGHT_TIME: u32 = 0, 0..=u32::MAX, "s", [read_only];
-        /// What went out by satellite since the start.
+        /// Bytes sent by satellite since boot.
         STAT_HL_BYTES: u32 = 0, 0..=u32::MAX, "B", [read_only, volatile];
-        /// What that cost, at a credit for every 50 bytes of a message that were begun.
+        /// Satellite credits used since boot: one per 50 bytes of a message, rounded up.
         STAT_HL_CREDITS: u32 = 0, 0..=u32::MAX, "", [read_only, volatile];
     }
 }

@@ -1,19 +1,18 @@
-//! Commands as MAVSDK, QGroundControl and MAVProxy send them, over the wire: what each does, and what is refused.
+//! Commands as MAVSDK, QGroundControl and MAVProxy send them: their effects, and their refusals.
 
 #[path = "support/wire.rs"]
 mod wire;
 
-use mavstack::Parameters;
 use mavstack::dialect::*;
 use mavstack_demo::{COMPANION, Mode, TELEMETRY, Tuning, Vector};
 use wire::{NORMAL, Wire, command_long};
 
 const NAN: f32 = f32::NAN;
 const HOME: (i32, i32) = (473_977_420, 85_455_940);
-/// 1e-7 degrees of latitude in a metre.
+/// One metre in 1e-7 degrees of latitude.
 const METRE: f32 = 1.0 / 0.011_131_95;
 
-/// A place so far north of the start.
+/// Returns the position `metres` north of home.
 fn north(metres: f32) -> (i32, i32) {
     (HOME.0 + (metres * METRE) as i32, HOME.1)
 }
@@ -27,9 +26,10 @@ fn heading(wire: &Wire) -> f32 {
     yaw.to_degrees().rem_euclid(360.0)
 }
 
-/// MAVSDK's goto_location: COMMAND_INT, altitude above the sea, yaw in radians, NaN for what it leaves open. It holds.
+/// MAVSDK's goto_location: COMMAND_INT, altitude above mean sea level, yaw in radians, NaN for omitted values. The vehicle
+/// then holds.
 #[test]
-fn mavsdk_sends_it_somewhere() {
+fn mavsdk_goto() {
     let mut wire = Wire::airborne();
     let (x, y) = north(40.0);
     let params = [NAN, 1.0, NAN, 90_f32.to_radians()];
@@ -41,9 +41,9 @@ fn mavsdk_sends_it_somewhere() {
     assert!((heading(&wire) - 90.0).abs() < 1.0, "{}", heading(&wire));
 }
 
-/// QGroundControl's goto, pause and change of altitude: COMMAND_INT or COMMAND_LONG, -1 for the speed, NaN for the place.
+/// QGroundControl's goto, pause and altitude change: COMMAND_INT or COMMAND_LONG, -1 for the speed, NaN for the position.
 #[test]
-fn qgroundcontrol_sends_it_somewhere_stops_it_and_changes_its_altitude() {
+fn qgroundcontrol_goto_pause_and_altitude_change() {
     let mut wire = Wire::airborne();
     let (x, y) = north(60.0);
     let goto = [-1.0, 1.0, 0.0, NAN];
@@ -65,9 +65,9 @@ fn qgroundcontrol_sends_it_somewhere_stops_it_and_changes_its_altitude() {
     assert!((wire.height() - 12.0).abs() < 0.3 && wire.vehicle().local_position().distance(place) < 0.3);
 }
 
-/// C-5 to C-9: form, frame, parameters, state.
+/// C-5 to C-9: checks of form, frame, parameters and state.
 #[test]
-fn a_place_that_cannot_be_flown_to_is_refused() {
+fn goto_to_an_invalid_position_is_refused() {
     let mut wire = Wire::airborne();
     let (x, y) = north(10.0);
     let denied = MavResult::DENIED;
@@ -76,10 +76,10 @@ fn a_place_that_cannot_be_flown_to_is_refused() {
         (MavFrame::GLOBAL_TERRAIN_ALT, [NAN, 1.0, NAN, NAN], x, y, 20.0, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
         (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], x, y, 400.0, denied),
         (MavFrame::GLOBAL, [26.0, 1.0, NAN, NAN], x, y, 500.0, denied),
-        // Relative to where the nose is: twice would be twice as far.
+        // Relative yaw is not idempotent: a duplicate would turn twice as far.
         (MavFrame::GLOBAL, [NAN, 3.0, NAN, 1.0], x, y, 500.0, denied),
         (MavFrame::GLOBAL, [NAN, 1.0, NAN, f32::INFINITY], x, y, 500.0, denied),
-        // Half a place; the bits of a NaN (C-7).
+        // Half a position; the bits of a NaN (C-7).
         (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], i32::MAX, y, 500.0, denied),
         (MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], 0x7FC0_0000, 0x7FC0_0000, 500.0, denied),
     ] {
@@ -88,45 +88,54 @@ fn a_place_that_cannot_be_flown_to_is_refused() {
     wire.run(2_000);
     assert!(distance(&wire, 0.0) < 0.1);
     // The stack sends at most one explanation a second.
-    assert_eq!(wire.said(), ["Command 192 refused: frame not supported", "Goto refused: under the ground"]);
+    assert_eq!(wire.texts(), ["Command 192 refused: frame not supported", "Goto refused: below ground"]);
     let goto =
         |wire: &mut Wire, flags| wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, flags, NAN, NAN], x, y, 500.0);
     wire.long(MavCmd::NAV_LAND, &[]);
-    assert_eq!(goto(&mut wire, 0.0), MavResult::TEMPORARILY_REJECTED, "the mode is not to be changed");
+    assert_eq!(goto(&mut wire, 0.0), MavResult::TEMPORARILY_REJECTED, "without CHANGE_MODE the mode must stay");
     assert_eq!(goto(&mut wire, 1.0), MavResult::ACCEPTED);
     wire.long(MavCmd::NAV_LAND, &[]);
     wire.until("down", 60, |vehicle| !vehicle.is_armed());
     assert_eq!(goto(&mut wire, 1.0), MavResult::TEMPORARILY_REJECTED);
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(goto(&mut wire, 1.0), MavResult::TEMPORARILY_REJECTED);
-    let said = ["Goto refused: not holding", "Landed, disarmed", "Refused: not armed", "Goto refused: on the ground"];
-    assert_eq!(wire.said(), said);
+    let texts = [
+        "Goto refused: not in Hold mode",
+        "Landed, disarmed",
+        "Command refused: not armed",
+        "Goto refused: on the ground",
+    ];
+    assert_eq!(wire.texts(), texts);
 }
 
-/// On its way somewhere the fence stops it, as on any other way; and no fence around home is moved away from it.
+/// The fence stops a goto like any other flight. Home cannot move if the fence around it would then exclude the vehicle.
 #[test]
-fn goto_ends_at_the_fence() {
+fn goto_stops_at_the_fence() {
     let mut wire = Wire::airborne();
-    let (_, vehicle) = wire.app.parts();
-    assert!(vehicle.parameters_mut().unwrap().set(Tuning::GF_MAX_HOR_DIST, 30.0));
+    let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::GF_MAX_HOR_DIST, 30.0));
     let (x, y) = north(60.0);
     let goto = [NAN, 1.0, NAN, NAN];
     assert_eq!(wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL_INT, goto, x, y, 498.0), MavResult::ACCEPTED);
     wire.run(12_000);
     let north = wire.vehicle().local_position().north;
     assert!((28.0..30.0).contains(&north), "{north}");
-    assert_eq!(wire.said(), ["Holding at the fence"]);
+    assert_eq!(wire.texts(), ["Holding at the fence"]);
     let home = wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, [0.0; 4], x + 10_000, y, 488.0);
     assert_eq!(home, MavResult::DENIED);
-    assert_eq!(wire.said(), ["Home refused: the fence around it"]);
+    assert_eq!(wire.texts(), ["Home refused: its fence excludes the vehicle"]);
     assert_eq!(wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, [0.0; 4], x, y, 488.0), MavResult::DENIED);
-    assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::ACCEPTED, "here it is inside");
+    assert_eq!(
+        wire.long(MavCmd::DO_SET_HOME, &[1.0]),
+        MavResult::ACCEPTED,
+        "the vehicle is within the fence around its own position"
+    );
 }
 
-/// The nose of a take-off and a landing, in degrees; NaN leaves it.
+/// Takeoff and landing set the heading in degrees; NaN keeps it.
 #[test]
-fn the_nose_points_where_it_is_told_to() {
-    let mut wire = Wire::switched_on();
+fn takeoff_and_landing_set_the_heading() {
+    let mut wire = Wire::booted();
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[0.0, 0.0, 0.0, 200.0, 0.0, 0.0, 10.0]), MavResult::ACCEPTED);
     wire.run(10_000);
@@ -141,7 +150,7 @@ fn the_nose_points_where_it_is_told_to() {
 
 /// MAVSDK's set_current_speed, and the speed of a goto.
 #[test]
-fn speed_is_what_was_asked_for() {
+fn speed_follows_the_commands() {
     let mut wire = Wire::airborne();
     let (x, y) = north(400.0);
     let speed = |wire: &mut Wire, speed| wire.long(MavCmd::DO_CHANGE_SPEED, &[1.0, speed, -1.0, 0.0]);
@@ -153,23 +162,27 @@ fn speed_is_what_was_asked_for() {
     };
     assert!((fly(&mut wire, NAN) - 8.0).abs() < 0.1);
     assert_eq!(speed(&mut wire, 3.5), MavResult::ACCEPTED);
-    assert!((fly(&mut wire, NAN) - 3.5).abs() < 0.1, "and it stays so");
+    assert!((fly(&mut wire, NAN) - 3.5).abs() < 0.1, "the speed persists");
     assert!((fly(&mut wire, 6.0) - 6.0).abs() < 0.1);
     for bad in [0.0, -0.5, -3.0, 26.0, NAN] {
         assert_eq!(speed(&mut wire, bad), MavResult::DENIED, "{bad}");
     }
-    assert_eq!(wire.long(MavCmd::DO_CHANGE_SPEED, &[2.0, 3.0, -1.0]), MavResult::DENIED, "no speed of climb");
-    assert_eq!(wire.long(MavCmd::DO_CHANGE_SPEED, &[1.0, 3.0, 50.0]), MavResult::DENIED, "no throttle");
+    assert_eq!(
+        wire.long(MavCmd::DO_CHANGE_SPEED, &[2.0, 3.0, -1.0]),
+        MavResult::DENIED,
+        "climb speed is not supported"
+    );
+    assert_eq!(wire.long(MavCmd::DO_CHANGE_SPEED, &[1.0, 3.0, 50.0]), MavResult::DENIED, "throttle is not supported");
     assert_eq!(speed(&mut wire, -1.0), MavResult::ACCEPTED);
     assert!((fly(&mut wire, -1.0) - 6.0).abs() < 0.1);
     assert_eq!(speed(&mut wire, -2.0), MavResult::ACCEPTED);
     assert!((fly(&mut wire, -1.0) - 8.0).abs() < 0.1, "the default");
 }
 
-/// MAVSDK's takeoff, land, return_to_launch; C-1: not where every vehicle in reach is meant.
+/// MAVSDK's takeoff, land and return_to_launch. C-1: a broadcast takeoff is refused.
 #[test]
-fn mavsdk_flies_it_up_home_and_down() {
-    let mut wire = Wire::switched_on();
+fn mavsdk_takeoff_return_and_land() {
+    let mut wire = Wire::booted();
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
     assert_eq!(wire.long_by(TELEMETRY, 0, MavCmd::NAV_TAKEOFF, &[]), MavResult::DENIED);
     assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[NAN, NAN, NAN, NAN, NAN, NAN, 7.0]), MavResult::ACCEPTED);
@@ -187,9 +200,9 @@ fn mavsdk_flies_it_up_home_and_down() {
     assert_eq!(wire.vehicle().mode(), Mode::Land);
 }
 
-/// On the ground there is no way home that does not begin with a take-off.
+/// A return is refused on the ground, because it would begin with a takeoff.
 #[test]
-fn it_does_not_take_off_to_return() {
+fn return_does_not_take_off() {
     let mut wire = Wire::airborne();
     let (x, y) = north(30.0);
     wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [NAN, 1.0, NAN, NAN], x, y, 498.0);
@@ -197,24 +210,24 @@ fn it_does_not_take_off_to_return() {
     wire.long(MavCmd::NAV_LAND, &[]);
     wire.until("down", 60, |vehicle| !vehicle.is_armed());
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
-    wire.said();
+    wire.texts();
     assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 5.0]), MavResult::TEMPORARILY_REJECTED);
     wire.run(3_000);
     assert!(wire.vehicle().is_landed());
-    assert_eq!(wire.said(), ["Return refused: on the ground"]);
+    assert_eq!(wire.texts(), ["Return refused: on the ground"]);
 }
 
-/// C-31, C-9, C-1: arming takes 0 or 1, and says why not.
+/// C-31, C-9, C-1: arming accepts 0 or 1 only, and every refusal sends its reason.
 #[test]
-fn arming_says_why_not() {
+fn arming_refusals_send_the_reason() {
     let arm = MavCmd::COMPONENT_ARM_DISARM;
     let mut wire = Wire::new();
     wire.run(1_000);
     assert_eq!(wire.long(arm, &[1.0]), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
     wire.run(2_000);
-    assert_eq!(wire.said(), ["Arming refused: no GPS fix yet"], "once within five seconds");
+    assert_eq!(wire.texts(), ["Arming refused: no GPS fix yet"], "once within five seconds");
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
     for params in [[0.5, 0.0], [2.0, 0.0], [NAN, 0.0], [1.0, 1.0], [1.0, 21_195.0]] {
         assert_eq!(wire.long(arm, &params), MavResult::DENIED, "{params:?}");
@@ -224,49 +237,49 @@ fn arming_says_why_not() {
     assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
     wire.run(3_000);
     assert_eq!(wire.long(arm, &[0.0]), MavResult::TEMPORARILY_REJECTED);
-    let said = [
+    let texts = [
         "Ready to arm",
         "Command 400 refused: parameter 1 out of range",
         "Arming refused: sent to all vehicles",
-        "Disarming refused: flying",
+        "Disarming refused: in flight",
     ];
-    assert_eq!(wire.said(), said);
+    assert_eq!(wire.texts(), texts);
     assert_eq!(wire.long(arm, &[0.0, 21_196.0]), MavResult::ACCEPTED, "MAVSDK's kill");
     wire.run(3_000);
     assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
 }
 
-/// MAVSDK's terminate: off, and off until it is switched on again.
+/// MAVSDK's terminate: the motors stay off until the next boot.
 #[test]
-fn flight_is_terminated_for_good() {
+fn flight_termination_is_permanent() {
     let mut wire = Wire::airborne();
     assert_eq!(wire.long_by(TELEMETRY, 0, MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::DENIED);
     assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[0.0]), MavResult::ACCEPTED);
     assert!(wire.vehicle().is_armed());
     for _ in 0..2 {
-        assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::ACCEPTED, "also again (C-11)");
+        assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::ACCEPTED, "a repetition too (C-11)");
     }
     wire.run(4_000);
     assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
     let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
     assert_eq!(heartbeat.system_status, MavState::FLIGHT_TERMINATION);
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::FAILED);
-    let said =
+    let texts =
         ["Command 185 refused: sent to 0; use system 1", "Flight terminated", "Arming refused: flight terminated"];
-    assert_eq!(wire.said(), said);
+    assert_eq!(wire.texts(), texts);
     wire.run(5_000);
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
-    assert_eq!(wire.said(), ["Arming refused: flight terminated"]);
+    assert_eq!(wire.texts(), ["Arming refused: flight terminated"]);
     let (_, status) = wire.take::<SysStatus>().pop().unwrap();
     assert!(!status.onboard_control_sensors_health.contains(MavSysStatusSensor::PREARM_CHECK));
 }
 
-/// O-6: home is told where it is set, and where it is known first; and it counts.
+/// O-6: HOME_POSITION is sent when home is first known and when it is set. A return flies to the new home.
 #[test]
-fn home_is_told_at_once_and_flown_to() {
+fn home_is_announced_and_used() {
     let mut wire = Wire::new();
     wire.run(1_500);
-    assert_eq!(wire.long(MavCmd::GET_HOME_POSITION, &[]), MavResult::DENIED, "it is not known yet");
+    assert_eq!(wire.long(MavCmd::GET_HOME_POSITION, &[]), MavResult::DENIED, "home is not known yet");
     assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::TEMPORARILY_REJECTED);
     wire.run(600);
     for link in NORMAL {
@@ -280,15 +293,15 @@ fn home_is_told_at_once_and_flown_to() {
     let set = |wire: &mut Wire, params, x, y, z| wire.int(MavCmd::DO_SET_HOME, MavFrame::GLOBAL, params, x, y, z);
     assert_eq!(set(&mut wire, [0.0, 0.0, 0.0, NAN], x, y, 485.0), MavResult::ACCEPTED);
     wire.run(10);
-    let told = wire.take::<HomePosition>();
-    assert_eq!(told.len(), NORMAL.len());
-    let (_, home) = &told[0];
+    let announced = wire.take::<HomePosition>();
+    assert_eq!(announced.len(), NORMAL.len());
+    let (_, home) = &announced[0];
     assert!((home.latitude.abs_diff(x), home.longitude, home.altitude) <= (10, y, 485_000), "{home:?}");
     assert!((home.x - 50.0).abs() < 0.1 && home.y.abs() < 0.1 && home.z == 3.0, "{home:?}");
     wire.run(500);
     let (_, position) = wire.take::<GlobalPositionInt>().pop().unwrap();
     assert!((position.alt - position.relative_alt - 485_000).abs() <= 1, "{position:?}");
-    // Local coordinates count from where they did.
+    // The origin of local coordinates does not move.
     assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[49.0]), MavResult::ACCEPTED);
     wire.run(10);
     let (_, origin) = wire.take::<GpsGlobalOrigin>().pop().unwrap();
@@ -305,16 +318,16 @@ fn home_is_told_at_once_and_flown_to() {
     assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::ACCEPTED);
     wire.until("down", 90, |vehicle| !vehicle.is_armed());
     assert!(distance(&wire, 50.0) < 1.1);
-    // Where it stands, as MAVProxy's and QGroundControl's buttons do it.
+    // The current position, as MAVProxy's and QGroundControl's buttons send it.
     assert_eq!(wire.long(MavCmd::DO_SET_HOME, &[1.0]), MavResult::ACCEPTED);
     wire.run(10);
     let (_, home) = wire.take::<HomePosition>().pop().unwrap();
     assert!((home.x - 50.0).abs() < 1.1 && home.altitude == 488_000, "{home:?}");
 }
 
-/// C-12: a relative turn that comes by two links is turned once; pressed again it is turned again.
+/// C-12: a relative turn that arrives on two links is executed once; a new command is executed again.
 #[test]
-fn a_relative_turn_is_not_doubled_by_a_second_link() {
+fn a_relative_turn_is_not_duplicated_by_a_second_link() {
     let mut wire = Wire::airborne();
     let turn = [40.0, 30.0, 1.0, 1.0];
     assert_eq!(wire.long_by(TELEMETRY, 1, MavCmd::CONDITION_YAW, &turn), MavResult::ACCEPTED);
@@ -329,10 +342,10 @@ fn a_relative_turn_is_not_doubled_by_a_second_link() {
     assert_eq!(wire.long(MavCmd::CONDITION_YAW, &turn), MavResult::TEMPORARILY_REJECTED);
 }
 
-/// C-20, C-30: a reboot ends a calibration, and who asked for that hears of it.
+/// C-20, C-30: a reboot cancels a calibration, and the sender of the calibration gets a final result.
 #[test]
-fn a_reboot_ends_a_calibration() {
-    let mut wire = Wire::switched_on();
+fn a_reboot_cancels_a_calibration() {
+    let mut wire = Wire::booted();
     assert_eq!(wire.long(MavCmd::PREFLIGHT_CALIBRATION, &[1.0, 0.0, 0.0, 0.0, 0.0]), MavResult::IN_PROGRESS);
     wire.send(TELEMETRY, &command_long(1, MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]));
     wire.run(100);
@@ -342,11 +355,12 @@ fn a_reboot_ends_a_calibration() {
     assert!(acks.contains(&(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, MavResult::ACCEPTED)), "{acks:?}");
 }
 
-/// C-20 to C-24: progress at 1 Hz at least, an end; refused while it is armed, and it does not arm meanwhile.
+/// C-20 to C-24: progress at 1 Hz or more, then a final result. Calibration is refused while armed, and arming while
+/// calibrating.
 #[test]
-fn calibration_takes_its_time_and_says_how_far_it_is() {
+fn calibration_reports_progress() {
     const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     // QGroundControl's and MAVSDK's gyroscope calibration: zeros for the rest.
     let gyro = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::IN_PROGRESS);
@@ -371,22 +385,22 @@ fn calibration_takes_its_time_and_says_how_far_it_is() {
     }
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::TEMPORARILY_REJECTED);
-    let said = [
-        "Calibrating: keep it still",
+    let texts = [
+        "Calibrating: keep the vehicle still",
         "Command 241 refused: not now; try again later",
         "Arming refused: calibrating",
-        "Calibrated",
+        "Calibration complete",
         "Command 241 refused: parameter 1 out of range",
         "Calibration refused: armed",
     ];
-    assert_eq!(wire.said(), said);
+    assert_eq!(wire.texts(), texts);
 }
 
-/// C-23.
+/// C-23: COMMAND_CANCEL stops a calibration.
 #[test]
-fn calibration_is_cancelled() {
+fn calibration_can_be_cancelled() {
     const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     assert_eq!(wire.long(CALIBRATE, &[0.0, 0.0, 0.0, 0.0, 1.0]), MavResult::IN_PROGRESS);
     wire.run(2_000);
     wire.take::<CommandAck>();
@@ -395,22 +409,22 @@ fn calibration_is_cancelled() {
     let results: Vec<_> = wire.take::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect();
     assert_eq!(results.last(), Some(&MavResult::CANCELLED));
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
-    assert_eq!(wire.said(), ["Calibrating: keep it still", "Calibration cancelled"]);
+    assert_eq!(wire.texts(), ["Calibrating: keep the vehicle still", "Calibration cancelled"]);
 }
 
-/// C-30: answered first, and nothing else is begun; also where the answer cannot leave.
+/// C-30: a reboot is acknowledged first, and other commands are refused meanwhile. On a stalled link the wait is bounded.
 #[test]
-fn reboot_is_answered_before_it_happens() {
+fn reboot_is_acknowledged_first() {
     const REBOOT: MavCmd = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED);
-    assert!(!wire.app.wants_reboot(), "the last bytes may be in the UART");
+    assert!(!wire.app.wants_reboot(), "the last bytes may still be in the UART");
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED, "asked again (C-11)");
+    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED, "a repetition (C-11)");
     wire.run(60);
     assert!(wire.app.wants_reboot());
 
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     wire.lines[0].is_stuck = true;
     wire.send(TELEMETRY, &command_long(1, REBOOT, &[1.0]));
     wire.run(900);
@@ -419,17 +433,17 @@ fn reboot_is_answered_before_it_happens() {
     assert!(wire.app.wants_reboot());
 }
 
-/// C-30, SEC-13, C-14: not in the air, armed by force only, and nothing but the autopilot's own restart.
+/// C-30, SEC-13, C-14: a reboot is refused in flight, needs force when armed, and restarts the autopilot only.
 #[test]
-fn reboot_is_refused_where_it_does_harm() {
+fn unsafe_reboots_are_refused() {
     const REBOOT: MavCmd = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
     let force = [1.0, NAN, NAN, NAN, NAN, 20_190_226.0];
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     assert_eq!(wire.long_by(TELEMETRY, 0, REBOOT, &[1.0]), MavResult::DENIED);
     for params in [[2.0, 0.0], [3.0, 0.0], [1.0, 1.0], [NAN, 0.0], [0.5, 0.0]] {
         assert_eq!(wire.long(REBOOT, &params), MavResult::DENIED, "{params:?}");
     }
-    assert_eq!(wire.long(REBOOT, &[0.0]), MavResult::ACCEPTED, "nothing is what it does");
+    assert_eq!(wire.long(REBOOT, &[0.0]), MavResult::ACCEPTED, "0 requests nothing");
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::TEMPORARILY_REJECTED);
     wire.long(MavCmd::NAV_TAKEOFF, &[]);
@@ -437,23 +451,23 @@ fn reboot_is_refused_where_it_does_harm() {
     assert_eq!(wire.long(REBOOT, &force), MavResult::TEMPORARILY_REJECTED);
     wire.run(2_000);
     assert!(!wire.app.wants_reboot());
-    let said = ["Command 246 refused: sent to 0; use system 1", "Reboot refused: armed", "Reboot refused: flying"];
-    assert_eq!(wire.said(), said);
-    let mut wire = Wire::switched_on();
+    let texts = ["Command 246 refused: sent to 0; use system 1", "Reboot refused: armed", "Reboot refused: in flight"];
+    assert_eq!(wire.texts(), texts);
+    let mut wire = Wire::booted();
     wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
     assert_eq!(wire.long(REBOOT, &force), MavResult::ACCEPTED);
     wire.run(100);
     assert!(wire.app.wants_reboot() && !wire.vehicle().is_armed());
 }
 
-/// T-1, T-2: both questions about time are answered.
+/// T-1, T-2: PING and TIMESYNC are answered.
 #[test]
-fn time_is_told() {
-    let mut wire = Wire::switched_on();
+fn time_requests_are_answered() {
+    let mut wire = Wire::booted();
     wire.send(TELEMETRY, &Ping { time_usec: 77, seq: 5, ..Ping::default() });
     wire.send(TELEMETRY, &Timesync { ts1: 99, ..Timesync::default() });
     wire.run(20);
-    // The questions went on to the companion too: they are for all.
+    // The requests were forwarded to the companion too, because they are broadcasts.
     wire.received.retain(|frame| frame.link == TELEMETRY);
     let pings = wire.take::<Ping>();
     assert!(matches!(pings[..], [(_, Ping { time_usec: 77, seq: 5, target_system: 255, .. })]), "{pings:?}");

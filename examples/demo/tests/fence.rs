@@ -1,4 +1,4 @@
-//! Fences: where the vehicle stops, and what it may do there.
+//! Fences: where the vehicle stops, and how it may continue.
 
 mod support;
 
@@ -7,7 +7,7 @@ use mavstack::{Item, PlanFault, PlanType};
 use mavstack_demo::Mode;
 use support::{Flight, act, at, waypoint};
 
-/// An area of a fence, m from home.
+/// An area of a fence, in metres from home.
 #[derive(Clone, Debug)]
 enum Area {
     Polygon(Vec<(f32, f32)>),
@@ -42,7 +42,7 @@ impl Area {
         }
     }
 
-    /// By the angles under which the corners are seen, which add up to a full turn from inside.
+    /// Uses the winding number: the angles between the corners, seen from inside, add up to a full turn.
     fn contains(&self, north: f32, east: f32) -> bool {
         match self {
             Self::Circle(n, e, radius) => (north - n).hypot(east - e) <= *radius,
@@ -58,38 +58,38 @@ impl Area {
     }
 }
 
-/// In the air at home, with this fence.
+/// Returns a vehicle in the air at home, with this fence.
 fn within(fence: &[Item]) -> Flight {
     let mut flight = Flight::airborne();
     flight.change(PlanType::Fence, fence, 0).unwrap();
     flight
 }
 
-/// Flies to a place at some speed until it stops by itself, before the border of `area` and not long before.
-fn is_held(flight: &mut Flight, area: &Area, is_inclusion: bool, what: &str) {
+/// Flies the mission and asserts that the vehicle stops just before the border of `area`.
+fn assert_stops_at_fence(flight: &mut Flight, area: &Area, is_inclusion: bool, what: &str) {
     assert_eq!(flight.start(None, None), MavResult::ACCEPTED);
     flight.run(10);
     let deadline = flight.millis + 60_000;
     let mut course = (0.0, 0.0);
     while flight.vehicle.mode() == Mode::Mission || flight.speed() > 0.01 {
-        flight.go_round(10);
+        flight.step(10);
         let (here, speed) = (flight.vehicle.local_position(), flight.speed());
-        assert_eq!(area.contains(here.north, here.east), is_inclusion, "{what}: beyond it at {here:?}");
-        assert!(flight.millis < deadline, "{what}: goes on");
+        assert_eq!(area.contains(here.north, here.east), is_inclusion, "{what}: beyond the fence at {here:?}");
+        assert!(flight.millis < deadline, "{what}: does not stop");
         if speed > 0.5 {
             course = (flight.vehicle.velocity().north / speed, flight.vehicle.velocity().east / speed);
         }
     }
-    assert_eq!(flight.said(), ["Holding at the fence"], "{what}");
+    assert_eq!(flight.texts(), ["Holding at the fence"], "{what}");
     assert_eq!((flight.mission(), flight.vehicle.mode()), ((1, MissionState::PAUSED), Mode::Hold), "{what}");
     let here = flight.vehicle.local_position();
-    // Walking on in steps of a decimetre: the border comes after half a metre.
+    // Search ahead in steps of 0.1 m: the border must be about half a metre away.
     let is_beyond = |step: u8| {
         let metres = f32::from(step) / 10.0;
         area.contains(here.north + course.0 * metres, here.east + course.1 * metres) != is_inclusion
     };
     let border = (0..=50).find(|&step| is_beyond(step));
-    assert!(matches!(border, Some(5..=7)), "{what}: stops {border:?} dm before it, at {here:?}");
+    assert!(matches!(border, Some(5..=7)), "{what}: stops {border:?} dm before the fence, at {here:?}");
 }
 
 fn fly_to(north: f32, east: f32, speed: f32) -> [Item; 2] {
@@ -100,24 +100,24 @@ fn directions(count: u8) -> impl Iterator<Item = (f32, f32)> {
     (0..count).map(move |i| (f32::from(i) / f32::from(count) * std::f32::consts::TAU).sin_cos()).map(|(e, n)| (n, e))
 }
 
-/// Areas around home, approached from inside in many directions, also into their corners.
+/// Areas around home, approached from inside in many directions, including corners.
 #[test]
-fn it_stops_inside_inclusion_areas() {
+fn stops_inside_inclusion_areas() {
     let concave = [(30.0, -30.0), (30.0, 40.0), (10.0, 8.0), (-40.0, 25.0), (-10.0, -20.0)];
     for area in [Area::square(0.0, 0.0, 25.0), Area::Circle(5.0, -5.0, 30.0), Area::Polygon(concave.to_vec())] {
         for speed in [2.0, 8.0, 20.0] {
             for (north, east) in directions(16) {
                 let mut flight = within(&area.items(true, 0));
                 flight.upload(&fly_to(200.0 * north, 200.0 * east, speed));
-                is_held(&mut flight, &area, true, &format!("{area:?} at {speed} m/s to {north}, {east}"));
+                assert_stops_at_fence(&mut flight, &area, true, &format!("{area:?} at {speed} m/s to {north}, {east}"));
             }
         }
     }
 }
 
-/// Areas in the way, approached from outside in many directions; one is a wall as thin as a step is long.
+/// Areas in the path, approached from outside in many directions. One is a wall as thin as the length of a step.
 #[test]
-fn it_stops_outside_exclusion_areas() {
+fn stops_outside_exclusion_areas() {
     let wall = [(59.9, -40.0), (59.9, 40.0), (60.1, 40.0), (60.1, -40.0)];
     let turn = |(north, east): (f32, f32), by: (f32, f32)| (north * by.0 - east * by.1, north * by.1 + east * by.0);
     for speed in [2.0, 8.0, 20.0] {
@@ -130,15 +130,16 @@ fn it_stops_outside_exclusion_areas() {
             ] {
                 let mut flight = within(&area.items(false, 0));
                 flight.upload(&fly_to(2.0 * north, 2.0 * east, speed));
-                is_held(&mut flight, &area, false, &format!("{area:?} at {speed} m/s"));
+                assert_stops_at_fence(&mut flight, &area, false, &format!("{area:?} at {speed} m/s"));
             }
         }
     }
 }
 
-/// Held at the fence it is held again, each time with one text and without creeping nearer; home it may fly.
+/// At the fence every attempt to fly further out is stopped, with one text each and without creeping forward. A return is
+/// allowed.
 #[test]
-fn what_leads_further_out_is_held_again() {
+fn repeated_attempts_are_stopped_at_the_fence() {
     for (area, is_inclusion) in [
         (Area::square(0.0, 0.0, 25.0), true),
         (Area::Circle(0.0, 0.0, 25.0), true),
@@ -147,14 +148,14 @@ fn what_leads_further_out_is_held_again() {
     ] {
         let mut flight = within(&area.items(is_inclusion, 0));
         flight.upload(&fly_to(90.0, 0.0, 8.0));
-        is_held(&mut flight, &area, is_inclusion, "first");
+        assert_stops_at_fence(&mut flight, &area, is_inclusion, "first");
         let held = flight.vehicle.local_position();
         for _ in 0..20 {
             flight.start(None, None);
             flight.run(3_000);
-            assert_eq!(flight.said(), ["Holding at the fence"]);
+            assert_eq!(flight.texts(), ["Holding at the fence"]);
             assert_eq!(flight.vehicle.mode(), Mode::Hold);
-            // A landing and a take-off there, which begin with a flight.
+            // A landing and a takeoff beyond the fence, which begin with a flight there.
             for command in [MavCmd::NAV_LAND, MavCmd::NAV_TAKEOFF] {
                 let [degrees, longitude] = [47.400_45, 8.545_594];
                 assert_eq!(
@@ -162,22 +163,22 @@ fn what_leads_further_out_is_held_again() {
                     MavResult::ACCEPTED
                 );
                 flight.run(3_000);
-                assert_eq!(flight.said(), ["Holding at the fence"], "{command:?}");
+                assert_eq!(flight.texts(), ["Holding at the fence"], "{command:?}");
             }
         }
         assert!(flight.distance(held.north, held.east) < 0.1, "{:?}", flight.vehicle.local_position());
         flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, &[]);
         flight.until("home", 60, |vehicle| !vehicle.is_armed());
         assert!(flight.distance(0.0, 0.0) < 1.5);
-        assert_eq!(flight.said(), ["Landed, disarmed"]);
+        assert_eq!(flight.texts(), ["Landed, disarmed"]);
     }
 }
 
-/// Up and down it may go where it is, and along the fence.
+/// Near the fence the vehicle may climb, descend and fly along it.
 #[test]
-fn near_the_fence_it_flies_freely() {
+fn flies_freely_along_the_fence() {
     let area = Area::Polygon(vec![(-0.8, -50.0), (-0.8, 50.0), (30.0, 50.0), (30.0, -50.0)]);
-    let mut flight = Flight::ready();
+    let mut flight = Flight::armed();
     flight.change(PlanType::Fence, &area.items(true, 0), 0).unwrap();
     flight.command(MavCmd::NAV_TAKEOFF, &[]);
     flight.until("up", 10, |vehicle| vehicle.mode() == Mode::Hold);
@@ -187,33 +188,34 @@ fn near_the_fence_it_flies_freely() {
     assert_eq!(flight.reached(), [0, 1, 2, 3]);
     flight.command(MavCmd::NAV_LAND, &[]);
     flight.until("down", 60, |vehicle| !vehicle.is_armed());
-    assert_eq!(flight.said(), ["Mission complete", "Landed, disarmed"]);
+    assert_eq!(flight.texts(), ["Mission complete", "Landed, disarmed"]);
 }
 
-/// In one group the vehicle stays inside all areas, as with PX4 and ArduPilot; of several groups one is enough, and it
-/// passes from one to the other where they overlap.
+/// With one group the vehicle stays inside all areas, as with PX4 and ArduPilot. With several groups one is enough, and the
+/// vehicle passes between them where they overlap.
 #[test]
 fn inclusion_groups() {
     let (west, east) = (Area::square(0.0, -20.0, 40.0), Area::Circle(0.0, 30.0, 40.0));
     let fence = |groups: [u8; 2]| [west.items(true, groups[0]), east.items(true, groups[1])].concat();
     let mut flight = within(&fence([0, 0]));
     flight.upload(&fly_to(0.0, 60.0, 8.0));
-    is_held(&mut flight, &west, true, "one group");
+    assert_stops_at_fence(&mut flight, &west, true, "one group");
     let mut flight = within(&fence([3, 31]));
     flight.upload(&fly_to(0.0, 60.0, 3.0));
     flight.start(None, None);
     flight.until_end(60);
-    assert_eq!((flight.said(), flight.distance(0.0, 60.0) < 3.0), (vec!["Mission complete"], true));
+    assert_eq!(flight.texts(), ["Mission complete"]);
+    assert!(flight.distance(0.0, 60.0) < 3.0);
     flight.upload(&fly_to(0.0, 120.0, 3.0));
-    is_held(&mut flight, &east, true, "two groups");
-    // Too many of them for the vehicle.
+    assert_stops_at_fence(&mut flight, &east, true, "two groups");
+    // Group 32 is not supported.
     let fault = MavMissionResult::INVALID_PARAM2.into();
     assert_eq!(flight.change(PlanType::Fence, &fence([0, 32]), 0), Err(fault));
 }
 
-/// Exclusions count in every group, and several areas together.
+/// Exclusion areas apply to every group. All kinds of areas may be combined.
 #[test]
-fn areas_of_all_kinds_together() {
+fn areas_of_all_kinds_combined() {
     let limit = Area::Circle(0.0, 0.0, 80.0);
     let exclusions = [Area::square(40.0, 0.0, 10.0), Area::Circle(0.0, 40.0, 10.0)];
     let return_point = at(MavCmd::NAV_FENCE_RETURN_POINT, [0.0; 4], 0.0, 0.0, 20.0);
@@ -225,23 +227,23 @@ fn areas_of_all_kinds_together() {
     {
         let mut flight = within(&fence);
         flight.upload(&fly_to(to.0, to.1, 8.0));
-        is_held(&mut flight, area, is_inclusion, &format!("{to:?}"));
+        assert_stops_at_fence(&mut flight, area, is_inclusion, &format!("{to:?}"));
     }
     let mut flight = within(&fence);
     flight.upload(&[waypoint(60.0, -30.0), waypoint(60.0, 40.0), waypoint(25.0, 25.0), waypoint(0.0, 0.0)]);
     flight.start(None, None);
     flight.until_end(90);
-    assert_eq!(flight.reached(), [0, 1, 2, 3], "there is a way round");
+    assert_eq!(flight.reached(), [0, 1, 2, 3], "a path around the areas exists");
 }
 
-/// M-82: armed, a fence that it is outside of is refused, and one that it could not stop inside of.
+/// M-82: while armed, a fence that excludes the vehicle is refused, and so is one within which it could not stop.
 #[test]
-fn a_fence_that_is_breached_at_once_is_refused_while_armed() {
+fn an_immediately_breached_fence_is_refused_while_armed() {
     let denied = || Err(PlanFault::from(MavMissionResult::DENIED));
     let mut flight = Flight::flying(&[waypoint(0.0, 90.0)]);
     flight.until("fast", 20, |vehicle| vehicle.velocity().east > 7.5);
     let here = flight.vehicle.local_position();
-    for (area, is_inclusion, is_taken) in [
+    for (area, is_inclusion, is_accepted) in [
         (Area::square(-200.0, 0.0, 50.0), true, false),
         (Area::square(here.north, here.east, 30.0), false, false),
         (Area::Circle(here.north, here.east, 7.0), true, false),
@@ -250,25 +252,25 @@ fn a_fence_that_is_breached_at_once_is_refused_while_armed() {
         (Area::Circle(here.north, here.east - 5.0, 1.0), false, true),
     ] {
         let result = flight.change(PlanType::Fence, &area.items(is_inclusion, 0), 0);
-        assert_eq!(result, if is_taken { Ok(()) } else { denied() }, "{area:?}");
-        let text = ["Fence refused: the vehicle is outside of it"];
-        assert_eq!(flight.said(), if is_taken { &[][..] } else { &text }, "{area:?}");
+        assert_eq!(result, if is_accepted { Ok(()) } else { denied() }, "{area:?}");
+        let text = ["Fence refused: the vehicle is outside it"];
+        assert_eq!(flight.texts(), if is_accepted { &[][..] } else { &text }, "{area:?}");
     }
-    assert_eq!(flight.change(PlanType::Fence, &[], 0), Ok(()), "no fence is no breach");
+    assert_eq!(flight.change(PlanType::Fence, &[], 0), Ok(()), "without a fence there is no breach");
 }
 
-/// Disarmed any fence is taken; outside of it the vehicle does not arm, but by force.
+/// While disarmed any fence is accepted. Outside the fence arming needs force.
 #[test]
-fn outside_its_fence_it_does_not_arm() {
+fn arming_outside_the_fence_needs_force() {
     let mut flight = Flight::new();
     flight.change(PlanType::Fence, &Area::square(500.0, 0.0, 50.0).items(true, 0), 0).unwrap();
     flight.run(2_500);
     assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(flight.said(), ["Arming refused: outside the fence"]);
+    assert_eq!(flight.texts(), ["Arming refused: outside the fence"]);
     assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0, 21_196.0]), MavResult::ACCEPTED);
     flight.command(MavCmd::NAV_TAKEOFF, &[]);
     flight.run(5_000);
-    assert_eq!(flight.said(), ["Holding: outside the fence"]);
+    assert_eq!(flight.texts(), ["Holding: outside the fence"]);
     assert!(flight.vehicle.is_landed());
     flight.command(MavCmd::COMPONENT_ARM_DISARM, &[0.0]);
     flight.change(PlanType::Fence, &[], 0).unwrap();
@@ -276,39 +278,39 @@ fn outside_its_fence_it_does_not_arm() {
     assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
 }
 
-/// A fence that was taken when the vehicle was inside goes live when its storage is done, and by then the vehicle may have
-/// left: it holds, and may come back and come down.
+/// A fence becomes live only when it is stored. If the vehicle has left its area by then, the vehicle holds, and may return
+/// or land.
 #[test]
-fn a_fence_that_came_late_stops_the_vehicle() {
+fn a_late_fence_stops_the_vehicle() {
     let fence = Area::Circle(0.0, 0.0, 20.0).items(true, 0);
     for command in [MavCmd::NAV_RETURN_TO_LAUNCH, MavCmd::NAV_LAND] {
         let mut flight = Flight::flying(&[waypoint(90.0, 0.0)]);
         flight.until("beyond", 20, |vehicle| vehicle.local_position().north > 25.0);
-        flight.fence = fence.clone();
+        flight.go_live(PlanType::Fence, &fence);
         flight.run(5_000);
         assert_eq!((flight.vehicle.mode(), flight.mission().1), (Mode::Hold, MissionState::PAUSED));
         assert!(flight.speed() < 0.1);
         flight.start(None, None);
         flight.run(1_000);
-        assert_eq!(flight.said(), ["Holding: outside the fence"; 2]);
+        assert_eq!(flight.texts(), ["Holding: outside the fence"; 2]);
         let at = flight.vehicle.local_position();
         flight.command(command, &[]);
         flight.until("down", 60, |vehicle| !vehicle.is_armed());
         let is_home = command == MavCmd::NAV_RETURN_TO_LAUNCH;
         assert!(if is_home { flight.distance(0.0, 0.0) } else { flight.distance(at.north, at.east) } < 1.5);
-        assert_eq!(flight.said(), ["Landed, disarmed"]);
+        assert_eq!(flight.texts(), ["Landed, disarmed"]);
     }
 }
 
-/// Without its fence it flies on.
+/// After the fence is cleared the mission continues.
 #[test]
-fn a_fence_that_is_cleared_holds_nothing() {
+fn a_cleared_fence_stops_nothing() {
     let area = Area::square(0.0, 0.0, 25.0);
     let mut flight = within(&area.items(true, 0));
     flight.upload(&fly_to(60.0, 0.0, 8.0));
-    is_held(&mut flight, &area, true, "fenced");
+    assert_stops_at_fence(&mut flight, &area, true, "fenced");
     flight.change(PlanType::Fence, &[], 0).unwrap();
     flight.start(None, None);
     flight.until_end(30);
-    assert_eq!(flight.said(), ["Mission complete"]);
+    assert_eq!(flight.texts(), ["Mission complete"]);
 }

@@ -1,4 +1,4 @@
-//! The demo vehicle flown in simulated time.
+//! Basic flight of the demo vehicle in simulated time.
 
 mod support;
 
@@ -8,18 +8,22 @@ use mavstack_demo::Mode;
 use support::{Flight, HOME, command, waypoint};
 
 #[test]
-fn it_arms_with_a_gps_fix_and_not_before() {
+fn arming_needs_a_gps_fix() {
     let mut flight = Flight::new();
     flight.run(1_900);
     assert_eq!(flight.vehicle.global_position(), None);
     assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(flight.said(), ["Arming refused: no GPS fix yet"]);
+    assert_eq!(flight.texts(), ["Arming refused: no GPS fix yet"]);
     assert_eq!(flight.vehicle.state().unwrap().system_status, MavState::BOOT);
     flight.run(200);
     assert_eq!(flight.vehicle.global_position().map(|position| (position.latitude, position.longitude)), Some(HOME));
     assert_eq!(flight.vehicle.state().unwrap().system_status, MavState::STANDBY);
     for _ in 0..2 {
-        assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED, "also again (C-11)");
+        assert_eq!(
+            flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]),
+            MavResult::ACCEPTED,
+            "a repetition too (C-11)"
+        );
     }
     let state = flight.vehicle.state().unwrap();
     assert!(state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
@@ -27,7 +31,7 @@ fn it_arms_with_a_gps_fix_and_not_before() {
 }
 
 #[test]
-fn in_flight_it_is_disarmed_by_force_only_and_falls() {
+fn disarming_in_flight_needs_force() {
     let mut flight = Flight::airborne();
     assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[0.0]), MavResult::TEMPORARILY_REJECTED);
     assert!(flight.vehicle.is_armed());
@@ -37,8 +41,8 @@ fn in_flight_it_is_disarmed_by_force_only_and_falls() {
 }
 
 #[test]
-fn it_takes_off_holds_and_lands() {
-    let mut flight = Flight::ready();
+fn takes_off_holds_and_lands() {
+    let mut flight = Flight::armed();
     assert_eq!(
         flight.command(MavCmd::NAV_TAKEOFF, &[0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 5.0]),
         MavResult::ACCEPTED
@@ -49,19 +53,19 @@ fn it_takes_off_holds_and_lands() {
     assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
     flight.until("down", 30, |vehicle| !vehicle.is_armed());
     assert!(flight.vehicle.is_landed());
-    assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED, "it has landed (C-11)");
+    assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED, "already landed (C-11)");
 }
 
-/// A position without a frame of its own is above home; COMMAND_INT says which it means (C-6, C-7).
+/// The altitude of COMMAND_LONG, which has no frame, is above home. COMMAND_INT names its frame (C-6, C-7).
 #[test]
-fn take_off_minds_the_frame_of_its_altitude() {
+fn takeoff_altitude_follows_its_frame() {
     let table = [
         (MavFrame::GLOBAL, 500.0, MavResult::ACCEPTED, 12.0),
         (MavFrame::GLOBAL_RELATIVE_ALT, 7.0, MavResult::ACCEPTED, 7.0),
         (MavFrame::GLOBAL, 100.0, MavResult::DENIED, 0.0),
     ];
     for (frame, z, result, height) in table {
-        let mut flight = Flight::ready();
+        let mut flight = Flight::armed();
         let position = CommandPosition::Int { frame, x: i32::MAX, y: i32::MAX };
         let command = Command { position, z, ..command(MavCmd::NAV_TAKEOFF, [f32::NAN; 4]) };
         assert_eq!(flight.send(command), result, "{frame:?} {z}");
@@ -71,7 +75,7 @@ fn take_off_minds_the_frame_of_its_altitude() {
 }
 
 #[test]
-fn what_needs_an_armed_vehicle_waits_for_one() {
+fn flight_commands_need_an_armed_vehicle() {
     let mut flight = Flight::new();
     flight.run(2_500);
     flight.upload(&[waypoint(0.0, 0.0)]);
@@ -83,9 +87,9 @@ fn what_needs_an_armed_vehicle_waits_for_one() {
 }
 
 #[test]
-fn the_battery_drains_faster_in_the_air_and_says_when_it_is_low() {
-    let mut flight = Flight::ready();
-    // Less than the time after which it would disarm on the ground.
+fn the_battery_drains_faster_in_flight_and_warns_when_low() {
+    let mut flight = Flight::armed();
+    // Shorter than the time after which the vehicle disarms on the ground.
     let before = flight.vehicle.battery().remaining;
     flight.run(9_000);
     let ground = before - flight.vehicle.battery().remaining;
@@ -95,17 +99,17 @@ fn the_battery_drains_faster_in_the_air_and_says_when_it_is_low() {
     flight.run(9_000);
     assert!(before - flight.vehicle.battery().remaining > 3.0 * ground && ground > 0.0);
     flight.until("low", 1_200, |vehicle| vehicle.battery().remaining < 0.15);
-    assert_eq!(flight.said(), ["Battery low"]);
+    assert_eq!(flight.texts(), ["Battery low"]);
     assert_eq!(flight.vehicle.state().unwrap().system_status, MavState::CRITICAL);
 }
 
-/// The same steps in time, the same flight; and how often the loop goes round does not matter.
+/// The same input gives the same flight, whatever the loop rate.
 #[test]
-fn flights_are_repeatable() {
+fn flights_are_deterministic() {
     let fly = |period: u64| {
         let mut flight = Flight::flying(&[waypoint(22.0, 8.0), waypoint(0.0, 4.0)]);
         for _ in 0..20_000 / period {
-            flight.go_round(period);
+            flight.step(period);
         }
         (flight.vehicle.local_position(), flight.vehicle.attitude(), flight.vehicle.battery())
     };

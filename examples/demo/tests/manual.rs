@@ -1,9 +1,8 @@
-//! Flight by hand over the wire: rules J-1 to J-4 as the vehicle makes use of them.
+//! Manual flight over MAVLink: rules J-1 to J-4 as used by the vehicle.
 
 #[path = "support/wire.rs"]
 mod wire;
 
-use mavstack::Parameters;
 use mavstack::dialect::*;
 use mavstack_demo::{Mode, TELEMETRY, Tuning, Vector};
 use wire::{STATION, Wire};
@@ -11,13 +10,13 @@ use wire::{STATION, Wire};
 const POSITION: [f32; 3] = [129.0, 3.0, 0.0];
 const CENTRED: [i16; 4] = [0, 0, 500, 0];
 
-/// A ground station is there, and its sticks are like this for so long, sent ten times a second.
+/// Sends heartbeats of a ground station, and stick positions at 10 Hz, for `millis`.
 fn steer(wire: &mut Wire, [x, y, z, r]: [i16; 4], millis: u64) {
     let message = ManualControl { target: 1, x, y, z, r, ..ManualControl::default() };
     keep_sending(wire, millis, &message);
 }
 
-/// The same with radio channels (µs): roll, pitch, throttle, yaw.
+/// Like [`steer`], with radio channels (µs): roll, pitch, throttle, yaw.
 fn radio(wire: &mut Wire, [roll, pitch, throttle, yaw]: [u16; 4], millis: u64) {
     let message = RcChannelsOverride {
         target_system: 1,
@@ -38,21 +37,21 @@ fn radio(wire: &mut Wire, [roll, pitch, throttle, yaw]: [u16; 4], millis: u64) {
 fn keep_sending<M: mavstack::Message>(wire: &mut Wire, millis: u64, message: &M) {
     for _ in 0..millis / 100 {
         if wire.millis % 1_000 < 100 {
-            beat(wire);
+            send_heartbeat(wire);
         }
         wire.send(TELEMETRY, message);
         wire.run(100);
     }
 }
 
-fn beat(wire: &mut Wire) {
+fn send_heartbeat(wire: &mut Wire) {
     wire.send(TELEMETRY, &Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() });
 }
 
-/// Up in the air, in flight by hand.
-fn by_hand() -> Wire {
+/// Returns a vehicle in manual flight.
+fn in_manual_flight() -> Wire {
     let mut wire = Wire::airborne();
-    beat(&mut wire);
+    send_heartbeat(&mut wire);
     steer(&mut wire, CENTRED, 1_200);
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::ACCEPTED);
     wire
@@ -63,10 +62,10 @@ fn heading(wire: &Wire) -> f32 {
     yaw.to_degrees()
 }
 
-/// It stops with its nose where it is, also backwards.
+/// A stop keeps the heading, even when the vehicle flies backwards.
 #[test]
-fn a_stop_does_not_turn_it_around() {
-    let mut wire = by_hand();
+fn a_stop_keeps_the_heading() {
+    let mut wire = in_manual_flight();
     steer(&mut wire, [-1_000, 0, 500, 0], 4_000);
     assert!(wire.vehicle().velocity().north < -6.0, "{:?}", wire.vehicle());
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 3.0]), MavResult::ACCEPTED);
@@ -74,13 +73,13 @@ fn a_stop_does_not_turn_it_around() {
     assert!(heading(&wire).abs() < 0.1, "{}", heading(&wire));
 }
 
-/// J-3: without sticks there is no flight by hand, nor with old ones.
+/// J-3: Position mode is refused without manual control, and after its timeout.
 #[test]
-fn position_mode_needs_fresh_sticks() {
+fn position_mode_needs_current_input() {
     let mut wire = Wire::airborne();
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(wire.said(), ["Position mode refused: no manual control"]);
-    beat(&mut wire);
+    assert_eq!(wire.texts(), ["Position mode refused: no manual control"]);
+    send_heartbeat(&mut wire);
     steer(&mut wire, CENTRED, 1_200);
     wire.run(600);
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::TEMPORARILY_REJECTED);
@@ -92,10 +91,10 @@ fn position_mode_needs_fresh_sticks() {
     assert!(heartbeat.base_mode.contains(MavModeFlag::CUSTOM_MODE_ENABLED));
 }
 
-/// J-3: sticks that are lost are not held; the vehicle holds, and says why.
+/// J-3: when manual control times out the vehicle holds, with a text.
 #[test]
-fn lost_sticks_are_not_followed() {
-    let mut wire = by_hand();
+fn lost_manual_control_makes_it_hold() {
+    let mut wire = in_manual_flight();
     steer(&mut wire, [1_000, 0, 500, 0], 3_000);
     let lost = wire.millis;
     wire.until("holding", 2, |vehicle| vehicle.mode() == Mode::Hold);
@@ -103,34 +102,35 @@ fn lost_sticks_are_not_followed() {
     wire.run(5_000);
     let Vector { north, east, down } = wire.vehicle().velocity();
     assert!(north.abs() < 0.05 && east.abs() < 0.05 && down.abs() < 0.05);
-    assert_eq!(wire.said(), ["Manual control lost: holding"]);
-    // Back again, it is for the pilot to say so.
+    assert_eq!(wire.texts(), ["Manual control lost: holding"]);
+    // When input returns, the pilot must select the mode again.
     steer(&mut wire, [1_000, 0, 500, 0], 1_000);
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
-/// J-1: forward and right as the nose points, up and down from the middle, turns to the right; centred, it stays.
+/// J-1: forward and right relative to the heading, throttle up and down from the middle, yaw to the right. Centred sticks hold
+/// the position.
 #[test]
 fn sticks_steer_in_the_body_frame() {
-    let mut wire = by_hand();
+    let mut wire = in_manual_flight();
     steer(&mut wire, [0, 0, 500, 500], 2_000);
-    let heading_then = heading(&wire);
-    assert!((heading_then - 90.0).abs() < 6.0, "half of 90 degrees a second: {heading_then}");
+    let turned = heading(&wire);
+    assert!((turned - 90.0).abs() < 6.0, "half of 90 degrees per second: {turned}");
     steer(&mut wire, [500, 0, 500, 0], 4_000);
     let Vector { north, east, .. } = wire.vehicle().velocity();
     assert!((east - 4.0).abs() < 0.1 && north.abs() < 0.5, "forward is east: {:?}", wire.vehicle().velocity());
-    assert!((heading(&wire) - heading_then).abs() < 1.0, "the nose stays: {}", heading(&wire));
+    assert!((heading(&wire) - turned).abs() < 1.0, "the heading stays: {}", heading(&wire));
     steer(&mut wire, [0, 1_000, 500, 0], 6_000);
     let Vector { north, east, .. } = wire.vehicle().velocity();
     assert!((north + 8.0).abs() < 0.2 && east.abs() < 0.9, "right is south: {:?}", wire.vehicle().velocity());
     steer(&mut wire, CENTRED, 6_000);
     let place = wire.vehicle().local_position();
     steer(&mut wire, [20, -20, 510, 15], 2_000);
-    assert!(wire.vehicle().local_position().distance(place) < 0.05, "a stick is never quite still");
+    assert!(wire.vehicle().local_position().distance(place) < 0.05, "inside the dead band");
     let height = wire.height();
     steer(&mut wire, [0, 0, 1_000, 0], 2_000);
     assert!((wire.height() - height - 6.0).abs() < 0.4, "{} {height}", wire.height());
-    // An axis that is not given, or is no axis, is centred.
+    // An omitted or invalid axis counts as centred.
     let height = wire.height();
     steer(&mut wire, [i16::MAX, 1_001, i16::MAX, i16::MAX], 1_000);
     assert!((wire.height() - height).abs() < 0.1 && wire.vehicle().mode() == Mode::Position);
@@ -138,15 +138,15 @@ fn sticks_steer_in_the_body_frame() {
     assert!(height - wire.height() > 3.0, "{} {height}", wire.height());
 }
 
-/// From the ground and back to it; disarmed, it stands.
+/// Manual takeoff and landing. A disarmed vehicle stays on the ground.
 #[test]
-fn it_takes_off_and_lands_by_hand() {
-    let mut wire = Wire::switched_on();
-    beat(&mut wire);
+fn manual_takeoff_and_landing() {
+    let mut wire = Wire::booted();
+    send_heartbeat(&mut wire);
     steer(&mut wire, CENTRED, 1_200);
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::ACCEPTED);
     steer(&mut wire, [0, 0, 1_000, 0], 1_000);
-    assert_eq!(wire.height(), 0.0, "it is not armed");
+    assert_eq!(wire.height(), 0.0, "not armed");
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
     steer(&mut wire, [1_000, 0, 1_000, 0], 3_000);
     assert!(wire.height() > 8.0 && wire.vehicle().local_position().north > 3.0);
@@ -155,36 +155,42 @@ fn it_takes_off_and_lands_by_hand() {
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[0.0]), MavResult::ACCEPTED);
 }
 
-/// J-4: radio channels steer the same way, and RC_CHANNELS tells them, and nothing else.
+/// J-4: radio channels steer the vehicle too. RC_CHANNELS contains exactly the channels received.
 #[test]
-fn radio_channels_steer_too_and_are_told() {
+fn radio_channels_steer_and_are_reported() {
     let mut wire = Wire::airborne();
     assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[65.0]), MavResult::ACCEPTED);
     wire.run(10);
-    let (_, told) = wire.take::<RcChannels>().pop().unwrap();
-    assert_eq!((told.chancount, told.chan1_raw, told.chan18_raw, told.rssi), (0, u16::MAX, u16::MAX, u8::MAX));
-    beat(&mut wire);
+    let (_, channels) = wire.take::<RcChannels>().pop().unwrap();
+    assert_eq!(
+        (channels.chancount, channels.chan1_raw, channels.chan18_raw, channels.rssi),
+        (0, u16::MAX, u16::MAX, u8::MAX)
+    );
+    send_heartbeat(&mut wire);
     radio(&mut wire, [1_500; 4], 1_200);
     assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::ACCEPTED);
     wire.take::<RcChannels>();
     radio(&mut wire, [1_500, 1_250, 1_500, 1_500], 4_000);
     let Vector { north, east, .. } = wire.vehicle().velocity();
     assert!((north - 4.0).abs() < 0.1 && east.abs() < 0.1, "{:?}", wire.vehicle().velocity());
-    let (_, told) = wire.take::<RcChannels>().pop().unwrap();
-    assert_eq!((told.chancount, told.chan1_raw, told.chan2_raw, told.chan5_raw), (4, 1_500, 1_250, u16::MAX));
+    let (_, channels) = wire.take::<RcChannels>().pop().unwrap();
+    assert_eq!(
+        (channels.chancount, channels.chan1_raw, channels.chan2_raw, channels.chan5_raw),
+        (4, 1_500, 1_250, u16::MAX)
+    );
     radio(&mut wire, [1_750, 1_500, 1_500, 1_500], 4_000);
     assert!((wire.vehicle().velocity().east - 4.0).abs() < 0.1, "{:?}", wire.vehicle().velocity());
-    // The throttle is released: those that are left are no sticks.
+    // With the throttle released the remaining channels are not enough.
     radio(&mut wire, [1_500, 1_500, 0, 1_500], 200);
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
-/// J-2: who may steer is a parameter; and who is no ground station may not unless it names him.
+/// J-2: a parameter selects the source of manual control. A sender that is not a ground station must be named there.
 #[test]
-fn only_who_may_steers() {
+fn only_the_permitted_source_steers() {
     let allow = |wire: &mut Wire, system| {
-        let (_, vehicle) = wire.app.parts();
-        assert!(vehicle.parameters_mut().unwrap().set(Tuning::MAV_GCS_SYSID, system));
+        let (stack, _) = wire.app.parts();
+        assert!(stack.parameters_mut().set(Tuning::MAV_GCS_SYSID, system));
     };
     let enter = |wire: &mut Wire| {
         let message = ManualControl { target: 1, z: 500, ..ManualControl::default() };
@@ -202,15 +208,15 @@ fn only_who_may_steers() {
     assert_eq!(enter(&mut wire), MavResult::TEMPORARILY_REJECTED);
 }
 
-/// The fence holds for a pilot too.
+/// The fence also applies to manual flight.
 #[test]
-fn the_fence_stops_a_pilot() {
-    let mut wire = by_hand();
-    let (_, vehicle) = wire.app.parts();
-    assert!(vehicle.parameters_mut().unwrap().set(Tuning::GF_MAX_HOR_DIST, 30.0));
+fn the_fence_stops_manual_flight() {
+    let mut wire = in_manual_flight();
+    let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::GF_MAX_HOR_DIST, 30.0));
     steer(&mut wire, [1_000, 0, 500, 0], 10_000);
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
     let north = wire.vehicle().local_position().north;
     assert!((25.0..30.0).contains(&north), "{north}");
-    assert_eq!(wire.said(), ["Holding at the fence"]);
+    assert_eq!(wire.texts(), ["Holding at the fence"]);
 }

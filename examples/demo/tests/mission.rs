@@ -1,4 +1,4 @@
-//! Missions flown in simulated time: legs, their order, and what is done on the way.
+//! Missions in simulated time: legs, their order, and the items executed on the way.
 
 mod support;
 
@@ -14,7 +14,7 @@ fn speed(speed: f32) -> Item {
 }
 
 #[test]
-fn waypoints_are_flown_to_in_order_and_reached_once_each() {
+fn waypoints_are_reached_in_order_and_once_each() {
     let corners = [(22.0, 0.0), (22.0, 15.0), (0.0, 15.0)];
     let mut flight = Flight::airborne();
     flight.upload(&corners.map(|(north, east)| waypoint(north, east)));
@@ -28,31 +28,31 @@ fn waypoints_are_flown_to_in_order_and_reached_once_each() {
             assert!(flight.millis < 60_000);
         }
         assert!(flight.distance(north, east) < 2.1, "{seq}: {:?}", flight.vehicle.local_position());
-        assert_eq!(flight.reached(), [seq], "before the next is current (M-91)");
+        assert_eq!(flight.reached(), [seq], "reported before the next item is current (M-91)");
     }
     assert_eq!(flight.mission(), (2, MissionState::COMPLETE));
-    assert_eq!(flight.said(), ["Mission complete"]);
+    assert_eq!(flight.texts(), ["Mission complete"]);
     let (north, east) = (flight.vehicle.local_position().north, flight.vehicle.local_position().east);
     flight.run(10_000);
-    assert!(flight.distance(north, east) < 3.0, "it stays where the plan ended");
+    assert!(flight.distance(north, east) < 3.0, "it holds where the plan ended");
     assert!(flight.vehicle.is_armed() && flight.height() > 9.0);
 }
 
-/// However many items lie at one place, each is reached once and in order, also when the loop goes round slowly (M-91).
+/// Many items at one position are each reached once and in order, even with a slow loop (M-91).
 #[test]
-fn items_at_one_place_are_each_reached() {
+fn items_at_one_position_are_each_reached() {
     let mut flight = Flight::flying(&[waypoint(0.0, 0.0); 40]);
     while flight.vehicle.mode() == Mode::Mission {
-        flight.go_round(100);
+        flight.step(100);
     }
     assert_eq!(flight.reached(), (0..40).collect::<Vec<_>>());
 }
 
-/// M-48: an item uploaded with a position of 0, 0 is flown where the vehicle is.
+/// M-48: an item with the position 0, 0 is flown at the vehicle's position.
 #[test]
-fn a_plan_at_zero_is_flown_here() {
+fn zero_position_means_the_vehicles_position() {
     let zero = |command, z| Item { x: 0, y: 0, ..at(command, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, z) };
-    let mut flight = Flight::ready();
+    let mut flight = Flight::armed();
     flight.upload(&[
         zero(MavCmd::NAV_TAKEOFF, 8.0),
         waypoint(20.0, 10.0),
@@ -69,8 +69,8 @@ fn a_plan_at_zero_is_flown_here() {
 }
 
 #[test]
-fn a_plan_from_ground_to_ground() {
-    let mut flight = Flight::ready();
+fn a_plan_from_takeoff_to_landing() {
+    let mut flight = Flight::armed();
     flight.upload(&[
         Item { x: i32::MAX, y: i32::MAX, ..at(MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, NAN], 0.0, 0.0, 6.0) },
         speed(3.0),
@@ -85,7 +85,7 @@ fn a_plan_from_ground_to_ground() {
         flight.run(10);
         fastest = fastest.max(flight.speed());
     }
-    assert!((2.9..3.1).contains(&fastest), "it keeps to the speed that the plan sets: {fastest}");
+    assert!((2.9..3.1).contains(&fastest), "at the speed that the plan sets: {fastest}");
     let mut highest: f32 = 0.0;
     while flight.vehicle.is_armed() {
         flight.run(10);
@@ -95,11 +95,11 @@ fn a_plan_from_ground_to_ground() {
     assert!((14.0..16.0).contains(&highest), "it returns at 15 m: {highest}");
     assert_eq!(flight.mission(), (3, MissionState::COMPLETE));
     assert!(flight.distance(0.0, 0.0) < 1.5 && flight.vehicle.is_landed());
-    assert_eq!(flight.reached(), [0, 2, 3], "items of the DO_ commands are not reached");
-    assert_eq!(flight.said(), ["Mission complete", "Landed, disarmed"]);
+    assert_eq!(flight.reached(), [0, 2, 3], "DO_ items are not reached");
+    assert_eq!(flight.texts(), ["Mission complete", "Landed, disarmed"]);
 }
 
-/// The speed is kept (-1), set back (-2), and as the plan left it after a pause.
+/// A plan can keep the speed (-1) or reset it (-2). A pause does not change it.
 #[test]
 fn the_plan_sets_the_speed() {
     let mut flight = Flight::flying(&[
@@ -129,7 +129,7 @@ fn the_plan_sets_the_speed() {
 }
 
 #[test]
-fn it_holds_at_a_waypoint_as_long_as_that_says() {
+fn holds_at_a_waypoint_for_its_delay() {
     let mut flight =
         Flight::flying(&[at(MavCmd::NAV_WAYPOINT, [7.0, 0.0, 0.0, NAN], 0.0, 0.0, 10.0), waypoint(5.0, 0.0)]);
     let took = flight.until_current(1, 20);
@@ -137,7 +137,7 @@ fn it_holds_at_a_waypoint_as_long_as_that_says() {
 }
 
 #[test]
-fn a_waypoint_is_as_wide_as_it_says() {
+fn a_waypoint_has_its_own_acceptance_radius() {
     for (radius, expected) in [(10.0, 10.0), (0.5, 0.5), (0.0, 2.0), (NAN, 2.0)] {
         let wide = at(MavCmd::NAV_WAYPOINT, [0.0, radius, 0.0, NAN], 40.0, 0.0, 10.0);
         let mut flight = Flight::flying(&[wide, waypoint(80.0, 0.0)]);
@@ -147,9 +147,9 @@ fn a_waypoint_is_as_wide_as_it_says() {
     }
 }
 
-/// Parameter 4 is the heading at a waypoint; NaN leaves the nose on the course.
+/// Parameter 4 is the heading at a waypoint. With NaN the heading follows the course.
 #[test]
-fn the_nose_follows_the_course_and_the_plan() {
+fn the_heading_follows_the_course_and_the_plan() {
     let mut flight = Flight::flying(&[
         at(MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, 270.0], 60.0, 0.0, 10.0),
         at(MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, NAN], 60.0, 60.0, 10.0),
@@ -166,18 +166,18 @@ fn the_nose_follows_the_course_and_the_plan() {
 }
 
 #[test]
-fn loitering_ends_when_its_time_is_up() {
+fn loiter_time_ends_after_its_time() {
     let mut flight =
         Flight::flying(&[at(MavCmd::NAV_LOITER_TIME, [12.0, 0.0, 50.0, 1.0], 30.0, 0.0, 10.0), waypoint(60.0, 0.0)]);
-    flight.until("there", 20, |vehicle| vehicle.local_position().north > 28.0);
+    flight.until("arrived", 20, |vehicle| vehicle.local_position().north > 28.0);
     let took = flight.until_current(1, 30);
     assert!((12.0..13.0).contains(&took), "{took}");
     assert!(flight.distance(30.0, 0.0) < 0.5);
 }
 
-/// Without a place it loiters where it is; it goes on when it is told to.
+/// A loiter without a position stays at the vehicle's position. An unlimited loiter ends with DO_SET_MISSION_CURRENT.
 #[test]
-fn unlimited_loitering_ends_by_hand() {
+fn unlimited_loiter_ends_on_command() {
     let here = Item { x: i32::MAX, y: i32::MAX, ..at(MavCmd::NAV_LOITER_UNLIM, [NAN; 4], 0.0, 0.0, 12.0) };
     let mut flight = Flight::flying(&[waypoint(20.0, 0.0), here, waypoint(40.0, 0.0)]);
     flight.until_current(1, 20);
@@ -185,25 +185,25 @@ fn unlimited_loitering_ends_by_hand() {
     assert_eq!(flight.mission(), (1, MissionState::ACTIVE));
     assert_eq!(flight.reached(), [0, 1]);
     assert!(flight.distance(20.0, 0.0) < 3.0 && (flight.height() - 12.0).abs() < 0.1);
-    assert_eq!(flight.vehicle.set_current(2, false), MavResult::ACCEPTED);
+    assert_eq!(flight.set_current(2, false), MavResult::ACCEPTED);
     flight.until_end(20);
     assert_eq!(flight.reached(), [2]);
 }
 
 #[test]
-fn a_delay_is_waited_for() {
+fn nav_delay_waits() {
     let mut flight =
         Flight::flying(&[waypoint(10.0, 0.0), act(MavCmd::NAV_DELAY, [6.5, -1.0, -1.0, -1.0]), waypoint(20.0, 0.0)]);
     flight.until_current(1, 20);
     flight.run(6_000);
-    assert_eq!(flight.reached(), [0], "a delay is reached when it is over");
+    assert_eq!(flight.reached(), [0], "a delay is reached at its end");
     assert!((flight.until_current(2, 20) - 0.5).abs() < 0.1);
     assert_eq!(flight.reached(), [1]);
-    assert!(flight.distance(10.0, 0.0) < 2.5, "it stayed");
+    assert!(flight.distance(10.0, 0.0) < 2.5, "it held its position");
 }
 
 #[test]
-fn it_lands_where_the_plan_says() {
+fn lands_where_the_plan_says() {
     for (land, north, east) in [
         (at(MavCmd::NAV_LAND, [0.0, 0.0, 0.0, NAN], 30.0, -20.0, 0.0), 30.0, -20.0),
         (Item { x: i32::MAX, y: i32::MAX, z: NAN, ..at(MavCmd::NAV_LAND, [NAN; 4], 0.0, 0.0, 0.0) }, 20.0, 0.0),
@@ -217,9 +217,9 @@ fn it_lands_where_the_plan_says() {
     }
 }
 
-/// An altitude above the sea is not one above home.
+/// Altitudes above mean sea level and above home differ.
 #[test]
-fn altitudes_mean_what_their_frame_says() {
+fn altitudes_follow_their_frame() {
     let high = Item { frame: MavFrame::GLOBAL, ..at(MavCmd::NAV_WAYPOINT, [0.0; 4], 0.0, 0.0, 508.0) };
     let mut flight = Flight::flying(&[high]);
     flight.until_end(30);
@@ -227,10 +227,10 @@ fn altitudes_mean_what_their_frame_says() {
     assert!((flight.height() - 20.0).abs() < 2.1, "{}", flight.height());
 }
 
-/// On the ground nothing could be flown to: it goes as low as it can fly.
+/// Items on the ground are flown at the minimum height.
 #[test]
-fn places_on_the_ground_are_flown_to() {
-    let mut flight = Flight::ready();
+fn items_on_the_ground_are_reached() {
+    let mut flight = Flight::armed();
     let low = |command, z| at(command, [0.0, 0.0, 0.0, 90.0], 20.0, 0.0, z);
     flight.upload(&[
         low(MavCmd::NAV_TAKEOFF, 0.2),
@@ -245,9 +245,9 @@ fn places_on_the_ground_are_flown_to() {
     assert_eq!(flight.reached(), [0, 1, 2, 3]);
 }
 
-/// Without autocontinue it holds when the item is done, whatever that is, and goes on when it is told to.
+/// Without autocontinue the vehicle holds after the item, whatever its command, until the operator resumes the mission.
 #[test]
-fn without_autocontinue_it_waits_for_the_operator() {
+fn without_autocontinue_the_mission_pauses() {
     let stop = |item: Item| Item { autocontinue: 0, ..item };
     let mut flight = Flight::flying(&[stop(waypoint(20.0, 0.0)), stop(speed(3.0)), waypoint(40.0, 0.0)]);
     flight.until_end(20);
@@ -263,9 +263,9 @@ fn without_autocontinue_it_waits_for_the_operator() {
     assert_eq!(flight.reached(), [0, 2]);
 }
 
-/// The items between two legs are carried out on the way to the second; CONDITION_DELAY holds back what follows it.
+/// The items between two legs are executed on the way to the second one. CONDITION_DELAY defers the items after it.
 #[test]
-fn a_delay_on_the_way_holds_back_the_speed() {
+fn condition_delay_defers_a_speed_change() {
     let mut flight = Flight::flying(&[
         waypoint(0.0, 0.0),
         speed(2.0),
@@ -274,16 +274,16 @@ fn a_delay_on_the_way_holds_back_the_speed() {
         waypoint(100.0, 0.0),
     ]);
     flight.run(4_900);
-    assert_eq!(flight.mission().0, 2, "the delay is what it waits for");
-    assert!((flight.speed() - 2.0).abs() < 0.1 && flight.distance(0.0, 0.0) > 7.0, "it flies meanwhile");
+    assert_eq!(flight.mission().0, 2, "the mission waits for the delay");
+    assert!((flight.speed() - 2.0).abs() < 0.1 && flight.distance(0.0, 0.0) > 7.0, "the vehicle flies meanwhile");
     flight.run(3_000);
     assert_eq!(flight.mission().0, 4);
     assert!((flight.speed() - 6.0).abs() < 0.1, "{}", flight.speed());
 }
 
-/// What is still held back at the leg's end is waited for there: nothing is skipped.
+/// Items that are still deferred at the end of the leg are waited for. None is skipped.
 #[test]
-fn a_delay_longer_than_its_leg_is_waited_for() {
+fn a_delay_longer_than_its_leg_extends_the_leg() {
     let mut flight = Flight::flying(&[
         act(MavCmd::CONDITION_DELAY, [20.0, 0.0, 0.0, 0.0]),
         speed(3.0),
@@ -302,7 +302,7 @@ fn a_delay_longer_than_its_leg_is_waited_for() {
 }
 
 #[test]
-fn a_distance_holds_back_until_it_is_near() {
+fn condition_distance_defers_until_near() {
     let mut flight = Flight::flying(&[
         act(MavCmd::CONDITION_DISTANCE, [30.0, 0.0, 0.0, 0.0]),
         speed(2.0),
@@ -312,16 +312,16 @@ fn a_distance_holds_back_until_it_is_near() {
     ]);
     flight.until("slow", 30, |vehicle| vehicle.progress().current == 2);
     assert!((flight.distance(100.0, 0.0) - 30.0).abs() < 0.2);
-    assert!(flight.speed() > 7.0, "so far it flew as fast as it may");
+    assert!(flight.speed() > 7.0, "full speed until then");
     flight.run(5_000);
     assert!((flight.speed() - 2.0).abs() < 0.1);
     flight.until_end(60);
-    assert_eq!(flight.mission(), (4, MissionState::COMPLETE), "nearer than the leg ends it need not come");
+    assert_eq!(flight.mission(), (4, MissionState::COMPLETE), "a distance of 0 is met at the end of the leg");
 }
 
-/// The nose turns, and what follows waits for that; the heading stays for the rest of the leg.
+/// CONDITION_YAW defers the items after it until the turn is complete. The heading stays for the rest of the leg.
 #[test]
-fn a_heading_holds_back_until_it_is_taken() {
+fn condition_yaw_defers_until_turned() {
     let mut flight = Flight::flying(&[
         act(MavCmd::CONDITION_YAW, [90.0, 15.0, -1.0, 0.0]),
         speed(3.0),
@@ -342,12 +342,12 @@ fn a_heading_holds_back_until_it_is_taken() {
     flight.upload(&[act(MavCmd::CONDITION_YAW, [180.0, 5_000.0, 1.0, 1.0])]);
     flight.start(None, None);
     let took = flight.until_end(30);
-    assert!((1.5..3.0).contains(&took), "no faster than it can turn: {took}");
+    assert!((1.5..3.0).contains(&took), "limited by the maximum yaw rate: {took}");
 }
 
-/// DO_ items behind the last leg are carried out, and conditions there waited for.
+/// DO_ items and conditions after the last leg are executed too.
 #[test]
-fn what_follows_the_last_leg_is_carried_out() {
+fn items_after_the_last_leg_are_executed() {
     let mut flight =
         Flight::flying(&[waypoint(0.0, 0.0), act(MavCmd::CONDITION_DELAY, [5.0, 0.0, 0.0, 0.0]), speed(1.0)]);
     let took = flight.until_end(20);
@@ -356,10 +356,10 @@ fn what_follows_the_last_leg_is_carried_out() {
     flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, &[]);
 }
 
-/// On the ground it cannot turn, and does not wait for what cannot come.
+/// On the ground the vehicle cannot turn, so CONDITION_YAW does not wait there.
 #[test]
 fn conditions_do_not_hang_on_the_ground() {
-    let mut flight = Flight::ready();
+    let mut flight = Flight::armed();
     flight.upload(&[
         act(MavCmd::CONDITION_YAW, [180.0, 0.0, 0.0, 0.0]),
         act(MavCmd::NAV_DELAY, [2.0, 0.0, 0.0, 0.0]),

@@ -1,9 +1,8 @@
-//! Flight modes over the wire: by their numbers, by their meaning, and as told.
+//! Flight modes over MAVLink: set by number, set as standard modes, and reported.
 
 #[path = "support/wire.rs"]
 mod wire;
 
-use mavstack::Parameters;
 use mavstack::dialect::*;
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
 use wire::Wire;
@@ -11,7 +10,7 @@ use wire::Wire;
 const NAN: f32 = f32::NAN;
 const SET: MavCmd = MavCmd::DO_SET_MODE;
 
-/// DO_SET_MODE as MAVSDK sends it, a main mode and a sub-mode; and as pymavlink does, a whole `custom_mode`.
+/// DO_SET_MODE as MAVSDK sends it, with main mode and sub-mode, and as pymavlink does, with the whole `custom_mode`.
 #[test]
 fn modes_are_set_by_two_numbers_or_by_one() {
     let mut wire = Wire::airborne();
@@ -25,19 +24,19 @@ fn modes_are_set_by_two_numbers_or_by_one() {
         assert_eq!(wire.long(SET, &params), MavResult::ACCEPTED, "{params:?}");
         assert_eq!(wire.vehicle().mode(), mode);
     }
-    // None of ours: a base mode, an acrobatic mode, no such sub-mode, half a number, a whole number and a sub-mode.
+    // Invalid: a base mode only, an acrobatic mode, an unknown sub-mode, a fraction, a whole `custom_mode` with a sub-mode, NaN.
     for params in
         [[0.0, 4.0, 5.0], [1.0, 5.0, 0.0], [1.0, 4.0, 9.0], [1.0, 4.5, 5.0], [1.0, 262_144.0, 5.0], [1.0, NAN, 5.0]]
     {
         assert_eq!(wire.long(SET, &params), MavResult::DENIED, "{params:?}");
     }
-    assert_eq!(wire.long_by(TELEMETRY, 0, SET, &[1.0, 4.0, 6.0]), MavResult::DENIED, "not all in reach (C-1)");
+    assert_eq!(wire.long_by(TELEMETRY, 0, SET, &[1.0, 4.0, 6.0]), MavResult::DENIED, "no broadcast (C-1)");
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
-/// By what it means; and the old message, answered as command 11 (C-32).
+/// Standard modes, and the deprecated SET_MODE, which is answered as command 11 (C-32).
 #[test]
-fn modes_are_set_by_their_meaning_and_by_the_old_message() {
+fn modes_are_set_as_standard_modes_and_by_set_mode() {
     let mut wire = Wire::airborne();
     let standard =
         |wire: &mut Wire, mode: MavStandardMode| wire.long(MavCmd::DO_SET_STANDARD_MODE, &[f32::from(mode.0)]);
@@ -50,9 +49,13 @@ fn modes_are_set_by_their_meaning_and_by_the_old_message() {
         assert_eq!(wire.vehicle().mode(), mode);
     }
     assert_eq!(standard(&mut wire, MavStandardMode::ORBIT), MavResult::DENIED);
-    assert_eq!(standard(&mut wire, MavStandardMode::MISSION), MavResult::FAILED, "there is none");
-    assert_eq!(standard(&mut wire, MavStandardMode::POSITION_HOLD), MavResult::TEMPORARILY_REJECTED, "nobody steers");
-    assert_eq!(wire.said().last().unwrap(), "Position mode refused: no manual control");
+    assert_eq!(standard(&mut wire, MavStandardMode::MISSION), MavResult::FAILED, "no mission");
+    assert_eq!(
+        standard(&mut wire, MavStandardMode::POSITION_HOLD),
+        MavResult::TEMPORARILY_REJECTED,
+        "no manual control"
+    );
+    assert_eq!(wire.texts().last().unwrap(), "Position mode refused: no manual control");
     let message =
         SetMode { target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED, custom_mode: Mode::Hold.number() };
     wire.send(TELEMETRY, &message);
@@ -60,34 +63,34 @@ fn modes_are_set_by_their_meaning_and_by_the_old_message() {
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
-/// CURRENT_MODE: a mode that came to its end is not what is intended any more; what a failsafe left is.
+/// CURRENT_MODE: the intended mode ends when the mode completes, but not when a failsafe replaces it.
 #[test]
-fn what_was_asked_for_is_told_until_it_is_over() {
+fn the_intended_mode_lasts_until_it_completes() {
     let intended = |wire: &mut Wire| {
         wire.run(2_100);
-        let (_, told) = wire.take::<CurrentMode>().pop().unwrap();
-        assert_eq!(told.custom_mode, wire.vehicle().mode().number());
-        told.intended_custom_mode
+        let (_, current) = wire.take::<CurrentMode>().pop().unwrap();
+        assert_eq!(current.custom_mode, wire.vehicle().mode().number());
+        current.intended_custom_mode
     };
     let mut wire = Wire::airborne();
-    assert_eq!(intended(&mut wire), Mode::Hold.number(), "the take-off is over");
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "the takeoff is complete");
     assert_eq!(wire.long(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
     assert_eq!(intended(&mut wire), Mode::Land.number());
     wire.until("down", 60, |vehicle| !vehicle.is_armed());
-    assert_eq!(intended(&mut wire), Mode::Hold.number(), "so is the landing");
-    assert_eq!(wire.long(SET, &[1.0, 4.0, 6.0]), MavResult::ACCEPTED, "it has landed");
-    assert_eq!(intended(&mut wire), Mode::Hold.number(), "and does not land again");
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "the landing is complete");
+    assert_eq!(wire.long(SET, &[1.0, 4.0, 6.0]), MavResult::ACCEPTED, "already landed");
+    assert_eq!(intended(&mut wire), Mode::Hold.number(), "it does not land again");
 
     let mut wire = Wire::airborne();
-    let (_, vehicle) = wire.app.parts();
-    assert!(vehicle.parameters_mut().unwrap().set(Tuning::COM_FLT_TIME_MAX, 6));
-    wire.until("on its way home", 10, |vehicle| vehicle.mode() == Mode::Return);
+    let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::COM_FLT_TIME_MAX, 6));
+    wire.until("returning", 10, |vehicle| vehicle.mode() == Mode::Return);
     assert_eq!(intended(&mut wire), Mode::Hold.number());
 }
 
-/// the list has a name for each; what the vehicle is in is told, and what was asked for.
+/// AVAILABLE_MODES names each mode. CURRENT_MODE reports the current mode and the intended one.
 #[test]
-fn modes_are_told() {
+fn modes_are_reported() {
     let mut wire = Wire::airborne();
     assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[435.0, 0.0]), MavResult::ACCEPTED);
     wire.run(100);
@@ -99,10 +102,10 @@ fn modes_are_told() {
     wire.take::<CurrentMode>();
     wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]);
     wire.run(20);
-    let (_, told) = wire.take::<CurrentMode>().pop().unwrap();
+    let (_, current) = wire.take::<CurrentMode>().pop().unwrap();
     let number = Mode::Return.number();
-    assert_eq!((told.custom_mode, told.intended_custom_mode), (number, number));
-    assert_eq!(told.standard_mode, MavStandardMode::SAFE_RECOVERY);
+    assert_eq!((current.custom_mode, current.intended_custom_mode), (number, number));
+    assert_eq!(current.standard_mode, MavStandardMode::SAFE_RECOVERY);
     wire.run(1_000);
     let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
     assert_eq!((heartbeat.custom_mode, heartbeat.autopilot), (number, MavAutopilot::GENERIC));

@@ -1,26 +1,25 @@
-//! The demo vehicle's parameters: each changes what it does.
+//! The demo vehicle's parameters: each one affects its behaviour.
 
 mod support;
 #[path = "support/wire.rs"]
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Param, ParamTable, ParamType, Parameters, Vehicle};
+use mavstack::{Param, ParamTable, ParamType, Vehicle};
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
 use support::{Flight, HOME, waypoint};
 use wire::Wire;
 
 fn set<T: ParamType>(flight: &mut Flight, param: Param<Tuning, T>, value: T) {
-    let tuning = flight.vehicle.parameters_mut().expect("it has parameters");
-    assert!(tuning.set(param, value), "out of range");
+    assert!(flight.stack.parameters_mut().set(param, value), "out of range");
 }
 
 fn get<T: ParamType>(flight: &Flight, param: Param<Tuning, T>) -> T {
-    flight.vehicle.tuning().get(param)
+    flight.stack.parameters().get(param)
 }
 
-/// Armed, with parameters of the test's own.
-fn ready(tune: impl FnOnce(&mut Flight)) -> Flight {
+/// Returns an armed vehicle with modified parameters.
+fn armed(tune: impl FnOnce(&mut Flight)) -> Flight {
     let mut flight = Flight::new();
     tune(&mut flight);
     flight.run(2_500);
@@ -28,26 +27,25 @@ fn ready(tune: impl FnOnce(&mut Flight)) -> Flight {
     flight
 }
 
-/// The same, up in the air.
+/// Returns a hovering vehicle with modified parameters.
 fn airborne(tune: impl FnOnce(&mut Flight)) -> Flight {
-    let mut flight = ready(tune);
+    let mut flight = armed(tune);
     assert_eq!(flight.command(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
     flight.until("up", 60, |vehicle| vehicle.mode() == Mode::Hold);
     flight
 }
 
-/// Seconds until it has landed.
-fn landing(flight: &mut Flight) -> f32 {
+/// Lands, and returns how long it took (s).
+fn landing_time(flight: &mut Flight) -> f32 {
     assert_eq!(flight.command(MavCmd::NAV_LAND, &[]), MavResult::ACCEPTED);
     let start = flight.millis;
     flight.until("down", 120, |vehicle| vehicle.is_landed());
     (flight.millis - start) as f32 / 1_000.0
 }
 
-/// P-3: parameters of every wire type, with names that clients can show. PX4 has only two types, so parameters with its names
-/// use one of them.
+/// P-3: the table has parameters of every wire type. PX4 has only two types, so parameters with PX4's names use one of them.
 #[test]
-fn the_table_is_worth_its_name() {
+fn the_table_covers_every_parameter_type() {
     assert!(Tuning::INFO.len() >= 30);
     for r#type in [
         MavParamType::UINT8,
@@ -61,8 +59,7 @@ fn the_table_is_worth_its_name() {
         assert!(Tuning::INFO.iter().any(|info| info.param_type() == r#type), "{type:?}");
     }
     let is_ours = |name: &str| {
-        let others = ["MAV_GCS_SYSID", "MAV_HL_LOSS_T"];
-        name.starts_with("SIM_") || name.starts_with("STAT_") || others.contains(&name)
+        name.starts_with("SIM_") || name.starts_with("STAT_") || ["MAV_GCS_SYSID", "MAV_HL_LOSS_T"].contains(&name)
     };
     for info in Tuning::INFO.iter().filter(|info| !is_ours(info.name())) {
         assert!([MavParamType::INT32, MavParamType::REAL32].contains(&info.param_type()), "{}", info.name());
@@ -70,24 +67,24 @@ fn the_table_is_worth_its_name() {
 }
 
 #[test]
-fn heights_and_speeds_are_those_of_the_parameters() {
+fn takeoff_and_landing_follow_the_parameters() {
     let mut flight = airborne(|flight| {
         set(flight, Tuning::MIS_TAKEOFF_ALT, 24.0);
         set(flight, Tuning::MPC_Z_VEL_MAX_UP, 6.0);
     });
     assert!((flight.height() - 24.0).abs() < 0.6, "{}", flight.height());
-    let usual = landing(&mut airborne(|flight| set(flight, Tuning::MIS_TAKEOFF_ALT, 24.0)));
+    let default = landing_time(&mut airborne(|flight| set(flight, Tuning::MIS_TAKEOFF_ALT, 24.0)));
     set(&mut flight, Tuning::MPC_Z_VEL_MAX_DN, 4.0);
     set(&mut flight, Tuning::MPC_LAND_SPEED, 2.0);
     set(&mut flight, Tuning::MPC_LAND_ALT, 2.0);
-    let quick = landing(&mut flight);
-    assert!((quick - 6.5).abs() < 1.0 && usual > 14.0, "{quick} {usual}");
+    let quick = landing_time(&mut flight);
+    assert!((quick - 6.5).abs() < 1.0 && default > 14.0, "{quick} {default}");
 }
 
 #[test]
-fn climbing_takes_as_long_as_it_may() {
+fn the_climb_rate_follows_its_parameter() {
     let climb = |speed: f32| {
-        let mut flight = ready(|flight| set(flight, Tuning::MPC_Z_VEL_MAX_UP, speed));
+        let mut flight = armed(|flight| set(flight, Tuning::MPC_Z_VEL_MAX_UP, speed));
         flight.command(MavCmd::NAV_TAKEOFF, &[]);
         flight.run(2_000);
         flight.height()
@@ -96,7 +93,7 @@ fn climbing_takes_as_long_as_it_may() {
 }
 
 #[test]
-fn a_mission_is_flown_as_the_parameters_say() {
+fn a_mission_follows_the_parameters() {
     let fly = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = airborne(|_| ());
         tune(&mut flight);
@@ -107,20 +104,20 @@ fn a_mission_is_flown_as_the_parameters_say() {
         let end = flight.until_current(1, 120);
         (speed, end, flight.distance(100.0, 0.0))
     };
-    let (speed, usual, short) = fly(&|_| ());
+    let (speed, default, short) = fly(&|_| ());
     assert!((speed - 8.0).abs() < 0.1 && short > 1.5 && short < 2.1, "{speed} {short}");
     let (speed, slow, _) = fly(&|flight| set(flight, Tuning::MPC_XY_CRUISE, 4.0));
-    assert!((speed - 4.0).abs() < 0.1 && slow > usual + 8.0, "{speed} {slow} {usual}");
+    assert!((speed - 4.0).abs() < 0.1 && slow > default + 8.0, "{speed} {slow} {default}");
     let (_, _, short) = fly(&|flight| set(flight, Tuning::NAV_ACC_RAD, 20.0));
     assert!(short > 15.0 && short < 20.1, "{short}");
     let (speed, _, _) = fly(&|flight| set(flight, Tuning::MPC_ACC_HOR, 0.5));
     assert!((speed - 4.0).abs() < 0.2, "{speed}");
     let (_, gentle, _) = fly(&|flight| set(flight, Tuning::MPC_XY_P, 0.1));
-    assert!(gentle > usual + 10.0, "{gentle} {usual}");
+    assert!(gentle > default + 10.0, "{gentle} {default}");
 }
 
 #[test]
-fn the_nose_turns_as_the_parameters_say() {
+fn yaw_follows_the_parameters() {
     let turn = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = airborne(|_| ());
         tune(&mut flight);
@@ -136,7 +133,7 @@ fn the_nose_turns_as_the_parameters_say() {
 }
 
 #[test]
-fn it_returns_where_and_how_high_the_parameters_say() {
+fn a_return_follows_the_parameters() {
     let fly = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = airborne(|_| ());
         tune(&mut flight);
@@ -151,7 +148,7 @@ fn it_returns_where_and_how_high_the_parameters_say() {
             flight.run(100);
             highest = highest.max(flight.height());
         }
-        assert!(!flight.vehicle.is_armed(), "it has not landed: {:?}", flight.said());
+        assert!(!flight.vehicle.is_armed(), "not landed: {:?}", flight.texts());
         (flight.distance(30.0, 0.0) < 2.0, highest)
     };
     let (at_rally, highest) = fly(&|_| ());
@@ -166,7 +163,7 @@ fn it_returns_where_and_how_high_the_parameters_say() {
 }
 
 #[test]
-fn the_fence_is_that_of_the_parameters() {
+fn the_fence_follows_the_parameters() {
     let fly = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = airborne(|_| ());
         set(&mut flight, Tuning::GF_MAX_HOR_DIST, 50.0);
@@ -175,27 +172,29 @@ fn the_fence_is_that_of_the_parameters() {
         assert_eq!(flight.start(None, None), MavResult::ACCEPTED);
         flight.until_end(60);
         flight.run(5_000);
-        (flight.vehicle.mode(), flight.distance(0.0, 0.0), flight.said())
+        (flight.vehicle.mode(), flight.distance(0.0, 0.0), flight.texts())
     };
-    let (mode, distance, said) = fly(&|_| ());
-    assert_eq!((mode, &said[..]), (Mode::Hold, &["Holding at the fence"][..]));
+    let (mode, distance, texts) = fly(&|_| ());
+    assert_eq!(mode, Mode::Hold);
+    assert_eq!(texts, ["Holding at the fence"]);
     assert!(distance > 48.5 && distance < 50.0, "{distance}");
     let (_, distance, _) = fly(&|flight| set(flight, Tuning::GF_MARGIN, 10.0));
     assert!(distance > 38.5 && distance < 40.5, "{distance}");
-    let (_, distance, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 0));
-    assert!(distance > 75.0 && said == ["Mission complete"], "{distance} {said:?}");
-    let (_, distance, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 1));
-    assert!(distance > 75.0 && said == ["Leaving the fence", "Mission complete"], "{distance} {said:?}");
-    let (mode, _, said) = fly(&|flight| set(flight, Tuning::GF_ACTION, 3));
-    assert_eq!((mode, &said[..]), (Mode::Return, &["Returning from the fence"][..]));
-    let mut flight = ready(|flight| set(flight, Tuning::GF_MAX_VER_DIST, 8.0));
+    let (_, distance, texts) = fly(&|flight| set(flight, Tuning::GF_ACTION, 0));
+    assert!(distance > 75.0 && texts == ["Mission complete"], "{distance} {texts:?}");
+    let (_, distance, texts) = fly(&|flight| set(flight, Tuning::GF_ACTION, 1));
+    assert!(distance > 75.0 && texts == ["Leaving the fence", "Mission complete"], "{distance} {texts:?}");
+    let (mode, _, texts) = fly(&|flight| set(flight, Tuning::GF_ACTION, 3));
+    assert_eq!(mode, Mode::Return);
+    assert_eq!(texts, ["Returning: fence reached"]);
+    let mut flight = armed(|flight| set(flight, Tuning::GF_MAX_VER_DIST, 8.0));
     flight.command(MavCmd::NAV_TAKEOFF, &[]);
     flight.run(20_000);
     assert!(flight.height() > 7.0 && flight.height() <= 8.0, "{}", flight.height());
 }
 
 #[test]
-fn the_battery_is_that_of_the_parameters() {
+fn the_battery_follows_the_parameters() {
     let mut flight = Flight::new();
     set(&mut flight, Tuning::BAT_N_CELLS, 4);
     set(&mut flight, Tuning::BAT_V_CHARGED, 4.3);
@@ -206,7 +205,7 @@ fn the_battery_is_that_of_the_parameters() {
     let battery = flight.vehicle.battery();
     assert!((battery.voltage - 15.2).abs() < 0.01 && (battery.remaining - 0.5).abs() < 0.01, "{battery:?}");
     let drawn = |tune: &dyn Fn(&mut Flight)| {
-        let mut flight = ready(|flight| {
+        let mut flight = armed(|flight| {
             // Keeps the vehicle armed for the whole minute.
             set(flight, Tuning::COM_DISARM_PRFLT, 0.0);
             tune(flight);
@@ -231,7 +230,7 @@ fn the_battery_is_that_of_the_parameters() {
 }
 
 #[test]
-fn a_critical_battery_does_what_the_parameters_say() {
+fn the_critical_battery_action_follows_its_parameter() {
     for (action, mode) in [(0, Mode::Hold), (1, Mode::Return), (2, Mode::Land)] {
         let mut flight = airborne(|flight| {
             set(flight, Tuning::COM_LOW_BAT_ACT, action);
@@ -242,13 +241,13 @@ fn a_critical_battery_does_what_the_parameters_say() {
         flight.until("critical", 60, |vehicle| vehicle.battery().remaining < 0.4);
         flight.run(20);
         assert_eq!(flight.vehicle.mode(), mode);
-        assert_eq!(flight.said(), ["Battery low", "Battery critical"]);
+        assert_eq!(flight.texts(), ["Battery low", "Battery critical"]);
         assert_eq!(flight.vehicle.state().unwrap().system_status, MavState::CRITICAL);
     }
 }
 
 #[test]
-fn arming_and_disarming_are_as_the_parameters_say() {
+fn arming_and_disarming_follow_the_parameters() {
     let arm = |tune: &dyn Fn(&mut Flight), millis| {
         let mut flight = Flight::new();
         tune(&mut flight);
@@ -263,7 +262,7 @@ fn arming_and_disarming_are_as_the_parameters_say() {
         set(flight, Tuning::COM_ARM_BAT_MIN, 0.3);
     };
     assert_eq!(arm(&weak, 3_000), MavResult::TEMPORARILY_REJECTED);
-    // What would send it home in flight keeps it there.
+    // A battery that would cause a return in flight prevents arming.
     for (action, result) in [(0, MavResult::ACCEPTED), (1, MavResult::TEMPORARILY_REJECTED)] {
         let spent = |flight: &mut Flight| {
             set(flight, Tuning::SIM_BAT_START, 5);
@@ -273,20 +272,20 @@ fn arming_and_disarming_are_as_the_parameters_say() {
     }
 
     let mut flight = airborne(|flight| set(flight, Tuning::COM_DISARM_LAND, 3.0));
-    landing(&mut flight);
+    landing_time(&mut flight);
     flight.run(2_900);
     assert!(flight.vehicle.is_armed());
     flight.run(200);
     assert!(!flight.vehicle.is_armed());
 }
 
-/// P-16: what the vehicle counts the ground cannot set.
+/// P-16: read-only parameters count flights and flight time. The flight time can be limited.
 #[test]
-fn flights_are_counted_and_may_be_bounded() {
+fn flights_are_counted_and_limited() {
     let mut flight = airborne(|flight| set(flight, Tuning::COM_FLT_TIME_MAX, 30));
     assert_eq!((get(&flight, Tuning::STAT_FLIGHTS), get(&flight, Tuning::STAT_FLIGHT_TIME)), (1, 0));
-    flight.until("on its way home", 31, |vehicle| vehicle.mode() == Mode::Return);
-    assert_eq!(flight.said(), ["Returning: time is up"]);
+    flight.until("returning", 31, |vehicle| vehicle.mode() == Mode::Return);
+    assert_eq!(flight.texts(), ["Returning: flight time limit reached"]);
     flight.until("down", 60, |vehicle| !vehicle.is_armed());
     let time = get(&flight, Tuning::STAT_FLIGHT_TIME);
     assert!((35..60).contains(&time), "{time}");
@@ -294,9 +293,9 @@ fn flights_are_counted_and_may_be_bounded() {
 }
 
 #[test]
-fn after_a_take_off_it_may_fly_the_mission() {
+fn the_action_after_takeoff_follows_its_parameter() {
     for (action, mode) in [(0, Mode::Hold), (1, Mode::Mission)] {
-        let mut flight = ready(|flight| set(flight, Tuning::COM_TAKEOFF_ACT, action));
+        let mut flight = armed(|flight| set(flight, Tuning::COM_TAKEOFF_ACT, action));
         flight.upload(&[waypoint(100.0, 0.0)]);
         flight.command(MavCmd::NAV_TAKEOFF, &[]);
         flight.until("up", 20, |vehicle| vehicle.mode() != Mode::Takeoff);
@@ -305,24 +304,24 @@ fn after_a_take_off_it_may_fly_the_mission() {
 }
 
 #[test]
-fn home_is_where_it_is_switched_on() {
+fn home_is_the_position_at_boot() {
     let mut flight = Flight::new();
     set(&mut flight, Tuning::SIH_LOC_LAT0, -HOME.0);
     set(&mut flight, Tuning::SIH_LOC_LON0, 1_799_999_999);
     set(&mut flight, Tuning::SIH_LOC_H0, -3.5);
     flight.run(2_500);
-    // A change has its effect after the next start.
+    // A change takes effect at the next boot.
     set(&mut flight, Tuning::SIH_LOC_LAT0, 0);
     flight.run(500);
     let position = flight.vehicle.global_position().unwrap();
     assert_eq!((position.latitude, position.longitude, position.altitude), (-HOME.0, 1_799_999_999, -3.5));
 }
 
-/// The vehicle with its stack, and a ground station.
+/// The vehicle with its stack, and a client that sets parameters.
 struct World(Wire);
 
 impl World {
-    /// Sets a parameter; what the vehicle answers.
+    /// Sets a parameter and returns the answer.
     fn set(&mut self, name: &str, r#type: MavParamType, bits: u32) -> Result<u32, MavParamError> {
         let set = ParamSet {
             target_system: 1,
@@ -334,7 +333,7 @@ impl World {
         let Self(wire) = self;
         wire.send(TELEMETRY, &set);
         wire.run(50);
-        // With a refusal the value comes too.
+        // A refusal is followed by the current value.
         let refusal = wire.take::<ParamError>().pop();
         let values = wire.take::<ParamValue>();
         let value = values.iter().find(|(_, value)| value.param_id.as_str() == Some(name));
@@ -354,9 +353,9 @@ impl World {
     }
 }
 
-/// P-14: from outside, and what is refused.
+/// P-14: PARAM_SET over MAVLink, and its refusals.
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_parameter_changes_are_refused() {
     const DENIED: MavParamError = MavParamError::PERMISSION_DENIED;
     let mut world = World(Wire::new());
     assert_eq!(world.real("BAT_LOW_THR", 0.3), Ok(0.3));
@@ -368,13 +367,13 @@ fn what_makes_no_sense_is_refused() {
     assert_eq!(world.set("SIH_LOC_LAT0", MavParamType::INT32, south), Ok(south));
     while !world.0.app.vehicle().has_fix() {
         world.real("MPC_XY_CRUISE", 7.5).unwrap();
-        assert!(world.0.millis < 60_000, "it finds no position");
+        assert!(world.0.millis < 60_000, "no fix");
     }
     world.command(MavCmd::COMPONENT_ARM_DISARM, 1.0);
     world.command(MavCmd::NAV_TAKEOFF, 0.0);
     while world.0.app.vehicle().local_position().down > -5.0 {
         assert_eq!(world.set("MAV_SYS_ID", MavParamType::INT32, 3), Err(DENIED));
-        assert!(world.0.millis < 60_000, "it does not climb");
+        assert!(world.0.millis < 60_000, "no climb");
     }
     assert_eq!(world.real("GF_MAX_VER_DIST", 4.5), Err(DENIED));
     assert_eq!(world.real("BAT_CAPACITY", 3_000.0), Err(DENIED));

@@ -1,4 +1,4 @@
-//! Jumps, and where the mission is told to begin, to go on and to end.
+//! Jumps, pauses, and commands that set where the mission starts, continues and ends.
 
 mod support;
 
@@ -11,9 +11,9 @@ fn delay(seconds: f32) -> Item {
     act(MavCmd::NAV_DELAY, [seconds, -1.0, -1.0, -1.0])
 }
 
-/// M-72: a jump is taken as often as it says, then passed over.
+/// M-72: a jump is taken as often as its repeat count says, then skipped.
 #[test]
-fn a_jump_is_repeated_as_often_as_it_says() {
+fn a_jump_follows_its_repeat_count() {
     for (repeat, reached) in [(0.0, vec![0, 1, 3]), (1.0, vec![0, 1, 0, 1, 3]), (3.0, vec![0, 1, 0, 1, 0, 1, 0, 1, 3])]
     {
         let mut flight =
@@ -25,7 +25,7 @@ fn a_jump_is_repeated_as_often_as_it_says() {
 }
 
 #[test]
-fn a_jump_may_go_on_forever() {
+fn a_jump_may_repeat_forever() {
     let mut flight = Flight::flying(&[delay(1.0), delay(1.0), jump(1, -1.0), waypoint(99.0, 0.0)]);
     flight.run(60_000);
     let reached = flight.reached();
@@ -33,12 +33,12 @@ fn a_jump_may_go_on_forever() {
     assert_eq!(flight.mission(), (1, MissionState::ACTIVE));
 }
 
-/// Each jump has its own counter; one that is used up stays so in a loop around it, as with other autopilots.
+/// Each jump has its own counter. A completed jump stays completed in an outer loop, as with other autopilots.
 #[test]
 fn jumps_may_be_nested_and_lead_forward() {
     let mut flight = Flight::flying(&[
         delay(0.1),   // 0
-        jump(4, 1.0), // 1: the first time over 2 and 3
+        jump(4, 1.0), // 1: skips 2 and 3 the first time
         delay(0.1),   // 2
         jump(2, 2.0), // 3
         delay(0.1),   // 4
@@ -48,37 +48,37 @@ fn jumps_may_be_nested_and_lead_forward() {
     assert_eq!(flight.reached(), [0, 4, 0, 2, 2, 2, 4, 0, 2, 4]);
 }
 
-/// A loop without anything to fly ends the mission instead of the flight loop; the text says why.
+/// A loop without a leg ends the mission, with a text, and does not hang the flight loop.
 #[test]
-fn a_loop_without_a_leg_ends() {
+fn a_loop_without_a_leg_ends_the_mission() {
     let speed = act(MavCmd::DO_CHANGE_SPEED, [1.0, 3.0, 0.0, 0.0]);
     for plan in [
-        vec![waypoint(0.0, 0.0), jump(1, -1.0)],
+        vec![waypoint(0.0, 0.0), jump(2, -1.0), jump(1, -1.0)],
         vec![waypoint(0.0, 0.0), speed, jump(3, -1.0), speed, jump(1, -1.0), waypoint(9.0, 0.0)],
     ] {
         let mut flight = Flight::flying(&plan);
         flight.until_end(10);
-        assert_eq!(flight.said(), ["Mission ends: a loop without a leg"], "{plan:?}");
+        assert_eq!(flight.texts(), ["Mission ended: a loop with nothing to fly"], "{plan:?}");
         assert_eq!((flight.mission().1, flight.reached()), (MissionState::COMPLETE, vec![0]));
         assert!(flight.vehicle.is_armed());
     }
 }
 
-/// A loop that comes to an end does, with or without anything to fly in it (M-73): what is behind it is flown.
+/// A finite loop ends even without a leg in it (M-73), and the items after it are flown.
 #[test]
-fn a_loop_of_conditions_is_gone_round() {
+fn a_finite_loop_of_conditions_ends() {
     let wait = act(MavCmd::CONDITION_DELAY, [0.5, 0.0, 0.0, 0.0]);
     let mut flight = Flight::flying(&[waypoint(0.0, 0.0), wait, jump(1, 3.0), waypoint(9.0, 0.0)]);
     flight.until_end(20);
     assert_eq!(flight.reached(), [0, 3]);
-    // The way behind it leads elsewhere than it seemed to from before it.
+    // After the loop the next leg differs from the leg that was found before the loop.
     let mut flight =
         Flight::flying(&[waypoint(0.0, 0.0), wait, jump(1, 3.0), jump(5, 1.0), waypoint(9.0, 0.0), waypoint(0.0, 9.0)]);
     flight.until_end(30);
     assert_eq!(flight.reached(), [0, 5]);
 }
 
-/// A waypoint whose radius is smaller than it flies exactly is reached nevertheless.
+/// A waypoint is reached even if its radius is smaller than the vehicle's accuracy.
 #[test]
 fn a_tiny_radius_is_reached() {
     let mut flight = Flight::flying(&[Item { params: [0.0, 0.001, 0.0, 0.0], ..waypoint(9.0, 0.0) }]);
@@ -86,7 +86,7 @@ fn a_tiny_radius_is_reached() {
     assert_eq!(flight.reached(), [0]);
 }
 
-/// There are counters for so many jumps, and a plan with more names the first without one.
+/// A plan with more jumps than counters is refused, with the first item that has no counter.
 #[test]
 fn more_jumps_than_counters_are_refused() {
     let mut plan = vec![waypoint(0.0, 0.0)];
@@ -95,58 +95,58 @@ fn more_jumps_than_counters_are_refused() {
     assert_eq!(flight.change(PlanType::Mission, &plan, 0), Ok(()));
     flight.start(None, None);
     flight.until_end(10);
-    assert_eq!(flight.reached(), [0; 17], "all of them count");
+    assert_eq!(flight.reached(), [0; 17], "every jump has a counter");
     plan.insert(1, jump(0, 1.0));
     let fault = PlanFault { seq: Some(17), result: MavMissionResult::NO_SPACE };
     assert_eq!(flight.change(PlanType::Mission, &plan, 0), Err(fault));
 }
 
-/// M-92: with reset the jumps begin anew, without they do not.
+/// M-92: a reset restarts the jump counters.
 #[test]
-fn set_current_with_reset_counts_jumps_anew() {
+fn set_current_with_reset_restarts_jump_counters() {
     for (reset, reached) in [(false, vec![0, 2]), (true, vec![0, 0, 2])] {
         let mut flight = Flight::flying(&[delay(1.0), jump(0, 1.0), delay(1.0)]);
-        flight.until("at the last", 10, |vehicle| vehicle.progress().current == 2);
+        flight.until("at the last item", 10, |vehicle| vehicle.progress().current == 2);
         flight.reached();
-        assert_eq!(flight.vehicle.set_current(0, reset), MavResult::ACCEPTED);
+        assert_eq!(flight.set_current(0, reset), MavResult::ACCEPTED);
         assert_eq!(flight.mission(), (0, MissionState::ACTIVE));
         flight.until_end(10);
         assert_eq!(flight.reached(), reached, "{reset}");
     }
 }
 
-/// M-92: the mode stays as it is; under way the vehicle turns to the item at once, and it is reached again.
+/// M-92: the mode does not change. In flight the vehicle turns to the item at once, and the item is reached again.
 #[test]
 fn set_current_takes_effect_at_once_and_keeps_the_mode() {
     let plan = [waypoint(50.0, 0.0), waypoint(0.0, 50.0), waypoint(0.0, -50.0)];
     let mut flight = Flight::airborne();
     flight.upload(&plan);
-    assert_eq!(flight.vehicle.set_current(1, false), MavResult::ACCEPTED);
+    assert_eq!(flight.set_current(1, false), MavResult::ACCEPTED);
     assert_eq!((flight.mission(), flight.vehicle.mode()), ((1, MissionState::NOT_STARTED), Mode::Hold));
     flight.start(None, None);
     flight.run(4_000);
     assert!(flight.vehicle.velocity().east > 5.0);
-    assert_eq!(flight.vehicle.set_current(2, true), MavResult::ACCEPTED);
+    assert_eq!(flight.set_current(2, true), MavResult::ACCEPTED);
     flight.run(8_000);
     assert!(flight.vehicle.velocity().east < -5.0);
     flight.set_mode(Mode::Hold);
-    assert_eq!(flight.vehicle.set_current(1, false), MavResult::ACCEPTED);
+    assert_eq!(flight.set_current(1, false), MavResult::ACCEPTED);
     assert_eq!((flight.mission(), flight.vehicle.mode()), ((1, MissionState::PAUSED), Mode::Hold));
-    assert_eq!(flight.vehicle.set_current(3, false), MavResult::FAILED);
+    assert_eq!(flight.set_current(3, false), MavResult::FAILED);
     flight.set_mode(Mode::Mission);
     flight.until_end(60);
     assert_eq!(flight.reached(), [1, 2]);
 }
 
-/// M-92: with reset a mission that was complete is paused, and goes on from there; without it stays complete.
+/// M-92: with reset a complete mission becomes paused, and resumes at the item. Without reset it stays complete.
 #[test]
-fn set_current_opens_a_complete_mission() {
+fn set_current_reopens_a_complete_mission() {
     for (reset, state) in [(true, MissionState::PAUSED), (false, MissionState::COMPLETE)] {
         let mut flight = Flight::flying(&[delay(0.1), delay(0.1), delay(0.1)]);
         flight.until_end(10);
         flight.reached();
         assert_eq!(flight.mission(), (2, MissionState::COMPLETE));
-        flight.vehicle.set_current(1, reset);
+        flight.set_current(1, reset);
         assert_eq!(flight.mission(), (1, state));
         flight.start(None, None);
         assert_eq!(flight.mission(), (1, MissionState::ACTIVE));
@@ -155,9 +155,9 @@ fn set_current_opens_a_complete_mission() {
     }
 }
 
-/// M-95
+/// M-95: MISSION_START with a first and a last item.
 #[test]
-fn mission_start_minds_the_first_and_the_last_item() {
+fn mission_start_honours_the_first_and_last_item() {
     for (first, last, reached) in [
         (Some(1), Some(2), vec![1, 2]),
         (Some(2), None, vec![2, 3]),
@@ -171,17 +171,17 @@ fn mission_start_minds_the_first_and_the_last_item() {
         flight.until_end(60);
         assert_eq!(flight.reached(), reached, "{first:?} {last:?}");
         assert_eq!(flight.mission(), (*reached.last().unwrap(), MissionState::COMPLETE));
-        assert_eq!(flight.said(), ["Mission complete"]);
-        // The next flight is the whole plan again.
+        assert_eq!(flight.texts(), ["Mission complete"]);
+        // The next flight covers the whole plan again.
         flight.start(None, None);
         flight.until_end(60);
         assert_eq!(flight.reached(), [0, 1, 2, 3]);
     }
 }
 
-/// A jump beyond the last item ends the mission like that item.
+/// A jump beyond the last item to fly ends the mission.
 #[test]
-fn a_jump_does_not_lead_beyond_the_last_item() {
+fn a_jump_beyond_the_last_item_ends_the_mission() {
     let mut flight = Flight::airborne();
     flight.upload(&[delay(0.1), jump(3, -1.0), delay(0.1), delay(0.1)]);
     flight.start(None, Some(2));
@@ -190,25 +190,25 @@ fn a_jump_does_not_lead_beyond_the_last_item() {
 }
 
 #[test]
-fn mission_start_refuses_what_it_cannot_fly() {
+fn an_invalid_mission_start_is_refused() {
     let mut flight = Flight::airborne();
     assert_eq!(flight.start(None, None), MavResult::FAILED);
-    assert_eq!(flight.said(), ["Mission refused: there is none"]);
+    assert_eq!(flight.texts(), ["Mission refused: no mission uploaded"]);
     flight.upload(&[delay(0.1), delay(0.1), delay(60.0)]);
     flight.start(None, None);
     flight.until_current(2, 10);
     flight.set_mode(Mode::Hold);
-    assert_eq!(flight.start(None, Some(1)), MavResult::DENIED, "it is beyond that item");
+    assert_eq!(flight.start(None, Some(1)), MavResult::DENIED, "the current item is after the last item");
     assert_eq!((flight.mission(), flight.vehicle.mode()), ((2, MissionState::PAUSED), Mode::Hold));
 }
 
-/// A start that is refused changes nothing.
+/// A refused start changes nothing.
 #[test]
-fn a_start_that_is_refused_keeps_the_place() {
+fn a_refused_start_keeps_the_current_item() {
     let mut flight = Flight::new();
     flight.run(2_500);
     flight.upload(&[delay(0.1), delay(0.1), delay(0.1)]);
-    flight.vehicle.set_current(1, false);
+    flight.set_current(1, false);
     assert_eq!(flight.start(Some(0), Some(0)), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(flight.mission(), (1, MissionState::NOT_STARTED));
     flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]);
@@ -217,20 +217,20 @@ fn a_start_that_is_refused_keeps_the_place() {
     assert_eq!(flight.reached(), [1, 2]);
 }
 
-/// An item behind the one that the flight was to end with: the operator wants to go further.
+/// A new current item after the last item to fly removes that limit: the operator wants to go further.
 #[test]
-fn set_current_behind_the_last_item_lifts_that() {
+fn set_current_after_the_last_item_removes_the_limit() {
     let mut flight = Flight::airborne();
     flight.upload(&[delay(9.0), delay(0.1), delay(0.1), delay(0.1)]);
     flight.start(None, Some(1));
-    flight.vehicle.set_current(2, false);
+    flight.set_current(2, false);
     flight.until_end(10);
     assert_eq!(flight.reached(), [2, 3]);
 }
 
-/// A pause does not lose its place; what was reached before it is not told again, and waiting begins anew.
+/// A pause keeps the current item. Items reached before it are not reported again, and a delay restarts.
 #[test]
-fn a_mission_is_paused_and_gone_on_with() {
+fn a_mission_is_paused_and_resumed() {
     let mut flight = Flight::flying(&[waypoint(0.0, 0.0), waypoint(100.0, 0.0), delay(5.0)]);
     flight.run(4_000);
     flight.set_mode(Mode::Hold);
@@ -238,7 +238,7 @@ fn a_mission_is_paused_and_gone_on_with() {
     let (before, at) = (flight.speed(), flight.vehicle.local_position());
     flight.run(10_000);
     assert!(before > 5.0 && flight.speed() < 0.1);
-    assert!(flight.distance(at.north, at.east) < before * before / 6.0 + 0.2, "it stops as fast as it can, and stays");
+    assert!(flight.distance(at.north, at.east) < before * before / 6.0 + 0.2, "it stops as fast as it can, and holds");
     flight.set_mode(Mode::Mission);
     assert_eq!(flight.mission(), (1, MissionState::ACTIVE));
     flight.until_current(2, 30);
@@ -250,7 +250,7 @@ fn a_mission_is_paused_and_gone_on_with() {
     assert_eq!(flight.reached(), [0, 1, 2]);
 }
 
-/// An item that was reached and is still stayed at when the mission is paused was told once.
+/// An item that was reached before a pause is not reported again, even if its hold time has not passed.
 #[test]
 fn a_pause_at_an_item_does_not_reach_it_again() {
     let hold = Item { params: [10.0, 0.0, 0.0, f32::NAN], ..waypoint(0.0, 0.0) };
@@ -263,7 +263,7 @@ fn a_pause_at_an_item_does_not_reach_it_again() {
     assert_eq!(flight.reached(), [0, 1]);
 }
 
-/// M-39, M-94: a new plan under way is begun at its first item, whether it is shorter or longer than the old one.
+/// M-39, M-94: a new plan in flight starts at its first item, whether it is shorter or longer than the old one.
 #[test]
 fn the_plan_may_change_in_flight() {
     let long = [waypoint(0.0, 0.0), waypoint(60.0, 0.0), waypoint(60.0, 60.0), waypoint(0.0, 60.0)];
@@ -281,7 +281,7 @@ fn the_plan_may_change_in_flight() {
     assert_eq!((flight.reached(), flight.mission()), (vec![3], (3, MissionState::COMPLETE)));
 }
 
-/// Without a plan it stays where it is, and there is nothing to start.
+/// Without a plan the vehicle holds its position, and MISSION_START fails.
 #[test]
 fn an_empty_plan_holds_the_vehicle() {
     let mut flight = Flight::flying(&[waypoint(0.0, 0.0), waypoint(90.0, 0.0)]);
@@ -293,12 +293,12 @@ fn an_empty_plan_holds_the_vehicle() {
     assert!(flight.distance(at.north, at.east) < 11.0 && (flight.height() - 10.0).abs() < 1.0);
     assert!(flight.vehicle.is_armed());
     assert_eq!(flight.start(None, None), MavResult::FAILED);
-    assert_eq!(flight.vehicle.set_current(0, true), MavResult::FAILED);
+    assert_eq!(flight.set_current(0, true), MavResult::FAILED);
 }
 
-/// A new plan that is not flown yet waits to be started, with its jumps fresh.
+/// A new plan is not started, and its jump counters restart.
 #[test]
-fn a_new_plan_begins_anew() {
+fn a_new_plan_restarts_jump_counters() {
     let plan = [delay(0.1), jump(0, 1.0)];
     let mut flight = Flight::flying(&plan);
     flight.until_end(10);

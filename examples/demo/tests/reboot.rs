@@ -1,4 +1,4 @@
-//! A restart as the ground asks for it: nothing that was accepted is lost.
+//! A reboot on command: no accepted change is lost.
 
 #[path = "support/wire.rs"]
 mod wire;
@@ -48,9 +48,9 @@ impl NorFlash for RamFlash {
     }
 }
 
-/// C-30, P-17: parameters that were set a moment before a reboot are written before it, though they would rest for longer.
+/// C-30, P-17: parameters set just before a reboot are written before it, without the usual delay.
 #[test]
-fn parameters_set_before_a_reboot_are_there_after_it() {
+fn parameters_set_before_a_reboot_survive_it() {
     let len = ParamStore::<RamFlash>::region_len(Tuning::INFO.len());
     let mut store = ParamStore::new(RamFlash(vec![0xFF; len as usize]), 0..len);
     for speed in [5.0, 6.0, 7.0] {
@@ -66,16 +66,16 @@ fn parameters_set_before_a_reboot_are_there_after_it() {
         };
         wire.send(TELEMETRY, &set);
         assert_eq!(wire.long(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]), MavResult::ACCEPTED);
-        let asked = wire.millis;
+        let requested = wire.millis;
         while !wire.app.wants_reboot() {
-            assert!(wire.millis < asked + 500, "it does not restart");
+            assert!(wire.millis < requested + 500, "no reboot");
             wire.run(1);
             wire.app.persist_parameters(Instant::from_millis(wire.millis), &mut store);
         }
         store = ParamStore::new(store.into_inner(), 0..len);
         let mut wire = Wire::new();
         wire.app.restore_parameters(Instant::ZERO, &mut store).unwrap();
-        assert_eq!(wire.vehicle().tuning().get(Tuning::MPC_XY_CRUISE), speed);
+        assert_eq!(wire.app.stack().parameters().get(Tuning::MPC_XY_CRUISE), speed);
         store = ParamStore::new(store.into_inner(), 0..len);
     }
 }

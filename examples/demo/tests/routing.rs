@@ -1,4 +1,4 @@
-//! The vehicle between a ground station on the radio and a companion computer of its own system: who hears what.
+//! Forwarding between a ground station on the radio, a companion computer of the same system, and the satellite link.
 
 #[path = "support/wire.rs"]
 mod wire;
@@ -11,15 +11,15 @@ use wire::{STATION, Wire};
 /// The companion computer.
 const ONBOARD: Address = Address::new(1, 191);
 
-/// With a GPS fix; the ground station on the radio and the companion have beaten once.
-fn joined() -> Wire {
-    let mut wire = Wire::switched_on();
-    beat(&mut wire);
+/// Returns a booted vehicle that has received a heartbeat from the ground station and one from the companion.
+fn connected() -> Wire {
+    let mut wire = Wire::booted();
+    send_heartbeats(&mut wire);
     wire.received.clear();
     wire
 }
 
-fn beat(wire: &mut Wire) {
+fn send_heartbeats(wire: &mut Wire) {
     let gcs = Heartbeat { r#type: MavType::GCS, autopilot: MavAutopilot::INVALID, ..Heartbeat::default() };
     let onboard = Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..gcs };
     wire.send_as(TELEMETRY, STATION, &gcs);
@@ -27,10 +27,10 @@ fn beat(wire: &mut Wire) {
     wire.run(20);
 }
 
-/// The frames of others that came by a link, in their order.
-fn heard(wire: &Wire, link: LinkId) -> Vec<Vec<u8>> {
-    let is_theirs = |source| source != Address::new(1, 1);
-    let frames = wire.received.iter().filter(|frame| frame.link == link && is_theirs(frame.source));
+/// Returns the frames that the vehicle forwarded to a link, in order.
+fn forwarded(wire: &Wire, link: LinkId) -> Vec<Vec<u8>> {
+    let is_forwarded = |source| source != Address::new(1, 1);
+    let frames = wire.received.iter().filter(|frame| frame.link == link && is_forwarded(frame.source));
     frames.map(|frame| frame.raw.clone()).collect()
 }
 
@@ -44,10 +44,11 @@ fn command(target: Address) -> CommandLong {
     }
 }
 
-/// heartbeats and texts both ways, to the byte; nothing of it on the satellite link, and not back.
+/// heartbeats and texts are forwarded both ways, byte for byte. They are not sent to the satellite link or back
+/// to their sender.
 #[test]
-fn broadcasts_reach_the_other_side() {
-    let mut wire = joined();
+fn broadcasts_reach_the_other_link() {
+    let mut wire = connected();
     let gcs = Heartbeat { r#type: MavType::GCS, ..Heartbeat::default() };
     let onboard = Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..gcs };
     let text = Statustext { text: Text::new("camera ready"), ..Statustext::default() };
@@ -55,18 +56,19 @@ fn broadcasts_reach_the_other_side() {
     wire.run(20);
     let ours = [wire.send_as(COMPANION, ONBOARD, &onboard), wire.send_as(COMPANION, ONBOARD, &text)];
     wire.run(20);
-    assert_eq!(heard(&wire, COMPANION), [beat]);
-    assert_eq!(heard(&wire, TELEMETRY), ours);
+    assert_eq!(forwarded(&wire, COMPANION), [beat]);
+    assert_eq!(forwarded(&wire, TELEMETRY), ours);
     assert!(wire.received.iter().all(|frame| frame.link != SATELLITE));
 }
 
-/// a command for the companion goes to it alone, and its answer to who asked; neither is the vehicle's business.
+/// a command for the companion is forwarded to its link only, and the answer to the sender's link only. The vehicle
+/// handles neither.
 #[test]
-fn commands_and_answers_find_their_way() {
-    let mut wire = joined();
+fn commands_and_answers_are_routed() {
+    let mut wire = connected();
     let asked = wire.send_as(TELEMETRY, STATION, &command(ONBOARD));
     wire.run(20);
-    assert_eq!(heard(&wire, COMPANION), [asked]);
+    assert_eq!(forwarded(&wire, COMPANION), [asked]);
     assert!(wire.take::<CommandAck>().is_empty() && wire.take::<AutopilotVersion>().is_empty());
     let ack = CommandAck {
         command: MavCmd::REQUEST_MESSAGE,
@@ -76,53 +78,53 @@ fn commands_and_answers_find_their_way() {
     };
     let answered = wire.send_as(COMPANION, ONBOARD, &ack);
     wire.run(20);
-    assert_eq!(heard(&wire, TELEMETRY), [answered]);
+    assert_eq!(forwarded(&wire, TELEMETRY), [answered]);
     assert!(wire.received.iter().all(|frame| frame.link != SATELLITE));
-    // The other way round, for the vehicle itself: that is answered, and goes nowhere.
+    // A command from the companion to the vehicle is answered and not forwarded.
     wire.received.clear();
     wire.send_as(COMPANION, ONBOARD, &command(Address::new(1, 1)));
     wire.run(20);
     assert_eq!((wire.count::<CommandAck>(COMPANION), wire.count::<AutopilotVersion>(COMPANION)), (1, 1));
     assert_eq!(wire.count::<CommandAck>(TELEMETRY), 0);
-    assert!(heard(&wire, TELEMETRY).is_empty());
+    assert!(forwarded(&wire, TELEMETRY).is_empty());
 }
 
-/// what is for all components of the vehicle's system is done, and goes on; what is for a stranger is neither.
+/// a command for all components of the system is executed and forwarded. A command for an unknown target is neither.
 #[test]
-fn all_components_are_the_vehicle_and_the_companion() {
-    let mut wire = joined();
+fn a_command_for_all_components_is_executed_and_forwarded() {
+    let mut wire = connected();
     let asked = wire.send_as(TELEMETRY, STATION, &command(Address::new(1, 0)));
     wire.run(20);
-    assert_eq!(heard(&wire, COMPANION), [asked]);
+    assert_eq!(forwarded(&wire, COMPANION), [asked]);
     assert_eq!((wire.count::<CommandAck>(TELEMETRY), wire.count::<AutopilotVersion>(TELEMETRY)), (1, 1));
     wire.received.clear();
-    for nobody in [Address::new(1, 77), Address::new(9, 1), Address::new(9, 0)] {
-        wire.send_as(TELEMETRY, STATION, &command(nobody));
+    for unknown in [Address::new(1, 77), Address::new(9, 1), Address::new(9, 0)] {
+        wire.send_as(TELEMETRY, STATION, &command(unknown));
     }
     wire.run(50);
-    assert!(heard(&wire, COMPANION).is_empty() && wire.take::<CommandAck>().is_empty());
+    assert!(forwarded(&wire, COMPANION).is_empty() && wire.take::<CommandAck>().is_empty());
 }
 
-/// a message that nobody here knows goes on as it came, from those who were heard before.
+/// a message with an unknown id is forwarded unchanged, if its sender is known.
 #[test]
-fn unknown_messages_go_on_as_they_came() {
-    let mut wire = joined();
+fn unknown_messages_are_forwarded_unchanged() {
+    let mut wire = connected();
     let known = Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..Heartbeat::default() };
     let mut frame = [0; 280];
     let len = encode(&known, Version::V2, ONBOARD, 99, &mut frame).unwrap();
-    // Another id: then the checksum is wrong for all that we know.
+    // Another id: the checksum cannot be verified without its CRC_EXTRA.
     frame[7..10].copy_from_slice(&[0x39, 0x30, 0xAB]);
     wire.send_raw(COMPANION, &frame[..len]);
-    // Silence behind it says that it is one; on the other line that is what comes next.
+    // Silence after it confirms the frame. The decoder of the test needs the same.
     wire.run(400);
-    assert_eq!(heard(&wire, TELEMETRY), [&frame[..len]]);
+    assert_eq!(forwarded(&wire, TELEMETRY), [&frame[..len]]);
     assert!(wire.received.iter().all(|frame| frame.link != SATELLITE));
 }
 
-/// keys and the state of a radio stay where they are.
+/// SETUP_SIGNING and RADIO_STATUS are not forwarded.
 #[test]
-fn keys_and_radio_states_stay_on_their_link() {
-    let mut wire = joined();
+fn keys_and_radio_status_are_not_forwarded() {
+    let mut wire = connected();
     let key = SetupSigning {
         target_system: 1,
         target_component: 191,
@@ -133,30 +135,30 @@ fn keys_and_radio_states_stay_on_their_link() {
     wire.send_as(TELEMETRY, STATION, &SetupSigning { target_system: 0, target_component: 0, ..key });
     wire.send_as(TELEMETRY, Address::new(51, 68), &RadioStatus { rssi: 200, ..RadioStatus::default() });
     wire.run(50);
-    assert!(heard(&wire, COMPANION).is_empty());
+    assert!(forwarded(&wire, COMPANION).is_empty());
 }
 
-/// a ground station that is on the radio and on the companion's network at once hears nothing of itself.
+/// a ground station on two links at once does not receive its own broadcasts.
 #[test]
-fn nobody_hears_himself() {
-    let mut wire = joined();
+fn no_frame_returns_to_its_sender() {
+    let mut wire = connected();
     let gcs = Heartbeat { r#type: MavType::GCS, ..Heartbeat::default() };
     wire.send_as(COMPANION, STATION, &gcs);
     wire.run(20);
     wire.received.clear();
     wire.send_as(TELEMETRY, STATION, &gcs);
     wire.run(20);
-    assert!(heard(&wire, COMPANION).is_empty() && heard(&wire, TELEMETRY).is_empty());
+    assert!(forwarded(&wire, COMPANION).is_empty() && forwarded(&wire, TELEMETRY).is_empty());
 }
 
-/// R-13, L-4, L-5: over the satellite a companion is commanded, and answers; nothing else of it goes there.
+/// R-13, L-4, L-5: the satellite link carries commands to the companion and their answers, and nothing else from it.
 #[test]
-fn commands_for_the_companion_come_by_satellite_too() {
-    let mut wire = joined();
+fn the_satellite_link_carries_commands_for_the_companion() {
+    let mut wire = connected();
     let far = Address::new(250, 190);
     let asked = wire.send_as(SATELLITE, far, &command(ONBOARD));
     wire.run(100);
-    assert_eq!(heard(&wire, COMPANION), [asked]);
+    assert_eq!(forwarded(&wire, COMPANION), [asked]);
     let ack = CommandAck {
         command: MavCmd::REQUEST_MESSAGE,
         target_system: far.system.0,
@@ -168,19 +170,19 @@ fn commands_for_the_companion_come_by_satellite_too() {
     wire.send_as(COMPANION, ONBOARD, &set);
     wire.send_as(COMPANION, ONBOARD, &Heartbeat::default());
     wire.run(1_000);
-    assert_eq!(heard(&wire, SATELLITE), [answered]);
+    assert_eq!(forwarded(&wire, SATELLITE), [answered]);
     assert!(wire.received.iter().all(|frame| frame.link != SATELLITE || frame.id == CommandAck::ID));
-    // Another vehicle's report goes on to where the ground station is.
+    // Another vehicle's report is forwarded to the ground station.
     let report = wire.send_as(SATELLITE, Address::new(7, 1), &HighLatency2::default());
     wire.run(100);
-    assert_eq!(heard(&wire, TELEMETRY).last(), Some(&report));
+    assert_eq!(forwarded(&wire, TELEMETRY).last(), Some(&report));
 }
 
-/// a companion that talks without end takes no answer from the ground station, and hears its own; what the radio
-/// cannot carry is dropped.
+/// a companion that floods the vehicle does not delay answers to the ground station. Frames that exceed the capacity of
+/// the radio are dropped.
 #[test]
-fn a_companion_that_talks_without_end_is_no_harm() {
-    let mut wire = joined();
+fn a_flood_from_the_companion_does_not_delay_answers() {
+    let mut wire = connected();
     for round in 0..20 {
         for line in 0..40 {
             let text = Statustext {
@@ -195,9 +197,9 @@ fn a_companion_that_talks_without_end_is_no_harm() {
         assert!(wire.millis - began <= 40, "round {round}: {} ms", wire.millis - began);
         wire.run(60);
     }
-    // At once the queue holds six; and in 0.8 s one link has 192 of its frames remembered, the others are not forwarded.
-    let heard = heard(&wire, TELEMETRY).len();
-    assert!((60..800).contains(&heard), "{heard} of 800");
+    // The queue holds six frames at a time. Per link 192 frames are remembered for 0.8 s; more are not forwarded.
+    let count = forwarded(&wire, TELEMETRY).len();
+    assert!((60..800).contains(&count), "{count} of 800");
     wire.received.clear();
     wire.run(3_000);
     assert!(wire.count::<mavstack::dialect::Heartbeat>(TELEMETRY) >= 3);

@@ -1,4 +1,4 @@
-//! The signing key of the demo vehicle: how it comes, and who is heard then.
+//! The signing key of the demo vehicle: how it is set, and which frames are accepted then.
 
 #[path = "support/wire.rs"]
 mod wire;
@@ -9,7 +9,7 @@ use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
 use wire::{Received, STATION, Wire, command_long};
 
 const SECRET: [u8; 32] = [0x42; 32];
-/// Some time in 2025, in units of 10 µs.
+/// A time in 2025, in units of 10 µs.
 const TIME: u64 = 33_000_000_000_000;
 
 fn key() -> SigningKey {
@@ -20,9 +20,9 @@ fn setup(secret_key: [u8; 32], initial_timestamp: u64) -> SetupSigning {
     SetupSigning { target_system: 1, target_component: 1, secret_key: Secret(secret_key), initial_timestamp }
 }
 
-/// The key came over the companion's wire.
+/// Returns a vehicle whose key was set on the companion link.
 fn signing() -> Wire {
-    let mut wire = Wire::switched_on();
+    let mut wire = Wire::booted();
     wire.received.clear();
     wire.send(COMPANION, &setup(SECRET, TIME));
     wire.run(20);
@@ -36,7 +36,7 @@ fn is_signed(frame: &Received) -> bool {
     decoder.next(now, Common::MESSAGES, &mut work, |_| true).is_some_and(|frame| frame.is_signed_with(&key()))
 }
 
-/// A command that is answered whatever the vehicle does, as it goes over the line.
+/// Returns a signed frame with a command that is answered in every state.
 fn signed(key: &SigningKey, timestamp: u64) -> Vec<u8> {
     let command = command_long(1, MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]);
     let mut frame = [0; 280];
@@ -44,7 +44,7 @@ fn signed(key: &SigningKey, timestamp: u64) -> Vec<u8> {
     frame[..len].to_vec()
 }
 
-/// How many answers there are to a frame.
+/// Sends a frame and counts the answers.
 fn answers(wire: &mut Wire, link: LinkId, frame: &[u8]) -> usize {
     wire.take::<CommandAck>();
     wire.send_raw(link, frame);
@@ -52,9 +52,9 @@ fn answers(wire: &mut Wire, link: LinkId, frame: &[u8]) -> usize {
     wire.take::<CommandAck>().len()
 }
 
-/// G-11: from then on all that leaves is signed, on every link; a text and a heartbeat say so at once.
+/// G-11: once a key is set every frame is signed, on every link. A text and a heartbeat follow at once.
 #[test]
-fn what_it_says_is_signed_once_there_is_a_key() {
+fn frames_are_signed_once_a_key_is_set() {
     let mut wire = signing();
     assert!(wire.count::<Heartbeat>(COMPANION) >= 1 && wire.count::<Statustext>(COMPANION) == 1);
     wire.received.clear();
@@ -66,9 +66,9 @@ fn what_it_says_is_signed_once_there_is_a_key() {
     assert!(ack.id == CommandAck::ID && is_signed(ack));
 }
 
-/// G-6, G-9, G-10: over the air only who has the key is heard, and each frame once; the wire to the companion stays open.
+/// G-6, G-9, G-10: the radio links accept signed frames only, and each frame once. The companion link stays open.
 #[test]
-fn who_has_no_key_is_not_heard_over_the_air() {
+fn radio_links_accept_signed_frames_only() {
     let mut wire = signing();
     let command = command_long(1, MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]);
     for link in [TELEMETRY, SATELLITE] {
@@ -95,10 +95,10 @@ fn who_has_no_key_is_not_heard_over_the_air() {
     assert_eq!(answers(&mut wire, SATELLITE, &newer), 1);
 }
 
-/// G-11, SEC-6: the key comes by the wire only, and not while it is armed; it goes the same way.
+/// G-11, SEC-6: the key is accepted on the companion link only, and not while armed. The same holds for its removal.
 #[test]
-fn the_key_is_changed_by_the_wire_and_on_the_ground_only() {
-    let mut wire = Wire::switched_on();
+fn the_key_is_set_on_the_companion_link_while_disarmed() {
+    let mut wire = Wire::booted();
     for link in [TELEMETRY, SATELLITE] {
         wire.send(link, &setup(SECRET, TIME));
         wire.run(500);
@@ -106,7 +106,7 @@ fn the_key_is_changed_by_the_wire_and_on_the_ground_only() {
     wire.send(COMPANION, &SetupSigning { target_system: 0, ..setup(SECRET, TIME) });
     wire.run(500);
     wire.received.clear();
-    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED, "it has none");
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED, "no key is set");
     wire.send(COMPANION, &setup(SECRET, TIME));
     wire.run(500);
     assert!(!wire.received.iter().any(is_signed));
@@ -124,7 +124,7 @@ fn the_key_is_changed_by_the_wire_and_on_the_ground_only() {
     assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[AutopilotVersion::ID as f32]), MavResult::ACCEPTED);
 }
 
-/// The timestamps of the frames that came since the last look, in units of 10 µs.
+/// Takes the signature timestamps of the frames received since the last call, in units of 10 µs.
 fn timestamps(wire: &mut Wire) -> Vec<u64> {
     let stamp = |frame: &Received| {
         let at = frame.raw.len() - 12;
@@ -135,17 +135,17 @@ fn timestamps(wire: &mut Wire) -> Vec<u64> {
     stamps
 }
 
-/// G-4, G-14: signatures follow the vehicle's own clock, which does not care how old the time is that comes with a key; and
-/// SYSTEM_TIME tells it. What others say unsigned that the time was, or the satellites, moves neither.
+/// G-4, G-14: signatures and SYSTEM_TIME follow the vehicle's real-time clock. An old timestamp that comes with a key, unsigned
+/// SYSTEM_TIME and GPS time do not change it.
 #[test]
 fn signatures_follow_the_clock() {
     const UNIX: u64 = 1_420_070_400_000_000 + 10 * (TIME + 5_000 * 6_000_000);
     let mut wire = Wire::new();
     assert!(!wire.app.vehicle().has_fix());
     wire.run(10);
-    assert!(wire.take::<SystemTime>().iter().all(|(_, told)| told.time_unix_usec == 0));
+    assert!(wire.take::<SystemTime>().iter().all(|(_, time)| time.time_unix_usec == 0));
     let (now, millis) = (Instant::from_millis(wire.millis), wire.millis);
-    wire.app.parts().1.set_calendar(now, UNIX);
+    wire.app.set_calendar(now, UNIX);
     wire.send(COMPANION, &setup(SECRET, TIME));
     for seconds in [1, 3, 30] {
         wire.run(1_000 * seconds);
@@ -153,27 +153,26 @@ fn signatures_follow_the_clock() {
         let stamps = timestamps(&mut wire);
         let expected = TIME + 5_000 * 6_000_000 + passed;
         assert!(stamps.iter().all(|stamp| *stamp <= expected + 100), "{seconds}");
-        assert!(stamps.last().is_some_and(|last| last.abs_diff(expected) < 10_000), "{seconds}: a tenth of a second");
+        assert!(stamps.last().is_some_and(|last| last.abs_diff(expected) < 10_000), "{seconds}: within 0.1 s");
         let late = SystemTime { time_unix_usec: UNIX + 1_000_000_000_000, time_boot_ms: 1 };
         wire.send(COMPANION, &late);
         wire.send(TELEMETRY, &late);
     }
     assert!(wire.app.vehicle().has_fix());
     wire.run(1_100);
-    let told = wire.take::<SystemTime>();
-    let (_, told) = told.last().expect("once a second");
-    assert!(told.time_unix_usec - UNIX <= (wire.millis - millis) * 1_000 && told.time_unix_usec > UNIX + 34_000_000);
-    // A signature moves it forward (G-6), unless it is from more than a day ahead (G-17).
+    let times = wire.take::<SystemTime>();
+    let (_, time) = times.last().expect("once a second");
+    assert!(time.time_unix_usec - UNIX <= (wire.millis - millis) * 1_000 && time.time_unix_usec > UNIX + 34_000_000);
+    // A signature moves the clock forward (G-6), unless it is more than a day ahead (G-17).
     assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 9_000 * 6_000_000)), 0);
     assert!(timestamps(&mut wire).last().is_some_and(|last| *last < TIME + 5_010 * 6_000_000));
     assert_eq!(answers(&mut wire, TELEMETRY, &signed(&key(), TIME + 6_000 * 6_000_000)), 1);
     assert!(timestamps(&mut wire).last().is_some_and(|last| *last >= TIME + 6_000 * 6_000_000));
 }
 
-/// frames between other systems are forwarded to the companion's wire, which is open, only if the radio's link
-/// accepts them.
+/// frames from the radio are forwarded to the open companion link only if the radio link accepts them.
 #[test]
-fn what_the_radio_refuses_does_not_reach_the_companion() {
+fn frames_refused_on_the_radio_are_not_forwarded() {
     let mut wire = signing();
     wire.received.clear();
     let stranger = Address::new(250, 190);

@@ -1,4 +1,4 @@
-//! What the vehicle takes of a ground station: each item goes through a whole upload.
+//! Which mission items the vehicle accepts: each item goes through a complete upload.
 
 mod support;
 
@@ -7,19 +7,24 @@ use mavstack::dialect::{
     MissionRequestInt,
 };
 use mavstack::{
-    Address, Config, Decoder, Dialect, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, Stack, Version,
-    encode, plan_memory,
+    Address, Config, Decoder, Dialect, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, Version, encode,
 };
-use mavstack_demo::Quadrotor;
+use mavstack_demo::{Quadrotor, Tuning};
 use support::{act, at, jump, waypoint};
 
-type Memory = plan_memory!(mission: 20, fence: 8, rally: 2);
+mavstack::stack! {
+    struct Mavlink for Quadrotor {
+        links: 1,
+        plans: { mission: 20, fence: 8, rally: 2 },
+        parameters: Tuning,
+    }
+}
 
 const LINK: LinkId = LinkId(0);
 
-/// A vehicle, its stack, and a ground station on a perfect line.
+/// A vehicle, its stack, and a client that uploads plans over a lossless link.
 struct Upload {
-    stack: Box<Stack<1, Memory>>,
+    stack: Box<Mavlink>,
     vehicle: Quadrotor,
     decoder: Decoder,
     millis: u64,
@@ -30,7 +35,7 @@ impl Upload {
         static PULSE: Pulse = Pulse::new();
         let config = Config::new(Address::new(1, 1), &PULSE);
         Self {
-            stack: Box::new(Stack::new(config, [LinkConfig::uart(921_600)])),
+            stack: Box::new(Mavlink::new(config, [LinkConfig::uart(921_600)])),
             vehicle: Quadrotor::new(),
             decoder: Decoder::new(Duration::from_secs(1)),
             millis: 0,
@@ -44,7 +49,7 @@ impl Upload {
         assert_eq!(taken, len);
     }
 
-    /// How the vehicle answers a plan.
+    /// Uploads a plan and returns the answer.
     fn answer(&mut self, plan: MavMissionType, items: &[Item]) -> MavMissionResult {
         let count = items.len() as u16;
         self.send(&MissionCount {
@@ -94,9 +99,9 @@ impl Upload {
     }
 }
 
-/// Everything that the vehicle flies, with what is left to it left out (M-70).
+/// Every supported item is accepted, also with optional values omitted (M-70).
 #[test]
-fn what_it_flies_is_taken() {
+fn supported_items_are_accepted() {
     const NAN: f32 = f32::NAN;
     let nowhere = |item: Item| Item { x: i32::MAX, y: i32::MAX, ..item };
     let plan = [
@@ -120,9 +125,9 @@ fn what_it_flies_is_taken() {
     assert_eq!(Upload::new().answer(MavMissionType::MISSION, &plan), MavMissionResult::ACCEPTED);
 }
 
-/// M-73: what it cannot fly is refused, each with the code that names the reason.
+/// M-73: unsupported items are refused, each with the code for its reason.
 #[test]
-fn what_it_cannot_fly_is_refused() {
+fn unsupported_items_are_refused() {
     use MavMissionResult as R;
     let fly = |command, params| at(command, params, 10.0, 0.0, 10.0);
     let table = [
@@ -155,13 +160,13 @@ fn what_it_cannot_fly_is_refused() {
     }
     let mut jumps = vec![waypoint(0.0, 0.0)];
     jumps.extend([jump(0, 1.0); 17]);
-    assert_eq!(upload.answer(MavMissionType::MISSION, &jumps), R::NO_SPACE, "one has no counter");
+    assert_eq!(upload.answer(MavMissionType::MISSION, &jumps), R::NO_SPACE, "one jump has no counter");
 }
 
-/// M-48: the vehicle never flies to 0, 0: a waypoint there is refused, and in a take-off, landing or loiter it means
-/// "here". A mission whose first waypoint is more than 10 km from home is refused, once home is known.
+/// M-48: the vehicle never flies to 0, 0. A waypoint there is refused; in a takeoff, landing or loiter it means "here". Once
+/// home is known, a mission whose first waypoint is more than 10 km from home is refused.
 #[test]
-fn missions_begin_near_home_and_not_at_zero() {
+fn missions_must_start_near_home_and_not_at_zero() {
     use MavMissionResult as R;
     let zero = |command| Item { x: 0, y: 0, ..at(command, [0.0, 0.0, 0.0, f32::NAN], 0.0, 0.0, 10.0) };
     let far = waypoint(-10_050.0, 0.0);
@@ -174,10 +179,11 @@ fn missions_begin_near_home_and_not_at_zero() {
         (vec![far, waypoint(0.0, 0.0)], R::INVALID_PARAM5_X),
     ];
     let mut upload = Upload::new();
-    assert_eq!(upload.answer(MavMissionType::MISSION, &[far]), R::ACCEPTED, "it does not know where it is");
+    assert_eq!(upload.answer(MavMissionType::MISSION, &[far]), R::ACCEPTED, "home is not known yet");
     // Wait for a position fix.
     for millis in 0..60_000 {
-        upload.vehicle.control_step(Instant::from_millis(millis), &[], &[], &[]);
+        let Upload { stack, vehicle, .. } = &mut upload;
+        stack.with_context(Instant::from_millis(millis), |cx| vehicle.control_step(cx));
     }
     assert!(upload.vehicle.has_fix());
     upload.millis = 60_000;
@@ -187,7 +193,7 @@ fn missions_begin_near_home_and_not_at_zero() {
 }
 
 #[test]
-fn fences_and_rally_points_are_taken_and_refused() {
+fn fences_and_rally_points_are_checked() {
     let mut upload = Upload::new();
     let circle = |group: f32| at(MavCmd::NAV_FENCE_CIRCLE_INCLUSION, [50.0, group, 0.0, 0.0], 0.0, 0.0, 0.0);
     for (group, answer) in [(31.0, MavMissionResult::ACCEPTED), (32.0, MavMissionResult::INVALID_PARAM2)] {

@@ -1,4 +1,4 @@
-//! What the ground sees of a flight: every message of the vehicle, in agreement with the vehicle and with each other.
+//! Telemetry during a flight: the messages agree with the vehicle and with each other.
 
 #[path = "support/wire.rs"]
 mod wire;
@@ -7,17 +7,16 @@ use std::collections::BTreeMap;
 
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkClass, LinkId, Message,
-    NoPlans, Parameters, Peer,
+    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkClass, LinkId, Message, Peer,
 };
-use mavstack_demo::{App, COMPANION, Quadrotor, SATELLITE, TELEMETRY, Tuning};
+use mavstack_demo::{App, COMPANION, Mavlink, SATELLITE, TELEMETRY, Tuning};
 use wire::Line;
 
 const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
 
-/// The vehicle, and what came down each line: the last of each message, and how many.
+/// The vehicle, and for each link the last message of each type and its count.
 struct Flight {
-    app: Box<App<NoPlans>>,
+    app: App<Box<Mavlink>>,
     millis: u64,
     lines: [Line; 3],
     decoders: [Decoder; 3],
@@ -29,7 +28,7 @@ struct Flight {
 impl Flight {
     fn new() -> Self {
         Self {
-            app: Box::new(App::new()),
+            app: App::new(Box::new(Mavlink::VACANT)),
             millis: 0,
             lines: Default::default(),
             decoders: [(); 3].map(|()| Decoder::new(Duration::from_secs(1))),
@@ -39,7 +38,7 @@ impl Flight {
         }
     }
 
-    /// Passes of the flight loop a millisecond apart; after each, `check`.
+    /// Runs the flight loop once per millisecond, and calls `check` after each pass.
     fn run(&mut self, millis: u64, mut check: impl FnMut(&Self)) {
         for _ in 0..millis {
             self.millis += 1;
@@ -47,13 +46,13 @@ impl Flight {
             self.app.control(now);
             for (index, link) in [TELEMETRY, COMPANION, SATELLITE].into_iter().enumerate() {
                 self.app.serve(now, link, &mut self.lines[index]).unwrap();
-                self.listen(index, now);
+                self.decode(index, now);
             }
             check(self);
         }
     }
 
-    fn listen(&mut self, index: usize, now: Instant) {
+    fn decode(&mut self, index: usize, now: Instant) {
         let (line, decoder) = (&mut self.lines[index], &mut self.decoders[index]);
         self.bytes[index] += line.down.len();
         loop {
@@ -83,17 +82,23 @@ impl Flight {
             is_broadcast: false,
             confirmation: 0,
         };
-        let (_, vehicle) = self.app.parts();
-        assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED, "{id:?}");
+        self.send(&command);
     }
 
-    /// Has what is told on request only told on all links.
-    fn stack_announce(&mut self) {
-        self.app.parts().0.announce::<FlightInformation, Quadrotor>();
+    fn send(&mut self, command: &Command) {
+        let (stack, vehicle) = self.app.parts();
+        let now = Instant::from_millis(self.millis);
+        let outcome = stack.with_context(now, |cx| vehicle.command(cx, command));
+        assert_eq!(outcome.result, MavResult::ACCEPTED, "{:?}", command.id);
+    }
+
+    /// Announces FLIGHT_INFORMATION, which otherwise is sent on request only.
+    fn announce_flight_information(&mut self) {
+        self.app.parts().0.announce::<FlightInformation>();
         self.run(10, |_| {});
     }
 
-    /// The last `M` on a link.
+    /// Returns the last `M` received on a link.
     fn get<M: Message>(&self, link: LinkId) -> M {
         let payload = self.last[usize::from(link.0)].get(&M::ID);
         M::decode(payload.unwrap_or_else(|| panic!("no {} on link {}", M::NAME, link.0)))
@@ -104,9 +109,9 @@ impl Flight {
     }
 }
 
-/// Before the receiver has a fix there is no position and no home, and the health says so; then there are.
+/// Before the first GPS fix no position and no home are sent, and the GPS is not healthy.
 #[test]
-fn nothing_is_said_of_a_position_before_there_is_one() {
+fn no_position_before_the_first_fix() {
     let mut flight = Flight::new();
     flight.run(1_500, |_| {});
     assert!(!flight.has::<GlobalPositionInt>(TELEMETRY) && !flight.has::<HomePosition>(COMPANION));
@@ -130,12 +135,12 @@ fn nothing_is_said_of_a_position_before_there_is_one() {
         (gps.lat, gps.lon, gps.alt, gps.fix_type),
         (home.latitude, home.longitude, 488_000, GpsFixType::_3D_FIX)
     );
-    assert_eq!(gps.cog, u16::MAX, "standing still it has no course");
+    assert_eq!(gps.cog, u16::MAX, "no course when it does not move");
 }
 
-/// A take-off, a flight and a landing as the messages tell it.
+/// The messages describe a takeoff, a flight and a landing consistently.
 #[test]
-fn flight_is_what_the_messages_say() {
+fn messages_describe_the_flight() {
     let mut flight = Flight::new();
     flight.run(3_000, |_| {});
     assert_eq!(flight.get::<ExtendedSysState>(COMPANION).landed_state, MavLandedState::ON_GROUND);
@@ -147,16 +152,16 @@ fn flight_is_what_the_messages_say() {
     assert!(hud.climb > 1.0 && hud.throttle > 0 && hud.alt > 489.0, "{hud:?}");
     let mut apart = 0;
     flight.run(10_000, |flight| {
-        // Within what it moves between two messages.
+        // The tolerance is the movement between two messages.
         let position = flight.get::<GlobalPositionInt>(COMPANION);
         let local: LocalPositionNed = flight.get(COMPANION);
         assert!((position.relative_alt as f32 / 1e3 + local.z).abs() < 0.4, "{position:?} {local:?}");
-        // Each is rounded.
+        // Both fields are rounded.
         assert!((position.alt - position.relative_alt - 488_000).abs() <= 1, "{position:?}");
         let (angles, q): (Attitude, AttitudeQuaternion) = (flight.get(COMPANION), flight.get(COMPANION));
         let length = [q.q1, q.q2, q.q3, q.q4].iter().map(|part| part * part).sum::<f32>();
         assert!((length - 1.0).abs() < 1e-4);
-        // They go out together, but for a moment when much else does.
+        // They are sent together, except for short delays under load.
         if angles.time_boot_ms != q.time_boot_ms {
             apart += 1;
             return;
@@ -184,16 +189,15 @@ fn flight_is_what_the_messages_say() {
     assert_eq!(flight.get::<VfrHud>(COMPANION).throttle, 0);
 }
 
-/// LANDING is what comes down to land, in whatever mode, and TAKEOFF what begins a flight.
+/// The landed state is LANDING in the final descent, in any mode.
 #[test]
-fn a_return_lands_too() {
+fn a_return_reports_landing() {
     let landed_state = |flight: &Flight| flight.get::<ExtendedSysState>(COMPANION).landed_state;
     let mut flight = Flight::new();
     flight.run(3_000, |_| {});
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 20.0);
     flight.run(10_000, |_| {});
-    let (_, vehicle) = flight.app.parts();
     let position = CommandPosition::Long { param5: 47.398_1, param6: 8.545_594 };
     let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
     let id = MavCmd::DO_REPOSITION;
@@ -208,26 +212,26 @@ fn a_return_lands_too() {
         is_broadcast: false,
         confirmation: 0,
     };
-    assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
+    flight.send(&command);
     flight.run(12_000, |_| {});
     flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, 0.0, 0.0);
     flight.run(3_000, |_| {});
-    assert_eq!(landed_state(&flight), MavLandedState::IN_AIR, "on its way");
+    assert_eq!(landed_state(&flight), MavLandedState::IN_AIR, "on the way");
     flight.run(12_000, |_| {});
     assert_eq!(landed_state(&flight), MavLandedState::LANDING);
     flight.run(30_000, |_| {});
     assert_eq!(landed_state(&flight), MavLandedState::ON_GROUND);
 }
 
-/// A battery is good, low or critical in all messages that say so.
+/// All messages agree on whether the battery is good, low or critical.
 #[test]
-fn a_battery_is_as_bad_as_it_is() {
+fn the_battery_state_is_consistent() {
     let mut flight = Flight::new();
     let set = |flight: &mut Flight, param, value| {
-        let (_, vehicle) = flight.app.parts();
-        assert!(vehicle.parameters_mut().unwrap().set(param, value));
+        let (stack, _) = flight.app.parts();
+        assert!(stack.parameters_mut().set(param, value));
     };
-    flight.app.parts().1.parameters_mut().unwrap().set(Tuning::SIM_BAT_START, 30);
+    flight.app.parts().0.parameters_mut().set(Tuning::SIM_BAT_START, 30);
     for (low, critical, state) in [
         (0.2, 0.1, MavBatteryChargeState::OK),
         (0.5, 0.1, MavBatteryChargeState::LOW),
@@ -243,15 +247,14 @@ fn a_battery_is_as_bad_as_it_is() {
     }
 }
 
-/// The rates of roll, pitch and yaw are what makes the angles change, and the vehicle leans no faster than a vehicle can.
+/// The rates of roll and pitch match the changes of the angles, and stay within realistic limits.
 #[test]
-fn rates_are_those_of_the_angles() {
+fn rates_match_the_angles() {
     let mut flight = Flight::new();
     flight.run(3_000, |_| {});
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
     flight.run(8_000, |_| {});
-    let (_, vehicle) = flight.app.parts();
     let position = CommandPosition::Long { param5: 47.398_1, param6: 8.546 };
     let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
     let id = MavCmd::DO_REPOSITION;
@@ -266,16 +269,16 @@ fn rates_are_those_of_the_angles() {
         is_broadcast: false,
         confirmation: 0,
     };
-    assert_eq!(vehicle.command(&command).result, MavResult::ACCEPTED);
+    flight.send(&command);
     let mut angles: Vec<Attitude> = Vec::new();
     for _ in 0..400 {
         flight.run(20, |_| {});
         angles.push(flight.get(COMPANION));
     }
     let greatest = |angle: fn(&Attitude) -> f32| angles.iter().map(|at| angle(at).abs()).fold(0.0, f32::max);
-    let lean = greatest(|at| at.pitch).max(greatest(|at| at.roll));
+    let tilt = greatest(|at| at.pitch).max(greatest(|at| at.roll));
     let rate = greatest(|at| at.pitchspeed).max(greatest(|at| at.rollspeed));
-    assert!((0.2..0.31).contains(&lean) && (1.0..3.0).contains(&rate), "{lean} rad, {rate} rad/s");
+    assert!((0.2..0.31).contains(&tilt) && (1.0..3.0).contains(&rate), "{tilt} rad, {rate} rad/s");
     for pair in angles.windows(2).filter(|pair| pair[1].time_boot_ms > pair[0].time_boot_ms) {
         let dt = (pair[1].time_boot_ms - pair[0].time_boot_ms) as f32 / 1_000.0;
         let changes = [
@@ -283,38 +286,37 @@ fn rates_are_those_of_the_angles() {
             (pair[1].pitch - pair[0].pitch, pair[1].pitchspeed, pair[0].pitchspeed),
         ];
         for (change, now, before) in changes {
-            // What is between two messages is seen by one of them.
+            // The change between two messages lies between their rates.
             let (least, most) = (now.min(before).min(0.0) * dt, now.max(before).max(0.0) * dt);
             assert!(least - 0.03 < change && change < most + 0.03, "{pair:?}");
         }
     }
 }
 
-/// MAVSDK's info.flight_information: since when it is armed and in the air.
+/// MAVSDK's info.flight_information: the times of arming, takeoff and landing.
 #[test]
-fn flights_are_told() {
+fn flight_information_has_the_event_times() {
     let mut flight = Flight::new();
     flight.run(3_000, |_| {});
-    let (_, vehicle) = flight.app.parts();
-    assert_eq!(vehicle.tuning().get(mavstack_demo::Tuning::STAT_FLIGHTS), 0);
+    assert_eq!(flight.app.stack().parameters().get(mavstack_demo::Tuning::STAT_FLIGHTS), 0);
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.run(2_000, |_| {});
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
     flight.run(5_000, |_| {});
     flight.command(MavCmd::NAV_LAND, 0.0, 0.0);
     flight.run(100, |_| {});
-    flight.stack_announce();
-    let told: FlightInformation = flight.get(TELEMETRY);
-    assert!(told.arming_time_utc.abs_diff(3_000_000) <= 20_000, "{told:?}");
-    assert!(told.takeoff_time_utc.abs_diff(5_000_000) <= 50_000, "{told:?}");
-    assert_eq!((told.flight_uuid, told.landing_time), (1, 0));
+    flight.announce_flight_information();
+    let info: FlightInformation = flight.get(TELEMETRY);
+    assert!(info.arming_time_utc.abs_diff(3_000_000) <= 20_000, "{info:?}");
+    assert!(info.takeoff_time_utc.abs_diff(5_000_000) <= 50_000, "{info:?}");
+    assert_eq!((info.flight_uuid, info.landing_time), (1, 0));
     flight.run(30_000, |_| {});
-    flight.stack_announce();
-    let told: FlightInformation = flight.get(TELEMETRY);
-    assert!((10_500..25_000).contains(&told.landing_time), "{told:?}");
+    flight.announce_flight_information();
+    let info: FlightInformation = flight.get(TELEMETRY);
+    assert!((10_500..25_000).contains(&info.landing_time), "{info:?}");
 }
 
-/// Unasked, every message comes on both normal links but the one that only a companion wants; nothing comes by satellite.
+/// By default every stream is sent on both normal links, except ATTITUDE_QUATERNION on the radio. Nothing is sent by satellite.
 #[test]
 fn telemetry_flows_by_default() {
     let mut flight = Flight::new();
@@ -333,12 +335,12 @@ fn telemetry_flows_by_default() {
         [GlobalPositionInt::ID, VfrHud::ID, BatteryStatus::ID, HomePosition::ID, ExtendedSysState::ID, RcChannels::ID];
     let rates = |link| ids.into_iter().chain(more).map(|id| rate(link, id)).collect::<Vec<_>>();
     assert_eq!(rates(TELEMETRY), [60, 60, 60, 240, 0, 120, 240, 240, 30, 12, 60, 30]);
-    // 33 ms are 1,818 in a minute.
+    // An interval of 33 ms gives 1,818 messages per minute.
     let companion = [120, 60, 300, 3_000, 3_000, 1_818, 1_818, 600, 60, 30, 300, 120];
     for (rate, wanted) in rates(COMPANION).into_iter().zip(companion) {
         assert!(rate.abs_diff(wanted) <= 1, "{:?}", rates(COMPANION));
     }
     let per_second = (flight.bytes[0] - bytes[0]) / 60;
-    assert!(per_second < 5_760 / 7, "{per_second} bytes/s: a seventh of 57,600 bit/s");
+    assert!(per_second < 5_760 / 7, "{per_second} bytes/s: more than a seventh of 57,600 bit/s");
     assert_eq!(flight.bytes[2], 0);
 }

@@ -1,4 +1,4 @@
-//! Makes the module `crane` from `crane.xml`.
+//! Generates the module `crane` from `crane.xml`.
 
 fn main() {
     mavstack_dialect::Build::new("crane.xml").beside_common().run();

@@ -1,4 +1,5 @@
-//! The board mps2-an386 as far as the firmware needs it: three UARTs, a clock, an alarm. Its flash is beside.
+//! The parts of the board mps2-an386 that the firmware uses: three UARTs, a clock, an alarm. The flash is in
+//! [`flash`](crate::flash).
 #![allow(unsafe_code, reason = "registers of the board, and its interrupts")]
 
 use core::cell::Cell;
@@ -10,26 +11,26 @@ use mavstack::Instant;
 use crate::device::Interrupt;
 use crate::flash::PsramFlash;
 
-/// What clocks the processor and everything around it, Hz.
+/// Clock of the processor and the peripherals (Hz).
 pub const CLOCK_HZ: u32 = 25_000_000;
-/// UART0's line, bit/s.
+/// Baud rate of UART0 (bit/s).
 pub const TELEMETRY_BAUD: u32 = 115_200;
-/// UART1's.
+/// Baud rate of UART1 (bit/s).
 pub const COMPANION_BAUD: u32 = 921_600;
-/// UART2's.
+/// Baud rate of UART2 (bit/s).
 pub const SATELLITE_BAUD: u32 = 2_400;
 
 const TICKS_PER_US: u32 = CLOCK_HZ / 1_000_000;
 
-/// A peripheral's registers.
+/// The registers of a peripheral.
 struct Registers(usize);
 
 impl Registers {
-    /// The registers at `base`.
+    /// Returns the registers at `base`.
     ///
     /// # Safety
     ///
-    /// `base` is the address of a peripheral with at least 5 word registers, and nobody else uses it.
+    /// `base` must be the address of a peripheral with at least 5 word registers, and nothing else may use it.
     const unsafe fn at(base: usize) -> Self {
         Self(base)
     }
@@ -39,7 +40,7 @@ impl Registers {
     }
 
     fn read(&self, index: usize) -> u32 {
-        // SAFETY: `at` promises a register there; all uses in this file have `index` < 5.
+        // SAFETY: `at` guarantees a register there; all uses in this file have `index` < 5.
         unsafe { self.word(index).read_volatile() }
     }
 
@@ -49,10 +50,10 @@ impl Registers {
     }
 }
 
-/// A CMSDK APB UART: one byte of buffer each way.
+/// A CMSDK APB UART, with a buffer of one byte in each direction.
 pub struct Uart {
     registers: Registers,
-    /// Received, sent.
+    /// Byte received, byte sent.
     interrupts: [Interrupt; 2],
 }
 
@@ -72,30 +73,30 @@ impl Uart {
 
     /// # Safety
     ///
-    /// As [`Registers::at`], for a UART with these interrupts.
+    /// As for [`Registers::at`]; the peripheral must be a UART with these interrupts.
     unsafe fn at(base: usize, baud: u32, interrupts: [Interrupt; 2]) -> Self {
-        // SAFETY: passed on.
+        // SAFETY: guaranteed by the caller.
         let mut registers = unsafe { Registers::at(base) };
         registers.write(Self::BAUDDIV, CLOCK_HZ / baud);
         registers.write(Self::CTRL, Self::ENABLE);
         Self { registers, interrupts }
     }
 
-    /// Lets its interrupts through: a byte came, and, if `sent`, a byte has left.
+    /// Enables the interrupts: for each byte received and, if `sent`, for each byte sent.
     pub fn listen(&mut self, sent: bool) {
         self.registers.write(Self::CTRL, Self::ENABLE | if sent { Self::SENT_INTERRUPT } else { 0 });
         for interrupt in self.interrupts {
-            // SAFETY: nobody here makes a critical section by masking a single interrupt.
+            // SAFETY: no critical section here relies on masking a single interrupt.
             unsafe { NVIC::unmask(interrupt) };
         }
     }
 
-    /// The interrupt that its handler is called by.
+    /// Returns the interrupt of the UART's handler.
     pub fn interrupt(&self) -> Interrupt {
         self.interrupts[0]
     }
 
-    /// Takes its interrupts back. What comes after this raises them again: so look at the UART then.
+    /// Clears the pending interrupts. Later events raise them again, so check the UART after this call.
     pub fn acknowledge(&mut self) {
         self.registers.write(Self::INTCLEAR, Self::INTERRUPTS);
         for interrupt in self.interrupts {
@@ -103,17 +104,17 @@ impl Uart {
         }
     }
 
-    /// Whether a byte waits.
+    /// Whether a byte was received.
     pub fn has_byte(&self) -> bool {
         self.is(Self::RX_FULL)
     }
 
-    /// The byte that waits, if there is one.
+    /// Takes the received byte, if any.
     pub fn take(&mut self) -> Option<u8> {
         self.has_byte().then(|| self.registers.read(Self::DATA).to_le_bytes()[0])
     }
 
-    /// Whether a byte was lost since this was asked last.
+    /// Whether a byte was lost since the last call.
     pub fn take_overrun(&mut self) -> bool {
         let is_overrun = self.is(Self::RX_OVERRUN);
         if is_overrun {
@@ -122,12 +123,12 @@ impl Uart {
         is_overrun
     }
 
-    /// Whether it takes a byte.
+    /// Whether the UART accepts a byte to send.
     pub fn has_room(&self) -> bool {
         !self.is(Self::TX_FULL)
     }
 
-    /// Sends a byte; there is [room](Self::has_room) for it.
+    /// Sends a byte. Call it only if [`has_room`](Self::has_room).
     pub fn send(&mut self, byte: u8) {
         self.registers.write(Self::DATA, byte.into());
     }
@@ -150,11 +151,11 @@ impl Timer {
     const INTERRUPT: u32 = 1 << 3;
 }
 
-/// Time since boot, from timer 0, which counts down and wraps every 171 s.
+/// A clock on timer 0, which counts down and wraps every 171 s.
 struct Clock {
     timer: Timer,
     last: u32,
-    /// Ticks not yet counted as a microsecond.
+    /// Remainder of ticks that do not make a whole microsecond.
     rest: u32,
     micros: u64,
 }
@@ -179,7 +180,7 @@ impl Clock {
 
 static CLOCK: Mutex<Cell<Option<Clock>>> = Mutex::new(Cell::new(None));
 
-/// Time since boot, for tasks and interrupts. Ask more often than every 171 s.
+/// Returns the time since boot. Tasks and interrupts may call it. Call it at least every 171 s.
 pub fn now() -> Instant {
     free(|cs| {
         let clock = CLOCK.borrow(cs);
@@ -190,21 +191,20 @@ pub fn now() -> Instant {
     })
 }
 
-/// Raises [`Interrupt::TIMER1`] when it is time.
+/// An alarm, which raises [`Interrupt::TIMER1`].
 pub struct Alarm(Timer);
 
 impl Alarm {
-    /// The longest that it is set to, µs.
+    /// The longest delay (µs).
     const LONGEST: u64 = 60_000_000;
 
-    /// Lets its interrupt through.
+    /// Enables the interrupt.
     pub fn listen(&mut self) {
         // SAFETY: as for the UARTs.
         unsafe { NVIC::unmask(Interrupt::TIMER1) };
     }
 
-    /// Sets it to `micros` from now, or a minute when that is less, instead of to what it was set to before; and takes back
-    /// the interrupt.
+    /// Sets the alarm to `micros` from now, at most one minute. Replaces an earlier alarm and clears its interrupt.
     pub fn set(&mut self, micros: u64) {
         let ticks = micros.clamp(1, Self::LONGEST) as u32 * TICKS_PER_US;
         let timer = &mut self.0.0;
@@ -216,21 +216,21 @@ impl Alarm {
     }
 }
 
-/// What is on the board.
+/// The peripherals of the board.
 pub struct Board {
     /// UART0 to UART2: telemetry, companion, satellite modem.
     pub uarts: [Uart; 3],
     /// Timer 1.
     pub alarm: Alarm,
-    /// Three parts of a flash.
+    /// The three partitions of the flash.
     pub flash: [PsramFlash; 3],
 }
 
 impl Board {
-    /// Sets the board up; `None` the second time.
+    /// Initialises the board. Returns `None` on every call but the first.
     pub fn take() -> Option<Self> {
         cortex_m::singleton!(: () = ())?;
-        // SAFETY: addresses and interrupts of this board; once, so each is made once.
+        // SAFETY: the addresses and interrupts of this board. The singleton above guarantees that each is created once.
         let (uarts, clock, alarm) = unsafe {
             let uarts = [
                 Uart::at(0x4000_4000, TELEMETRY_BAUD, [Interrupt::UART0, Interrupt::UART0_TX]),
@@ -241,11 +241,11 @@ impl Board {
         };
         free(|cs| CLOCK.borrow(cs).set(Some(Clock::start(clock))));
         #[cfg(feature = "defmt")]
-        defmt::info!("the vehicle is switched on");
+        defmt::info!("the vehicle boots");
         Some(Self { uarts, alarm: Alarm(alarm), flash: [0, 1, 2].map(PsramFlash::new) })
     }
 
-    /// Restarts the processor and the board, as after power-on; the flash keeps what is in it.
+    /// Resets the processor and the board. The flash keeps its contents.
     pub fn reset() -> ! {
         SCB::sys_reset()
     }

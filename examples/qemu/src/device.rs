@@ -1,28 +1,26 @@
-//! What a crate made from the chip's description would bring: its interrupts, and where their handlers are.
-//!
-//! Only what the firmware uses.
-#![allow(unsafe_code, reason = "names and numbers of handlers meet in the vector table, which the linker places")]
-#![allow(non_snake_case, reason = "handlers are called as their interrupts")]
+//! A minimal peripheral access crate: the interrupts that the firmware uses, and their vector table.
+#![allow(unsafe_code, reason = "the vector table refers to the handlers by name, and the linker places it")]
+#![allow(non_snake_case, reason = "handlers have the names of their interrupts")]
 
 use cortex_m::interrupt::InterruptNumber;
 pub use cortex_m_rt::interrupt;
 
 pub use self::Interrupt as interrupt;
 
-/// Bits of an interrupt's priority.
+/// The number of priority bits of an interrupt.
 pub const NVIC_PRIO_BITS: u8 = 3;
 
 /// An interrupt of the board mps2-an386.
 ///
-/// No `enum`, of whose values `None` would be one that is not 0: statics with an `Option` of it, queues and all, would lie in
-/// flash.
+/// Not an `enum`: the niche for `None` in an `Option<enum>` is not 0. Statics that contain such an option, with their queues,
+/// would lie in `.data` and take flash for their initialiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interrupt(u16);
 
 impl Interrupt {
     /// UART0 received a byte.
     pub const UART0: Self = Self(0);
-    /// UART0 has sent a byte. It leads to the handler of `UART0`: on most chips a UART has one.
+    /// UART0 has sent a byte. The handler of `UART0` serves it too, because a UART has a single interrupt on most chips.
     pub const UART0_TX: Self = Self(1);
     /// As `UART0`.
     pub const UART1: Self = Self(2);
@@ -32,22 +30,22 @@ impl Interrupt {
     pub const UART2: Self = Self(4);
     /// As `UART0_TX`.
     pub const UART2_TX: Self = Self(5);
-    /// Nothing raises it here: a framework may.
+    /// Unused by the board, free for frameworks.
     pub const GPIO0: Self = Self(6);
-    /// Nothing raises it here: a framework may.
+    /// Unused by the board, free for frameworks.
     pub const GPIO1: Self = Self(7);
     /// Timer 1 has reached zero.
     pub const TIMER1: Self = Self(9);
 }
 
-// SAFETY: each is the number of one of the board's interrupts, and stays so.
+// SAFETY: each value is the constant number of one of the board's interrupts.
 unsafe impl InterruptNumber for Interrupt {
     fn number(self) -> u16 {
         self.0
     }
 }
 
-// `device.x` has what stands in for those that a firmware has no handler for.
+// `device.x` provides default handlers.
 unsafe extern "C" {
     fn UART0();
     fn UART1();
@@ -58,7 +56,7 @@ unsafe extern "C" {
     fn TIMER1();
 }
 
-/// Where the processor looks for handlers.
+/// The vector table of the interrupts.
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [unsafe extern "C" fn(); 10] =

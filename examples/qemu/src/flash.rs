@@ -1,30 +1,30 @@
-//! A stand-in for the flash that a real flight controller keeps its plans, parameters and key in: a piece of the board's PSRAM,
-//! which the emulator leaves alone when the processor is reset, and which behaves as NOR flash does.
+//! Simulates the flash for plans, parameters and the signing key. It uses a part of the board's PSRAM, which survives a reset of
+//! the processor in the emulator, and behaves like NOR flash.
 #![allow(unsafe_code, reason = "memory of the board")]
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// The PSRAM, which nothing else uses: `memory.x` does not name it.
+/// Start of the PSRAM. Nothing else uses it: `memory.x` does not contain it.
 const BASE: usize = 0x2100_0000;
 
-/// A part of it: 64 KiB in erase units of 4 KiB, written in words: like a serial NOR flash, or a microcontroller's own.
+/// A partition of the flash: 64 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.
 pub struct PsramFlash {
-    /// Which of the parts that lie behind one another.
+    /// Index of the partition. Partitions are contiguous.
     part: usize,
 }
 
 impl PsramFlash {
-    /// How large a part is, in bytes.
+    /// Size of a partition, in bytes.
     pub const LEN: u32 = 64 * 1024;
 
-    /// Part 0, 1 or 2. Whoever has it is the only user of that memory; [`Board::take`](crate::board::Board::take) sees to that.
+    /// Returns partition 0, 1 or 2. The value owns that memory; [`Board::take`](crate::board::Board::take) creates each once.
     pub(crate) const fn new(part: u8) -> Self {
         Self { part: part as usize }
     }
 
-    /// The byte at `offset`, which is less than [`LEN`](Self::LEN).
+    /// Returns the address of the byte at `offset`, which must be less than [`LEN`](Self::LEN).
     fn byte(&self, offset: u32) -> *mut u8 {
         core::ptr::with_exposed_provenance_mut(BASE + self.part * Self::LEN as usize + offset as usize)
     }
@@ -40,7 +40,7 @@ impl ReadNorFlash for PsramFlash {
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         check_read(self, offset, bytes.len())?;
         for (offset, byte) in (offset..).zip(bytes) {
-            // SAFETY: within the PSRAM, as was checked.
+            // SAFETY: within the PSRAM, as checked above.
             *byte = unsafe { self.byte(offset).read_volatile() };
         }
         Ok(())
@@ -58,7 +58,7 @@ impl NorFlash for PsramFlash {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         check_erase(self, from, to)?;
         for offset in from..to {
-            // SAFETY: within the PSRAM, as was checked; `&mut self` is its only user.
+            // SAFETY: within the PSRAM, as checked above; `&mut self` is exclusive.
             unsafe { self.byte(offset).write_volatile(0xFF) };
         }
         Ok(())

@@ -1,17 +1,17 @@
-//! The board mps2-an386 in QEMU, and what the demo vehicle's firmware is made of. `cargo qemu` builds and runs it.
+//! The demo vehicle's firmware for the board mps2-an386 in QEMU. `cargo qemu` builds and runs it.
 //!
-//! The same vehicle is there three times: in a loop of its own (`bin/loop.rs`), as tasks of RTIC (`bin/rtic.rs`) and as tasks of
-//! Embassy (`bin/embassy`). `.ci/integration/test_frameworks.py` holds all of them against a ground station.
+//! The same vehicle exists in three firmwares: as a plain loop (`bin/loop.rs`), as RTIC tasks (`bin/rtic.rs`) and as Embassy
+//! tasks (`bin/embassy`). `.ci/integration/test_frameworks.py` tests each with a ground station.
 //!
 //! | | `loop` | `rtic` | `embassy` |
 //! |---|---|---|---|
-//! | flight runs | in the loop | above comms, every 10 ms | above comms, every 10 ms |
-//! | bytes wait | in the UART | in queues that interrupts serve | in queues that interrupts serve |
-//! | comms runs | in the loop, every ms or at a byte | every ms | at a byte, news or `next_deadline` |
-//! | it calls | `poll_link` | `poll_link` | `receive` and `transmit` |
-//! | flight hangs | silence | no heartbeats, all else goes on | no heartbeats, all else goes on |
+//! | flight runs | in the loop | every 10 ms, at a higher priority than comms | every 10 ms, at a higher priority than comms |
+//! | bytes are buffered | in the UART | in queues served by interrupts | in queues served by interrupts |
+//! | comms runs | in the loop, every ms or on a byte | every ms | on a byte, on new output, or at `next_deadline` |
+//! | comms calls | `poll_link` | `poll_link` | `receive` and `transmit` |
+//! | when flight hangs | silence | heartbeats stop, the rest continues | heartbeats stop, the rest continues |
 //!
-//! It is the pulse that heartbeats depend on, and flight alone ticks it: that comms goes on says nothing about flight.
+//! Heartbeats depend on the pulse, and only flight ticks it. They stop when flight hangs, even if comms still runs.
 #![no_std]
 
 pub mod board;
@@ -31,7 +31,7 @@ mod wire;
 #[cfg(feature = "panic-never")]
 use panic_never as _;
 
-/// Without a log there is nobody to tell. A real vehicle would cut its motors here and reset.
+/// Without a log the panic cannot be reported. A real vehicle would stop its motors here and reset.
 #[cfg(not(any(feature = "defmt", feature = "faults", feature = "panic-never")))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -1,19 +1,19 @@
-//! The other end of a link of the firmwares that are measured: a transport that has the next bytes ready.
+//! A simulated transport for the firmwares that are measured.
 
 use core::convert::Infallible;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::{Duration, Instant};
 
-/// What is to be read in a poll lies ready, `LEN` bytes at most, so that making it is not counted; what is sent is looked at for
-/// heartbeats.
+/// A transport with up to `LEN` bytes to read. The bytes are prepared before a poll, so that the measurement does not include
+/// that. It checks sent bytes for heartbeats.
 pub struct Line<const LEN: usize> {
     piece: [u8; LEN],
     at: usize,
     len: usize,
-    /// Whether it takes what is sent.
-    pub takes: bool,
-    /// Of the poll.
+    /// Whether it accepts bytes.
+    pub accepts: bool,
+    /// Time of the poll.
     pub now: Instant,
     heartbeat: Option<Instant>,
     /// The longest time between two heartbeats.
@@ -21,17 +21,24 @@ pub struct Line<const LEN: usize> {
 }
 
 impl<const LEN: usize> Line<LEN> {
-    /// With nothing to be read.
-    pub const SILENT: Self =
-        Self { piece: [0; LEN], at: 0, len: 0, takes: true, now: Instant::ZERO, heartbeat: None, gap: Duration::ZERO };
+    /// A line without bytes to read.
+    pub const SILENT: Self = Self {
+        piece: [0; LEN],
+        at: 0,
+        len: 0,
+        accepts: true,
+        now: Instant::ZERO,
+        heartbeat: None,
+        gap: Duration::ZERO,
+    };
 
-    /// What is to be read is what `write` writes, which says how long that is; nothing else.
+    /// Replaces the bytes to read. `write` fills the buffer and returns the length.
     pub fn put(&mut self, write: impl FnOnce(&mut [u8; LEN]) -> usize) {
         self.len = write(&mut self.piece).min(LEN);
         self.at = 0;
     }
 
-    /// Adds what `next` gives behind what was not read, as far as there is room.
+    /// Appends bytes from `next` to the unread ones, up to `bytes` in total.
     pub fn fill(&mut self, bytes: usize, mut next: impl FnMut() -> Option<u8>) {
         self.piece.copy_within(self.at..self.len, 0);
         (self.at, self.len) = (0, self.len - self.at);
@@ -57,7 +64,7 @@ impl<const LEN: usize> Read for Line<LEN> {
     fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
         let rest = self.piece.get(self.at..self.len).unwrap_or_default();
         let len = rest.len().min(bytes.len());
-        // Without a panic, as all that is proved to have none.
+        // Written without a panic, because the image is proven to be free of panics.
         if let (Some(to), Some(from)) = (bytes.get_mut(..len), rest.get(..len)) {
             to.copy_from_slice(from);
         }
@@ -68,13 +75,13 @@ impl<const LEN: usize> Read for Line<LEN> {
 
 impl<const LEN: usize> WriteReady for Line<LEN> {
     fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.takes)
+        Ok(self.accepts)
     }
 }
 
 impl<const LEN: usize> Write for Line<LEN> {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        // Ours, whole; what budget it is sent by is enough for that.
+        // The vehicle's own heartbeat. The budget is large enough to send it in one piece.
         if let [0xFD, _, _, _, _, 1, 1, 0, 0, 0, ..] = bytes
             && let Some(last) = self.heartbeat.replace(self.now)
         {

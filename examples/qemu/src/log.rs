@@ -1,4 +1,4 @@
-//! The log, and the firmware's last words.
+//! The log, and the panic handler that uses it.
 
 use core::panic::PanicInfo;
 
@@ -6,14 +6,14 @@ use defmt_semihosting as _;
 
 use crate::board;
 
-// ms since boot begin every line of the log. They wrap after 49 days, and only here.
+// Each line of the log starts with the time since boot (ms), which wraps after 49 days.
 defmt::timestamp!("{=u32:ms}", board::now().as_millis() as u32);
 
-/// Says where, and ends the emulator with an error.
+/// Logs the location, and exits the emulator with an error.
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     match info.location() {
-        Some(place) => defmt::error!("panic at {=str}:{=u32}", place.file(), place.line()),
+        Some(location) => defmt::error!("panic at {=str}:{=u32}", location.file(), location.line()),
         None => defmt::error!("panic"),
     }
     semihosting::process::exit(1)

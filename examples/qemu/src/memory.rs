@@ -1,46 +1,39 @@
-//! How much the vehicle remembers, and what of it outlives a power cut.
+//! The capacities of the vehicle, and its storage in flash.
 
-use core::mem::MaybeUninit;
+use mavstack::{Durability, Instant, ParamStore, ParamTable, PlanStore, SigningStore};
+use mavstack_demo::{App, FENCE, MISSION, Mavlink, RALLY, Tuning};
+use static_cell::{ConstStaticCell, StaticCell};
 
-use mavstack::{Durability, Instant, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
-use mavstack_demo::{App, Tuning};
-
+use crate::board::Board;
 use crate::flash::PsramFlash;
 
-/// What a microcontroller can afford: 32 bytes an item, and room for the largest plan once more, for uploads.
-pub type DemoPlans = plan_memory!(mission: MISSION, fence: FENCE, rally: RALLY);
-const MISSION: usize = 250;
-const FENCE: usize = 64;
-const RALLY: usize = 16;
+/// The stack before it is begun. It is all zeros, so it is in `.bss`: it takes no flash, and no call stack at boot.
+pub static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
-/// The vehicle with its stack.
-///
-/// Not on the stack: it is larger than that should be. And not made by the compiler: its initial value, plan memory and all,
-/// would lie in flash. The firmwares write it into a `static` at start.
-pub type DemoApp = App<DemoPlans>;
-
-/// The vehicle, written to its place. Apart from what calls it: it is made on the stack and then copied, which is to be over
-/// before anything else wants stack.
+/// Boots the vehicle. Call it once. Not inlined: the vehicle is built on the call stack and then copied to its place.
 #[inline(never)]
-pub fn make(place: &'static mut MaybeUninit<DemoApp>) -> &'static mut DemoApp {
-    place.write(DemoApp::new())
+pub fn start() -> &'static mut App {
+    static APP: StaticCell<App> = StaticCell::new();
+
+    let app = STACK.try_take().and_then(|stack| APP.try_init_with(|| App::new(stack)));
+    app.unwrap_or_else(|| Board::reset())
 }
 
-/// The plans' part of the flash: the front of it, two slots of which each holds all plans.
+/// The plans' partition: two slots, each of which holds all plans.
 type Store = PlanStore<PsramFlash>;
 const STORE_LEN: u32 = Store::region_len(MISSION, FENCE, RALLY);
 const _: () = assert!(STORE_LEN <= PsramFlash::LEN);
 
-/// The parameters' part of the flash.
+/// The parameters' partition.
 type Settings = ParamStore<PsramFlash>;
 const SETTINGS_LEN: u32 = Settings::region_len(Tuning::INFO.len());
 const _: () = assert!(SETTINGS_LEN <= PsramFlash::LEN);
 
-/// The signing key's part of the flash.
+/// The signing key's partition.
 type Key = SigningStore<PsramFlash>;
 const _: () = assert!(Key::REGION_LEN <= PsramFlash::LEN);
 
-/// Plans, parameters and key in flash.
+/// The storage of plans, parameters and key.
 pub struct Memory {
     settings: Settings,
     key: Key,
@@ -48,7 +41,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// In these parts of the flash.
+    /// Creates the storage in these partitions.
     pub fn new([plans, settings, key]: [PsramFlash; 3]) -> Self {
         Self {
             settings: Settings::new(settings, 0..SETTINGS_LEN),
@@ -57,20 +50,20 @@ impl Memory {
         }
     }
 
-    /// Reads everything back; once, before everything else.
-    pub fn restore(&mut self, app: &mut DemoApp, now: Instant) {
-        // An error was already reported by text. The vehicle then flies with default parameters and without plans; without its
-        // key, links that would sign stay closed.
+    /// Restores everything. Call it once, before anything else.
+    pub fn restore(&mut self, app: &mut App, now: Instant) {
+        // The stack has already reported errors by STATUSTEXT. The vehicle then uses default parameters and has no plans. Without
+        // its key, links that require signatures stay closed.
         let _ = app.restore_parameters(now, &mut self.settings);
         let _ = app.restore_signing(now, &mut self.key);
         let _ = app.restore(now, &mut self.store, Durability::Durable);
     }
 
-    /// Writes pending data to storage, one step per pass. Returns true when there is more to do at once.
+    /// Writes pending data, one step per call. Returns true when more work is pending.
     ///
-    /// The simulated flash writes within microseconds, so the vehicle always permits it. Where an erase stops the processor,
-    /// keep the default `may_persist`, which permits nothing while armed.
-    pub fn persist(&mut self, app: &mut DemoApp, now: Instant) -> bool {
+    /// The simulated flash writes within microseconds, so the vehicle always permits it. If an erase stalls the processor, keep
+    /// the default `may_persist`, which permits nothing while armed.
+    pub fn persist(&mut self, app: &mut App, now: Instant) -> bool {
         let is_busy = app.persist(now, &mut self.store);
         let is_busy = app.persist_parameters(now, &mut self.settings) | is_busy;
         app.persist_signing(now, &mut self.key) | is_busy

@@ -1,4 +1,4 @@
-//! UARTs without interrupts: the loop looks at them, and is woken when there is something to see.
+//! Polled UARTs, for a main loop that sleeps until a byte arrives.
 
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{SCB, SYST};
@@ -6,7 +6,7 @@ use embedded_io::{ErrorKind, ErrorType, Read, ReadReady, Write, WriteReady};
 
 use crate::board::{CLOCK_HZ, Uart};
 
-/// Bytes arrived faster than they were read: at least one is lost.
+/// A receiver overrun: bytes arrived faster than they were read, and at least one was lost.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Overrun;
@@ -32,13 +32,13 @@ pub struct Polled {
 }
 
 impl Polled {
-    /// A UART whose interrupt ends [`Bed::sleep`].
+    /// Wraps a UART whose interrupt ends [`Sleep::until_event`].
     pub fn new(mut uart: Uart) -> Self {
         uart.listen(false);
         Self { uart, has_received: false }
     }
 
-    /// Whether bytes were read since this was asked last: then more may be on their way.
+    /// Whether bytes were read since the last call. More bytes may then follow soon.
     pub fn has_received(&mut self) -> bool {
         core::mem::take(&mut self.has_received)
     }
@@ -61,7 +61,7 @@ impl Read for Polled {
         }
         let mut read = 0;
         for byte in buf {
-            // The first byte is waited for, as the trait asks; nobody calls without `read_ready`.
+            // The trait requires waiting for the first byte. The stack calls `read` only after `read_ready`.
             while read == 0 && !self.uart.has_byte() {}
             let Some(received) = self.uart.take() else { break };
             self.has_received = true;
@@ -98,13 +98,13 @@ impl Write for Polled {
     }
 }
 
-/// Where the loop sleeps. Interrupts stay masked; a pending one only ends the sleep, which is why there are no handlers and
-/// nothing is shared.
-pub struct Bed(());
+/// Lets the main loop sleep. Interrupts stay masked: a pending one wakes the processor but runs no handler. So the loop shares
+/// no data with interrupts.
+pub struct Sleep(());
 
-impl Bed {
-    /// Masks interrupts, for good, and has SysTick raise one every millisecond.
-    pub fn make(mut syst: SYST) -> Self {
+impl Sleep {
+    /// Masks interrupts permanently, and starts SysTick with a period of one millisecond.
+    pub fn new(mut syst: SYST) -> Self {
         cortex_m::interrupt::disable();
         syst.set_clock_source(SystClkSource::Core);
         syst.set_reload(CLOCK_HZ / 1_000 - 1);
@@ -114,8 +114,8 @@ impl Bed {
         Self(())
     }
 
-    /// Sleeps until a byte comes or the millisecond is over.
-    pub fn sleep(&mut self, uarts: &mut [Polled]) {
+    /// Sleeps until a byte arrives or the next millisecond begins.
+    pub fn until_event(&mut self, uarts: &mut [Polled]) {
         cortex_m::asm::wfi();
         SCB::clear_pendst();
         for polled in uarts {

@@ -1,8 +1,8 @@
-//! Where a firmware that reports to the host, and has no log, ends when it finds something wrong.
+//! The panic handler of firmwares that report to the host without a log.
 
 use core::panic::PanicInfo;
 
-/// Says what and where, and ends the emulator with an error.
+/// Prints the message, and exits the emulator with an error.
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     semihosting::println!("{info}");

@@ -1,31 +1,32 @@
-//! UARTs with interrupts: between the interrupt and the task stand the queues of [`mavstack::io`].
+//! Interrupt-driven UARTs. The queues of [`mavstack::io`] connect the interrupt and the task.
 
 use mavstack::io::InterruptEnd;
 
 use crate::board::Uart;
 
-/// What the interrupt's handler works with.
+/// The state of the interrupt handler.
 pub struct SerialInterrupt {
     uart: Uart,
     queues: InterruptEnd<'static>,
 }
 
 impl SerialInterrupt {
-    /// A UART and its queues. The interrupt comes from now on; it has the highest priority, for the UART holds a single byte.
+    /// Connects a UART with its queues and enables its interrupt. Give the interrupt the highest priority, because the UART
+    /// buffers a single byte.
     pub fn new(mut uart: Uart, queues: InterruptEnd<'static>) -> Self {
         uart.listen(true);
         Self { uart, queues }
     }
 
-    /// The handler: a byte came, or one has left, or the task has written something, or made room, and pended the interrupt.
+    /// Handles the interrupt: a byte was received or sent, or the task has pended the interrupt after a read or write.
     pub fn on_interrupt(&mut self) {
         let Self { uart, queues } = self;
         uart.acknowledge();
         if uart.take_overrun() {
             queues.line_error();
         }
-        // Without room it waits in the UART: the emulator then sends no other. A real line would, and overrun the UART, which
-        // is counted.
+        // When the queue is full, the byte stays in the UART. The emulator then stops sending. A real line would overrun the
+        // UART, which is counted.
         while !queues.is_full()
             && let Some(byte) = uart.take()
         {

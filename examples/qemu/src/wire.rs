@@ -1,12 +1,12 @@
-//! A log that cannot panic, for the proof that nothing else of the log can: onto UART 3, as it is, and to nobody. The
-//! emulator's own, which `log.rs` has, checks what it is given and panics.
+//! A logger without panics, for the proof that logging itself cannot panic. It writes raw bytes to UART 3, which is not
+//! connected. The semihosting logger in `log.rs` checks its calls and can panic.
 //!
-//! For a firmware whose interrupts are masked, as the bare loop's are: nothing here holds off another one's line.
-#![allow(unsafe_code, reason = "a register of the board, and what the trait of a log demands")]
+//! Use it only with masked interrupts, as in the plain loop: it has no critical section.
+#![allow(unsafe_code, reason = "a register of the board, and the unsafe trait `Logger`")]
 
 use crate::board;
 
-/// Where UART 3 takes a byte.
+/// Data register of UART 3.
 const DATA: usize = 0x4000_7000;
 
 defmt::timestamp!("{=u32:ms}", board::now().as_millis() as u32);
@@ -14,7 +14,7 @@ defmt::timestamp!("{=u32:ms}", board::now().as_millis() as u32);
 #[defmt::global_logger]
 struct Wire;
 
-// SAFETY: one at a time, as there are no interrupts; and what is written is only bytes.
+// SAFETY: interrupts are masked, so calls do not overlap; the bytes are written unchanged.
 unsafe impl defmt::Logger for Wire {
     fn acquire() {}
 

@@ -1,7 +1,7 @@
-//! Keeps plans, parameters or the signing key in a file, in place of a flight controller's flash. The file is written at once,
-//! so that its content also survives a kill of this program.
+//! Simulates flash with a file, for plans, parameters or the signing key. Writes are not buffered, so the contents survive a kill
+//! of this program.
 //!
-//! A file of other content is never written to: a mistyped path must not destroy a file.
+//! A file with other content is never overwritten: a mistyped path must not destroy data.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// A file that behaves as NOR flash does: writing only clears bits.
+/// A file that behaves like NOR flash: writing only clears bits.
 pub struct FileFlash {
     file: File,
     bytes: Vec<u8>,
@@ -23,7 +23,7 @@ const MAGIC: &[u8] = b"MVSR";
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// Whether one of the two slots in a file of this size begins as a record does.
+/// Whether one of the two slots in a file of this size starts with a record.
 fn has_record(path: &Path, size: u64) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     for slot in [0, size / 2] {
@@ -38,7 +38,7 @@ fn has_record(path: &Path, size: u64) -> std::io::Result<bool> {
 }
 
 impl FileFlash {
-    /// Refuses an existing file that this program did not make. Changes nothing.
+    /// Refuses an existing file that this program did not create. Changes nothing.
     pub fn check(path: &Path, len: u32) -> Result<(), String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         let metadata = match path.metadata() {
@@ -46,17 +46,17 @@ impl FileFlash {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             Err(error) => return Err(failed(error)),
         };
-        let what_to_do = "give --storage another name, or move it away";
+        let what_to_do = "give --storage another name, or move the file";
         let refused =
             |why: String| Err(format!("{} is not a storage file of this vehicle: {why}; {what_to_do}", path.display()));
         if !metadata.is_file() {
-            return refused("it is no regular file".into());
+            return refused("it is not a regular file".into());
         }
         let size = metadata.len();
         if size != u64::from(len) && has_record(path, size).map_err(failed)? {
             return Err(format!(
-                "{} is a storage file of {size} bytes instead of {len}: another version of this program made it, or it holds \
-                 something else (plans, parameters and the key have a file each); run that version, {what_to_do}",
+                "{} is a storage file of {size} bytes instead of {len}: it was created by another version of this program, \
+                 or for other data (plans, parameters and the key have separate files); run that version, {what_to_do}",
                 path.display()
             ));
         }
@@ -64,7 +64,7 @@ impl FileFlash {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
         let bytes = std::fs::read(path).map_err(failed)?;
-        // An empty or incompletely created file has no content to lose.
+        // An empty or incompletely created file has no data to lose.
         if bytes.iter().all(|&byte| byte == ERASED) {
             return Ok(());
         }
@@ -78,10 +78,10 @@ impl FileFlash {
         if is_known(first) || is_known(second) || (is_erased(first) && is_erased(second)) {
             return Ok(());
         }
-        refused("it has other content".into())
+        refused("it contains other data".into())
     }
 
-    /// Opens a storage file, or creates an erased one. Only its owner can read a `private` file.
+    /// Opens a storage file, or creates an erased one. A `private` file is readable by its owner only.
     pub fn open(path: &Path, len: u32, private: bool) -> Result<Self, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         Self::check(path, len)?;
@@ -92,7 +92,7 @@ impl FileFlash {
             std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         }
         let mut file = options.open(path).map_err(failed)?;
-        // Also restricts a file that an older version of this program made.
+        // Also restricts a file that an older version of this program created.
         #[cfg(unix)]
         if private {
             let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
@@ -195,9 +195,9 @@ mod tests {
         bytes
     }
 
-    /// A mistyped `--storage` destroys no file: other files are refused and stay unchanged.
+    /// A mistyped `--storage` destroys no file: files with other content are refused and stay unchanged.
     #[test]
-    fn a_file_of_somebody_else_is_refused_and_stays_as_it_is() {
+    fn a_file_with_other_content_is_refused_and_unchanged() {
         let folder = Folder::new("others");
         for (name, bytes) in [
             ("short", b"The only copy of my notes.".to_vec()),
@@ -214,12 +214,12 @@ mod tests {
             assert!(fs::read(&path).unwrap() == bytes, "{name}");
         }
         let error = FileFlash::open(&folder.0, LEN, false).err().expect("a folder");
-        assert!(error.contains("no regular file"), "{error}");
+        assert!(error.contains("not a regular file"), "{error}");
     }
 
-    /// A storage file of another version has another length. The refusal says so, and the file stays as it is.
+    /// A storage file of another version has another length. The refusal says so, and the file stays unchanged.
     #[test]
-    fn a_file_of_another_version_is_refused_as_one() {
+    fn a_file_of_another_version_is_refused_and_unchanged() {
         let folder = Folder::new("versions");
         let ours = slots(b"MVSR\x01", b"MVSR\x01");
         let second_slot = slots(b"", b"MVSR\x01");
@@ -231,16 +231,16 @@ mod tests {
         ] {
             let path = folder.file(name, bytes);
             let error = FileFlash::check(&path, len).expect_err(name);
-            let told = ["another version", "8192 bytes", &len.to_string(), "give --storage another name"];
-            assert!(told.iter().all(|part| error.contains(part)), "{error}");
+            let parts = ["another version", "8192 bytes", &len.to_string(), "give --storage another name"];
+            assert!(parts.iter().all(|part| error.contains(part)), "{error}");
             assert!(!error.contains("not a storage file"), "{error}");
             assert!(FileFlash::open(&path, len, true).is_err() && fs::read(&path).unwrap() == *bytes, "{name}");
         }
     }
 
-    /// Ours is taken, damaged too; an empty file, or one that was not made to its end, is completed; a new one is erased.
+    /// A storage file is opened even if damaged. An empty or incomplete file is completed, and a new one is erased.
     #[test]
-    fn a_file_of_ours_is_taken() {
+    fn a_storage_file_is_opened() {
         let folder = Folder::new("ours");
         for (name, bytes) in [
             ("first", slots(b"MVSR\x01", b"")),
@@ -259,26 +259,26 @@ mod tests {
             assert!(fs::read(&path).unwrap() == slots(b"", b""), "{name}");
         }
         let path = folder.0.join("new");
-        FileFlash::check(&path, LEN).expect("nothing is there");
+        FileFlash::check(&path, LEN).expect("no file is valid");
         assert!(!path.exists(), "the check creates no file");
-        FileFlash::open(&path, LEN, false).expect("made");
+        FileFlash::open(&path, LEN, false).expect("created");
         assert!(fs::read(&path).unwrap() == slots(b"", b""));
     }
 
-    /// SEC-15: only the owner can read the signing key, even in a file that was made readable for all.
+    /// SEC-15: only the owner can read the signing key, even if the file was readable by everyone before.
     #[cfg(unix)]
     #[test]
-    fn the_key_is_readable_for_its_owner_only() {
+    fn the_key_file_is_readable_by_its_owner_only() {
         use std::os::unix::fs::PermissionsExt as _;
 
         let folder = Folder::new("key");
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
         let path = folder.0.join("new.key");
-        FileFlash::open(&path, LEN, true).expect("made");
+        FileFlash::open(&path, LEN, true).expect("created");
         assert_eq!(mode(&path), 0o600);
         let path = folder.file("old.key", &slots(b"MVSR", b""));
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
-        FileFlash::open(&path, LEN, true).expect("taken");
+        FileFlash::open(&path, LEN, true).expect("opened");
         assert_eq!(mode(&path), 0o600);
     }
 }

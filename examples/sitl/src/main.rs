@@ -1,4 +1,4 @@
-//! The demo vehicle on the host: the same application as the firmware in QEMU, with sockets for UARTs.
+//! The demo vehicle as a host program: the same application as the firmware in QEMU, with sockets instead of UARTs.
 
 mod flash;
 mod metadata;
@@ -17,85 +17,82 @@ use std::time::{self, Duration};
 use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
-use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore, plan_memory};
+use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
-use mavstack_demo::{App, COMPANION, LINKS, SATELLITE, TELEMETRY, Tuning};
+use mavstack_demo::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY, Tuning};
 
 use flash::FileFlash;
 use tcp::Port;
 use udp::Datagrams;
 
-/// Room for long plans: the host has the memory.
-type SitlPlans = plan_memory!(mission: MISSION, fence: FENCE, rally: RALLY);
-const MISSION: usize = 1000;
-const FENCE: usize = 256;
-const RALLY: usize = 64;
+/// The vehicle. Its stack is boxed because it is large for a stack frame.
+type SitlApp = App<Box<Mavlink>>;
 
 type Store = PlanStore<FileFlash>;
 type Settings = ParamStore<FileFlash>;
 type Key = SigningStore<FileFlash>;
 
-/// How often the flight loop goes round.
+/// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);
-/// How often it is looked whether its status has changed.
+/// Interval between updates of the status line.
 const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 
 /// Run the demo vehicle on this machine.
 ///
-/// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine that takes one client at a
-/// time; a second one is turned away. Without options: 5770 for telemetry, 5771 for a companion computer, 5772 for a
-/// satellite modem. A fourth port, 5773, offers over HTTP what QGroundControl needs to show the parameters with their units
-/// and ranges.
+/// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine. A port accepts one client at a
+/// time. The defaults are 5770 for telemetry, 5771 for a companion computer and 5772 for a satellite modem. Port 5773 serves
+/// the parameters' units and ranges to QGroundControl over HTTP.
 ///
-/// A ground station on the first port and a companion computer on the second talk to each other through the vehicle. By
-/// satellite go commands and their answers and, from MAV_CMD_CONTROL_HIGH_LATENCY 1 to 0, HIGH_LATENCY2 every 67 s or as
-/// MAV_2_HL_FREQ has it; also by itself, when no ground station was heard for MAV_HL_LOSS_T seconds. What that cost is in
-/// STAT_HL_BYTES and STAT_HL_CREDITS.
+/// The vehicle forwards between the telemetry and companion links. The satellite link carries commands and their answers.
+/// MAV_CMD_CONTROL_HIGH_LATENCY 1 starts HIGH_LATENCY2 there, every 67 s by default (MAV_2_HL_FREQ); 0 stops it. With
+/// MAV_HL_LOSS_T above 0 it also starts that many seconds after the last ground station was lost. STAT_HL_BYTES and
+/// STAT_HL_CREDITS count the cost.
 ///
-/// A signing key is taken by SETUP_SIGNING on the companion's port; then frames without a signature are heard there only.
+/// The companion link accepts a signing key by SETUP_SIGNING. From then on it is the only link that accepts unsigned frames.
 ///
-/// Room for plans: 1,000 mission items, 256 fence items, 64 rally points. A reboot that a ground station asks for starts the
-/// vehicle anew; who is connected stays so. Ctrl-C ends it.
+/// Capacities: 1,000 mission items, 256 fence items, 64 rally points. A reboot command restarts the vehicle and keeps the
+/// connections. Ctrl-C ends the program.
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {
-    /// First of the TCP ports.
+    /// First of four consecutive TCP ports.
     #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65532))]
     port_base: u16,
-    /// Telemetry over UDP instead of TCP, sent there; QGroundControl listens on the default by itself.
+    /// Send telemetry over UDP to this address instead of listening on TCP. QGroundControl listens on the default address.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Keep the plans in this file, and in two beside it the parameters (its name ends in ".params") and the signing key
-    /// (".key", for its owner only), as a flight controller does in flash: they are there again at the next start. Any other
-    /// existing file is refused. Without this option they are forgotten.
+    /// Store the plans in this file, as a flight controller does in flash. Two files beside it store the parameters
+    /// (FILE.params) and the signing key (FILE.key, readable by its owner only). All are restored at the next start. An
+    /// existing file with other content is refused. Without this option nothing is stored.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
-    /// Start with this plan, a mission, geofence or rally points: a text file as QGroundControl, Mission Planner and
-    /// MAVProxy save it ("QGC WPL").
+    /// Load this plan at the start: a mission, geofence or rally points in the text format of QGroundControl, Mission Planner
+    /// and MAVProxy ("QGC WPL").
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
-    /// Log the links' traffic to this file, as Mission Planner and MAVProxy do (".tlog"): each frame that the vehicle's decoder
-    /// accepts or that the vehicle sends, with its time, while a client is connected. MAVExplorer and pymavlink read it. Messages
-    /// with keys or passwords are left out, and signatures are overwritten with zeros. An existing log of that name is replaced;
-    /// any other file is refused.
+    /// Log the links' traffic to this file (".tlog", as Mission Planner and MAVProxy write it). While a client is connected,
+    /// each frame that the vehicle accepts or sends is logged with its time. MAVExplorer and pymavlink read the file. Messages
+    /// with keys or passwords are omitted, and signatures are overwritten with zeros. An existing log is replaced; any other
+    /// existing file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// The first row of the plan is an item; else, as in missions that ground stations save, it is the home position.
+    /// Treat the first row of the plan as an item. By default it is the home position, as in missions saved by ground stations.
     #[arg(long, requires = "plan")]
     no_home: bool,
 }
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
-    let mut found = address.to_socket_addrs().map_err(|error| format!("{error} (it looks like 127.0.0.1:14550)"))?;
+    let mut found =
+        address.to_socket_addrs().map_err(|error| format!("{error}; use HOST:PORT, for example 127.0.0.1:14550"))?;
     match found.next() {
-        Some(address) if address.port() == 0 => Err("nobody listens on port 0".to_owned()),
+        Some(address) if address.port() == 0 => Err("port 0 cannot receive; use 1 to 65535".to_owned()),
         Some(address) => Ok(address),
-        None => Err("no such host".to_owned()),
+        None => Err("the host name has no address".to_owned()),
     }
 }
 
-/// What passes over a link is logged here, or nowhere.
+/// Logs both directions of a link. The default logs nothing.
 #[derive(Default)]
 struct Log {
     received: Tap,
@@ -108,14 +105,14 @@ impl Log {
         Self { received: tap(), sent: tap() }
     }
 
-    /// Somebody else speaks from here on.
+    /// Discards incomplete frames. Call it when the client changes.
     fn restart(&mut self) {
         self.received.restart();
         self.sent.restart();
     }
 }
 
-/// What the telemetry link goes over.
+/// The transport of the telemetry link.
 enum Telemetry {
     Tcp(Port),
     Udp(Datagrams),
@@ -131,34 +128,33 @@ fn main() -> ExitCode {
     }
 }
 
-/// The vehicle and what it keeps its plans, its parameters and its key in.
+/// The vehicle, and the storage of its plans, parameters and key.
 struct Device {
-    // Large for a stack frame, and there is one.
-    app: Box<App<SitlPlans>>,
+    app: SitlApp,
     settings: Option<Settings>,
     store: Option<Store>,
     key: Option<Key>,
 }
 
 impl Device {
-    /// As after power-on.
-    fn switch_on(
+    /// Boots the vehicle with the contents of its storage.
+    fn boot(
         arguments: &Arguments,
         console: &Console,
         metadata: Option<&'static ComponentMetadata>,
     ) -> Result<Self, String> {
-        let mut device = Self { app: Box::new(App::new()), settings: None, store: None, key: None };
+        let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), settings: None, store: None, key: None };
         let app = &mut device.app;
         if let Some(metadata) = metadata {
             app.parts().1.set_metadata(metadata);
         }
         if let Some(path) = &arguments.storage {
-            let beside = |ending| {
+            let with_suffix = |suffix| {
                 let mut name = path.clone().into_os_string();
-                name.push(ending);
+                name.push(suffix);
                 PathBuf::from(name)
             };
-            let (params, signing) = (beside(".params"), beside(".key"));
+            let (params, signing) = (with_suffix(".params"), with_suffix(".key"));
             let params_len = Settings::region_len(Tuning::INFO.len());
             let plans_len = Store::region_len(MISSION, FENCE, RALLY);
             // Check all files before creating any.
@@ -168,17 +164,18 @@ impl Device {
             let flash = FileFlash::open(&params, params_len, false)?;
             let settings = device.settings.insert(Settings::new(flash, 0..params_len));
             if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
-                console.complain(format_args!("{}: not all parameters could be read ({error:?})", params.display()));
+                console.print_error(format_args!("{}: not all parameters could be read ({error:?})", params.display()));
             }
             let flash = FileFlash::open(&signing, Key::REGION_LEN, true)?;
             let key = device.key.insert(Key::new(flash, 0..Key::REGION_LEN));
             if let Err(error) = app.restore_signing(Instant::ZERO, key) {
-                console.complain(format_args!("{}: the signing key could not be read ({error:?})", signing.display()));
+                console
+                    .print_error(format_args!("{}: the signing key could not be read ({error:?})", signing.display()));
             }
             let flash = FileFlash::open(path, plans_len, false)?;
             let store = device.store.insert(Store::new(flash, 0..plans_len));
             if let Err(error) = app.restore(Instant::ZERO, store, Durability::Durable) {
-                console.complain(format_args!("{}: not all plans could be read ({error:?})", path.display()));
+                console.print_error(format_args!("{}: not all plans could be read ({error:?})", path.display()));
             }
         }
         if let Some(path) = &arguments.plan {
@@ -190,21 +187,21 @@ impl Device {
         Ok(device)
     }
 
-    /// Flies until `stop`, which is no reboot, or until somebody asks for one. Time begins anew.
+    /// Runs the vehicle until `stop` is set or a reboot was requested. Simulated time starts at 0.
     fn fly(&mut self, stop: &AtomicBool, console: &Console, telemetry: &mut Telemetry, others: &mut [(LinkId, Port)]) {
         let mut shown = Instant::ZERO;
         let app = &mut self.app;
         let boot = time::Instant::now();
-        // This machine's clock is the vehicle's own.
+        // This machine's clock serves as the vehicle's real-time clock.
         if let Ok(since_1970) = time::SystemTime::now().duration_since(time::UNIX_EPOCH) {
             let unix_usec = u64::try_from(since_1970.as_micros()).unwrap_or(0);
-            app.parts().1.set_calendar(Instant::ZERO, unix_usec);
+            app.set_calendar(Instant::ZERO, unix_usec);
         }
         while !stop.load(Ordering::Relaxed) && !app.wants_reboot() {
             let began = boot.elapsed();
             let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
             app.control(now);
-            while app.hangs() && !stop.load(Ordering::Relaxed) {
+            while app.simulates_hang() && !stop.load(Ordering::Relaxed) {
                 thread::sleep(PERIOD);
             }
             match telemetry {
@@ -239,7 +236,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
 
     let console = Console::new();
     let base = arguments.port_base;
-    // First of all: a busy port is the likeliest mistake, and another vehicle's files are to stay as they are then.
+    // Open the ports before any file. A busy port is the most likely error, and the files may then belong to a running vehicle.
     let mut telemetry = match arguments.udp {
         Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
         None => Telemetry::Tcp(Port::open(base, console.clone())?),
@@ -256,32 +253,32 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             port.log = Log::new(&tlog);
         }
     }
-    // Without it ground stations show bare numbers, and that is all.
+    // Not fatal: without metadata ground stations show parameters without units and ranges.
     let metadata = metadata::serve(base + 3)
-        .inspect_err(|error| eprintln!("Ground stations get no units and ranges of parameters: {error}"))
+        .inspect_err(|error| eprintln!("warning: no units and ranges of parameters for ground stations: {error}"))
         .ok();
-    let mut device = Device::switch_on(arguments, &console, metadata)?;
+    let mut device = Device::boot(arguments, &console, metadata)?;
     const { assert!(LINKS == 3) };
 
-    println!("The vehicle is switched on. Connect a ground station:\n");
+    println!("The vehicle is running. Connect a ground station:\n");
     println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
-    println!("{}\n\nCtrl-C ends it.\n", OtherLinks { companion: base + 1, satellite: base + 2 });
+    println!("{}\n\nPress Ctrl-C to stop.\n", OtherLinks { companion: base + 1, satellite: base + 2 });
 
     loop {
         device.fly(&stop, &console, &mut telemetry, &mut others);
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        // Who is connected stays so, as on a UART.
-        console.print("The vehicle restarts.");
-        device = Device::switch_on(arguments, &console, metadata)?;
+        // Connections stay open, as on a UART.
+        console.print("The vehicle reboots.");
+        device = Device::boot(arguments, &console, metadata)?;
     }
     console.end();
-    println!("The vehicle is switched off.");
+    println!("The vehicle has stopped.");
     Ok(())
 }
 
-fn serve(app: &mut App<SitlPlans>, now: Instant, link: LinkId, port: &mut Port) {
+fn serve(app: &mut SitlApp, now: Instant, link: LinkId, port: &mut Port) {
     match app.serve(now, link, port) {
         Ok(()) => {}
         Err(LinkError::Closed) => port.hang_up("disconnected"),

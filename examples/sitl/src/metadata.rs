@@ -1,4 +1,4 @@
-//! Component metadata over HTTP: what lets QGroundControl show the parameters with their units and ranges.
+//! Component metadata over HTTP, from which QGroundControl shows the parameters' units and ranges.
 
 use std::net::Ipv4Addr;
 use std::thread;
@@ -8,7 +8,8 @@ use mavstack::{Text, metadata};
 use mavstack_demo::Tuning;
 use tiny_http::{Header, Response, Server};
 
-/// Offers the files on a port of this machine, for as long as the program runs; what the vehicle is to say of them.
+/// Serves the files on a port of this machine for as long as the program runs. Returns the COMPONENT_METADATA that refers to
+/// them.
 pub fn serve(port: u16) -> Result<&'static ComponentMetadata, String> {
     let server = Server::http((Ipv4Addr::LOCALHOST, port)).map_err(|error| format!("port {port}: {error}"))?;
     let uri = |file: &str| format!("http://127.0.0.1:{port}/{file}");
@@ -24,7 +25,7 @@ pub fn serve(port: u16) -> Result<&'static ComponentMetadata, String> {
                 "/general.json" => &general,
                 "/parameters.json" => &parameters,
                 _ => {
-                    // Whoever asks may be gone by now.
+                    // An error means that the client has disconnected.
                     let _ = request.respond(Response::empty(404));
                     continue;
                 }
@@ -37,6 +38,6 @@ pub fn serve(port: u16) -> Result<&'static ComponentMetadata, String> {
         }
     });
     let metadata = ComponentMetadata { time_boot_ms: 0, file_crc, uri: Text::new(&uri("general.json")) };
-    // It is needed for as long as the program runs.
+    // Leaked because it is needed for as long as the program runs.
     Ok(Box::leak(Box::new(metadata)))
 }

@@ -1,4 +1,4 @@
-//! A TCP port that behaves like a UART: one line, to whoever is connected; bytes to nobody are lost.
+//! A TCP port that behaves like a UART. It serves one client at a time; without a client sent bytes are lost.
 
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -8,16 +8,16 @@ use mavstack_console::Console;
 
 use crate::Log;
 
-/// Bytes taken from a client at a time.
+/// Capacity of the receive buffer, in bytes.
 const BUFFER: usize = 4096;
 
-/// A port and who is connected to it.
+/// A port and its client.
 pub struct Port {
     number: u16,
     listener: TcpListener,
     client: Option<Client>,
     console: Console,
-    /// What passes.
+    /// Logs the traffic.
     pub log: Log,
 }
 
@@ -25,9 +25,9 @@ struct Client {
     stream: TcpStream,
     address: SocketAddr,
     received: Vec<u8>,
-    /// How many of them are taken.
+    /// The number of received bytes that were read.
     taken: usize,
-    /// Accepted for sending, not yet taken by the system.
+    /// Bytes to send that the operating system has not accepted yet.
     unsent: Vec<u8>,
     has_ended: bool,
 }
@@ -37,24 +37,24 @@ impl Port {
     pub fn open(number: u16, console: Console) -> Result<Self, String> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, number))
             .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-            .map_err(|error| format!("TCP port {number} cannot be used ({error}); take others with --port-base"))?;
+            .map_err(|error| format!("cannot use TCP port {number} ({error}); choose other ports with --port-base"))?;
         Ok(Self { number, listener, client: None, console, log: Log::default() })
     }
 
-    /// Takes a client if there is none, and turns others away. True when there is a new one.
+    /// Accepts a client if none is connected, and refuses others. Returns true when a new client has connected.
     pub fn accept(&mut self) -> bool {
         let Ok((stream, address)) = self.listener.accept() else { return false };
         if let Some(client) = &mut self.client {
-            // It may have left in this very moment.
+            // The client may just have disconnected.
             client.fill();
             if !client.has_ended {
                 let Self { number, console, .. } = self;
-                console.print(format_args!("Port {number}: {address} refused, {} is connected.", client.address));
+                console.print(format_args!("Port {number}: {address} refused; {} is connected.", client.address));
                 return false;
             }
             self.hang_up("disconnected");
         }
-        // Small frames are to go out at once.
+        // Send small frames at once.
         if stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)).is_err() {
             return false;
         }
@@ -65,7 +65,7 @@ impl Port {
         true
     }
 
-    /// Forgets the client.
+    /// Closes the connection and prints the reason.
     pub fn hang_up(&mut self, why: &str) {
         if let Some(client) = self.client.take() {
             self.console.print(format_args!("Port {}: {} {why}.", self.number, client.address));
@@ -74,7 +74,7 @@ impl Port {
 }
 
 impl Client {
-    /// Takes what has arrived; an error counts as the end.
+    /// Reads the bytes that have arrived. An error ends the connection.
     fn fill(&mut self) {
         if self.has_ended {
             return;
@@ -123,7 +123,7 @@ impl ReadReady for Port {
 }
 
 impl Read for Port {
-    /// Nothing at the end of the connection, as the trait has it, and also when `read_ready` would be false.
+    /// Returns 0 at the end of the connection, as the trait requires, and also when `read_ready` would return false.
     fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
         let Some(client) = &mut self.client else { return Ok(0) };
         let rest = &client.received[client.taken..];
@@ -170,17 +170,17 @@ mod tests {
         (port, address)
     }
 
-    /// Sockets are asynchronous: what is to happen happens soon.
+    /// Waits for a condition, because sockets are asynchronous.
     fn eventually(mut condition: impl FnMut() -> bool) {
         let began = Instant::now();
         while !condition() {
-            assert!(began.elapsed() < Duration::from_secs(10), "it does not happen");
+            assert!(began.elapsed() < Duration::from_secs(10), "timeout");
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 
     #[test]
-    fn a_second_client_is_turned_away_and_the_first_not_disturbed() {
+    fn a_second_client_is_refused() {
         let (mut port, address) = open();
         let mut first = TcpStream::connect(address).unwrap();
         eventually(|| port.accept());
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_may_follow_at_once_on_one_that_left_bytes_unread() {
+    fn a_client_may_replace_one_that_left_unread_bytes() {
         let (mut port, address) = open();
         let mut first = TcpStream::connect(address).unwrap();
         eventually(|| port.accept());
@@ -206,7 +206,7 @@ mod tests {
         drop(first);
         let mut second = TcpStream::connect(address).unwrap();
         eventually(|| port.accept());
-        assert!(!port.read_ready().unwrap(), "the first one's bytes are forgotten");
+        assert!(!port.read_ready().unwrap(), "the first client's bytes are discarded");
         assert_eq!(port.write(b"for the second").unwrap(), 14);
         let mut bytes = [0; 14];
         second.read_exact(&mut bytes).unwrap();
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_sent_to_nobody_is_lost_and_the_end_is_read_as_zero() {
+    fn bytes_without_a_client_are_lost_and_the_end_reads_as_zero() {
         let (mut port, address) = open();
         assert_eq!(port.write(b"lost").unwrap(), 4);
         let client = TcpStream::connect(address).unwrap();
@@ -223,7 +223,7 @@ mod tests {
         drop(client);
         eventually(|| port.read_ready().unwrap());
         assert_eq!(port.read(&mut [0; 8]).unwrap(), 0);
-        port.hang_up("left");
+        port.hang_up("disconnected");
         assert!(!port.read_ready().unwrap());
     }
 }

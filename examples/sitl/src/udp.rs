@@ -1,27 +1,26 @@
-//! A link over datagrams: whole frames, one or more in each, to and from one peer.
+//! A link over UDP. Each datagram contains one or more complete frames, to or from a single peer.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::ops::Range;
 
-use mavstack::{Instant, LinkId, PlanStorage};
-use mavstack_demo::App;
+use mavstack::{Instant, LinkId};
 
-use crate::Log;
+use crate::{Log, SitlApp};
 
-/// No datagram is longer: what fits any Ethernet.
+/// Maximum length of a sent datagram, which fits any Ethernet frame.
 const MAX_DATAGRAM: usize = 1_400;
 
-/// The socket, and what of the last datagram is not yet taken.
+/// The socket, and the rest of the last datagram.
 pub struct Datagrams {
     socket: UdpSocket,
     buffer: Box<[u8]>,
     rest: Range<usize>,
-    /// What passes.
+    /// Logs the traffic.
     pub log: Log,
 }
 
 impl Datagrams {
-    /// Datagrams to and from `peer` only.
+    /// Opens a socket that exchanges datagrams with `peer` only.
     pub fn open(peer: SocketAddr) -> Result<Self, String> {
         let any: SocketAddr =
             if peer.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
@@ -31,15 +30,15 @@ impl Datagrams {
         Ok(Self { socket, buffer: vec![0; usize::from(u16::MAX)].into(), rest: 0..0, log: Log::default() })
     }
 
-    /// Moves bytes between the link and the peer, through the stack's calls for bytes; never waits.
-    pub fn serve<P: PlanStorage>(&mut self, app: &mut App<P>, now: Instant, link: LinkId) {
+    /// Moves bytes between the link and the peer, with the stack's `receive` and `transmit`. Never blocks.
+    pub fn serve(&mut self, app: &mut SitlApp, now: Instant, link: LinkId) {
         if self.rest.is_empty() {
-            // Errors are no end: "connection refused" is the answer to a datagram that nobody listened to.
+            // Errors are not fatal: "connection refused" only means that no program listened for the last datagram.
             self.rest = 0..self.socket.recv(&mut self.buffer).unwrap_or(0);
             self.log.received.pass(&self.buffer[self.rest.clone()]);
         }
         let (stack, vehicle) = app.parts();
-        // Also with no bytes: frames may wait in the decoder.
+        // Also called without bytes, because frames may be pending in the decoder.
         self.rest.start += stack.receive(now, link, &self.buffer[self.rest.clone()], vehicle);
 
         let mut datagram = Vec::new();
@@ -53,7 +52,7 @@ impl Datagrams {
             stack.transmitted(link, len);
         }
         if !datagram.is_empty() {
-            // Nobody listening (yet) is no error.
+            // An error only means that no program listens yet.
             let _ = self.socket.send(&datagram);
             self.log.sent.pass(&datagram);
         }

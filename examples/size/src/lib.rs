@@ -1,5 +1,5 @@
-//! What the measured firmwares share: a UART, a clock, a panic handler. Their sizes are told apart by subtracting the firmware that
-//! has only these (`empty`).
+//! Code shared by the measured firmwares: a UART, a clock, a panic handler. The size figures subtract the firmware `empty`, which
+//! contains only this.
 #![no_std]
 
 use core::cell::UnsafeCell;
@@ -27,7 +27,7 @@ const RX_FULL: u32 = 2;
 
 #[allow(unsafe_code, reason = "a register of the board")]
 fn load(register: usize) -> u32 {
-    // SAFETY: one of the UART's registers, which exist on this board and have no side effect on memory.
+    // SAFETY: a register of the UART on this board, which has no side effect on memory.
     unsafe { core::ptr::with_exposed_provenance::<u32>(register).read_volatile() }
 }
 
@@ -37,7 +37,7 @@ fn store(register: usize, value: u32) {
     unsafe { core::ptr::with_exposed_provenance_mut::<u32>(register).write_volatile(value) }
 }
 
-/// Microseconds since boot: a stand-in that reads one register, as a real clock would.
+/// Simulates a clock (µs since boot) that reads one register.
 pub fn now_micros() -> u64 {
     u64::from(load(0x4000_0004))
 }
@@ -91,37 +91,60 @@ impl Write for Uart {
     }
 }
 
-/// Ticked by the loop.
+/// The main loop ticks it.
 pub static PULSE: Pulse = Pulse::new();
 
-/// System 1, component 1.
+/// A configuration for system 1, component 1.
 pub const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 
-/// Memory for a value, as a static, so that its RAM is counted.
+/// Static memory for a value, so that its RAM is counted.
 #[derive(Debug)]
 pub struct Place<T>(UnsafeCell<MaybeUninit<T>>);
 
-#[allow(unsafe_code, reason = "the measured firmwares have no interrupt that uses one")]
-// SAFETY: there is one thread of execution.
+#[allow(unsafe_code, reason = "no interrupt of the measured firmwares uses a `Place`")]
+// SAFETY: the firmware has a single thread of execution.
 unsafe impl<T> Sync for Place<T> {}
 
 impl<T> Place<T> {
-    /// Empty.
+    /// Creates an empty place.
     #[allow(clippy::new_without_default, reason = "for statics only")]
     pub const fn new() -> Self {
         Self(UnsafeCell::new(MaybeUninit::uninit()))
     }
 
-    /// Puts the value there. Once for each place, when the firmware starts.
-    #[allow(unsafe_code, clippy::mut_from_ref, reason = "once")]
+    /// Stores the value. Call it once per place, at boot.
+    #[allow(unsafe_code, clippy::mut_from_ref, reason = "called once per place")]
     #[inline(always)]
     pub fn put(&'static self, value: T) -> &'static mut T {
-        // SAFETY: nothing else refers to the place, because nobody calls this a second time.
+        // SAFETY: called once, so no other reference to the value exists.
         unsafe { (*self.0.get()).write(value) }
     }
 }
 
-/// Stand-ins for what plans are kept in: registers that take and give words.
+/// A static value whose initial bits are all zero, so that it is in `.bss`.
+#[derive(Debug)]
+pub struct Vacant<T>(UnsafeCell<T>);
+
+#[allow(unsafe_code, reason = "no interrupt of the measured firmwares uses a `Vacant`")]
+// SAFETY: the firmware has a single thread of execution.
+unsafe impl<T> Sync for Vacant<T> {}
+
+impl<T> Vacant<T> {
+    /// Creates the static with `value`.
+    pub const fn new(value: T) -> Self {
+        Self(UnsafeCell::new(value))
+    }
+
+    /// Returns the value. Call it once for each static, at boot.
+    #[allow(unsafe_code, clippy::mut_from_ref, reason = "called once per static")]
+    #[inline(always)]
+    pub fn take(&'static self) -> &'static mut T {
+        // SAFETY: nothing else refers to the value, because this is called only once.
+        unsafe { &mut *self.0.get() }
+    }
+}
+
+/// Simulated storage devices: registers that are read and written in words.
 #[cfg(feature = "storage")]
 pub mod storage {
     use core::convert::Infallible;
@@ -131,7 +154,7 @@ pub mod storage {
 
     use super::{DATA, load, store};
 
-    /// A flash that is written in words.
+    /// A NOR flash that is written in words.
     #[derive(Debug)]
     pub struct Flash;
 
@@ -173,7 +196,7 @@ pub mod storage {
         }
     }
 
-    /// A bus with an FRAM on it.
+    /// An SPI bus with an FRAM.
     #[derive(Debug)]
     pub struct Spi;
 
@@ -194,18 +217,6 @@ pub mod storage {
         }
     }
 }
-
-/// What one more link costs (bytes of RAM): a frame of 280 bytes each way, what it owes, its counters; 4 for each of the
-/// `STREAMS`, 24 by default. Whether there are plans makes no difference.
-#[cfg(not(feature = "signing"))]
-const _: () = {
-    use mavstack::{NoPlans, Stack};
-    type Plans = mavstack::plan_memory!(mission: 100, fence: 40, rally: 10);
-
-    assert!(size_of::<Stack<2, NoPlans, 8, 0, 0>>() - size_of::<Stack<1, NoPlans, 8, 0, 0>>() == 968);
-    assert!(size_of::<Stack<2>>() - size_of::<Stack<1>>() == 1_064);
-    assert!(size_of::<Stack<2, Plans>>() - size_of::<Stack<1, Plans>>() == 1_064);
-};
 
 #[cfg(not(feature = "panic-never"))]
 #[panic_handler]

@@ -1,12 +1,11 @@
-//! What must hold, whatever happens:
+//! The invariants of a session:
 //!
-//! - All that leaves is whole frames with right checksums, numbered without a gap (S-15).
-//! - A heartbeat is never late on a free line while the flight loop ticks, and none begins half a second after it stopped (H-1,
-//!   H-5).
-//! - A satellite gets commands, their answers and HIGH_LATENCY2 only (L-4).
-//! - A frame of others leaves as it came, and by no link that it only came by.
-//! - A command is carried out once at most, and each that was carried out is answered once, on its link (C-3, D-3).
-//! - A plan that is live is one that was uploaded whole, and after a restart it is the old one or the new (M-39, SEC-11).
+//! - The vehicle sends only complete frames with valid checksums and consecutive sequence numbers (S-15).
+//! - While the flight loop ticks and the link accepts output, heartbeats are in time (H-1).
+//! - The satellite link carries only commands, their answers and HIGH_LATENCY2 (L-4).
+//! - Frames are forwarded unchanged, and not to the only link on which they were received.
+//! - A command is executed at most once. Each executed command is answered once, on its link (C-3, D-3).
+//! - A live plan was uploaded completely. After a reboot it is the old plan or the new one (M-39, SEC-11).
 
 use super::{Call, LINKS, SATELLITE, Tag, Uart, VEHICLE, parts, reference};
 use mavstack::dialect::{
@@ -14,34 +13,35 @@ use mavstack::dialect::{
 };
 use mavstack::{Dialect, Duration, Instant, Item, Message, PlanType};
 
-/// Numbers of commands that only this gives out begin here.
+/// The first of the command ids that are used only once.
 pub const FIRST: u16 = 50_000;
 
-/// A command that was given once.
+/// A command that was sent once.
 struct Unique {
     link: usize,
     calls: u32,
     acks: u32,
 }
 
-/// What was seen so far.
+/// The observations so far.
 pub struct Checks {
     is_durable: bool,
-    /// The flash refused something.
+    /// Whether a write error was injected.
     pub has_faults: bool,
     ticked: Instant,
-    /// Since when nothing holds back a heartbeat, or there was one.
+    /// Time of the last heartbeat on each link, or since when nothing prevents one.
     heartbeat: [Instant; LINKS],
-    /// Of the last frame of our own.
+    /// Sequence number of the vehicle's last frame on each link.
     seq: [Option<u8>; LINKS],
     commands: Vec<Unique>,
-    /// Uploads that were begun.
+    /// Uploads that were started.
     pub tags: Vec<Tag>,
     live: [Vec<Item>; 3],
-    /// Frames of others that left, and restarts.
+    /// Number of forwarded frames.
     pub forwarded: u32,
+    /// Number of reboots.
     pub restarts: u32,
-    /// All that the vehicle was asked about as a whole.
+    /// All plans that the vehicle was asked to check.
     candidates: [Vec<Vec<Item>>; 3],
 }
 
@@ -53,7 +53,7 @@ fn index(plan: PlanType) -> usize {
     }
 }
 
-/// NaN is equal to NaN here.
+/// Compares items bitwise, so that NaN equals NaN.
 fn same(a: &[Item], b: &[Item]) -> bool {
     let bits = |item: &Item| {
         let Item { frame, command, autocontinue, params: [a, b, c, d], x, y, z } = *item;
@@ -83,18 +83,18 @@ impl Checks {
         self.ticked = now;
     }
 
-    /// The number of a command that will be given once.
+    /// Returns the id of a command that will be sent once.
     pub fn new_command(&mut self, link: usize) -> u16 {
         self.commands.push(Unique { link, calls: 0, acks: 0 });
         FIRST + self.commands.len() as u16 - 1
     }
 
-    /// Whether there was one.
+    /// Whether such a command was sent.
     pub fn has_commands(&self) -> bool {
         !self.commands.is_empty()
     }
 
-    /// How many of them were answered.
+    /// Returns how many of them were answered.
     #[cfg(test)]
     pub fn answered(&self) -> usize {
         self.commands.iter().filter(|unique| unique.acks > 0).count()
@@ -104,7 +104,7 @@ impl Checks {
         self.commands.get_mut(usize::from(number.checked_sub(FIRST)?))
     }
 
-    /// The stack has called the vehicle.
+    /// Records a call of the vehicle's hooks.
     pub fn called(&mut self, call: Call) {
         match call {
             Call::Command(command) => {
@@ -115,18 +115,18 @@ impl Checks {
             }
             Call::CheckPlan(plan, items) => self.candidates[index(plan)].push(items),
             Call::PlanChanged { plan, items, .. } => {
-                self.is_whole(plan, &items);
+                self.assert_complete(plan, &items);
                 self.live[index(plan)] = items;
             }
             _ => {}
         }
     }
 
-    /// All items are of one upload, all of them, in their order.
-    fn is_whole(&self, plan: PlanType, items: &[Item]) {
+    /// Asserts that the items are those of one upload, complete and in order.
+    fn assert_complete(&self, plan: PlanType, items: &[Item]) {
         let Some(first) = items.iter().find(|item| item.y >= Tag::Y) else { return };
         let number = first.y - Tag::Y;
-        let tag = self.tags.iter().find(|tag| i32::from(tag.number) == number).expect("an upload that was begun");
+        let tag = self.tags.iter().find(|tag| i32::from(tag.number) == number).expect("a started upload");
         let wanted = [MavMissionType::MISSION, MavMissionType::FENCE, MavMissionType::RALLY][index(plan)];
         assert_eq!((tag.plan, usize::from(tag.count)), (wanted, items.len()), "a part of an upload is live: {items:?}");
         for (seq, item) in (0..).zip(items) {
@@ -134,14 +134,14 @@ impl Checks {
         }
     }
 
-    /// What the stack says is live, is what the vehicle was told.
-    pub fn is_live(&self, live: &[&[Item]; 3]) {
+    /// Asserts that the live plans are those reported to the vehicle.
+    pub fn assert_live(&self, live: &[&[Item]; 3]) {
         for (ours, theirs) in self.live.iter().zip(live) {
-            assert!(same(ours, theirs), "live without a word: {theirs:?}, not {ours:?}");
+            assert!(same(ours, theirs), "live but not reported: {theirs:?}; reported: {ours:?}");
         }
     }
 
-    /// The vehicle started anew, with these plans.
+    /// Records a reboot, after which these plans were found.
     pub fn restarted(&mut self, now: Instant, found: [Vec<Item>; 3]) {
         for ((found, live), candidates) in found.iter().zip(&self.live).zip(&self.candidates) {
             let is_old = same(found, live);
@@ -155,20 +155,20 @@ impl Checks {
         self.restarts += 1;
         self.heartbeat = [now; LINKS];
         self.seq = [None; LINKS];
-        // Who had no answer yet gets none.
+        // Pending answers are lost with the reboot.
         for unique in &mut self.commands {
             unique.acks = unique.calls;
         }
     }
 
-    /// Which frame comes first now is not known.
+    /// Records a reset of a link, after which the next sequence number is unknown.
     pub fn restarted_link(&mut self, link: usize) {
         self.seq[link] = None;
     }
 
-    /// A frame has left.
+    /// Checks a frame that was sent.
     pub fn sent(&mut self, now: Instant, link: usize, frame: &[u8], lines: &[Uart; LINKS]) {
-        let (source, id, payload) = parts(frame).expect("a whole frame");
+        let (source, id, payload) = parts(frame).expect("a complete frame");
         if let Some(row) = Common::MESSAGES.get(id) {
             let end = if frame[0] == 0xFD { 10 } else { 6 } + payload.len();
             let sum = reference::crc(&[&frame[1..end], &[row.crc_extra()]].concat());
@@ -178,7 +178,7 @@ impl Checks {
         assert!(link != SATELLITE || for_satellites.contains(&id), "message {id} by satellite");
         if source != VEHICLE {
             let came = |other: usize| lines[other].history.windows(frame.len()).any(|window| window == frame);
-            assert!((0..LINKS).any(|other| other != link && came(other)), "message {id} goes back by link {link}");
+            assert!((0..LINKS).any(|other| other != link && came(other)), "message {id} returns on link {link}");
             self.forwarded += 1;
             return;
         }
@@ -202,19 +202,19 @@ impl Checks {
         }
     }
 
-    /// A poll is over. `is_well`: nothing holds back a heartbeat on this link.
-    pub fn passed(&mut self, now: Instant, link: usize, dt: Duration, is_well: bool) {
-        if !is_well || link == SATELLITE {
+    /// Checks heartbeats after a poll. `is_free`: nothing prevents a heartbeat on this link.
+    pub fn passed(&mut self, now: Instant, link: usize, dt: Duration, is_free: bool) {
+        if !is_free || link == SATELLITE {
             self.heartbeat[link] = now;
             return;
         }
-        // A poll for the end of a frame, one for the vehicle that was ill, and how late a poll may be.
+        // The tolerance is three polls: to finish a frame, for a vehicle that had no state, and for a late poll.
         let late = Duration::from_millis(1_100 + 3 * dt.as_millis());
         let since = now.since(self.heartbeat[link]);
         assert!(since <= late, "no heartbeat on link {link} for {} ms", since.as_millis());
     }
 
-    /// All is over, and everything that was owed has gone out.
+    /// Checks that all pending answers were sent.
     pub fn finish(&self) {
         for (unique, number) in self.commands.iter().zip(FIRST..) {
             assert_eq!(unique.acks, unique.calls, "answers to command {number} on link {}", unique.link);

@@ -1,28 +1,30 @@
-//! A line of the vehicle: what it takes, and when, is the script's to say. It panics where a real one would block.
+//! A simulated UART with faults that the script controls. It panics where a real UART would block.
 
 use embedded_io::{ErrorKind, ErrorType, Read, ReadReady, Write, WriteReady};
 use std::collections::VecDeque;
 
-/// A vehicle's end of a line, and what went over it.
+/// The vehicle's end of a line, and its traffic.
 #[derive(Debug)]
 pub struct Uart {
-    /// Waits to be read.
+    /// Bytes to read.
     rx: VecDeque<u8>,
-    /// All that ever came.
+    /// All bytes ever received.
     pub history: Vec<u8>,
     /// The last frames that the vehicle sent.
     pub frames: VecDeque<Vec<u8>>,
-    /// What was sent and is no whole frame yet.
+    /// Sent bytes of an incomplete frame.
     tx: Vec<u8>,
-    /// What it takes between two polls, and at once.
+    /// Bytes accepted per poll.
     room: usize,
+    /// Bytes per read or write.
     at_once: usize,
     left: usize,
     read_fails: bool,
     write_fails: bool,
     is_closed: bool,
-    /// In this poll.
+    /// Bytes read in this poll.
     read: usize,
+    /// Bytes written in this poll.
     written: usize,
 }
 
@@ -46,22 +48,22 @@ impl Default for Uart {
 }
 
 impl Uart {
-    /// Before a poll.
+    /// Starts a poll.
     pub fn begin(&mut self) {
         (self.left, self.read, self.written) = (self.room, 0, 0);
     }
 
-    /// Bytes come.
+    /// Adds bytes to read.
     pub fn receive(&mut self, bytes: &[u8]) {
         self.rx.extend(bytes);
         self.history.extend(bytes);
     }
 
-    /// From now on it is as bad as this.
+    /// Enables a fault.
     pub fn fail(&mut self, kind: u8) {
         let number = usize::from(kind >> 3);
         match kind % 8 {
-            0 => self.mend(),
+            0 => self.repair(),
             1 => self.room = 0,
             2 => self.room = number + 1,
             3 => self.at_once = number + 1,
@@ -71,39 +73,39 @@ impl Uart {
         }
     }
 
-    /// It is well again.
-    pub fn mend(&mut self) {
+    /// Disables all faults.
+    pub fn repair(&mut self) {
         (self.room, self.at_once) = (usize::MAX, usize::MAX);
         (self.read_fails, self.write_fails, self.is_closed) = (false, false, false);
     }
 
-    /// It was opened anew, or the vehicle was: nobody gets the rest of a frame.
+    /// Discards an incomplete frame, after a reset of the link or a reboot.
     pub fn cut(&mut self) {
         self.tx.clear();
     }
 
-    /// Whether it takes what it is given.
+    /// Whether it accepts all output.
     pub fn is_free(&self) -> bool {
         self.room == usize::MAX && !self.write_fails && !self.is_closed
     }
 
-    /// Whether something waits to be read.
+    /// Whether bytes are left to read.
     pub fn has_input(&self) -> bool {
         !self.rx.is_empty()
     }
 
-    /// The next whole frame that was sent.
+    /// Takes the next complete frame that was sent.
     pub fn next_frame(&mut self) -> Option<Vec<u8>> {
         let len = match *self.tx {
             [0xFD, len, flags, ..] => 12 + usize::from(len) + if flags & 1 == 1 { 13 } else { 0 },
             [0xFE, len, ..] => 8 + usize::from(len),
             [] | [0xFD | 0xFE, ..] => return None,
-            [byte, ..] => panic!("{byte:#04x} where a frame begins"),
+            [byte, ..] => panic!("{byte:#04x} instead of a start byte"),
         };
         (self.tx.len() >= len).then(|| self.tx.drain(..len).collect())
     }
 
-    /// It was looked at.
+    /// Stores a frame after it was checked.
     pub fn sent(&mut self, frame: Vec<u8>) {
         if self.frames.len() == 16 {
             self.frames.pop_front();

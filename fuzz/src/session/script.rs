@@ -1,25 +1,25 @@
-//! What the bytes of a script mean.
+//! The format of a script.
 //!
-//! The first two say how the vehicle is set up; then come steps, of which the first byte says what is done:
+//! The first two bytes are the setup of the vehicle. Steps follow. The first byte of a step selects the action:
 //!
 //! ```text
-//!   0  time goes by              steps, ms each
-//!   1  much time at once         0.1 s × n
-//!   2  a usual message           way, which, two numbers
-//!   3  any message               way, id (2 bytes), length, payload
-//!   4  any bytes                 link, length, bytes
-//!   5  what the vehicle sent comes back           link, which
-//!   6  a fault of a line         link, what
-//!   7  a fault of the flash      which, for how long (2 bytes)
-//!   8  something on board        what, number
-//!   9  a command that nobody else gives           way
-//!  10  an upload begins          link, plan and items
-//!  11  a second goes by
+//!   0  time passes                    steps, ms each
+//!   1  a long pause                   0.1 s × n
+//!   2  a usual message                route, which, two numbers
+//!   3  any message                    route, id (2 bytes), length, payload
+//!   4  any bytes                      link, length, bytes
+//!   5  a sent frame returns           link, which
+//!   6  a line fault                   link, which
+//!   7  a flash fault                  which, for how long (2 bytes)
+//!   8  an event in the vehicle        which, number
+//!   9  a command with a unique id     route
+//!  10  an upload starts               link, plan and items
+//!  11  a second passes
 //! ```
 //!
-//! A way is link (bits 0, 1), sender (bits 2 to 4), and whether it is signed (bit 7).
+//! A route is a link (bits 0 and 1), a sender (bits 2 to 4) and a flag for signed frames (bit 7).
 
-use super::{LINKS, Session, Tag, checks, client, vehicle};
+use super::{Declared, LINKS, Session, Tag, checks, client, vehicle};
 use crate::flash::{Fault, Torn};
 use crate::signer::KEY;
 use crate::support::{Tuning, reference};
@@ -27,12 +27,12 @@ use arbitrary::{Result, Unstructured};
 use mavstack::dialect::*;
 use mavstack::{Address, Dialect, Duration, LinkId, Message, ParamTable, Text};
 
-/// Those that the stack, or the vehicle, does something about.
+/// Commands that the stack or the vehicle handles.
 const COMMANDS: [u16; 20] =
     [400, 22, 21, 300, 512, 511, 510, 246, 245, 176, 262, 2600, 519, 520, 521, 184, 192, 209, 42_428, 224];
 
-impl Session {
-    /// Does the next step.
+impl<D: Declared> Session<D> {
+    /// Executes the next step.
     pub fn step(&mut self, u: &mut Unstructured<'_>) -> Result<()> {
         let what: u8 = u.arbitrary()?;
         match what % 12 {
@@ -44,24 +44,24 @@ impl Session {
             }
             1 => self.pass(Duration::from_millis(100 * (u64::from(u.arbitrary::<u8>()?) + 1))),
             2 => {
-                let (way, which, a, b) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
-                self.usual(way, which, a, b);
+                let (route, which, a, b) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
+                self.usual(route, which, a, b);
             }
             3 => {
-                let (way, id, len): (u8, u16, u8) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
+                let (route, id, len): (u8, u16, u8) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
                 let payload = &unmarked(u.bytes(usize::from(len).min(u.len()))?);
                 let rows = Common::MESSAGES.rows();
-                // One of the known ones, or any other.
+                // A known message, or any other id.
                 let (id, extra) = match rows.get(usize::from(id)) {
                     Some(row) => (row.id(), row.crc_extra()),
                     None => (u32::from(id), Common::MESSAGES.get(id.into()).map_or(0, |row| row.crc_extra())),
                 };
-                let from = sender(way);
+                let from = sender(route);
                 if id == SetupSigning::ID {
                     self.loses = [true; LINKS];
                 }
                 let frame = reference::v2(id, [0, 0], [from.system.0, from.component.0], payload, extra);
-                self.lines[usize::from(way & 3)].receive(&frame);
+                self.lines[usize::from(route & 3)].receive(&frame);
             }
             4 => {
                 let (link, len): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
@@ -91,7 +91,7 @@ impl Session {
             7 => {
                 let (which, fuel): (u8, u16) = (u.arbitrary()?, u.arbitrary()?);
                 let flash = if which & 1 == 0 { self.plans.flash_mut() } else { self.params.flash_mut() };
-                // One kind of flash, or what was unreadable would never be mended.
+                // One kind of flash per script, or unreadable contents would never be repaired.
                 flash.torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(self.setup[0] >> 6) % 3];
                 match which >> 3 & 7 {
                     0..=3 => flash.fuel = Some(u64::from(fuel % 2_048) + 1),
@@ -108,15 +108,15 @@ impl Session {
                 self.on_board(kind, number);
             }
             9 => {
-                let way: u8 = u.arbitrary()?;
-                let link = usize::from(way & 3);
+                let route: u8 = u.arbitrary()?;
+                let link = usize::from(route & 3);
                 let command = MavCmd(self.checks.new_command(link));
-                if way & 0x40 == 0 {
+                if route & 0x40 == 0 {
                     let long = CommandLong { command, target_system: 1, target_component: 1, ..CommandLong::default() };
-                    self.send(link, sender(way), way & 0x80 != 0, &long);
+                    self.send(link, sender(route), route & 0x80 != 0, &long);
                 } else {
                     let int = CommandInt { command, target_system: 1, target_component: 1, ..CommandInt::default() };
-                    self.send(link, sender(way), way & 0x80 != 0, &int);
+                    self.send(link, sender(route), route & 0x80 != 0, &int);
                 }
             }
             10 => {
@@ -138,10 +138,10 @@ impl Session {
         Ok(())
     }
 
-    /// What ground stations send.
-    fn usual(&mut self, way: u8, which: u8, a: u8, b: u8) {
-        let (link, from, signed) = (usize::from(way & 3), sender(way), way & 0x80 != 0);
-        let (target_system, target_component) = if way & 0x20 == 0 { (1, 1) } else { (b & 3, a & 1) };
+    /// Sends a message that ground stations send.
+    fn usual(&mut self, route: u8, which: u8, a: u8, b: u8) {
+        let (link, from, signed) = (usize::from(route & 3), sender(route), route & 0x80 != 0);
+        let (target_system, target_component) = if route & 0x20 == 0 { (1, 1) } else { (b & 3, a & 1) };
         let mission_type = MavMissionType(if a == 0xFF { 255 } else { a & 3 });
         match which % 24 {
             0 => self.send(link, from, signed, &Heartbeat { r#type: MavType(a), ..Heartbeat::default() }),
@@ -272,42 +272,42 @@ impl Session {
         }
     }
 
-    /// What happens in the vehicle.
+    /// Executes an event in the vehicle.
     fn on_board(&mut self, kind: u8, number: u8) {
         let now = self.now;
         match kind % 12 {
             0 => self.loop_runs = !self.loop_runs,
             1 => {
-                let well = vehicle(self.setup).state;
-                self.vehicle.state = if self.vehicle.state.is_some() { None } else { well };
+                let healthy = vehicle(self.setup).state;
+                self.vehicle.state = if self.vehicle.state.is_some() { None } else { healthy };
             }
             2 => self.vehicle.may_persist = number & 1 == 0,
             3 => self.vehicle.may_change = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::DENIED) },
             4 => self.vehicle.plan_verdict = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::INVALID) },
             5 => {
-                self.vehicle.memory.finish(MavCmd::NAV_LAND, MavResult(number % 7));
+                self.stack.commands_mut().finish(MavCmd::NAV_LAND, MavResult(number % 7));
             }
-            6 => self.vehicle.memory.progress(MavCmd::NAV_LAND, number),
+            6 => self.stack.commands_mut().progress(MavCmd::NAV_LAND, number),
             7 => {
-                self.vehicle.tuning.set(Tuning::YAW_NOW, f32::from(number) / 2.0);
+                self.stack.parameters_mut().set(Tuning::YAW_NOW, f32::from(number) / 2.0);
             }
             8 => self.stack.send_text(now, MavSeverity(number & 7), &[b'x'; 60][..usize::from(number % 61)]),
-            9 => self.stack.save_parameters(now, &mut self.vehicle),
+            9 => self.stack.save_parameters(now),
             10 => self.vehicle.progress.current = number.into(),
             _ => self.reboot(),
         }
     }
 }
 
-/// Who sends.
-fn sender(way: u8) -> Address {
+/// Returns the sender of a route.
+fn sender(route: u8) -> Address {
     let (system, component) =
-        [(255, 190), (254, 190), (1, 154), (1, 1), (51, 68), (2, 1), (255, 0), (3, 3)][usize::from(way >> 2 & 7)];
+        [(255, 190), (254, 190), (1, 154), (1, 1), (51, 68), (2, 1), (255, 0), (3, 3)][usize::from(route >> 2 & 7)];
     Address::new(system, component)
 }
 
-/// Without what only the numbers of commands have that are given once, and the addresses of clients that upload: the fuzzer sees what
-/// is compared, and has spoken for them.
+/// Replaces bytes that occur in unique command ids and in the addresses of uploading clients. The fuzzer sees the operands of
+/// comparisons and would otherwise impersonate them.
 fn unmarked(bytes: &[u8]) -> Vec<u8> {
     let [_, mark] = checks::FIRST.to_le_bytes();
     let is_mark = |byte: u8| byte == mark || (0..LINKS).any(|link| client(link).system.0 == byte);

@@ -1,20 +1,21 @@
-//! The answers that a link owes.
+//! The pending answers of a link.
 
 use super::memory::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
-use crate::frame::Address;
 use crate::link::Outbox;
-use crate::vehicle::Outcome;
+use crate::message::Address;
+use crate::types::Outcome;
 
-/// Answers that one link can owe: a power of two, so that the places go round.
+/// Capacity of the queue: a power of two, because the index into the ring wraps.
 const SLOTS: usize = 4;
 
-/// The answers that a link owes, in the order of the questions.
+/// The pending answers of a link, in the order of the commands: a ring buffer.
 #[derive(Clone, Debug)]
 pub(crate) struct Acks {
     slots: [Ack; SLOTS],
-    /// Where the oldest one stands, and how many there are.
+    /// The index of the oldest one.
     first: u8,
+    /// The number of pending answers.
     count: u8,
 }
 
@@ -23,7 +24,7 @@ struct Ack {
     to: Address,
     command: MavCmd,
     result: MavResult,
-    /// The bytes of an `i32`, of which none is lost to alignment: each link has its answers.
+    /// The bytes of an `i32`, without its alignment: that saves padding on each link.
     result_param2: [u8; 4],
 }
 
@@ -34,7 +35,7 @@ impl Acks {
         Self { slots: [none; SLOTS], first: 0, count: 0 }
     }
 
-    /// Whether a command would be dropped.
+    /// Whether the queue is full; a further command is dropped.
     pub(crate) fn is_full(&self) -> bool {
         usize::from(self.count) >= SLOTS
     }
@@ -47,8 +48,8 @@ impl Acks {
         self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
-    /// Owes the answer to `to`. The caller asked [`is_full`](Self::is_full) before the command was carried out.
-    /// Not inlined: there are six who push.
+    /// Queues the answer to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined,
+    /// because it has six callers.
     #[inline(never)]
     pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
         event!("command {=u16} from {}: {=u8}", command.0, to, outcome.result.0);
@@ -62,7 +63,7 @@ impl Acks {
         self.count = self.count.wrapping_add(1);
     }
 
-    /// Sends the oldest answer. False when none is owed. `progress` says how far a command is that runs.
+    /// Sends the oldest answer. Returns false if none is pending. `progress` returns the progress of a running command.
     pub(crate) fn next(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
         if self.is_empty() {
             return false;
@@ -87,9 +88,9 @@ mod tests {
     use crate::frame::Version;
     use crate::message::Message;
 
-    /// C-3: an answer for each command, in the order of the commands, wherever the oldest one stands.
+    /// C-3: an answer for each command, in the order of the commands, at every position of the ring.
     #[test]
-    fn answers_come_in_the_order_of_the_questions() {
+    fn answers_are_sent_in_the_order_of_the_commands() {
         let mut tx = Outbox::VACANT;
         tx.set_version(Version::V2);
         let mut acks = Acks::new();

@@ -1,15 +1,14 @@
-//! Tells duplicates of a command that was carried out from new commands (C-12).
+//! Distinguishes duplicates of a command that was carried out from new commands (C-12).
 
 use core::num::NonZeroU64;
 
-use crate::link::{LinkId, MAX_LINKS};
 use crate::time::Duration;
+use crate::types::{LinkId, MAX_LINKS};
 
-/// So much later than its original, and no more, a copy is looked for on other links (C-12, C-24).
+/// Maximum delay of a duplicate, compared with its original (C-12, C-24).
 pub(crate) const SOON: Duration = Duration::from_secs(3);
 
-/// So much later than its original, and no more, a copy is looked for that came by a high-latency link: 10 to 30 s are usual
-/// there (L-16).
+/// Maximum delay of a duplicate on a high-latency link, where 10 to 30 s are usual (L-16).
 pub(crate) const LATE: Duration = Duration::from_secs(60);
 
 /// Maximum time from one duplicate to the next on the same link (ms): MAVSDK retransmits an unanswered command after 0.5, 1.0 and
@@ -19,7 +18,7 @@ pub(super) const REPEATED_WITHIN: u16 = 1_000;
 /// How often a command that is received more than once may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Once {
-    /// Every time.
+    /// Every time it is received.
     No,
     /// Once.
     Yes,
@@ -27,65 +26,64 @@ pub(crate) enum Once {
     PerPress,
 }
 
-/// When a command was signed (10 µs), by its sender's clock: to be compared with others of his only. `None` when that is not
-/// verified.
-pub(crate) type SignedAt = Option<NonZeroU64>;
-
-/// Whether `sent` was signed so much later than `known` that it is no copy of it.
+/// Whether `sent` was signed so much later than `known` that it cannot be a duplicate of it.
 pub(crate) const fn is_well_after(sent: NonZeroU64, known: NonZeroU64) -> bool {
     sent.get().saturating_sub(known.get()) >= SOON.as_micros() / 10
 }
 
-/// How often a command was carried out, and how often it came by each link. What is given twice comes twice on each link, so
-/// a link that is behind brings copies.
+/// Counts how often a command was carried out, and how often it was received on each link. A client that sends on several links
+/// sends a repeated command on each of them. So a link whose count is below the number of runs still delivers duplicates.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Copies {
+    /// How often it was carried out.
     runs: u8,
-    /// [`COUNT_BITS`] for each link.
-    came: u64,
+    /// How often it was received, in [`COUNT_BITS`] for each link.
+    received: u64,
 }
 
-/// A count for each of 16 links; who gives it more often in a row is not told apart.
+/// Size of the count of each of the 16 links. Counts saturate.
 const COUNT_BITS: u32 = 4;
-const MOST: u8 = 15;
+/// The maximum of a count, and the mask of its bits.
+const MAX_COUNT: u8 = 15;
 const _: () = assert!(MAX_LINKS == 16 && u64::BITS == 16 * COUNT_BITS);
 
 fn shift(link: LinkId) -> u32 {
-    u32::from(link.0 & MOST).wrapping_mul(COUNT_BITS)
+    u32::from(link.0 & MAX_COUNT).wrapping_mul(COUNT_BITS)
 }
 
 impl Copies {
-    /// It was never carried out. All zero bits.
-    pub(crate) const NONE: Self = Self { runs: 0, came: 0 };
+    /// Never carried out. All zero bits.
+    pub(crate) const NONE: Self = Self { runs: 0, received: 0 };
 
-    fn came(&self, link: LinkId) -> u8 {
-        let [came, ..] = self.came.wrapping_shr(shift(link)).to_le_bytes();
-        came & MOST
+    /// Returns how often the command was received on this link.
+    fn received(&self, link: LinkId) -> u8 {
+        let [received, ..] = self.received.wrapping_shr(shift(link)).to_le_bytes();
+        received & MAX_COUNT
     }
 
-    /// Whether the next one that comes by `link` is a copy.
+    /// Whether the next one on `link` is a duplicate.
     pub(crate) fn lacks(&self, link: LinkId) -> bool {
-        self.came(link) < self.runs
+        self.received(link) < self.runs
     }
 
-    /// A copy came by `link`, if it lacks one.
+    /// Records a duplicate on `link`, if one is expected there.
     pub(crate) fn count(&mut self, link: LinkId) {
         if self.lacks(link) {
-            self.came = self.came.wrapping_add(1u64.wrapping_shl(shift(link)));
+            self.received = self.received.wrapping_add(1u64.wrapping_shl(shift(link)));
         }
     }
 
-    /// It came by `link` and is carried out.
+    /// Records that the command was received on `link` and is carried out.
     pub(crate) fn run(&mut self, link: LinkId) {
-        self.runs = self.runs.saturating_add(1).min(MOST);
+        self.runs = self.runs.saturating_add(1).min(MAX_COUNT);
         self.end(link);
     }
 
-    /// What comes by `link` from now on is no copy of what was before.
+    /// Expects no more duplicates of earlier runs on `link`.
     pub(crate) fn end(&mut self, link: LinkId) {
-        let others = self.came & !u64::from(MOST).wrapping_shl(shift(link));
-        self.came = others | u64::from(self.runs).wrapping_shl(shift(link));
+        let others = self.received & !u64::from(MAX_COUNT).wrapping_shl(shift(link));
+        self.received = others | u64::from(self.runs).wrapping_shl(shift(link));
     }
 }
 
@@ -97,7 +95,7 @@ mod tests {
     const SATELLITE: LinkId = LinkId(15);
 
     #[test]
-    fn each_link_brings_as_many_copies_as_there_were_runs() {
+    fn each_link_delivers_a_duplicate_for_each_run() {
         let mut copies = Copies::NONE;
         assert!(!copies.lacks(RADIO) && !copies.lacks(SATELLITE));
         for _ in 0..3 {

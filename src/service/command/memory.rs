@@ -1,35 +1,36 @@
-//! Commands that outlast their first answer: those that still run, and those that must not be carried out twice.
+//! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
-//! Rules C-12 and C-20 to C-24. One fixed table for both, kept by the vehicle that has such commands, so that one that has
-//! none pays nothing for it. The states of a place are drawn at [`CommandMemory`].
+//! Rules C-12 and C-20 to C-24. One fixed table serves both. It is part of the stack only if `commands` in
+//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`CommandMemory`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};
 
 use super::copies::REPEATED_WITHIN;
-use super::{Copies, LATE, Once, SOON, SignedAt, is_well_after};
+use super::{Copies, LATE, Once, SOON, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
-use crate::frame::Address;
-use crate::link::{LinkClass, LinkId, LinkMask, Outbox};
+use crate::link::Outbox;
+use crate::message::Address;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, CommandPosition, Outcome};
+use crate::types::{Command, CommandPosition, Context, LinkClass, LinkId, LinkMask, Outcome, SignedAt};
 
-/// From one IN_PROGRESS to the next (C-20).
+/// Interval between IN_PROGRESS acknowledgements (C-20).
 const REPEAT_EVERY: Duration = Duration::from_secs(1);
 
-/// And when the progress changes, not sooner than this: a flight loop may tell it in every pass, and others use the line too.
+/// Minimum interval when the progress changes: a flight loop may report progress in every pass, and other traffic needs the link
+/// too.
 const CHANGE_EVERY: Duration = Duration::from_millis(100);
 
-/// A final ACK that a link has not taken for so long is given up: its place is needed, and nobody waits for it any longer.
-const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
+/// A final ACK that a link has not accepted after this time is dropped: the slot is needed, and the client has given up.
+const DROP_AFTER: Duration = Duration::from_secs(10);
 
-/// COMMAND_ACK.progress when there is none to tell.
+/// COMMAND_ACK.progress of a command with unknown progress.
 pub(super) const NO_PROGRESS: u8 = 255;
 
-/// Room for `N` commands that run, or ran within the last three seconds, or must not be carried out twice: see
+/// Slots for `N` commands that are running, ended within the last three seconds, or must not be carried out twice; see
 /// [`CommandMemory`].
 pub type CommandSlots<const N: usize> = CommandMemory<[CommandSlot; N]>;
 
-/// One place of a [`CommandMemory`].
+/// A slot of a [`CommandMemory`].
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -39,22 +40,22 @@ pub struct CommandSlot {
     confirmation: u8,
     is_broadcast: bool,
     state: State,
-    /// `at` is not known yet: the vehicle, which changed the slot, has no clock here.
-    is_new: bool,
-    /// It answered IN_PROGRESS once (C-24), and is not only to be carried out once (C-12).
+    /// Whether `at` must be set in the next poll: the vehicle changed the slot without a timestamp.
+    is_untimed: bool,
+    /// Whether it was answered IN_PROGRESS (C-24), and is not only remembered as a command to be carried out once (C-12).
     is_long: bool,
     progress: u8,
-    /// The progress is another one than was told last.
+    /// Whether the progress has changed since the last IN_PROGRESS.
     has_changed: bool,
-    /// Where it was asked for.
+    /// The links on which it was received.
     links: LinkMask,
     copies: Copies,
-    /// Where the next ACK is to be sent.
-    owed: LinkMask,
+    /// The links on which the next ACK is pending.
+    pending: LinkMask,
     outcome: Outcome,
-    /// When its last IN_PROGRESS was due; for one that is done, when it was.
+    /// When its last IN_PROGRESS was due; if it has ended, when it ended.
     at: Instant,
-    /// Time from `at` to its last duplicate (ms).
+    /// Time from `at` to the last duplicate (ms).
     repeated_after: u16,
     signed_at: SignedAt,
 }
@@ -65,11 +66,11 @@ enum State {
     Free,
     Running,
     Done,
-    /// Done a while ago: another command may have its place.
-    Past,
+    /// Done, and another command may evict it.
+    Evictable,
 }
 
-/// All that makes two commands of one sender the same: number, form, frame, and the bits of the parameters.
+/// What identifies equal commands of one sender: id, form, frame, and the bits of the parameters.
 type Key = [u32; 8];
 
 fn key(command: &Command) -> Key {
@@ -96,13 +97,13 @@ impl CommandSlot {
         confirmation: 0,
         is_broadcast: false,
         state: State::Free,
-        is_new: false,
+        is_untimed: false,
         is_long: false,
         progress: 0,
         has_changed: false,
         links: LinkMask::NONE,
         copies: Copies::NONE,
-        owed: LinkMask::NONE,
+        pending: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
         repeated_after: 0,
@@ -135,8 +136,8 @@ impl CommandSlot {
         self.from == command.from.address && self.key == key(command)
     }
 
-    /// Whether `command`, which equals this one and came by its link before, retransmits it because it was not answered
-    /// (C-12).
+    /// Whether `command`, which is equal to this one and was received on its link before, is a retransmission because of a lost
+    /// answer (C-12).
     fn is_repeated_by(&self, now: Instant, command: &Command) -> bool {
         let pause = millis(now.since(self.at)).saturating_sub(self.repeated_after);
         (command.confirmation, command.is_broadcast) == (self.confirmation, self.is_broadcast)
@@ -148,7 +149,7 @@ impl CommandSlot {
     fn count(&mut self, now: Instant, command: &Command) {
         let link = command.from.link;
         if !self.copies.lacks(link) && self.is_repeated_by(now, command) {
-            // Each other link may deliver it once more too.
+            // Every other link may deliver this retransmission too.
             self.copies.run(link);
         } else {
             self.copies.count(link);
@@ -158,9 +159,9 @@ impl CommandSlot {
 
     /// Returns the answer if this command is done and `command` is a duplicate of it (C-12, C-24).
     fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: Once) -> Option<Outcome> {
-        let is_done = matches!(self.state, State::Done | State::Past);
+        let is_done = matches!(self.state, State::Done | State::Evictable);
         let age = now.since(self.at);
-        // Only a satellite brings one late.
+        // Only a high-latency link delays a command for long.
         let may_be_late = once != Once::No && command.class == LinkClass::HighLatency;
         if !is_done || age >= if may_be_late { LATE } else { SOON } || !self.is_same(command) {
             return None;
@@ -168,35 +169,35 @@ impl CommandSlot {
         let signed = self.signed_at.zip(signed_at).filter(|_| may_be_late);
         let is_later = signed.is_some_and(|(known, sent)| is_well_after(sent, known));
         let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
-        // A command pressed twice comes twice on each link, with the same confirmation.
+        // A command that is given twice is received twice on each link, with the same confirmation.
         let lacks = self.copies.lacks(command.from.link);
-        // After TEMPORARILY_REJECTED the client asks again, and the vehicle may do it now.
+        // After TEMPORARILY_REJECTED the client tries again, and the vehicle may accept now.
         let is_final = self.outcome.result != MavResult::TEMPORARILY_REJECTED;
         let is_repeated = once == Once::Yes && is_final && self.is_repeated_by(now, command);
-        let is_copy = if lacks { !is_later } else { command.confirmation > self.confirmation || is_repeated };
-        let is_known = is_copy || (self.is_long && age < SOON);
+        let is_duplicate = if lacks { !is_later } else { command.confirmation > self.confirmation || is_repeated };
+        let is_known = is_duplicate || (self.is_long && age < SOON);
         if !is_known {
             return None;
         }
-        // ACCEPTED is not for what may be a new one.
-        let is_repetition = !lacks && self.links.contains(LinkMask::of(command.from.link));
-        let is_sure = age < SOON || (signed.is_some() && !is_later && !is_earlier) || is_repetition;
+        // A command that may be new must not be answered ACCEPTED.
+        let is_retransmission = !lacks && self.links.contains(LinkMask::of(command.from.link));
+        let is_sure = age < SOON || (signed.is_some() && !is_later && !is_earlier) || is_retransmission;
         Some(if is_sure { self.outcome } else { MavResult::TEMPORARILY_REJECTED.into() })
     }
 
-    /// Whether one more run of `command` belongs here.
+    /// Whether this slot counts the runs of `command`.
     fn is_run_of(&self, command: &Command) -> bool {
         self.state == State::Done && !self.is_long && self.is_same(command)
     }
 
-    /// Takes what is owed on `link`.
-    fn take(&mut self, state: State, link: LinkId) -> bool {
+    /// Whether an ACK is pending on `link` in this state; if so, clears that.
+    fn take_pending(&mut self, state: State, link: LinkId) -> bool {
         let link = LinkMask::of(link);
-        let is_owed = self.state == state && self.owed.contains(link);
-        if is_owed {
-            self.owed = self.owed.without(link);
+        let is_pending = self.state == state && self.pending.contains(link);
+        if is_pending {
+            self.pending = self.pending.without(link);
         }
-        is_owed
+        is_pending
     }
 
     fn ack(&self, outcome: Outcome, progress: u8) -> CommandAck {
@@ -211,87 +212,93 @@ impl CommandSlot {
     }
 }
 
-/// The vehicle's memory for commands that take their time, and for those that must not be carried out twice. The vehicle
-/// keeps it and hands it to the stack by [`Commands::command_memory`](crate::Commands::command_memory).
+/// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`stack!`](crate::stack)
+/// declares their number. [`Stack::commands`](crate::Stack::commands) and
+/// [`Stack::commands_mut`](crate::Stack::commands_mut) give access.
 ///
-/// A command that takes its time is [started](Self::start) when it comes, and [finished](Self::finish) by the flight loop;
-/// nothing in between calls back:
+/// A long-running command is [started](Context::start) in [`Commands::command`](crate::Commands::command), and
+/// [finished](Self::finish) by the flight loop:
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
-/// use mavstack::{Command, CommandMemory, CommandSlots, Commands, Outcome};
+/// use mavstack::{Command, Commands, Context, Outcome, Peer, Vehicle, VehicleState};
 ///
-/// struct Copter { commands: CommandSlots<2>, samples: u8 }
+/// mavstack::stack! {
+///     struct Mavlink for Copter { links: 1, commands: { slots: 2 } }
+/// }
+///
+/// struct Copter { samples: u8 }
 ///
 /// impl Commands for Copter {
-///     fn command(&mut self, command: &Command) -> Outcome {
+///     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
 ///         match command.id {
 ///             MavCmd::PREFLIGHT_CALIBRATION => {
 ///                 self.samples = 0;
-///                 self.commands.start(command)
+///                 cx.start()
 ///             }
 ///             _ => MavResult::UNSUPPORTED.into(),
 ///         }
 ///     }
 ///
-///     fn command_memory(&mut self) -> Option<&mut CommandMemory> {
-///         Some(&mut self.commands)
-///     }
-///
-///     fn cancel_command(&mut self, command: MavCmd, _: mavstack::Peer) -> bool {
+///     fn cancel_command(&mut self, _: &mut Context<'_>, command: MavCmd, _: Peer) -> bool {
 ///         command == MavCmd::PREFLIGHT_CALIBRATION
 ///     }
 /// }
+/// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
-/// impl Copter {
-///     /// A part of the flight loop.
-///     fn calibrate(&mut self) {
-///         if !self.commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
-///             return;
-///         }
-///         self.samples += 1;
-///         self.commands.progress(MavCmd::PREFLIGHT_CALIBRATION, self.samples);
-///         if self.samples == 100 {
-///             self.commands.finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
-///         }
+/// /// Called by the flight loop.
+/// fn calibrate(copter: &mut Copter, stack: &mut Mavlink) {
+///     let commands = stack.commands_mut();
+///     if !commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
+///         return;
+///     }
+///     copter.samples += 1;
+///     commands.progress(MavCmd::PREFLIGHT_CALIBRATION, copter.samples);
+///     if copter.samples == 100 {
+///         commands.finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
 ///     }
 /// }
 /// ```
 ///
-/// The stack answers the rest: IN_PROGRESS once a second and when the progress changes, though not more than ten times a
-/// second and not over a high-latency link, the final ACK on every link that the command came by, `TEMPORARILY_REJECTED` to
-/// others while it runs, a repetition without running it again, and COMMAND_CANCEL (C-20 to C-24). A place is in use until
-/// three seconds after the command is done; without a free one a command is `TEMPORARILY_REJECTED` (C-22).
+/// The stack does the rest (C-20 to C-24):
 ///
-/// What came by one link comes by satellite half a minute later. So what must be carried out only
-/// [once](crate::CommandPolicy::once) is remembered for a minute, for copies by a
-/// [high-latency](crate::LinkClass::HighLatency) link only, in a place that nothing else needs: with `N` places at least the
-/// last `N` commands, less those that run. Other commands that have ended may be given again after three seconds by any link.
-/// A place takes 88 bytes.
+/// - It sends IN_PROGRESS once a second, and when the progress changes, at most ten times a second; not on high-latency links.
+/// - It sends the final ACK on every link on which the command was received.
+/// - While the command runs, other commands with its id get `TEMPORARILY_REJECTED`.
+/// - It answers duplicates without running the command again, and handles COMMAND_CANCEL.
 ///
-/// The timers ride on [`Stack::poll`](crate::Stack::poll): while a command runs call that once a second at least, as the
-/// heartbeat asks for anyway.
+/// A slot is in use until three seconds after the command has ended. Without a free slot, a command is `TEMPORARILY_REJECTED`
+/// (C-22). A slot takes 88 bytes.
 ///
-/// Each command has a place, until another one needs it:
+/// A duplicate by satellite may arrive half a minute after its original. So a command that must be carried out only
+/// [once](crate::CommandPolicy::once) is remembered for a minute, for duplicates on a
+/// [high-latency](crate::LinkClass::HighLatency) link only, in a slot that no other command needs. With `N` slots, these are at
+/// least the last `N` commands, less those that are running. Other ended commands may be given again after three seconds on any
+/// link.
+///
+/// The timers run in [`Stack::poll`](crate::Stack::poll). While a command runs, call it at least once a second, as the heartbeat
+/// requires anyway.
+///
+/// The states of a slot:
 ///
 /// ```text
-///            start                         finish, COMMAND_CANCEL             every final ACK sent, and 3 s passed
-///   free ───────────▶ running ──────────────────────────────────▶ done ───────────────────────────────────▶ past
-///     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a repetition gets the final ACK again
+///            start                         finish, COMMAND_CANCEL             all final ACKs sent, and 3 s passed
+///   free ───────────▶ running ──────────────────────────────────▶ done ──────────────────────────────────▶ evictable
+///     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a duplicate gets the final ACK again
 ///     └────────────── not idempotent, carried out ────────────────┘
 /// ```
 ///
-/// What is past has its place until a minute is over or another command needs it, the oldest first: a copy may still come by
-/// satellite (L-16).
+/// An evictable slot becomes free after a minute, or when another command evicts it, the oldest first. Until then it recognises
+/// duplicates that arrive by satellite (L-16).
 #[derive(Clone, Debug)]
 pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
     slots: S,
 }
 
 impl<const N: usize> CommandMemory<[CommandSlot; N]> {
-    /// Nothing runs. All zero bits.
+    /// All slots free. All zero bits.
     pub const fn new() -> Self {
-        const { assert!(N > 0, "command memory needs a place: CommandSlots<2>, or leave `command_memory` out") };
+        const { assert!(N > 0, "command memory needs a place: `commands: {{ slots: 2 }}`, or leave `commands` out") };
         Self { slots: [CommandSlot::FREE; N] }
     }
 }
@@ -302,7 +309,7 @@ impl<const N: usize> Default for CommandMemory<[CommandSlot; N]> {
     }
 }
 
-/// The logic works on the unsized form, so the number of places is compiled once.
+/// The logic works on the unsized form, so it is compiled once for any number of slots.
 impl<const N: usize> Deref for CommandMemory<[CommandSlot; N]> {
     type Target = CommandMemory;
 
@@ -318,19 +325,12 @@ impl<const N: usize> DerefMut for CommandMemory<[CommandSlot; N]> {
 }
 
 impl CommandMemory {
-    /// `command`, which is being handed to the vehicle, takes its time: IN_PROGRESS, to be returned as it is; or
-    /// `TEMPORARILY_REJECTED` when no place is free (C-22), and then it must not be begun.
-    pub fn start(&mut self, command: &Command) -> Outcome {
-        let Some(slot) = self.vacant().and_then(|place| self.slots.get_mut(place)) else {
-            return MavResult::TEMPORARILY_REJECTED.into();
-        };
-        let started = CommandSlot::new(command, State::Running);
-        *slot = CommandSlot { is_new: true, is_long: true, progress: NO_PROGRESS, ..started };
-        slot.copies.run(command.from.link);
-        MavResult::IN_PROGRESS.into()
+    /// Whether there is a free slot for another long-running command.
+    pub(crate) fn can_start(&self) -> bool {
+        self.free_slot().is_some()
     }
 
-    /// How far `command` is, in percent; more than 100 is "not known". Nothing happens when it does not run.
+    /// Sets the progress of `command` in percent; more than 100 means "unknown". Has no effect if it is not running.
     pub fn progress(&mut self, command: MavCmd, percent: u8) {
         let percent = if percent > 100 { NO_PROGRESS } else { percent };
         if let Some(slot) = self.running(command)
@@ -341,21 +341,21 @@ impl CommandMemory {
         }
     }
 
-    /// `command` has ended: its final ACK goes out as soon as its links are polled. False when it does not run, and for
-    /// IN_PROGRESS, which is no end.
+    /// Ends `command`: its final ACK becomes pending on its links. Returns false if it is not running, or if the outcome is
+    /// IN_PROGRESS, which does not end it.
     pub fn finish(&mut self, command: MavCmd, outcome: impl Into<Outcome>) -> bool {
         let outcome = outcome.into();
         let slot = self.running(command).filter(|_| outcome.result != MavResult::IN_PROGRESS);
         let Some(slot) = slot else { return false };
         event!("command {=u16} done: {=u8}", command.0, outcome.result.0);
         slot.state = State::Done;
-        slot.is_new = true;
+        slot.is_untimed = true;
         slot.outcome = outcome;
-        slot.owed = slot.links;
+        slot.pending = slot.links;
         true
     }
 
-    /// Whether `command` runs.
+    /// Whether `command` is running.
     pub fn is_running(&self, command: MavCmd) -> bool {
         self.slots.iter().any(|slot| slot.is_running(command))
     }
@@ -364,11 +364,11 @@ impl CommandMemory {
         self.slots.iter_mut().find(|slot| slot.is_running(command))
     }
 
-    /// A place for another command: a free one, or that of the one that is past for longest.
-    fn vacant(&self) -> Option<usize> {
-        let places = (0..self.slots.len()).zip(&self.slots);
-        let places = places.filter(|(_, slot)| matches!(slot.state, State::Free | State::Past));
-        places.min_by_key(|(_, slot)| (slot.state == State::Past, slot.at)).map(|(place, _)| place)
+    /// Returns the index of a slot for another command: a free one, or the evictable one that ended first.
+    fn free_slot(&self) -> Option<usize> {
+        let slots = (0..self.slots.len()).zip(&self.slots);
+        let slots = slots.filter(|(_, slot)| matches!(slot.state, State::Free | State::Evictable));
+        slots.min_by_key(|(_, slot)| (slot.state == State::Evictable, slot.at)).map(|(index, _)| index)
     }
 
     /// Returns the answer to `command` if it is known without carrying it out.
@@ -395,16 +395,16 @@ impl CommandMemory {
                 return Some(answer);
             }
         }
-        let has_room = self.vacant().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
+        let has_room = self.free_slot().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
-    /// Whether this command of this sender is remembered.
+    /// Whether a slot has this command of this sender.
     pub(crate) fn knows(&self, command: &Command) -> bool {
         self.slots.iter().any(|slot| slot.state != State::Free && slot.is_same(command))
     }
 
-    /// `command` was handed to the vehicle, which answered `outcome`.
+    /// Records the vehicle's outcome of `command`.
     #[inline(never)]
     pub(crate) fn settle(
         &mut self,
@@ -414,23 +414,21 @@ impl CommandMemory {
         outcome: Outcome,
         once: Once,
     ) {
-        let is_started = |slot: &&mut CommandSlot| slot.is_new && slot.is_long && slot.command() == command.id;
-        if let Some(slot) = self.slots.iter_mut().find(is_started) {
-            slot.is_new = false;
-            slot.at = now;
-            slot.signed_at = signed_at;
-            if outcome.result == MavResult::IN_PROGRESS {
-                return;
+        if outcome.result == MavResult::IN_PROGRESS {
+            // Without a free slot, the vehicle must not have started it; no final ACK will be sent.
+            if let Some(slot) = self.free_slot().and_then(|index| self.slots.get_mut(index)) {
+                let started = CommandSlot::new(command, State::Running);
+                *slot = CommandSlot { is_long: true, progress: NO_PROGRESS, at: now, signed_at, ..started };
+                slot.copies.run(command.from.link);
             }
-            // It thought better of it.
-            slot.state = State::Free;
+            return;
         }
         if once == Once::No {
             return;
         }
         let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };
         let known = self.slots.iter().position(|slot| slot.is_run_of(command));
-        if let Some(slot) = known.or_else(|| self.vacant()).and_then(|place| self.slots.get_mut(place)) {
+        if let Some(slot) = known.or_else(|| self.free_slot()).and_then(|index| self.slots.get_mut(index)) {
             let copies = if known.is_some() { slot.copies } else { Copies::NONE };
             *slot = CommandSlot { copies, ..done };
             slot.copies.run(command.from.link);
@@ -440,47 +438,72 @@ impl CommandMemory {
     /// Runs the timers.
     pub(crate) fn poll(&mut self, now: Instant) {
         for slot in &mut self.slots {
-            if core::mem::take(&mut slot.is_new) {
+            if core::mem::take(&mut slot.is_untimed) {
                 slot.at = now;
             }
             let age = now.since(slot.at);
             match slot.state {
                 State::Running if age >= REPEAT_EVERY || (slot.has_changed && age >= CHANGE_EVERY) => {
                     slot.has_changed = false;
-                    slot.owed = slot.links;
+                    slot.pending = slot.links;
                     slot.at = now;
                 }
-                State::Done if age >= GIVE_UP_AFTER || (age >= SOON && slot.owed.is_empty()) => {
-                    slot.state = State::Past;
-                    slot.owed = LinkMask::NONE;
+                State::Done if age >= DROP_AFTER || (age >= SOON && slot.pending.is_empty()) => {
+                    slot.state = State::Evictable;
+                    slot.pending = LinkMask::NONE;
                 }
-                State::Past if age >= LATE => slot.state = State::Free,
+                State::Evictable if age >= LATE => slot.state = State::Free,
                 _ => {}
             }
         }
     }
 
+    /// Returns when [`poll`](Self::poll) has an IN_PROGRESS to send.
+    pub(crate) fn deadline(&self) -> Instant {
+        let running = self.slots.iter().filter(|slot| slot.state == State::Running);
+        let next = running.map(|slot| slot.at.after(if slot.has_changed { CHANGE_EVERY } else { REPEAT_EVERY }));
+        next.min().unwrap_or(Instant::NEVER)
+    }
+
+    /// Returns when an ACK is due on this link: a final one at `now`, an IN_PROGRESS at `progress_at`.
+    pub(crate) fn due(&self, now: Instant, progress_at: Instant, link: LinkId) -> Instant {
+        let pending = self.slots.iter().filter(|slot| slot.pending.contains(LinkMask::of(link)));
+        let due = pending.map(|slot| if slot.state == State::Running { progress_at } else { now });
+        due.min().unwrap_or(Instant::NEVER)
+    }
+
     /// Sends a final ACK on this link (C-20). False when none is owed.
     pub(crate) fn next_final(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
-        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take(State::Done, link).then_some(slot)) else {
+        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Done, link).then_some(slot))
+        else {
             return false;
         };
         tx.send(&slot.ack(slot.outcome, NO_PROGRESS))
     }
 
-    /// Sends an IN_PROGRESS on this link (C-20). False when none is due.
+    /// Sends an IN_PROGRESS on this link (C-20). Returns false if none is pending.
     pub(crate) fn next_progress(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
-        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take(State::Running, link).then_some(slot)) else {
+        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Running, link).then_some(slot))
+        else {
             return false;
         };
         tx.send(&slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
     }
 
-    /// How far `command` is, for its first IN_PROGRESS.
+    /// Returns the progress of `command` for its first IN_PROGRESS.
     pub(crate) fn progress_of(&self, command: MavCmd) -> u8 {
         let slot = self.slots.iter().find(|slot| slot.is_running(command));
         slot.map_or(NO_PROGRESS, |slot| slot.progress)
+    }
+}
+
+impl Context<'_> {
+    /// Starts a long-running command: returns IN_PROGRESS, which the hook must return unchanged. If no slot is free, returns
+    /// `TEMPORARILY_REJECTED` (C-22); then the command must not be started. [`CommandMemory`] has an example.
+    pub fn start(&mut self) -> Outcome {
+        let result = if self.can_start { MavResult::IN_PROGRESS } else { MavResult::TEMPORARILY_REJECTED };
+        result.into()
     }
 }

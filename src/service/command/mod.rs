@@ -1,41 +1,32 @@
-//! The command protocol: COMMAND_LONG and COMMAND_INT in, exactly one COMMAND_ACK out.
+//! The command protocol: each COMMAND_LONG and COMMAND_INT is answered by exactly one COMMAND_ACK.
 //!
-//! Implements <https://mavlink.io/en/services/command.html>, rules C-1 to C-24 and the commands that a stack answers by
-//! itself (§6.4 in part). A command is taken only while there is a free slot to owe its answer in; else it is dropped
-//! unexecuted and counted, which to the sender is a lost frame that it repeats.
+//! Implements <https://mavlink.io/en/services/command.html>, rules C-1 to C-24. A command is accepted only while its link has a
+//! free slot for the answer. Otherwise it is dropped and counted, and not carried out: to its sender it looks like a lost frame,
+//! which the sender repeats.
 //!
-//! The way of a command is drawn at [`Commands`].
+//! [`Commands`] has a diagram of a command's path.
 
 mod acks;
 mod copies;
-mod macros;
 mod memory;
 mod policy;
 mod refusal;
-mod typed;
+mod vehicle;
 
 pub(crate) use acks::Acks;
-pub(crate) use copies::{Copies, LATE, Once, SOON, SignedAt, is_well_after};
-pub use memory::{CommandMemory, CommandSlot, CommandSlots};
+pub(crate) use copies::{Copies, LATE, Once, SOON, is_well_after};
+pub use memory::{CommandMemory, CommandSlots};
 pub use policy::CommandPolicy;
-pub(crate) use refusal::{Refusal, explain, explain_mode};
-pub use typed::{CommandParam, CommandParams, LatLon, Location, TypedCommand};
+pub(crate) use refusal::{explain, explain_mode};
+pub use vehicle::Commands;
 
-use crate::dialect::{CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
-use crate::link::{LinkClass, Peer, Port};
-use crate::service::identity::Owed;
-use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, CommandPosition, Commands, Outcome};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
+use crate::link::Port;
+use crate::time::Instant;
+use crate::types::{Command, CommandPosition, Firmware, Origin, Outcome, Refusal};
 
-/// Where a command came from, and how old it is.
-#[derive(Clone, Copy)]
-pub(crate) struct Origin {
-    pub(crate) from: Peer,
-    pub(crate) class: LinkClass,
-    pub(crate) age: Option<Duration>,
-}
-
-/// The command of a COMMAND_LONG.
+/// Returns the command of a COMMAND_LONG.
 pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
     Command {
         id: message.command,
@@ -50,7 +41,7 @@ pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
     }
 }
 
-/// The command of a COMMAND_INT.
+/// Returns the command of a COMMAND_INT.
 pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
     Command {
         id: message.command,
@@ -68,7 +59,7 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
 /// Whether a broadcast of this command is always refused, because it resets, erases or replaces what a vehicle stores, or
 /// restarts the vehicle (C-14). Commands that only move, arm or terminate a vehicle are not in the list: they can be meant for a
 /// fleet, and [`CommandPolicy::no_broadcast`] refuses them.
-pub(crate) const fn is_for_one(command: MavCmd) -> bool {
+const fn is_for_one(command: MavCmd) -> bool {
     // From dialects that include common.
     const DO_UPGRADE: MavCmd = MavCmd(247);
     const DO_SET_SYS_CMP_ID: MavCmd = MavCmd(610);
@@ -77,7 +68,8 @@ pub(crate) const fn is_for_one(command: MavCmd) -> bool {
     const BATTERY_RESET: MavCmd = MavCmd(42_651);
     matches!(
         command,
-        // Parameters are reset, overwritten from storage, or stored. Restarts, also into the bootloader.
+        // Parameters are reset, overwritten from storage, or stored. The vehicle restarts, possibly into the
+        // bootloader.
         MavCmd::PREFLIGHT_STORAGE | MavCmd::PREFLIGHT_REBOOT_SHUTDOWN
         // Stored calibrations and the ids of motors on a CAN bus are replaced.
         | MavCmd::PREFLIGHT_CALIBRATION | MavCmd::PREFLIGHT_SET_SENSOR_OFFSETS | MavCmd::PREFLIGHT_UAVCAN
@@ -91,113 +83,162 @@ pub(crate) const fn is_for_one(command: MavCmd) -> bool {
     )
 }
 
-/// Returns the answer to a command that is not carried out: refused by its declaration, running, or done before (C-5, C-12,
-/// C-21, C-24). An error is a refusal that a text must explain. This compiles to nothing for a vehicle that declares nothing
-/// and has no memory for commands.
-pub(crate) fn answered<V: Commands>(
-    now: Instant,
-    command: &Command,
-    signed_at: SignedAt,
-    vehicle: &mut V,
-) -> Option<Result<Outcome, Refusal>> {
-    if let Err(refusal) = policy::check(command, vehicle) {
-        return Some(Err(refusal));
-    }
-    let once = policy::once::<V>(command.id);
-    let memory = vehicle.command_memory()?;
-    let outcome = memory.recall(now, command, signed_at, once)?;
-    // The refusal of a duplicate was already explained.
-    let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !memory.knows(command);
-    Some(if is_busy { Err(outcome.result.into()) } else { Ok(outcome) })
+/// The state of the command protocol on a link.
+#[derive(Debug)]
+pub struct CommandLink {
+    pub(crate) acks: Acks,
+    /// The period in which a text last explained a refusal; see [`refusal`].
+    refusal: u16,
 }
 
-/// Whether the vehicle's declaration of `command` permits it (C-5): for a message that is equivalent to a command.
+/// Slots for the long-running commands of a vehicle, or none.
+pub trait CommandStore: core::fmt::Debug {
+    /// All zero bits.
+    const NEW: Self;
+
+    /// Returns the slots, if there are any.
+    fn memory(&mut self) -> Option<&mut CommandMemory>;
+
+    /// The same, for reading.
+    fn view(&self) -> Option<&CommandMemory>;
+}
+
+/// The slots of a firmware whose [`stack!`](crate::stack) has no `commands`: none.
+#[derive(Clone, Copy, Debug)]
+pub struct NoSlots;
+
+impl CommandStore for NoSlots {
+    const NEW: Self = Self;
+
+    fn memory(&mut self) -> Option<&mut CommandMemory> {
+        None
+    }
+
+    fn view(&self) -> Option<&CommandMemory> {
+        None
+    }
+}
+
+impl<const N: usize> CommandStore for CommandSlots<N> {
+    const NEW: Self = Self::new();
+
+    fn memory(&mut self) -> Option<&mut CommandMemory> {
+        Some(self)
+    }
+
+    fn view(&self) -> Option<&CommandMemory> {
+        Some(self)
+    }
+}
+
+/// Admits commands, dispatches them, and answers them. `S` has the slots for long-running commands.
+#[derive(Debug)]
+pub struct CommandService<S> {
+    pub(crate) store: S,
+}
+
+impl<F: Firmware<Vehicle: Commands>, S: CommandStore> Service<F> for CommandService<S> {
+    const NEW: Self = Self { store: S::NEW };
+    type Link = CommandLink;
+    const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {
+        if let Some(memory) = self.store.memory() {
+            memory.poll(cx.now);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.store.view().map_or(Instant::NEVER, CommandMemory::deadline)
+    }
+
+    /// COMMAND_CANCEL (C-23): without an answer of its own.
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut CommandLink, received: &Received<'_>) -> Handled {
+        let Some(memory) = self.store.memory() else { return Handled::No };
+        let Some(message) = received.frame.decode::<CommandCancel>() else { return Handled::No };
+        if received.target != cx.shared.config.address.get() {
+            return Handled::OutOfPlace;
+        }
+        if memory.is_running(message.command) {
+            let (vehicle, mut context) = cx.hook();
+            if vehicle.cancel_command(&mut context, message.command, received.from) {
+                memory.finish(message.command, MavResult::CANCELLED);
+            }
+        }
+        cx.shared.has_acted = true;
+        Handled::Yes
+    }
+
+    /// Sends one COMMAND_ACK: the answer to a received command, the final result of a finished one, or the progress of a running
+    /// one. Progress is limited to the link's byte rate, and is not sent on high-latency links.
+    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
+        let sent = link.acks.next(&mut port.outbox, |command| {
+            let memory = self.store.memory();
+            memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
+        });
+        sent || self.store.memory().is_some_and(|memory| {
+            let may_wait = !port.config.class.is_high_latency() && port.bucket.has_room();
+            memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(&mut port.outbox))
+        })
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &CommandLink, _: Turn) -> Instant {
+        if !link.acks.is_empty() {
+            return view.now;
+        }
+        let progress_at = if port.config.class.is_high_latency() { Instant::NEVER } else { port.bucket.ready_at() };
+        self.store.view().map_or(Instant::NEVER, |memory| memory.due(view.now, progress_at, port.id))
+    }
+}
+
+/// The steps of a received command before and after a service carries it out.
+impl<S: CommandStore> CommandService<S> {
+    /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
+    /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
+    pub(crate) fn admit<F: Firmware<Vehicle: Commands>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        id: MavCmd,
+        Request { command, signed_at, .. }: &Request,
+    ) -> Option<Verdict> {
+        if command.is_broadcast && is_for_one(id) {
+            return Some(Verdict::Refused(Refusal::BROADCAST));
+        }
+        if let Err(refusal) = policy::check(command, cx.vehicle) {
+            return Some(Verdict::Refused(refusal));
+        }
+        let once = policy::once::<F::Vehicle>(command.id);
+        let memory = self.store.memory()?;
+        let outcome = memory.recall(cx.now, command, *signed_at, once)?;
+        // The refusal of a duplicate was already explained.
+        let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !memory.knows(command);
+        Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
+    }
+
+    /// Passes a command that no service handles to the vehicle.
+    pub(crate) fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
+        let can_start = self.store.memory().is_some_and(|memory| memory.can_start());
+        let (vehicle, mut context) = cx.hook();
+        context.can_start = can_start;
+        vehicle.command(&mut context, command)
+    }
+
+    /// Records the outcome of a command that was carried out.
+    pub(crate) fn settle<F: Firmware<Vehicle: Commands>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        Request { command, signed_at, .. }: &Request,
+        outcome: Outcome,
+    ) {
+        if let Some(memory) = self.store.memory() {
+            memory.settle(cx.now, command, *signed_at, outcome, policy::once::<F::Vehicle>(command.id));
+        }
+        cx.shared.has_acted = true;
+    }
+}
+
+/// Whether the vehicle's declaration permits `command` (C-5). For messages that are equivalent to a command.
 pub(crate) fn is_allowed<V: Commands>(command: &Command, vehicle: &V) -> bool {
     policy::check(command, vehicle).is_ok()
-}
-
-/// A command was carried out.
-pub(crate) fn carried_out<V: Commands>(
-    now: Instant,
-    command: &Command,
-    signed_at: SignedAt,
-    outcome: Outcome,
-    vehicle: &mut V,
-) {
-    let once = policy::once::<V>(command.id);
-    if let Some(memory) = vehicle.command_memory() {
-        memory.settle(now, command, signed_at, outcome, once);
-    }
-}
-
-/// COMMAND_CANCEL (C-23): without an answer of its own.
-pub(crate) fn cancel<V: Commands>(command: MavCmd, from: Peer, vehicle: &mut V) {
-    let is_running = vehicle.command_memory().is_some_and(|memory| memory.is_running(command));
-    if is_running
-        && vehicle.cancel_command(command, from)
-        && let Some(memory) = vehicle.command_memory()
-    {
-        memory.finish(command, MavResult::CANCELLED);
-    }
-}
-
-/// Runs the timers.
-pub(crate) fn poll(now: Instant, vehicle: &mut impl Commands) {
-    if let Some(memory) = vehicle.command_memory() {
-        memory.poll(now);
-    }
-}
-
-/// Sends one answer: to a command that came, or of one that has ended, or of one that runs. The last waits for the link's
-/// byte rate, and does not travel by satellite. False when none is owed.
-pub(crate) fn next(port: &mut Port, vehicle: &mut impl Commands) -> bool {
-    let sent = port.acks.next(&mut port.outbox, |command| {
-        let memory = vehicle.command_memory();
-        memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
-    });
-    sent || vehicle.command_memory().is_some_and(|memory| {
-        let may_wait = port.config.class != LinkClass::HighLatency && port.bucket.has_room();
-        memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(&mut port.outbox))
-    })
-}
-
-/// Carries out a command: the stack's own, or the vehicle's.
-pub(crate) fn execute(command: &Command, class: LinkClass, owed: &mut Owed, vehicle: &mut impl Commands) -> Outcome {
-    match command.id {
-        MavCmd::REQUEST_MESSAGE => request_message(command, class, owed).into(),
-        MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => request_legacy(command, class, owed, Owed::AUTOPILOT_VERSION).into(),
-        MavCmd::REQUEST_PROTOCOL_VERSION => request_legacy(command, class, owed, Owed::PROTOCOL_VERSION).into(),
-        _ => vehicle.command(command),
-    }
-}
-
-/// an id that we cannot send is DENIED, since the command itself is supported. Q-3: so is a bad response target.
-fn request_message(command: &Command, class: LinkClass, owed: &mut Owed) -> MavResult {
-    use crate::dialect::{AutopilotVersion, ProtocolVersion};
-    use crate::message::Message;
-
-    let [id, ..] = command.params;
-    let message = match crate::num::integer::<u32>(id) {
-        Some(id) if id == AutopilotVersion::ID => Owed::AUTOPILOT_VERSION,
-        Some(id) if id == ProtocolVersion::ID => Owed::PROTOCOL_VERSION,
-        _ => return MavResult::DENIED,
-    };
-    // Response target: 0 default, 1 the requester, 2 broadcast; NaN is "not used" (C-8).
-    let target_is_known = command.z.is_nan() || matches!(crate::num::integer(command.z), Some(0..=2));
-    owe(target_is_known, class, owed, message)
-}
-
-/// The commands from before REQUEST_MESSAGE: parameter 1 must be 1.
-fn request_legacy(command: &Command, class: LinkClass, owed: &mut Owed, message: Owed) -> MavResult {
-    let [request, ..] = command.params;
-    owe(crate::num::integer(request) == Some(1), class, owed, message)
-}
-
-/// On a high-latency link only commands and their answers travel (L-4).
-fn owe(valid: bool, class: LinkClass, owed: &mut Owed, message: Owed) -> MavResult {
-    if !valid || class == LinkClass::HighLatency {
-        return MavResult::DENIED;
-    }
-    owed.add(message);
-    MavResult::ACCEPTED
 }

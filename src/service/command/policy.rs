@@ -1,25 +1,24 @@
-//! What a vehicle declares of a command, so that the stack refuses what it never takes.
+//! A vehicle's declarations of its commands: the stack refuses what a declaration does not admit.
 //!
-//! Rules C-1 and C-5 to C-9. The declaration is data; only what a vehicle declares costs flash.
+//! Rules C-1 and C-5 to C-9. A declaration is data; only what a vehicle declares costs flash.
 
-use super::Once;
-use super::refusal::{Refusal, Why};
+use super::{Commands, Once};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
-use crate::service::mission::{CommandRule, Item, Value};
-use crate::vehicle::{Command, CommandPosition, Commands};
+use crate::message::{CommandRule, Value};
+use crate::types::{Command, CommandPosition, Refusal, Why};
 
 /// Only COMMAND_INT.
 const INT_ONLY: u8 = 1;
 /// Only COMMAND_LONG.
 const LONG_ONLY: u8 = 2;
-/// Not to every system at once.
+/// Not as a broadcast.
 const NO_BROADCAST: u8 = 4;
 /// Not to be carried out twice.
 const ONCE: u8 = 8;
-/// And again for each repetition on one link: see [`Once::PerPress`].
+/// With [`ONCE`]: again for each repetition on one link; see [`Once::PerPress`].
 const PER_PRESS: u8 = 16;
 
-/// A command that a vehicle takes, and how: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
+/// The declaration of a command that a vehicle accepts: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
 ///
 /// ```
 /// use mavstack::dialect::MavFrame;
@@ -29,11 +28,12 @@ const PER_PRESS: u8 = 16;
 /// use mavstack::{CommandPolicy, ParamRule};
 ///
 /// const COMMANDS: &[CommandPolicy] = &[
-///     // Not by somebody who means every vehicle in reach.
+///     // Not as a broadcast to every vehicle in range.
 ///     CommandPolicy::new(COMPONENT_ARM_DISARM).no_broadcast(),
 ///     // MAVSDK and QGroundControl send NaN for "as high as configured".
 ///     CommandPolicy::new(NAV_TAKEOFF.altitude_optional()).long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
-///     // A float's degrees are a metre apart. (Not DO_REPOSITION: QGroundControl's pause is one, in a COMMAND_LONG.)
+///     // Degrees in a float have a resolution of about a metre. (Not for DO_REPOSITION: QGroundControl sends it as a
+///     // COMMAND_LONG to pause.)
 ///     CommandPolicy::new(DO_SET_ROI_LOCATION).int_only(),
 ///     // A duplicate must not repeat it.
 ///     CommandPolicy::new(DO_REPEAT_SERVO).once(),
@@ -48,8 +48,8 @@ pub struct CommandPolicy {
 }
 
 impl CommandPolicy {
-    /// A command in both forms, whose frame, parameters and position are as `rule` has them: one of
-    /// [`dialect::command_rules`](crate::dialect::command_rules), or made from it.
+    /// Declares a command in both forms. `rule` defines its frame, parameters and position: one of
+    /// [`dialect::command_rules`](crate::dialect::command_rules), or derived from it.
     pub const fn new(rule: CommandRule) -> Self {
         Self { rule, long_frame: MavFrame::GLOBAL, flags: 0 }
     }
@@ -62,25 +62,25 @@ impl CommandPolicy {
         self.flags & flag != 0
     }
 
-    /// A COMMAND_LONG is answered COMMAND_INT_ONLY.
+    /// Accepts only COMMAND_INT: a COMMAND_LONG is answered COMMAND_INT_ONLY.
     #[must_use]
     pub const fn int_only(self) -> Self {
         self.with(INT_ONLY)
     }
 
-    /// A COMMAND_INT is answered COMMAND_LONG_ONLY.
+    /// Accepts only COMMAND_LONG: a COMMAND_INT is answered COMMAND_LONG_ONLY.
     #[must_use]
     pub const fn long_only(self) -> Self {
         self.with(LONG_ONLY)
     }
 
-    /// The frame of its position in a COMMAND_LONG, which names none (C-6): [`MavFrame::GLOBAL`] at first.
+    /// Sets the frame of the position in a COMMAND_LONG, which has no frame field (C-6). The default is [`MavFrame::GLOBAL`].
     #[must_use]
     pub const fn long_frame(self, frame: MavFrame) -> Self {
         Self { long_frame: frame, ..self }
     }
 
-    /// A copy that was sent to every system is DENIED (C-1).
+    /// Refuses broadcasts: a command to all systems is DENIED (C-1).
     #[must_use]
     pub const fn no_broadcast(self) -> Self {
         self.with(NO_BROADCAST)
@@ -97,8 +97,8 @@ impl CommandPolicy {
     ///   seconds after the first. After such a delay it may also be a new command. Unless that is ruled out, the answer is
     ///   `TEMPORARILY_REJECTED`, and a sender that means a new command sends it again.
     ///
-    /// It needs a slot in [`Commands::command_memory`](crate::Commands::command_memory), and is `TEMPORARILY_REJECTED` when no
-    /// slot is free.
+    /// The command needs one of the slots that `commands` in [`stack!`](crate::stack) declares. It is `TEMPORARILY_REJECTED`
+    /// while no slot is free.
     #[must_use]
     pub const fn once(self) -> Self {
         self.with(ONCE)
@@ -112,7 +112,7 @@ impl CommandPolicy {
         self.with(ONCE | PER_PRESS)
     }
 
-    /// Which command.
+    /// Returns the command's id.
     pub const fn command(&self) -> MavCmd {
         self.rule.command()
     }
@@ -128,47 +128,25 @@ impl CommandPolicy {
             return Err(denied(Why::Broadcast));
         }
         if !self.rule.is_located() {
-            // Without a position a frame says nothing (C-7).
+            // The frame of a command without a position is ignored (C-7).
             let [p1, p2, p3, p4] = command.params;
             let (p5, p6) = command.position.params();
             let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
             let bad = params.find(|&(index, value)| !self.rule.admits(index, Value::of_float(value)));
             return bad.map_or(Ok(()), |(index, _)| Err(denied(Why::Param(index))));
         }
-        self.rule.check(&item(command, self.long_frame)?).map_err(|fault| match fault {
+        self.rule.check(&command.located_item(self.long_frame)?).map_err(|fault| match fault {
             MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME.into(),
             _ => denied(Why::Param(fault.0.wrapping_sub(MavMissionResult::INVALID_PARAM1.0).wrapping_add(1))),
         })
     }
 }
 
-/// The parameters of a command with a location; a COMMAND_LONG's are in `long_frame` (C-6).
-pub(super) fn item(command: &Command, long_frame: MavFrame) -> Result<Item, MavResult> {
-    let (frame, x, y) = match command.position {
-        CommandPosition::Int { frame, x, y } => (frame, x, y),
-        CommandPosition::Long { param5, param6 } => (long_frame, scaled(param5)?, scaled(param6)?),
-    };
-    Ok(Item { frame, command: command.id, autocontinue: 0, params: command.params, x, y, z: command.z })
-}
-
-/// Checks them.
-pub(super) fn check_item(rule: &CommandRule, item: &Item) -> Result<(), MavResult> {
-    rule.check(item).map_err(|fault| match fault {
-        MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
-        _ => MavResult::DENIED,
-    })
-}
-
-/// A float that is no number is "not given"; one that is off the globe is not.
-fn scaled(degrees: f32) -> Result<i32, MavResult> {
-    if degrees.is_nan() { Ok(i32::MAX) } else { crate::num::scale_1e7(degrees).ok_or(MavResult::DENIED) }
-}
-
-pub(super) fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
+fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
     if bad { Err(result) } else { Ok(()) }
 }
 
-/// The vehicle's declaration of `command`, if there is one.
+/// Returns the vehicle's declaration of `command`, if there is one.
 fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
     V::COMMANDS.iter().find(|policy| policy.command() == command)
 }
@@ -182,7 +160,7 @@ pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
     }
 }
 
-/// Checks a command by its declaration, if there is one.
+/// Checks a command against its declaration, if there is one.
 #[inline(never)]
 pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), Refusal> {
     let policy = declared::<V>(command.id);

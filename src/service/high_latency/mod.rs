@@ -1,10 +1,10 @@
-//! The high-latency link: HIGH_LATENCY2 over a satellite, where every byte costs.
+//! The high-latency link: HIGH_LATENCY2 over a satellite, where every byte costs money.
 //!
-//! Implements <https://mavlink.io/en/services/high_latency.html>, rules L-1 to L-25. On a link of class
-//! [`HighLatency`](crate::LinkClass::HighLatency) there are no heartbeats; commands and their answers travel, and one short
-//! message that says all that matters, while it is on. What else anybody wants to send there, the link's outbox refuses.
+//! Implements <https://mavlink.io/en/services/high_latency.html>, rules L-1 to L-25. A link of class
+//! [`HighLatency`](crate::LinkClass::HighLatency) has no heartbeats. It carries commands, their answers, and, while the
+//! service is on, one short message with the vehicle's state. The link's outbox refuses everything else.
 //!
-//! How it goes on and off, and what becomes of orders that come late, stands at [`HighLatency`].
+//! [`HighLatency`] describes how the service is switched on and off, and how late commands are handled.
 
 mod order;
 mod sample;
@@ -14,61 +14,67 @@ pub use sample::HighLatencySample;
 
 use self::order::{ORDERS, Order};
 use self::window::Window;
-use crate::config::Config;
+use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
 use crate::dialect::{HighLatency2, MavCmd, MavResult, MavType};
-use crate::link::{Link, LinkClass, LinkMask, Port};
+use crate::link::Port;
 use crate::message::Message;
-use crate::network::Peers;
+use crate::network::{PeerInfo, Peers};
 use crate::num;
-use crate::service::command::SignedAt;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, Vehicle};
+use crate::types::{Command, Config, Firmware, LinkMask, SignedAt, Vehicle};
 
-/// A shorter period counts as this.
+/// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
 
-/// What is paid for: so many bytes, begun ones in full (Iridium's short burst data).
+/// The number of bytes that cost one credit, rounded up (Iridium's short burst data).
 const CREDIT: u32 = 50;
 
-/// How the 32 bits of a `custom_mode` become the 16 of HIGH_LATENCY2.
+/// How the 32 bits of a `custom_mode` are reduced to the 16 bits of HIGH_LATENCY2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HighLatencyMode {
-    /// The lower half: for mode numbers up to 65535. Ground stations take it for the whole number, unless the autopilot
-    /// calls itself PX4.
+    /// The lower half: for mode numbers up to 65535. Ground stations take it for the whole number, except for the
+    /// autopilot PX4.
     Low16,
-    /// The upper half, `main | sub << 8` of PX4's `main << 16 | sub << 24`: ground stations put it back where the autopilot
-    /// calls itself PX4.
+    /// The upper half, `main | sub << 8` of PX4's `main << 16 | sub << 24`. Ground stations restore it for the
+    /// autopilot PX4.
     High16,
 }
 
-/// What a [`HighLatency`] is to do.
+/// The configuration of [`HighLatency`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HighLatencyConfig {
-    /// From one message to the next on a link: a minute. Less than a second counts as that.
+    /// The time between messages on a link: a minute by default. Less than a second counts as a second.
     pub period: Duration,
-    /// Whether one message is sent after the start, as soon as there was a [sample](HighLatency::sample), so that the ground
-    /// learns that the link is there (L-14). False at first.
+    /// Whether one message is sent after the start, as soon as there was a [sample](HighLatency::sample), so that the
+    /// ground learns that the link exists (L-14). False by default.
     pub announce_once: bool,
-    /// After how long without a living ground station on any normal link, where there was one before, it goes on by itself;
-    /// `None`, as at first, for never. When a ground station is heard again it goes off, if nobody commanded it on
-    /// meanwhile; a STOP puts it off until the next loss. It never makes a message come sooner than a period after the last,
-    /// however often the ground station comes and goes. A loss is noticed after
-    /// [`peer_timeout`](crate::Config::peer_timeout), which this adds to.
+    /// The time without a living ground station on any normal link after which the service goes on by itself, if there
+    /// was one before. `None`, the default, means never. A loss is noticed after
+    /// [`peer_timeout`](crate::Config::peer_timeout), to which this time is added.
+    ///
+    /// When a ground station is heard again, the service goes off, unless it was commanded on meanwhile. STOP turns it
+    /// off until the next loss. Messages are never sent sooner than a period after the last, however often the ground
+    /// station disappears and returns.
     pub on_link_loss_after: Option<Duration>,
-    /// [`Low16`](HighLatencyMode::Low16) at first.
+    /// How `custom_mode` is sent: [`Low16`](HighLatencyMode::Low16) by default.
     pub custom_mode: HighLatencyMode,
 }
 
 impl HighLatencyConfig {
-    /// A message a minute, only when commanded.
+    /// The default: a message a minute, only when commanded.
     pub const DEFAULT: Self = Self {
         period: Duration::from_secs(60),
         announce_once: false,
         on_link_loss_after: None,
         custom_mode: HighLatencyMode::Low16,
     };
+
+    /// All zero bits.
+    const fn vacant(self) -> Self {
+        Self { period: Duration::ZERO, ..self }
+    }
 
     fn period(&self) -> Duration {
         self.period.max(MIN_PERIOD)
@@ -81,99 +87,90 @@ impl Default for HighLatencyConfig {
     }
 }
 
-/// What went out over the high-latency links. Numbers wrap.
+/// Counters of what was sent on the high-latency links. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct HighLatencyCounters {
-    /// HIGH_LATENCY2 that were sent.
+    /// HIGH_LATENCY2 messages.
     pub reports: u32,
-    /// Frames of all kinds: these, and answers to commands.
+    /// All frames: HIGH_LATENCY2, and answers to commands.
     pub messages: u32,
     /// Bytes in them, headers and checksums included.
     pub bytes: u32,
-    /// What they cost, if each is sent by itself: one for every 50 bytes that were begun. HIGH_LATENCY2 has 50 bytes in
+    /// Their cost if each is sent separately: one credit for each 50 bytes, rounded up. HIGH_LATENCY2 has 50 bytes in
     /// MAVLink 1, which is one credit, and 51 to 54 in MAVLink 2, which is two.
     pub credits: u32,
 }
 
-/// Whether messages go out, and why.
+/// Whether messages are sent, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Off,
-    /// By command, or because the vehicle wants it.
+    /// On by command, or by the vehicle's own call.
     Commanded,
-    /// Because no ground station is left.
+    /// On by itself, because no ground station is left.
     LinkLost,
 }
 
-/// What is known of the ground stations on normal links.
+/// The state of the ground stations on normal links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ground {
-    /// None was heard, or what follows from its loss is done.
+    /// None was heard, or their loss was handled.
     Unknown,
     Heard,
     LostSince(Instant),
 }
 
-/// The vehicle's memory for its high-latency links, some 520 bytes. The vehicle keeps it and hands it to the stack by
-/// [`Vehicle::high_latency`](crate::Vehicle::high_latency); one that does not pays nothing, and its high-latency links carry
-/// commands only.
+/// The high-latency service: declared by `high_latency` in [`stack!`](crate::stack), and reached through
+/// [`Stack::high_latency`](crate::Stack::high_latency). Without it, high-latency links carry only commands, and
+/// MAV_CMD_CONTROL_HIGH_LATENCY reaches [`Commands::command`](crate::Commands::command) (L-12).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
 /// use mavstack::*;
 ///
-/// const TELEM: LinkId = LinkId(0);
-/// const SATELLITE: LinkId = LinkId(1);
 /// const LINKS: [LinkConfig; 2] = [
 ///     LinkConfig::uart(57_600),
-///     // In MAVLink 1, in which the message is just within one credit.
+///     // In MAVLink 1 the message costs one credit, in MAVLink 2 two.
 ///     LinkConfig::uart(19_200).with_class(LinkClass::HighLatency).with_version(TxVersion::V1),
 /// ];
+/// const CONFIG: HighLatencyConfig = HighLatencyConfig {
+///     announce_once: true,
+///     on_link_loss_after: Some(Duration::from_secs(10)),
+///     ..HighLatencyConfig::DEFAULT
+/// };
 ///
-/// struct Copter { satellite: HighLatency, altitude: f32, is_armed: bool }
-///
-/// impl Vehicle for Copter {
-///     fn state(&self) -> Option<VehicleState> {
-/// #       None
-///         // …
-///     }
-///
-///     fn high_latency(&mut self) -> Option<&mut HighLatency> {
-///         Some(&mut self.satellite)
-///     }
+/// stack! {
+///     struct Mavlink for Copter { links: 2, high_latency }
 /// }
 ///
+/// struct Copter { altitude: f32, is_armed: bool }
+///
 /// impl Commands for Copter {
-///     fn command(&mut self, command: &Command) -> Outcome {
+///     fn command(&mut self, _: &mut Context<'_>, command: &Command) -> Outcome {
 ///         match command.id {
-///             // Who knows how old it is (L-16).
+///             // Its age is unknown (L-16).
 ///             MavCmd::COMPONENT_ARM_DISARM if command.class == LinkClass::HighLatency => MavResult::DENIED.into(),
 ///             MavCmd::COMPONENT_ARM_DISARM => { self.is_armed = true; MavResult::ACCEPTED.into() }
 ///             _ => MavResult::UNSUPPORTED.into(),
 ///         }
 ///     }
 /// }
+/// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
-/// const CONFIG: HighLatencyConfig = HighLatencyConfig {
-///     announce_once: true,
-///     on_link_loss_after: Some(Duration::from_secs(10)),
-///     ..HighLatencyConfig::DEFAULT
-/// };
-/// let mut copter = Copter { satellite: HighLatency::new(CONFIG), altitude: 488.2, is_armed: false };
-///
-/// // Some ten times a second, by the flight loop:
-/// let now = Instant::from_millis(100);
-/// copter.satellite.sample(now, &HighLatencySample {
-///     altitude: copter.altitude,
-///     wind_from_deg: 270.0,
-///     windspeed: 4.5,
-///     ..HighLatencySample::UNKNOWN
-/// });
-/// if copter.satellite.counters().credits > 1_000 {
-///     // That was the contract for this month.
-///     copter.satellite.stop();
+/// /// Called about ten times a second by the flight loop.
+/// fn report(stack: &mut Mavlink, now: Instant, copter: &Copter) {
+///     stack.high_latency_mut().sample(now, &HighLatencySample {
+///         altitude: copter.altitude,
+///         wind_from_deg: 270.0,
+///         windspeed: 4.5,
+///         ..HighLatencySample::UNKNOWN
+///     });
+///     if stack.high_latency().counters().credits > 1_000 {
+///         // The credits of this month are used up.
+///         stack.high_latency_mut().stop();
+///     }
 /// }
 /// ```
 ///
@@ -188,93 +185,82 @@ enum Ground {
 ///        └────── no ground station on any normal link (an option) ──────────▲
 /// ```
 ///
-/// START and STOP are MAV_CMD_CONTROL_HIGH_LATENCY, over any link, and hold for all high-latency links; the one that comes
-/// last counts. Both kinds of links run at once, for a ground station that hands over from one to the other (L-15). START
-/// sends a message at once, also while it is on. After that a message follows a period after the one before left: a modem that is
-/// busy gets it as soon as it is not, made of what is known then, and the next one a period later. What came between two
-/// messages is in the second: means, and the worst (L-21). Who moves the bytes himself asks
-/// [`Stack::transmit`](crate::Stack::transmit) for them only when the modem takes some.
+/// START and STOP are MAV_CMD_CONTROL_HIGH_LATENCY, received on any link. They apply to all high-latency links, and the
+/// latest one counts. Both kinds of links run at the same time, so that a ground station can hand over from one to the
+/// other (L-15).
 ///
-/// A message says that the vehicle is alive, to ground stations as a heartbeat does. So none goes out while heartbeats do
-/// not: when the flight loop does not tick, and in a fault (H-5).
+/// START sends a message at once, even while the service is on. Each later message is sent one period after the
+/// previous one was. A busy modem gets it as soon as it is ready, with the state of that moment, and the next one a
+/// period later. Samples between two messages are summarised in the second one: means and extremes (L-21). A firmware
+/// that moves the bytes itself calls [`Stack::transmit`](crate::Stack::transmit) only when the modem accepts some.
 ///
-/// What comes by a normal link is said now, and counts, but for copies within three seconds of what another link brought and
-/// repetitions with a higher confirmation (C-12). A satellite brings commands late, and so after others that were given later.
-/// One that was overtaken changes nothing, or a START from before a STOP would go on costing money, and a STOP from before a
-/// START leave nobody in touch. By satellite that is:
+/// Ground stations take a message for a sign of life, like a heartbeat. So none is sent while heartbeats are not: when
+/// the flight loop does not tick, and in a fault (H-5).
 ///
-/// - **A copy** of what the same sender was obeyed in within the last minute, as often as that was; and its repetition with a
-///   higher confirmation, on a link that brought it and nothing to the opposite effect since.
-/// - **What its sender would say by radio**: within a minute after he said the opposite by a normal link, over which he is alive.
-/// - **What is older by its signature**, up to a quarter of an hour, than what he said last. One that is newer than the opposite
-///   counts, whatever else it looks like. Here two timestamps of one sender are compared, so no clock of ours matters; his
-///   have to be of one clock for both links, or he is refused here until that time is over.
+/// # Late commands
 ///
-/// The answer is ACCEPTED where things are as it wants them, which for START is on as commanded, else TEMPORARILY_REJECTED:
-/// who means it says it again. That is all that can be known. Without signatures, a START that was not seen before and comes
-/// after the STOP of somebody whose heartbeats are not heard counts, and so does one that was held back for more than a
-/// minute: its sender sees the messages come, and says STOP again. The last START and STOP of two stations are remembered,
-/// those of others in the place of the oldest.
+/// A command from a normal link is current and counts, except for duplicates within three seconds of what another link
+/// delivered, and retransmissions with a higher confirmation (C-12). A satellite delivers commands late, and so after
+/// commands that were sent later. A superseded command has no effect. Otherwise a START from before a STOP would keep
+/// costing money, and a STOP from before a START would cut off the last contact. These commands from a satellite have
+/// no effect:
 ///
-/// Who speaks over such a link is heard, and never alive or lost ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)): no
-/// heartbeats are expected there, and those that come say nothing, or a failsafe would take a satellite's silence for a
-/// ground station's end (L-3). When somebody last commanded, [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) says.
+/// - **A duplicate** of a command of the same sender that was executed within the last minute. Each execution has at most
+///   one duplicate on each other link. Also its retransmission with a higher confirmation, on a link that delivered it and
+///   nothing to the opposite effect since.
+/// - **A command that its sender would send by radio**: within a minute after the sender gave the opposite command on a
+///   normal link on which it is alive.
+/// - **A command that is older by its signature** than the sender's last one, if that was received within the last
+///   quarter of an hour. A command that is newer than the opposite one always counts. This compares two timestamps of
+///   one sender, so our clock does not matter. The sender must use one clock for both links; otherwise it is refused
+///   here until this time is over.
 ///
-/// Other commands over a satellite come 10 to 30 seconds late too, at times minutes, and in any order. They bear no time of
-/// their own but that of a signature. [`Command::class`] and [`Command::age`] are for the vehicle that refuses to arm for such
-/// a command, or to take off (L-16).
+/// The answer is ACCEPTED if the service is in the requested state, which for START means on by command, else
+/// TEMPORARILY_REJECTED. The sender repeats a command that it still wants.
+///
+/// More cannot be known. Without signatures, two kinds of late START count: one that was not seen before and follows
+/// the STOP of a sender whose heartbeats are not heard, and one that was delayed for more than a minute. Their sender
+/// sees the messages, and sends STOP again. The last START and STOP of two stations are remembered; a new station
+/// replaces the oldest.
+///
+/// A peer on such a link is heard, but never alive or timed out ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)). No
+/// heartbeats are expected there, and received ones do not count; otherwise a failsafe would take a satellite's silence
+/// for the loss of a ground station (L-3). [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) is the time of the
+/// last command.
+///
+/// Other commands from a satellite are also 10 to 30 seconds late, at times minutes, and in any order. They carry no
+/// time except that of a signature. A vehicle that refuses to arm or to take off on such a command checks
+/// [`Command::class`] and [`Command::age`] (L-16).
 #[derive(Clone, Debug)]
 pub struct HighLatency {
     config: HighLatencyConfig,
     state: State,
     ground: Ground,
     orders: [Option<Order>; ORDERS],
-    /// The high-latency links; none until the stack has told.
-    links: LinkMask,
-    /// From when on every link is to send its next message, once that has changed.
-    next: Option<Instant>,
-    /// Links on which one message is to be sent though it is off.
+    /// When every link sends its next message, and the links that have not adopted this time yet.
+    next: Instant,
+    rescheduled: LinkMask,
+    /// Links on which one message is to be sent although the service is off.
     announcing: LinkMask,
     has_announced: bool,
     /// When the last message was made.
     sent: Instant,
     last: HighLatencySample,
     sampled: Option<Instant>,
-    /// What came since the last message, and what came before that, for the links that have not told it yet.
+    /// The samples since the last message, and those before it, for the links that have not sent them yet.
     open: Window,
     closed: Window,
-    /// The links that have told what is closed.
-    told: LinkMask,
+    /// The links that have sent the closed window.
+    reported: LinkMask,
     counters: HighLatencyCounters,
 }
 
 impl HighLatency {
-    /// Off, with nothing known yet.
-    pub const fn new(config: HighLatencyConfig) -> Self {
-        Self {
-            config,
-            state: State::Off,
-            ground: Ground::Unknown,
-            orders: [None; ORDERS],
-            links: LinkMask::NONE,
-            next: None,
-            announcing: LinkMask::NONE,
-            has_announced: false,
-            sent: Instant::ZERO,
-            last: HighLatencySample::UNKNOWN,
-            sampled: None,
-            open: Window::new(Instant::ZERO),
-            closed: Window::new(Instant::ZERO),
-            told: LinkMask::NONE,
-            counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0 },
-        }
-    }
-
-    /// How the vehicle is now. To be called by the flight loop, in every pass or a few times a second: the mean of all of
-    /// them is told, or the worst, and of the rest the last. The message's timestamp is that of the last one, so old news
-    /// look old.
+    /// Adds a sample of the vehicle's state. Call it in every pass of the flight loop, or a few times a second. The
+    /// message contains the mean or the extreme of some fields, and the last value of the others. Its timestamp is that
+    /// of the last sample, so out-of-date content is recognisable.
     pub fn sample(&mut self, now: Instant, sample: &HighLatencySample) {
-        // What was before it went on is of no interest, but for the last while.
+        // Samples from before the service went on are discarded, except those of the last period.
         let waits = self.is_on() || !self.announcing.is_empty();
         if !waits && now.since(self.open.begun) >= self.config.period() {
             self.open = Window::new(now);
@@ -284,45 +270,74 @@ impl HighLatency {
         self.sampled = Some(now);
     }
 
-    /// Begins to send, as START does: for the vehicle's own failsafe. The first message goes out at once, or, when it is on
-    /// already, one more.
+    /// Starts sending, as START does: for the vehicle's own failsafe. The first message is sent at once; if the service
+    /// is on already, an additional one.
     pub fn start(&mut self) {
         event!("high latency: on");
         self.state = State::Commanded;
-        self.next = Some(Instant::ZERO);
+        self.schedule(Instant::ZERO);
     }
 
-    /// Stops, as STOP does.
+    /// Stops sending, as STOP does.
     pub fn stop(&mut self) {
         event!("high latency: off");
         self.state = State::Off;
         self.announcing = LinkMask::NONE;
     }
 
-    /// Whether messages go out.
+    /// Whether the service is on.
     pub fn is_on(&self) -> bool {
         self.state != State::Off
     }
 
-    /// Whether it went on by itself, for want of ground stations on normal links.
+    /// Whether the service went on by itself, because no ground station was left on normal links.
     pub fn is_on_by_itself(&self) -> bool {
         self.state == State::LinkLost
     }
 
-    /// Takes another configuration. What is on stays on, the next message comes when it was to come, and the new period
-    /// follows it.
+    /// Changes the configuration. The service stays on or off, the next message is sent when it was due, and the new
+    /// period begins after it.
     pub const fn set_config(&mut self, config: HighLatencyConfig) {
         self.config = config;
     }
 
-    /// What it cost so far.
+    /// Returns the counters.
     pub fn counters(&self) -> HighLatencyCounters {
         self.counters
     }
 
-    /// MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
-    fn control(&mut self, now: Instant, command: &Command, signed_at: SignedAt, peers: &Peers) -> MavResult {
-        if self.links.is_empty() {
+    /// Schedules the next message of every link at `at`.
+    fn schedule(&mut self, at: Instant) {
+        self.next = at;
+        self.rescheduled = LinkMask::ALL;
+    }
+
+    /// Returns when a link sends its next message.
+    fn due_on(&self, port: &Port, due: Instant) -> Instant {
+        if self.rescheduled.contains(LinkMask::of(port.id)) { self.next } else { due }
+    }
+
+    /// Adopts the service's time of the next message on a link.
+    fn take_over(&mut self, port: &Port, due: &mut Instant) {
+        *due = self.due_on(port, *due);
+        self.rescheduled = self.rescheduled.without(LinkMask::of(port.id));
+    }
+
+    /// Whether a message is to be sent on a link.
+    fn is_wanted(&self, port: &Port) -> bool {
+        self.is_on() || self.announcing.contains(LinkMask::of(port.id))
+    }
+
+    /// Executes MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
+    fn control(
+        &mut self,
+        now: Instant,
+        links: LinkMask,
+        command: &Command,
+        signed_at: SignedAt,
+        peers: &Peers,
+    ) -> MavResult {
+        if links.is_empty() {
             return MavResult::UNSUPPORTED;
         }
         let [enable, ..] = command.params;
@@ -338,12 +353,12 @@ impl HighLatency {
                 self.stop();
             }
         }
-        // What is on by itself goes off by itself: that is not what START wants.
+        // A service that is on by itself also goes off by itself: START wants more than that.
         let wanted = if starts { State::Commanded } else { State::Off };
         if self.state == wanted { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
     }
 
-    /// A ground station is alive on a normal link, or none is.
+    /// Monitors the ground stations. `is_heard`: one is alive on a normal link.
     fn watch(&mut self, now: Instant, is_heard: bool) {
         let Some(after) = self.config.on_link_loss_after else { return };
         if is_heard {
@@ -364,27 +379,27 @@ impl HighLatency {
                 event!("high latency: on, no ground station is left");
                 self.state = State::LinkLost;
                 let is_first = self.counters.reports == 0;
-                self.next = Some(if is_first { Instant::ZERO } else { self.sent.after(self.config.period()) });
+                self.schedule(if is_first { Instant::ZERO } else { self.sent.after(self.config.period()) });
             }
         }
     }
 
-    /// When the ground station has been lost for so long that it goes on by itself.
-    fn deadline(&self) -> Instant {
+    /// Returns when the ground stations have been lost for so long that the service goes on by itself.
+    fn loss_deadline(&self) -> Instant {
         match (self.ground, self.config.on_link_loss_after) {
             (Ground::LostSince(since), Some(after)) => since.after(after),
             _ => Instant::NEVER,
         }
     }
 
-    /// The message for a link, as of now.
+    /// Returns the message for a link now.
     fn report(&mut self, now: Instant, link: LinkMask, config: &Config, custom_mode: u32) -> HighLatency2 {
-        // A link that has told what was closed wants news; the others are told the same.
-        if self.told.contains(link) || self.told.is_empty() {
+        // A link that has sent the closed window gets a new one; the other links get the same content.
+        if self.reported.contains(link) || self.reported.is_empty() {
             self.closed = core::mem::replace(&mut self.open, Window::new(now));
-            self.told = LinkMask::NONE;
+            self.reported = LinkMask::NONE;
         }
-        self.told = self.told.with(link);
+        self.reported = self.reported.with(link);
         self.announcing = self.announcing.without(link);
         self.sent = now;
         let [b0, b1, b2, b3] = custom_mode.to_le_bytes();
@@ -399,124 +414,123 @@ impl HighLatency {
             custom_mode: u16::from_le_bytes(custom_mode),
             ..Default::default()
         };
-        self.closed.summary(&self.last).tell(&mut message);
+        self.closed.summary(&self.last).write_to(&mut message);
         message
     }
 }
 
-/// The lower 32 bits of the milliseconds since boot.
+/// Returns the lower 32 bits of the milliseconds since boot.
 fn millis(at: Instant) -> u32 {
     u32::try_from(at.as_millis() & u64::from(u32::MAX)).unwrap_or(0)
 }
 
-/// Runs the timers, and tells when it is to be called again though nothing else happens.
-pub(crate) fn poll(now: Instant, links: &mut [Link], peers: &Peers, vehicle: &mut impl Vehicle) -> Instant {
-    let Some(satellite) = vehicle.high_latency() else { return Instant::NEVER };
-    learn(satellite, links);
-    if satellite.config.announce_once && !satellite.has_announced && satellite.sampled.is_some() {
-        satellite.has_announced = true;
-        satellite.announcing = satellite.links;
-        satellite.next = Some(Instant::ZERO);
-    }
-    let links_of_satellite = satellite.links;
-    let is_ground = |info: &&crate::network::PeerInfo| info.r#type == MavType::GCS && info.is_alive;
-    let is_normal = |info: &crate::network::PeerInfo| !links_of_satellite.contains(LinkMask::of(info.peer.link));
-    satellite.watch(now, peers.iter().filter(is_ground).any(is_normal));
-    schedule(links, satellite);
-    satellite.deadline()
-}
-
-/// Something was received on a link: what it changed is for all of them.
-pub(crate) fn received(links: &mut [Link], vehicle: &mut impl Vehicle) {
-    if let Some(satellite) = vehicle.high_latency() {
-        schedule(links, satellite);
-    }
-}
-
-/// Tells which links there are, before a command may ask.
-pub(crate) fn learn_links(links: &[Link], vehicle: &mut impl Vehicle) {
-    if let Some(satellite) = vehicle.high_latency() {
-        learn(satellite, links);
-    }
-}
-
-#[inline(never)]
-fn learn(satellite: &mut HighLatency, links: &[Link]) {
-    if satellite.links.is_empty() {
-        let links = links.iter().filter(|link| is_satellite(&link.port));
-        satellite.links = links.fold(LinkMask::NONE, |links, link| links.with(LinkMask::of(link.port.id)));
-    }
-}
-
-fn is_satellite(port: &Port) -> bool {
-    port.config.class == LinkClass::HighLatency
-}
-
-#[inline(never)]
-fn schedule(links: &mut [Link], satellite: &mut HighLatency) {
-    let Some(next) = satellite.next.take() else { return };
-    links.iter_mut().filter(|link| is_satellite(&link.port)).for_each(|link| link.port.heartbeat.postpone(next));
-}
-
-/// A command about the high-latency links; `None` for all others, and for a vehicle that has no memory for them.
-#[inline(never)]
-pub(crate) fn on_command(
-    now: Instant,
-    port: &mut Port,
-    peers: &Peers,
-    vehicle: &mut impl Vehicle,
-    command: &Command,
-    signed_at: SignedAt,
-) -> Option<MavResult> {
-    let satellite = vehicle.high_latency()?;
-    let [id, ..] = command.params;
-    match command.id {
-        MavCmd::CONTROL_HIGH_LATENCY => Some(satellite.control(now, command, signed_at, peers)),
-        // Only there, and only while it is on (L-2).
-        MavCmd::REQUEST_MESSAGE if num::unsigned(id) == Some(HighLatency2::ID) => {
-            let may_ask = is_satellite(port) && satellite.is_on() && command.has_response_target();
-            if may_ask {
-                port.heartbeat.postpone(now);
-            }
-            Some(if may_ask { MavResult::ACCEPTED } else { MavResult::DENIED })
-        }
-        _ => None,
-    }
-}
-
-/// Sends the message that is due on a high-latency link, which is ready for it. False when none is to go out.
-pub(crate) fn next(now: Instant, config: &Config, port: &mut Port, vehicle: &mut impl Vehicle) -> bool {
-    let state = vehicle.state();
-    let Some(satellite) = vehicle.high_latency() else { return false };
-    let link = LinkMask::of(port.id);
-    if !satellite.is_on() && !satellite.announcing.contains(link) {
-        port.heartbeat.postpone(Instant::NEVER);
-        return false;
-    }
-    let Some(state) = state else {
-        port.heartbeat.postpone(now.after(RETRY));
-        return false;
+impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
+    const NEW: Self = Self {
+        config: HighLatencyConfig::DEFAULT.vacant(),
+        state: State::Off,
+        ground: Ground::Unknown,
+        orders: [Some(Order::VACANT); ORDERS],
+        next: Instant::ZERO,
+        rescheduled: LinkMask::NONE,
+        announcing: LinkMask::NONE,
+        has_announced: false,
+        sent: Instant::ZERO,
+        last: HighLatencySample::VACANT,
+        sampled: None,
+        open: Window::VACANT,
+        closed: Window::VACANT,
+        reported: LinkMask::NONE,
+        counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0 },
     };
-    let message = satellite.report(now, link, config, state.custom_mode);
-    let next = if satellite.is_on() { now.after(satellite.config.period()) } else { Instant::NEVER };
-    port.heartbeat.postpone(next);
-    let sent = port.outbox.send(&message);
-    satellite.counters.reports = satellite.counters.reports.wrapping_add(u32::from(sent));
-    sent
-}
+    /// When the next message is sent.
+    type Link = Instant;
+    const VACANT: Instant = Instant::ZERO;
 
-/// How soon to look again whether the vehicle is well.
-const RETRY: Duration = Duration::from_millis(100);
+    fn begin(&mut self, _: &Config) {
+        self.config = HighLatencyConfig::DEFAULT;
+        self.orders = [const { None }; ORDERS];
+        self.last = HighLatencySample::UNKNOWN;
+        self.open = Window::new(Instant::ZERO);
+        self.closed = Window::new(Instant::ZERO);
+    }
 
-/// A frame is about to leave on a high-latency link.
-pub(crate) fn count(port: &Port, vehicle: &mut impl Vehicle) {
-    if is_satellite(port)
-        && let Some(satellite) = vehicle.high_latency()
-    {
-        let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
-        let counters = &mut satellite.counters;
-        counters.messages = counters.messages.wrapping_add(1);
-        counters.bytes = counters.bytes.wrapping_add(len);
-        counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+    #[inline(never)]
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
+        if self.config.announce_once && !self.has_announced && self.sampled.is_some() {
+            self.has_announced = true;
+            self.announcing = cx.shared.satellites;
+            self.schedule(Instant::ZERO);
+        }
+        let satellites = cx.shared.satellites;
+        let is_ground = |info: &PeerInfo| {
+            info.r#type == MavType::GCS && info.is_alive && !satellites.contains(LinkMask::of(info.peer.link))
+        };
+        self.watch(cx.now, cx.peers.iter().any(is_ground));
+    }
+
+    fn deadline(&self) -> Instant {
+        self.loss_deadline()
+    }
+
+    #[inline(never)]
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Instant,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let Request { command, signed_at, .. } = request;
+        let [id, ..] = command.params;
+        match command.id {
+            MavCmd::CONTROL_HIGH_LATENCY => {
+                let result = self.control(cx.now, cx.shared.satellites, command, *signed_at, cx.peers);
+                Some(Verdict::accepted(result))
+            }
+            // Only on a high-latency link, and only while the service is on (L-2).
+            MavCmd::REQUEST_MESSAGE if num::unsigned(id) == Some(HighLatency2::ID) => {
+                let is_class = port.config.class.is_high_latency();
+                let is_accepted = is_class && self.is_on() && command.has_response_target();
+                if is_accepted {
+                    self.take_over(port, link);
+                    *link = cx.now;
+                }
+                Some(Verdict::accepted(if is_accepted { MavResult::ACCEPTED } else { MavResult::DENIED }))
+            }
+            _ => None,
+        }
+    }
+
+    /// Sends HIGH_LATENCY2 when it is due. Like a heartbeat, only while the flight loop is healthy (L-3, H-5).
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, _: Turn) -> bool {
+        let now = cx.now;
+        self.take_over(port, link);
+        if !self.is_wanted(port) || now < *link || !cx.shared.is_beating(now) {
+            return false;
+        }
+        let Some(state) = cx.vehicle.state() else {
+            *link = now.after(RETRY);
+            return false;
+        };
+        *link = if self.is_on() { now.after(self.config.period()) } else { Instant::NEVER };
+        let message = self.report(now, LinkMask::of(port.id), &cx.shared.config, state.custom_mode);
+        let sent = port.outbox.send(&message);
+        self.counters.reports = self.counters.reports.wrapping_add(u32::from(sent));
+        sent
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Instant {
+        if self.is_wanted(port) { view.shared.when_beating(view.now, self.due_on(port, *link)) } else { Instant::NEVER }
+    }
+
+    /// Counts the cost of a frame on a high-latency link.
+    fn on_sent(&mut self, port: &Port) {
+        if port.config.class.is_high_latency() {
+            let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
+            let counters = &mut self.counters;
+            counters.messages = counters.messages.wrapping_add(1);
+            counters.bytes = counters.bytes.wrapping_add(len);
+            counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+        }
     }
 }

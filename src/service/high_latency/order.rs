@@ -1,28 +1,28 @@
-//! START and STOP: which of them are copies, and which were overtaken (L-11, L-15).
+//! START and STOP: which of them are duplicates, and which are superseded (L-11, L-15).
 
 use core::num::NonZeroU64;
 
 use super::HighLatency;
-use crate::link::{LinkClass, LinkMask, Peer};
+use crate::message::Address;
 use crate::network::Peers;
-use crate::service::command::{Copies, LATE, SOON, SignedAt, is_well_after};
+use crate::service::command::{Copies, LATE, SOON, is_well_after};
 use crate::time::{Duration, Instant};
-use crate::vehicle::Command;
+use crate::types::{Command, LinkClass, LinkId, LinkMask, Peer, SignedAt};
 
-/// So long after an order others are looked for that come by satellite and were signed before it. Longer than a satellite
-/// keeps anything; and a sender's clock that was set back meanwhile does no harm after that.
-const OVERTAKEN_WITHIN: Duration = Duration::from_secs(15 * 60);
+/// The time after a command during which satellites may deliver older signed commands that it supersedes. No satellite
+/// keeps a command for longer. A sender's clock that was set back meanwhile does no harm afterwards.
+const SUPERSEDED_WITHIN: Duration = Duration::from_secs(15 * 60);
 
-/// Orders that are remembered: START and STOP of two stations.
+/// The number of remembered commands: START and STOP of two stations.
 pub(super) const ORDERS: usize = 4;
 
-/// The last START, or STOP, of somebody that was carried out: to know its copies by, and what it has overtaken.
+/// The last START or STOP of a sender that was executed: to detect its duplicates, and commands that it supersedes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Order {
     from: Peer,
     starts: bool,
     confirmation: u8,
-    /// The links that brought it, and nothing to the opposite effect since: there it may be repeated.
+    /// The links that delivered it, and nothing to the opposite effect since: it may be retransmitted there.
     links: LinkMask,
     copies: Copies,
     at: Instant,
@@ -30,14 +30,26 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// When it was signed and when another one was that came by satellite, where that tells which was said first.
+    /// All zero bits.
+    pub(super) const VACANT: Self = Self {
+        from: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        starts: false,
+        confirmation: 0,
+        links: LinkMask::NONE,
+        copies: Copies::NONE,
+        at: Instant::ZERO,
+        signed_at: None,
+    };
+
+    /// Returns when it was signed, and when another command from a satellite was signed, if that shows which came
+    /// first.
     fn signed(&self, now: Instant, signed_at: SignedAt) -> Option<(NonZeroU64, NonZeroU64)> {
-        self.signed_at.zip(signed_at).filter(|_| now.since(self.at) < OVERTAKEN_WITHIN)
+        self.signed_at.zip(signed_at).filter(|_| now.since(self.at) < SUPERSEDED_WITHIN)
     }
 
-    /// Whether `command`, to the same effect, is a copy of it, or a repetition (C-12).
+    /// Whether `command`, to the same effect, is a duplicate of it, or a retransmission (C-12).
     fn is_copied_by(&self, now: Instant, command: &Command, signed_at: SignedAt) -> bool {
-        // Only a satellite brings one late.
+        // Only a satellite delivers a duplicate late.
         let may_be_late = command.class == LinkClass::HighLatency;
         let is_within = now.since(self.at) < if may_be_late { LATE } else { SOON };
         let lacks = self.copies.lacks(command.from.link);
@@ -51,14 +63,15 @@ impl Order {
         is_copy || is_repetition
     }
 
-    /// Whether who gave it, by a normal link, a moment ago is alive there. Nobody is alive by satellite.
+    /// Whether its sender, which gave it recently on a normal link, is alive there. Peers on satellite links are never
+    /// alive.
     fn is_current(&self, now: Instant, peers: &Peers) -> bool {
         now.since(self.at) < LATE && peers.iter().any(|info| info.peer == self.from && info.is_alive)
     }
 }
 
 impl HighLatency {
-    /// Whether an order is neither a copy nor overtaken; it is remembered then.
+    /// Whether a command is neither a duplicate nor superseded. If so, it is remembered.
     pub(super) fn obeys(
         &mut self,
         now: Instant,
@@ -68,26 +81,26 @@ impl HighLatency {
         peers: &Peers,
     ) -> bool {
         let (from, confirmation, link) = (command.from, command.confirmation, command.from.link);
-        let is_his = |order: &&Order| order.from.address == from.address;
-        let known = self.orders.iter().flatten().filter(is_his).find(|order| order.starts == starts);
-        let opposite = self.orders.iter().flatten().filter(is_his).find(|order| order.starts != starts);
-        // Not if he has changed his mind once more.
+        let is_senders = |order: &&Order| order.from.address == from.address;
+        let known = self.orders.iter().flatten().filter(is_senders).find(|order| order.starts == starts);
+        let opposite = self.orders.iter().flatten().filter(is_senders).find(|order| order.starts != starts);
+        // Not if the sender has changed its mind again since.
         let later = opposite.filter(|later| known.is_none_or(|known| known.at <= later.at));
         let signed = opposite.and_then(|opposite| opposite.signed(now, signed_at));
-        let is_overtaken = command.class == LinkClass::HighLatency
+        let is_superseded = command.class == LinkClass::HighLatency
             && match signed {
                 Some((opposite, sent)) => sent < opposite,
                 None => later.is_some_and(|later| later.is_current(now, peers)),
             };
         let is_newer = later.is_some() && signed.is_some_and(|(opposite, sent)| sent > opposite);
         let is_copy = !is_newer && known.is_some_and(|known| known.is_copied_by(now, command, signed_at));
-        // What was long ago has no more copies to come.
+        // An old command has no more duplicates to come.
         let recent = known.filter(|known| now.since(known.at) < LATE);
         let mut copies = recent.map_or(Copies::NONE, |known| known.copies);
-        let is_obeyed = !is_overtaken && !is_copy;
+        let is_obeyed = !is_superseded && !is_copy;
         for order in self.orders.iter_mut().flatten().filter(|order| order.from.address == from.address) {
             if is_obeyed && order.starts != starts {
-                // A link keeps the order of what it carries.
+                // A link keeps the order of its frames.
                 order.copies.end(link);
                 order.links = order.links.without(LinkMask::of(link));
             } else if !is_obeyed && order.starts == starts {
@@ -103,7 +116,7 @@ impl HighLatency {
         is_obeyed
     }
 
-    /// In the place of the one before it, or in a free one, or in the oldest one's.
+    /// Stores a command in place of the sender's previous one, in a free place, or in place of the oldest.
     fn remember(&mut self, order: Order) {
         let is_same = |known: &Order| known.from.address == order.from.address && known.starts == order.starts;
         let place = self.orders.iter_mut().min_by_key(|place| match place {

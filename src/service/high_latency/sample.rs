@@ -1,62 +1,61 @@
-//! What the vehicle tells of itself, in SI units, and how it becomes a HIGH_LATENCY2: every conversion takes every `f32`
-//! (L-22).
+//! The vehicle's state in SI units, and its conversion to HIGH_LATENCY2. Every conversion accepts every `f32` (L-22).
 
 use crate::dialect::{HighLatency2, HlFailureFlag, MavSysStatusSensor};
+use crate::message::LatLon;
 use crate::num;
-use crate::service::command::LatLon;
 
-/// What a vehicle knows of itself at a moment, for HIGH_LATENCY2. NaN is "not known"; what the message cannot hold becomes
-/// the nearest that it can, infinities too.
+/// A sample of the vehicle's state, for HIGH_LATENCY2. NaN means "unknown". A value that the message cannot hold, such
+/// as infinity, becomes the nearest one that it can.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HighLatencySample {
-    /// Where it is; `None` without a fix, and then 0, 0 is sent, which ground stations know.
+    /// The position; `None` without a fix. Then 0, 0 is sent, which ground stations recognise.
     pub position: Option<LatLon>,
-    /// Altitude above mean sea level (m): −32768 to 32767. Not known is 0.
+    /// Altitude above mean sea level (m): −32768 to 32767. Unknown is sent as 0.
     pub altitude: f32,
-    /// Altitude above mean sea level to which it flies (m). Not known is the altitude itself.
+    /// Target altitude above mean sea level (m). Unknown is sent as the altitude itself.
     pub target_altitude: f32,
-    /// Where the nose points, clockwise from north (deg): any angle, sent in steps of 2°. Not known is 0.
+    /// Heading, clockwise from north (deg): any angle, sent in steps of 2°. Unknown is sent as 0.
     pub heading: f32,
-    /// Where it flies to, clockwise from north (deg), in the same way.
+    /// Direction of the target, clockwise from north (deg), sent in the same way.
     pub target_heading: f32,
-    /// How far that is (m): up to 655,350, in steps of 10 m. Not known is 0.
+    /// Distance to the target (m): up to 655,350, in steps of 10 m. Unknown is sent as 0.
     pub target_distance: f32,
-    /// Throttle (%): 0 to 100, mean. Reverse thrust is 0, and so is not known.
+    /// Throttle (%): 0 to 100, mean. Reverse thrust and unknown are sent as 0.
     pub throttle: f32,
-    /// Airspeed (m/s): 0 to 51, in steps of 0.2, mean. Not known is 0.
+    /// Airspeed (m/s): 0 to 51, in steps of 0.2, mean. Unknown is sent as 0.
     pub airspeed: f32,
-    /// Airspeed that it flies for (m/s), in the same way.
+    /// Airspeed setpoint (m/s), sent in the same way.
     pub airspeed_sp: f32,
-    /// Speed over ground (m/s), in the same way.
+    /// Ground speed (m/s), sent in the same way.
     pub groundspeed: f32,
-    /// Speed of the wind (m/s), in the same way.
+    /// Wind speed (m/s), sent in the same way.
     pub windspeed: f32,
-    /// Where the wind comes *from*, clockwise from north (deg), as weather reports and ArduPilot have it; sent in steps of
-    /// 2°, not known is 0. The message does not say which it means, and ground stations show the number as it is: PX4
-    /// sends where the wind blows *to* (L-20). A firmware that wants that adds 180°.
+    /// The direction that the wind comes *from*, clockwise from north (deg), as in weather reports and in ArduPilot.
+    /// Sent in steps of 2°; unknown is sent as 0. The message does not define the direction, and ground stations show
+    /// the number as it is. PX4 sends where the wind blows *to* (L-20): add 180° for that.
     pub wind_from_deg: f32,
-    /// How far the horizontal position may be off (m): the largest, up to 25.5, which also means "not known".
+    /// Error of the horizontal position (m): the largest, up to 25.5, which also means "unknown".
     pub eph: f32,
-    /// How far the altitude may be off (m), in the same way.
+    /// Error of the altitude (m), sent in the same way.
     pub epv: f32,
-    /// Temperature of the air (°C): −127 to 127, mean. Not known is −128.
+    /// Air temperature (°C): −127 to 127, mean. Unknown is sent as −128.
     pub temperature_air: f32,
-    /// Upwards (m/s): −12.7 to 12.7, that of the largest magnitude. Not known is 0.
+    /// Climb rate (m/s): −12.7 to 12.7, the one of the largest magnitude. Unknown is sent as 0.
     pub climb_rate: f32,
-    /// What remains of the charge (%): 0 to 100, mean. Not known is −1.
+    /// Remaining charge (%): 0 to 100, mean. Unknown is sent as −1.
     pub battery: f32,
-    /// The item of the mission that it flies; `None` when it flies none, which is sent as 65535.
+    /// The current mission item; `None` if there is none, which is sent as 65535.
     pub wp_num: Option<u16>,
-    /// What has failed, of what the vehicle has; [`failures`](Self::failures) takes it from what SYS_STATUS says.
+    /// The failures of the vehicle's equipment; [`failures`](Self::failures) converts them from SYS_STATUS.
     pub failure_flags: HlFailureFlag,
-    /// `custom0` to `custom2`, the vehicle's own. While they are 0 the message is three bytes shorter. ArduPilot's first one
-    /// is the `base_mode`, which ground stations read only where the autopilot calls itself ArduPilot.
+    /// `custom0` to `custom2`: the vehicle defines them. While they are 0 the message is three bytes shorter.
+    /// ArduPilot's first one is the `base_mode`, which ground stations read only for the autopilot ArduPilot.
     pub custom: [i8; 3],
 }
 
 impl HighLatencySample {
-    /// Nothing known.
+    /// A sample in which everything is unknown.
     pub const UNKNOWN: Self = Self {
         position: None,
         altitude: f32::NAN,
@@ -80,8 +79,29 @@ impl HighLatencySample {
         custom: [0; 3],
     };
 
-    /// The failures that SYS_STATUS tells with these three fields: what is present, enabled and not healthy. A sensor that
-    /// the vehicle does not have has not failed.
+    /// All zero bits.
+    pub(crate) const VACANT: Self = Self {
+        altitude: 0.0,
+        target_altitude: 0.0,
+        heading: 0.0,
+        target_heading: 0.0,
+        target_distance: 0.0,
+        throttle: 0.0,
+        airspeed: 0.0,
+        airspeed_sp: 0.0,
+        groundspeed: 0.0,
+        windspeed: 0.0,
+        wind_from_deg: 0.0,
+        eph: 0.0,
+        epv: 0.0,
+        temperature_air: 0.0,
+        climb_rate: 0.0,
+        battery: 0.0,
+        ..Self::UNKNOWN
+    };
+
+    /// Returns the failures that SYS_STATUS reports with these three fields: sensors that are present, enabled and not
+    /// healthy. A sensor that the vehicle does not have has not failed.
     ///
     /// ```
     /// use mavstack::HighLatencySample;
@@ -106,8 +126,8 @@ impl HighLatencySample {
         flags
     }
 
-    /// Puts it into the fields of `message`.
-    pub(super) fn tell(&self, message: &mut HighLatency2) {
+    /// Writes the sample to the fields of `message`.
+    pub(super) fn write_to(&self, message: &mut HighLatency2) {
         let position = self.position.unwrap_or(LatLon { latitude: 0, longitude: 0 });
         message.latitude = position.latitude;
         message.longitude = position.longitude;
@@ -144,7 +164,7 @@ impl Default for HighLatencySample {
     }
 }
 
-/// Which failures SYS_STATUS knows too.
+/// The failures that SYS_STATUS reports too.
 const SENSORS: &[(MavSysStatusSensor, HlFailureFlag)] = &[
     (MavSysStatusSensor::SENSOR_GPS, HlFailureFlag::GPS),
     (MavSysStatusSensor::SENSOR_DIFFERENTIAL_PRESSURE, HlFailureFlag::DIFFERENTIAL_PRESSURE),
@@ -164,7 +184,7 @@ fn unsigned(value: f32) -> Option<u8> {
     num::nearest(value, 0, 255).and_then(|value| u8::try_from(value).ok())
 }
 
-/// The lowest number is kept for "not known".
+/// The lowest number means "unknown".
 fn signed(value: f32) -> Option<i8> {
     num::nearest(value, -127, 127).and_then(|value| i8::try_from(value).ok())
 }
@@ -179,12 +199,12 @@ fn decametres(value: f32) -> u16 {
     value.and_then(|value| u16::try_from(value).ok()).unwrap_or(0)
 }
 
-/// Of m/s, in steps of 0.2.
+/// Converts m/s to steps of 0.2.
 fn speed(value: f32) -> u8 {
     unsigned(value * 5.0).unwrap_or(0)
 }
 
-/// Of m, in steps of 0.1.
+/// Converts m to steps of 0.1.
 fn error(value: f32) -> u8 {
     unsigned(value * 10.0).unwrap_or(u8::MAX)
 }
@@ -193,7 +213,7 @@ fn percent(value: f32) -> Option<i8> {
     num::nearest(value, 0, 100).and_then(|value| i8::try_from(value).ok())
 }
 
-/// Of any angle in degrees: 0 to 179. What is beyond all measure is some angle, and infinity none.
+/// Converts any angle in degrees to 0 to 179. A very large number becomes some angle, and infinity becomes 0.
 fn half_degrees(value: f32) -> u8 {
     let halves = num::nearest(value / 2.0, i32::MIN, i32::MAX).filter(|_| value.is_finite());
     let halves = halves.and_then(|halves| halves.checked_rem_euclid(180));
@@ -207,12 +227,12 @@ mod tests {
 
     fn told(sample: &HighLatencySample) -> HighLatency2 {
         let mut message = HighLatency2::default();
-        sample.tell(&mut message);
+        sample.write_to(&mut message);
         message
     }
 
     #[test]
-    fn nothing_known_is_told_as_such() {
+    fn unknown_is_sent_as_unknown() {
         // L-22
         let message = told(&HighLatencySample::default());
         let expected = HighLatency2 {
@@ -279,11 +299,11 @@ mod tests {
         };
         assert_eq!(message, expected);
         let at_rest = told(&HighLatencySample { altitude: 12.0, ..HighLatencySample::UNKNOWN });
-        assert_eq!(at_rest.target_altitude, 12, "no target is where it is");
+        assert_eq!(at_rest.target_altitude, 12, "without a target, the altitude itself");
     }
 
     #[test]
-    fn only_what_is_there_and_used_can_fail() {
+    fn only_present_and_enabled_sensors_can_fail() {
         let all = MavSysStatusSensor(u32::MAX);
         let none = MavSysStatusSensor::EMPTY;
         assert_eq!(HighLatencySample::failures(all, all, none), HlFailureFlag(0x3FFF & !0x2200));
@@ -292,12 +312,12 @@ mod tests {
         assert_eq!(HighLatencySample::failures(all, none, none), HlFailureFlag::EMPTY);
     }
 
-    /// `value` as the nearest whole number of steps within the bounds; `unknown` for NaN.
+    /// Returns the nearest whole number of steps within the bounds; `unknown` for NaN.
     fn expected(value: f32, steps: f32, min: f32, max: f32, unknown: f32) -> f32 {
         if value.is_nan() { unknown } else { (value * steps).round().clamp(min, max) }
     }
 
-    /// Any bits, those that nobody would draw in a lifetime more often, and what can be told, with its ends.
+    /// Any bits; special values more often; and the range of the message, with its limits.
     fn any_float() -> impl Strategy<Value = f32> {
         const ODD: [f32; 8] =
             [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, f32::MIN_POSITIVE, -0.0, 0.0];
@@ -311,9 +331,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(50_000))]
 
-        /// L-22, T-L3: of all 2^32 floats any, NaN and infinities among them, in every field.
+        /// L-22: any of all 2^32 floats, including NaN and infinities, in every field.
         #[test]
-        fn every_float_is_told_as_the_nearest_there_is(v in any_float()) {
+        fn every_float_is_sent_as_the_nearest_value(v in any_float()) {
             let message = told(&HighLatencySample {
                 altitude: v,
                 target_altitude: v,
@@ -354,16 +374,16 @@ mod tests {
             }
         }
 
-        /// The same where values are sane: what is told is off by no more than half a step.
+        /// For sane values, the error is at most half a step.
         #[test]
-        fn what_is_told_is_off_by_half_a_step_at_most(v in -2_000.0f32..2_000.0) {
+        fn the_error_is_at_most_half_a_step(v in -2_000.0f32..2_000.0) {
             let off = |told: f32, step: f32, min: f32, max: f32| (told * step - v.clamp(min, max)).abs() <= step * 0.5001;
             prop_assert!(off(f32::from(metres(v)), 1.0, -32_768.0, 32_767.0));
             prop_assert!(off(f32::from(decametres(v)), 10.0, 0.0, 655_350.0));
             prop_assert!(off(f32::from(speed(v)), 0.2, 0.0, 51.0));
             prop_assert!(off(f32::from(error(v)), 0.1, 0.0, 25.5));
             let turned = (f64::from(half_degrees(v)) * 2.0 - f64::from(v)).rem_euclid(360.0);
-            prop_assert!(turned <= 1.001 || turned >= 358.999, "{} is told as {}", v, half_degrees(v));
+            prop_assert!(turned <= 1.001 || turned >= 358.999, "{} is sent as {}", v, half_degrees(v));
         }
     }
 }

@@ -1,21 +1,21 @@
-//! What happened between two messages, in a few numbers (L-21): the mean of what varies, the worst of what must not be
-//! missed.
+//! The samples between two messages, summarised (L-21): the mean of values that vary, the extreme of values that must
+//! not be missed.
 
 use super::HighLatencySample;
 use crate::time::Instant;
 
-/// The mean of what was known, of any number of samples.
+/// The mean of the known values of any number of samples.
 #[derive(Clone, Copy, Debug)]
 struct Mean {
     mean: f32,
-    /// Beyond 2^24 it stays: then older samples fade.
+    /// It stops at 2^24; older samples then fade.
     count: f32,
 }
 
 impl Mean {
     const NONE: Self = Self { mean: 0.0, count: 0.0 };
 
-    /// Takes in a sample, brought within what the message can tell: one insane value must not hide all others.
+    /// Adds a value, clamped to the range of the message: one insane value must not hide all others.
     #[inline(never)]
     fn add(&mut self, value: f32, min: f32, max: f32) {
         if value.is_nan() {
@@ -25,14 +25,14 @@ impl Mean {
         self.mean += (value.max(min).min(max) - self.mean) / self.count;
     }
 
-    /// `last` when there was no sample.
+    /// Returns the mean; `last` if there was no sample.
     #[inline(never)]
     fn or(&self, last: f32) -> f32 {
         if self.count > 0.0 { self.mean } else { last }
     }
 }
 
-/// The fastest speed that the message can tell (m/s).
+/// The highest speed that the message can hold (m/s).
 const MAX_SPEED: f32 = 51.0;
 
 /// All samples since `begun`.
@@ -46,14 +46,17 @@ pub(super) struct Window {
     throttle: Mean,
     battery: Mean,
     temperature_air: Mean,
-    /// The largest; NaN when there was none.
+    /// The largest; NaN if there was none.
     eph: f32,
     epv: f32,
-    /// The one of the largest magnitude.
+    /// The value of the largest magnitude.
     climb_rate: f32,
 }
 
 impl Window {
+    /// All zero bits.
+    pub(super) const VACANT: Self = Self { eph: 0.0, epv: 0.0, climb_rate: 0.0, ..Self::new(Instant::ZERO) };
+
     pub(super) const fn new(begun: Instant) -> Self {
         Self {
             begun,
@@ -78,7 +81,7 @@ impl Window {
         self.throttle.add(sample.throttle, 0.0, 100.0);
         self.battery.add(sample.battery, 0.0, 100.0);
         self.temperature_air.add(sample.temperature_air, -127.0, 127.0);
-        // `max` takes the one that is a number.
+        // `max` ignores a NaN.
         self.eph = self.eph.max(sample.eph);
         self.epv = self.epv.max(sample.epv);
         if self.climb_rate.is_nan() || sample.climb_rate.abs() > self.climb_rate.abs() {
@@ -86,7 +89,7 @@ impl Window {
         }
     }
 
-    /// `last`, the newest sample, with the window's numbers in the place of the moment's where it has any.
+    /// Returns `last`, the newest sample, with the window's means and extremes where it has any.
     pub(super) fn summary(&self, last: &HighLatencySample) -> HighLatencySample {
         HighLatencySample {
             airspeed: self.airspeed.or(last.airspeed),
@@ -131,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_samples_count_for_nothing() {
+    fn unknown_values_are_ignored() {
         // L-21, L-22
         let told = summary(&[NAN, 2.0, NAN, -4.0, NAN]);
         assert_eq!((told.airspeed, told.temperature_air), (1.0, -1.0), "the speed below 0 is 0");
@@ -141,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_window_tells_the_moment() {
+    fn an_empty_window_reports_the_last_sample() {
         let told = Window::new(Instant::ZERO).summary(&sample(3.0));
         assert_eq!((told.airspeed, told.throttle, told.eph, told.climb_rate), (3.0, 3.0, 3.0, 3.0));
     }
@@ -153,12 +156,12 @@ mod tests {
         let told = summary(&values);
         assert!((told.airspeed - 10.41).abs() < 1e-3, "{}", told.airspeed);
         assert!((told.throttle - 10.9).abs() < 1e-3, "{}", told.throttle);
-        assert_eq!((told.eph, told.climb_rate), (f32::INFINITY, f32::INFINITY), "the worst is told as it was");
+        assert_eq!((told.eph, told.climb_rate), (f32::INFINITY, f32::INFINITY), "the extreme is reported unchanged");
     }
 
     proptest! {
         #[test]
-        fn numbers_of_the_window_are_those_of_its_samples(values in prop::collection::vec(-40.0f32..40.0, 1..500)) {
+        fn the_summary_matches_the_samples(values in prop::collection::vec(-40.0f32..40.0, 1..500)) {
             let told = summary(&values);
             let mean = |min: f64| values.iter().map(|v| f64::from(*v).max(min)).sum::<f64>() / values.len() as f64;
             prop_assert!((f64::from(told.airspeed) - mean(0.0)).abs() < 1e-3);
@@ -170,7 +173,7 @@ mod tests {
         }
 
         #[test]
-        fn any_bits_leave_the_means_within_what_can_be_told(bits in prop::collection::vec(any::<u32>(), 1..50)) {
+        fn any_bits_leave_the_means_within_range(bits in prop::collection::vec(any::<u32>(), 1..50)) {
             let values: std::vec::Vec<f32> = bits.into_iter().map(f32::from_bits).collect();
             let told = summary(&values);
             if values.iter().any(|value| !value.is_nan()) {

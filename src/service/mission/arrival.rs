@@ -1,9 +1,9 @@
-//! An item of a plan as received, in either form.
+//! A received item of a plan, in either form.
 
-use super::item::Item;
 use super::mission_type;
 use crate::dialect::{MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Frame;
+use crate::message::Item;
 use crate::message::Message;
 
 /// A received item.
@@ -11,7 +11,7 @@ pub(super) struct Arrival {
     pub(super) mission_type: MavMissionType,
     pub(super) seq: u16,
     pub(super) current: u8,
-    /// In the form of MISSION_ITEM_INT, also when it was received as MISSION_ITEM (M-37).
+    /// In the form of MISSION_ITEM_INT, even if it was received as MISSION_ITEM (M-37).
     pub(super) item: Item,
     pub(super) is_float: bool,
 }

@@ -1,69 +1,69 @@
-//! From a whole new plan to the live one, through storage where there is one (M-39, M-44, M-52, SEC-11).
+//! Makes a complete new plan live, after storing it if storage is attached (M-39, M-44, M-52, SEC-11).
 //!
-//! The ways there are drawn at [`Durability`].
+//! [`Durability`] has a diagram of the variants.
 //!
-//! What is to be written is asked for by [`unsaved`](Missions::unsaved), what became of it is told to
-//! [`saved`](Missions::saved) and [`not_saved`](Missions::not_saved); between them nobody else's upload may begin, because
-//! the staging area holds what is being written.
+//! The stack gets the content to write from [`unsaved`](Missions::unsaved), and reports the result to
+//! [`saved`](Missions::saved) or [`not_saved`](Missions::not_saved). Until then no other upload may begin, because the staging
+//! area holds the plan that is being written.
 
 use super::distance::first_too_far;
-use super::item::{Digest, Item};
-use super::memory::{PlanType, PlanView, PlansMut};
 use super::number::Number;
-use super::replies::{Reply, What};
+use super::replies::{Answer, Reply};
 use super::upload::{Done, Upload};
-use super::validate::{self, Trouble};
-use super::{Caller, Context, Missions};
+use super::validate::{self, Problem};
+use super::{Caller, Missions, Work};
+use super::{PlanChange, PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType};
-use crate::link::{LinkId, Peer};
+use crate::message::{Address, Digest, Item};
 use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{PlanChange, PlanFault, Plans};
+use crate::types::{LinkId, Peer};
+use crate::types::{PlanType, PlanView, PlansMut};
 
-/// When an upload or a clear that the vehicle has accepted is answered, where there is storage (M-44).
+/// Whether an accepted upload or clear is stored before or after it is answered (M-44).
 ///
 /// ```text
 ///                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
-///   last item, or clear ─┤                 └─────── not written, refused ───▶ old plan stays, ACK ERROR, DENIED
+///   last item, or clear ─┤                 └─── write failed, or refused ───▶ old plan stays, ACK ERROR or DENIED
 ///                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
 ///                        └─ no storage: live, ACK ACCEPTED
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Durability {
-    /// ACCEPTED means that it survives a power cut: the plan is written first, and goes live then. While
-    /// [`may_persist`](Plans::may_persist) says no, as by default while armed, changes are DENIED at their beginning, and uploads at
-    /// their last item too.
+    /// ACCEPTED means that the change survives a power cut: it is written first, and then goes live. While
+    /// [`may_persist`](crate::Vehicle::may_persist) returns false, as it does by default while armed, changes are DENIED when
+    /// they begin, and uploads also at their last item.
     Durable,
-    /// It goes live and is answered at once, and is written when the vehicle permits. When that fails a text says so.
+    /// The change goes live and is answered at once. It is written when the vehicle permits; a text reports a failure.
     Deferred,
 }
 
-/// A plan that could not be made durable for so long is given up.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// A change that is not durable after this time is abandoned.
+const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// So long after a failure it is tried again to write what is live already.
+/// Wait after a failed write before the live plans are written again.
 const RETRY: Duration = Duration::from_secs(10);
 
-/// So long after a change is stored nothing is erased ahead: its answer goes out first.
+/// Wait after a successful write before flash is erased ahead, so that the answer is sent first.
 const GRACE: Duration = Duration::from_millis(200);
 
-/// So long after the final answer of an upload it is sent once more, where that is wanted: within QGroundControl's
-/// patience of 1.5 s (M-31).
+/// Time from the final answer of an upload to the second one, if that is configured: within QGroundControl's timeout of 1.5 s
+/// (M-31).
 const SECOND_ACK: Duration = Duration::from_millis(400);
 
-/// A change that is to be durable before it is live.
+/// A durable change that is being written.
 #[derive(Clone, Debug)]
 pub(super) struct Commit {
-    /// Who is told.
-    pub(super) to: Peer,
-    /// As the request named it: may be ALL.
+    /// The client that waits for the result, and its link.
+    pub(super) client: Peer,
+    /// As in the request; may be ALL.
     mission_type: MavMissionType,
     change: Change,
     since: Instant,
 }
 
-/// What is to become live.
+/// A change of the live plans.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Change {
     /// The staging area becomes this plan.
@@ -71,129 +71,147 @@ pub(super) enum Change {
         plan: PlanType,
         /// The last item.
         seq: u16,
+        /// The item to start from.
         first: u16,
         id: u32,
+        /// The sequence number of the last item's frame.
         last: Number,
     },
-    /// This plan becomes empty, or all do.
+    /// This plan is cleared, or all plans are.
     Clear(Option<PlanType>),
 }
 
 impl Commit {
-    /// Whether `caller` is who waits. Where he was heard last he will be answered, if that link can owe it (M-11).
+    /// All zero bits, also as `Some`; `None` is not.
+    pub(super) const VACANT: Self = Self {
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        mission_type: MavMissionType(0),
+        change: Change::Upload { plan: PlanType::Mission, seq: 0, first: 0, id: 0, last: Number(LinkId(0), 0) },
+        since: Instant::ZERO,
+    };
+
+    /// Whether `caller` is the client that waits. If so, the result is sent on its current link, provided that the result slot
+    /// there is free (M-11).
     pub(super) fn is_by(&mut self, caller: &Caller<'_>) -> bool {
-        let is_by = self.to.address == caller.from.address;
-        if is_by && !caller.replies.owes_result() {
-            self.to.link = caller.from.link;
+        let is_by = self.client.address == caller.from.address;
+        if is_by && !caller.replies.has_result() {
+            self.client.link = caller.from.link;
         }
         is_by
     }
 
-    /// Whether a COUNT for `plan` with this sequence number was sent before the last item of the plan that is being
-    /// written.
+    /// Whether a COUNT for `plan` with this sequence number was sent before the last item of the plan that is being written.
     pub(super) fn is_older(&self, plan: PlanType, number: u8) -> bool {
         matches!(self.change, Change::Upload { plan: own, last, .. } if own == plan && last.1.wrapping_sub(number) <= 127)
     }
 
-    /// Whether it clears what a MISSION_CLEAR_ALL with this type does.
+    /// Whether it is the change of a MISSION_CLEAR_ALL with this type.
     pub(super) fn clears(&self, mission_type: MavMissionType) -> bool {
         matches!(self.change, Change::Clear(_)) && self.mission_type == mission_type
     }
 }
 
-/// What is on the storage, compared with what is live.
+/// How the content of storage differs from the live plans, and when it is written.
 #[derive(Clone, Debug)]
 pub(super) struct Saving {
     policy: Option<Durability>,
-    /// Counts what is to be written: another number is another content.
+    /// The number of the current write job. It changes with the content.
     job: u32,
-    /// What is live is to be written, though nobody waits for it.
-    owed: bool,
-    /// Something else than what is live may be stored: it could not be read, or cannot be flown. It stays there until there
-    /// is something to be written; but nobody is told that his change, which changes nothing here, is durable.
+    /// Whether the live plans must be written, though no client waits for it.
+    pending: bool,
+    /// Whether storage may hold something other than the live plans, because it could not be read or cannot be flown. That alone
+    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
     differs: bool,
-    /// Not before: the last attempt failed, or an answer is on its way that an erase would hold up.
-    rests_until: Instant,
-    /// Whether it was said that the last attempt failed.
-    told: bool,
-    wear: Wear,
+    /// No access to storage before this time: the last attempt failed, or an erase would delay a pending answer.
+    paused_until: Instant,
+    /// Whether a text has reported that the last attempt failed.
+    failure_reported: bool,
+    bucket: Wear,
 }
 
 impl Saving {
+    /// All zero bits; see [`Missions`].
+    pub(super) const VACANT: Self = Self { policy: Some(Durability::Durable), ..Self::new() };
+
+    /// Sets the field whose initial value is not all zero bits.
+    pub(super) fn begin(&mut self) {
+        self.policy = None;
+    }
+
     pub(super) const fn new() -> Self {
         Self {
             policy: None,
             job: 0,
-            owed: false,
+            pending: false,
             differs: false,
-            rests_until: Instant::ZERO,
-            told: false,
-            wear: Wear::NONE,
+            paused_until: Instant::ZERO,
+            failure_reported: false,
+            bucket: Wear::NONE,
         }
     }
 
-    /// Something else is to be written from now on.
+    /// Starts a new write job, because the content has changed.
     fn next_job(&mut self) {
         self.job = self.job.wrapping_add(1);
     }
 }
 
 impl Missions {
-    /// What waits for storage. Without the feature nothing can, and the compiler knows.
+    /// Returns the change that is being written. Without the feature `storage` the compiler knows that there is none.
     pub(super) fn committing(&self) -> Option<&Commit> {
         if cfg!(any(feature = "storage", test)) { self.commit.as_ref() } else { None }
     }
 
-    /// The same, for whoever talks about it.
+    /// The same, mutably.
     pub(super) fn committing_mut(&mut self) -> Option<&mut Commit> {
         if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
-    /// What is asked of the storage, when there is one.
+    /// Returns the policy, if storage is attached.
     fn policy(&self) -> Option<Durability> {
         if cfg!(any(feature = "storage", test)) { self.saving.policy } else { None }
     }
 
-    /// Whether ACCEPTED waits for storage.
+    /// Whether changes are stored before they are accepted.
     pub(super) fn is_durable(&self) -> bool {
         self.policy() == Some(Durability::Durable)
     }
 
-    /// Something live is to be written, sooner or later.
-    fn want_saved(&mut self) {
+    /// Requests a write of the live plans, if storage is attached.
+    fn request_save(&mut self) {
         if self.policy().is_some() {
-            self.saving.owed = true;
+            self.saving.pending = true;
             self.saving.next_job();
         }
     }
 
-    /// Whether all that is live is stored too, or there is no storage.
+    /// Whether storage holds the live plans, or is not attached.
     fn is_saved(&self) -> bool {
-        self.policy().is_none() || !(self.saving.owed || self.saving.differs)
+        self.policy().is_none() || !(self.saving.pending || self.saving.differs)
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
-    pub(super) fn bears(&self, cx: &Context<'_, '_>, count: u16) -> bool {
-        self.policy().is_none() || self.saving.wear.has(cx.now, tokens(cx, count))
+    pub(super) fn has_tokens(&self, cx: &Work<'_>, count: u16) -> bool {
+        self.policy().is_none() || self.saving.bucket.has(cx.now, tokens(cx, count))
     }
 
-    /// Whether a clear would clear nothing, here or on the storage (M-52).
-    pub(super) fn is_clear(&self, cx: &Context<'_, '_>, only: Option<PlanType>) -> bool {
+    /// Whether a clear would change nothing, in RAM or in storage (M-52).
+    pub(super) fn is_clear(&self, cx: &Work<'_>, only: Option<PlanType>) -> bool {
         let is_empty = |plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0;
         PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
     }
 
-    /// Whether all that `change` would do is done, here and on the storage.
-    pub(super) fn changes_nothing(&self, cx: &Context<'_, '_>, change: Change) -> bool {
+    /// Whether `change` would change nothing, in RAM or in storage.
+    pub(super) fn changes_nothing(&self, cx: &Work<'_>, change: Change) -> bool {
         match change {
-            // M-39, SEC-11: also when it is being flown, and the storage is not worn by it.
+            // M-39, SEC-11: even while the plan is being flown, and without wearing the flash.
             Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
             Change::Clear(only) => self.is_clear(cx, only),
         }
     }
 
-    /// Whether storage may be written, where that must be and is not [done](Self::changes_nothing), and the vehicle agrees (M-27,
-    /// M-44).
+    /// Checks whether the vehicle permits a change, and the write that a durable change needs unless it
+    /// [is stored already](Self::changes_nothing) (M-27, M-44).
     pub(super) fn permission<V: Plans>(
         &self,
         vehicle: &mut V,
@@ -207,39 +225,39 @@ impl Missions {
         vehicle.may_change(plan, from)
     }
 
-    /// Makes `change` live, or has it written first. The answer, when it is known at once.
+    /// Makes `change` live, or starts to write it first. Returns the answer if it is known at once.
     pub(super) fn change<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         from: Peer,
         mission_type: MavMissionType,
         change: Change,
     ) -> Option<Reply> {
         let changes_nothing = self.changes_nothing(cx, change);
-        let commit = Commit { to: from, mission_type, change, since: cx.now };
+        let commit = Commit { client: from, mission_type, change, since: cx.now };
         if self.policy().is_some() && !changes_nothing {
             let tokens = tokens(cx, cx.plans.staged());
-            self.saving.wear.spend(cx.now, tokens);
+            self.saving.bucket.spend(cx.now, tokens);
         }
         if self.is_durable() && !changes_nothing {
-            event!("plans: change by {}: to be written", from);
+            event!("plans: change by {}: writing", from);
             self.saving.next_job();
             self.commit = Some(commit);
-            self.heard = cx.now;
+            self.heard_at = cx.now;
             return None;
         }
         if !changes_nothing {
             self.make_live(cx, vehicle, change);
-            self.want_saved();
+            self.request_save();
         }
-        Some(self.ended(cx, &commit, MavMissionResult::ACCEPTED))
+        Some(self.end_change(cx, &commit, MavMissionResult::ACCEPTED))
     }
 
-    /// In one step.
-    fn make_live<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, change: Change) {
+    /// Makes `change` live in one step.
+    fn make_live<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, change: Change) {
         match change {
-            // It is, where only the storage lacked it.
+            // Live already; only storage lacked it.
             Change::Upload { plan, id, .. } if cx.plans.is_live(plan, id) => {}
             Change::Upload { plan, id, first, .. } => self.replace(cx, vehicle, plan, id, first),
             Change::Clear(only) => {
@@ -254,47 +272,49 @@ impl Missions {
         }
     }
 
-    /// The staged plan is the live one.
-    fn replace<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
+    /// Replaces a live plan with the staged one.
+    fn replace<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
         cx.plans.commit(plan, id);
         self.sessions.invalidate(plan);
         if plan == PlanType::Mission {
             self.reached.clear();
         }
-        vehicle.plan_changed(PlanChange { plan, items: cx.plans.live(plan).items(), first });
+        let mut context = cx.hook();
+        let items = context.plan(plan).items();
+        vehicle.plan_changed(&mut context, PlanChange { plan, items, first });
     }
 
-    /// A change is over, one way or the other; the answer to who asked for it.
-    fn ended(&mut self, cx: &mut Context<'_, '_>, commit: &Commit, result: MavMissionResult) -> Reply {
-        let &Commit { to, mission_type, change, .. } = commit;
+    /// Ends a change with this result. Returns the answer to its client.
+    fn end_change(&mut self, cx: &mut Work<'_>, commit: &Commit, result: MavMissionResult) -> Reply {
+        let &Commit { client, mission_type, change, .. } = commit;
         self.current.announce(cx.normal);
         let id = match change {
             Change::Upload { plan, seq, id, last, .. } => {
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
-                self.finished(cx, Done { partner: to.address, plan, seq, result, id, last, at: cx.now });
+                self.record_end(cx, Done { client: client.address, plan, seq, result, id, last, at: cx.now });
                 id
             }
             Change::Clear(_) => 0,
         };
         cx.plans.staging.clear();
-        let reply = Reply::new(to.address, mission_type, What::ack(result, id));
+        let reply = Reply::new(client.address, mission_type, Answer::ack(result, id));
         if cx.second_ack && id != 0 {
-            self.again = Some((cx.now.after(SECOND_ACK), to.link, reply));
+            self.second_answer = Some((cx.now.after(SECOND_ACK), client.link, reply));
         }
         reply
     }
 
-    /// The final answer once more, when it is due (M-31).
-    pub(super) fn poll_again(&mut self, now: Instant) -> Option<(LinkId, Reply)> {
-        self.again.take_if(|(at, ..)| now >= *at).map(|(_, link, reply)| (link, reply))
+    /// Returns the second final answer when it is due (M-31).
+    pub(super) fn poll_second_answer(&mut self, now: Instant) -> Option<(LinkId, Reply)> {
+        self.second_answer.take_if(|(at, ..)| now >= *at).map(|(_, link, reply)| (link, reply))
     }
 
-    /// A plan that comes from the vehicle's side: from storage, with the `count` and `id` that it must have, or from the
-    /// firmware. `item` gives the items in their order. It is checked as an upload is, and goes live at once.
+    /// Loads a plan from storage, with its `expected` count and id, or from the firmware. `item` returns the items in order. The
+    /// plan is checked like an upload, and goes live at once.
     #[inline(never)]
     pub(crate) fn load<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         plan: PlanType,
         expected: Option<(u16, u32)>,
@@ -305,7 +325,7 @@ impl Missions {
         }
         let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {
             if cx.plans.staged() > 0 {
-                check_plan(cx, vehicle, plan).map_err(|trouble| trouble.fault())?;
+                check_plan(cx, vehicle, plan).map_err(|problem| problem.fault())?;
             }
             let is_as_expected = expected.is_none_or(|expected| expected == (cx.plans.staged(), id));
             if is_as_expected { Ok(id) } else { Err(MavMissionResult::INVALID.into()) }
@@ -316,17 +336,18 @@ impl Missions {
             self.replace(cx, vehicle, plan, id, 0);
             self.current.announce(cx.normal);
             if expected.is_none() {
-                self.want_saved();
+                self.request_save();
             }
         }
         cx.plans.staging.clear();
         loaded.map(|_| ())
     }
 
-    /// Fills the staging area with good items; the plan's id. Not inlined: its stack is free again when the plan is checked.
+    /// Checks the items and fills the staging area. Returns the plan's id. Not inlined, so that this stack frame is free when the
+    /// whole plan is checked.
     #[inline(never)]
     fn stage<V: Plans>(
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         plan: PlanType,
         item: &mut impl FnMut(u16) -> Option<Item>,
@@ -347,73 +368,69 @@ impl Missions {
         Ok(if cx.plans.staged() > 0 { digest.id() } else { 0 })
     }
 
-    /// The wait for storage is over: gives up what was not written in time.
-    pub(super) fn poll_commit(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+    /// Abandons the change that is being written if it takes too long.
+    pub(super) fn poll_commit(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
-        if cx.now.since(commit.since) < PATIENCE { None } else { self.not_saved(cx) }
+        if cx.now.since(commit.since) < TIMEOUT { None } else { self.not_saved(cx) }
     }
 
-    /// When [`poll_commit`](Self::poll_commit) has something to do.
+    /// When [`poll_commit`](Self::poll_commit) is due.
     pub(super) fn commit_deadline(&self) -> Instant {
-        self.committing().map_or(Instant::NEVER, |commit| commit.since.after(PATIENCE))
+        self.committing().map_or(Instant::NEVER, |commit| commit.since.after(TIMEOUT))
     }
 }
 
-/// Returns the first plan of `commit` that the vehicle no longer permits to be changed, and the refusal.
+/// Returns the first plan of `commit` that the vehicle no longer permits to change, and its refusal.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
-fn refusal<V: Plans>(cx: &Context<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+fn refusal<V: Plans>(cx: &Work<'_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
     PlanType::ALL.into_iter().find_map(|plan| {
-        let is_meant = match commit.change {
+        let is_affected = match commit.change {
             Change::Upload { plan: only, .. } => only == plan,
             Change::Clear(only) => only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0,
         };
-        let result = if is_meant { vehicle.may_change(plan, commit.to) } else { Ok(()) };
+        let result = if is_affected { vehicle.may_change(plan, commit.client) } else { Ok(()) };
         result.err().map(|result| (plan, result))
     })
 }
 
-/// Whether what is staged can be flown as a whole: by the rules of all vehicles, then by this one's.
-pub(super) fn check_plan<V: Plans>(
-    cx: &Context<'_, '_>,
-    vehicle: &mut V,
-    plan: PlanType,
-) -> Result<(), Trouble<'static>> {
+/// Checks the staged plan as a whole: first the rules for all vehicles, then the vehicle's own.
+pub(super) fn check_plan<V: Plans>(cx: &Work<'_>, vehicle: &mut V, plan: PlanType) -> Result<(), Problem<'static>> {
     let items = cx.plans.staging.as_slice();
-    let refused = |fault| Trouble::Refused(plan, fault);
+    let refused = |fault| Problem::Refused(plan, fault);
     validate::check_plan(plan, items).map_err(refused)?;
     if plan == PlanType::Mission
         && let Some((from, limit)) = vehicle.first_waypoint_limit()
         && let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit)
     {
-        return Err(Trouble::TooFar(seq, limit));
+        return Err(Problem::TooFar(seq, limit));
     }
     vehicle.check_plan(plan, items).map_err(refused)
 }
 
-/// What a plan of so many items costs: a token for each quarter of plan memory, and one at least (C-15).
-fn tokens(cx: &Context<'_, '_>, count: u16) -> u8 {
+/// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
+fn tokens(cx: &Work<'_>, count: u16) -> u8 {
     let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
     let quarters = u32::from(count).saturating_mul(4);
     let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
     [1, 2, 3].into_iter().map(is_beyond).fold(1, u8::saturating_add)
 }
 
-/// The half that only storage calls.
+/// The interface to storage.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
-    /// Tells the operators that a plan did not come back from storage.
-    pub(crate) fn tell_refused(&mut self, cx: &mut Context<'_, '_>, plan: PlanType, fault: PlanFault) {
-        cx.tell(&Trouble::Refused(plan, fault));
+    /// Reports by a text that a plan was not restored from storage.
+    pub(crate) fn tell_refused(&mut self, cx: &mut Work<'_>, plan: PlanType, fault: PlanFault) {
+        cx.report(&Problem::Refused(plan, fault));
     }
 
-    /// From now on there is storage.
+    /// Attaches storage.
     pub(crate) fn attach_storage(&mut self, policy: Durability) {
         self.saving.policy = Some(policy);
     }
 
-    /// Sets the time in which one token comes back (C-15).
+    /// Sets the time in which the bucket regains one token (C-15).
     pub(crate) fn limit_storage(&mut self, refill: Duration) {
-        self.saving.wear.limit(refill);
+        self.saving.bucket.limit(refill);
     }
 
     /// Records whether storage differs from the live plans, because it could not be read or cannot be flown.
@@ -423,22 +440,22 @@ impl Missions {
 
     /// Whether an upload uses the staging area.
     pub(crate) fn is_receiving(&self) -> bool {
-        self.upload.as_ref().is_some_and(Upload::keeps_out)
+        self.upload.as_ref().is_some_and(Upload::is_exclusive)
     }
 
-    /// Whether somebody waits for storage.
+    /// Whether a client waits for storage.
     pub(crate) const fn awaits_storage(&self) -> bool {
         self.commit.is_some()
     }
 
-    /// Whether the storage is left alone for a moment. Whoever waits for an answer gets another attempt.
+    /// Whether access to storage is paused: never while a client waits for an answer.
     pub(crate) fn storage_rests(&self, now: Instant) -> bool {
-        self.commit.is_none() && now < self.saving.rests_until
+        self.commit.is_none() && now < self.saving.paused_until
     }
 
-    /// What is to be on the storage, when it is not: a number that changes with the content, and the three plans.
+    /// Returns the content to write, if there is any: the job number, which changes with the content, and the three plans.
     pub(crate) fn unsaved<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        if self.commit.is_none() && !self.saving.owed {
+        if self.commit.is_none() && !self.saving.pending {
             return None;
         }
         let change = self.commit.as_ref().map(|commit| commit.change);
@@ -450,10 +467,10 @@ impl Missions {
         Some((self.saving.job, PlanType::ALL.map(view)))
     }
 
-    /// What [`unsaved`](Self::unsaved) gave is durable: it goes live, where it is not. The answer, and where it is owed.
-    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
-        let Saving { policy, job, wear, .. } = self.saving;
-        self.saving = Saving { policy, job, wear, rests_until: cx.now.after(GRACE), ..Saving::new() };
+    /// Handles a completed write of [`unsaved`](Self::unsaved): the change goes live. Returns the answer and its link.
+    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+        let Saving { policy, job, bucket, .. } = self.saving;
+        self.saving = Saving { policy, job, bucket, paused_until: cx.now.after(GRACE), ..Saving::new() };
         let commit = self.commit.take()?;
         let result = match refusal(cx, vehicle, &commit) {
             None => {
@@ -461,41 +478,41 @@ impl Missions {
                 MavMissionResult::ACCEPTED
             }
             Some((plan, result)) => {
-                // The vehicle has refused meanwhile, because it armed for example: the old plan stays live, and is
-                // written again (M-45).
-                cx.tell(&Trouble::Refused(plan, result.into()));
-                self.want_saved();
+                // The vehicle now refuses the change, for example because it armed. The old plan stays live and is written
+                // again (M-45).
+                cx.report(&Problem::Refused(plan, result.into()));
+                self.request_save();
                 result
             }
         };
-        Some((commit.to.link, self.ended(cx, &commit, result)))
+        Some((commit.client.link, self.end_change(cx, &commit, result)))
     }
 
-    /// Ends the change that is being written if the vehicle does not want it any more (M-45): to be asked before each step, so that
-    /// its record is never complete. What was written of it is erased. The answer, and where it is owed.
-    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+    /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
+    /// that the record is never completed; the part that was written is erased. Returns the answer and its link.
+    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
         let (plan, result) = refusal(cx, vehicle, self.commit.as_ref()?)?;
         let commit = self.commit.take()?;
         self.saving.next_job();
-        cx.tell(&Trouble::Refused(plan, result.into()));
-        Some((commit.to.link, self.ended(cx, &commit, result)))
+        cx.report(&Problem::Refused(plan, result.into()));
+        Some((commit.client.link, self.end_change(cx, &commit, result)))
     }
 
-    /// It could not be written, or the room for it not be erased. What was to go live does not; what is live already is
-    /// tried again later.
-    pub(crate) fn not_saved(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+    /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
+    /// answer and its link.
+    pub(crate) fn not_saved(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
         self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
-        let was_told = core::mem::replace(&mut self.saving.told, true);
+        let was_reported = core::mem::replace(&mut self.saving.failure_reported, true);
         let Some(commit) = self.commit.take() else {
-            self.saving.rests_until = cx.now.after(RETRY);
-            if !was_told {
-                cx.tell(&Trouble::NotSaved(None));
+            self.saving.paused_until = cx.now.after(RETRY);
+            if !was_reported {
+                cx.report(&Problem::NotSaved(None));
             }
             return None;
         };
         self.saving.next_job();
-        event!("plans: change by {}: not written", commit.to);
-        cx.tell(&Trouble::NotSaved(Some(&commit.change)));
-        Some((commit.to.link, self.ended(cx, &commit, MavMissionResult::ERROR)))
+        event!("plans: change by {}: write failed", commit.client);
+        cx.report(&Problem::NotSaved(Some(&commit.change)));
+        Some((commit.client.link, self.end_change(cx, &commit, MavMissionResult::ERROR)))
     }
 }

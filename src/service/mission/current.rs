@@ -2,39 +2,49 @@
 //!
 //! Sent on every normal link once a second, and at once when anything in it changes.
 
-use super::memory::{PlanType, PlansMut};
+use super::Progress;
 use crate::dialect::{MissionCurrent, MissionState};
-use crate::link::{LinkId, LinkMask, Outbox};
+use crate::link::Outbox;
 use crate::time::{Duration, Instant};
-use crate::vehicle::Progress;
+use crate::types::{LinkId, LinkMask};
+use crate::types::{PlanType, PlansMut};
 
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// MISSION_CURRENT.total of a vehicle without a mission: 0 would mean "cannot tell".
+/// MISSION_CURRENT.total of a vehicle without a mission; 0 would mean "unknown".
 const NO_ITEMS: u16 = u16::MAX;
 
 /// MISSION_CURRENT.mission_mode.
 const IN_MISSION_MODE: u8 = 1;
 const SUSPENDED: u8 = 2;
 
-/// Who is to be told.
+/// The links on which MISSION_CURRENT is pending.
 #[derive(Clone, Debug)]
 pub(super) struct Current {
-    owed: LinkMask,
-    /// When everyone is told, changed or not.
+    pending: LinkMask,
+    /// When it is sent on all links again, changed or not.
     due: Instant,
-    /// What was told last.
-    told: Option<Progress>,
+    /// The last reported progress.
+    reported: Option<Progress>,
 }
 
 impl Current {
-    pub(super) const fn new() -> Self {
-        Self { owed: LinkMask::NONE, due: Instant::ZERO, told: None }
+    /// All zero bits; see [`Missions`](super::Missions).
+    pub(super) const VACANT: Self =
+        Self { reported: Some(Progress { current: 0, state: MissionState(0), in_mission_mode: false }), ..Self::new() };
+
+    /// Sets the field whose initial value is not all zero bits.
+    pub(super) fn begin(&mut self) {
+        self.reported = None;
     }
 
-    /// Something changed: `links` are to be told.
+    pub(super) const fn new() -> Self {
+        Self { pending: LinkMask::NONE, due: Instant::ZERO, reported: None }
+    }
+
+    /// Marks MISSION_CURRENT as pending on `links`.
     pub(super) fn announce(&mut self, links: LinkMask) {
-        self.owed = self.owed.with(links);
+        self.pending = self.pending.with(links);
     }
 
     pub(super) fn poll(&mut self, now: Instant, progress: Progress, links: LinkMask) {
@@ -43,14 +53,14 @@ impl Current {
             self.due = if next > now { next } else { now.after(PERIOD) };
             self.announce(links);
         }
-        if self.told != Some(progress) {
+        if self.reported != Some(progress) {
             self.announce_progress(progress, links);
         }
     }
 
-    /// The vehicle is, or may be, somewhere else in its mission: `links` are to be told.
+    /// Marks MISSION_CURRENT as pending on `links`, because the progress may have changed.
     pub(super) fn announce_progress(&mut self, progress: Progress, links: LinkMask) {
-        self.told = Some(progress);
+        self.reported = Some(progress);
         self.announce(links);
     }
 
@@ -58,20 +68,20 @@ impl Current {
         self.due
     }
 
-    pub(super) fn is_owed(&self, link: LinkId) -> bool {
-        self.owed.contains(LinkMask::of(link))
+    pub(super) fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(LinkMask::of(link))
     }
 
-    /// Sends it, when it is owed on this link.
+    /// Sends MISSION_CURRENT if it is pending on this link.
     pub(super) fn next(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
-        if !self.is_owed(tx.link()) {
+        if !self.is_pending(tx.link()) {
             return false;
         }
-        self.owed = self.owed.without(LinkMask::of(tx.link()));
+        self.pending = self.pending.without(LinkMask::of(tx.link()));
         let count = plans.count(PlanType::Mission);
         let id = |plan| plans.live(plan).id();
         tx.send(&MissionCurrent {
-            // Never beyond the plan, whatever the vehicle says (M-94).
+            // Never beyond the end of the plan, whatever the vehicle reports (M-94).
             seq: progress.current.min(count.saturating_sub(1)),
             total: if count == 0 { NO_ITEMS } else { count },
             mission_state: if count == 0 { MissionState::NO_MISSION } else { progress.state },

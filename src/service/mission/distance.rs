@@ -4,19 +4,19 @@
 //! result is accurate to 3 % within 100 km and below 80° of latitude. It is never more than 3 % too small, but near the
 //! poles it may be too large by half.
 
-use super::item::{Item, Position, position};
-use super::rules::{CommandRule, is_zero_here};
 use crate::dialect::MavCmd;
+use crate::message::LatLon;
+use crate::message::{CommandRule, is_zero_here};
+use crate::message::{Item, Position, position};
 use crate::num;
-use crate::service::command::LatLon;
 
 /// Metres per 1e-7 degrees of a great circle.
 const METRES_PER_UNIT: f32 = 0.011_131_95;
 /// Half a turn in 1e-7 degrees.
 const HALF_TURN: i64 = 1_800_000_000;
 
-/// The first item of a mission that is flown to, when it is farther from `from` than `limit` (m). `rules` are those of the
-/// mission's commands. Items without a position are "here", and those with 0, 0 but for waypoints.
+/// Returns the first waypoint of a mission if it is farther from `from` than `limit` (m). `rules` are the rules of the mission's
+/// commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
 #[inline(never)]
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
     let is_flown_to = |item: &Item| {
@@ -39,7 +39,7 @@ fn is_waypoint(command: MavCmd) -> bool {
     matches!(command.0, 0..=95 | 31_000..=31_004) && command != MavCmd::NAV_ROI
 }
 
-/// m²
+/// Returns the square of the distance (m²).
 fn square_of_distance(a: LatLon, b: LatLon) -> f32 {
     let north = num::f32_from_i32(a.latitude.saturating_sub(b.latitude)) * METRES_PER_UNIT;
     let east = num::f32_from_i32(short_way(a.longitude, b.longitude)) * METRES_PER_UNIT;
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_what_a_map_says() {
+    fn distances_match_known_places() {
         for (a, b, metres) in [
             (at(47.397_742, 8.545_594), at(47.397_742, 8.545_594), 0.0),
             (at(47.0, 8.0), at(48.0, 8.0), 111_319.5),
@@ -106,14 +106,14 @@ mod tests {
             let distance = f64::from(square_of_distance(a, b)).sqrt();
             assert!((distance - metres).abs() <= metres * 0.003 + 0.01, "{a:?} {b:?}: {distance}");
         }
-        // Around a pole it is the length of the way along the parallel.
+        // Around a pole, the result is the distance along the parallel.
         let around = f64::from(square_of_distance(at(89.999, 0.0), at(89.999, 90.0))).sqrt();
         assert!((157.0..180.0).contains(&around), "{around}");
     }
 
     /// M-48: the first waypoint with a position counts.
     #[test]
-    fn the_first_waypoint_is_the_first_place_that_is_flown_to() {
+    fn the_first_waypoint_is_the_first_item_flown_to() {
         let home = at(47.4, 8.5);
         let item = |command, x, y| Item { frame: MavFrame::GLOBAL_RELATIVE_ALT, command, x, y, ..Item::default() };
         let far = |command| item(command, 484_000_000, 85_000_000);
@@ -121,7 +121,7 @@ mod tests {
         let check = |items: &[Item]| first_too_far(items, RULES, home, 10_000);
         assert_eq!(check(&[]), None);
         assert_eq!(check(&[far(MavCmd::NAV_WAYPOINT)]), Some(0));
-        assert_eq!(check(&[near(MavCmd::NAV_WAYPOINT), far(MavCmd::NAV_WAYPOINT)]), None, "the first alone");
+        assert_eq!(check(&[near(MavCmd::NAV_WAYPOINT), far(MavCmd::NAV_WAYPOINT)]), None, "only the first counts");
         assert_eq!(check(&[far(MavCmd::WAYPOINT_USER_1)]), Some(0));
         for here in [
             item(MavCmd::NAV_TAKEOFF, i32::MAX, i32::MAX),
@@ -135,7 +135,7 @@ mod tests {
             assert_eq!(check(&[here, far(MavCmd::NAV_LAND)]), Some(1), "{here:?}");
             assert_eq!(check(&[here, near(MavCmd::NAV_LAND), far(MavCmd::NAV_LAND)]), None, "{here:?}");
         }
-        // A waypoint at 0, 0 comes as far as this only where the vehicle allows it, and then it is that place.
+        // A waypoint at 0, 0 passes the rules only if the vehicle allows it; then it means that position.
         assert_eq!(check(&[item(MavCmd::NAV_WAYPOINT, 0, 0), near(MavCmd::NAV_LAND)]), Some(0));
         assert_eq!(first_too_far(&[item(MavCmd::NAV_WAYPOINT, 0, 0)], RULES, at(0.0, 0.05), 10_000), None);
         assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, 112_000), None);
@@ -144,7 +144,7 @@ mod tests {
     }
 
     proptest! {
-        /// Below 80° and within 100 km the error is at most 3 %; nothing overflows anywhere.
+        /// Below 80° and within 100 km the error is at most 3 %.
         #[test]
         fn distances_are_close_to_the_great_circle(
             latitude in -80.0f64..80.0, longitude in -180.0f64..180.0, north in -0.6f64..0.6, east in -0.6f64..0.6,
@@ -164,7 +164,7 @@ mod tests {
 
         /// The distance is never more than 3 % too small, wherever the places are.
         #[test]
-        fn no_distance_is_much_too_short(
+        fn no_distance_is_far_too_small(
             a in (-90.0f64..=90.0, -180.0f64..=180.0), b in (-90.0f64..=90.0, -180.0f64..=180.0),
         ) {
             let (a, b) = (at(a.0, a.1), at(b.0, b.1));

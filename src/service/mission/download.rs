@@ -1,9 +1,9 @@
 //! Downloads: stateless, from the live plan, for any number of clients (M-60 to M-67).
 //!
-//! Any item can be asked for at any time, so a repeated or lost request needs no care. What is sent stands in memory, so no
-//! storage can fail to be read here (M-66). The one thing that is remembered is
-//! who asked for a plan's count before the plan was replaced: such a client would mix the items of two plans, and gets
-//! OPERATION_CANCELLED until it asks for the count again (M-63).
+//! A client may request any item at any time, so lost and repeated requests need no special handling. Live plans are in RAM, so
+//! no read of storage can fail here (M-66). The only state is which clients requested a plan's count before the plan was
+//! replaced. Such a client would mix the items of two plans, so it gets OPERATION_CANCELLED until it requests the count again
+//! (M-63).
 //!
 //! ```text
 //!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── COUNT sent ──▶ current
@@ -11,31 +11,33 @@
 //!      └── MISSION_ACK, or 10 s without a request ──────────┘
 //! ```
 
-use super::memory::{PlanType, PlansMut};
-use super::replies::{Reply, What};
+use super::Progress;
+use super::replies::{Answer, Reply};
 use crate::dialect::{MavMissionResult, MissionCount};
-use crate::frame::Address;
-use crate::link::{LinkId, Outbox, Peer};
+use crate::link::Outbox;
+use crate::message::Address;
 use crate::time::{Duration, Instant};
-use crate::vehicle::Progress;
+use crate::types::{LinkId, Peer};
+use crate::types::{PlanType, PlansMut};
 
-/// Clients that are remembered; when there are more, the one that was silent for longest is forgotten.
+/// Number of sessions. A new one evicts the session that has been silent for longest.
 const SESSIONS: usize = 4;
 
-/// So long after its last request a client is forgotten.
+/// A session ends this long after its last request.
 const EXPIRY: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Copy, Debug)]
 struct Session {
-    /// With its link, because two stations with the same ids on two links are two clients (M-45).
+    /// The client and its link: two stations with the same ids on two links are two clients (M-45).
     client: Peer,
     plan: PlanType,
+    /// Whether the plan was replaced since the client requested its count.
     is_stale: bool,
-    /// Its last request; none in a free place.
+    /// The time of the last request; `None` for a free slot.
     at: Option<Instant>,
 }
 
-/// Who is downloading what.
+/// The downloads in progress.
 #[derive(Clone, Debug)]
 pub(super) struct Sessions {
     sessions: [Session; SESSIONS],
@@ -48,13 +50,13 @@ impl Sessions {
         Self { sessions: [free; SESSIONS] }
     }
 
-    fn find(&mut self, now: Instant, plan: PlanType, is_it: impl Fn(Peer) -> bool) -> Option<&mut Session> {
+    fn find(&mut self, now: Instant, plan: PlanType, is_client: impl Fn(Peer) -> bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
-            session.plan == plan && is_it(session.client) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
+            session.plan == plan && is_client(session.client) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
         })
     }
 
-    /// `client` learns how many items the plan has now.
+    /// Opens a session, because `client` is sent the count of the plan that is live now.
     fn open(&mut self, now: Instant, client: Peer, plan: PlanType) {
         let fresh = Session { client, plan, is_stale: false, at: Some(now) };
         if let Some(session) = self.find(now, plan, |other| other == client) {
@@ -64,32 +66,32 @@ impl Sessions {
         }
     }
 
-    /// Returns whether `client`, which asks for an item, expects a plan that has been replaced. A client that has moved to
-    /// this link may have asked for the count on another link (M-11).
+    /// Whether `client`, which requests an item, expects a plan that has been replaced. If the client has moved to this link, it
+    /// may have requested the count on another one (M-11).
     fn is_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
         let is_here = self.find(now, plan, |other| other == client).is_some();
-        let is_it = |other: Peer| other.address == client.address && (other.link == client.link || !is_here);
-        self.find(now, plan, is_it).is_some_and(|session| {
+        let is_client = |other: Peer| other.address == client.address && (other.link == client.link || !is_here);
+        self.find(now, plan, is_client).is_some_and(|session| {
             session.at = Some(now);
             session.is_stale
         })
     }
 
-    /// `client` is done, or gave up (M-65).
+    /// Closes the session of `client`, which has finished or given up (M-65).
     pub(super) fn close(&mut self, client: Peer, plan: PlanType) {
         for session in self.sessions.iter_mut().filter(|session| (session.client, session.plan) == (client, plan)) {
             session.at = None;
         }
     }
 
-    /// The plan was replaced.
+    /// Marks all sessions of this plan as stale: the plan was replaced.
     pub(super) fn invalidate(&mut self, plan: PlanType) {
         for session in self.sessions.iter_mut().filter(|session| session.plan == plan) {
             session.is_stale = true;
         }
     }
 
-    /// Sends what `reply` owes.
+    /// Sends the answer `reply`.
     ///
     /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT (M-61).
     pub(super) fn answer(
@@ -103,11 +105,11 @@ impl Sessions {
     ) -> bool {
         let Reply { to, mission_type, .. } = *reply;
         let client = Peer { address: to, link: tx.link() };
-        // That the plan is one of ours was seen when it was asked for.
+        // The plan was checked when the request was received.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
-        let (seq, is_legacy) = match reply.what() {
-            What::Accepted(_) | What::Refused(_) => return reply.send_ack(tx),
-            What::Count => {
+        let (seq, is_legacy) = match reply.answer() {
+            Answer::Accepted(_) | Answer::Refused(_) => return reply.send_ack(tx),
+            Answer::Count => {
                 self.open(now, client, plan);
                 return tx.send(&MissionCount {
                     count: plans.count(plan),
@@ -117,8 +119,8 @@ impl Sessions {
                     opaque_id: plans.live(plan).id(),
                 });
             }
-            What::Item(seq) => (seq, false),
-            What::LegacyItem(seq) => (seq, true),
+            Answer::Item(seq) => (seq, false),
+            Answer::LegacyItem(seq) => (seq, true),
         };
         if self.is_stale(now, client, plan) {
             event!("{} download by {}: the plan has changed", plan, to);

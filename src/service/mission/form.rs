@@ -1,13 +1,13 @@
 //! Which message requests an item: MISSION_REQUEST_INT or the old MISSION_REQUEST (M-37, M-47).
 //!
-//! Some clients understand only the old message, others refuse it with UNSUPPORTED. So MISSION_REQUEST_INT comes first. Until
-//! the first item is received, the forms alternate from the third repetition or the first UNSUPPORTED on. The first item
-//! fixes the form for the rest of the upload.
+//! Some clients understand only the old message, others refuse it with UNSUPPORTED. So the first request is a
+//! MISSION_REQUEST_INT. From the third repetition or the first UNSUPPORTED on, the forms alternate. The first item fixes the
+//! form for the rest of the upload.
 
 /// Repetitions before the forms alternate.
-const PATIENCE: u8 = 3;
+const REPETITIONS: u8 = 3;
 
-/// The form of an upload's requests.
+/// The form of the requests of one upload.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Form {
     /// The next request is a MISSION_REQUEST.
@@ -30,24 +30,23 @@ impl Form {
 
     /// Chooses the form of repetition number `retries`, before the first item.
     pub(super) fn repeat(&mut self, retries: u8) {
-        if retries >= PATIENCE || self.has_asked_old {
+        if retries >= REPETITIONS || self.has_asked_old {
             self.is_old = !self.was_old;
         }
     }
 
-    /// Fixes the form when the first item is received. `is_float`: it is a MISSION_ITEM, not a MISSION_ITEM_INT.
+    /// Fixes the form when the first item is received. `is_float`: the item is a MISSION_ITEM, not a MISSION_ITEM_INT.
     pub(super) fn fix(&mut self, is_float: bool) {
         self.is_old = self.has_asked_old && is_float;
     }
 
-    /// Whether UNSUPPORTED refers to the form of a request and does not cancel the upload.
+    /// Whether UNSUPPORTED refuses the form of a request, rather than cancelling the upload.
     pub(super) fn explains_unsupported(&self, has_items: bool) -> bool {
         self.has_asked_old || !has_items
     }
 
-    /// Switches to the other form after the client answered UNSUPPORTED. Returns whether to ask at once: the client may
-    /// answer UNSUPPORTED to several requests in transit, and a client that knows neither form must not be asked as fast as
-    /// it answers.
+    /// Switches to the other form after the client answered UNSUPPORTED. Returns whether to send a request at once. Several
+    /// requests in transit may each be refused, and a client that knows neither form must not set the pace of the requests.
     pub(super) fn refused(&mut self) -> bool {
         let is_first = !self.has_asked_old;
         self.is_old = is_first;

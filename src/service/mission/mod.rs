@@ -1,13 +1,14 @@
 //! Plans: missions, geofences and rally points, uploaded, downloaded and cleared.
 //!
-//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload goes into a staging
-//! area and becomes the live plan in one step; until then everything that anybody can see is the old plan.
+//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload is received into a staging area and
+//! becomes the live plan in one step. Until then, downloads and the vehicle see the old plan.
 //!
-//! The states of an upload are drawn at [`Plans`].
+//! [`Plans`] has the state diagram of an upload.
 //!
-//! The engine does no I/O. Handlers change state; [`next_ack`](Missions::next_ack), [`next`](Missions::next) and
-//! [`next_current`](Missions::next_current) write one message each when a link has room. A request is taken only while its
-//! link can owe the answer, and is otherwise dropped unexecuted and counted; to its sender it is a lost frame.
+//! The engine does no I/O. Handlers change state. [`Replies::next_ack`], [`transfer`](Missions::transfer) and
+//! [`next_progress`](Missions::next_progress) write one message each when a link has room. A request is accepted only while its
+//! link has a free slot for the answer. Otherwise it is dropped and counted, and nothing is executed: to its sender it looks
+//! like a lost frame.
 
 mod arrival;
 mod commit;
@@ -15,131 +16,148 @@ mod current;
 mod distance;
 mod download;
 mod form;
-mod item;
-mod memory;
 mod number;
 mod pace;
 mod progress;
 mod replies;
-mod rules;
 mod upload;
 mod validate;
+mod vehicle;
 mod whole;
 
 #[cfg(test)]
 mod tests;
 
 pub use commit::Durability;
-pub use item::Item;
-pub(crate) use memory::PlansMut;
-#[doc(hidden)]
-pub use memory::largest as __largest;
-pub use memory::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView};
-pub(crate) use progress::from_set_current;
-pub(crate) use replies::{Replies, Reply};
-pub(crate) use rules::Value;
-pub use rules::{CommandRule, ParamRule};
+pub use replies::Replies;
+pub(crate) use replies::Reply;
+pub use vehicle::{PlanChange, PlanFault, Plans, Progress};
 
 use self::commit::{Commit, Saving};
 use self::current::Current;
 use self::download::Sessions;
 use self::progress::Reached;
-use self::replies::What;
+use self::replies::Answer;
 use self::upload::{Done, Upload};
-use self::validate::Trouble;
+use self::validate::Problem;
+use super::command::{Commands, is_allowed};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
-    MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionClearAll, MissionCount, MissionItem,
-    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
+    MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll, MissionCount,
+    MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
     MissionSetCurrent, MissionWritePartialList,
 };
 use crate::frame::{Frame, Version};
-use crate::link::{LinkId, LinkMask, Outbox, Peer};
+use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
-use crate::service::statustext::StatusTexts;
 use crate::time::Instant;
-use crate::vehicle::{Plans, Progress};
+use crate::types::{
+    Config, Context, Firmware, LinkId, LinkMask, Peer, PlanStorage, PlanType, PlansMut, Requests, StatusTexts, Values,
+};
 
-/// What became of plans. Numbers wrap.
+/// Counters of the plan service. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct PlanCounters {
-    /// Uploads that were accepted.
+    /// Accepted uploads.
     pub accepted: u32,
-    /// Uploads that ended at an item, or as a whole, that was not good.
+    /// Uploads refused because of an item, or because of the plan as a whole.
     pub refused: u32,
-    /// Uploads that the partner cancelled or began anew, or that timed out.
+    /// Uploads that the client cancelled or restarted, or that timed out.
     pub abandoned: u32,
-    /// Frames that have no place in an upload: items that are repeated, out of order, "guided", or of no upload; delayed
-    /// duplicates; frames received on another link than the upload's.
+    /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of no upload;
+    /// delayed duplicates; frames received on another link than the upload's.
     pub out_of_place: u32,
-    /// Requests that were dropped because their link owes too many answers.
+    /// Requests dropped because their link had no free slot for the answer.
     pub no_answer_slot: u32,
-    /// Times that plans could not be written to storage.
+    /// Failed attempts to write plans to storage.
     pub not_saved: u32,
 }
 
-/// What a handler works with beside the engine and the vehicle.
-pub(crate) struct Context<'a, 'p> {
+impl PlanCounters {
+    const ZERO: Self = Self { accepted: 0, refused: 0, abandoned: 0, out_of_place: 0, no_answer_slot: 0, not_saved: 0 };
+}
+
+/// What a handler needs besides the engine and the vehicle.
+pub(crate) struct Work<'a> {
     pub(crate) now: Instant,
-    pub(crate) plans: &'a mut PlansMut<'p>,
+    pub(crate) plans: PlansMut<'a>,
     pub(crate) texts: &'a mut StatusTexts,
     /// The links for texts and MISSION_CURRENT.
     pub(crate) normal: LinkMask,
     /// [`Config::second_mission_ack`](crate::Config::second_mission_ack).
     pub(crate) second_ack: bool,
+    /// Pending requests of the vehicle's hooks.
+    pub(crate) requests: &'a mut Requests,
+    /// The values of the parameters.
+    pub(crate) values: &'a [u32],
 }
 
-impl Context<'_, '_> {
-    /// Tells the operators; nothing of it is left in a firmware without texts about plans. Not inlined: the text takes 120
-    /// bytes of stack, and who tells it is deep down already.
+impl Work<'_> {
+    /// Returns the context for the vehicle's hooks.
+    fn hook(&mut self) -> Context<'_> {
+        Context {
+            now: self.now,
+            texts: self.texts,
+            requests: self.requests,
+            normal: self.normal,
+            plans: Some(&self.plans),
+            values: self.values,
+            can_start: false,
+        }
+    }
+
+    /// Sends a text to the operators. Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes 120
+    /// bytes of stack, and the callers are deep in the call graph.
     #[inline(never)]
-    fn tell(&mut self, trouble: &Trouble<'_>) {
+    fn report(&mut self, problem: &Problem<'_>) {
         if cfg!(feature = "plan-texts") {
-            let mut words = Text::EMPTY;
-            trouble.write(&mut words);
-            self.texts.push(self.now, self.normal, MavSeverity::WARNING, &words);
+            let mut words = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+            problem.write(&mut words);
+            self.texts.push(self.now, self.normal, MavSeverity::WARNING, words.as_bytes());
         }
     }
 }
 
-/// Who sent a message, and what its link is owed.
+/// The sender of a message, and the pending answers of its link.
 pub(crate) struct Caller<'a> {
     pub(crate) from: Peer,
-    /// What the link sends (V-8).
+    /// The MAVLink version that the link sends (V-8).
     pub(crate) version: Version,
     pub(crate) replies: &'a mut Replies,
 }
 
 impl Caller<'_> {
-    /// The plan that a message is about, when we have it (M-25). A link that sends v1 cannot name any but the mission
+    /// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
     /// (V-7).
-    fn plan(&self, cx: &Context<'_, '_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
+    fn plan(&self, cx: &Work<'_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
         let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
-        if is_named_well(self.version, mission_type) && cx.plans.capacity(plan) > 0 {
+        if can_name(self.version, mission_type) && cx.plans.capacity(plan) > 0 {
             Ok(plan)
         } else {
             Err(MavMissionResult::UNSUPPORTED)
         }
     }
 
-    /// Somebody else is at it (M-23, M-33, M-51).
+    /// Answers DENIED, because another client is changing plans (M-23, M-33, M-51).
     fn deny(&mut self, mission_type: MavMissionType) {
         self.ack(mission_type, MavMissionResult::DENIED, 0);
     }
 
-    fn owe(&mut self, mission_type: MavMissionType, what: What) {
-        self.replies.push(Reply::new(self.from.address, mission_type, what));
+    /// Queues an answer to the sender.
+    fn queue(&mut self, mission_type: MavMissionType, answer: Answer) {
+        self.replies.push(Reply::new(self.from.address, mission_type, answer));
     }
 
-    /// Not inlined: there are many who owe one.
+    /// Queues a MISSION_ACK. Not inlined, because it has many callers.
     #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
-        self.owe(mission_type, What::ack(result, id));
+        self.queue(mission_type, Answer::ack(result, id));
     }
 
-    /// The answer of a vehicle that does not serve the plan, whatever is asked: clients would repeat an unanswered question
-    /// for seconds. Items and acknowledgements ask nothing. False when the link owes too many answers to owe this one.
+    /// Answers UNSUPPORTED to any request about a plan that the vehicle does not have: clients repeat an unanswered request
+    /// for seconds. Items and acknowledgements are not requests. Returns false if the link has no free slot for the answer.
     pub(crate) fn refuse(&mut self, frame: &Frame<'_>) -> bool {
         if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID | MissionSetCurrent::ID) {
             return true;
@@ -151,38 +169,38 @@ impl Caller<'_> {
         has_room
     }
 
-    /// A part of a live plan is asked for (M-60).
-    fn ask(&mut self, cx: &Context<'_, '_>, mission_type: MavMissionType, what: What) {
+    /// Handles a request for the count or an item of a live plan (M-60).
+    fn ask(&mut self, cx: &Work<'_>, mission_type: MavMissionType, answer: Answer) {
         match self.plan(cx, mission_type) {
-            Ok(_) => self.owe(mission_type, what),
+            Ok(_) => self.queue(mission_type, answer),
             Err(result) => self.ack(mission_type, result, 0),
         }
     }
 }
 
-/// Whether a frame of this version can name such a plan: MAVLink 1 knows only missions. A v1 frame that names another plan
-/// in its extension bytes is refused, and never treated as one about the mission (V-7).
-fn is_named_well(version: Version, mission_type: MavMissionType) -> bool {
+/// Whether a frame of this version can name this type of plan. MAVLink 1 has missions only: a v1 frame that names another type
+/// in its extension bytes is refused, not taken as a message about the mission (V-7).
+fn can_name(version: Version, mission_type: MavMissionType) -> bool {
     version == Version::V2 || mission_type == MavMissionType::MISSION
 }
 
-/// Returns the plan that a message names. In all messages of this service it is the first byte after the base fields.
-/// Most v1 frames end before it, and are about the mission (V-7).
+/// Returns the plan type that a message names: in all messages of this service, the first byte after the base fields. Most v1
+/// frames end before that byte; they are about the mission (V-7).
 pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
     MavMissionType(frame.info().map_or(0, |info| frame.byte(info.base_len())))
 }
 
-/// The engine: the state of plan transfer, whatever the plans' capacities.
+/// The engine: the state of plan transfers. Its size does not depend on the plans' capacities.
 #[derive(Clone, Debug)]
 pub struct Missions {
     upload: Option<Upload>,
     commit: Option<Commit>,
-    /// When the client of the upload or the commit was last heard on its link.
-    heard: Instant,
+    /// When a frame of the client of the upload or commit was last received on its link.
+    heard_at: Instant,
     saving: Saving,
     done: Option<Done>,
-    /// The final answer of an upload that is to be sent once more, where and when (M-31).
-    again: Option<(Instant, LinkId, Reply)>,
+    /// The second final answer of an upload: when and on which link to send it (M-31).
+    second_answer: Option<(Instant, LinkId, Reply)>,
     sessions: Sessions,
     current: Current,
     reached: Reached,
@@ -190,34 +208,28 @@ pub struct Missions {
 }
 
 impl Missions {
+    #[cfg(test)]
     pub(crate) const fn new() -> Self {
         Self {
             upload: None,
             commit: None,
-            heard: Instant::ZERO,
+            heard_at: Instant::ZERO,
             saving: Saving::new(),
             done: None,
-            again: None,
+            second_answer: None,
             sessions: Sessions::new(),
             current: Current::new(),
             reached: Reached::new(),
-            counters: PlanCounters {
-                accepted: 0,
-                refused: 0,
-                abandoned: 0,
-                out_of_place: 0,
-                no_answer_slot: 0,
-                not_saved: 0,
-            },
+            counters: PlanCounters::ZERO,
         }
     }
 
-    /// What became of plans.
+    /// Returns the counters.
     pub(crate) const fn counters(&self) -> &PlanCounters {
         &self.counters
     }
 
-    /// Whether a message is one of ours.
+    /// Whether the service handles the message with this id.
     pub(crate) const fn handles(id: u32) -> bool {
         matches!(
             id,
@@ -235,11 +247,11 @@ impl Missions {
         )
     }
 
-    /// A frame whose message [`handles`](Self::handles) names, addressed to exactly our system (M-10).
+    /// Handles a frame with one of the messages of [`handles`](Self::handles), addressed to exactly our system (M-10).
     #[inline(never)]
-    pub(crate) fn on_frame<V: Plans>(
+    pub(crate) fn receive<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
@@ -249,7 +261,7 @@ impl Missions {
         if let Some(message) = frame.decode::<MissionSetCurrent>() {
             return self.on_set_current(cx, vehicle, message.seq);
         }
-        if !is_named_well(frame.header().version, mission_type) {
+        if !can_name(frame.header().version, mission_type) {
             if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID) {
                 self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
             } else if !caller.refuse(frame) {
@@ -275,46 +287,41 @@ impl Missions {
                 }
             }
             MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),
-            MissionRequestList::ID => caller.ask(cx, mission_type, What::Count),
+            MissionRequestList::ID => caller.ask(cx, mission_type, Answer::Count),
             MissionRequestInt::ID => {
-                caller.ask(cx, mission_type, What::Item(MissionRequestInt::decode(payload).seq));
+                caller.ask(cx, mission_type, Answer::Item(MissionRequestInt::decode(payload).seq));
             }
             MissionRequest::ID => {
-                caller.ask(cx, mission_type, What::LegacyItem(MissionRequest::decode(payload).seq));
+                caller.ask(cx, mission_type, Answer::LegacyItem(MissionRequest::decode(payload).seq));
             }
-            // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not a part of the standard protocol (M-68).
+            // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not part of the standard protocol (M-68).
             _ => caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0),
         }
     }
 
-    /// Runs the timers: requests that are to be repeated, uploads that stopped, storage that takes too long,
-    /// MISSION_CURRENT. What somebody is to be told of it, and where it is owed ([`Replies::owe_result`]).
+    /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
+    /// upload or clear that this ended, and the link to send it on ([`Replies::set_result`]).
     #[must_use]
-    pub(crate) fn poll<V: Plans>(&mut self, cx: &mut Context<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn tick<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
         self.reached.poll(cx.now, cx.normal);
-        // One of them at most is there.
-        self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_again(cx.now))
+        // At most one of the three is active.
+        self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_second_answer(cx.now))
     }
 
-    /// When [`poll`](Self::poll) has something to do.
-    pub(crate) fn deadline(&self) -> Instant {
-        let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
-        let again = self.again.as_ref().map_or(Instant::NEVER, |(at, ..)| *at);
-        upload.min(self.commit_deadline()).min(again).min(self.current.deadline()).min(self.reached.deadline())
+    /// Whether a request for an item, or an answer to a download, is pending on a link.
+    fn has_transfer(&self, replies: &Replies, tx: &Outbox) -> bool {
+        replies.has_part() || self.upload.as_ref().is_some_and(|upload| upload.has_request_on(tx))
     }
 
-    /// Whether [`next`](Self::next) or [`next_progress`](Self::next_progress) has something for this link.
-    pub(crate) fn is_pending(&self, replies: &Replies, tx: &Outbox) -> bool {
-        replies.has_any()
-            || self.upload.as_ref().is_some_and(|upload| upload.owes_request_on(tx))
-            || self.reached.is_owed(LinkMask::of(tx.link()))
-            || self.current.is_owed(tx.link())
+    /// Whether MISSION_ITEM_REACHED or MISSION_CURRENT is pending on a link.
+    fn has_progress(&self, link: LinkId) -> bool {
+        self.reached.is_pending(LinkMask::of(link)) || self.current.is_pending(link)
     }
 
-    /// Sends a request for an item, or a part of a plan. False when nothing is owed on this link. `float_form` is
-    /// [`Config::float_mission_items`](crate::Config::float_mission_items).
-    pub(crate) fn next(
+    /// Sends a request for an item, or an answer to a download. Returns false if neither is pending on this link.
+    /// `float_form` is [`Config::float_mission_items`](crate::Config::float_mission_items).
+    pub(crate) fn transfer(
         &mut self,
         now: Instant,
         replies: &mut Replies,
@@ -323,9 +330,214 @@ impl Missions {
         float_form: bool,
         tx: &mut Outbox,
     ) -> bool {
-        if let Some(upload) = self.upload.as_mut().filter(|upload| upload.owes_request_on(tx)) {
+        if let Some(upload) = self.upload.as_mut().filter(|upload| upload.has_request_on(tx)) {
             return upload.request(now, plans.staged(), tx);
         }
         replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, float_form, tx))
     }
+}
+
+/// Returns what a handler needs, and the vehicle; `None` for a firmware without plans.
+pub(crate) fn work<'a, F: Firmware>(cx: &'a mut Cx<'_, F>) -> Option<(Work<'a>, &'a mut F::Vehicle)> {
+    let work = Work {
+        now: cx.now,
+        plans: cx.plans.as_mut()?.reborrow(),
+        texts: cx.texts,
+        normal: cx.shared.normal,
+        second_ack: cx.shared.config.second_mission_ack,
+        requests: &mut cx.shared.requests,
+        values: cx.parameters.values(),
+    };
+    Some((work, cx.vehicle))
+}
+
+impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
+    /// All zero bits: the `Some`s are, `None` is not. [`begin`](Service::begin) sets them to `None`.
+    const NEW: Self = Self {
+        upload: Some(Upload::VACANT),
+        commit: Some(Commit::VACANT),
+        done: Some(Done::VACANT),
+        second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
+        saving: Saving::VACANT,
+        current: Current::VACANT,
+        heard_at: Instant::ZERO,
+        sessions: Sessions::new(),
+        reached: Reached::new(),
+        counters: PlanCounters::ZERO,
+    };
+    type Link = Replies;
+    const VACANT: Replies = Replies::new();
+    const CAPABILITIES: MavProtocolCapability = capabilities(&F::Plans::CAPACITIES);
+
+    fn begin(&mut self, _: &Config) {
+        (self.upload, self.commit, self.done, self.second_answer) = (None, None, None, None);
+        self.saving.begin();
+        self.current.begin();
+    }
+
+    /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
+        let (now, repeats) = (cx.now, cx.shared.config.item_reached_repeats);
+        let reached = core::mem::take(&mut cx.shared.requests.reached);
+        let Some((mut work, vehicle)) = work(cx) else { return };
+        reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
+        owe(links, self.tick(&mut work, vehicle));
+    }
+
+    fn deadline(&self) -> Instant {
+        let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
+        let second_answer = self.second_answer.as_ref().map_or(Instant::NEVER, |(at, ..)| *at);
+        upload.min(self.commit_deadline()).min(second_answer).min(self.current.deadline()).min(self.reached.deadline())
+    }
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Replies,
+        received: &Received<'_>,
+    ) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        if !Self::handles(frame.id()) {
+            return Handled::No;
+        }
+        if target.system.0 == 0 {
+            // A broadcast COUNT would start an upload on every vehicle in range (M-10).
+            return Handled::OutOfPlace;
+        }
+        let mut caller = Caller { from: *from, version: port.outbox.version(), replies: link };
+        let refused = refused_item(received, port, cx.vehicle);
+        let Some((mut work, vehicle)) = work(cx) else { return Handled::No };
+        match refused {
+            Some(seq) => self.refuse_current(&mut work, vehicle, seq),
+            None => self.receive(&mut work, vehicle, &mut caller, frame),
+        }
+        Handled::Yes
+    }
+
+    fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Replies, request: &Request) -> Option<Verdict> {
+        let (mut work, vehicle) = work(cx)?;
+        Some(match self.command(&mut work, vehicle, &request.command)? {
+            Ok(result) => Verdict::done(result),
+            Err(result) => Verdict::Refused(result.into()),
+        })
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, turn: Turn) -> bool {
+        if turn == Turn::MissionAck {
+            return link.next_ack(&mut port.outbox);
+        }
+        let is_pending = match turn {
+            Turn::MissionTransfer => self.has_transfer(link, &port.outbox),
+            _ => self.has_progress(port.id),
+        };
+        if !is_pending {
+            return false;
+        }
+        let float_form = cx.shared.config.float_mission_items;
+        let Some((work, vehicle)) = work(cx) else { return false };
+        let progress = vehicle.progress();
+        match turn {
+            Turn::MissionTransfer => {
+                self.transfer(work.now, link, &work.plans, &progress, float_form, &mut port.outbox)
+            }
+            _ => self.next_progress(&work.plans, &progress, &mut port.outbox),
+        }
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &Replies, turn: Turn) -> Instant {
+        let is_pending = match turn {
+            Turn::MissionAck => link.has_ack(),
+            Turn::MissionTransfer => self.has_transfer(link, &port.outbox),
+            _ => self.has_progress(port.id),
+        };
+        if is_pending { view.now } else { Instant::NEVER }
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        drops(&self.counters)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    fn on_heard(&mut self, now: Instant, from: Peer) {
+        self.heard(now, from);
+    }
+
+    fn restart(&mut self, _: &Port, link: &mut Replies) {
+        link.restart();
+    }
+}
+
+/// Returns the capability bits for plan memory of these capacities.
+const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
+    let mut capabilities = MavProtocolCapability::EMPTY;
+    if PlanType::Mission.is_served(capacities) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_INT).with(MavProtocolCapability::MISSION_FLOAT);
+    }
+    if PlanType::Fence.is_served(capacities) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_FENCE);
+    }
+    if PlanType::Rally.is_served(capacities) {
+        capabilities = capabilities.with(MavProtocolCapability::MISSION_RALLY);
+    }
+    capabilities
+}
+
+/// Queues a final answer on the given link.
+pub(crate) fn owe<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
+    let Some((link, reply)) = owed else { return };
+    if let Some(replies) = links.nth(usize::from(link.0)) {
+        replies.set_result(reply);
+    }
+}
+
+/// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
+#[inline(never)]
+fn refused_item(received: &Received<'_>, port: &Port, vehicle: &impl Commands) -> Option<u16> {
+    let message = received.frame.decode::<MissionSetCurrent>()?;
+    let is_allowed = is_allowed(&progress::from_set_current(&message, received.origin(port)), vehicle);
+    (!is_allowed).then_some(message.seq)
+}
+
+/// The plan service of a firmware without plans. It answers every request with UNSUPPORTED, because a client would repeat an
+/// unanswered one for seconds.
+#[derive(Debug)]
+pub struct WithoutPlans;
+
+impl<F: Firmware> Service<F> for WithoutPlans {
+    const NEW: Self = Self;
+    type Link = Replies;
+    const VACANT: Replies = Replies::new();
+
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        match target.system.0 {
+            _ if !Missions::handles(frame.id()) => Handled::No,
+            0 => Handled::OutOfPlace,
+            _ if (Caller { from: *from, version: port.outbox.version(), replies: link }).refuse(frame) => Handled::Yes,
+            _ => Handled::NoRoom,
+        }
+    }
+
+    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, turn: Turn) -> bool {
+        turn == Turn::MissionAck && link.next_ack(&mut port.outbox)
+    }
+
+    fn due(&self, view: &View<'_>, _: &Port, link: &Replies, turn: Turn) -> Instant {
+        if turn == Turn::MissionAck && link.has_ack() { view.now } else { Instant::NEVER }
+    }
+}
+
+/// Returns the sum of the counters that count drops. The pattern names every field: a new counter does not compile until this
+/// function says whether it counts drops.
+#[cfg(feature = "defmt")]
+fn drops(counters: &PlanCounters) -> u32 {
+    // The end of an upload and a failed write are not dropped frames; both are reported elsewhere.
+    let PlanCounters { accepted: _, refused: _, abandoned: _, out_of_place, no_answer_slot, not_saved: _ } = *counters;
+    super::sum([out_of_place, no_answer_slot])
 }

@@ -1,35 +1,35 @@
-//! What one link owes to those who talk about plans: a few slots, in the order of the questions.
+//! The pending answers of one link: a short queue, in the order of the requests.
 //!
-//! Each link has its own, so a link that stalls takes nothing from the others. What is owed is who asked for what; the
-//! answer's content is looked up when it is sent, so it is never older than the frame that carries it.
+//! Each link has its own queue, so a stalled link does not block the others. A slot holds the request, not the answer's content.
+//! The content is looked up when the answer is sent, so it is always up to date.
 
 use heapless::Vec;
 
 use crate::dialect::{MavMissionResult, MavMissionType, MissionAck};
-use crate::frame::Address;
 use crate::link::Outbox;
 use crate::list::take_first;
+use crate::message::Address;
 use crate::time::Instant;
 
-/// MAVProxy has five requests of a download on their way, and repeats one that was dropped only after two seconds. And one
-/// for somebody else.
+/// Capacity of the queue: MAVProxy keeps five requests of a download in transit, and repeats a dropped one only after two
+/// seconds. The sixth slot is for another client.
 const SLOTS: usize = 6;
 
-/// Items that belong to no upload are answered at most once in this time (M-31, M-36): a second, in units of 1,024 µs.
+/// Minimum time between answers to items that belong to no upload (M-31, M-36): one second, in units of 1,024 µs.
 const STRAY_PAUSE: u32 = 977;
 
-/// Something that is owed. Each link has room for some, so it is packed.
+/// A pending answer. Packed, because each link has several slots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reply {
     pub(crate) to: Address,
-    /// As it came, also when it names no plan (M-25, M-26).
+    /// As received, even if it names no plan (M-25, M-26).
     pub(super) mission_type: MavMissionType,
     kind: Kind,
-    /// The plan's id, the result, or the item's number.
+    /// The plan's id, the result, or the item's sequence number.
     value: u32,
 }
 
-/// [`What`], without what it holds.
+/// The variant of [`Answer`], without its content.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     None,
@@ -40,52 +40,53 @@ enum Kind {
     LegacyItem,
 }
 
-/// What is owed.
+/// The content of a pending answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum What {
+pub(crate) enum Answer {
     /// MISSION_ACK: ACCEPTED, with the live plan's id.
     Accepted(u32),
     /// MISSION_ACK with another result.
     Refused(MavMissionResult),
-    /// How many items there are.
+    /// MISSION_COUNT.
     Count,
-    /// The item of this number.
+    /// The item with this sequence number.
     Item(u16),
-    /// The same, asked for with the old MISSION_REQUEST.
+    /// The same, requested with the old MISSION_REQUEST.
     LegacyItem(u16),
 }
 
-impl What {
-    /// A MISSION_ACK; `id` is of a plan that is accepted.
+impl Answer {
+    /// Makes a MISSION_ACK; `id` is the plan's id if `result` is ACCEPTED.
     pub(super) fn ack(result: MavMissionResult, id: u32) -> Self {
         if result == MavMissionResult::ACCEPTED { Self::Accepted(id) } else { Self::Refused(result) }
     }
 }
 
 impl Reply {
-    /// Nothing is owed; all zero bits.
-    const NONE: Self = Self { to: Address::new(0, 0), mission_type: MavMissionType(0), kind: Kind::None, value: 0 };
+    /// No answer; all zero bits.
+    pub(super) const NONE: Self =
+        Self { to: Address::new(0, 0), mission_type: MavMissionType(0), kind: Kind::None, value: 0 };
 
-    pub(super) fn new(to: Address, mission_type: MavMissionType, what: What) -> Self {
-        let (kind, value) = match what {
-            What::Accepted(id) => (Kind::Accepted, id),
-            What::Refused(result) => (Kind::Refused, u32::from(result.0)),
-            What::Count => (Kind::Count, 0),
-            What::Item(seq) => (Kind::Item, u32::from(seq)),
-            What::LegacyItem(seq) => (Kind::LegacyItem, u32::from(seq)),
+    pub(super) fn new(to: Address, mission_type: MavMissionType, answer: Answer) -> Self {
+        let (kind, value) = match answer {
+            Answer::Accepted(id) => (Kind::Accepted, id),
+            Answer::Refused(result) => (Kind::Refused, u32::from(result.0)),
+            Answer::Count => (Kind::Count, 0),
+            Answer::Item(seq) => (Kind::Item, u32::from(seq)),
+            Answer::LegacyItem(seq) => (Kind::LegacyItem, u32::from(seq)),
         };
         Self { to, mission_type, kind, value }
     }
 
-    pub(super) fn what(&self) -> What {
+    pub(super) fn answer(&self) -> Answer {
         let [low, high, ..] = self.value.to_le_bytes();
         let seq = u16::from_le_bytes([low, high]);
         match self.kind {
-            Kind::Accepted => What::Accepted(self.value),
-            Kind::None | Kind::Refused => What::Refused(MavMissionResult(low)),
-            Kind::Count => What::Count,
-            Kind::Item => What::Item(seq),
-            Kind::LegacyItem => What::LegacyItem(seq),
+            Kind::Accepted => Answer::Accepted(self.value),
+            Kind::None | Kind::Refused => Answer::Refused(MavMissionResult(low)),
+            Kind::Count => Answer::Count,
+            Kind::Item => Answer::Item(seq),
+            Kind::LegacyItem => Answer::LegacyItem(seq),
         }
     }
 
@@ -93,16 +94,16 @@ impl Reply {
         matches!(self.kind, Kind::Accepted | Kind::Refused)
     }
 
-    /// Sends the MISSION_ACK that this is. False when it is not one.
+    /// Sends this answer if it is a MISSION_ACK. Returns false if it is not.
     pub(super) fn send_ack(&self, tx: &mut Outbox) -> bool {
-        match self.what() {
-            What::Accepted(id) => self.ack(MavMissionResult::ACCEPTED, id, tx),
-            What::Refused(result) => self.ack(result, 0, tx),
+        match self.answer() {
+            Answer::Accepted(id) => self.ack(MavMissionResult::ACCEPTED, id, tx),
+            Answer::Refused(result) => self.ack(result, 0, tx),
             _ => false,
         }
     }
 
-    /// Sends a MISSION_ACK to who asked.
+    /// Sends a MISSION_ACK to the sender of the request.
     pub(super) fn ack(&self, result: MavMissionResult, id: u32, tx: &mut Outbox) -> bool {
         tx.send(&MissionAck {
             target_system: self.to.system.0,
@@ -114,15 +115,15 @@ impl Reply {
     }
 }
 
-/// The answers that a link owes about plans.
+/// The pending answers of a link about plans.
 #[derive(Clone, Debug)]
-pub(crate) struct Replies {
-    /// The oldest first.
+pub struct Replies {
+    /// Oldest first.
     slots: Vec<Reply, SLOTS, u8>,
-    /// The end of an upload or a clear that did not come of a frame: of a timer, or of storage. No `Option`, of which
-    /// "none" would be bits that are not zero, and with it the initial value of every link in flash.
+    /// The final answer of an upload or clear that a timer or storage ended. Not an `Option`: the bits of `None` are not all
+    /// zero, so every link would need an initialiser copied from flash.
     result: Reply,
-    /// Up to this time stray items are not answered, whoever sends them. In [`ticks`](Instant::ticks).
+    /// Until this time, in [`ticks`](Instant::ticks), stray items are not answered, whoever sends them.
     strays_from: u32,
 }
 
@@ -131,66 +132,65 @@ impl Replies {
         Self { slots: Vec::new(), result: Reply::NONE, strays_from: 0 }
     }
 
-    /// Whether a MISSION_ACK is owed.
+    /// Whether a MISSION_ACK is pending.
     pub(crate) fn has_ack(&self) -> bool {
-        self.owes_result() || self.slots.iter().any(Reply::is_ack)
+        self.has_result() || self.slots.iter().any(Reply::is_ack)
     }
 
-    /// Whether anything is owed.
-    pub(super) fn has_any(&self) -> bool {
-        !self.slots.is_empty()
+    /// Whether anything but a MISSION_ACK is owed.
+    pub(super) fn has_part(&self) -> bool {
+        !self.slots.iter().all(Reply::is_ack)
     }
 
-    /// Whether nothing more can be owed.
+    /// Whether the queue is full.
     pub(super) fn is_full(&self) -> bool {
         self.slots.is_full()
     }
 
-    /// Owes `reply`, once: a repeated request shares the slot. The caller asked [`is_full`](Self::is_full) before it did
-    /// anything.
+    /// Queues `reply`. Repeated requests share a slot. The caller checks [`is_full`](Self::is_full) before it changes any state.
     pub(super) fn push(&mut self, reply: Reply) {
         if !self.slots.contains(&reply) {
             let _ = self.slots.push(reply);
         }
     }
 
-    /// Takes the oldest MISSION_ACK, or the oldest of the others.
+    /// Takes the oldest MISSION_ACK if `ack` is true, otherwise the oldest other answer.
     pub(super) fn pop(&mut self, ack: bool) -> Option<Reply> {
         take_first(&mut self.slots, |reply| reply.is_ack() == ack)
     }
 
-    /// Owes the end of an upload or a clear. What storage answers was given a free place before it began; only a timer's
-    /// OPERATION_CANCELLED, which is a courtesy, can be in the way, and goes.
-    pub(crate) fn owe_result(&mut self, reply: Reply) {
+    /// Stores the final answer of an upload or clear. A durable change starts only while this slot is free. So the only answer
+    /// that can be overwritten is a timer's OPERATION_CANCELLED, which is a courtesy.
+    pub(crate) fn set_result(&mut self, reply: Reply) {
         self.result = reply;
     }
 
-    /// Whether such an end is owed.
-    pub(super) fn owes_result(&self) -> bool {
+    /// Whether such a final answer is pending.
+    pub(super) fn has_result(&self) -> bool {
         self.result.kind != Kind::None
     }
 
-    /// `client` begins anew: what he would hear of before, he would take for the answer to this.
+    /// Drops the final answer for `client`, which would take it for the answer to its new request.
     pub(super) fn forget_result(&mut self, client: Address) {
         if self.result.to == client {
             self.result = Reply::NONE;
         }
     }
 
-    /// The line was opened anew: nobody is there any more to be told how his upload ended.
+    /// Drops the final answer, because the link was reopened: its client is gone.
     pub(crate) fn restart(&mut self) {
         self.result = Reply::NONE;
     }
 
-    /// Sends the oldest MISSION_ACK. False when none is owed.
+    /// Sends the oldest MISSION_ACK. Returns false if none is pending.
     pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
-        if self.owes_result() {
+        if self.has_result() {
             return core::mem::replace(&mut self.result, Reply::NONE).send_ack(tx);
         }
         self.pop(true).is_some_and(|reply| reply.send_ack(tx))
     }
 
-    /// Whether a stray item may be answered now; then the next one may not for a while.
+    /// Whether a stray item may be answered now. If so, the next one may not for a second.
     pub(super) fn may_answer_stray(&mut self, now: Instant) -> bool {
         let ahead = self.strays_from.wrapping_sub(now.ticks());
         let may = ahead == 0 || ahead > STRAY_PAUSE;
@@ -205,7 +205,7 @@ impl Replies {
 mod tests {
     use super::*;
 
-    /// M-31, M-36: a second of silence, whatever the time is, also where its units wrap, and after a pause of any length.
+    /// M-31, M-36: a second of silence at any time, including where the ticks wrap, and after a pause of any length.
     #[test]
     fn stray_items_are_answered_once_a_second() {
         let mut replies = Replies::new();
@@ -218,14 +218,14 @@ mod tests {
     }
 
     #[test]
-    fn replies_come_out_as_they_went_in() {
+    fn replies_are_taken_in_order() {
         let whats = [
-            What::Accepted(u32::MAX),
-            What::Accepted(0),
-            What::Refused(MavMissionResult(255)),
-            What::Count,
-            What::Item(u16::MAX),
-            What::LegacyItem(1),
+            Answer::Accepted(u32::MAX),
+            Answer::Accepted(0),
+            Answer::Refused(MavMissionResult(255)),
+            Answer::Count,
+            Answer::Item(u16::MAX),
+            Answer::LegacyItem(1),
         ];
         let mut replies = Replies::new();
         let reply = |what| Reply::new(Address::new(255, 190), MavMissionType(9), what);
@@ -235,7 +235,7 @@ mod tests {
             replies.push(reply(what));
         }
         assert!(replies.is_full() && replies.has_ack());
-        let order = [false, false, false, true, true, true].map(|ack| replies.pop(ack).map(|reply| reply.what()));
+        let order = [false, false, false, true, true, true].map(|ack| replies.pop(ack).map(|reply| reply.answer()));
         assert_eq!(order.map(Option::unwrap), [whats[3], whats[4], whats[5], whats[0], whats[1], whats[2]]);
     }
 }

@@ -1,94 +1,128 @@
 //! Uploads: one at a time, into the staging area, live in one step at the end (M-10 to M-43, M-50 to M-53).
 //!
-//! The messages' handlers of the state diagram in [the module](super). Whoever may start, restart, or break an upload is
-//! decided here; when to ask again is [`Pace`]'s.
+//! This module has the message handlers of the state diagram at [`Plans`]. It decides which client may start, restart or
+//! cancel an upload. [`Pace`] decides when a request is repeated.
 
 use super::arrival::Arrival;
 use super::commit::{Change, check_plan};
 use super::form::Form;
-use super::item::{Digest, Item};
-use super::memory::PlanType;
 use super::number::{Counts, Number};
 use super::pace::Pace;
-use super::replies::{Reply, What};
-use super::validate::{self, Trouble};
-use super::{Caller, CommandRule, Context, Missions};
+use super::replies::{Answer, Reply};
+use super::validate::{self, Problem};
+use super::{Caller, Missions, Work};
+use super::{PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
-use crate::frame::{Address, Frame};
-use crate::link::{LinkId, Outbox, Peer};
+use crate::frame::Frame;
+use crate::link::Outbox;
+use crate::message::{Address, CommandRule, Digest, Item};
 use crate::time::{Duration, Instant};
-use crate::vehicle::{PlanFault, Plans};
+use crate::types::PlanType;
+use crate::types::{LinkId, Peer};
 
-/// A COUNT like that of the upload that was done so short a time ago may be a late copy of it (M-22).
-const ECHO: Duration = Duration::from_secs(1);
+/// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
+const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
 
-/// How long a client's transfer stays on its link after the client was last heard there (M-45).
-const STAYS: Duration = Duration::from_secs(2);
+/// A client's transfer stays on its link for this long after the client was last heard there (M-45).
+const LINK_HOLD: Duration = Duration::from_secs(2);
 
-/// So long the last item of a finished upload is answered again (M-31).
-const MEMORY: Duration = Duration::from_secs(10);
+/// For this long after an upload has ended, its last item is answered again (M-31).
+const ANSWER_REPEAT: Duration = Duration::from_secs(10);
 
-/// An upload that is running. What has come so far is in the staging area.
+/// The upload in progress. The staging area has the items received so far.
 #[derive(Clone, Debug)]
 pub(super) struct Upload {
-    /// Who uploads, and where it was heard last: the answers go there (M-11).
-    partner: Peer,
+    /// The client, and the link on which it was last heard: answers are sent there (M-11).
+    client: Peer,
     plan: PlanType,
     count: u16,
-    /// The first item that was marked as current.
+    /// The first item marked as current.
     first: Option<u16>,
     digest: Digest,
     pace: Pace,
-    /// Whether the request for the next item is to be sent.
-    owes_request: bool,
+    /// Whether the request for the next item is pending.
+    is_request_pending: bool,
     form: Form,
-    /// It began with a COUNT like that of the upload that was done a moment ago: perhaps a late copy of it. Item 0 is asked
-    /// for once for each such COUNT then, and not by the timer: were it one, the next plan's item 0 might be the answer.
-    /// Until that comes it keeps nobody out, nobody is told how it ends, and what is known and owed of the last upload stays.
-    may_be_echo: bool,
-    /// The last item that was wanted, or the last upload's where this may be an echo: what came later is none (M-22).
+    /// Whether the upload began with a COUNT that may be a delayed duplicate of the previous upload's COUNT.
+    ///
+    /// Item 0 is then requested once for each such COUNT, and not by the timer: after a duplicate, the answer might be item 0 of
+    /// the client's next plan. Until item 0 is received, other clients may start uploads, a timeout is not reported, and the
+    /// state and pending answers of the previous upload are kept.
+    may_be_duplicate: bool,
+    /// The sequence number of the last expected item. While the COUNT may be a duplicate, that of the previous upload: a COUNT
+    /// sent after it is not a duplicate (M-22).
     last: Number,
+    /// The sequence numbers of its COUNTs.
     pub(super) counts: Counts,
 }
 
-/// How the last upload ended, so that a lost final ACK can be sent again (M-31).
+/// The result of the previous upload, so that a lost final ACK can be sent again (M-31).
 #[derive(Clone, Debug)]
 pub(super) struct Done {
-    pub(super) partner: Address,
+    pub(super) client: Address,
     pub(super) plan: PlanType,
-    /// The item that was the last.
+    /// The last item.
     pub(super) seq: u16,
     pub(super) result: MavMissionResult,
     pub(super) id: u32,
+    /// The sequence number of the last item's frame.
     pub(super) last: Number,
     pub(super) at: Instant,
 }
 
+impl Done {
+    /// All zero bits, also as `Some`; `None` is not.
+    pub(super) const VACANT: Self = Self {
+        client: Address::new(0, 0),
+        plan: PlanType::Mission,
+        seq: 0,
+        result: MavMissionResult(0),
+        id: 0,
+        last: Number(LinkId(0), 0),
+        at: Instant::ZERO,
+    };
+}
+
 impl Upload {
+    /// All zero bits, also as `Some`; `None` is not.
+    pub(super) const VACANT: Self = Self {
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        plan: PlanType::Mission,
+        count: 0,
+        first: None,
+        digest: Digest::VACANT,
+        pace: Pace::VACANT,
+        is_request_pending: false,
+        form: Form::NEW,
+        may_be_duplicate: false,
+        last: Number(LinkId(0), 0),
+        counts: Counts::VACANT,
+    };
+
     fn is_by(&self, address: Address) -> bool {
-        self.partner.address == address
+        self.client.address == address
     }
 
-    /// Whether nothing else may change plans meanwhile.
-    pub(super) fn keeps_out(&self) -> bool {
-        !self.may_be_echo
+    /// Whether other clients must wait until this upload has ended.
+    pub(super) fn is_exclusive(&self) -> bool {
+        !self.may_be_duplicate
     }
 
-    /// The link that the next request goes out on.
-    pub(super) fn owes_request_on(&self, tx: &Outbox) -> bool {
-        self.owes_request && self.partner.link == tx.link()
+    /// Whether a request is pending on this link.
+    pub(super) fn has_request_on(&self, tx: &Outbox) -> bool {
+        self.is_request_pending && self.client.link == tx.link()
     }
 
-    /// When [`Missions::poll_upload`] has something to do.
+    /// When [`Missions::poll_upload`] is due.
     pub(super) fn deadline(&self) -> Instant {
         self.pace.deadline()
     }
 
-    /// Asks for the next item.
+    /// Sends the request for the next item.
     pub(super) fn request(&mut self, now: Instant, seq: u16, tx: &mut Outbox) -> bool {
-        self.owes_request = false;
-        self.pace.asked(now);
-        let (target_system, target_component) = (self.partner.address.system.0, self.partner.address.component.0);
+        self.is_request_pending = false;
+        self.pace.requested(now);
+        let (target_system, target_component) = (self.client.address.system.0, self.client.address.component.0);
         let mission_type = self.plan.mission_type();
         if self.form.take() {
             tx.send(&MissionRequest { seq, target_system, target_component, mission_type })
@@ -99,11 +133,11 @@ impl Upload {
 }
 
 impl Missions {
-    /// MISSION_COUNT: an upload begins, or begins anew.
+    /// Handles MISSION_COUNT: starts or restarts an upload.
     #[inline(never)]
     pub(super) fn on_count<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -115,49 +149,50 @@ impl Missions {
             Err(result) => return caller.ack(mission_type, result, 0),
         };
         let number = Number(caller.from.link, number);
-        if self.is_elsewhere(cx.now, caller.from) {
-            let is_known = self.is_copy_of_count(cx, plan, count, number);
+        if self.is_on_other_link(cx.now, caller.from) {
+            let is_known = self.is_duplicate_count(cx, plan, count, number);
             return if is_known { self.out_of_place() } else { caller.deny(mission_type) };
         }
         if let Some(commit) = self.committing_mut() {
-            // Its partner hears the end of it; a client that was restarted asks again (M-23, section 8.3).
+            // The result is sent to the client when the write ends; a restarted client repeats its COUNT (M-23).
             return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if self.is_kept_out(cx.now, caller) {
+        if self.is_locked(cx.now, caller) {
             // M-23
             return caller.deny(mission_type);
         }
         if let Some(upload) = &mut self.upload
             && upload.is_by(caller.from.address)
             && (upload.plan, upload.count) == (plan, count)
-            && !(upload.may_be_echo && number.is_after(upload.last))
+            && !(upload.may_be_duplicate && number.is_after(upload.last))
         {
             if cx.plans.staged() == 0 {
-                // The pending request, or the one that the retry timer will send, is the answer (M-22 a).
-                upload.partner = caller.from;
+                // The pending request, or the one that the retry timer will send, answers this COUNT (M-22 a).
+                upload.client = caller.from;
                 upload.counts.extend(number);
-                upload.owes_request |= upload.may_be_echo;
-                self.heard = cx.now;
+                upload.is_request_pending |= upload.may_be_duplicate;
+                self.heard_at = cx.now;
                 return;
             }
             let is_answering = upload.pace.retries() == 0;
-            if is_answering && number.0 == upload.partner.link && upload.counts.contains(number.1) {
-                // A delayed duplicate (M-22 b). After a silence it may be a new program's, which counts from 0 again.
+            if is_answering && number.0 == upload.client.link && upload.counts.contains(number.1) {
+                // A delayed duplicate (M-22 b). After a silence it may come from a restarted client, whose sequence numbers
+                // start from 0 again.
                 return self.out_of_place();
             }
         }
-        let is_echo = |done: &&Done| {
-            (done.partner, done.plan) == (caller.from.address, plan)
+        let is_duplicate = |done: &&Done| {
+            (done.client, done.plan) == (caller.from.address, plan)
                 && done.seq.checked_add(1) == Some(count)
-                && cx.now.since(done.at) < ECHO
+                && cx.now.since(done.at) < DUPLICATE_WINDOW
                 && !number.is_after(done.last)
         };
-        let echoed = self.done.as_ref().filter(is_echo).map(|done| done.last);
-        if echoed.is_none() {
-            // Whatever comes of it, an earlier upload of the same partner is over (M-22, M-24), and what was to be said of it;
-            // and one that a late copy began. A COUNT behind the first item may be a late copy as well, and then items are asked
-            // for twice; but it may be another plan's, whose items would complete the old one, were the request that is out
-            // left to stand.
+        let duplicate_of = self.done.as_ref().filter(is_duplicate).map(|done| done.last);
+        if duplicate_of.is_none() {
+            // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24), as well as an upload
+            // that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too; then items are
+            // requested twice. But it may also start another plan: if the old request stayed pending, the new plan's items
+            // would complete the old plan.
             self.forget_answer(caller);
             self.abandon(cx);
         }
@@ -165,17 +200,17 @@ impl Missions {
             event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
-        // M-52: what is empty may be emptied always.
+        // M-52: an empty plan may always be cleared.
         let changes_nothing = count == 0 && self.is_clear(cx, Some(plan));
         if !changes_nothing
             && (!self.may_change(cx, vehicle, caller, plan, mission_type)
-                || self.is_worn(cx, caller, plan, mission_type, count)
+                || self.is_rate_limited(cx, caller, plan, mission_type, count)
                 || self.lacks_result_slot(caller))
         {
             return;
         }
-        if echoed.is_none() || count == 1 {
-            // An item 0 that comes is the answer to what is asked now, and no repetition of the last one.
+        if duplicate_of.is_none() || count == 1 {
+            // The next item 0 answers the new request; it does not repeat the last item of the previous upload.
             self.done = None;
         }
         if count == 0 {
@@ -183,51 +218,51 @@ impl Missions {
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, caller.from);
         self.upload = Some(Upload {
-            partner: caller.from,
+            client: caller.from,
             plan,
             count,
             first: None,
             digest: Digest::new(),
             pace: Pace::new(cx.now),
-            owes_request: true,
+            is_request_pending: true,
             form: Form::NEW,
-            may_be_echo: echoed.is_some(),
-            last: echoed.unwrap_or(number),
+            may_be_duplicate: duplicate_of.is_some(),
+            last: duplicate_of.unwrap_or(number),
             counts: Counts::new(number),
         });
-        self.heard = cx.now;
+        self.heard_at = cx.now;
     }
 
-    /// Whether another client's upload is running, not counting one begun by a delayed duplicate.
-    fn is_kept_out(&self, now: Instant, caller: &Caller<'_>) -> bool {
-        let is_others = |upload: &Upload| upload.keeps_out() && !upload.is_by(caller.from.address);
-        self.upload.as_ref().is_some_and(is_others) || self.is_elsewhere(now, caller.from)
+    /// Whether another client's upload is in progress; an upload that a delayed duplicate may have begun does not count.
+    fn is_locked(&self, now: Instant, caller: &Caller<'_>) -> bool {
+        let is_others = |upload: &Upload| upload.is_exclusive() && !upload.is_by(caller.from.address);
+        self.upload.as_ref().is_some_and(is_others) || self.is_on_other_link(now, caller.from)
     }
 
-    /// Records a frame from `from`. The client that changes plans stays on its link as long as it is heard there
+    /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard there
     /// (M-45).
     pub(crate) fn heard(&mut self, now: Instant, from: Peer) {
         if self.client() == Some(from) {
-            self.heard = now;
+            self.heard_at = now;
         }
     }
 
-    /// Returns the client whose upload runs or whose change is being written, with its link.
+    /// Returns the client whose upload is in progress or whose change is being written, with its link.
     fn client(&self) -> Option<Peer> {
-        let upload = self.upload.as_ref().filter(|upload| upload.keeps_out());
-        upload.map(|upload| upload.partner).or_else(|| self.committing().map(|commit| commit.to))
+        let upload = self.upload.as_ref().filter(|upload| upload.is_exclusive());
+        upload.map(|upload| upload.client).or_else(|| self.committing().map(|commit| commit.client))
     }
 
-    /// Whether `from` has the ids of the client that changes plans, while that client was recently heard on another link.
-    /// If so, the frame is from another station with the same ids, or a duplicate by a second route (M-45).
-    pub(super) fn is_elsewhere(&self, now: Instant, from: Peer) -> bool {
+    /// Whether `from` has the ids of the client that changes plans, while that client was recently heard on another link. The
+    /// frame is then from another station with the same ids, or a duplicate by a second route (M-45).
+    pub(super) fn is_on_other_link(&self, now: Instant, from: Peer) -> bool {
         self.client().is_some_and(|client| client.address == from.address && client.link != from.link)
-            && now.since(self.heard) < STAYS
+            && now.since(self.heard_at) < LINK_HOLD
     }
 
-    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item.
-    /// To refuse it would end the upload of a client that sends everything on two links.
-    fn is_copy_of_count(&self, cx: &Context<'_, '_>, plan: PlanType, count: u16, number: Number) -> bool {
+    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item. A
+    /// refusal would end the upload of a client that sends everything on two links.
+    fn is_duplicate_count(&self, cx: &Work<'_>, plan: PlanType, count: u16, number: Number) -> bool {
         if let Some(upload) = &self.upload {
             let is_alike = (upload.plan, upload.count) == (plan, count);
             return is_alike && (cx.plans.staged() == 0 || upload.counts.contains(number.1));
@@ -235,12 +270,12 @@ impl Missions {
         self.committing().is_some_and(|commit| commit.is_older(plan, number.1))
     }
 
-    /// MISSION_ITEM_INT or MISSION_ITEM. Its number, when it is the last one and the plan is to be
-    /// [completed](Self::complete): apart from here, for the item takes room on the stack that is needed there.
+    /// Handles MISSION_ITEM_INT or MISSION_ITEM. Returns the sequence number of the last item, if the upload is to be
+    /// [completed](Self::complete). That is a separate call, so that the stack frame with the item is free by then.
     #[inline(never)]
     pub(super) fn on_item<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
@@ -251,7 +286,7 @@ impl Missions {
             self.refuse_guided(cx, caller, mission_type);
             return None;
         }
-        if self.is_elsewhere(cx.now, from) {
+        if self.is_on_other_link(cx.now, from) {
             // Not denied: most likely it is a duplicate, and a denial would end the client's upload (M-45).
             self.out_of_place();
             return None;
@@ -264,7 +299,7 @@ impl Missions {
             }
             return None;
         }
-        if self.upload.as_ref().is_none_or(|upload| upload.may_be_echo && seq > 0) {
+        if self.upload.as_ref().is_none_or(|upload| upload.may_be_duplicate && seq > 0) {
             self.on_stray_item(cx, caller, mission_type, seq);
             return None;
         }
@@ -274,14 +309,14 @@ impl Missions {
             caller.deny(mission_type);
             return None;
         }
-        self.heard = cx.now;
-        // Also when it is not the item that is wanted: the partner is heard here now (M-11).
-        upload.partner = from;
+        self.heard_at = cx.now;
+        // Even if it is not the expected item, the client is on this link now (M-11).
+        upload.client = from;
         let next = cx.plans.staged();
         if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
-            // M-30, M-32: neither is an error; what is missing is asked for by the timer, at most once in its period.
+            // M-30, M-32: neither is an error. The timer requests the missing item, at most once per period.
             if seq.checked_add(1) == Some(next) {
-                upload.pace.repeated();
+                upload.pace.duplicated();
             }
             self.out_of_place();
             return None;
@@ -291,17 +326,17 @@ impl Missions {
             upload.form.fix(is_float);
             upload.counts.end(Number(from.link, frame.header().seq));
         }
-        let was_echo = core::mem::take(&mut upload.may_be_echo);
+        let was_doubtful = core::mem::take(&mut upload.may_be_duplicate);
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
-        if was_echo {
+        if was_doubtful {
             self.done = None;
             self.forget_answer(caller);
         }
         if is_last && self.lacks_result_slot(caller) {
-            // Asked for again, when there is room to answer for the whole plan.
+            // The timer requests it again, until there is a slot for the final answer.
             return None;
         }
-        // The command comes first, as the order of section 8.6 has it: of an unknown one the frame says nothing.
+        // The command is checked first, as M-38 orders the checks: without a rule the frame cannot be judged.
         let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
         let checked = rule.and_then(|rule| {
             let item = if is_float { Item::from_float(item)? } else { item };
@@ -315,12 +350,12 @@ impl Missions {
                 // 0 in an integer and in a float have the same bits.
                 let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
                 let is_located = |rule: &CommandRule| rule.is_located();
-                let trouble = if is_unset && rule.is_ok_and(is_located) {
-                    Trouble::Unset(plan, seq)
+                let problem = if is_unset && rule.is_ok_and(is_located) {
+                    Problem::NoPosition(plan, seq)
                 } else {
-                    Trouble::Refused(plan, PlanFault { seq: Some(seq), result })
+                    Problem::Refused(plan, PlanFault { seq: Some(seq), result })
                 };
-                cx.tell(&trouble);
+                cx.report(&problem);
                 self.finish(cx, caller, seq, result);
                 return None;
             }
@@ -332,20 +367,14 @@ impl Missions {
         if current == 1 {
             upload.first.get_or_insert(seq);
         }
-        upload.pace.answered(cx.now);
-        upload.owes_request = true;
+        upload.pace.received(cx.now);
+        upload.is_request_pending = true;
         is_last.then_some(seq)
     }
 
-    /// The last item has come: the plan goes live, or to storage first, unless it is refused as a whole (M-39).
+    /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a whole (M-39).
     #[inline(never)]
-    pub(super) fn complete<V: Plans>(
-        &mut self,
-        cx: &mut Context<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        seq: u16,
-    ) {
+    pub(super) fn complete<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, seq, first, id, last };
@@ -353,11 +382,11 @@ impl Missions {
         let is_stored = self.changes_nothing(cx, change);
         let permission = |vehicle: &mut V| {
             let permission = self.permission(vehicle, plan, caller.from, is_stored);
-            permission.map_err(|result| Trouble::Refused(plan, result.into()))
+            permission.map_err(|result| Problem::Refused(plan, result.into()))
         };
-        if let Err(trouble) = check_plan(cx, vehicle, plan).and_then(|()| permission(vehicle)) {
-            cx.tell(&trouble);
-            return self.finish(cx, caller, seq, trouble.fault().result);
+        if let Err(problem) = check_plan(cx, vehicle, plan).and_then(|()| permission(vehicle)) {
+            cx.report(&problem);
+            return self.finish(cx, caller, seq, problem.fault().result);
         }
         self.upload = None;
         if let Some(reply) = self.change(cx, vehicle, caller.from, plan.mission_type(), change) {
@@ -365,17 +394,17 @@ impl Missions {
         }
     }
 
-    /// The upload is over with item `seq`, which was not good, or the plan was not.
-    fn finish(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
+    /// Ends the upload at item `seq` with a refusal.
+    fn finish(&mut self, cx: &mut Work<'_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
         let Some(Upload { plan, last, .. }) = self.upload.take() else { return };
         cx.plans.staging.clear();
-        self.finished(cx, Done { partner: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
+        self.record_end(cx, Done { client: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
         caller.ack(plan.mission_type(), result, 0);
     }
 
-    /// Remembers how an upload ended.
-    pub(super) fn finished(&mut self, cx: &Context<'_, '_>, done: Done) {
-        event!("{} upload by {}: {=u8} at item {=u16}", done.plan, done.partner, done.result.0, done.seq);
+    /// Records how an upload ended.
+    pub(super) fn record_end(&mut self, cx: &Work<'_>, done: Done) {
+        event!("{} upload by {}: {=u8} at item {=u16}", done.plan, done.client, done.result.0, done.seq);
         let _ = cx;
         let counter = match done.result {
             MavMissionResult::ACCEPTED => &mut self.counters.accepted,
@@ -385,27 +414,27 @@ impl Missions {
         self.done = Some(done);
     }
 
-    /// Refuses an item that is not part of a plan: "go there now" or "change the altitude", which are commands today
-    /// (M-34). Answers at most once a second, as for stray items (M-36).
-    fn refuse_guided(&mut self, cx: &mut Context<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
+    /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have replaced
+    /// these (M-34). Sends at most one answer a second, as for stray items (M-36).
+    fn refuse_guided(&mut self, cx: &mut Work<'_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
         self.out_of_place();
         if caller.replies.may_answer_stray(cx.now) {
-            cx.tell(&Trouble::Guided);
+            cx.report(&Problem::Guided);
             caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
         }
     }
 
-    /// An item while no upload is running, or what may be none: the last one's final ACK was lost (M-31), or it is nobody's
-    /// (M-36).
-    fn on_stray_item(&mut self, cx: &Context<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
+    /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or the item is
+    /// stray (M-36).
+    fn on_stray_item(&mut self, cx: &Work<'_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
         let is_last = |done: &&Done| {
-            done.partner == caller.from.address
+            done.client == caller.from.address
                 && done.plan.mission_type() == mission_type
                 && done.seq == seq
-                && cx.now.since(done.at) < MEMORY
+                && cx.now.since(done.at) < ANSWER_REPEAT
         };
         if let Some(done) = self.done.as_ref().filter(is_last) {
-            event!("{} upload by {}: final answer repeated", done.plan, caller.from);
+            event!("{} upload by {}: final answer sent again", done.plan, caller.from);
             return caller.ack(mission_type, done.result, done.id);
         }
         self.out_of_place();
@@ -414,17 +443,17 @@ impl Missions {
         }
     }
 
-    /// MISSION_ACK: a download is done, or an upload is given up. Never answered.
+    /// Handles MISSION_ACK, which ends a download or cancels an upload. It is never answered.
     pub(super) fn on_ack(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         from: Peer,
         mission_type: MavMissionType,
         result: MavMissionResult,
     ) {
         let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
         self.sessions.close(from, plan);
-        if self.is_elsewhere(cx.now, from) {
+        if self.is_on_other_link(cx.now, from) {
             // It ends another station's download, or is a duplicate (M-45).
             return self.out_of_place();
         }
@@ -432,27 +461,27 @@ impl Missions {
         else {
             return;
         };
-        upload.partner = from;
-        self.heard = cx.now;
+        upload.client = from;
+        self.heard_at = cx.now;
         match result {
             MavMissionResult::ACCEPTED => {}
             MavMissionResult::UNSUPPORTED if upload.form.explains_unsupported(cx.plans.staged() > 0) => {
-                // M-47: not a cancel. If the partner knows neither form, the timer ends the upload.
-                event!("upload by {}: asking in the other form", from);
-                upload.owes_request |= upload.form.refused();
+                // M-47: this does not cancel the upload. If the client knows neither form, the timer ends it.
+                event!("upload by {}: trying the other request form", from);
+                upload.is_request_pending |= upload.form.refused();
             }
             _ => {
-                event!("{} upload by {}: cancelled by the partner", plan, from);
+                event!("{} upload by {}: cancelled by the client", plan, from);
                 self.abandon(cx);
             }
         }
     }
 
-    /// MISSION_CLEAR_ALL.
+    /// Handles MISSION_CLEAR_ALL.
     #[inline(never)]
     pub(super) fn on_clear<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -464,40 +493,40 @@ impl Missions {
                 Err(result) => return caller.ack(mission_type, result, 0),
             },
         };
-        let is_elsewhere = self.is_elsewhere(cx.now, caller.from);
+        let is_on_other_link = self.is_on_other_link(cx.now, caller.from);
         if let Some(commit) = self.committing_mut() {
-            // The same again is answered when it is done (M-52); anything else comes too late.
-            let is_repeated = commit.clears(mission_type) && (is_elsewhere || commit.is_by(caller));
+            // A repeated clear is answered when the first one ends (M-52); anything else is denied.
+            let is_repeated = commit.clears(mission_type) && (is_on_other_link || commit.is_by(caller));
             return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
         }
-        if self.is_kept_out(cx.now, caller) {
+        if self.is_locked(cx.now, caller) {
             // M-51
             return caller.deny(mission_type);
         }
         self.forget_answer(caller);
         self.abandon(cx);
         if self.is_clear(cx, only) {
-            // M-52: also where nothing may be changed.
+            // M-52: even if the vehicle permits no changes.
             return self.clear(cx, vehicle, caller, mission_type, only);
         }
-        // All or none: first everything is asked, then everything is done.
+        // All or nothing: permission for every plan first, then the change.
         for plan in PlanType::ALL {
-            let is_meant = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
-            if is_meant && !self.may_change(cx, vehicle, caller, plan, mission_type) {
+            let is_affected = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
+            if is_affected && !self.may_change(cx, vehicle, caller, plan, mission_type) {
                 return;
             }
         }
         let named = only.unwrap_or(PlanType::Mission);
-        if !self.is_worn(cx, caller, named, mission_type, 0) && !self.lacks_result_slot(caller) {
+        if !self.is_rate_limited(cx, caller, named, mission_type, 0) && !self.lacks_result_slot(caller) {
             self.done = None;
             self.clear(cx, vehicle, caller, mission_type, only);
         }
     }
 
-    /// Empties a plan, or all (M-50, M-53).
+    /// Clears one plan, or all (M-50, M-53).
     fn clear<V: Plans>(
         &mut self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -508,84 +537,84 @@ impl Missions {
         }
     }
 
-    /// What the last request of `caller` came to is not said any more.
+    /// Cancels the pending result of the previous request of `caller`.
     #[inline(never)]
     fn forget_answer(&mut self, caller: &mut Caller<'_>) {
         caller.replies.forget_result(caller.from.address);
-        self.again = None;
+        self.second_answer = None;
     }
 
-    /// Forgets the running upload.
-    fn abandon(&mut self, cx: &mut Context<'_, '_>) {
+    /// Drops the upload in progress.
+    fn abandon(&mut self, cx: &mut Work<'_>) {
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
         }
         cx.plans.staging.clear();
     }
 
-    /// The retry timer (M-40) and the end of patience (M-41): what the partner is to be told then, and where.
-    pub(super) fn poll_upload(&mut self, cx: &mut Context<'_, '_>) -> Option<(LinkId, Reply)> {
+    /// Runs the retry timer (M-40) and the timeout (M-41). Returns the final answer after a timeout, and its link.
+    pub(super) fn poll_upload(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
         let upload = self.upload.as_mut()?;
         if cx.now < upload.pace.deadline() {
             return None;
         }
-        if !upload.pace.is_over(cx.now) {
-            upload.owes_request = !upload.may_be_echo;
+        if !upload.pace.has_timed_out(cx.now) {
+            upload.is_request_pending = !upload.may_be_duplicate;
             upload.pace.retry(cx.now);
             if cx.plans.staged() == 0 {
                 upload.form.repeat(upload.pace.retries());
             }
             return None;
         }
-        event!("{} upload by {}: timed out", upload.plan, upload.partner);
-        if upload.may_be_echo {
-            // Nobody waits for it: who does has sent COUNT again, or given up.
+        event!("{} upload by {}: timed out", upload.plan, upload.client);
+        if upload.may_be_duplicate {
+            // No client is waiting: it would have repeated its COUNT, or has given up.
             self.abandon(cx);
             return None;
         }
-        let (Peer { address: to, link }, plan) = (upload.partner, upload.plan);
-        let what = What::Refused(MavMissionResult::OPERATION_CANCELLED);
+        let (Peer { address: to, link }, plan) = (upload.client, upload.plan);
+        let answer = Answer::Refused(MavMissionResult::OPERATION_CANCELLED);
         let seq = cx.plans.staged();
-        cx.tell(&Trouble::TimedOut(plan, seq));
+        cx.report(&Problem::TimedOut(plan, seq));
         self.abandon(cx);
-        Some((link, Reply::new(to, plan.mission_type(), what)))
+        Some((link, Reply::new(to, plan.mission_type(), answer)))
     }
 
     fn out_of_place(&mut self) {
         self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
     }
 
-    /// Whether a change that storage would answer has nowhere to be answered: its request is dropped then, and counted.
+    /// Whether a durable change has no free slot for its result. Its request is then dropped and counted.
     fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
-        let lacks = self.is_durable() && caller.replies.owes_result();
+        let lacks = self.is_durable() && caller.replies.has_result();
         if lacks {
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
         }
         lacks
     }
 
-    /// Whether the token bucket is too empty for a change to `count` items; if so, sends the refusal (C-15).
-    fn is_worn(
+    /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
+    fn is_rate_limited(
         &self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         caller: &mut Caller<'_>,
         plan: PlanType,
         mission_type: MavMissionType,
         count: u16,
     ) -> bool {
-        if self.bears(cx, count) {
+        if self.has_tokens(cx, count) {
             return false;
         }
-        event!("{} change by {}: storage was written too often", plan, caller.from);
-        cx.tell(&Trouble::Worn(plan));
+        event!("{} change by {}: refused, too many writes to storage", plan, caller.from);
+        cx.report(&Problem::RateLimited(plan));
         caller.deny(mission_type);
         true
     }
 
-    /// Asks for [permission](Self::permission); a refusal is answered here (M-27, M-44).
+    /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
     fn may_change<V: Plans>(
         &self,
-        cx: &mut Context<'_, '_>,
+        cx: &mut Work<'_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         plan: PlanType,
@@ -593,7 +622,7 @@ impl Missions {
     ) -> bool {
         let Err(result) = self.permission(vehicle, plan, caller.from, false) else { return true };
         event!("{} change by {}: refused by the vehicle", plan, caller.from);
-        cx.tell(&Trouble::Refused(plan, result.into()));
+        cx.report(&Problem::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);
         false
     }

@@ -1,29 +1,29 @@
-//! What can be said of an item without knowing the vehicle (section 8.6 of the rules, SEC-14), and how a refusal reads.
+//! Checks of an item that do not depend on the vehicle (M-38, SEC-14), and the texts of refusals.
 
+use super::PlanFault;
 use super::commit::Change;
-use super::item::Item;
-use super::memory::{MAX_ITEMS, PlanType};
-use super::rules::{CommandRule, ParamRule};
 pub(super) use super::whole::check_plan;
 use crate::dialect::command_rules::{
     NAV_FENCE_CIRCLE_EXCLUSION, NAV_FENCE_CIRCLE_INCLUSION, NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     NAV_FENCE_POLYGON_VERTEX_INCLUSION, NAV_FENCE_RETURN_POINT, NAV_RALLY_POINT,
 };
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
+use crate::message::Item;
 use crate::message::Text;
-use crate::service::statustext::MAX_TEXT_LEN;
-use crate::vehicle::PlanFault;
+use crate::message::{CommandRule, ParamRule};
+use crate::types::MAX_TEXT_LEN;
+use crate::types::{MAX_ITEMS, PlanType};
 
-/// A fence's altitudes say nothing but the return point's, and ground stations send relative ones; above terrain is
-/// nowhere (M-80).
+/// Only the return point of a fence has a meaningful altitude, and ground stations send relative ones. Altitudes above terrain
+/// are refused (M-80).
 const FENCE_FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
-/// A polygon that has more vertices than any plan can hold is never whole (M-81).
+/// A polygon with more vertices than a plan can hold cannot be complete (M-81).
 #[allow(clippy::as_conversions, reason = "const-evaluated; less than 65,536")]
 const VERTICES: &[ParamRule] = &[ParamRule::integers(1, 3, MAX_ITEMS as i32)];
-/// Above 0, which the definitions do not ask for.
+/// A radius is greater than 0; the definitions do not require that.
 const RADIUS: &[ParamRule] = &[ParamRule::at_least(1, f32::MIN_POSITIVE)];
 
-/// What a fence is made of (M-80).
+/// The commands of a fence (M-80).
 const FENCE: &[CommandRule] = &[
     NAV_FENCE_RETURN_POINT.with_frames(FENCE_FRAMES),
     vertex(NAV_FENCE_POLYGON_VERTEX_INCLUSION),
@@ -31,7 +31,7 @@ const FENCE: &[CommandRule] = &[
     circle(NAV_FENCE_CIRCLE_INCLUSION),
     circle(NAV_FENCE_CIRCLE_EXCLUSION),
 ];
-/// M-84
+/// The commands of rally points (M-84).
 const RALLY: &[CommandRule] = &[NAV_RALLY_POINT];
 
 const fn vertex(rule: CommandRule) -> CommandRule {
@@ -42,8 +42,8 @@ const fn circle(rule: CommandRule) -> CommandRule {
     rule.with_frames(FENCE_FRAMES).with_params(RADIUS)
 }
 
-/// The rule of a command that this plan takes. `mission` has those that the vehicle flies; fences and rally points have
-/// their own.
+/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally points have
+/// fixed ones.
 pub(super) fn rule(
     plan: PlanType,
     mission: &'static [CommandRule],
@@ -57,48 +57,48 @@ pub(super) fn rule(
     rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
 }
 
-/// Checks one item by the rule of its command.
+/// Checks an item against the rule of its command.
 pub(super) fn check_item(plan: PlanType, mission: &'static [CommandRule], item: &Item) -> Result<(), MavMissionResult> {
     rule(plan, mission, item.command)?.check(item)
 }
 
-/// What the operators are told of a plan, where there are texts about plans (feature `plan-texts`).
-pub(super) enum Trouble<'a> {
-    /// "Mission item 12: parameter 3 out of range", for MISSION_ACK itself has no room for the number (M-38); "Mission
-    /// refused: not consistent", where no item is to blame.
+/// A problem with a plan that is reported to the operators by a text (feature `plan-texts`).
+pub(super) enum Problem<'a> {
+    /// "Mission item 12: parameter 3 out of range", because MISSION_ACK has no field for the item (M-38). "Mission refused:
+    /// not consistent" if no item is at fault.
     Refused(PlanType, PlanFault),
     /// "Mission item 2: no position (0, 0)" (M-48).
-    Unset(PlanType, u16),
+    NoPosition(PlanType, u16),
     /// "Mission item 0: more than 10000 m away" (M-48).
     TooFar(u16, u32),
     /// "Mission refused: stored too often, try later" (C-15).
-    Worn(PlanType),
+    RateLimited(PlanType),
     /// "Mission upload timed out at item 12".
     TimedOut(PlanType, u16),
     /// "Mission item 12 cannot be made current" (M-93).
     NotCurrent(u16),
     /// An item with `current` 2 or 3 (M-34).
     Guided,
-    /// "Mission not stored: the old one stays": what was to be written first, or what is live without being stored.
+    /// "Mission not stored: the old one stays" for a durable change; "Plan storage failed" if a live plan could not be stored.
     NotSaved(Option<&'a Change>),
 }
 
-impl Trouble<'_> {
-    /// Returns the fault in the plan, if that is the trouble.
+impl Problem<'_> {
+    /// Returns the fault in the plan; ERROR if the problem is not a fault of the plan.
     pub(super) fn fault(&self) -> PlanFault {
         match *self {
             Self::Refused(_, fault) => fault,
-            Self::Unset(_, seq) | Self::TooFar(seq, _) => {
+            Self::NoPosition(_, seq) | Self::TooFar(seq, _) => {
                 PlanFault { seq: Some(seq), result: MavMissionResult::INVALID_PARAM5_X }
             }
             _ => MavMissionResult::ERROR.into(),
         }
     }
 
-    /// Writes it into `words`, which is empty: there is one text on the stack, and not one in each function that writes a part. Not
-    /// inlined: its stack is free again when the text is queued.
+    /// Writes the text into `text`, which is empty, so that only one text is on the stack. Not inlined, so that this stack frame
+    /// is free when the text is queued.
     #[inline(never)]
-    pub(super) fn write(&self, words: &mut Text<MAX_TEXT_LEN>) {
+    pub(super) fn write(&self, text: &mut Text<MAX_TEXT_LEN>) {
         let name = |plan| match plan {
             PlanType::Mission => "Mission",
             PlanType::Fence => "Fence",
@@ -107,9 +107,9 @@ impl Trouble<'_> {
         let (subject, what, seq) = match self {
             Self::Refused(plan, PlanFault { seq: None, .. }) => (name(*plan), " refused", None),
             Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
-            Self::Unset(plan, seq) => (name(*plan), " item ", Some(*seq)),
+            Self::NoPosition(plan, seq) => (name(*plan), " item ", Some(*seq)),
             Self::TooFar(seq, _) => (name(PlanType::Mission), " item ", Some(*seq)),
-            Self::Worn(plan) => (name(*plan), " refused: stored too often, try later", None),
+            Self::RateLimited(plan) => (name(*plan), " refused: stored too often, try later", None),
             Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
             Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
             Self::Guided => ("Guided items not supported: send DO_REPOSITION", "", None),
@@ -119,27 +119,27 @@ impl Trouble<'_> {
             }
             Self::NotSaved(None) => ("Plan storage failed", "", None),
         };
-        words.push_str(subject);
-        words.push_str(what);
+        text.push_str(subject);
+        text.push_str(what);
         if let Some(seq) = seq {
-            words.push_number(seq.into());
+            text.push_number(seq.into());
         }
         match self {
-            Self::Refused(_, fault) => push_reason(words, fault.result),
-            Self::NotCurrent(_) => words.push_str(" cannot be made current"),
-            Self::Unset(..) => words.push_str(": no position (0, 0)"),
+            Self::Refused(_, fault) => push_reason(text, fault.result),
+            Self::NotCurrent(_) => text.push_str(" cannot be made current"),
+            Self::NoPosition(..) => text.push_str(": no position (0, 0)"),
             Self::TooFar(_, limit) => {
-                words.push_str(": more than ");
-                words.push_number(*limit);
-                words.push_str(" m away");
+                text.push_str(": more than ");
+                text.push_number(*limit);
+                text.push_str(" m away");
             }
-            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) | Self::Worn(_) => {}
+            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) | Self::RateLimited(_) => {}
         }
     }
 }
 
-fn push_reason(words: &mut Text<MAX_TEXT_LEN>, result: MavMissionResult) {
-    words.push_str(": ");
+fn push_reason(text: &mut Text<MAX_TEXT_LEN>, result: MavMissionResult) {
+    text.push_str(": ");
     let reason = match result {
         MavMissionResult::UNSUPPORTED_FRAME => "frame not supported",
         MavMissionResult::UNSUPPORTED => "command not supported",
@@ -147,14 +147,14 @@ fn push_reason(words: &mut Text<MAX_TEXT_LEN>, result: MavMissionResult) {
         MavMissionResult::INVALID => "not consistent",
         MavMissionResult::DENIED => "not allowed now",
         MavMissionResult(code @ 6..=12) => {
-            // INVALID_PARAM1 and those that follow it.
-            words.push_str("parameter ");
-            words.push_number(u32::from(code).saturating_sub(5));
+            // INVALID_PARAM1 to INVALID_PARAM7.
+            text.push_str("parameter ");
+            text.push_number(u32::from(code).saturating_sub(5));
             " out of range"
         }
         _ => "refused by the vehicle",
     };
-    words.push_str(reason);
+    text.push_str(reason);
 }
 
 #[cfg(test)]
@@ -184,7 +184,7 @@ mod tests {
         Item { command, params: [p1, 0.0, 0.0, 0.0], ..ON_EARTH }
     }
 
-    /// T-M16, SEC-14: one item for each code, and its neighbour that passes.
+    /// M-38, SEC-14: for each code an item that is refused, and a similar one that passes.
     #[test]
     fn each_fault_has_its_own_code() {
         let speed = |params| Item {
@@ -225,9 +225,9 @@ mod tests {
         }
     }
 
-    /// Section 8.6: where several things are wrong, the first of the table is named.
+    /// M-38: with several faults, the code is that of the first failed check.
     #[test]
-    fn faults_are_named_in_the_order_of_the_table() {
+    fn the_first_failed_check_gives_the_code() {
         let mut item = Item {
             frame: MavFrame::BODY_FRD,
             command: MavCmd::NAV_RALLY_POINT,
@@ -237,7 +237,7 @@ mod tests {
             z: NAN,
             ..ON_EARTH
         };
-        let mends: [fn(&mut Item); 9] = [
+        let fixes: [fn(&mut Item); 9] = [
             |item| item.command = MavCmd::NAV_WAYPOINT,
             |item| item.frame = MavFrame::GLOBAL_RELATIVE_ALT_INT,
             |item| item.params[0] = 0.0,
@@ -249,17 +249,17 @@ mod tests {
             |item| item.z = 0.0,
         ];
         let mut codes = Vec::new();
-        for mend in mends {
+        for fix in fixes {
             codes.push(mission(&item).unwrap_err().0);
-            mend(&mut item);
+            fix(&mut item);
         }
         assert_eq!(codes, [3, 2, 6, 7, 8, 9, 10, 11, 12]);
         assert_eq!(mission(&item), Ok(()));
     }
 
-    /// Section 8.6, M-80, M-84: a command belongs to one kind of plan.
+    /// M-38, M-80, M-84: each command belongs to one type of plan.
     #[test]
-    fn plans_do_not_take_each_others_commands() {
+    fn a_plan_refuses_commands_of_other_plans() {
         let items = [ON_EARTH, fence(MavCmd::NAV_FENCE_CIRCLE_EXCLUSION, 5.0), fence(MavCmd::NAV_RALLY_POINT, 0.0)];
         for (own, plan) in [PlanType::Mission, PlanType::Fence, PlanType::Rally].into_iter().enumerate() {
             for (of, item) in items.iter().enumerate() {
@@ -292,7 +292,7 @@ mod tests {
                 assert_eq!(check(&fence(command, p1)), Err(MavMissionResult::INVALID_PARAM1), "{p1}");
             }
         }
-        // The group of an inclusion.
+        // Only inclusions have a group.
         for (p2, is_group) in [(0.0, true), (7.0, true), (-1.0, false), (0.5, false), (NAN, false)] {
             let of = |command| Item { params: [3.0, p2, 0.0, 0.0], ..fence(command, 0.0) };
             let expected = if is_group { Ok(()) } else { Err(MavMissionResult::INVALID_PARAM2) };
@@ -300,7 +300,7 @@ mod tests {
             assert_eq!(check(&of(CIRCLES[0])), expected, "{p2}");
             assert_eq!(check(&of(EXCLUSION)), Ok(()), "{p2}");
         }
-        // Only the return point has an altitude; everything has a place.
+        // Only the return point needs an altitude; every item needs a position.
         let home = fence(MavCmd::NAV_FENCE_RETURN_POINT, 0.0);
         assert_eq!(check(&Item { z: NAN, ..home }), Err(MavMissionResult::INVALID_PARAM7));
         assert_eq!(check(&Item { z: NAN, ..fence(INCLUSION, 3.0) }), Ok(()));
@@ -318,7 +318,7 @@ mod tests {
 
     /// M-84
     #[test]
-    fn rally_points_are_places_on_the_globe() {
+    fn rally_points_need_a_global_position() {
         let check = |item: &Item| check_item(PlanType::Rally, COMMANDS, item);
         let point = fence(MavCmd::NAV_RALLY_POINT, 0.0);
         for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
@@ -339,7 +339,7 @@ mod tests {
     fn texts_name_the_item_and_the_reason() {
         let refused = |plan, seq, result| {
             let mut text = Text::EMPTY;
-            Trouble::Refused(plan, PlanFault { seq, result }).write(&mut text);
+            Problem::Refused(plan, PlanFault { seq, result }).write(&mut text);
             std::string::String::from(text.as_str().unwrap())
         };
         let item = |result| refused(PlanType::Mission, Some(65_534), result);
@@ -350,7 +350,7 @@ mod tests {
         let whole = |seq| refused(PlanType::Fence, seq, MavMissionResult::INVALID);
         assert_eq!(whole(None), "Fence refused: not consistent");
         assert_eq!(whole(Some(12)), "Fence item 12: not consistent");
-        // None of them is cut off.
+        // No text is truncated.
         assert!((0..=u8::MAX).all(|code| item(MavMissionResult(code)).len() < MAX_TEXT_LEN));
     }
 }

@@ -1,24 +1,24 @@
-//! What can be said of a plan only when all its items are there (rules M-72, M-80, M-81; section 8.6).
+//! Checks of a complete plan (M-39, M-72, M-80, M-81).
 //!
-//! One walk over the items, in the order of flight. That a polygon crosses itself is not looked for: the time for it
-//! grows with the square of the corners.
+//! A single pass over the items. Self-intersecting polygons are not detected: the time for that grows with the square of the
+//! number of vertices.
 
-use super::item::Item;
-use super::memory::PlanType;
+use super::PlanFault;
 use crate::dialect::{MavCmd, MavMissionResult};
+use crate::message::Item;
 use crate::num;
-use crate::vehicle::PlanFault;
+use crate::types::PlanType;
 
 type Checked = Result<(), PlanFault>;
 
-/// Refuses jumps that lead nowhere, and fences with polygons that are not whole. The items have passed
+/// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed
 /// [`check_item`](super::validate::check_item).
 #[inline(never)]
 pub(super) fn check_plan(plan: PlanType, items: &[Item]) -> Checked {
     match plan {
         PlanType::Mission => check_jumps(items),
         PlanType::Fence => check_fence(items),
-        // Its items do not depend on each other (M-84).
+        // Rally points are independent of each other (M-84).
         PlanType::Rally => Ok(()),
     }
 }
@@ -27,7 +27,7 @@ fn fault(seq: usize, result: MavMissionResult) -> Checked {
     Err(PlanFault { seq: u16::try_from(seq).ok(), result })
 }
 
-/// M-72: a jump leads to another item, and repeats −1 (for ever), 0, 1, … times.
+/// M-72: a jump leads to another item; its repeat count is −1 (forever), 0, 1, …
 fn check_jumps(items: &[Item]) -> Checked {
     for (seq, item) in items.iter().enumerate() {
         if item.command != MavCmd::DO_JUMP {
@@ -45,7 +45,7 @@ fn check_jumps(items: &[Item]) -> Checked {
     Ok(())
 }
 
-/// M-80, M-81: polygons are runs of vertices, each as long as all its vertices say, and there is one return point at most.
+/// M-80, M-81: a polygon is a run of vertices, all of which state its length; there is at most one return point.
 fn check_fence(items: &[Item]) -> Checked {
     let mut has_return = false;
     let mut seq = 0usize;
@@ -69,15 +69,15 @@ fn is_vertex(item: &Item) -> bool {
     matches!(item.command, MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
 }
 
-/// The polygon that begins with item `start`, `first`. Where it ends.
+/// Checks the polygon that begins with item `start`, which is `first`. Returns the index after its last vertex.
 fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, PlanFault> {
     let [count, group, ..] = first.params;
     let Some(len) = num::integer::<u16>(count).map(usize::from).filter(|len| *len >= 3) else {
         return fault(start, MavMissionResult::INVALID_PARAM1).map(|()| start);
     };
     let end = start.saturating_add(len);
-    // Twice the area, by the triangles from the first vertex, modulo 2^64: more than twice the globe, so that 0 is the area
-    // of no polygon but one whose vertices are on one line, or that undoes itself.
+    // Twice the signed area (shoelace formula, relative to the first vertex), modulo 2^64. That is more than twice the area of
+    // the globe, so 0 means that the vertices are collinear or the parts cancel out.
     let mut area = 0i64;
     let mut last = (0i64, 0i64);
     for (seq, item) in (start..end).zip(items.iter().skip(start)) {
@@ -96,7 +96,7 @@ fn check_polygon(items: &[Item], start: usize, first: &Item) -> Result<usize, Pl
         area = area.wrapping_add(last.0.wrapping_mul(side.1)).wrapping_sub(last.1.wrapping_mul(side.0));
         last = side;
     }
-    // Cut off by the end of the plan, or nothing to be inside of.
+    // Truncated by the end of the plan, or without an area.
     if end > items.len() || area == 0 {
         return fault(start, MavMissionResult::INVALID).map(|()| end);
     }
@@ -126,7 +126,7 @@ mod tests {
         Err(PlanFault { seq: Some(seq), result })
     }
 
-    /// M-72, section 8.6. Each pair is the parameters of a DO_JUMP that is item 1 of 4.
+    /// M-72. Each pair is the parameters of a DO_JUMP that is item 1 of 4.
     #[test]
     fn jumps_lead_to_another_item() {
         let jump = |p1, p2| {
@@ -146,18 +146,18 @@ mod tests {
     }
 
     #[test]
-    fn every_jump_is_looked_at() {
+    fn every_jump_is_checked() {
         let mut items = [item(MavCmd::DO_JUMP, 0.0, 1.0); 100];
         items[0] = item(MavCmd::NAV_WAYPOINT, 0.0, 0.0);
         assert_eq!(check_plan(PlanType::Mission, &items), Ok(()));
         items[99].params[0] = 100.0;
         assert_eq!(check_plan(PlanType::Mission, &items), refused(99, P1));
-        // The same words in another plan are none of ours.
+        // Jumps are not checked in other plans.
         assert_eq!(check_plan(PlanType::Rally, &items), Ok(()));
     }
 
-    /// A fence in short: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group; `r` is the return point,
-    /// `o` a circle. The vertices go round, so that no three are on one line.
+    /// Parses the shorthand for a fence: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group; `r` is the
+    /// return point, `o` a circle. No three vertices are collinear.
     fn fence(text: &str) -> Vec<Item> {
         let parse = |(seq, word): (usize, &str)| {
             let (kind, count) = word.split_at(1);
@@ -175,9 +175,9 @@ mod tests {
         text.split_whitespace().enumerate().map(parse).collect()
     }
 
-    /// T-M17, M-80, M-81
+    /// M-80, M-81
     #[test]
-    fn polygons_are_whole_runs_of_vertices() {
+    fn polygons_are_complete_runs_of_vertices() {
         for text in [
             "",
             "r",
@@ -191,20 +191,20 @@ mod tests {
             assert_eq!(check_plan(PlanType::Fence, &fence(text)), Ok(()), "{text}");
         }
         for (text, seq, result) in [
-            // Cut off by the end: the first vertex is to blame.
+            // Truncated by the end of the plan: the first vertex is at fault.
             ("i3", 0, INVALID),
             ("i3 i3", 0, INVALID),
             ("o i3 i3 i3 e4 e4 e4", 4, INVALID),
             ("i65534 i65534 i65534", 0, INVALID),
-            // Cut off by something else.
+            // Interrupted by another item.
             ("i3 i3 o i3", 2, INVALID),
             ("e3 e3 r e3", 2, INVALID),
             ("i4 i4 i4 e4", 3, INVALID),
-            // Vertices that do not agree.
+            // Vertices that disagree.
             ("i3 i4 i3", 1, P1),
             ("i4 i4 i4 i3 i3 i3", 3, P1),
             ("i3 i3 j3", 2, P2),
-            // Too few, and no number at all.
+            // Too few vertices, and values that are not a count.
             ("i2 i2", 0, P1),
             ("r e0", 1, P1),
             ("i-3 i-3 i-3", 0, P1),
@@ -219,7 +219,7 @@ mod tests {
         }
     }
 
-    /// M-82: what has no inside.
+    /// M-82: a polygon without an area is refused.
     #[test]
     fn polygons_have_an_area() {
         let polygon = |places: &[(i32, i32)]| {
@@ -232,14 +232,14 @@ mod tests {
         assert_eq!(polygon(&[(0, 0), (0, 1), (1, 0)]), Ok(()));
         assert_eq!(polygon(&[(-N, -E), (N, -E), (N, E), (-N, E)]), Ok(()), "all of the globe");
         assert_eq!(polygon(&[(N, E), (-N, E), (-N, -E), (N, -E + 1)]), Ok(()));
-        assert_eq!(polygon(&[(0, 0), (0, 0), (0, 1), (1, 0)]), Ok(()), "a vertex twice is no harm");
+        assert_eq!(polygon(&[(0, 0), (0, 0), (0, 1), (1, 0)]), Ok(()), "a repeated vertex is harmless");
         for flat in [[(5, 7); 3], [(0, 0), (0, 5), (0, 9)], [(-N, -E), (0, 0), (N, E)], [(0, 0), (3, 3), (0, 0)]] {
             assert_eq!(polygon(&flat), refused(0, INVALID), "{flat:?}");
         }
     }
 
     proptest::proptest! {
-        /// Whatever passed or not: no panic, and the item to blame is there.
+        /// Whether or not a plan passes: no panic, and the item at fault exists.
         #[test]
         fn any_plan_is_checked(
             plan in 0usize..3,

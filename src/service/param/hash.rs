@@ -1,21 +1,21 @@
-//! `_HASH_CHECK`: a checksum of all parameters, for a ground station that has their values from last time (P-20).
+//! `_HASH_CHECK`: a checksum of all parameters, for a ground station that has cached their values (P-20).
 //!
-//! CRC-32 from zero and without a final complement, over the name of each parameter that is not volatile and the bytes of
-//! its value, as many as its type has: that is what QGroundControl makes of its cache. A few parameters at a time, because a
-//! whole table would be too much for one poll.
+//! A CRC-32 with initial value 0 and without the final complement, over the name and the value of each parameter that is not
+//! volatile; a value has as many bytes as its type. QGroundControl computes the same from its cache. A step handles a few
+//! parameters, because a whole table would take too long for one poll.
 
 use super::table::TableMut;
 use super::value;
 use crate::crc32::Crc32;
 
-/// Parameters that one step looks at.
+/// Number of parameters in a step.
 const STEP: usize = 4;
 
-/// The checksum, and how far it is.
+/// The checksum and its progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hash {
     crc: Crc32,
-    /// Parameters that are in it.
+    /// Number of parameters included.
     done: u16,
 }
 
@@ -24,8 +24,8 @@ impl Hash {
         Self { crc: Crc32::ZERO, done: 0 }
     }
 
-    /// A step towards the hash of the table, and the hash when it was the last one; the next step begins anew. A value that changes between two steps is in it as it
-    /// is when its turn comes: whoever asks is told of the change in any case (P-16).
+    /// Adds the next parameters. Returns the hash after the last step; the next step then starts again. A value that changes
+    /// between two steps is included as it is in its step; the change itself is sent to the client anyway (P-16).
     pub(super) fn step(&mut self, table: &TableMut<'_>) -> Option<u32> {
         if self.done >= table.count() {
             *self = Self::new();

@@ -1,19 +1,18 @@
-//! `parameters!`: from a declaration, one line a parameter, to a table with typed access.
+//! `parameters!` generates a table with typed access from a declaration with one line per parameter.
 
 /// Declares a vehicle's parameters: a struct that holds their values, and a constant for each of them.
 ///
-/// A line is the name as it stands on the wire, its type, its default, the range that it takes, its unit, and flags where it
-/// has some: `read_only` (only the vehicle itself sets it), `reboot_required` (a change has its effect after the next start)
-/// and `volatile` (not stored). The types are `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`; a `f32` reads the same in
-/// every client, whatever it thinks of integers (P-2).
+/// A line has the parameter's name on the wire, type, default, range, unit, and optional flags: `read_only` (only the vehicle
+/// itself sets it), `reboot_required` (a change takes effect after the next start) and `volatile` (not stored). The types are
+/// `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`. All clients agree on `f32`, but not on the encoding of integers (P-2).
 ///
 /// ```
 /// mavstack::parameters! {
-///     /// What can be tuned on this rover.
+///     /// The parameters of this rover.
 ///     pub struct Tuning {
-///         /// Voltage under which it goes home.
+///         /// Voltage below which it returns home.
 ///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
-///         /// How often it was started.
+///         /// Number of starts.
 ///         STAT_STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
 ///         /// System id.
 ///         SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
@@ -23,13 +22,13 @@
 ///
 /// let mut tuning = Tuning::new();
 /// assert_eq!((tuning.get(Tuning::BAT_LOW), tuning.get(Tuning::SYS_ID)), (10.5, 1));
-/// // The ground is told of it.
+/// // The new value is sent to the ground stations.
 /// assert!(tuning.set(Tuning::STAT_STARTS, 7));
 /// assert_eq!(tuning.get(Tuning::STAT_STARTS), 7);
 /// assert_eq!((Tuning::INFO[0].name(), Tuning::UNITS[0]), ("BAT_LOW", "V"));
 /// ```
 ///
-/// What clients could not work with does not compile. A name is ASCII and has at most 16 bytes (P-1):
+/// A table that clients could not handle does not compile. A name is ASCII and has at most 16 bytes (P-1):
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { A_NAME_OF_17_BYTES: u8 = 0, 0..=1, ""; } }
@@ -39,7 +38,7 @@
 /// mavstack::parameters! { pub struct Tuning { SCHRÄGE: u8 = 0, 0..=1, ""; } }
 /// ```
 ///
-/// Each name stands once, in the order of ASCII, or the hash of the table would not be that of the ground (P-20):
+/// Names are unique and in ASCII order; otherwise the hash of the table would differ from the ground station's (P-20):
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { B: u8 = 0, 0..=1, ""; A: u8 = 0, 0..=1, ""; } }
@@ -49,7 +48,7 @@
 /// mavstack::parameters! { pub struct Tuning { A: u8 = 0, 0..=1, ""; A: u8 = 0, 0..=1, ""; } }
 /// ```
 ///
-/// The default lies within the range, and no float is anything but a number:
+/// The default lies within the range, and floats are finite:
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { A: i8 = 3, -2..=2, ""; } }
@@ -63,7 +62,7 @@
 /// mavstack::parameters! { pub struct Tuning { A: f32 = 0.0, -2.0..=f32::INFINITY, ""; } }
 /// ```
 ///
-/// There are no other types and no other flags, and the name of the hash is taken:
+/// There are no other types and flags, and the name of the hash is reserved:
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { A: u64 = 0, 0..=1, ""; } }
@@ -90,7 +89,7 @@ macro_rules! parameters {
         $(#[$meta])*
         #[derive(Clone, Debug)]
         $vis struct $name {
-            memory: $crate::__ParamMemory<{ [$(stringify!($param)),+].len() }>,
+            memory: $crate::__ParamValues<{ [$(stringify!($param)),+].len() }>,
         }
 
         #[allow(missing_docs, non_upper_case_globals, reason = "a parameter's name is its name on the wire")]
@@ -112,25 +111,27 @@ macro_rules! parameters {
                 table
             };
 
-            /// Every parameter with its default.
-            pub const fn new() -> Self {
-                Self { memory: $crate::__ParamMemory::new(<Self as $crate::ParamTable>::INFO) }
+            /// Returns a table with every parameter at its default.
+            pub fn new() -> Self {
+                let mut table = <Self as $crate::__ParamMemory>::VACANT;
+                $crate::__ParamMemory::begin(&mut table);
+                table
             }
 
-            /// A parameter's value, without a search.
+            /// Returns a parameter's value, without a search.
             #[inline]
             pub fn get<T: $crate::ParamType>(&self, param: $crate::Param<Self, T>) -> T {
                 self.memory.get(param)
             }
 
-            /// Sets a parameter, also one that is read-only to the ground, which is told. False, and nothing changes, when the
-            /// value is out of its range or no number.
+            /// Sets a parameter, even a read-only one, and sends the new value to the ground stations. Returns false, without a
+            /// change, if the value is out of range or not a finite number.
             pub fn set<T: $crate::ParamType>(&mut self, param: $crate::Param<Self, T>, value: T) -> bool {
                 $crate::ParamTable::table_mut(self).set(param, value)
             }
         }
 
-        // Checked where they are declared, not where they are first used.
+        // Checked at the declaration, not at the first use.
         const _: &[$crate::ParamInfo] = <$name as $crate::ParamTable>::INFO;
 
         impl $crate::ParamTable for $name {
@@ -140,6 +141,20 @@ macro_rules! parameters {
 
             fn table_mut(&mut self) -> $crate::__ParamTableMut<'_> {
                 self.memory.table_mut(Self::INFO)
+            }
+        }
+
+        impl $crate::__Values for $name {
+            fn values(&self) -> &[u32] {
+                self.memory.values()
+            }
+        }
+
+        impl $crate::__ParamMemory for $name {
+            const VACANT: Self = Self { memory: $crate::__ParamValues::VACANT };
+
+            fn begin(&mut self) {
+                self.memory.begin(<Self as $crate::ParamTable>::INFO);
             }
         }
 

@@ -1,10 +1,12 @@
 //! The parameter protocol: the vehicle's settings, listed, read and set.
 //!
-//! Implements <https://mavlink.io/en/services/parameter.html>, rules P-1 to P-32: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and
-//! PARAM_SET in, PARAM_VALUE and PARAM_ERROR out, `_HASH_CHECK`, and MAV_CMD_PREFLIGHT_STORAGE. The values are the vehicle's; the
-//! table has a mark for every parameter and link that has not been told of its value, so a list, any number of reads and
-//! every change cost no memory beside one cursor a link. What else the service keeps stands in the table too: a vehicle
-//! without parameters has none of it. No parameter by FTP, and no PARAM_EXT.
+//! Implements <https://mavlink.io/en/services/parameter.html>, rules P-1 to P-32. It handles PARAM_REQUEST_LIST,
+//! PARAM_REQUEST_READ, PARAM_SET and MAV_CMD_PREFLIGHT_STORAGE, and sends PARAM_VALUE, PARAM_ERROR and `_HASH_CHECK`. Parameters by
+//! FTP and PARAM_EXT are not supported.
+//!
+//! The stack owns the table with the values. It has a mark for every parameter and link on which the value is pending. So lists,
+//! reads and changes need no memory besides one cursor per link. The rest of the service's state is part of the table too: a
+//! firmware without parameters does not have it.
 
 mod hash;
 #[macro_use]
@@ -21,58 +23,47 @@ mod vehicle;
 mod tests;
 
 pub(crate) use replies::List;
-pub use table::{MAX_PARAMS, NoParams, Param, ParamChange, ParamInfo, ParamMemory, ParamTable, TableMut};
+pub use table::{MAX_PARAMS, NoParams, Param, ParamChange, ParamInfo, ParamMemory, ParamTable, ParamValues, TableMut};
 pub use value::{ParamEncoding, ParamType};
 pub use vehicle::{ParamHash, Parameters};
 
 use core::marker::PhantomData;
 
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
     MavCmd, MavModeFlag, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
     ParamRequestRead, ParamSet, ParamValue,
 };
-use crate::frame::{Frame, Version};
-use crate::link::{LinkId, LinkMask, Outbox, Peer};
+use crate::frame::Version;
+use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
-use crate::service::statustext::StatusTexts;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, Vehicle};
+use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, StatusTexts, Vehicle};
 use saving::Saving;
 use table::HASH_NAME;
 
-/// `param_index` of what is in no table.
+/// `param_index` of a value that is not in the table.
 const NO_INDEX: u16 = u16::MAX;
 
-/// One refusal in this time is told as a text too (P-32).
+/// Minimum time between texts about refusals (P-32).
 const TEXT_PAUSE: Duration = Duration::from_secs(1);
 
-/// What the service works with beside the table.
-pub(crate) struct Context<'a> {
+/// What the service needs besides the table.
+pub(crate) struct Work<'a> {
     pub(crate) now: Instant,
     pub(crate) texts: &'a mut StatusTexts,
-    /// The links that everything may be sent on.
+    /// The links that carry all messages.
     pub(crate) normal: LinkMask,
 }
 
-/// Who asks, on a link that sends `version`.
+/// The sender of a request, on a link that sends `version`.
 pub(crate) struct Caller<'a> {
     pub(crate) from: Peer,
     pub(crate) version: Version,
     pub(crate) list: &'a mut List,
 }
 
-/// What became of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Taken {
-    /// It was taken, and is answered.
-    Yes,
-    /// Its answer has no room: it was not taken.
-    NoRoom,
-    /// It is not for everyone.
-    OutOfPlace,
-}
-
-/// What AUTOPILOT_VERSION says of a vehicle's parameters.
+/// Returns the capability bits for a vehicle's parameters.
 pub(crate) const fn capability<V: Parameters>() -> MavProtocolCapability {
     match V::PARAM_ENCODING {
         _ if V::Table::INFO.is_empty() => MavProtocolCapability::EMPTY,
@@ -81,15 +72,15 @@ pub(crate) const fn capability<V: Parameters>() -> MavProtocolCapability {
     }
 }
 
-/// How the service does things for this vehicle.
+/// The vehicle's configuration of the service.
 #[derive(Clone, Copy)]
-struct Ways {
+struct Options {
     encoding: ParamEncoding,
     hash: ParamHash,
     has_errors: bool,
 }
 
-impl Ways {
+impl Options {
     const fn of<V: Parameters>() -> Self {
         let hash = match V::PARAM_ENCODING {
             ParamEncoding::Bytewise => V::PARAM_HASH,
@@ -98,36 +89,33 @@ impl Ways {
         Self { encoding: V::PARAM_ENCODING, hash, has_errors: V::PARAM_ERROR }
     }
 
-    /// Whether this is the hash's name, and there is one.
+    /// Whether this is the name of the hash, and the hash is enabled.
     fn is_hash(self, name: &[u8; 16]) -> bool {
         self.hash != ParamHash::Never && *name == HASH_NAME
     }
 }
 
-/// What of the parameter service must be known where the vehicle is not at hand. The rest stands in the vehicle's table.
+/// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches what must be
+/// known without access to the table.
 #[derive(Debug)]
-pub(crate) struct Params {
-    /// Links that an answer is owed on.
-    owed: LinkMask,
-    /// Links whose lines were opened anew, of which the table does not know yet.
+pub struct ParamService {
+    /// The links on which an answer is pending.
+    pending: LinkMask,
+    /// The links that were reopened since the last access to the table.
     restarted: LinkMask,
-    /// When there is something to write.
+    /// When the next write to storage is due.
     write_due: Instant,
 }
 
-impl Params {
-    pub(crate) const fn new() -> Self {
-        Self { owed: LinkMask::NONE, restarted: LinkMask::NONE, write_due: Instant::NEVER }
-    }
-
-    /// The vehicle's table.
-    fn table<'v, V: Parameters>(&mut self, vehicle: &'v mut V) -> Option<TableMut<'v>> {
-        let table = vehicle.parameters_mut()?.table_mut();
+impl ParamService {
+    /// Returns the table, updated for reopened links.
+    fn table<'t, T: ParamTable>(&mut self, table: &'t mut T) -> TableMut<'t> {
+        let table = table.table_mut();
         self.catch_up(table.state);
-        Some(table)
+        table
     }
 
-    /// Tells the table what it does not know yet. Not inlined, as it is for every vehicle the same.
+    /// Updates the table for reopened links. Not inlined, because it is the same for every table.
     #[inline(never)]
     fn catch_up(&mut self, state: &mut state::State) {
         if !self.restarted.is_empty() {
@@ -135,69 +123,113 @@ impl Params {
         }
     }
 
-    /// The table was worked with.
-    fn note(&mut self, table: &TableMut<'_>) {
-        self.owed = table.state.owed();
+    /// Updates the cached state from the table.
+    fn cache(&mut self, table: &TableMut<'_>) {
+        self.pending = table.state.pending_links();
         self.write_due = table.state.saving.deadline();
     }
 
-    /// The line of a link was opened anew: nobody is there any more who asked.
-    pub(crate) fn restart(&mut self, link: LinkId, list: &mut List) {
-        list.end();
-        self.restarted = self.restarted.with(LinkMask::of(link));
-        self.owed = self.owed.without(LinkMask::of(link));
-    }
-
-    /// Whether a message is one of ours.
-    pub(crate) const fn handles(id: u32) -> bool {
+    /// Whether the service handles the message with this id.
+    const fn handles(id: u32) -> bool {
         matches!(id, ParamRequestRead::ID | ParamRequestList::ID | ParamSet::ID)
     }
 
-    /// A frame whose message [`handles`](Self::handles) names, addressed to us or to all.
-    #[inline(never)]
-    pub(crate) fn on_frame<V: Parameters>(
-        &mut self,
-        cx: &mut Context<'_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        frame: &Frame<'_>,
-    ) -> Taken {
-        let ways = Ways::of::<V>();
-        let Some(mut table) = self.table(vehicle) else { return Taken::Yes };
-        let request = table.on_request(cx, ways, caller, frame);
-        self.note(&table);
-        let (index, bits) = match request {
-            Ok(taken) => return taken,
-            Err(change) => change,
-        };
-        // All but the vehicle's own word is said, and there is room for a refusal.
-        let change = ParamChange { index, bits, from: Some(caller.from), table: PhantomData };
-        let verdict = vehicle.may_set(&change);
-        if let Some(mut table) = self.table(vehicle) {
-            table.set_for(cx, ways, caller, (index, bits), verdict);
-            self.note(&table);
-        }
-        if verdict.is_ok() {
-            vehicle.parameter_changed(&change);
-        }
-        Taken::Yes
+    /// Makes a write of all changes due now.
+    pub(crate) fn hurry<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
+        let mut table = self.table(table);
+        table.notice(now);
+        table.state.saving.hurry(now);
+        self.cache(&table);
     }
 
-    /// MAV_CMD_PREFLIGHT_STORAGE (P-17); `None` for any other command, and where there are no parameters.
+    /// Sets a parameter to a valid value, and makes it pending on `links`. Returns false if it has that value already.
+    fn change<T: ParamTable>(&mut self, table: &mut T, index: u16, bits: u32, links: LinkMask) -> bool {
+        let mut table = self.table(table);
+        if table.get(index).is_none_or(|(_, old)| old == bits) {
+            return false;
+        }
+        table.put(index, bits);
+        table.mark_pending(index, links);
+        self.cache(&table);
+        true
+    }
+
+    /// Whether an answer is pending on a link.
+    const fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(LinkMask::of(link))
+    }
+}
+
+impl<F> Service<F> for ParamService
+where
+    F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
+{
+    const NEW: Self = Self { pending: LinkMask::NONE, restarted: LinkMask::NONE, write_due: Instant::ZERO };
+    type Link = List;
+    const VACANT: List = List::new();
+    const CAPABILITIES: MavProtocolCapability = capability::<F::Vehicle>();
+
+    fn begin(&mut self, _: &Config) {
+        self.write_due = Instant::NEVER;
+    }
+
+    /// Notices what the vehicle has set since the last call (P-16).
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
+        let mut table = self.table(cx.parameters);
+        table.notice(cx.now);
+        self.cache(&table);
+        if !cx.vehicle.may_persist() {
+            // Nothing may be written, so no poll is needed for it.
+            self.write_due = Instant::NEVER;
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.write_due
+    }
+
     #[inline(never)]
-    pub(crate) fn on_command<V: Parameters + Vehicle>(
-        &mut self,
-        cx: &mut Context<'_>,
-        vehicle: &mut V,
-        command: &Command,
-    ) -> Option<MavResult> {
-        /// Neither read nor written.
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, received: &Received<'_>) -> Handled {
+        if !Self::handles(received.frame.id()) {
+            return Handled::No;
+        }
+        let options = Options::of::<F::Vehicle>();
+        let mut caller = Caller { from: received.from, version: port.outbox.version(), list };
+        let mut table = self.table(cx.parameters);
+        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
+        let request = table.on_request(&mut work, options, &mut caller, received.frame);
+        self.cache(&table);
+        let (index, bits) = match request {
+            Ok(handled) => return handled,
+            Err(change) => change,
+        };
+        // Everything but the vehicle's decision is checked, and there is a slot for a refusal.
+        let change = ParamChange { index, bits, from: Some(received.from), table: PhantomData };
+        let (vehicle, mut context) = cx.hook();
+        let verdict = vehicle.may_set(&mut context, &change);
+        let mut table = self.table(cx.parameters);
+        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
+        table.set_for(&mut work, options, &caller, (index, bits), verdict);
+        self.cache(&table);
+        if verdict.is_ok() {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.parameter_changed(&mut context, &change);
+        }
+        Handled::Yes
+    }
+
+    /// MAV_CMD_PREFLIGHT_STORAGE (P-17).
+    #[inline(never)]
+    fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut List, request: &Request) -> Option<Verdict> {
+        /// No action.
         const NOTHING: i32 = -1;
 
+        let command = &request.command;
         if command.id != MavCmd::PREFLIGHT_STORAGE {
             return None;
         }
-        let table = self.table(vehicle)?;
+        let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
+        let mut table = self.table(cx.parameters);
         let (count, is_stored) = (table.count(), table.state.saving.is_attached());
         let [parameters, missions, ..] = command.params;
         let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
@@ -207,129 +239,116 @@ impl Params {
             Some(0 | 1) => is_stored,
             _ => false,
         };
-        // Missions are read and written by themselves; to reset them there is MISSION_CLEAR_ALL.
+        // Missions are loaded and stored automatically; MISSION_CLEAR_ALL resets them.
         if !is_known || !matches!(missions, Some(NOTHING..=1)) {
-            return Some(MavResult::DENIED);
+            return refused(MavResult::DENIED);
         }
-        if vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED)) {
-            return Some(MavResult::TEMPORARILY_REJECTED);
+        if cx.vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED)) {
+            return refused(MavResult::TEMPORARILY_REJECTED);
         }
-        let mut table = self.table(vehicle)?;
         table.notice(cx.now);
         let will_change = matches!(parameters, Some(2 | 4));
-        if (will_change || parameters == Some(1)) && table.state.saving.is_worn(cx.now, will_change) {
-            return Some(MavResult::TEMPORARILY_REJECTED);
+        if (will_change || parameters == Some(1)) && table.state.saving.is_rate_limited(cx.now, will_change) {
+            return refused(MavResult::TEMPORARILY_REJECTED);
         }
-        match parameters {
-            Some(0) => {
-                let table = self.table(vehicle)?;
-                table.state.saving.reload();
-                self.note(&table);
-                return Some(MavResult::ACCEPTED);
-            }
-            Some(1) => {
-                self.hurry(cx.now, vehicle);
-                return Some(MavResult::ACCEPTED);
-            }
-            Some(NOTHING) => return Some(MavResult::ACCEPTED),
-            _ => {}
+        if parameters == Some(0) {
+            table.state.saving.reload();
+            self.cache(&table);
         }
-        let resets_all = parameters == Some(4);
-        for index in 0..count {
-            let info = self.table(vehicle)?.get(index)?.0;
-            if resets_all || !info.is_read_only() {
-                self.change(vehicle, index, info.default_bits(), cx.normal, Some(command.from));
+        if will_change {
+            let resets_all = parameters == Some(4);
+            for index in 0..count {
+                let Some((info, _)) = self.table(cx.parameters).get(index) else { continue };
+                let bits = info.default_bits();
+                if (resets_all || !info.is_read_only()) && self.change(cx.parameters, index, bits, cx.shared.normal) {
+                    let change = ParamChange { index, bits, from: Some(command.from), table: PhantomData };
+                    let (vehicle, mut context) = cx.hook();
+                    vehicle.parameter_changed(&mut context, &change);
+                }
             }
         }
-        self.hurry(cx.now, vehicle);
-        Some(MavResult::ACCEPTED)
+        if matches!(parameters, Some(1 | 2 | 4)) {
+            self.hurry(cx.now, cx.parameters);
+        }
+        Some(Verdict::done(MavResult::ACCEPTED))
     }
 
-    /// What is not stored yet is to be written now.
-    pub(crate) fn hurry<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
-        if let Some(mut table) = self.table(vehicle) {
-            table.notice(now);
-            table.state.saving.hurry(now);
-            self.note(&table);
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, turn: Turn) -> bool {
+        let options = Options::of::<F::Vehicle>();
+        match turn {
+            Turn::ParamAnswer => self.next_answer(options, cx.parameters, list, &mut port.outbox),
+            Turn::LateParamList if !list.is_late(cx.now) => false,
+            _ => self.next_listed(options, cx.now, cx.parameters, list, port),
         }
     }
 
-    /// Gives a parameter another value that it can have, if it has not, and tells everybody.
-    fn change<V: Parameters>(&mut self, vehicle: &mut V, index: u16, bits: u32, links: LinkMask, from: Option<Peer>) {
-        let Some(mut table) = self.table(vehicle) else { return };
-        if table.get(index).is_none_or(|(_, old)| old == bits) {
-            return;
+    fn due(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Instant {
+        match turn {
+            Turn::ParamAnswer if self.is_pending(port.id) => view.now,
+            Turn::ParamAnswer => Instant::NEVER,
+            Turn::LateParamList => list.late_at(),
+            _ => list.due(),
         }
-        table.put(index, bits);
-        table.tell(index, links);
-        self.note(&table);
-        vehicle.parameter_changed(&ParamChange { index, bits, from, table: PhantomData });
     }
 
-    /// Looks what the vehicle set since the last time (P-16).
-    pub(crate) fn poll<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
-        let Some(mut table) = self.table(vehicle) else { return };
-        table.notice(now);
-        self.note(&table);
-    }
-
-    /// Whether an answer is owed on a link.
-    pub(crate) const fn is_pending(&self, link: LinkId) -> bool {
-        self.owed.contains(LinkMask::of(link))
-    }
-
-    /// Sends an answer: a refusal, the hash, or a value that somebody asked for or that has changed. False when none is
-    /// ready.
-    pub(crate) fn next<V: Parameters>(&mut self, vehicle: &mut V, list: &mut List, tx: &mut Outbox) -> bool {
-        if !self.is_pending(tx.link()) {
-            return false;
-        }
-        let Some(mut table) = self.table(vehicle) else { return false };
-        // Before the value: MAVSDK sets again when it sees the old one, and gives up when it sees this.
-        let sent = (V::PARAM_ERROR && table.state.refusals.next(tx)) || table.next_answer(Ways::of::<V>(), list, tx);
-        self.note(&table);
-        sent
-    }
-
-    /// Sends the next value of the list, when its turn has come on a link of so many bytes/s (P-11). False when it has not.
-    pub(crate) fn next_listed<V: Parameters>(
-        &mut self,
-        now: Instant,
-        vehicle: &mut V,
-        list: &mut List,
-        bytes_per_second: u32,
-        tx: &mut Outbox,
-    ) -> bool {
-        let Some(index) = list.listed(now) else { return false };
-        let Some(mut table) = self.table(vehicle) else { return false };
-        // The hash goes before it.
-        if table.state.hash_owed.contains(LinkMask::of(tx.link())) {
-            return false;
-        }
-        list.go_on(now, table.count(), bytes_per_second);
-        table.send_value(Ways::of::<V>(), index, tx)
-    }
-
-    /// Nothing may be written for now: nobody is to be woken for it.
-    #[cfg(feature = "storage")]
-    pub(crate) const fn rest(&mut self) {
-        self.write_due = Instant::NEVER;
-    }
-
-    /// When there is something to write: see [`unsaved`](Self::unsaved).
-    pub(crate) const fn deadline(&self) -> Instant {
-        self.write_due
+    fn restart(&mut self, port: &Port, list: &mut List) {
+        let link = LinkMask::of(port.id);
+        list.end();
+        self.restarted = self.restarted.with(link);
+        self.pending = self.pending.without(link);
     }
 }
 
-/// What storage is asked for, and what comes back from it.
+impl ParamService {
+    /// Sends an answer: a refusal, the hash, or a value that was requested or has changed. Returns false if none is ready.
+    fn next_answer<T: ParamTable>(
+        &mut self,
+        options: Options,
+        table: &mut T,
+        list: &mut List,
+        tx: &mut Outbox,
+    ) -> bool {
+        if !self.is_pending(tx.link()) {
+            return false;
+        }
+        let mut table = self.table(table);
+        // The refusal is sent before the value: MAVSDK gives up after a PARAM_ERROR, but retries after the old value.
+        let sent = (options.has_errors && table.state.refusals.next(tx)) || table.next_answer(options, list, tx);
+        self.cache(&table);
+        sent
+    }
+
+    /// Sends the next value of the list if it is due (P-11). Returns false if it is not.
+    fn next_listed<T: ParamTable>(
+        &mut self,
+        options: Options,
+        now: Instant,
+        table: &mut T,
+        list: &mut List,
+        port: &mut Port,
+    ) -> bool {
+        let Some(index) = list.next_due(now) else { return false };
+        let mut table = self.table(table);
+        // The hash is sent first.
+        if table.state.hash_pending.contains(LinkMask::of(port.id)) {
+            return false;
+        }
+        list.advance(now, table.count(), port.config.bytes_per_second);
+        table.send_value(options, index, &mut port.outbox)
+    }
+}
+
+/// The interface to storage.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
-impl Params {
-    /// A parameter comes back from storage (P-17): the stored value, or the default of this firmware when the stored one was
-    /// the default too. It stays as it is when there is none of that name and type, when it cannot have the value, or when it
-    /// has a value already that it is to keep.
-    pub(crate) fn load<V: Parameters>(&mut self, vehicle: &mut V, stored: &Stored, links: LinkMask, keeps_value: bool) {
-        let Some(table) = self.table(vehicle) else { return };
+impl ParamService {
+    /// Loads a parameter from storage (P-17): the stored value, or this firmware's default if the stored value was the default.
+    /// Nothing changes if no parameter has that name and type, if the value is invalid, or if `keeps_value` is set and the
+    /// parameter no longer has its default.
+    pub(crate) fn load<F>(&mut self, cx: &mut Cx<'_, F>, stored: &Stored, keeps_value: bool)
+    where
+        F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
+    {
+        let table = self.table(cx.parameters);
         let Some((index, (info, old))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
         else {
             return;
@@ -338,61 +357,64 @@ impl Params {
         if keeps_value && old != info.default_bits() {
             return;
         }
-        if info.param_type() == stored.r#type && !info.is_volatile() && info.has_room(bits) {
-            self.change(vehicle, index, bits, links, None);
+        let is_possible = info.param_type() == stored.r#type && !info.is_volatile() && info.has_room(bits);
+        if is_possible && self.change(cx.parameters, index, bits, cx.shared.normal) {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: None, table: PhantomData });
         }
     }
 
-    /// Works with what is known of the storage.
-    fn saving<V: Parameters, R>(&mut self, vehicle: &mut V, work: impl FnOnce(&mut Saving, u32) -> R) -> Option<R> {
-        let table = self.table(vehicle)?;
+    /// Calls `work` with the state of storage and the generation of the table.
+    fn saving<T: ParamTable, R>(&mut self, table: &mut T, work: impl FnOnce(&mut Saving, u32) -> R) -> R {
+        let table = self.table(table);
         let generation = table.generation();
         let result = work(&mut table.state.saving, generation);
-        self.note(&table);
-        Some(result)
+        self.cache(&table);
+        result
     }
 
     /// Sets the time in which storage regains one token for a write that peers cause (C-15).
-    pub(crate) fn limit<V: Parameters>(&mut self, vehicle: &mut V, refill: Duration) {
-        self.saving(vehicle, |saving, _| saving.limit(refill));
+    pub(crate) fn limit<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
+        self.saving(table, |saving, _| saving.limit(refill));
     }
 
-    /// What storage had came back, or could not be read; from now on it is kept up.
-    pub(crate) fn loaded<V: Parameters>(&mut self, vehicle: &mut V, is_read: bool) {
-        self.saving(vehicle, |saving, generation| saving.loaded(generation, is_read));
+    /// Records whether the stored values were read. From now on, changes are stored.
+    pub(crate) fn loaded<T: ParamTable>(&mut self, table: &mut T, is_read: bool) {
+        self.saving(table, |saving, generation| saving.loaded(generation, is_read));
     }
 
     /// Records whether parameters that could not be read at the start have now been read. If not, parameters set since then are
     /// written later.
-    pub(crate) fn reread<V: Parameters>(&mut self, now: Instant, vehicle: &mut V, is_read: bool) {
-        self.saving(vehicle, |saving, generation| saving.reread(now, generation, is_read));
+    pub(crate) fn reread<T: ParamTable>(&mut self, now: Instant, table: &mut T, is_read: bool) {
+        self.saving(table, |saving, generation| saving.reread(now, generation, is_read));
     }
 
-    /// Whether the operator wants the stored values back: [`load`](Self::load) them and say [`loaded`](Self::loaded).
-    pub(crate) fn wants_reload<V: Parameters>(&mut self, vehicle: &mut V) -> bool {
-        self.saving(vehicle, |saving, _| saving.wants_reload()) == Some(true)
+    /// Whether the operator has requested the stored values: the caller [loads](Self::load) them and calls
+    /// [`loaded`](Self::loaded).
+    pub(crate) fn wants_reload<T: ParamTable>(&mut self, table: &mut T) -> bool {
+        self.saving(table, |saving, _| saving.wants_reload())
     }
 
-    /// The number of the write that is under way, or begins now; `None` when there is nothing to write.
-    pub(crate) fn unsaved<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) -> Option<u32> {
-        self.saving(vehicle, |saving, generation| saving.job(now, generation)).flatten()
+    /// Returns the number of the write that is in progress or begins now; `None` if there is nothing to write.
+    pub(crate) fn unsaved<T: ParamTable>(&mut self, now: Instant, table: &mut T) -> Option<u32> {
+        self.saving(table, |saving, generation| saving.job(now, generation))
     }
 
-    /// Storage holds it.
-    pub(crate) fn saved<V: Parameters>(&mut self, now: Instant, vehicle: &mut V) {
-        self.saving(vehicle, |saving, _| saving.saved(now));
+    /// Records that the write is complete.
+    pub(crate) fn saved<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
+        self.saving(table, |saving, _| saving.saved(now));
     }
 
-    /// Storage failed; it is tried again (P-14, last row).
+    /// Records that the write failed; it is retried (P-14, last row).
     #[inline(never)]
-    pub(crate) fn not_saved<V: Parameters>(&mut self, cx: &mut Context<'_>, vehicle: &mut V) {
-        if self.saving(vehicle, |saving, _| saving.not_saved(cx.now)) == Some(true) {
-            cx.texts.push(cx.now, cx.normal, MavSeverity::ERROR, &Text::new("Parameters not saved"));
+    pub(crate) fn not_saved<T: ParamTable>(&mut self, work: &mut Work<'_>, table: &mut T) {
+        if self.saving(table, |saving, _| saving.not_saved(work.now)) {
+            work.texts.push(work.now, work.normal, MavSeverity::ERROR, b"Parameters not saved");
         }
     }
 }
 
-/// A parameter as storage has it.
+/// A stored parameter.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Stored {
@@ -405,7 +427,7 @@ pub(crate) struct Stored {
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl TableMut<'_> {
-    /// A parameter as it is to be stored; `None` behind the last one. A volatile one is its default.
+    /// Returns a parameter as it is stored; `None` after the last one. A volatile parameter is stored as its default.
     pub(crate) fn stored(&self, index: u16) -> Option<Stored> {
         let (info, bits) = self.get(index)?;
         let is_default = info.is_volatile() || bits == info.default_bits();
@@ -415,39 +437,43 @@ impl TableMut<'_> {
 }
 
 impl TableMut<'_> {
-    /// Sees whether there is something to write.
+    /// Checks whether there is something to write.
     fn notice(&mut self, now: Instant) {
         let generation = self.generation();
         self.state.saving.notice(now, generation);
     }
 
-    /// Sends the hash, or a value that is owed. False when neither is ready.
-    fn next_answer(&mut self, ways: Ways, list: &mut List, tx: &mut Outbox) -> bool {
+    /// Sends the hash or a pending value. Returns false if neither is ready.
+    fn next_answer(&mut self, options: Options, list: &mut List, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
-        if ways.hash != ParamHash::Never && self.state.hash_owed.contains(link) {
+        if options.hash != ParamHash::Never && self.state.hash_pending.contains(link) {
             let mut hash = self.state.hash;
             let sum = hash.step(self);
             self.state.hash = hash;
             if let Some(sum) = sum {
-                self.state.hash_owed = self.state.hash_owed.without(link);
+                self.state.hash_pending = self.state.hash_pending.without(link);
                 return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(sum), tx);
             }
         }
-        if !self.state.untold.contains(link) {
+        if !self.state.pending.contains(link) {
             return false;
         }
-        let Some(index) = self.next_untold(link, list.from) else {
-            self.state.untold = self.state.untold.without(link);
+        let Some(index) = self.next_pending(link, list.from) else {
+            self.state.pending = self.state.pending.without(link);
             return false;
         };
         list.from = index.saturating_add(1);
-        self.send_value(ways, index, tx)
+        let sent = self.send_value(options, index, tx);
+        if self.next_pending(link, list.from).is_none() {
+            self.state.pending = self.state.pending.without(link);
+        }
+        sent
     }
 
-    fn send_value(&mut self, ways: Ways, index: u16, tx: &mut Outbox) -> bool {
+    fn send_value(&mut self, options: Options, index: u16, tx: &mut Outbox) -> bool {
         let Some((info, bits)) = self.get(index) else { return false };
-        self.told(index, LinkMask::of(tx.link()));
-        let value = value::to_wire(ways.encoding, info.param_type(), bits);
+        self.clear_pending(index, LinkMask::of(tx.link()));
+        let value = value::to_wire(options.encoding, info.param_type(), bits);
         self.send_as(index, info.wire_name(), info.param_type(), value, tx)
     }
 

@@ -1,39 +1,42 @@
-//! What is owed to those who talk about parameters, beside values: a list under way on each link, and a few refusals.
+//! The pending answers besides single values: the active list of each link, and a few refusals.
 //!
-//! Values that are owed need no memory here: the table has a mark for each parameter and link (P-12).
+//! Pending values need no memory here: the table has a mark for each parameter and link (P-12).
 
 use crate::dialect::{MavParamError, ParamError};
-use crate::link::{LinkId, LinkMask, Outbox, Peer};
+use crate::link::Outbox;
 use crate::message::Text;
 use crate::time::{Duration, Instant};
+use crate::types::{LinkId, LinkMask, Peer};
 
-/// Refusals that all links together can owe.
+/// Number of refusals that can be pending on all links together.
 const SLOTS: usize = 4;
 
-/// Bytes of a PARAM_VALUE in MAVLink 2, times 10^6 for microseconds, times 5/2 for a share of 40 % of the link (P-11).
+/// Pause after a value (µs), times the link's bytes/s: the size of a PARAM_VALUE in MAVLink 2, times 10^6 for microseconds, times
+/// 5/2 for a share of 40 % of the link (P-11).
 const PACE: u32 = 92_500_000;
 
-/// What a list has not used of its share is lost after this time: so much may a poll be late.
+/// Maximum time for which a list makes up, if polls are late. Older unused shares of the link are lost.
 const CATCH_UP: Duration = Duration::from_millis(100);
 
 /// A list value that has waited this long is sent before streams and forwarded frames; otherwise a saturated link would
 /// starve the list (D-4, P-11). Less than [`CATCH_UP`], so that waiting does not reduce the list's share.
-const PATIENCE: Duration = Duration::from_millis(20);
+const MAX_LATENESS: Duration = Duration::from_millis(20);
 
-/// A request that is refused.
+/// A pending refusal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Refusal {
     pub(super) to: Peer,
     pub(super) error: MavParamError,
-    /// As it was asked for; -1 when it was named (P-30).
+    /// As in the request; -1 if it has a name instead (P-30).
     pub(super) index: i16,
     pub(super) name: [u8; 16],
 }
 
-/// The refusals that are owed, of all links.
+/// The pending refusals of all links.
 ///
-/// Who has none always gets room, if need be that of another link's: or a line that stalls would hold up the others. To who
-/// waits for that one it is a lost frame; nothing was carried out, and of what was to be set he has the value.
+/// A link without a pending refusal always gets a slot: if none is free, it evicts a refusal of another link. Otherwise a stalled
+/// link would block the others. To its client, an evicted refusal looks like a lost frame; nothing was carried out, and after a
+/// PARAM_SET the client gets the value anyway.
 #[derive(Clone, Debug)]
 pub(super) struct Refusals([Option<Refusal>; SLOTS]);
 
@@ -42,22 +45,22 @@ impl Refusals {
         Self([None; SLOTS])
     }
 
-    /// The links that refusals are owed on.
+    /// Returns the links on which refusals are pending.
     pub(super) fn links(&self) -> LinkMask {
         self.0.iter().flatten().fold(LinkMask::NONE, |links, refusal| links.with(LinkMask::of(refusal.to.link)))
     }
 
-    /// Whether one more would have no room on a link.
+    /// Whether there is no slot for another refusal on a link.
     pub(super) fn is_full(&self, link: LinkId) -> bool {
         self.0.iter().all(Option::is_some) && self.links().contains(LinkMask::of(link))
     }
 
-    /// Owes a refusal. False when it has no room.
+    /// Queues a refusal. Returns false if there is no slot for it.
     pub(super) fn push(&mut self, refusal: Refusal) -> bool {
         if self.is_full(refusal.to.link) {
             return false;
         }
-        // Free, or the last one: then it is another link's.
+        // A free slot, or the last one, which then belongs to another link.
         let place = self.0.iter().position(Option::is_none).unwrap_or(SLOTS.wrapping_sub(1));
         if let Some(slot) = self.0.get_mut(place) {
             *slot = Some(refusal);
@@ -69,7 +72,7 @@ impl Refusals {
         self.0.iter_mut().find(|slot| slot.is_some_and(|refusal| refusal.to.link == link))
     }
 
-    /// Sends one of a link's. False when it owes none.
+    /// Sends a refusal of the link. Returns false if none is pending.
     pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
         let Some(refusal) = self.slot(tx.link()).and_then(Option::take) else { return false };
         tx.send(&ParamError {
@@ -81,7 +84,7 @@ impl Refusals {
         })
     }
 
-    /// Forgets those of the links.
+    /// Drops the refusals of these links.
     pub(super) fn forget(&mut self, links: LinkMask) {
         for slot in &mut self.0 {
             if slot.is_some_and(|refusal| links.contains(LinkMask::of(refusal.to.link))) {
@@ -90,68 +93,74 @@ impl Refusals {
         }
     }
 
-    /// To whom each is owed, and the name in it.
+    /// Returns the pending refusals.
     #[cfg(test)]
     pub(super) fn iter(&self) -> impl Iterator<Item = &Refusal> {
         self.0.iter().flatten()
     }
 }
 
-/// What a link keeps of its own: how far its list is. Zero bits at first.
+/// The state of a link: the progress of its list. Initially all zero bits.
 #[derive(Clone, Debug)]
-pub(crate) struct List {
+pub struct List {
     /// When the next value is due.
     due: Instant,
-    /// Which one it is.
+    /// The index of that value.
     next: u16,
-    /// Where to look for the next value that is owed beside the list, so that each has its turn.
+    /// Where the search for the next pending single value starts, so that each one has its turn (round robin).
     pub(super) from: u16,
-    is_going_on: bool,
+    is_active: bool,
 }
 
 impl List {
     pub(crate) const fn new() -> Self {
-        Self { due: Instant::ZERO, next: 0, from: 0, is_going_on: false }
+        Self { due: Instant::ZERO, next: 0, from: 0, is_active: false }
     }
 
-    /// Begins the list, or begins it again (P-10). True when none was under way.
+    /// Starts or restarts the list (P-10). Returns true if no list was active.
     pub(super) fn begin(&mut self, now: Instant) -> bool {
         self.next = 0;
         self.due = self.due.max(now);
-        !core::mem::replace(&mut self.is_going_on, true)
+        !core::mem::replace(&mut self.is_active, true)
     }
 
     /// Ends the list.
     pub(crate) fn end(&mut self) {
-        self.is_going_on = false;
+        self.is_active = false;
     }
 
-    /// Whether a list is under way.
+    /// Whether a list is active.
     #[cfg(test)]
-    pub(super) const fn is_going_on(&self) -> bool {
-        self.is_going_on
+    pub(super) const fn is_active(&self) -> bool {
+        self.is_active
     }
 
-    /// The next value of the list, when it is due.
-    pub(super) fn listed(&self, now: Instant) -> Option<u16> {
-        (self.is_going_on && now >= self.due).then_some(self.next)
+    /// Returns the index of the list's next value if it is due.
+    pub(super) fn next_due(&self, now: Instant) -> Option<u16> {
+        (self.is_active && now >= self.due).then_some(self.next)
     }
 
-    /// Whether the list falls behind its share.
+    /// Whether the list is behind its share of the link.
     pub(crate) fn is_late(&self, now: Instant) -> bool {
-        self.is_going_on && now >= self.due.after(PATIENCE)
+        self.is_active && now >= self.due.after(MAX_LATENESS)
     }
 
-    /// When the next value of the list is due; never, when there is no list.
+    /// Returns when the list falls behind its share unless the next value is sent; [`Instant::NEVER`] without a list.
+    pub(crate) fn late_at(&self) -> Instant {
+        if self.is_active { self.due.after(MAX_LATENESS) } else { Instant::NEVER }
+    }
+
+    /// Returns when the list's next value is due; [`Instant::NEVER`] without a list.
     pub(crate) const fn due(&self) -> Instant {
-        if self.is_going_on { self.due } else { Instant::NEVER }
+        if self.is_active { self.due } else { Instant::NEVER }
     }
 
-    /// A value of the list was sent, of `count`, on a link that does so many bytes/s; 0 for one without a limit.
-    pub(super) fn go_on(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
+    /// Records that a value of the list was sent. `count` is the length of the list, `bytes_per_second` the rate of the link; 0
+    /// means no limit.
+    pub(super) fn advance(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
         self.next = self.next.saturating_add(1);
-        self.is_going_on = self.next < count;
-        // A line without a limit is never behind.
+        self.is_active = self.next < count;
+        // Without a limit there is no pause.
         let Some(pause) = PACE.checked_div(bytes_per_second) else {
             self.due = now;
             return;

@@ -1,94 +1,101 @@
-//! Requests as they come in: what each asks of the table, and why not.
+//! Handlers of the received requests, and the reasons for refusals.
 
 use super::replies::Refusal;
-use super::{Caller, Context, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, TableMut, Taken, Ways, value};
+use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, TableMut, Work, value};
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::frame::{Frame, Version};
-use crate::link::LinkMask;
 use crate::message::{Message, Text};
-use crate::service::statustext::MAX_TEXT_LEN;
+use crate::types::{LinkMask, MAX_TEXT_LEN};
 
 impl TableMut<'_> {
-    /// Takes a request, but for setting a parameter to another value that it can have, which is left: its index and the
-    /// value.
+    /// Handles a request. Returns `Err` with index and value if a parameter is to be set to a different, valid value: the caller
+    /// asks the vehicle and calls [`set_for`](Self::set_for).
     pub(super) fn on_request(
         &mut self,
-        cx: &mut Context<'_>,
-        ways: Ways,
+        cx: &mut Work<'_>,
+        options: Options,
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
-    ) -> Result<Taken, (u16, u32)> {
+    ) -> Result<Handled, (u16, u32)> {
         match frame.id() {
             ParamRequestList::ID => {
                 let is_first = caller.list.begin(cx.now);
-                // Who begins again did not want the hash (P-10).
-                if is_first && ways.hash == ParamHash::InList {
-                    self.owe_hash(caller);
+                // A client that restarts the list did not use the hash (P-10).
+                if is_first && options.hash == ParamHash::InList {
+                    self.queue_hash(caller);
                 }
-                Ok(Taken::Yes)
+                Ok(Handled::Yes)
             }
-            ParamRequestRead::ID => Ok(self.on_read(cx, ways, caller, &ParamRequestRead::decode(frame.payload()))),
-            _ => self.on_set(cx, ways, caller, &ParamSet::decode(frame.payload())),
+            ParamRequestRead::ID => Ok(self.on_read(cx, options, caller, &ParamRequestRead::decode(frame.payload()))),
+            _ => self.on_set(cx, options, caller, &ParamSet::decode(frame.payload())),
         }
     }
 
-    /// P-13.
-    fn on_read(&mut self, cx: &mut Context<'_>, ways: Ways, caller: &mut Caller<'_>, read: &ParamRequestRead) -> Taken {
+    /// Handles PARAM_REQUEST_READ (P-13).
+    fn on_read(
+        &mut self,
+        cx: &mut Work<'_>,
+        options: Options,
+        caller: &mut Caller<'_>,
+        read: &ParamRequestRead,
+    ) -> Handled {
         let name = wire_name(&read.param_id);
         let found = match u16::try_from(read.param_index) {
             Ok(index) => self.get(index).map(|_| index),
-            Err(_) if ways.is_hash(&name) => {
-                self.owe_hash(caller);
-                return Taken::Yes;
+            Err(_) if options.is_hash(&name) => {
+                self.queue_hash(caller);
+                return Handled::Yes;
             }
             Err(_) => self.find(&name),
         };
         let Some(index) = found else {
             let index = read.param_index.max(-1);
-            return self.refuse(cx, ways, caller, false, (MavParamError::DOES_NOT_EXIST, index), &name);
+            return self.refuse(cx, options, caller, false, (MavParamError::DOES_NOT_EXIST, index), &name);
         };
-        self.tell(index, LinkMask::of(caller.from.link));
-        Taken::Yes
+        self.mark_pending(index, LinkMask::of(caller.from.link));
+        Handled::Yes
     }
 
-    /// P-14, up to the vehicle's own word.
+    /// Handles PARAM_SET up to the vehicle's decision (P-14).
     fn on_set(
         &mut self,
-        cx: &mut Context<'_>,
-        ways: Ways,
+        cx: &mut Work<'_>,
+        options: Options,
         caller: &mut Caller<'_>,
         set: &ParamSet,
-    ) -> Result<Taken, (u16, u32)> {
+    ) -> Result<Handled, (u16, u32)> {
         if set.target_system == 0 {
-            // Every vehicle in reach would be set to the same.
-            return Ok(Taken::OutOfPlace);
+            // It would set the parameter on every vehicle in range.
+            return Ok(Handled::OutOfPlace);
         }
         let name = wire_name(&set.param_id);
-        if ways.is_hash(&name) {
-            // Who has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it again.
+        if options.is_hash(&name) {
+            // A client that has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it
+            // again.
             caller.list.end();
-            self.state.hash_owed = self.state.hash_owed.without(LinkMask::of(caller.from.link));
-            return Ok(Taken::Yes);
+            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(caller.from.link));
+            return Ok(Handled::Yes);
         }
         if self.state.refusals.is_full(caller.from.link) {
-            return Ok(Taken::NoRoom);
+            return Ok(Handled::NoRoom);
         }
         let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
-            return Ok(self.refuse(cx, ways, caller, true, (MavParamError::DOES_NOT_EXIST, -1), &name));
+            return Ok(self.refuse(cx, options, caller, true, (MavParamError::DOES_NOT_EXIST, -1), &name));
         };
-        match check(info, ways.encoding, set) {
+        match check(info, options.encoding, set) {
             Ok(bits) if bits != old => return Err((index, bits)),
-            Ok(_) => self.tell(index, cx.normal),
-            Err(error) => self.set_for(cx, ways, caller, (index, old), Err(error)),
+            Ok(_) => self.mark_pending(index, cx.normal),
+            Err(error) => self.set_for(cx, options, caller, (index, old), Err(error)),
         }
-        Ok(Taken::Yes)
+        Ok(Handled::Yes)
     }
 
-    /// Sets a parameter, or refuses to, for which there is room. Everybody is told of the value that it has now (P-14).
+    /// Sets a parameter, or queues the refusal, for which there is a free slot. The resulting value becomes pending on all normal
+    /// links (P-14).
     pub(super) fn set_for(
         &mut self,
-        cx: &mut Context<'_>,
-        ways: Ways,
+        cx: &mut Work<'_>,
+        options: Options,
         caller: &Caller<'_>,
         (index, bits): (u16, u32),
         verdict: Result<(), MavParamError>,
@@ -101,31 +108,32 @@ impl TableMut<'_> {
                 self.notice(cx.now);
             }
             Err(error) => {
-                self.refuse(cx, ways, caller, true, (error, -1), info.wire_name());
+                self.refuse(cx, options, caller, true, (error, -1), info.wire_name());
             }
         }
-        self.tell(index, cx.normal);
+        self.mark_pending(index, cx.normal);
     }
 
-    fn owe_hash(&mut self, caller: &Caller<'_>) {
-        self.state.hash_owed = self.state.hash_owed.with(LinkMask::of(caller.from.link));
+    /// Marks the hash as pending on the caller's link.
+    fn queue_hash(&mut self, caller: &Caller<'_>) {
+        self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(caller.from.link));
     }
 
-    /// Owes a PARAM_ERROR. For clients that do not know it there is a text too: when something was to be set, and where there
-    /// is nothing else, as in MAVLink 1 (P-31, P-32). Not inlined: a second copy would cost 300 bytes.
+    /// Queues a PARAM_ERROR. Clients that do not know it get a text too: after a PARAM_SET, and where PARAM_ERROR is not
+    /// available, as in MAVLink 1 (P-31, P-32). Not inlined: a second copy would cost 300 bytes of flash.
     #[inline(never)]
     fn refuse(
         &mut self,
-        cx: &mut Context<'_>,
-        ways: Ways,
+        cx: &mut Work<'_>,
+        options: Options,
         caller: &Caller<'_>,
         is_set: bool,
         (error, index): (MavParamError, i16),
         name: &[u8; 16],
-    ) -> Taken {
-        let has_error = ways.has_errors && caller.version != Version::V1;
+    ) -> Handled {
+        let has_error = options.has_errors && caller.version != Version::V1;
         if has_error && !self.state.refusals.push(Refusal { to: caller.from, error, index, name: *name }) {
-            return Taken::NoRoom;
+            return Handled::NoRoom;
         }
         event!("parameter of {} refused: {=u8}", caller.from, error.0);
         if cfg!(feature = "plan-texts") && (is_set || !has_error) && cx.now >= self.state.texts_from {
@@ -134,19 +142,19 @@ impl TableMut<'_> {
             crate::message::zero_extend(name, &mut text);
             let mut text = Text::from_wire(text);
             text.push_str(reason(error));
-            cx.texts.push(cx.now, LinkMask::of(caller.from.link), MavSeverity::WARNING, &text);
+            cx.texts.push(cx.now, LinkMask::of(caller.from.link), MavSeverity::WARNING, text.as_bytes());
         }
-        Taken::Yes
+        Handled::Yes
     }
 }
 
-/// The value that a PARAM_SET asks for, or why not.
+/// Returns the value that a PARAM_SET requests, or the reason to refuse it.
 fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, MavParamError> {
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
         return Err(MavParamError::TYPE_UNSUPPORTED);
     }
-    // A client that casts need not know the type, and pymavlink names REAL32 for every parameter.
+    // With casts, a client need not know the type; pymavlink sends REAL32 for every parameter.
     let named = if encoding == ParamEncoding::CCast { ours } else { sent };
     if (named == MavParamType::REAL32) != (ours == MavParamType::REAL32) {
         return Err(MavParamError::TYPE_MISMATCH);
@@ -156,18 +164,18 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     // A client may know the parameter from another autopilot, as an integer of another size.
     let bits = value::from_wire(encoding, named, set.param_value);
     let bits = bits.and_then(|bits| value::converted(named, ours, bits));
-    // Not clamped: a client that reads something else back sets it again, and fails (P-14).
+    // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
     bits.filter(|bits| info.has_room(*bits)).ok_or(MavParamError::VALUE_OUT_OF_RANGE)
 }
 
-/// A name with zeros behind it, whatever stood there.
+/// Returns a name padded with zeros; bytes after the terminator are dropped.
 fn wire_name(text: &Text<16>) -> [u8; 16] {
     let mut name = [0; 16];
     crate::message::zero_extend(text.as_bytes(), &mut name);
     name
 }
 
-/// Why a parameter is refused.
+/// Returns the text for the reason of a refusal.
 fn reason(error: MavParamError) -> &'static str {
     match error {
         MavParamError::DOES_NOT_EXIST => ": no such parameter",

@@ -1,40 +1,40 @@
-//! When parameters are written to storage: behind the changes, together, and not often (P-17, SEC-12).
+//! Schedules the writes of parameters to storage: changes are collected and written together (P-17, SEC-12).
 //!
-//! A write begins a second after the first change, with all that came since, and not within ten seconds of the write before,
-//! unless the operator asks for it. A change during a write may or may not be included, and causes another write. After many
-//! writes, writes become less frequent (C-15).
+//! A write begins a second after the first change and includes all later ones. It does not begin within ten seconds of the
+//! previous write, unless the operator requests it. A change during a write may or may not be included, and causes another
+//! write. After many writes, a token bucket makes them less frequent (C-15).
 
 use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
 
 /// How long changes are collected.
 const COLLECT: Duration = Duration::from_secs(1);
-/// How long the storage rests after a write, and after a failure.
-const REST: Duration = Duration::from_secs(10);
+/// Minimum time from the end of a write, or from a failure, to the next write.
+const COOLDOWN: Duration = Duration::from_secs(10);
 
-/// What is to be written, and when.
+/// What must be written, and when.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Saving {
-    /// Whether there is storage.
+    /// Whether storage is attached.
     attached: bool,
-    /// Whether the table differs from what is stored, as far as that was noticed.
+    /// Whether a difference between the table and storage was noticed.
     dirty: bool,
-    /// Whether a write is under way.
+    /// Whether a write is in progress.
     busy: bool,
-    /// Whether the last one failed, which was told.
+    /// Whether the last write failed, which was reported.
     failed: bool,
-    /// Whether the stored values are to come back.
+    /// Whether the stored values must be loaded again.
     reload: bool,
-    /// The generation that is stored, or that is being written.
+    /// The generation of the table that is stored or being written.
     stored: u32,
     /// When the next write may begin.
     due: Instant,
-    /// When the storage has rested.
+    /// When the time between writes has passed.
     rested: Instant,
-    /// Whether the next write is requested at once.
+    /// Whether the operator has requested the next write.
     is_urgent: bool,
-    wear: Wear,
+    bucket: Wear,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
@@ -50,7 +50,7 @@ impl Saving {
             due: Instant::ZERO,
             rested: Instant::ZERO,
             is_urgent: false,
-            wear: Wear::NONE,
+            bucket: Wear::NONE,
         }
     }
 
@@ -58,14 +58,14 @@ impl Saving {
         self.attached
     }
 
-    /// The table of this generation is as the storage has it. Where that could not be read after all, what was to be written still
-    /// is.
+    /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
+    /// pending writes stay pending.
     pub(super) fn loaded(&mut self, generation: u32, is_read: bool) {
         self.reload = false;
         if self.attached && !is_read {
             return;
         }
-        *self = Self { attached: true, stored: generation, rested: self.rested, wear: self.wear, ..Self::new() };
+        *self = Self { attached: true, stored: generation, rested: self.rested, bucket: self.bucket, ..Self::new() };
     }
 
     /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is deferred,
@@ -73,13 +73,13 @@ impl Saving {
     pub(super) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
         if self.busy || self.dirty {
             (self.busy, self.dirty) = (false, true);
-            self.due = if is_read { self.due } else { now.after(REST) };
+            self.due = if is_read { self.due } else { now.after(COOLDOWN) };
         } else if is_read {
             self.stored = generation;
         }
     }
 
-    /// Looks whether there is something to write.
+    /// Checks whether there is something to write.
     #[inline(never)]
     pub(super) fn notice(&mut self, now: Instant, generation: u32) {
         if self.attached && !self.dirty && !self.busy && generation != self.stored {
@@ -94,18 +94,18 @@ impl Saving {
         self.is_urgent = self.dirty;
     }
 
-    /// Sets the interval of writes in the long run.
+    /// Sets the time in which the bucket regains one token: the interval of writes in the long run.
     pub(super) fn limit(&mut self, refill: Duration) {
-        self.wear.limit(refill);
+        self.bucket.limit(refill);
     }
 
     /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or if
     /// changes are pending (C-15).
-    pub(super) fn is_worn(&self, now: Instant, will_change: bool) -> bool {
-        self.attached && (will_change || self.dirty) && !self.wear.has(now, 1)
+    pub(super) fn is_rate_limited(&self, now: Instant, will_change: bool) -> bool {
+        self.attached && (will_change || self.dirty) && !self.bucket.has(now, 1)
     }
 
-    /// The operator wants the stored values back; what is not written yet is given up.
+    /// Requests that the stored values are loaded again; changes that are not written yet are dropped.
     pub(super) fn reload(&mut self) {
         self.reload = true;
     }
@@ -114,11 +114,11 @@ impl Saving {
         self.reload
     }
 
-    /// The number of the write that is under way, or begins now.
+    /// Returns the number of the write that is in progress or begins now.
     pub(super) fn job(&mut self, now: Instant, generation: u32) -> Option<u32> {
         self.notice(now, generation);
-        if self.dirty && now >= self.due && (self.is_urgent || self.wear.has(now, 1)) {
-            self.wear.spend(now, 1);
+        if self.dirty && now >= self.due && (self.is_urgent || self.bucket.has(now, 1)) {
+            self.bucket.spend(now, 1);
             (self.dirty, self.is_urgent) = (false, false);
             self.busy = true;
             self.stored = generation;
@@ -126,27 +126,28 @@ impl Saving {
         self.busy.then_some(self.stored)
     }
 
+    /// Records that a write is complete.
     pub(super) fn saved(&mut self, now: Instant) {
         self.busy = false;
         self.failed = false;
-        self.rested = now.after(REST);
+        self.rested = now.after(COOLDOWN);
     }
 
-    /// True when it is the first failure after a success.
+    /// Records that a write failed. Returns true for the first failure after a success.
     pub(super) fn not_saved(&mut self, now: Instant) -> bool {
         self.busy = false;
         self.dirty = true;
-        self.rested = now.after(REST);
+        self.rested = now.after(COOLDOWN);
         self.due = self.rested;
         !core::mem::replace(&mut self.failed, true)
     }
 
-    /// When there is something to write.
+    /// When the next write is due.
     pub(super) fn deadline(&self) -> Instant {
         match (self.busy || self.reload, self.dirty) {
             (true, _) => Instant::ZERO,
             (_, true) if self.is_urgent => self.due,
-            (_, true) => self.due.max(self.wear.ready_at()),
+            (_, true) => self.due.max(self.bucket.ready_at()),
             _ => Instant::NEVER,
         }
     }

@@ -1,24 +1,25 @@
-//! What the service keeps for all links, beside the values and their marks: in the table, so that a vehicle without
-//! parameters has none of it.
+//! The service's state for all links, besides the values and their marks. It is part of the table, so a vehicle without
+//! parameters does not have it.
 
 use super::hash::Hash;
 use super::replies::Refusals;
 use super::saving::Saving;
-use crate::link::LinkMask;
 use crate::time::Instant;
+use crate::types::LinkMask;
 
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// Counts the changes of what is stored. Wraps.
+    /// Counts the changes of non-volatile parameters. Wraps.
     pub(super) generation: u32,
-    /// Links that may not have been told of every value.
-    pub(super) untold: LinkMask,
-    /// Links that the hash is owed on, and how far it is.
-    pub(super) hash_owed: LinkMask,
+    /// The links on which a value may be pending.
+    pub(super) pending: LinkMask,
+    /// The links on which the hash is pending.
+    pub(super) hash_pending: LinkMask,
+    /// The computation of the hash.
     pub(super) hash: Hash,
     pub(super) refusals: Refusals,
     pub(super) saving: Saving,
-    /// Before this moment a refusal is told by no text.
+    /// Before this time, no text is sent about a refusal.
     pub(super) texts_from: Instant,
 }
 
@@ -26,8 +27,8 @@ impl State {
     pub(super) const fn new() -> Self {
         Self {
             generation: 0,
-            untold: LinkMask::NONE,
-            hash_owed: LinkMask::NONE,
+            pending: LinkMask::NONE,
+            hash_pending: LinkMask::NONE,
             hash: Hash::new(),
             refusals: Refusals::new(),
             saving: Saving::new(),
@@ -35,16 +36,16 @@ impl State {
         }
     }
 
-    /// The links that an answer is owed on.
-    pub(super) fn owed(&self) -> LinkMask {
-        self.untold.with(self.hash_owed).with(self.refusals.links())
+    /// Returns the links on which an answer is pending.
+    pub(super) fn pending_links(&self) -> LinkMask {
+        self.pending.with(self.hash_pending).with(self.refusals.links())
     }
 
-    /// The lines of these links were opened anew: nobody is there any more who asked. Not inlined: it is rare, and would stand
-    /// at each door of the service.
+    /// Drops the pending answers of these links, which were reopened: the clients are gone. Not inlined, because it is rare and
+    /// every entry point of the service calls it.
     #[inline(never)]
     pub(super) fn forget(&mut self, links: LinkMask) {
         self.refusals.forget(links);
-        self.hash_owed = self.hash_owed.without(links);
+        self.hash_pending = self.hash_pending.without(links);
     }
 }

@@ -1,7 +1,7 @@
-//! The table of parameters: what is declared of each, its value, and which links have not been told of it (P-1).
+//! The table of parameters: for each parameter its declaration, its value, and the links on which the value is pending (P-1).
 //!
-//! The declarations are one `static`, the values and the marks stand in the vehicle's own memory. The number of parameters
-//! appears in the outermost type only, [`ParamMemory`]; the logic works on [`TableMut`], compiled once.
+//! The declarations are a constant; values and marks are part of the stack. Only the outermost type, [`ParamValues`], is generic
+//! over the number of parameters. The logic works on [`TableMut`] and is compiled once.
 
 use core::fmt;
 use core::marker::PhantomData;
@@ -10,16 +10,16 @@ use core::ops::RangeInclusive;
 use super::state::State;
 use super::value::{self, ParamType};
 use crate::dialect::MavParamType;
-use crate::link::{LinkId, LinkMask, Peer};
+use crate::types::{Context, LinkId, LinkMask, Peer, Values};
 
-/// The pseudo parameter that stands for all others (P-20).
+/// The name of the hash, a pseudo parameter (P-20).
 pub(super) const HASH_NAME: [u8; 16] = *b"_HASH_CHECK\0\0\0\0\0";
 
-/// The most parameters that a table may have: an index in PARAM_REQUEST_READ is an `i16`, and what cannot be asked for
-/// again could be lost for good (P-12).
+/// Maximum number of parameters in a table. The index in PARAM_REQUEST_READ is an `i16`; a parameter that cannot be requested again
+/// could be lost for good (P-12).
 pub const MAX_PARAMS: usize = 32_768;
 
-/// What is declared of one parameter: a row of a table that [`parameters!`](crate::parameters) makes.
+/// The declaration of one parameter: a row of a table that [`parameters!`](crate::parameters) generates.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct ParamInfo {
     name: [u8; 16],
@@ -36,7 +36,7 @@ const VOLATILE: u8 = 4;
 
 macro_rules! rows_of {
     ($($ty:ident: $wire:ident = |$value:ident| $bits:expr;)+) => {
-        /// What [`parameters!`](crate::parameters) makes a row with, by its type.
+        /// The constructors of rows for [`parameters!`](crate::parameters), named after the types.
         #[doc(hidden)]
         impl ParamInfo { $(
             pub const fn $ty(name: &str, default: $ty, range: &RangeInclusive<$ty>) -> Self {
@@ -81,7 +81,7 @@ impl ParamInfo {
         info
     }
 
-    /// It cannot be set from outside: PARAM_ERROR READ_ONLY (P-14). The vehicle itself can.
+    /// Makes it read-only: clients get PARAM_ERROR READ_ONLY (P-14); the vehicle itself can set it.
     #[doc(hidden)]
     #[must_use]
     pub const fn read_only(mut self) -> Self {
@@ -89,7 +89,7 @@ impl ParamInfo {
         self
     }
 
-    /// A change has its effect after the next start only.
+    /// Declares that a change takes effect only after the next start.
     #[doc(hidden)]
     #[must_use]
     pub const fn reboot_required(mut self) -> Self {
@@ -97,7 +97,7 @@ impl ParamInfo {
         self
     }
 
-    /// It is not stored, and is no part of the hash (P-20).
+    /// Excludes it from storage and from the hash (P-20).
     #[doc(hidden)]
     #[must_use]
     pub const fn volatile(mut self) -> Self {
@@ -105,7 +105,7 @@ impl ParamInfo {
         self
     }
 
-    /// A table that clients can work with (P-1, P-20). Asserts, so that what is wrong does not compile.
+    /// Checks that clients can handle the table (P-1, P-20). Panics otherwise, so that a wrong table does not compile.
     #[doc(hidden)]
     #[allow(
         clippy::indexing_slicing,
@@ -127,7 +127,7 @@ impl ParamInfo {
         }
     }
 
-    /// Where a parameter of the table stands.
+    /// Returns the index of a parameter in the table.
     #[doc(hidden)]
     #[allow(
         clippy::indexing_slicing,
@@ -143,22 +143,22 @@ impl ParamInfo {
         i as u16
     }
 
-    /// The name.
+    /// Returns the name.
     pub fn name(&self) -> &str {
         core::str::from_utf8(self.name_bytes()).unwrap_or_default()
     }
 
-    /// The type as messages name it.
+    /// Returns the type as in messages.
     pub const fn param_type(&self) -> MavParamType {
         self.r#type
     }
 
-    /// The value that it is born with: the bits of a float, or an integer in the low bytes with zeros above it.
+    /// Returns the default value: the bits of a float, or an integer in the low bytes, padded with zeros.
     pub const fn default_bits(&self) -> u32 {
         self.default
     }
 
-    /// The least and the greatest value that it takes, in the form of [`default_bits`](Self::default_bits).
+    /// Returns the minimum and the maximum, in the form of [`default_bits`](Self::default_bits).
     pub const fn range_bits(&self) -> [u32; 2] {
         [self.min, self.max]
     }
@@ -168,27 +168,27 @@ impl ParamInfo {
         self.flags & READ_ONLY != 0
     }
 
-    /// Whether a change has its effect after the next start only.
+    /// Whether a change takes effect only after the next start.
     pub const fn is_reboot_required(&self) -> bool {
         self.flags & REBOOT_REQUIRED != 0
     }
 
-    /// Whether it is not stored, and no part of the hash.
+    /// Whether it is excluded from storage and from the hash.
     pub const fn is_volatile(&self) -> bool {
         self.flags & VOLATILE != 0
     }
 
-    /// The name without the zeros behind it.
+    /// Returns the name without the padding.
     pub(super) fn name_bytes(&self) -> &[u8] {
         self.name.split(|byte| *byte == 0).next().unwrap_or_default()
     }
 
-    /// All 16 bytes of the name as they stand on the wire.
+    /// Returns the 16 bytes of the name on the wire.
     pub(super) const fn wire_name(&self) -> &[u8; 16] {
         &self.name
     }
 
-    /// Whether these bits are a value that it can have.
+    /// Whether these bits are a valid value.
     pub(crate) const fn has_room(&self, bits: u32) -> bool {
         let rank = value::rank(self.r#type, bits);
         match (rank, value::rank(self.r#type, self.min), value::rank(self.r#type, self.max)) {
@@ -224,8 +224,8 @@ const fn same(a: &[u8; 16], b: &[u8; 16]) -> bool {
     !is_less(a, b) && !is_less(b, a)
 }
 
-/// One parameter of the table `P`, which is a `T`: what [`parameters!`](crate::parameters) makes a constant of, so that the
-/// flight loop reads and sets it without a search.
+/// A parameter of the table `P` with values of type `T`. [`parameters!`](crate::parameters) generates a constant of this type for
+/// each parameter, so that the flight loop reads and sets it without a search.
 pub struct Param<P, T> {
     index: u16,
     table: PhantomData<fn() -> (P, T)>,
@@ -237,7 +237,7 @@ impl<P, T> Param<P, T> {
         Self { index, table: PhantomData }
     }
 
-    /// Where it stands in its table: `param_index` on the wire.
+    /// Returns its index in the table: `param_index` on the wire.
     pub const fn index(self) -> u16 {
         self.index
     }
@@ -257,7 +257,7 @@ impl<P, T> fmt::Debug for Param<P, T> {
     }
 }
 
-/// A parameter that is to be set, or was. For [`Parameters::may_set`](super::Parameters::may_set) and
+/// A requested or completed change of a parameter, for [`Parameters::may_set`](super::Parameters::may_set) and
 /// [`Parameters::parameter_changed`](super::Parameters::parameter_changed).
 pub struct ParamChange<P> {
     pub(super) index: u16,
@@ -267,22 +267,22 @@ pub struct ParamChange<P> {
 }
 
 impl<P> ParamChange<P> {
-    /// Where the parameter stands in its table.
+    /// Returns the parameter's index in the table.
     pub const fn index(&self) -> u16 {
         self.index
     }
 
-    /// Whether it is this parameter.
+    /// Whether this parameter is changed.
     pub const fn is<T>(&self, param: Param<P, T>) -> bool {
         self.index == param.index
     }
 
-    /// The new value, if it is this parameter's.
+    /// Returns the new value, if this parameter is changed.
     pub fn value<T: ParamType>(&self, param: Param<P, T>) -> Option<T> {
         self.is(param).then(|| T::from_bits(self.bits))
     }
 
-    /// Who sets it; `None` for what comes back from storage.
+    /// Returns the client that sets it; `None` for a value loaded from storage.
     pub const fn from(&self) -> Option<Peer> {
         self.from
     }
@@ -295,32 +295,29 @@ impl<P> fmt::Debug for ParamChange<P> {
     }
 }
 
-/// Memory for `N` values, six bytes each, and for the service: a part of what [`parameters!`](crate::parameters) makes.
+/// The memory of a table that [`parameters!`](crate::parameters) generates: `N` values, six bytes each, and the service's state.
 #[doc(hidden)]
 #[derive(Clone, Debug)]
-pub struct ParamMemory<const N: usize> {
+pub struct ParamValues<const N: usize> {
     values: [u32; N],
-    /// The links that have not been told of a value.
-    untold: [LinkMask; N],
+    /// The links on which each value is pending.
+    pending: [LinkMask; N],
     state: State,
 }
 
-impl<const N: usize> ParamMemory<N> {
-    #[allow(
-        clippy::indexing_slicing,
-        clippy::arithmetic_side_effects,
-        reason = "const fn: there are no iterators; the index is below both lengths"
-    )]
-    #[inline(never)]
-    pub const fn new(table: &'static [ParamInfo]) -> Self {
-        // Filled where it will be, not copied there.
-        let mut memory = Self { values: [0; N], untold: [LinkMask::NONE; N], state: State::new() };
-        let mut i = 0;
-        while i < N && i < table.len() {
-            memory.values[i] = table[i].default;
-            i += 1;
+impl<const N: usize> ParamValues<N> {
+    /// All zero bits.
+    pub const VACANT: Self = Self { values: [0; N], pending: [LinkMask::NONE; N], state: State::new() };
+
+    /// Sets every parameter to its default.
+    pub fn begin(&mut self, table: &'static [ParamInfo]) {
+        for (value, info) in self.values.iter_mut().zip(table) {
+            *value = info.default;
         }
-        memory
+    }
+
+    pub const fn values(&self) -> &[u32] {
+        &self.values
     }
 
     #[inline]
@@ -329,11 +326,11 @@ impl<const N: usize> ParamMemory<N> {
     }
 
     pub fn table_mut(&mut self, info: &'static [ParamInfo]) -> TableMut<'_> {
-        TableMut { info, values: &mut self.values, untold: &mut self.untold, state: &mut self.state }
+        TableMut { info, values: &mut self.values, pending: &mut self.pending, state: &mut self.state }
     }
 }
 
-/// Every link that there can be.
+/// All links that a stack can have.
 const ALL_LINKS: LinkMask = {
     let mut all = LinkMask::NONE;
     let mut link = 0;
@@ -344,18 +341,18 @@ const ALL_LINKS: LinkMask = {
     all
 };
 
-/// A table whatever its length.
+/// A table of any length.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct TableMut<'a> {
     info: &'static [ParamInfo],
     values: &'a mut [u32],
-    untold: &'a mut [LinkMask],
+    pending: &'a mut [LinkMask],
     pub(super) state: &'a mut State,
 }
 
 impl TableMut<'_> {
-    /// Sets a parameter for the vehicle (P-16). False when the value is none that it can have.
+    /// Sets a parameter for the vehicle (P-16). Returns false if the value is invalid.
     #[doc(hidden)]
     pub fn set<P, T: ParamType>(&mut self, param: Param<P, T>, value: T) -> bool {
         self.set_bits(param.index, value.to_bits())
@@ -368,29 +365,29 @@ impl TableMut<'_> {
         }
         if old != bits {
             self.put(index, bits);
-            self.tell(index, ALL_LINKS);
+            self.mark_pending(index, ALL_LINKS);
         }
         true
     }
 
-    /// How many parameters there are.
+    /// Returns the number of parameters.
     pub(crate) fn count(&self) -> u16 {
         u16::try_from(self.info.len()).unwrap_or(u16::MAX)
     }
 
-    /// A parameter and its value.
+    /// Returns a parameter and its value.
     pub(crate) fn get(&self, index: u16) -> Option<(&'static ParamInfo, u32)> {
         let index = usize::from(index);
         Some((self.info.get(index)?, *self.values.get(index)?))
     }
 
-    /// The parameter of this name: at most 16 comparisons.
+    /// Returns the index of the parameter with this name, by binary search.
     pub(super) fn find(&self, name: &[u8; 16]) -> Option<u16> {
         let index = self.info.binary_search_by(|info| info.name.iter().cmp(name)).ok()?;
         u16::try_from(index).ok()
     }
 
-    /// Gives a parameter a value that it can have.
+    /// Sets a parameter to a valid value.
     pub(super) fn put(&mut self, index: u16, bits: u32) {
         let place = usize::from(index);
         let Some((value, info)) = self.values.get_mut(place).zip(self.info.get(place)) else { return };
@@ -400,63 +397,84 @@ impl TableMut<'_> {
         }
     }
 
-    /// The links of the mask are to be told of a value.
-    pub(super) fn tell(&mut self, index: u16, links: LinkMask) {
-        if let Some(untold) = self.untold.get_mut(usize::from(index)) {
-            *untold = untold.with(links);
+    /// Marks a value as pending on these links.
+    pub(super) fn mark_pending(&mut self, index: u16, links: LinkMask) {
+        if let Some(pending) = self.pending.get_mut(usize::from(index)) {
+            *pending = pending.with(links);
         }
-        self.state.untold = self.state.untold.with(links);
+        self.state.pending = self.state.pending.with(links);
     }
 
-    /// The link of the mask has been told of a value, or is about to be.
-    pub(super) fn told(&mut self, index: u16, link: LinkMask) {
-        if let Some(untold) = self.untold.get_mut(usize::from(index)) {
-            *untold = untold.without(link);
+    /// Clears the mark: the value has been sent on this link, or is about to be.
+    pub(super) fn clear_pending(&mut self, index: u16, link: LinkMask) {
+        if let Some(pending) = self.pending.get_mut(usize::from(index)) {
+            *pending = pending.without(link);
         }
     }
 
-    /// The next value that a link has not been told of, from `start` on and then from the beginning. Looks at each once.
-    pub(super) fn next_untold(&self, link: LinkMask, start: u16) -> Option<u16> {
-        let (front, back) = self.untold.split_at_checked(usize::from(start))?;
-        let is_untold = |mask: &LinkMask| mask.contains(link);
-        let index = match back.iter().position(is_untold) {
+    /// Returns the next value that is pending on a link: from `start` on, then from the beginning.
+    pub(super) fn next_pending(&self, link: LinkMask, start: u16) -> Option<u16> {
+        let (front, back) = self.pending.split_at_checked(usize::from(start))?;
+        let is_pending = |mask: &LinkMask| mask.contains(link);
+        let index = match back.iter().position(is_pending) {
             Some(index) => index.checked_add(front.len())?,
-            None => front.iter().position(is_untold)?,
+            None => front.iter().position(is_pending)?,
         };
         u16::try_from(index).ok()
     }
 
-    /// Another number when what is stored has changed.
+    /// Returns a number that changes whenever a non-volatile parameter does.
     pub(super) const fn generation(&self) -> u32 {
         self.state.generation
     }
 }
 
-/// A table of parameters with their values: what [`parameters!`](crate::parameters) makes, or [`NoParams`].
-pub trait ParamTable: Sized {
-    /// What is declared of each, in the order of their indices.
+/// A table of parameters with their values: generated by [`parameters!`](crate::parameters).
+#[diagnostic::on_unimplemented(message = "`{Self}` is no table of parameters", note = "declare it with `parameters!`")]
+pub trait ParamTable: ParamMemory + Sized {
+    /// The declarations, in the order of the indices.
     const INFO: &'static [ParamInfo];
-    /// The unit of each; empty for one that has none. For tools on a host; a firmware that does not look at it has none
-    /// of it in its flash.
+    /// The units; empty for a parameter without a unit. For tools on a host: a firmware that does not use them does not have them
+    /// in flash.
     const UNITS: &'static [&'static str];
-    /// What each is, its doc comment in one line; the same holds for it.
+    /// The descriptions: each parameter's doc comment in one line. For tools on a host, too.
     const DESCRIPTIONS: &'static [&'static str];
 
     #[doc(hidden)]
     fn table_mut(&mut self) -> TableMut<'_>;
 }
 
-/// The table of a vehicle without parameters; there is none of it.
+/// The parameters of a firmware: a table, or none.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(message = "`{Self}` is no table of parameters", note = "declare it with `parameters!`")]
+pub trait ParamMemory: Values {
+    /// All zero bits, so that it takes no flash.
+    const VACANT: Self;
+
+    /// Sets every parameter to its default.
+    fn begin(&mut self);
+}
+
+/// The table of a firmware without parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum NoParams {}
+pub struct NoParams;
 
-impl ParamTable for NoParams {
-    const INFO: &'static [ParamInfo] = &[];
-    const UNITS: &'static [&'static str] = &[];
-    const DESCRIPTIONS: &'static [&'static str] = &[];
+impl Values for NoParams {
+    fn values(&self) -> &[u32] {
+        &[]
+    }
+}
 
-    fn table_mut(&mut self) -> TableMut<'_> {
-        match *self {}
+impl ParamMemory for NoParams {
+    const VACANT: Self = Self;
+
+    fn begin(&mut self) {}
+}
+
+impl<'a> Context<'a> {
+    /// Returns the value of a parameter of the firmware's table. The result for a parameter of another table is meaningless.
+    pub fn parameter<P: ParamTable, T: ParamType>(&self, param: Param<P, T>) -> T {
+        T::from_bits(self.values.get(usize::from(param.index)).copied().unwrap_or(0))
     }
 }

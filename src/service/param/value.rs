@@ -1,33 +1,32 @@
-//! How a parameter's value stands in memory and on the wire (P-2, P-3).
+//! The representation of a parameter's value in memory and on the wire (P-2, P-3).
 //!
-//! In memory a value is 32 bits: those of the float, or the integer in the low bytes with zeros above it. That is also
-//! the byte-wise form of the wire.
+//! In memory, a value has 32 bits: those of the float, or the integer in the low bytes, padded with zeros. The byte-wise encoding
+//! on the wire is the same.
 
 use crate::dialect::MavParamType;
 use crate::num;
 
 const SIGN: u32 = 1 << 31;
 
-/// How integers stand in the float that PARAM_VALUE and PARAM_SET have for a value (P-2). A `f32` is the same in both.
+/// The encoding of integers in the float field of PARAM_VALUE and PARAM_SET (P-2). An `f32` is the same in both encodings.
 ///
-/// A PARAM_SET of an integer may name another integer type than the parameter's. Its bytes are read in that type, or as a
-/// number with C casts, and the value is accepted if it fits (P-14).
+/// A PARAM_SET of an integer may have another integer type than the parameter. The value is decoded with that type, and
+/// accepted if it fits (P-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ParamEncoding {
-    /// The integer's bytes, put where the float's would stand. What QGroundControl and MAVSDK expect of every autopilot but
-    /// ArduPilot.
+    /// The integer's bytes in place of the float's. QGroundControl and MAVSDK expect this of every autopilot except ArduPilot.
     Bytewise,
-    /// The integer as a number, rounded to a float: beyond 2^24 not every one survives. What pymavlink and MAVProxy expect of
-    /// every autopilot but PX4.
+    /// The integer converted to a float, which rounds integers beyond 2^24. pymavlink and MAVProxy expect this of every autopilot
+    /// except PX4.
     CCast,
 }
 
-/// What a parameter can be: the types that PARAM_VALUE has room for (P-3). Implemented by nothing else.
+/// A type of a parameter: one of those that PARAM_VALUE can carry (P-3). This trait is sealed.
 pub trait ParamType: Copy + sealed::Sealed {}
 
 mod sealed {
-    /// The crate's own half of [`ParamType`](super::ParamType).
+    /// The private part of [`ParamType`](super::ParamType).
     pub trait Sealed {
         #[doc(hidden)]
         fn to_bits(self) -> u32;
@@ -77,7 +76,7 @@ impl Sealed for f32 {
     }
 }
 
-/// Bytes that a value of this type has.
+/// Returns the number of bytes of a value of this type.
 pub(super) const fn size(r#type: MavParamType) -> usize {
     match r#type {
         MavParamType::UINT8 | MavParamType::INT8 => 1,
@@ -86,7 +85,7 @@ pub(super) const fn size(r#type: MavParamType) -> usize {
     }
 }
 
-/// Bits above a value of this type.
+/// Returns the number of unused high bits of this type.
 const fn spare_bits(r#type: MavParamType) -> u32 {
     match size(r#type) {
         1 => 24,
@@ -99,7 +98,7 @@ const fn is_signed(r#type: MavParamType) -> bool {
     matches!(r#type, MavParamType::INT8 | MavParamType::INT16 | MavParamType::INT32)
 }
 
-/// Whether it is a type that we can have (P-3).
+/// Whether a parameter can have this type (P-3).
 pub(super) const fn is_supported(r#type: MavParamType) -> bool {
     matches!(
         r#type,
@@ -113,14 +112,14 @@ pub(super) const fn is_supported(r#type: MavParamType) -> bool {
     )
 }
 
-/// A number with the same order as the values of a type; `None` for NaN and the infinities, which are none.
+/// Maps a value to an integer that has the same order; `None` for NaN and the infinities.
 pub(super) const fn rank(r#type: MavParamType, bits: u32) -> Option<u32> {
     if !matches!(r#type, MavParamType::REAL32) {
         let high = bits.wrapping_shl(spare_bits(r#type));
         return Some(if is_signed(r#type) { high ^ SIGN } else { high });
     }
     match bits {
-        // Minus zero is not less than zero.
+        // Negative zero equals zero.
         SIGN => Some(SIGN),
         _ if bits & 0x7F80_0000 == 0x7F80_0000 => None,
         _ if bits & SIGN == 0 => Some(bits | SIGN),
@@ -128,7 +127,7 @@ pub(super) const fn rank(r#type: MavParamType, bits: u32) -> Option<u32> {
     }
 }
 
-/// The value as PARAM_VALUE has it.
+/// Returns the value as encoded in PARAM_VALUE.
 pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) -> f32 {
     if encoding == ParamEncoding::Bytewise || r#type == MavParamType::REAL32 {
         return f32::from_bits(bits);
@@ -136,8 +135,8 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
     if is_signed(r#type) { num::f32_from_i32(extended(r#type, bits)) } else { num::f32_from_u32(bits) }
 }
 
-/// The value that PARAM_SET has; `None` when it is none of this type. Of the bytes of a small integer those above it do not
-/// count: clients differ in what stands there.
+/// Returns the value encoded in a PARAM_SET; `None` if it is not a value of this type. The unused bytes of a small integer are
+/// ignored, because clients differ in what they put there.
 pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<u32> {
     let spare = spare_bits(r#type);
     let low = |bits: u32| bits.wrapping_shl(spare).wrapping_shr(spare);
@@ -170,7 +169,7 @@ fn number(r#type: MavParamType, bits: u32) -> (u32, bool) {
     (value.cast_unsigned(), value < 0)
 }
 
-/// The signed integer.
+/// Returns the sign-extended integer.
 fn extended(r#type: MavParamType, bits: u32) -> i32 {
     let spare = spare_bits(r#type);
     bits.wrapping_shl(spare).cast_signed().wrapping_shr(spare)
@@ -182,9 +181,9 @@ mod tests {
     use ParamEncoding::{Bytewise, CCast};
     use proptest::prelude::*;
 
-    /// T-P7, P-2: the bytes of a small negative integer, with zeros above; and the same as a number.
+    /// P-2: both encodings at the limits of the types, and of small negative integers.
     #[test]
-    fn both_encodings_of_both_ends_of_every_type() {
+    fn both_encodings_at_the_limits_of_every_type() {
         let rows = [
             (MavParamType::UINT8, Sealed::to_bits(255u8), 0x0000_00FF, 255.0),
             (MavParamType::INT8, Sealed::to_bits(-1i8), 0x0000_00FF, -1.0),
@@ -204,7 +203,7 @@ mod tests {
             assert_eq!(to_wire(CCast, r#type, bits), number);
             assert_eq!(from_wire(CCast, r#type, number), Some(bits));
         }
-        // A client that extends the sign, or leaves what was there.
+        // Clients that extend the sign, or leave garbage in the unused bytes.
         assert_eq!(from_wire(Bytewise, MavParamType::INT8, f32::from_bits(0xFFFF_FFFE)), Some(0xFE));
         assert_eq!(from_wire(Bytewise, MavParamType::UINT16, f32::from_bits(0xAAAA_0001)), Some(1));
         // Beyond 2^24 a cast rounds.
@@ -212,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_cast_cannot_be() {
+    fn a_cast_that_is_not_a_value_of_the_type() {
         for (r#type, number) in [
             (MavParamType::UINT8, 256.0),
             (MavParamType::UINT8, -1.0),
@@ -232,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn no_number_has_no_rank() {
+    fn nan_and_infinities_have_no_rank() {
         for bits in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY].map(f32::to_bits) {
             assert_eq!(rank(MavParamType::REAL32, bits), None);
         }
@@ -255,9 +254,9 @@ mod tests {
 
     /// P-14, P-2: integers convert between all types if the value fits, checked at the limits of each type.
     #[test]
-    fn an_integer_of_another_type_is_the_same_number_or_none() {
-        let borders = INTEGERS.iter().flat_map(|(_, min, max)| [*min, *max]).flat_map(|at| [at - 1, at, at + 1]);
-        for value in borders.chain([-2, -1, 0, 1, 2]) {
+    fn an_integer_of_another_type_keeps_its_value_or_is_refused() {
+        let limits = INTEGERS.iter().flat_map(|(_, min, max)| [*min, *max]).flat_map(|at| [at - 1, at, at + 1]);
+        for value in limits.chain([-2, -1, 0, 1, 2]) {
             for (from, ..) in INTEGERS.iter().filter(|(_, min, max)| (min..=max).contains(&&value)) {
                 for (to, min, max) in &INTEGERS {
                     let expected = (min..=max).contains(&&value).then(|| bits_of(*to, value));
@@ -274,7 +273,7 @@ mod tests {
 
         /// P-14
         #[test]
-        fn conversions_keep_the_number(bits: u32, from in 0usize..6, to in 0usize..6) {
+        fn conversions_keep_the_value(bits: u32, from in 0usize..6, to in 0usize..6) {
             let ((from, ..), (to, min, max)) = (INTEGERS[from], INTEGERS[to]);
             let bits = bits_of(from, i64::from(bits));
             let value = if is_signed(from) { i64::from(extended(from, bits)) } else { i64::from(bits) };
@@ -282,7 +281,7 @@ mod tests {
         }
 
         #[test]
-        fn ranks_are_in_the_order_of_the_values(a: u32, b: u32) {
+        fn ranks_have_the_order_of_the_values(a: u32, b: u32) {
             macro_rules! same_order {
                 ($($ty:ident $wire:ident),+) => { $(
                     let (x, y) = (<$ty as Sealed>::from_bits(a), <$ty as Sealed>::from_bits(b));
@@ -295,9 +294,9 @@ mod tests {
             same_order!(u8 UINT8, i8 INT8, u16 UINT16, i16 INT16, u32 UINT32, i32 INT32, f32 REAL32);
         }
 
-        /// T-P7: what a client reads and sends back is the same, byte-wise always, cast up to 2^24.
+        /// P-2: a value that a client reads and sends back is unchanged: always byte-wise, with casts up to 2^24.
         #[test]
-        fn a_value_survives_the_way_out_and_back(bits: u32) {
+        fn a_value_survives_the_round_trip(bits: u32) {
             for (r#type, bits) in [
                 (MavParamType::UINT8, bits & 0xFF),
                 (MavParamType::INT8, bits & 0xFF),

@@ -2,7 +2,6 @@
 //!
 //! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18. [`Signing`] describes how a frame is judged.
 
-mod policy;
 #[cfg(feature = "storage")]
 mod saving;
 mod setup;
@@ -10,24 +9,22 @@ mod streams;
 #[cfg(test)]
 mod tests;
 
-pub use policy::{Accept, LinkSigning};
 #[cfg(feature = "storage")]
 use saving::Saving;
-use setup::hint;
-pub(crate) use setup::{Answer, next, on_frame};
+use setup::{Answer, hint};
 pub use streams::SigningStream;
 
 use core::num::{NonZeroU32, NonZeroU64};
 use core::ops::{Deref, DerefMut};
 
-use crate::dialect::SetupSigning;
-use crate::frame::{Frame, Header, MAX_TIMESTAMP, SigningKey, Version, signature_cost};
-use crate::link::{LinkClass, LinkConfig, Port};
+use super::{Cx, Handled, Received, Service, SigningGate, Turn, View, count};
+use crate::dialect::{MavModeFlag, SetupSigning};
+use crate::frame::{Decoder, Frame, MAX_TIMESTAMP, SigningKey, Version, signature_cost};
+use crate::link::Port;
 use crate::message::Message;
 use crate::num;
-use crate::service::command::SignedAt;
 use crate::time::{Duration, Instant};
-use crate::vehicle::Vehicle;
+use crate::types::{Accept, Firmware, LinkClass, LinkConfig, LinkSigning, SignedAt, Vehicle};
 use streams::{MINUTE, Stale};
 
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
@@ -36,66 +33,61 @@ const EPOCH: u64 = 1_420_070_400;
 /// How far a peer's clock may be ahead of the time set by the vehicle (10 µs): a day, to tolerate badly set clocks (G-17).
 const DAY: u64 = 24 * 60 * MINUTE;
 
-/// What was accepted and refused, on all links. The counters wrap.
+/// Counters of accepted and refused frames, on all links. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct SigningCounters {
-    /// Frames with a right signature that are newer than those before them.
+    /// Frames with a correct signature that are newer than those before them.
     pub verified: u32,
-    /// Unsigned frames on a link that does not accept them, those of MAVLink 1 among them (G-9); and there, as long as there is
-    /// no key, signed ones, which nothing verifies.
+    /// Unsigned frames on a link that does not accept them, including those of MAVLink 1 (G-9). As long as there is no
+    /// key, also signed frames on such a link, because nothing can verify them.
     pub unsigned: u32,
-    /// Frames whose signature was not made with our key, or not of these bytes (G-10); these two cannot be told apart.
+    /// Frames whose signature was made with another key or for other bytes (G-10); the two cannot be distinguished.
     pub bad_signature: u32,
-    /// Frames with a right signature, but not newer than the last one of their stream (G-6).
+    /// Frames with a correct signature that are not newer than the last one of their stream (G-6).
     pub replayed: u32,
-    /// Frames with a right signature that would begin a stream, but are more than a minute old (G-6), or from before a restart.
+    /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
+    /// a restart.
     pub too_old: u32,
-    /// Frames with a right signature and a timestamp more than a day ahead of the time set by the vehicle, and frames with the
-    /// last 48-bit timestamp, which has no successor (G-17).
+    /// Frames with a correct signature and a timestamp more than a day ahead of the time set by the vehicle. Also
+    /// frames with the last 48-bit timestamp, which has no successor (G-17).
     pub too_far_ahead: u32,
-    /// Frames with a right signature that would begin a stream, for which the table has no place (G-8).
+    /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
     pub no_stream_slot: u32,
-    /// Times of [`set_time`](Signing::set_time) that were too far ahead (G-14).
+    /// Calls of [`set_time`](Signing::set_time) that were refused because the time was too far ahead (G-14).
     pub refused_times: u32,
-    /// SETUP_SIGNING that was carried out.
+    /// SETUP_SIGNING messages that were executed.
     pub setups: u32,
-    /// SETUP_SIGNING that was accepted on its link, and not carried out: a text says why (G-11).
+    /// SETUP_SIGNING messages that were accepted on their link, but not executed: a text says why (G-11).
     pub refused_setups: u32,
 }
 
-/// The vehicle's memory for signing with a table of `STREAMS` streams: see [`Signing`].
-pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STREAMS]>;
-
-/// The vehicle's memory for signing: the key, the time, and who was heard when. The vehicle keeps it and hands it to the stack
-/// by [`Vehicle::signing`](crate::Vehicle::signing); what a link does stands in its [`LinkSigning`]. It takes no part as long as
-/// there is no key.
+/// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`stack!`](crate::stack),
+/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::LinkSigning) configures each
+/// link. Without a key, nothing is signed or verified.
 ///
-/// Key and time survive a restart in a `SigningStore` (feature `storage`), or in what the firmware has for it:
-/// [`timestamp`](Self::timestamp) at least once a minute, a minute ahead.
+/// Key and time survive a restart in a `SigningStore` (feature `storage`), or in the firmware's own storage. The
+/// firmware then stores [`timestamp`](Self::timestamp) plus a minute, at least once a minute.
 ///
 /// ```
-/// use mavstack::{Duration, Instant, Signing, SigningKey, SigningMemory, Vehicle, VehicleState};
-///
-/// struct Rover { signing: SigningMemory }
-///
-/// impl Vehicle for Rover {
-///     fn state(&self) -> Option<VehicleState> {
-///         None
-///     }
-///
-///     fn signing(&mut self) -> Option<&mut Signing> {
-///         Some(&mut self.signing)
-///     }
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// stack! {
+///     struct Mavlink for Rover { links: 2, signing: { streams: 16 } }
 /// }
 ///
-/// let mut rover = Rover { signing: SigningMemory::new() };
-/// // At start, unless it is stored:
-/// rover.signing.set_key(Instant::ZERO, SigningKey::new([0x42; 32]), 0);
-/// // When the satellite receiver knows the time, on the ground:
-/// let unix_usec = 1_750_000_000_000_000;
-/// assert!(rover.signing.set_time(Instant::from_millis(2_000), unix_usec, Duration::MAX));
+/// fn configure(stack: &mut Mavlink) {
+///     // At startup, unless the key is stored:
+///     stack.signing_mut().set_key(Instant::ZERO, SigningKey::new([0x42; 32]), 0);
+///     // On the ground, when the GNSS receiver knows the time:
+///     let unix_usec = 1_750_000_000_000_000;
+///     assert!(stack.signing_mut().set_time(Instant::from_millis(2_000), unix_usec, Duration::MAX));
+/// }
 /// ```
 ///
 /// # How a frame is judged
@@ -103,7 +95,7 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 /// A received frame is judged before any service sees it:
 ///
 /// ```text
-///   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ may it be, on this link? ── no ──▶ refused
+///   frame ──▶ signed, and there is a key? ── no ──▶ unsigned ──▶ does this link accept it? ── no ──▶ refused
 ///                     │ yes                                          │ yes
 ///                     ▼                                              ▼
 ///             right signature? ── yes ──▶ newer than all before it,  ── yes ──▶ served; its time is ours at least
@@ -113,23 +105,24 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///               bad signature         replayed, too old, too far ahead, no place
 /// ```
 ///
-/// - **What is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason. Where frames are
-///   forwarded, it is forwarded to the links that would not accept it unsigned either (R-10).
-/// - **Time** is one for all links. It runs with the clock, and starts where storage says. A right signature, the vehicle
-///   ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key can move it back; until
-///   then no timestamp is sent twice.
-/// - **A bound on the future** (G-17): once the vehicle has told the time since the start, a frame from more than a day ahead of
-///   that is refused, or one peer with a wrong clock would shut out every peer with a right one. Stored times and a key's time
-///   bound nothing: a vehicle without a clock wakes days late. Nor does the bound apply while our own time is more than a day
-///   ahead of what the vehicle told. It would shut out the peers that follow our time, and let in nobody else.
-/// - **Streams**: a stream is known by its sender and by the sender's number of the link. Each frame of a known stream has to be
-///   newer than the one before; a new stream may begin a minute behind our time. When the table is full, a stream that was
-///   silent for more than a minute is evicted (G-8). So `STREAMS` bounds how many streams are heard at a time, and a key holder
-///   shuts nobody out for longer than that.
+/// - **A frame that is not accepted** changes nothing: no answer, no peer, no time. It is counted by its reason. If
+///   forwarding is declared, it is forwarded to the links that would not accept it unsigned either (R-10).
+/// - **Time** is the same for all links. It runs with the clock, and starts at the stored time. A correct signature,
+///   the vehicle ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key
+///   can move it back; until then no timestamp is sent twice.
+/// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than a day
+///   ahead of that is refused. Otherwise one peer with a wrong clock could shut out every peer with a right one. Stored
+///   times and a key's time set no bound, because a vehicle without a clock may restart days later. The bound also does
+///   not apply while our own time is more than a day ahead of the time that the vehicle set. It would shut out the
+///   peers that follow our time, and let in nobody else.
+/// - **Streams**: a stream is identified by its sender and the sender's link id. Each frame of a known stream must be
+///   newer than the one before; a new stream may begin a minute behind our time. A full table evicts a stream that was
+///   silent for more than a minute (G-8). So `streams` in [`stack!`](crate::stack) bounds how many streams are accepted
+///   at a time, and a holder of the key shuts nobody out for longer than that.
 /// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
-/// - **Another key** starts with the timestamp that comes with it, and with no streams, so that a new key heals a time that was
-///   moved too far ahead, also after a restart. The time that the vehicle told since the start still counts: our time starts no
-///   earlier than that.
+/// - **Another key** starts with the timestamp that comes with it, and without streams. So a new key repairs a time
+///   that was moved too far ahead, even after a restart. The time that the vehicle set since the start still counts:
+///   our time starts no earlier than that.
 ///
 /// The last 48-bit timestamp, in 2104, has no successor, so it is never accepted. Once our own time has reached it, links that
 /// sign send unsigned frames until another key is set: a timestamp is never sent twice.
@@ -138,38 +131,39 @@ pub type SigningMemory<const STREAMS: usize = 16> = Signing<[SigningStream; STRE
 ///
 /// Recorded signed frames can be accepted again in these cases:
 ///
-/// - **A key that returns.** What is set after another key, or after none, counts as another key: the one before was forgotten.
-///   So frames that were recorded with it are accepted once more, if they are no more than a minute older than the timestamp
-///   that it returns with, or than the time that the vehicle told. A timestamp of a minute from now leaves no window.
-/// - **A restart.** Streams are forgotten, and time begins where it was last stored, up to a minute ahead of that moment (G-15).
-///   So frames that were accepted since may be accepted again, and those of the minute before. By default nothing is stored while
-///   the vehicle is armed: after a restart in flight, that is everything since take-off. [`set_time`](Signing::set_time), called
-///   before frames are received, narrows this to the last minute.
-/// - **The first key.** Frames that were served unverified because there was no key are in no stream. Those signed with the key
-///   that is set next may be served again for a minute.
+/// - **A key that is set again.** A key that is set after another key, or after none, counts as another key, because
+///   the one before was forgotten. So frames that were recorded with it are accepted again if they are at most a minute
+///   older than its new timestamp, or than the time that the vehicle set. A timestamp of a minute from now leaves no
+///   window.
+/// - **A restart.** Streams are forgotten, and time begins where it was last stored, up to a minute ahead of that
+///   moment (G-15). So frames that were accepted since, and in the minute before, may be accepted again. By default
+///   nothing is stored while the vehicle is armed: after a restart in flight, these are all frames since take-off.
+///   [`set_time`](Signing::set_time), called before frames are received, narrows this to the last minute.
+/// - **The first key.** Frames that were handled unverified, because there was no key, belong to no stream. Those that
+///   were signed with the key that is set next may be handled again for a minute.
 ///
-/// [`refuse_recorded`](Signing::refuse_recorded) closes these windows, if our time is right. After a restart in flight the stored
-/// time is not: there it only helps after `set_time`. It cannot help with a frame that an attacker kept from the vehicle, which is
-/// no replay. A known stream accepts it until a newer frame comes, however late it is
-/// (see [`Signing::age`]).
+/// [`refuse_recorded`](Signing::refuse_recorded) closes these windows if our time is right. After a restart in flight
+/// the stored time is not right, so there it only helps after `set_time`. It does not help against a frame that an
+/// attacker withheld from the vehicle, because that is not a replay. A known stream accepts such a frame, however late,
+/// until a newer one is received (see [`Signing::age`]).
 ///
 /// # Setting the key
 ///
-/// The key is set by the firmware ([`Signing::set_key`]) or by SETUP_SIGNING on a provisioning link (G-11). SETUP_SIGNING is
-/// refused, with a text and a counter, when its timestamp is more than a day ahead of the time set by the vehicle and also ahead
-/// of our time. Until the vehicle has set the time there is nothing to compare it with.
+/// The firmware ([`Signing::set_key`]) or SETUP_SIGNING on a provisioning link sets the key (G-11). SETUP_SIGNING is
+/// refused, with a text and a counter, if its timestamp is more than a day ahead of the time set by the vehicle and
+/// also ahead of our time. Until the vehicle has set the time, any timestamp is accepted.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
-    /// Our time, less the clock.
+    /// Our time minus the clock.
     boot: i64,
-    /// The last timestamp that was sent; time never falls behind it.
+    /// The last timestamp that was sent. Time never falls behind it.
     last: u64,
-    /// Before this no new stream begins.
+    /// The earliest timestamp with which a new stream may begin.
     floor: u64,
-    /// The latest time that the vehicle set since the start, less the clock.
-    told: Option<i64>,
-    /// The latest timestamp in signatures of peers on normal links, less the clock.
+    /// The latest time that the vehicle set since the start, minus the clock.
+    clock_set: Option<i64>,
+    /// The latest timestamp in signatures of peers on normal links, minus the clock.
     heard: Option<i64>,
     counters: SigningCounters,
     #[cfg(feature = "storage")]
@@ -178,15 +172,20 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
 }
 
 impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
-    /// No key: nothing is signed, and nothing can be verified.
+    /// Returns signing without a key: nothing is signed, and nothing can be verified.
     pub const fn new() -> Self {
-        const { assert!(STREAMS > 0, "signing memory needs room for a stream, or nobody could ever be verified") };
+        const {
+            assert!(
+                STREAMS > 0,
+                "`signing` needs room for a stream, or no sender could ever be verified: `signing: {{ streams: 16 }}`"
+            );
+        }
         Self {
             key: None,
             boot: 0,
             last: 0,
             floor: 0,
-            told: None,
+            clock_set: None,
             heard: None,
             counters: SigningCounters {
                 verified: 0,
@@ -228,7 +227,7 @@ impl<const STREAMS: usize> DerefMut for Signing<[SigningStream; STREAMS]> {
     }
 }
 
-/// Without the key, and without the time, which tells nothing.
+/// Shows neither the key nor the time.
 impl<S: ?Sized> core::fmt::Debug for Signing<S> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Signing")
@@ -238,16 +237,16 @@ impl<S: ?Sized> core::fmt::Debug for Signing<S> {
     }
 }
 
-/// What a frame's signature says.
+/// The result of judging a frame's signature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
-    /// Right, and new.
+    /// Correct and new.
     Verified,
-    /// Nothing: it has none, or there is no key.
+    /// The frame is unsigned, or there is no key.
     Unsigned,
     /// Not signed with our key. Counted.
     Forged,
-    /// Right, but the frame is too old or too far ahead. Counted.
+    /// Correct, but the frame is too old or too far ahead. Counted.
     Stale,
 }
 
@@ -257,13 +256,13 @@ impl Signing {
         self.key.is_some()
     }
 
-    /// What was accepted and refused.
+    /// Returns the counters.
     pub const fn counters(&self) -> SigningCounters {
         self.counters
     }
 
-    /// Returns our time (10 µs since 2015-01-01 00:00 UTC, G-3), the minimum timestamp of the next signed frame. It is not the
-    /// time of day: unless the vehicle or a peer knew that, it continued from the stored time.
+    /// Returns our time (10 µs since 2015-01-01 00:00 UTC, G-3), the minimum timestamp of the next signed frame. It is
+    /// not the time of day: it continues from the stored time until the vehicle or a peer provides a later one.
     #[inline(never)]
     pub fn timestamp(&self, now: Instant) -> u64 {
         self.time(now).min(MAX_TIMESTAMP)
@@ -287,7 +286,7 @@ impl Signing {
         if self.key.as_ref().is_some_and(|known| known.is_same(&key)) {
             self.boot = self.boot.max(start);
         } else {
-            self.boot = self.told.map_or(start, |told| told.max(start));
+            self.boot = self.clock_set.map_or(start, |told| told.max(start));
             (self.last, self.floor, self.heard) = (0, 0, None);
             self.streams.fill(SigningStream::NONE);
         }
@@ -310,18 +309,18 @@ impl Signing {
     /// Returns false when our time would move by more than `max_step`, or would reach the last 48-bit timestamp. The
     /// call is then counted and has no effect (G-14).
     ///
-    /// Only tell a time that is known to be right. A wrong one shuts out the peers whose clocks are right:
+    /// Only set a time that is known to be right. A wrong time shuts out the peers whose clocks are right:
     ///
-    /// - A time far behind, as from a clock that lost its battery. Unless our own time is later anyway, frames of peers with
-    ///   right clocks are refused as [too far ahead](SigningCounters::too_far_ahead). SETUP_SIGNING with a right timestamp is
-    ///   refused too. This lasts until the vehicle tells a right time, or restarts and tells no wrong one. The right time is a
-    ///   step that `max_step` has to allow.
-    /// - A time far ahead, as from an attacker that fakes a satellite signal. Frames of peers with right clocks that begin a
-    ///   stream are refused as [too old](SigningCounters::too_old). Only a restart forgets what was told; our time then starts
-    ///   as stored, until there is another key.
+    /// - A time in the past, for example of a clock that lost its battery. Unless our own time is later anyway, frames
+    ///   of peers with right clocks are refused as [too far ahead](SigningCounters::too_far_ahead). SETUP_SIGNING with
+    ///   a right timestamp is refused too. This lasts until the vehicle sets a right time, or restarts and sets no
+    ///   wrong one. The right time is a step that `max_step` must allow.
+    /// - A time in the future, for example from an attacker that spoofs a satellite signal. Frames of peers with right
+    ///   clocks that begin a stream are refused as [too old](SigningCounters::too_old). Only a restart forgets the time
+    ///   that was set. Our time then starts as stored, until there is another key.
     ///
-    /// A battery-backed clock that reports whether it kept running may be believed whatever it says ([`Duration::MAX`]). Believe
-    /// a satellite receiver by some days on the ground, and by some seconds in flight.
+    /// Trust a battery-backed clock that reports whether it kept running without a limit ([`Duration::MAX`]). Trust a
+    /// satellite receiver by some days on the ground, and by some seconds in flight.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
         let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
         let timestamp = num::quotient(timestamp, TEN);
@@ -332,9 +331,9 @@ impl Signing {
             return false;
         }
         self.advance(now, timestamp);
-        // A clock that was never set tells a time before 2015.
+        // A clock that was never set reports a time before 2015.
         if timestamp != 0 {
-            self.told = self.told.max(Some(offset(now, timestamp)));
+            self.clock_set = self.clock_set.max(Some(offset(now, timestamp)));
         }
         true
     }
@@ -347,8 +346,9 @@ impl Signing {
     /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only helps after
     /// [`set_time`](Self::set_time).
     ///
-    /// The price: our time is up to a minute ahead after a restart. A peer that hears a signed frame of ours follows it, and is
-    /// heard from there on. One that does not, as where the link does not sign, is heard when its clock gets there.
+    /// The price: our time is up to a minute ahead after a restart. A peer that receives a signed frame of ours adopts
+    /// our time, and is accepted from then on. A peer that does not, for example because the link does not sign, is
+    /// accepted once its clock has reached our time.
     pub fn refuse_recorded(&mut self, now: Instant) {
         self.floor = self.timestamp(now).saturating_add(1);
     }
@@ -370,19 +370,19 @@ impl Signing {
         let signed_at = self.signed_at(frame)?.get();
         let heard = self.heard.map(|heard| at(now, heard));
         let is_beyond = |heard: &u64| self.bound(now).is_some_and(|bound| *heard > bound);
-        let told = self.told.map(|told| at(now, told));
+        let told = self.clock_set.map(|told| at(now, told));
         let time = heard.filter(is_beyond).or(told).or(heard)?;
         Some(Duration::from_micros(time.saturating_sub(signed_at).saturating_mul(10)))
     }
 
-    /// The timestamp of a frame that the stack has accepted, if its signature was verified.
+    /// Returns the timestamp of a frame that the stack has accepted, if its signature was verified.
     fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {
         NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
     }
 
     /// Returns the latest timestamp that is accepted, once the vehicle has set the time (G-17).
     fn bound(&self, now: Instant) -> Option<u64> {
-        Some(at(now, self.told?).saturating_add(DAY))
+        Some(at(now, self.clock_set?).saturating_add(DAY))
     }
 
     /// Whether SETUP_SIGNING may have this timestamp.
@@ -448,11 +448,11 @@ impl Signing {
     }
 
     /// Whether a frame is accepted on a link.
-    fn admits(&mut self, now: Instant, port: &mut Port, frame: &Frame<'_>) -> bool {
+    fn admits(&mut self, now: Instant, port: &Port, state: &mut SigningLink, frame: &Frame<'_>) -> bool {
         let LinkConfig { class, signing: link, .. } = &port.config;
         match self.judge(now, frame) {
             Verdict::Verified => {
-                // What comes by satellite may tell the time of minutes ago.
+                // A frame from a satellite may contain a time from minutes ago.
                 if *class != LinkClass::HighLatency {
                     let told = frame.signature().map(|signature| offset(now, signature.timestamp));
                     self.heard = self.heard.max(told);
@@ -461,7 +461,7 @@ impl Signing {
             }
             Verdict::Stale => false,
             Verdict::Forged => {
-                hint(now, port, Answer::WrongKey);
+                hint(now, port, state, Answer::WrongKey);
                 false
             }
             Verdict::Unsigned => {
@@ -471,7 +471,7 @@ impl Signing {
                     self.refuse(|counters| &mut counters.unsigned);
                     #[cfg(feature = "storage")]
                     if self.is_lost() && !self.is_active() {
-                        hint(now, port, Answer::LostKey);
+                        hint(now, port, state, Answer::LostKey);
                     }
                 }
                 is_taken
@@ -519,109 +519,126 @@ impl Signing {
     }
 }
 
-/// Whether a frame is accepted on its link: asked once for each frame, before anything is learned from it or done about it.
-pub(crate) fn admits(now: Instant, port: &mut Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
-    match vehicle.signing() {
-        Some(signing) => signing.admits(now, port, frame),
-        None => {
-            let is_open = matches!(port.config.signing.accept, Accept::Open);
-            if !is_open {
-                count(&mut port.counters.out_of_place);
-            }
-            is_open
+/// The state of signing on a link.
+#[derive(Clone, Copy, Debug)]
+pub struct SigningLink {
+    /// The pending text.
+    setup: Answer,
+    /// The earliest time of the next hint to a station that signs with another key.
+    hint_from: Instant,
+}
+
+impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing<[SigningStream; STREAMS]> {
+    const NEW: Self = Self::new();
+    type Link = SigningLink;
+    const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut SigningLink,
+        received: &Received<'_>,
+    ) -> Handled {
+        if received.frame.id() != SetupSigning::ID {
+            return Handled::No;
+        }
+        // In a fault, it is not known whether the vehicle is armed.
+        let is_disarmed = cx.vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
+        let is_ours = received.target.system == cx.shared.config.address.get().system;
+        setup::receive(self, cx.now, port, link, received.frame, is_ours, is_disarmed)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        drops(&self.counters)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, _: Turn) -> bool {
+        setup::send(port, link)
+    }
+
+    fn due(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Instant {
+        if link.setup == Answer::None { Instant::NEVER } else { view.now }
+    }
+}
+
+impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; STREAMS]> {
+    fn admits(&mut self, now: Instant, port: &mut Port, link: &mut SigningLink, frame: &Frame<'_>) -> bool {
+        Signing::admits(self, now, port, link, frame)
+    }
+
+    fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool {
+        match self.accept(&port.config.signing) {
+            Accept::Open => true,
+            Accept::SignedExcept(_) => !self.is_active() || frame.header().is_signed(),
+            Accept::Required => self.is_active() && frame.header().is_signed(),
+        }
+    }
+
+    fn believes_unsigned(&self, port: &Port, id: u32) -> bool {
+        self.accept(&port.config.signing).takes_unsigned(id, self.is_active())
+    }
+
+    fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
+        Signing::age(self, now, frame)
+    }
+
+    fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {
+        Signing::signed_at(self, frame)
+    }
+
+    fn cost(&self, frame: &Frame<'_>) -> u32 {
+        if frame.header().is_signed() && self.is_active() { signature_cost(frame.raw().len()) } else { 0 }
+    }
+
+    fn has_key(&self) -> bool {
+        self.is_active()
+    }
+
+    fn vouches_for(&self, raw: &[u8], work: &mut u32) -> bool {
+        self.key.as_ref().is_some_and(|key| {
+            *work = work.saturating_sub(signature_cost(raw.len()));
+            key.has_signed(raw)
+        })
+    }
+
+    fn prepare(&mut self, now: Instant, port: &mut Port) {
+        let signs = self.is_active() && port.config.signing.signs() && self.has_stamp(now);
+        port.outbox.set_signs(signs);
+        if signs {
+            port.outbox.set_version(Version::V2);
+        }
+    }
+
+    fn sign(&mut self, now: Instant, port: &mut Port) {
+        if port.outbox.needs_signature() {
+            let timestamp = self.stamp(now);
+            port.outbox.sign(self.key.as_ref().zip(timestamp));
+        }
+    }
+
+    fn wipe(&self, id: u32, decoder: &mut Decoder) {
+        if id == SetupSigning::ID {
+            decoder.wipe();
         }
     }
 }
 
-/// Whether an accepted frame is its sender's: what came as an exception, or to set the first key, can be anybody's.
-pub(crate) fn knows_sender(port: &Port, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> bool {
-    let link = &port.config.signing;
-    let (has_key, accept) = match vehicle.signing() {
-        Some(signing) => (signing.is_active(), signing.accept(link)),
-        None => (false, link.accept),
-    };
-    match accept {
-        Accept::Open => true,
-        Accept::SignedExcept(_) => !has_key || frame.header().is_signed(),
-        Accept::Required => has_key && frame.header().is_signed(),
-    }
-}
-
-/// How long ago an accepted frame was signed; `None` when nothing verifies that.
-pub(crate) fn age(now: Instant, frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> Option<Duration> {
-    vehicle.signing()?.age(now, frame)
-}
-
-/// When an accepted frame was signed, by its sender's clock; `None` when nothing verifies that.
-pub(crate) fn signed_at(frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> SignedAt {
-    vehicle.signing()?.signed_at(frame)
-}
-
-/// Whether what an unsigned frame says is believed on this link.
-pub(crate) fn believes_unsigned(port: &Port, id: u32, vehicle: &mut impl Vehicle) -> bool {
-    let link = &port.config.signing;
-    match vehicle.signing() {
-        Some(signing) => signing.accept(link).takes_unsigned(id, signing.is_active()),
-        None => matches!(link.accept, Accept::Open),
-    }
-}
-
-/// Whether a frame with an unknown id is a frame, for its signature is right (SEC-5). Not whether it is accepted. What the look
-/// costs is taken from `work`.
-pub(crate) fn vouches_for(raw: &[u8], key: Option<&SigningKey>, work: &mut u32) -> bool {
-    key.is_some_and(|key| {
-        *work = work.saturating_sub(signature_cost(raw.len()));
-        key.has_signed(raw)
-    })
-}
-
-/// What [`admits`] does for a frame, as work.
-pub(crate) fn cost(frame: &Frame<'_>, vehicle: &mut impl Vehicle) -> u32 {
-    let is_judged = frame.header().is_signed() && key_of(vehicle).is_some();
-    if is_judged { signature_cost(frame.raw().len()) } else { 0 }
-}
-
-/// The key that [`vouches_for`] needs.
-pub(crate) fn key_of(vehicle: &mut impl Vehicle) -> Option<&SigningKey> {
-    vehicle.signing()?.key.as_ref()
-}
-
-/// Selects signing for the next frame, if the link signs and there is a key and a timestamp. The frame is then MAVLink 2
-/// (V-3).
-pub(crate) fn prepare(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
-    let Some(signing) = vehicle.signing() else { return };
-    let signs = signing.is_active() && port.config.signing.signs() && signing.has_stamp(now);
-    port.outbox.set_signs(signs);
-    if signs {
-        port.outbox.set_version(Version::V2);
-    }
-}
-
-/// Signs the frame that is about to be sent, if it needs a signature: a new frame, or one that is restarted (G-4). Without a
-/// key or a timestamp it is not sent.
-pub(crate) fn sign(now: Instant, port: &mut Port, vehicle: &mut impl Vehicle) {
-    let Some(signing) = vehicle.signing() else { return };
-    if port.outbox.needs_signature() {
-        let timestamp = signing.stamp(now);
-        port.outbox.sign(signing.key.as_ref().zip(timestamp));
-    }
-}
-
-/// What [`sign`] did for a frame, as work. Counts those of others too, which were signed elsewhere.
-pub(crate) fn cost_of_sending(frame: &[u8]) -> u32 {
-    let is_signed = Header::parse(frame).is_some_and(|header| header.is_signed());
-    if is_signed { signature_cost(frame.len()) } else { 0 }
-}
-
-/// Microseconds of a unit of a timestamp.
+/// Microseconds in a unit of a timestamp.
 const TEN: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 
-/// Units of 10 µs since boot.
+/// Returns the units of 10 µs since boot.
 const fn ticks(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
 }
 
-/// Returns a timestamp less the clock; timestamps beyond the last one are treated alike.
+/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same.
 fn offset(now: Instant, timestamp: u64) -> i64 {
     let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
     timestamp.cast_signed().saturating_sub(ticks(now).cast_signed())
@@ -632,6 +649,30 @@ const fn at(now: Instant, offset: i64) -> u64 {
     ticks(now).saturating_add_signed(offset)
 }
 
-fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
+/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
+/// decided here whether it counts drops.
+#[cfg(feature = "defmt")]
+fn drops(counters: &SigningCounters) -> u32 {
+    let SigningCounters {
+        verified: _,
+        unsigned,
+        bad_signature,
+        replayed,
+        too_old,
+        too_far_ahead,
+        no_stream_slot,
+        refused_times,
+        setups: _,
+        refused_setups,
+    } = *counters;
+    super::sum([
+        unsigned,
+        bad_signature,
+        replayed,
+        too_old,
+        too_far_ahead,
+        no_stream_slot,
+        refused_times,
+        refused_setups,
+    ])
 }

@@ -1,20 +1,22 @@
-//! SETUP_SIGNING: somebody sets the key, or takes it away (G-11, G-12).
+//! SETUP_SIGNING: a peer sets or removes the key (G-11, G-12).
 //!
-//! Only on a link that is made for it, for this component by its system's number, while the vehicle is disarmed, and with no
-//! timestamp that is more than a day ahead, if the vehicle has told what time it is. The message has no acknowledgement, and a
-//! ground station that turns its own signing on by hope alone goes deaf. So what was accepted is answered at once by a HEARTBEAT,
-//! signed with the new key, or unsigned when there is none any longer, and by a text; what was refused by an unsigned text. An
-//! unsigned text also tells a ground station that it signs with a wrong key, on a link where it could set the key.
+//! It is accepted only on a provisioning link, if it is addressed to this component by its system's number, and while
+//! the vehicle is disarmed. Its timestamp must be at most a day ahead, if the vehicle has set the time.
+//!
+//! The message has no acknowledgement, and a ground station that turns on its own signing without one may hear nothing
+//! more. So an accepted message is answered at once by a HEARTBEAT, signed with the new key, or unsigned if the key was
+//! removed, and by a text. A refused one is answered by an unsigned text. An unsigned text also tells a ground station
+//! that it signs with a wrong key, on a link where it could set the key.
 
 use zeroize::Zeroize;
 
-use super::{Accept, Signing, count};
-use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning, Statustext};
+use super::{Handled, Signing, SigningLink, count};
+use crate::dialect::{MavSeverity, SetupSigning, Statustext};
 use crate::frame::{Frame, SigningKey};
 use crate::link::Port;
-use crate::message::{Message, Text};
+use crate::message::Text;
 use crate::time::{Duration, Instant};
-use crate::vehicle::Vehicle;
+use crate::types::Accept;
 
 /// Minimum time between two hints on a link.
 const HINT_PAUSE: Duration = Duration::from_secs(10);
@@ -22,8 +24,8 @@ const HINT_PAUSE: Duration = Duration::from_secs(10);
 /// The pending text about SETUP_SIGNING on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) enum Answer {
-    /// Nothing; zero bits.
+pub(super) enum Answer {
+    /// No text is pending; zero bits.
     None,
     Set,
     Off,
@@ -31,9 +33,9 @@ pub(crate) enum Answer {
     Place,
     Time,
     Often,
-    /// Unsolicited: frames are received that are signed with another key. An answer replaces it.
+    /// Unsolicited: received frames are signed with another key. An answer replaces it.
     WrongKey,
-    /// Nobody asked: frames are refused because the stored key is lost. Gives way to an answer.
+    /// Unsolicited: frames are refused because the stored key is lost. An answer replaces it.
     LostKey,
 }
 
@@ -61,31 +63,21 @@ impl Answer {
     }
 }
 
-/// Takes SETUP_SIGNING; false for other messages. A vehicle without a memory for signing has no use for it, and its hook for
-/// messages, which may log them, no business with a key. `is_ours`: whether the frame is for our system by its number.
-pub(crate) fn on_frame(
+/// Handles SETUP_SIGNING. `is_ours`: the frame is addressed to our system by its id.
+pub(super) fn receive(
+    signing: &mut Signing,
     now: Instant,
     port: &mut Port,
+    link: &mut SigningLink,
     frame: &Frame<'_>,
     is_ours: bool,
-    vehicle: &mut impl Vehicle,
-) -> bool {
-    if frame.id() != SetupSigning::ID {
-        return false;
-    }
-    // What the vehicle is doing is not known in a fault.
-    let is_disarmed = vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
-    let Some(signing) = vehicle.signing() else {
-        count(&mut port.counters.out_of_place);
-        return true;
-    };
+    is_disarmed: bool,
+) -> Handled {
     if !is_ours {
-        count(&mut port.counters.out_of_place);
-        return true;
+        return Handled::OutOfPlace;
     }
-    if port.setup != Answer::None && !port.setup.is_hint() {
-        count(&mut port.counters.no_answer_slot);
-        return true;
+    if link.setup != Answer::None && !link.setup.is_hint() {
+        return Handled::NoRoom;
     }
     let answer = match frame.decode::<SetupSigning>() {
         _ if !port.config.signing.provisioning => Answer::Place,
@@ -96,17 +88,17 @@ pub(crate) fn on_frame(
             setup.secret_key.0.zeroize();
             answer
         }
-        None => return true,
+        None => return Handled::Yes,
     };
-    port.setup = answer;
+    link.setup = answer;
     if answer.is_refusal() {
         count(&mut signing.counters.refused_setups);
     } else {
         count(&mut signing.counters.setups);
         signing.wear_key(now);
-        port.heartbeat.postpone(now);
+        port.is_heartbeat_due = true;
     }
-    true
+    Handled::Yes
 }
 
 fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
@@ -121,21 +113,21 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
     Answer::Set
 }
 
-/// A frame was refused for want of the right key. On a link that takes SETUP_SIGNING unsigned its sender can set the key, and is
-/// told so: it would hear no answer to anything (G-11, G-18).
-pub(super) fn hint(now: Instant, port: &mut Port, answer: Answer) {
+/// Schedules a hint after a frame was refused because it has no signature of our key. On a link that accepts
+/// SETUP_SIGNING unsigned, its sender can set the key, and would otherwise get no answer to anything (G-11, G-18).
+pub(super) fn hint(now: Instant, port: &Port, link: &mut SigningLink, answer: Answer) {
     let signing = &port.config.signing;
-    // Every link for provisioning takes the first key.
+    // Every provisioning link accepts the first key.
     let is_open = signing.provisioning && (answer == Answer::LostKey || signing.accept == Accept::Open);
-    if is_open && port.setup == Answer::None && now >= port.hint_from {
-        port.setup = answer;
-        port.hint_from = now.after(HINT_PAUSE);
+    if is_open && link.setup == Answer::None && now >= link.hint_from {
+        link.setup = answer;
+        link.hint_from = now.after(HINT_PAUSE);
     }
 }
 
 /// Sends the text that is pending on this link. Returns false when none is.
-pub(crate) fn next(port: &mut Port) -> bool {
-    let answer = core::mem::replace(&mut port.setup, Answer::None);
+pub(super) fn send(port: &mut Port, link: &mut SigningLink) -> bool {
+    let answer = core::mem::replace(&mut link.setup, Answer::None);
     if answer == Answer::None {
         return false;
     }

@@ -1,30 +1,30 @@
-//! Streams of signed frames: who has sent what last, so that nothing is accepted twice (G-6, G-8).
+//! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-6, G-8).
 
-use crate::frame::Address;
+use crate::message::Address;
 
-/// A minute in units of 10 µs: so far behind our own time may a new stream begin (G-6).
+/// A minute in units of 10 µs: how far behind our time a new stream may begin (G-6).
 pub(super) const MINUTE: u64 = 6_000_000;
 
-/// One stream: what one component sends over one of its links (G-5).
+/// A stream: the signed frames that one component sends on one of its links (G-5).
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SigningStream {
-    /// System 0 where there is none.
+    /// The sender; system 0 if the place is free.
     source: Address,
     link_id: u8,
-    /// Of the last frame.
+    /// The timestamp of the last frame.
     timestamp: u64,
 }
 
-/// Why a frame with a right signature is not accepted.
+/// Why a frame with a correct signature is not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stale {
-    /// The stream has gone beyond it.
+    /// The stream already has a later timestamp.
     Replayed,
-    /// A stream that is not known, more than a minute behind.
+    /// The stream is unknown, and the frame is more than a minute old.
     Old,
-    /// A stream that is not known, and each place has one that is needed.
+    /// The stream is unknown, and no place can be freed.
     NoRoom,
 }
 
@@ -33,10 +33,11 @@ impl SigningStream {
     pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: 0 };
 }
 
-/// Enters a frame with a right signature. A new stream begins at `oldest` or later, a minute before our time; that rises.
+/// Records a frame with a correct signature. A new stream begins at `oldest` or later, a minute before our time, which
+/// only rises.
 ///
-/// In a full table the stream that was silent longest gives way if it was for so long: what it has sent is too old by now to
-/// begin a stream anew.
+/// A full table evicts the stream that was silent longest, if that was more than a minute: its recorded frames are too
+/// old by now to begin a stream again.
 pub(super) fn enter(
     streams: &mut [SigningStream],
     source: Address,
@@ -67,7 +68,7 @@ mod tests {
 
     const LOCAL: u64 = 100 * MINUTE;
 
-    /// At this local time.
+    /// Records a frame at this local time.
     fn enter(
         streams: &mut [SigningStream],
         source: Address,
@@ -83,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_stream_only_rises() {
+    fn timestamps_of_a_stream_rise() {
         let mut streams = [SigningStream::NONE; 2];
         assert_eq!(enter(&mut streams, source(1), 0, LOCAL, LOCAL), Ok(()));
         for stale in [LOCAL, LOCAL - 1, 0] {
@@ -103,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stream_that_was_silent_longest_gives_way() {
+    fn the_stream_that_was_silent_longest_is_evicted() {
         let mut streams = [SigningStream::NONE; 2];
         for n in [1, 2] {
             enter(&mut streams, source(n), 0, LOCAL + u64::from(n), LOCAL).unwrap();
@@ -112,11 +113,11 @@ mod tests {
         assert_eq!(enter(&mut streams, source(3), 0, later, later), Err(Stale::NoRoom), "a minute, and no more");
         assert_eq!(enter(&mut streams, source(3), 0, later, later + 1), Ok(()), "the first is older");
         assert_eq!(enter(&mut streams, source(2), 0, LOCAL + 3, later + 1), Ok(()), "the second is still there");
-        assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, later + 1), Err(Stale::Old), "no second time");
+        assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, later + 1), Err(Stale::Old), "not accepted twice");
     }
 
     #[test]
-    fn of_several_the_oldest_gives_way() {
+    fn the_oldest_stream_is_evicted() {
         for order in [[1, 2, 3], [3, 1, 2], [2, 3, 1]] {
             let mut streams = [SigningStream::NONE; 3];
             for n in order {
@@ -132,12 +133,12 @@ mod tests {
     }
 
     #[test]
-    fn without_places_nothing_is_accepted() {
+    fn an_empty_table_accepts_nothing() {
         assert_eq!(enter(&mut [], source(1), 0, LOCAL, LOCAL), Err(Stale::NoRoom));
     }
 
     proptest! {
-        /// G-8: whatever comes in whatever order, however small the table, nothing is accepted twice, and local time never
+        /// G-8: for any frames in any order, and a table of any size, no frame is accepted twice, and local time never
         /// goes back.
         #[test]
         fn nothing_is_accepted_twice(
@@ -150,7 +151,7 @@ mod tests {
             let mut accepted = std::collections::BTreeSet::new();
             for ((system, link_id, at), step) in frames.into_iter().zip(steps) {
                 local += step * MINUTE / 3;
-                // Around now, by a few minutes.
+                // Within a few minutes of now.
                 let timestamp = LOCAL - 4 * MINUTE + at * MINUTE / 5;
                 if enter(&mut streams, source(system), link_id, timestamp, local).is_ok() {
                     prop_assert!(accepted.insert((system, link_id, timestamp)), "a second time");

@@ -1,8 +1,10 @@
-//! What no frame shows: the edges of times, when something is to be stored, and that keys do not stay in a buffer.
+//! Tests that need more than frames: the limits of times, when something is stored, and that keys do not stay in a
+//! buffer.
 
 #![cfg(feature = "storage")]
 
 use super::*;
+use crate::__private::SigningMemory;
 use crate::dialect::Common;
 use crate::frame::{Decoder, encode};
 use crate::message::Dialect;
@@ -13,7 +15,7 @@ const NOW: Instant = Instant::from_millis(1_000);
 /// A time in 2025.
 const TIME: u64 = 33_000_000_000_000;
 
-/// As it is when storage has what it needs.
+/// Returns the state after everything was stored.
 fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
     let mut signing = SigningMemory::new();
     signing.restore(NOW, key.map(SigningKey::new), TIME);
@@ -23,9 +25,9 @@ fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
     signing
 }
 
-/// G-13: a key that is set, and one that is taken away, is to be stored at once.
+/// G-13: setting or removing a key stores it at once.
 #[test]
-fn another_key_is_stored_at_once() {
+fn a_changed_key_is_stored_at_once() {
     let mut signing = stored(Some(KEY));
     signing.clear_key();
     assert!(signing.unsaved(NOW).is_some() && signing.content().0.is_none());
@@ -34,9 +36,9 @@ fn another_key_is_stored_at_once() {
     assert!(signing.unsaved(NOW).is_some() && signing.content().0.is_some());
 }
 
-/// G-15: what could not be written is tried again after ten seconds.
+/// G-15: a failed write is tried again after ten seconds.
 #[test]
-fn storage_that_failed_is_left_alone_for_ten_seconds() {
+fn a_failed_write_is_retried_after_ten_seconds() {
     let mut signing = stored(Some(KEY));
     signing.clear_key();
     signing.not_saved(NOW);
@@ -47,7 +49,7 @@ fn storage_that_failed_is_left_alone_for_ten_seconds() {
 
 /// G-3, G-14, G-17: the last 48-bit timestamp, in 2104, has no successor and is refused; the one before is accepted.
 #[test]
-fn time_has_an_end() {
+fn the_last_timestamp_is_refused() {
     let last = (MAX_TIMESTAMP + EPOCH * 100_000) * 10;
     let mut signing = SigningMemory::<1>::new();
     for late in [last, last + 10, u64::MAX] {
@@ -79,7 +81,7 @@ fn a_stored_time_at_the_end_is_not_used_again() {
 /// G-17: our time starts with the timestamp of another key, even when that is less than the clock; a clock that reads less
 /// afterwards causes no fault.
 #[test]
-fn another_key_may_begin_with_an_early_time() {
+fn another_key_may_start_with_an_early_time() {
     let mut signing = SigningMemory::<1>::new();
     let hour = Instant::from_millis(3_600_000);
     signing.set_key(hour, SigningKey::new(KEY), 5);

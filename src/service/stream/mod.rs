@@ -1,47 +1,43 @@
-//! Messages on request and streams: what the vehicle tells of itself, how often, on which link.
+//! Messages on request and streams: the vehicle's telemetry, with an interval for each message on each link.
 //!
 //! Implements the message requests of <https://mavlink.io/en/services/command.html> (MAV_CMD_REQUEST_MESSAGE,
-//! MAV_CMD_SET_MESSAGE_INTERVAL, MAV_CMD_GET_MESSAGE_INTERVAL), MESSAGE_INTERVAL, and REQUEST_DATA_STREAM for the ground
-//! stations that still send it: rules. The vehicle declares what it can fill, as a list of [`Stream`]s, and fills
-//! it when asked; each link keeps for each of them the interval and when it is due. Nothing is kept as bytes, so a message
-//! says how things are when it goes out (D-3). A vehicle with an empty list does not link this.
+//! MAV_CMD_SET_MESSAGE_INTERVAL, MAV_CMD_GET_MESSAGE_INTERVAL), MESSAGE_INTERVAL, and REQUEST_DATA_STREAM for the
+//! ground stations that still send it: rules.
+//!
+//! The vehicle declares the messages that it can fill as a list of [`Stream`]s, and fills one when asked. Each link has
+//! an interval and a due time for each of them. Nothing is kept as bytes, so a message reports the state at the time it
+//! is sent (D-3). A stack that does not declare `streams` does not link this.
 
 mod requests;
 mod schedule;
 #[cfg(test)]
 mod tests;
+mod vehicle;
 
-pub(crate) use requests::{Fixed, fill, next_asked, next_interval, on_command, on_frame};
-pub(crate) use schedule::{Slot, Streams};
+pub use schedule::Slot;
+pub use vehicle::Telemetry;
 
+use self::requests::Fixed;
+use self::schedule::Streams;
+use super::{Cx, Handled, Received, Request, Service, Shared, Turn, Verdict, View};
 use crate::dialect::{
-    AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
-    ProtocolVersion,
+    AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MavProtocolCapability,
+    MessageInterval, MissionCurrent, ProtocolVersion,
 };
-use crate::link::{LinkId, Outbox};
+use crate::link::{Outbox, Port};
 use crate::message::Message;
+use crate::network::PeerInfo;
 use crate::time::{Duration, Instant};
+use crate::types::{Context, Firmware, LinkId, StreamProfile};
 
-/// The most messages that a vehicle can declare.
+/// The maximum number of messages that a vehicle declares.
 pub const MAX_STREAMS: usize = 32;
 
-/// Bounds of an interval (µs): what is asked for beyond them is moved to them.
+/// Bounds of an interval (µs). A request beyond them is clamped.
 const MIN_INTERVAL: u32 = 1_000;
 const MAX_INTERVAL: u32 = 60_000_000;
 
-/// Which of the vehicle's default intervals hold on a link, until somebody asks for others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum StreamProfile {
-    /// Those of [`Stream::every`]: for a telemetry radio.
-    Radio,
-    /// Those of [`Stream::onboard`]: for a companion computer, or USB.
-    Onboard,
-    /// Nothing is streamed until somebody asks for it.
-    Off,
-}
-
-/// A message that the vehicle can fill, and how often it does so unasked: a row of
+/// A message that the vehicle can fill, and its default intervals: a row of
 /// [`Telemetry::STREAMS`](crate::Telemetry::STREAMS).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -50,17 +46,18 @@ pub struct Stream {
     /// Default intervals (µs); 0 is off.
     radio: u32,
     onboard: u32,
-    /// [`MavDataStream::ALL`] is none.
+    /// The group of REQUEST_DATA_STREAM; [`MavDataStream::ALL`] if it is in none.
     group: MavDataStream,
 }
 
 impl Stream {
-    /// The message `M`, sent only when somebody asks.
+    /// Returns the message `M`, which is sent only on request.
     pub const fn of<M: Message>() -> Self {
         Self { id: M::ID, radio: 0, onboard: 0, group: MavDataStream::ALL }
     }
 
-    /// The same, unasked too: every `interval`, on every link with a profile. 1 ms to 60 s; what is beyond is moved there.
+    /// Returns the same message, streamed by default: every `interval`, on every link with a profile. The interval is
+    /// clamped to 1 ms to 60 s.
     #[must_use]
     pub const fn every(mut self, interval: Duration) -> Self {
         self.radio = clamped(interval.as_micros());
@@ -68,27 +65,27 @@ impl Stream {
         self
     }
 
-    /// The same, every `interval` on links with [`StreamProfile::Onboard`].
+    /// Returns the same message, streamed every `interval` on links with [`StreamProfile::Onboard`].
     #[must_use]
     pub const fn onboard(mut self, interval: Duration) -> Self {
         self.onboard = clamped(interval.as_micros());
         self
     }
 
-    /// The same, as a part of a group of REQUEST_DATA_STREAM. A request for [`MavDataStream::ALL`] is one for all that
-    /// are in a group.
+    /// Returns the same message as a part of a group of REQUEST_DATA_STREAM. A request for [`MavDataStream::ALL`]
+    /// applies to all messages that are in a group.
     #[must_use]
     pub const fn in_group(mut self, group: MavDataStream) -> Self {
         self.group = group;
         self
     }
 
-    /// The message's id.
+    /// Returns the id of the message.
     pub const fn id(&self) -> u32 {
         self.id
     }
 
-    /// The default interval (µs); 0 is off.
+    /// Returns the default interval (µs); 0 is off.
     const fn default_interval(&self, profile: StreamProfile) -> u32 {
         match profile {
             StreamProfile::Radio => self.radio,
@@ -97,7 +94,7 @@ impl Stream {
         }
     }
 
-    /// Which row of the table `M` has.
+    /// Returns the row of message `M` in the table.
     #[allow(
         clippy::indexing_slicing,
         clippy::arithmetic_side_effects,
@@ -113,10 +110,11 @@ impl Stream {
         number as u8
     }
 
-    /// At most [`MAX_STREAMS`], each message once, and none that the stack sends itself, those about modes only where the vehicle
-    /// declares modes.
+    /// Checks a table: at most [`MAX_STREAMS`] messages, each once, and none that the stack sends itself. The messages
+    /// about modes are among these if the vehicle declares modes.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
-    pub(crate) const fn check(table: &[Self], has_modes: bool) {
+    #[doc(hidden)]
+    pub const fn check(table: &[Self], has_modes: bool) {
         assert!(table.len() <= MAX_STREAMS, "a vehicle declares at most 32 messages");
         let own = [Heartbeat::ID, MissionCurrent::ID, AutopilotVersion::ID, ProtocolVersion::ID, MessageInterval::ID];
         let mut i = 0;
@@ -138,7 +136,7 @@ impl Stream {
     }
 }
 
-/// An interval within the bounds. Not inlined: a comparison of 64 bits in each of six places.
+/// Clamps an interval to the bounds. Not inlined, because it compares 64 bits and has six callers.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
 #[inline(never)]
 const fn clamped(micros: u64) -> u32 {
@@ -151,14 +149,14 @@ const fn clamped(micros: u64) -> u32 {
     }
 }
 
-/// Where a vehicle puts the message that it was asked for; see [`Telemetry::fill`](crate::Telemetry::fill).
+/// Takes the message that a vehicle was asked for; see [`Telemetry::fill`](crate::Telemetry::fill).
 #[derive(Debug)]
 pub struct Fill<'a> {
     now: Instant,
     id: u32,
     index: u16,
     outbox: &'a mut Outbox,
-    /// Somebody asks whether there is such a message now; it is not sent yet.
+    /// Only checks whether the message is available; it is not sent yet.
     is_probe: bool,
 }
 
@@ -167,29 +165,150 @@ impl<'a> Fill<'a> {
         Self { now, id, index, outbox, is_probe }
     }
 
-    /// When it is asked: for the time fields.
+    /// Returns the time of the call, for the time fields.
     pub fn now(&self) -> Instant {
         self.now
     }
 
-    /// Parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning is the message's own: which battery, for example. 0 in a
-    /// stream.
+    /// Returns parameter 2 of MAV_CMD_REQUEST_MESSAGE. Each message defines its meaning: for example, which battery. 0
+    /// in a stream.
     pub fn index(&self) -> u16 {
         self.index
     }
 
-    /// The link that it goes to.
+    /// Returns the link on which it is sent.
     pub fn link(&self) -> LinkId {
         self.outbox.link()
     }
 
-    /// Hands over the message. False when it cannot go out: it is not the one that was asked for, the link sends MAVLink
-    /// 1, which has no such id (S-10), or it is HIGH_LATENCY2, which the stack sends by itself where it belongs (L-2).
+    /// Sends the message. Returns false if it cannot be sent: it is not the requested message, the link sends MAVLink
+    /// 1, which has no such id (S-10), or it is HIGH_LATENCY2, which the stack sends itself (L-2).
     #[must_use]
-    pub fn put<M: Message>(self, message: &M) -> bool {
+    pub fn put<M: Message>(&mut self, message: &M) -> bool {
         if M::ID != self.id || !self.outbox.takes(M::ID) {
             return false;
         }
         self.is_probe || self.outbox.send(message)
+    }
+}
+
+/// The state of the service on a link: `S` is an array of slots, one for each row of the vehicle's streams.
+#[derive(Debug)]
+pub struct StreamLink<S> {
+    streams: Streams,
+    slots: S,
+}
+
+/// Sends messages on request and in streams. `N` is the number of the vehicle's [`STREAMS`](Telemetry::STREAMS).
+#[derive(Debug)]
+pub struct StreamService<const N: usize>;
+
+impl<const N: usize> StreamService<N> {
+    fn fixed<F: Firmware>(cx: &Cx<'_, F>) -> Fixed {
+        Fixed {
+            heartbeat: cx.shared.config.heartbeat_period,
+            has_missions: cx.capabilities.contains(MavProtocolCapability::MISSION_INT),
+            has_modes: cx.has_modes,
+        }
+    }
+
+    /// Sends a stream that is due.
+    fn stream<F: Firmware<Vehicle: Telemetry>>(
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut StreamLink<[Slot; N]>,
+    ) -> bool {
+        if !has_listener(cx.shared, cx.peers, port) {
+            link.streams.pause();
+            return false;
+        }
+        let Port { outbox, config, .. } = port;
+        while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, config.streams) {
+            let Some(id) = F::Vehicle::STREAMS.get(number).map(Stream::id) else { continue };
+            if requests::fill(cx.vehicle, id, &mut Fill::new(cx.now, id, 0, outbox, false)) {
+                port.has_streamed = true;
+                return true;
+            }
+        }
+        false
+    }
+}
+
+impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamService<N> {
+    const NEW: Self = Self;
+    type Link = StreamLink<[Slot; N]>;
+    const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
+
+    /// Takes up the messages that hooks have announced.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
+        let announced = core::mem::take(&mut cx.shared.requests.announced);
+        if announced != 0 {
+            links.for_each(|link| link.streams.ask_all(announced));
+        }
+    }
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        _: &mut Port,
+        link: &mut Self::Link,
+        received: &Received<'_>,
+    ) -> Handled {
+        let StreamLink { streams, slots } = link;
+        let is_handled = requests::on_frame(cx.now, streams, F::Vehicle::STREAMS, slots, received.frame);
+        if is_handled { Handled::Yes } else { Handled::No }
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Self::Link,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let fixed = Self::fixed(cx);
+        let StreamLink { streams, slots } = link;
+        requests::on_command(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command).map(Verdict::done)
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
+        if turn == Turn::Stream {
+            return Self::stream(cx, port, link);
+        }
+        let fixed = Self::fixed(cx);
+        let StreamLink { streams, slots } = link;
+        requests::next_interval(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
+            || requests::next_asked(cx.now, streams, &mut port.outbox, cx.vehicle)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
+        if turn == Turn::Stream {
+            if !has_listener(view.shared, view.peers, port) {
+                return Instant::NEVER;
+            }
+            return link.streams.deadline(view.now, F::Vehicle::STREAMS, &link.slots, port.config.streams);
+        }
+        if link.streams.is_asked() { view.now } else { Instant::NEVER }
+    }
+}
+
+/// Whether streams are sent on the link: to a peer that is alive there, or to whoever may be there.
+fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
+    !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
+}
+
+impl<S> StreamLink<S> {
+    /// Schedules stream `number` once.
+    pub(crate) fn ask(&mut self, number: u8) {
+        self.streams.ask(number, 0);
+    }
+}
+
+impl Context<'_> {
+    /// Sends message `M` once on every normal link: see [`Stack::announce`](crate::Stack::announce). `M` must be one of
+    /// the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`; otherwise this does not compile.
+    pub fn announce<M: Message, V: Telemetry>(&mut self) {
+        let number = const { Stream::number_of::<M>(V::STREAMS) };
+        self.requests.announced |= 1u32.wrapping_shl(u32::from(number));
     }
 }

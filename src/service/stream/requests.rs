@@ -1,33 +1,33 @@
-//! Who asks for a message, or for another interval: commands, and the older REQUEST_DATA_STREAM.
+//! Requests for messages and intervals: commands, and the older REQUEST_DATA_STREAM.
 
 use super::schedule::{Slot, Streams};
-use super::{Fill, Stream, clamped};
+use super::{Fill, Stream, Telemetry, clamped};
 use crate::dialect::{
     CurrentMode, Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent,
     RadioStatus, RequestDataStream,
 };
 use crate::frame::Frame;
-use crate::link::{LinkClass, Outbox, Port};
+use crate::link::{Outbox, Port};
 use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::vehicle::{Command, Telemetry};
+use crate::types::{Command, LinkClass};
 
 /// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
 const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
 
-/// CURRENT_MODE goes with every second HEARTBEAT.
-const HEARTBEATS_A_MODE: u64 = 2;
+/// CURRENT_MODE is sent with every second HEARTBEAT.
+const HEARTBEATS_PER_MODE: u64 = 2;
 
-/// The messages that the stack sends by itself, at intervals that nobody changes.
+/// The messages that the stack itself sends, at intervals that cannot be changed.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Fixed {
-    /// Of HEARTBEAT, which may never be stopped.
-    pub(crate) heartbeat: Duration,
-    /// Whether there is MISSION_CURRENT.
-    pub(crate) has_missions: bool,
-    /// Whether there is CURRENT_MODE.
-    pub(crate) has_modes: bool,
+pub(super) struct Fixed {
+    /// The interval of HEARTBEAT, which must never be stopped.
+    pub(super) heartbeat: Duration,
+    /// Whether MISSION_CURRENT is sent.
+    pub(super) has_missions: bool,
+    /// Whether CURRENT_MODE is sent.
+    pub(super) has_modes: bool,
 }
 
 impl Fixed {
@@ -36,58 +36,59 @@ impl Fixed {
             Heartbeat::ID => Some(clamped(self.heartbeat.as_micros())),
             MissionCurrent::ID if self.has_missions => Some(MISSION_CURRENT_INTERVAL),
             CurrentMode::ID if self.has_modes => {
-                Some(clamped(self.heartbeat.as_micros().saturating_mul(HEARTBEATS_A_MODE)))
+                Some(clamped(self.heartbeat.as_micros().saturating_mul(HEARTBEATS_PER_MODE)))
             }
             _ => None,
         }
     }
 }
 
-/// A command about messages; `None` for all others, and for messages of others.
+/// Handles a command about messages; `None` for all other commands, and for messages that the vehicle does not declare.
 #[inline(never)]
-pub(crate) fn on_command<V: Telemetry>(
+pub(super) fn on_command<V: Telemetry>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
+    streams: &mut Streams,
     slots: &mut [Slot],
     vehicle: &mut V,
     command: &Command,
 ) -> Option<MavResult> {
-    let request = Request::of(command)?;
+    let request = Asked::of(command)?;
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
     let is_interval = matches!(command.id, MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL);
     if is_interval || request.id == Some(MessageInterval::ID) {
-        return Some(on_interval(now, fixed, port, (V::STREAMS, slots), command, request));
+        return Some(on_interval(now, fixed, port, streams, (V::STREAMS, slots), command, request));
     }
     let id = request.id?;
     let number = position(V::STREAMS, id)?;
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
-    // What cannot be filled now is refused now, or the client would wait for it.
-    if !fill(vehicle, id, Fill::new(now, id, index, &mut port.outbox, true)) {
+    // A message that cannot be filled now is refused now; otherwise the client would wait for it.
+    if !fill(vehicle, id, &mut Fill::new(now, id, index, &mut port.outbox, true)) {
         return Some(MavResult::DENIED);
     }
     let number = u8::try_from(number).unwrap_or(0);
-    Some(if port.streams.ask(number, index) { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED })
+    Some(if streams.ask(number, index) { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED })
 }
 
-/// What the commands about messages have in common.
+/// The parameters that the commands about messages have in common.
 #[derive(Clone, Copy, Debug)]
-struct Request {
-    /// Parameter 1; `None` when it is no message id.
+struct Asked {
+    /// Parameter 1; `None` if it is no message id.
     id: Option<u32>,
-    /// Parameter 2 as an index; not given is 0 (C-8).
+    /// Parameter 2 as an index; 0 if it is not given (C-8).
     index: Option<u16>,
-    /// Whether the response target is one.
+    /// Whether the response target is valid.
     is_valid: bool,
 }
 
-impl Request {
+impl Asked {
     fn of(command: &Command) -> Option<Self> {
         match command.id {
             MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL => {}
-            // From before REQUEST_MESSAGE, without parameters.
+            // A predecessor of REQUEST_MESSAGE, without parameters.
             MavCmd::GET_HOME_POSITION => {
                 return Some(Self { id: Some(HomePosition::ID), index: Some(0), is_valid: true });
             }
@@ -101,14 +102,15 @@ impl Request {
     }
 }
 
-/// A command about intervals. Not generic, so that it is compiled once.
+/// Handles a command about intervals. Not generic, so that it is compiled once.
 fn on_interval(
     now: Instant,
     fixed: Fixed,
-    port: &mut Port,
+    port: &Port,
+    streams: &mut Streams,
     (table, slots): (&[Stream], &mut [Slot]),
     command: &Command,
-    request: Request,
+    request: Asked,
 ) -> MavResult {
     if command.id != MavCmd::SET_MESSAGE_INTERVAL {
         let id = if command.id == MavCmd::REQUEST_MESSAGE {
@@ -118,32 +120,38 @@ fn on_interval(
         };
         // MESSAGE_INTERVAL has 16 bits for the id.
         return match id {
-            Some(id) if port.streams.question(id) => MavResult::ACCEPTED,
+            Some(id) if streams.request_interval(id) => MavResult::ACCEPTED,
             Some(_) => MavResult::TEMPORARILY_REJECTED,
             None => MavResult::DENIED,
         };
     }
     let [_, micros, instance, _] = command.params;
     let is_valid = (micros >= 0.0 || micros == -1.0) && (instance == 0.0 || instance.is_nan());
-    // Not what never comes: MAVLink 1 has no room for some ids (S-10).
+    // A message that can never be sent is refused: MAVLink 1 has no room for some ids (S-10).
     let id = request.id.filter(|&id| is_valid && port.outbox.takes(id));
     let Some(id) = id else { return MavResult::DENIED };
     let is_off = micros < 0.0;
     if fixed.interval(id).is_some() {
-        // Clamped to what it is; but it does not stop.
+        // Clamped to its fixed interval. It cannot be stopped.
         return if is_off { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
     let Some(slot) = position(table, id).and_then(|number| slots.get_mut(number)) else { return MavResult::DENIED };
     let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
-    port.streams.set_interval(now, slot, (!is_off).then_some(interval));
+    streams.set_interval(now, slot, (!is_off).then_some(interval));
     MavResult::ACCEPTED
 }
 
-/// What else came in about streams; true when nobody else needs to see it.
+/// Handles other messages about streams. Returns true if no other service needs the frame.
 #[inline(never)]
-pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], slots: &mut [Slot], frame: &Frame<'_>) -> bool {
+pub(super) fn on_frame(
+    now: Instant,
+    streams: &mut Streams,
+    table: &[Stream],
+    slots: &mut [Slot],
+    frame: &Frame<'_>,
+) -> bool {
     if let Some(status) = frame.decode::<RadioStatus>() {
-        port.streams.on_radio(now, status.txbuf);
+        streams.on_radio(now, status.txbuf);
         return false;
     }
     let Some(request) = frame.decode::<RequestDataStream>() else { return false };
@@ -157,17 +165,24 @@ pub(crate) fn on_frame(now: Instant, port: &mut Port, table: &[Stream], slots: &
     let group = request.req_stream_id;
     for (stream, slot) in table.iter().zip(slots) {
         if stream.group != MavDataStream::ALL && (group == MavDataStream::ALL || group == stream.group) {
-            port.streams.set_interval(now, slot, interval);
+            streams.set_interval(now, slot, interval);
         }
     }
     true
 }
 
-/// Sends MESSAGE_INTERVAL, when it was asked for: the interval as it is now, with what a radio's full buffer adds to it. False
-/// when it was not.
-pub(crate) fn next_interval(now: Instant, fixed: Fixed, port: &mut Port, table: &[Stream], slots: &[Slot]) -> bool {
-    let Port { streams, outbox, config, .. } = port;
-    let Some(message_id) = streams.take_question() else { return false };
+/// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds. Returns
+/// false if none is pending.
+pub(super) fn next_interval(
+    now: Instant,
+    fixed: Fixed,
+    port: &mut Port,
+    streams: &mut Streams,
+    table: &[Stream],
+    slots: &[Slot],
+) -> bool {
+    let Port { outbox, config, .. } = port;
+    let Some(message_id) = streams.take_interval_request() else { return false };
     let id = u32::from(message_id);
     let stream = || {
         let number = position(table, id)?;
@@ -177,13 +192,13 @@ pub(crate) fn next_interval(now: Instant, fixed: Fixed, port: &mut Port, table: 
         Some(interval.map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
     };
     let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
-    // 0: there is no such stream, or not on a link that cannot carry it (S-10).
+    // 0: there is no such stream, or the link cannot carry it (S-10).
     let interval_us = fixed.or_else(stream).filter(|_| outbox.takes(id)).unwrap_or(0);
     outbox.send(&MessageInterval { interval_us, message_id })
 }
 
-/// Asks the vehicle for the next of the messages that were asked for. False when none is owed, or none can be filled.
-pub(crate) fn next_asked<V: Telemetry>(
+/// Asks the vehicle for the next requested message. Returns false if none is pending, or none can be filled.
+pub(super) fn next_asked<V: Telemetry>(
     now: Instant,
     streams: &mut Streams,
     outbox: &mut Outbox,
@@ -191,16 +206,17 @@ pub(crate) fn next_asked<V: Telemetry>(
 ) -> bool {
     while let Some((number, index)) = streams.take_asked() {
         let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
-        if fill(vehicle, id, Fill::new(now, id, index, outbox, false)) {
+        if fill(vehicle, id, &mut Fill::new(now, id, index, outbox, false)) {
             return true;
         }
     }
     false
 }
 
-/// Asks the vehicle. Not inlined: all its messages would stand at each of the three places that ask.
+/// Asks the vehicle for a message. Not inlined: the code for all its messages would be duplicated for each of the three
+/// callers.
 #[inline(never)]
-pub(crate) fn fill<V: Telemetry>(vehicle: &mut V, id: u32, out: Fill<'_>) -> bool {
+pub(super) fn fill<V: Telemetry>(vehicle: &mut V, id: u32, out: &mut Fill<'_>) -> bool {
     vehicle.fill(id, out)
 }
 

@@ -1,59 +1,62 @@
-//! What one link keeps of the streams: intervals, when each is due, and what was asked for once.
+//! The streams of one link: their intervals, when each is due, and pending requests.
 //!
-//! All streams that are due are sent in sweeps through the table, each at most once a sweep, and a sweep that found no more
-//! room goes on where it stopped. So a line that is too slow for all starves none: the fast ones get slower first.
+//! Streams that are due are sent in sweeps through the table, each at most once per sweep. A sweep that found no more
+//! room continues where it stopped. So a link that is too slow for all streams starves none: the fast ones slow down
+//! first.
 
 use heapless::Vec;
 
-use super::{Stream, StreamProfile};
+use super::Stream;
 use crate::list::take_first;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
+use crate::types::StreamProfile;
 
 /// The interval of a stream that is off.
 const OFF: u16 = u16::MAX;
 
-/// How an interval is kept: up to here as the whole rate (Hz) that it is of, beyond as four digits and a power of ten.
+/// The encoding of an interval. Codes up to this are the interval's whole rate (Hz); larger codes are four digits and a
+/// power of ten.
 const MAX_RATE: u16 = 1_000;
-/// The least four digits, and how many numbers each power has.
+/// The smallest digits, and the number of codes of each power.
 const DIGITS: u32 = 1_000;
 const SPAN: u32 = 12_800;
 const POWERS: [u32; 5] = [1, 10, 100, 1_000, 10_000];
 
-/// Streams count in units of 64 µs, or of 1,024 from this interval (µs) on: then it has room in 16 bits, with what a radio's
-/// full buffer adds.
+/// Streams count time in units of 64 µs, or of 1,024 µs from this interval (µs) on. An interval and the delay of a
+/// radio then fit in 16 bits.
 const SLOW: u32 = 2_000_000;
 
-/// What [`Slot::left`] is when a stream is due. So late, 100 ms, it can be and makes up for it, a message a poll; what is beyond
-/// is dropped, or a line that stalled would be followed by a burst.
+/// The value of [`Slot::left`] when a stream is due. A stream that is late by less than this (100 ms) catches up, one
+/// message per poll. More is dropped; otherwise a burst would follow a stall.
 const DUE: u16 = 1_563;
 
-/// What [`Slot::left`] is when a stream becomes due with the next sweep.
+/// The value of [`Slot::left`] of a stream that becomes due with the next sweep.
 const FRESH: u16 = u16::MAX;
 
-/// A RADIO_STATUS says nothing any more after this time: five seconds, in units of 1,024 µs.
+/// The time after which a RADIO_STATUS is ignored: five seconds, in units of 1,024 µs.
 const RADIO_STALE: u32 = 4_883;
 
-/// What a radio with a full buffer adds to the intervals is counted in steps of this (µs), and so many of them at most.
+/// The step (µs) of the delay that a radio with a full buffer adds to all intervals, and the maximum number of steps.
 const STEP: u32 = 20_000;
 const MAX_SLOWDOWN: u8 = 100;
 
-/// Questions about intervals that one link can owe the answers of.
-const QUESTIONS: usize = 4;
+/// Pending requests for intervals on a link.
+const INTERVAL_REQUESTS: usize = 4;
 
 /// One stream on one link.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Slot {
-    /// 0 is the stream's default.
+pub struct Slot {
+    /// The code of the interval; 0 is the stream's default.
     interval: u16,
-    /// When it is due, counted down with each sweep, so that it matters not for how long there was none.
+    /// The time until it is due, counted down with each sweep, so a pause of any length does no harm.
     left: u16,
 }
 
 impl Slot {
-    /// The default, due at once. Zero bits.
-    pub(crate) const NEW: Self = Self { interval: 0, left: 0 };
+    /// The default interval, due at once. All zero bits.
+    pub(super) const NEW: Self = Self { interval: 0, left: 0 };
 
-    /// The interval (µs) of `stream`, whose slot it is; `None` when it is off.
+    /// Returns the interval (µs) of `stream`, to which this slot belongs; `None` if it is off.
     pub(super) fn interval(&self, stream: &Stream, profile: StreamProfile) -> Option<u32> {
         match self.interval {
             0 => Some(stream.default_interval(profile)).filter(|&interval| interval != 0),
@@ -63,8 +66,8 @@ impl Slot {
     }
 }
 
-/// What is kept of an interval (µs) within the bounds: all of it for each whole rate and up to four digits. Else it is rounded
-/// up, by less than a thousandth.
+/// Encodes an interval (µs) that is within the bounds. Whole rates and up to four digits are exact. Others are rounded
+/// up by less than a thousandth.
 fn code_of(interval: u32) -> u16 {
     let rate = 1_000_000u32.checked_div(interval).unwrap_or(0);
     if 1_000_000u32.checked_div(rate) == Some(interval) {
@@ -79,7 +82,7 @@ fn code_of(interval: u32) -> u16 {
     u16::try_from(code.wrapping_add(digits.saturating_sub(DIGITS))).unwrap_or(OFF)
 }
 
-/// The interval (µs) that was kept.
+/// Decodes an interval (µs).
 fn interval_of(code: u16) -> u32 {
     match u32::from(code).checked_sub(u32::from(MAX_RATE).wrapping_add(1)) {
         None => 1_000_000u32.checked_div(u32::from(code)).unwrap_or(0),
@@ -90,48 +93,48 @@ fn interval_of(code: u16) -> u32 {
     }
 }
 
-/// How far a time or an interval (µs) is shifted to count in a stream's units.
+/// Returns the shift that converts a time or an interval (µs) to a stream's units.
 fn shift_of(interval: u32) -> u32 {
     if interval < SLOW { 6 } else { 10 }
 }
 
-/// So many units there are from one moment to another; none is lost from one call to the next.
+/// Returns the number of units between two moments. Consecutive calls lose no unit.
 fn units(from: Instant, to: Instant, shift: u32) -> u16 {
     let [from, to] = [from, to].map(|at| at.as_micros().wrapping_shr(shift));
     u16::try_from(to.saturating_sub(from)).unwrap_or(u16::MAX)
 }
 
-/// The streams of a link, but for their slots, of which there are as many as the stack has room for. Initially zero bits.
+/// The streams of a link, except their slots, whose number the vehicle determines. Initially all zero bits.
 #[derive(Clone, Debug)]
-pub(crate) struct Streams {
-    /// A bit for each stream that was asked for once.
+pub(super) struct Streams {
+    /// A bit for each stream with a pending request.
     asked: u32,
-    /// The one that was asked for with an index: its number in the table and 1, or 0; and the index.
+    /// The stream that was requested with an index: its number in the table plus 1, or 0; and the index.
     indexed: u8,
     index: u16,
-    /// Ids of messages whose interval was asked for.
-    questions: Vec<u16, QUESTIONS, u8>,
-    /// Where the sweep is in the table, and 1; 0 when there is none. And when the last one began.
+    /// Ids of messages whose MESSAGE_INTERVAL is pending.
+    interval_requests: Vec<u16, INTERVAL_REQUESTS, u8>,
+    /// The sweep's position in the table plus 1; 0 between sweeps. And when the last sweep began.
     cursor: u8,
     swept: Instant,
-    /// What is added before an interval is rounded to units, in 256ths of one: another part with each sweep, so that on
-    /// average nothing is.
+    /// Added before an interval is rounded to units, in 256ths of a unit. It changes with each sweep, so that the
+    /// rounding errors average out (dithering).
     dither: u8,
-    /// When the next sweep has something to send; zero before the first one.
+    /// When the next sweep has something to send; zero before the first.
     wake: Instant,
-    /// What a radio's full buffer adds to each interval, in [steps](STEP), and when it last said something, in
-    /// [`ticks`](Instant::ticks). With each sweep what is too old is forgotten.
+    /// The delay that a radio's full buffer adds to each interval, in [steps](STEP), and when the last RADIO_STATUS was
+    /// received, in [`ticks`](Instant::ticks). Each sweep forgets a status that is too old.
     slowdown: u8,
     radio: u32,
 }
 
 impl Streams {
-    pub(crate) const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self {
             asked: 0,
             indexed: 0,
             index: 0,
-            questions: Vec::new(),
+            interval_requests: Vec::new(),
             cursor: 0,
             swept: Instant::ZERO,
             dither: 0,
@@ -141,7 +144,7 @@ impl Streams {
         }
     }
 
-    /// Sends a stream every `interval` µs from now on; 0 is its default, `None` stops it.
+    /// Sets the interval of a stream (µs); 0 is its default, `None` stops it.
     pub(super) fn set_interval(&mut self, now: Instant, slot: &mut Slot, interval: Option<u32>) {
         slot.interval = match interval {
             None => OFF,
@@ -152,8 +155,8 @@ impl Streams {
         self.wake = now;
     }
 
-    /// Owes stream `number` once. False when there is no room to remember another index.
-    pub(crate) fn ask(&mut self, number: u8, index: u16) -> bool {
+    /// Schedules stream `number` once. Returns false if there is no room for another index.
+    pub(super) fn ask(&mut self, number: u8, index: u16) -> bool {
         if index == 0 {
             self.asked |= 1u32.wrapping_shl(u32::from(number));
             return true;
@@ -167,8 +170,13 @@ impl Streams {
         has_room
     }
 
-    /// A stream that was asked for, and its index; it is owed no longer.
-    pub(crate) fn take_asked(&mut self) -> Option<(usize, u16)> {
+    /// Schedules each stream whose bit is set once.
+    pub(super) fn ask_all(&mut self, streams: u32) {
+        self.asked |= streams;
+    }
+
+    /// Takes a requested stream and its index.
+    pub(super) fn take_asked(&mut self) -> Option<(usize, u16)> {
         if self.asked != 0 {
             let number = self.asked.trailing_zeros();
             self.asked &= self.asked.wrapping_sub(1);
@@ -178,23 +186,22 @@ impl Streams {
         Some((usize::from(number), self.index))
     }
 
-    /// Owes the answer to what the interval of message `id` is. False when there is no room for it.
-    pub(super) fn question(&mut self, id: u16) -> bool {
-        self.questions.contains(&id) || self.questions.push(id).is_ok()
+    /// Schedules a MESSAGE_INTERVAL for message `id`. Returns false if there is no room for it.
+    pub(super) fn request_interval(&mut self, id: u16) -> bool {
+        self.interval_requests.contains(&id) || self.interval_requests.push(id).is_ok()
     }
 
-    /// A message whose interval is to be told; it is owed no longer.
-    pub(super) fn take_question(&mut self) -> Option<u16> {
-        // The oldest.
-        take_first(&mut self.questions, |_| true)
+    /// Takes the oldest message whose MESSAGE_INTERVAL is pending.
+    pub(super) fn take_interval_request(&mut self) -> Option<u16> {
+        take_first(&mut self.interval_requests, |_| true)
     }
 
-    /// Whether an answer is owed.
-    pub(crate) fn is_asked(&self) -> bool {
-        self.asked != 0 || self.indexed != 0 || !self.questions.is_empty()
+    /// Whether an answer is pending.
+    pub(super) fn is_asked(&self) -> bool {
+        self.asked != 0 || self.indexed != 0 || !self.interval_requests.is_empty()
     }
 
-    /// A radio told how much of its transmit buffer is free, in percent.
+    /// Handles a RADIO_STATUS: `free` is the free part of the radio's transmit buffer, in percent.
     pub(super) fn on_radio(&mut self, now: Instant, free: u8) {
         self.forget_radio(now);
         let slowdown = self.slowdown;
@@ -214,21 +221,21 @@ impl Streams {
         }
     }
 
-    /// What a radio's full buffer adds to each interval now (µs).
+    /// Returns the delay that a radio's full buffer adds to each interval now (µs).
     pub(super) fn slowdown(&self, now: Instant) -> u32 {
         let is_stale = now.ticks().wrapping_sub(self.radio) > RADIO_STALE;
         if is_stale { 0 } else { u32::from(self.slowdown).wrapping_mul(STEP) }
     }
 
-    /// The number of the next stream that is to be sent, which then is due an interval after it was *due* now.
-    pub(crate) fn next_due(
+    /// Returns the number of the next stream to send. It is next due one interval after it was *due* now.
+    pub(super) fn next_due(
         &mut self,
         now: Instant,
         table: &[Stream],
         slots: &mut [Slot],
         profile: StreamProfile,
     ) -> Option<usize> {
-        // The rest of a sweep that found no room before, and then a new one.
+        // The rest of a sweep that found no room before, then a new one.
         for _ in 0..2 {
             if self.cursor == 0 && !self.begin_sweep(now, table, slots, profile) {
                 return None;
@@ -241,10 +248,10 @@ impl Streams {
         None
     }
 
-    /// False when it is too early for another sweep.
+    /// Begins a sweep. Returns false if it is too early.
     fn begin_sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> bool {
         if self.wake == Instant::ZERO {
-            // Nobody listened up to here.
+            // The first sweep, or the first since a [pause](Self::pause).
             slots.iter_mut().for_each(|slot| slot.left = DUE);
         } else if now < self.wake || now == self.swept {
             return false;
@@ -266,9 +273,9 @@ impl Streams {
         true
     }
 
-    /// Goes on through the table to the next stream that is due.
+    /// Continues through the table to the next stream that is due.
     fn sweep(&mut self, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
-        // As it was when the sweep began.
+        // The delay at the beginning of the sweep.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
         let from = usize::from(self.cursor.saturating_sub(1));
         let rest = (from..table.len()).zip(table.iter().zip(slots).skip(from));
@@ -282,9 +289,7 @@ impl Streams {
                 let next = interval.saturating_add(slowdown).saturating_add(dither).wrapping_shr(shift);
                 slot.left = slot.left.saturating_add(u16::try_from(next).unwrap_or(0));
             }
-            let ahead = u64::from(slot.left.saturating_sub(DUE));
-            let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead).wrapping_shl(shift);
-            self.wake = self.wake.min(Instant::from_micros(due));
+            self.wake = self.wake.min(self.due(slot, shift));
             if is_due {
                 return Some(number);
             }
@@ -292,18 +297,41 @@ impl Streams {
         None
     }
 
-    /// Nobody is there to listen: the next sweep comes with whatever wakes the stack.
-    pub(crate) fn pause(&mut self) {
+    /// Returns when the stream of a slot is due, as of the last sweep. `shift` stands for the slot's units.
+    fn due(&self, slot: &Slot, shift: u32) -> Instant {
+        let ahead = u64::from(slot.left.saturating_sub(DUE));
+        let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead).wrapping_shl(shift);
+        Instant::from_micros(due)
+    }
+
+    /// Pauses the streams, because no peer is alive. The next sweep begins when one is.
+    pub(super) fn pause(&mut self) {
         self.cursor = 0;
         self.wake = Instant::ZERO;
     }
 
-    /// When a stream is to be sent on a line that is idle from `idle` on.
-    pub(crate) fn deadline(&self, idle: Instant) -> Instant {
-        match self.wake {
-            _ if self.cursor != 0 => idle,
-            Instant::ZERO => Instant::NEVER,
-            wake => wake.max(idle),
+    /// Returns when a stream is due. It scans the slots only when one may be due. `wake` is the earliest time: streams may have
+    /// been stopped since, and a sweep may be unfinished.
+    pub(super) fn deadline(&self, now: Instant, table: &[Stream], slots: &[Slot], profile: StreamProfile) -> Instant {
+        if self.cursor == 0 && self.wake > now {
+            return self.wake;
         }
+        // The slots that the sweep has passed.
+        let mut passed = if self.cursor == 0 { usize::MAX } else { usize::from(self.cursor).saturating_sub(1) };
+        // Each stream is sent once in a sweep, and there is one sweep at a time.
+        let next_sweep = if self.wake == Instant::ZERO { now } else { self.swept.after(Duration::from_micros(1)) };
+        let mut deadline = Instant::NEVER;
+        for (stream, slot) in table.iter().zip(slots) {
+            let is_passed = passed > 0;
+            passed = passed.saturating_sub(1);
+            let Some(interval) = slot.interval(stream, profile) else { continue };
+            if !is_passed && slot.left <= DUE {
+                return now;
+            }
+            let is_new = self.wake == Instant::ZERO || slot.left == FRESH;
+            let due = if is_new { next_sweep } else { self.due(slot, shift_of(interval)).max(next_sweep) };
+            deadline = deadline.min(due);
+        }
+        deadline
     }
 }

@@ -1,4 +1,4 @@
-//! The schedule by itself: rates, bounds, back-pressure, fairness.
+//! Tests of the schedule alone: rates, bounds, backpressure, fairness.
 
 use super::schedule::{Slot, Streams};
 use super::{Stream, StreamProfile};
@@ -30,10 +30,10 @@ impl Line {
     }
 }
 
-/// A line that takes nothing for as long as the low half of the time lasts has its streams at once when it takes bytes again,
-/// whether it stopped within a sweep or between two, and whatever was asked for in the meantime.
+/// A link that was stalled until the lower half of the time wrapped streams at once when it accepts bytes again:
+/// whether it stalled within a sweep or between two, and whatever was requested meanwhile.
 #[test]
-fn a_line_that_stood_for_long_is_not_silent() {
+fn a_link_streams_at_once_after_a_long_stall() {
     let ways = [(false, false), (true, false), (false, true), (true, true)];
     let holes = [60, 65, 4_200, 4_231, 4_250, 4_290, 4_294, 4_295, 8_580];
     for (hole, (is_swept, is_asked)) in holes.into_iter().flat_map(|hole| ways.map(|way| (hole, way))) {
@@ -51,7 +51,7 @@ fn a_line_that_stood_for_long_is_not_silent() {
     }
 }
 
-/// How often each stream is sent in `seconds` when polled at these gaps (µs), over and over.
+/// Returns how often each stream is sent in `seconds` if it is polled at these gaps (µs), repeatedly.
 fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, gaps: &[u64]) -> [u32; 3] {
     let mut counts = [0; 3];
     let mut at = start;
@@ -65,9 +65,9 @@ fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, 
     counts
 }
 
-/// what people ask for is kept as it is; what is not is told as it is kept.
+/// common intervals are stored exactly; others are reported as they are stored.
 #[test]
-fn intervals_are_kept() {
+fn common_intervals_are_exact() {
     let kept = |interval| {
         let mut line = Line::new();
         line.set_interval(Instant::ZERO, 2, interval);
@@ -83,7 +83,7 @@ fn intervals_are_kept() {
     assert_eq!((kept(1_001), kept(123_457), kept(59_999_999)), (1_001, 123_460, 60_000_000));
 }
 
-/// whole rates are exact, for as long as one likes.
+/// whole rates are exact over any time.
 #[test]
 fn whole_rates_are_exact() {
     for rate in [1, 3, 7, 30, 400] {
@@ -96,9 +96,9 @@ fn whole_rates_are_exact() {
     }
 }
 
-/// a radio that said something before a pause of any length is forgotten, also when the units of its time wrap.
+/// a RADIO_STATUS is forgotten after a pause of any length, even when the units of its time wrap.
 #[test]
-fn radio_is_forgotten_over_any_pause() {
+fn radio_status_is_forgotten_after_any_pause() {
     for pause in [6u64, 4_294, 4_295, 4_296, 8_590] {
         let mut line = Line::new();
         counts(&mut line, 0, 1, StreamProfile::Radio, &[1_000]);
@@ -118,18 +118,18 @@ fn profiles_have_their_own_defaults() {
     assert_eq!(run(StreamProfile::Off), [0, 0, 0]);
 }
 
-/// nothing of it depends on where the time is, also where its low half wraps.
+/// rates do not depend on the time, even when its lower half wraps.
 #[test]
-fn rates_hold_across_the_wrap_of_the_low_half() {
+fn rates_hold_when_the_lower_half_of_the_time_wraps() {
     for start in [(1 << 32) - 5_000_000, 123 << 32, u64::from(u32::MAX)] {
         let [fast, slow, _] = counts(&mut Line::new(), start, 10, StreamProfile::Radio, &[1_000]);
         assert!((499..=501).contains(&fast) && (99..=101).contains(&slow), "{start}: {fast} {slow}");
     }
 }
 
-/// After a stall there is no burst: a tenth of a second is made up for, one message a poll.
+/// No burst follows a stall: streams catch up a tenth of a second, one message per poll.
 #[test]
-fn stall_is_not_made_up_for() {
+fn no_burst_follows_a_stall() {
     let mut streams = Line::new();
     counts(&mut streams, 0, 1, StreamProfile::Radio, &[1_000]);
     let [fast, ..] = counts(&mut streams, 60_000_000, 1, StreamProfile::Radio, &[1_000]);
@@ -143,9 +143,10 @@ fn stall_is_not_made_up_for() {
     assert_eq!(first, [0, 1], "each once");
 }
 
-/// a line that takes one message each 40 ms, where 15 a second are asked for and more: who is slow keeps its rate.
+/// a link that accepts one message every 40 ms, for streams that need more than 15 a second: the slow streams keep
+/// their rate.
 #[test]
-fn too_slow_a_line_starves_nobody() {
+fn a_slow_link_starves_no_stream() {
     let mut streams = Line::new();
     streams.set_interval(Instant::ZERO, 2, 1_000);
     let mut counts = [0u32; 3];
@@ -157,10 +158,10 @@ fn too_slow_a_line_starves_nobody() {
     assert!(counts.iter().all(|&count| count >= 80), "{counts:?}");
 }
 
-/// a radio whose buffer is full lengthens every interval, one that is free again shortens them, and one that says
-/// nothing for five seconds is forgotten.
+/// a radio with a full buffer lengthens every interval, one with a free buffer shortens them again, and one that
+/// is silent for five seconds is forgotten.
 #[test]
-fn radio_stretches_the_intervals() {
+fn radio_status_throttles_streams() {
     let mut streams = Line::new();
     let rate = |streams: &mut Line, start| counts(streams, start, 4, StreamProfile::Radio, &[1_000])[0];
     assert_eq!(rate(&mut streams, 0), 200);
@@ -177,7 +178,7 @@ fn radio_stretches_the_intervals() {
     assert!((65..=68).contains(&rate(&mut streams, 20_000_000)), "40 less");
     streams.0.on_radio(Instant::from_millis(24_000), 91);
     assert!((99..=102).contains(&rate(&mut streams, 24_000_000)), "20 less");
-    // The last word was at 24 s.
+    // The last RADIO_STATUS was at 24 s.
     assert!((199..=206).contains(&rate(&mut streams, 29_001_000)));
     for _ in 0..100 {
         streams.0.on_radio(Instant::from_millis(34_000), 0);
@@ -186,16 +187,16 @@ fn radio_stretches_the_intervals() {
 }
 
 proptest! {
-    /// over 100 s the average is within 1 %, however unevenly it is polled, as long as that is no more rarely on
-    /// average than the interval.
+    /// the average over 100 s is within 1 %, however irregular the polls, as long as they are on average no rarer
+    /// than the interval.
     #[test]
-    fn average_is_kept_over_jitter(
+    fn jitter_does_not_change_the_average(
         gaps in proptest::collection::vec(1u64..30_000, 10..50),
         stretch in 1u32..20,
         start in 0u64..1 << 40,
     ) {
         let mean = gaps.iter().sum::<u64>() / gaps.len() as u64;
-        // A fifth of slack for what is late; at least 1 ms.
+        // A fifth of slack for late polls; at least 1 ms.
         let interval = (mean as u32 * 6 / 5).saturating_mul(stretch).max(1_000);
         let mut streams = Line::new();
         streams.set_interval(Instant::from_micros(start), 2, interval);
@@ -204,7 +205,7 @@ proptest! {
         prop_assert!((count - wanted).abs() <= wanted * 0.01 + 1.0, "{count}, not {wanted}");
     }
 
-    /// Whatever the interval, the stack is woken when it is due and not before, to a unit; and no unit is added up.
+    /// The deadline is when a stream is due and not before, to a unit, for any interval; and errors do not add up.
     #[test]
     fn deadline_is_when_the_next_is_due(interval in 1_000u32..60_000_000, start in 1u64..1 << 40) {
         let mut streams = Line::new();
@@ -214,13 +215,15 @@ proptest! {
         let told = streams.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap();
         prop_assert!(told >= interval && told - interval <= interval / 1_000);
         let unit = if told < 2_000_000 { 64 } else { 1_024 };
+        let mut now = at;
         for count in 1..300 {
-            let due = streams.0.deadline(Instant::ZERO);
+            let due = streams.0.deadline(now, TABLE, &streams.1, StreamProfile::Off);
             let wanted = start + count * u64::from(told);
             prop_assert!(due.as_micros().abs_diff(wanted) <= 4 * unit, "{due:?}, not {wanted}");
             prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), StreamProfile::Off), None);
             prop_assert_eq!(streams.next_due(due, StreamProfile::Off), Some(2));
             while streams.next_due(due, StreamProfile::Off).is_some() {}
+            now = due;
         }
     }
 }

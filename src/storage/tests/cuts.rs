@@ -1,9 +1,9 @@
-//! The power goes at every byte and in every erase, and then once more (GOAL-8).
+//! Power cuts at every byte written and in every erase, and second cuts after them (SEC-11).
 
 use super::flash::{RamFlash, Torn};
 use super::*;
 
-/// Flash that holds `old`, erased ahead.
+/// Flash with `old`, and an erased spare slot.
 fn holding<const W: usize, const E: usize>(old: &Content, len: u32) -> RamFlash<W, E> {
     let mut store = store(RamFlash::<W, E>::new(len));
     assert_eq!(store.open(), Ok(None));
@@ -12,7 +12,8 @@ fn holding<const W: usize, const E: usize>(old: &Content, len: u32) -> RamFlash<
     store.into_inner()
 }
 
-/// What a commit of `new` and the erasing ahead behind it leave when the power goes after `fuel`, and whether it was done.
+/// Stores `new` and then erases the spare slot, with a power cut after `fuel`. Returns the flash, and whether storing
+/// was done.
 fn commit<const W: usize, const E: usize>(
     mut flash: RamFlash<W, E>,
     new: &Content,
@@ -20,7 +21,7 @@ fn commit<const W: usize, const E: usize>(
 ) -> (RamFlash<W, E>, bool) {
     flash.fuel = fuel;
     let mut store = store(flash);
-    look(&mut store);
+    retry_reading(&mut store);
     let is_done = write(&mut store, 7, new) == Step::Done;
     settle(&mut store);
     let mut flash = store.into_inner();
@@ -28,14 +29,14 @@ fn commit<const W: usize, const E: usize>(
     (flash, is_done)
 }
 
-/// Fuel of everything that [`commit`] does.
+/// The fuel of a whole [`commit`].
 fn cost<const W: usize, const E: usize>(flash: &RamFlash<W, E>, new: &Content) -> u64 {
     let (after, is_done) = commit(flash.clone(), new, None);
     assert!(is_done);
     after.cost() - flash.cost()
 }
 
-/// Every cut of a commit of `new` over `old`.
+/// Calls `each` for every power cut while `new` replaces `old`.
 fn each_cut<const W: usize, const E: usize>(
     old: &Content,
     new: &Content,
@@ -49,9 +50,9 @@ fn each_cut<const W: usize, const E: usize>(
     let (mut was_old, mut was_new) = (0, 0);
     for fuel in 0..cost(&flash, new) {
         let (cut, is_done) = commit(flash.clone(), new, Some(fuel));
-        let found = restart(cut.clone()).expect("never nothing");
-        assert!(found == *old || found == *new, "cut after {fuel}: a mix");
-        assert!(!is_done || found == *new, "cut after {fuel}: done and lost");
+        let found = restart(cut.clone()).expect("a record");
+        assert!(found == *old || found == *new, "cut after {fuel}: neither old nor new");
+        assert!(!is_done || found == *new, "cut after {fuel}: done but lost");
         if found == *new {
             was_new += 1
         } else {
@@ -59,7 +60,7 @@ fn each_cut<const W: usize, const E: usize>(
         }
         each(cut);
     }
-    assert!(was_old > 0 && was_new > 0, "both must have happened");
+    assert!(was_old > 0 && was_new > 0, "both outcomes must occur");
 }
 
 fn every_cut<const W: usize, const E: usize>(torn: Torn) {
@@ -67,11 +68,11 @@ fn every_cut<const W: usize, const E: usize>(torn: Torn) {
     for plan in 0..3 {
         each_cut::<W, E>(&old, &old.with(plan, &new), torn, |_| {});
     }
-    // All three at once, as MISSION_CLEAR_ALL of ALL does it.
+    // All three at once, as by MISSION_CLEAR_ALL of ALL.
     each_cut::<W, E>(&old, &Content::default(), torn, |_| {});
 }
 
-/// SEC-11, GOAL-8: whatever the units of the flash are.
+/// SEC-11: with flash of different write and erase units.
 #[test]
 fn a_cut_anywhere_leaves_the_old_plans_or_the_new() {
     every_cut::<1, 64>(Torn::Prefix);
@@ -84,39 +85,39 @@ fn a_cut_anywhere_leaves_the_old_plans_or_the_new() {
     every_cut::<256, 4096>(Torn::Unreadable);
 }
 
-/// GOAL-8: the power goes once more, at every byte of what follows the first cut.
+/// A second power cut, at every byte of the recovery from the first cut and of the next commit (SEC-11).
 fn two_cuts<const W: usize, const E: usize>(torn: Torn) {
     let old = Content::new([1, 1, 0], 5);
     let (new, next) = (Content::new([2, 0, 1], 6), Content::new([1, 2, 0], 7));
     for plan in 0..3 {
         each_cut::<W, E>(&old, &old.with(plan, &new), torn, |cut| {
             let before = restart(cut.clone()).unwrap();
-            // Recovery and the next commit are one walk.
+            // `commit` recovers from the first cut and stores `next`.
             for fuel in 0..cost(&cut, &next) {
                 let (cut, is_done) = commit(cut.clone(), &next, Some(fuel));
-                let found = restart(cut).expect("never nothing");
-                assert!(found == before || found == next, "second cut after {fuel}: a mix");
-                assert!(!is_done || found == next, "second cut after {fuel}: done and lost");
+                let found = restart(cut).expect("a record");
+                assert!(found == before || found == next, "second cut after {fuel}: neither old nor new");
+                assert!(!is_done || found == next, "second cut after {fuel}: done but lost");
             }
         });
     }
 }
 
 #[test]
-fn a_second_cut_in_small_units() {
+fn second_cut_with_small_units() {
     two_cuts::<1, 64>(Torn::Prefix);
 }
 
 #[test]
-fn a_second_cut_in_large_units() {
+fn second_cut_with_large_units() {
     two_cuts::<8, 512>(Torn::Garbage);
     two_cuts::<32, 256>(Torn::Unreadable);
 }
 
-/// G-18: after a cut in the very first record there is nothing, or the new record. Damage is reported only where a cut
-/// leaves garbage in a header, or a part of its last word.
+/// G-18: after a cut in the very first commit, storage is empty or has the new record. Damage is reported only if the
+/// cut leaves garbage in the header, or a part of its last word.
 #[test]
-fn a_cut_in_the_first_commit() {
+fn cut_in_the_first_commit() {
     let new = Content::new([3, 1, 1], 9);
     for torn in [Torn::Prefix, Torn::Garbage, Torn::Unreadable] {
         let mut flash = RamFlash::<8, 256>::new(1024);
@@ -127,7 +128,7 @@ fn a_cut_in_the_first_commit() {
             let found = store(cut.clone()).open().map(|found| found.is_some());
             assert!(!is_done || found == Ok(true));
             damaged += u32::from(found == Err(RestoreError::Damaged));
-            // Where even reading fails there is nothing, and the next commit works.
+            // The next commit succeeds even if the cut left unreadable memory.
             let (healed, is_done) = commit(cut, &new, None);
             assert!(is_done);
             assert_eq!(restart(healed), Some(new.clone()));
@@ -136,9 +137,9 @@ fn a_cut_in_the_first_commit() {
     }
 }
 
-/// A thousand commits with a cut in each, and the count of records wraps on the way.
+/// A thousand commits with a cut in each, while the sequence number wraps.
 #[test]
-fn years_of_cuts() {
+fn a_thousand_cuts() {
     let mut flash = holding::<4, 256>(&Content::new([1, 1, 1], 1), 2048);
     layout::set_sequence(&mut flash.bytes, 0, 1024, u32::MAX - 300);
     let mut before = restart(flash.clone()).unwrap();
@@ -151,5 +152,8 @@ fn years_of_cuts() {
         assert!(!is_done || found == new);
         (before, flash) = (found, cut);
     }
-    assert!(layout::sequences(&flash.bytes, 1024).into_iter().flatten().all(|sequence| sequence < 1000), "it wrapped");
+    assert!(
+        layout::sequences(&flash.bytes, 1024).into_iter().flatten().all(|sequence| sequence < 1000),
+        "the sequence number has wrapped"
+    );
 }

@@ -1,4 +1,4 @@
-//! Storage that fails, content that changes its mind, and what is not done twice.
+//! Failing storage, jobs that change or are aborted, and unnecessary erases and writes.
 
 use super::flash::{Fault, FlashError, RamFlash};
 use super::*;
@@ -6,7 +6,7 @@ use crate::time::Duration;
 
 type Flash = RamFlash<8, 256>;
 
-/// A store with `old` in it, its spare slot blank.
+/// A store with `old`, and a blank spare slot.
 fn holding(old: &Content) -> PlanStore<Flash> {
     let mut store = store(Flash::new(4096));
     assert_eq!(store.open(), Ok(None));
@@ -19,7 +19,7 @@ fn contents() -> (Content, Content) {
     (Content::new([9, 2, 1], 5), Content::new([10, 3, 4], 6))
 }
 
-/// Writing goes wrong at each of its writes: the old plans stay, and the next try works.
+/// Each of the writes fails: the old plans remain, and the next attempt succeeds.
 #[test]
 fn failing_writes_change_nothing() {
     let (old, new) = contents();
@@ -39,7 +39,7 @@ fn failing_writes_change_nothing() {
     }
 }
 
-/// What counts is what a restart finds, not what the driver says.
+/// A header that can be read back is valid, even if the driver reported an error.
 #[test]
 fn a_header_that_reads_back_is_durable() {
     let (old, new) = contents();
@@ -51,29 +51,29 @@ fn a_header_that_reads_back_is_durable() {
 
     let mut store = holding(&old);
     store.flash_mut().fault = Fault::LyingWrite(0);
-    assert_eq!(write(&mut store, 2, &new), Step::Failed, "a body is not trusted");
+    assert_eq!(write(&mut store, 2, &new), Step::Failed, "a failed write of the body fails the job");
     assert_eq!(restart(store.into_inner()), Some(old));
 }
 
-/// A header that cannot be read back may be there: it is erased before anything else, so that it does not come up later.
+/// A header that cannot be read back may have been written. It is erased first, so that it does not become valid later.
 #[test]
-fn a_doubtful_header_is_erased_first() {
+fn an_unconfirmed_header_is_erased_first() {
     let (old, new) = contents();
     let mut store = holding(&old);
     store.flash_mut().fault = Fault::Read(2048..2052);
     assert_eq!(write(&mut store, 2, &new), Step::Failed);
     store.flash_mut().fault = Fault::None;
-    assert_eq!(restart(store.flash().clone()), Some(new.clone()), "it is there");
+    assert_eq!(restart(store.flash().clone()), Some(new.clone()), "it was written");
     let erases = store.flash().erases;
     assert_eq!(store.step(later(), None), Step::Busy);
     assert_eq!(store.flash().erases, erases + 1);
     assert_eq!(restart(store.into_inner()), Some(old));
 }
 
-/// Without a record the first one goes to the slot that could not be read, for erasing may mend that, and what is in the other may
-/// be wanted; the second one goes to the other.
+/// Without a record, the first one is written to the slot that could not be read, because erasing may repair it. The
+/// second one is written to the other slot.
 #[test]
-fn the_first_record_mends_the_slot_that_cannot_be_read() {
+fn the_first_record_repairs_an_unreadable_slot() {
     let (old, new) = contents();
     let mut store = store(Flash::new(4096));
     store.flash_mut().fault = Fault::Read(2048..2052);
@@ -88,9 +88,9 @@ fn the_first_record_mends_the_slot_that_cannot_be_read() {
     assert_eq!(layout::sequences(&store.flash().bytes, 2048), [Some(2), Some(1)]);
 }
 
-/// What is being written is not what is stored, until all of it is.
+/// The stored content changes only when the new record is complete.
 #[test]
-fn what_is_begun_is_not_stored_yet() {
+fn an_incomplete_record_is_not_visible() {
     let (old, new) = contents();
     let mut store = holding(&old);
     let last = new.items[0].len() as u16 - 1;
@@ -100,9 +100,10 @@ fn what_is_begun_is_not_stored_yet() {
     assert!(store.item(PlanType::Mission, last).unwrap().is_some());
 }
 
-/// G-18: a slot that cannot be read may have the newer record: the other one does not stand in, until looks were in vain.
+/// G-18: a slot that cannot be read may have the newer record. The other record is not used until several attempts to
+/// read it have failed.
 #[test]
-fn a_slot_that_cannot_be_read_is_told() {
+fn an_unreadable_slot_is_reported() {
     let (old, _) = contents();
     let mut store = holding(&old);
     assert!(store.open().unwrap().is_some() && !store.is_impaired());
@@ -115,26 +116,26 @@ fn a_slot_that_cannot_be_read_is_told() {
     assert!(store.open().unwrap().is_some() && store.is_impaired() && !store.is_damaged());
 }
 
-/// G-18: a good header whose body stays unreadable is damage: no power cut leaves it.
+/// G-18: a valid header with a permanently unreadable body is damage, because a power cut does not leave it.
 #[test]
-fn a_body_that_stays_unreadable_is_damage() {
+fn a_permanently_unreadable_body_is_damage() {
     let (old, new) = contents();
     let mut store = holding(&old);
     assert_eq!(write(&mut store, 2, &new), Step::Done);
     store.flash_mut().fault = Fault::Read(2048 + 256..2048 + 288);
     assert_eq!(store.open(), Err(RestoreError::Storage(FlashError::Fault)));
-    look(&mut store);
+    retry_reading(&mut store);
     assert_eq!(read(&mut store), Some(old.clone()));
     assert!(store.is_damaged());
-    // What is older than what can be read is of no interest.
+    // A slot that is older than the readable record does not matter.
     store.flash_mut().fault = Fault::Read(256..288);
     assert_eq!(read(&mut store), Some(new));
     assert!(!store.is_damaged());
 }
 
-/// Looks are a second apart at least, and do nothing but read.
+/// Attempts to read are at least a second apart, and write nothing.
 #[test]
-fn looks_are_spaced() {
+fn read_attempts_are_spaced() {
     let (old, new) = contents();
     let mut store = holding(&old);
     store.flash_mut().fault = Fault::Read(0..4);
@@ -153,7 +154,7 @@ fn looks_are_spaced() {
     assert_eq!(store.flash().writes, writes);
 }
 
-/// A flash that cannot be erased is not tried again and again, but once for each new content.
+/// A failed erase is repeated only once for each new content.
 #[test]
 fn failing_erases_are_not_repeated() {
     let (old, new) = contents();
@@ -170,9 +171,10 @@ fn failing_erases_are_not_repeated() {
     assert_eq!(restart(store.into_inner()), Some(old));
 }
 
-/// M-44: what is asked of the flash between the last item and the answer is writing, no erasing; and each step is one call.
+/// M-44: between the last item and the answer, flash is only written and not erased. Each step is one call of the
+/// driver.
 #[test]
-fn erased_ahead_and_in_bounded_steps() {
+fn erases_in_advance_and_in_bounded_steps() {
     let (old, new) = contents();
     let mut store = holding(&old);
     for (job, content) in [(2, &new), (3, &old), (4, &new)] {
@@ -200,9 +202,9 @@ fn erased_ahead_and_in_bounded_steps() {
     }
 }
 
-/// What is blank is not erased, neither now nor after a restart; only units that were written are.
+/// Only units that were written are erased. Blank units are not, neither now nor after a restart.
 #[test]
-fn wear_is_what_was_written() {
+fn blank_units_are_not_erased() {
     let (old, new) = contents();
     let mut store = holding(&old);
     assert_eq!(store.flash().erases, 0);
@@ -220,7 +222,7 @@ fn wear_is_what_was_written() {
     assert_eq!((flash.erases, flash.writes), (used, 7));
 }
 
-/// What fills whole chunks is written in as many calls, and the header in one more: none for nothing.
+/// A body that fills whole chunks takes one write for each, and the header takes one more. There are no empty writes.
 #[test]
 fn no_write_is_empty() {
     for (items, chunks) in [(7, 1), (15, 2), (23, 3)] {
@@ -233,7 +235,7 @@ fn no_write_is_empty() {
     }
 }
 
-/// SEC-15: of a body that may be a key nothing is left where it went through.
+/// SEC-15: a buffer that may have held the key is overwritten.
 #[cfg(feature = "signing")]
 #[test]
 fn buffers_are_overwritten() {
@@ -242,9 +244,9 @@ fn buffers_are_overwritten() {
     assert_eq!(buffer, [0; 48]);
 }
 
-/// Rows end before the job says: it is given up, the old record stays, and the next job is written.
+/// A job with fewer rows than its length is aborted. The old record remains, and the next job succeeds.
 #[test]
-fn a_job_that_is_given_up_leaves_what_was() {
+fn an_aborted_job_keeps_the_old_record() {
     use super::super::record::{Job, ROW, Record};
 
     let finish = |record: &mut Record<Flash>, id, rows| {
@@ -265,19 +267,19 @@ fn a_job_that_is_given_up_leaves_what_was() {
 }
 
 #[test]
-fn done_is_said_once_a_job() {
+fn done_is_returned_once_for_each_job() {
     let (old, new) = contents();
     let mut store = holding(&old);
     assert_eq!(write(&mut store, 2, &new), Step::Done);
     let writes = store.flash().writes;
-    assert_eq!(write(&mut store, 2, &new), Step::Idle, "erases ahead");
+    assert_eq!(write(&mut store, 2, &new), Step::Idle, "erases the spare slot");
     assert_eq!(store.flash().writes, writes);
     assert_eq!(write(&mut store, 3, &new), Step::Done);
 }
 
-/// Another number begins anew, and so does content that comes after none.
+/// A job with another number starts again, and so does a job after steps without one.
 #[test]
-fn another_job_aborts_the_one_that_runs() {
+fn another_job_aborts_the_current_one() {
     let (old, new) = contents();
     for steps in 1..3 {
         let mut store = holding(&old);
@@ -293,9 +295,9 @@ fn another_job_aborts_the_one_that_runs() {
     }
 }
 
-/// Content that has another length under the same number is no part of what was begun.
+/// A job with the same number but another length starts again.
 #[test]
-fn content_of_another_length_begins_anew() {
+fn content_of_another_length_starts_again() {
     let (old, new) = contents();
     let mut store = holding(&old);
     assert_eq!(store.step(later(), Some((2, new.views()))), Step::Busy);
@@ -304,9 +306,9 @@ fn content_of_another_length_begins_anew() {
     assert_eq!(restart(store.into_inner()), Some(third));
 }
 
-/// What has no room is refused before anything is erased.
+/// Content that does not fit is refused before anything is erased.
 #[test]
-fn what_has_no_room_fails() {
+fn content_that_does_not_fit_is_refused() {
     let (old, _) = contents();
     let mut store = holding(&old);
     let fits = Content::new([50, 3, 2], 6);
@@ -319,9 +321,9 @@ fn what_has_no_room_fails() {
     assert_eq!(restart(store.into_inner()), Some(fits));
 }
 
-/// Nothing outside of the region is touched, and of a crooked one only whole units are used.
+/// Nothing outside of the region is changed. Of a region that is not aligned, only whole units are used.
 #[test]
-fn the_region_is_kept() {
+fn only_the_region_is_written() {
     let content = Content::new([1, 0, 0], 3);
     for (start, end, fits) in [
         (512, 1536, true),
@@ -349,29 +351,29 @@ fn the_region_is_kept() {
     assert_eq!(settle(&mut outside), Step::Idle);
 }
 
-/// A slot that cannot be read does not take the other one's record along; when there is none it is an error, and is left
-/// alone until there is something to write.
+/// A slot that cannot be read does not affect the record in the other one. If that has none, it is an error, and the
+/// slot is not changed until there is something to write.
 #[test]
 fn unreadable_slots() {
     let (old, new) = contents();
     let mut store = holding(&old);
     store.flash_mut().fault = Fault::Read(2048..2080);
-    look(&mut store);
+    retry_reading(&mut store);
     assert_eq!(read(&mut store), Some(old.clone()));
 
-    // The only record there is lies in the first slot, then in the second.
+    // The only record is in the first slot, then in the second.
     let (mut now, mut next) = (old, new);
     for slot in [0, 2048] {
         store.flash_mut().fault = Fault::Read(slot..slot + 32);
         assert!(store.open().is_err());
         assert_eq!(settle(&mut store), Step::Idle);
         store.flash_mut().fault = Fault::None;
-        assert_eq!(restart(store.flash().clone()), Some(now.clone()), "still there");
+        assert_eq!(restart(store.flash().clone()), Some(now.clone()), "it is not erased");
         assert_eq!(write(&mut store, 9, &next), Step::Unread, "it must be read before it is replaced");
         assert_eq!(read(&mut store), Some(now.clone()));
         assert_eq!(write(&mut store, 9, &next), Step::Done);
-        assert_eq!(restart(store.flash().clone()), Some(next.clone()), "no older record may come up beside it");
-        // What can be read again told its sequence and its place: the new one went to the other slot.
+        assert_eq!(restart(store.flash().clone()), Some(next.clone()), "no older record may be restored");
+        // The slot that was read again kept its record: the new one was written to the other slot.
         assert_eq!(settle(&mut store), Step::Idle);
         std::mem::swap(&mut now, &mut next);
     }
@@ -379,13 +381,13 @@ fn unreadable_slots() {
 
 /// G-18: when neither slot can be read, nothing is erased, however often a write is requested.
 #[test]
-fn storage_that_cannot_be_read_is_not_erased() {
+fn unreadable_storage_is_not_erased() {
     let (old, new) = contents();
     let mut store = holding(&old);
     store.flash_mut().fault = Fault::Read(0..4096);
     assert!(store.open().is_err());
     for job in 2..10 {
-        // Idle from one look to the next.
+        // Idle between two attempts to read.
         assert!(matches!(write(&mut store, job, &new), Step::Failed | Step::Idle));
         assert_eq!(settle(&mut store), Step::Idle);
     }
@@ -397,7 +399,7 @@ fn storage_that_cannot_be_read_is_not_erased() {
 /// G-18: any one read or several consecutive reads fail at a start. A record that can be read later is read before it
 /// is replaced, so no content is lost.
 #[test]
-fn reads_that_fail_lose_nothing() {
+fn failed_reads_lose_no_content() {
     let (old, new) = contents();
     for is_second in [false, true] {
         let mut whole = holding(&old);
@@ -426,7 +428,7 @@ fn reads_that_fail_lose_nothing() {
             });
             let is_done = steps.take_while(|step| *step != Step::Done).count() < 200;
             assert!(is_done, "{first}, {len}: never written");
-            assert_eq!(live.as_ref(), Some(newest), "{first}, {len}: replaced without having been read");
+            assert_eq!(live.as_ref(), Some(newest), "{first}, {len}: replaced before it was read");
             assert_eq!(restart(store.into_inner()), Some(next));
         }
     }
@@ -444,9 +446,9 @@ fn try_read(store: &mut PlanStore<Flash>) -> Option<Content> {
     Some(content)
 }
 
-/// Writing needs no `open` before.
+/// Writing does not require a call of `open` before.
 #[test]
-fn not_opened() {
+fn writing_without_open() {
     let (old, new) = contents();
     let mut store = store(holding(&old).into_inner());
     assert_eq!(write(&mut store, 1, &new), Step::Done);

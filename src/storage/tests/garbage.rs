@@ -1,4 +1,5 @@
-//! Any flash content reads as nothing, as a record with right checksums, or as reported damage; never a panic (GOAL-9, G-18).
+//! Any flash content reads as empty, as a record with correct checksums, or as reported damage, and never panics
+//! (G-18).
 
 #[path = "../../../tests/support/rng.rs"]
 #[allow(dead_code, reason = "shared with other tests")]
@@ -22,12 +23,12 @@ fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
 }
 
-/// The last three bytes may be cut off.
+/// Accepts a CRC whose last three bytes may be erased.
 fn is_crc(bytes: &[u8], crc: [u8; 4]) -> bool {
     bytes[0] == crc[0] && (1..4).all(|at| [crc[at], 0xFF].contains(&bytes[at]))
 }
 
-/// Another reader: sequence, schema and body of a slot, if it is whole.
+/// An independent reader: sequence number, schema and body of a slot, if it is whole.
 fn whole(slot: &[u8]) -> Option<(u32, u32, &[u8])> {
     let len = word(slot, 12) as usize;
     let is_header = slot[..4] == *b"MVSR"
@@ -41,7 +42,7 @@ fn whole(slot: &[u8]) -> Option<(u32, u32, &[u8])> {
     (slot[16..20] == crc(body)).then_some((word(slot, 8), word(slot, 4) >> 16, body))
 }
 
-/// What the other reader finds: counts and ids.
+/// The numbers of items and the ids that the independent reader finds.
 fn expected(image: &[u8]) -> Option<([u16; 3], [u32; 3])> {
     let (_, schema, body) = match (whole(&image[..SLOT]), whole(&image[SLOT..])) {
         (Some(a), Some(b)) => {
@@ -58,16 +59,17 @@ fn expected(image: &[u8]) -> Option<([u16; 3], [u32; 3])> {
     (schema == 1 && rows * 32 == body.len()).then(|| (counts, [6, 10, 14].map(|at| word(body, at))))
 }
 
-/// Whether it looks as if there had been a header.
-fn was_ours(slot: &[u8]) -> bool {
-    let right = (0..4).filter(|at| slot[*at] == b"MVSR"[*at]).count();
-    right == 4 || right > 1 && [0, 1, 3, 5, 9, 17, 33, 65, 129].contains(&slot[4])
+/// Returns whether the slot was a header, by its magic and kind.
+fn was_header(slot: &[u8]) -> bool {
+    let matches = (0..4).filter(|at| slot[*at] == b"MVSR"[*at]).count();
+    matches == 4 || matches > 1 && [0, 1, 3, 5, 9, 17, 33, 65, 129].contains(&slot[4])
 }
 
-/// What another reader finds too, or nothing where nothing was written, or else an error.
+/// Asserts that the store finds the same as the independent reader, and that it reports an error unless storage is
+/// blank. Returns whether there is a record.
 fn check(image: Vec<u8>) -> bool {
     let expected = expected(&image);
-    let is_blank = image.chunks(SLOT).all(|slot| slot[28..32] == [0xFF; 4] || !was_ours(slot));
+    let is_blank = image.chunks(SLOT).all(|slot| slot[28..32] == [0xFF; 4] || !was_header(slot));
     let found = found(Flash::of(image));
     let counts = |content: &Content| [0, 1, 2].map(|plan| content.items[plan].len() as u16);
     let content = found.as_ref().ok().and_then(Option::as_ref);
@@ -92,7 +94,7 @@ fn image(rng: &mut Rng) -> Vec<u8> {
     store.into_inner().bytes
 }
 
-/// Makes the checksums of a slot right again: what no CRC can catch.
+/// Corrects the checksums of a slot, so that no CRC detects the change.
 fn sign(slot: &mut [u8]) {
     let len = (word(slot, 12) as usize).min(SLOT - 256);
     let sum = crc(&slot[256..256 + len]);
@@ -101,9 +103,9 @@ fn sign(slot: &mut [u8]) {
     slot[28..32].copy_from_slice(&sum);
 }
 
-/// G-18: what never was ours, as old code or data in the region, is no damage but nothing.
+/// G-18: data that never was a record, such as old code in the region, reads as empty and not as damage.
 #[test]
-fn random_bytes_are_no_record() {
+fn random_bytes_read_as_empty() {
     let mut rng = Rng::new(1);
     let mut bytes = std::vec![0; 2 * SLOT];
     let mut blank = 0;
@@ -115,16 +117,16 @@ fn random_bytes_are_no_record() {
     assert!(blank > 49_990, "{blank}");
 }
 
-/// Records with a few bytes changed, some with checksums that are right again.
+/// Records with a few bytes changed, some of them with corrected checksums.
 #[test]
-fn damaged_records_are_none_or_whole() {
+fn damaged_records_are_detected() {
     let mut rng = Rng::new(2);
     let images: Vec<_> = (0..64).map(|_| image(&mut rng)).collect();
     let (mut found, mut none) = (0, 0);
     for _ in 0..50_000 {
         let mut bytes = images[rng.below(64) as usize].clone();
         for _ in 0..=rng.below(4) {
-            // Most of them where it matters.
+            // Half of the changes are in the header and the first row.
             let at = match rng.below(4) {
                 0 => rng.below(32),
                 1 => 256 + rng.below(32),
@@ -148,9 +150,9 @@ fn damaged_records_are_none_or_whole() {
     assert!(found > 5_000 && none > 5_000, "{found} found, {none} none");
 }
 
-/// Whatever lies there, the next commit is found again.
+/// The next commit succeeds with any content before it.
 #[test]
-fn garbage_is_written_over() {
+fn garbage_is_overwritten() {
     let mut rng = Rng::new(3);
     let content = Content::new([2, 1, 1], 8);
     for round in 0..1_000 {

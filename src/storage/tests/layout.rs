@@ -1,11 +1,11 @@
-//! The bytes, as the documentation has them: what is stored by one version is read by all that come.
+//! The stored format as documented: later versions must read what earlier versions have stored.
 
 use super::flash::RamFlash;
 use super::*;
 
 type Flash = RamFlash<4, 256>;
 
-/// A slot as the documentation says, computed apart.
+/// A slot as documented, built independently of the store.
 fn slot(schema: u16, sequence: u32, body: &[u8]) -> Vec<u8> {
     let crc = |bytes: &[u8]| {
         let mut crc = crc_any::CRCu32::crc32();
@@ -26,9 +26,9 @@ fn slot(schema: u16, sequence: u32, body: &[u8]) -> Vec<u8> {
     slot
 }
 
-/// Sequences go round; of two that are the same none is newer.
+/// Sequence numbers wrap. Of two equal ones none is newer.
 #[test]
-fn newer_is_what_was_written_later() {
+fn sequence_numbers_wrap() {
     use crate::storage::record::is_newer;
     assert!(is_newer(6, 5) && is_newer(0, u32::MAX) && is_newer(5, u32::MAX));
     assert!(!is_newer(5, 6) && !is_newer(u32::MAX, 0) && !is_newer(5, 5));
@@ -63,7 +63,7 @@ fn flash(slots: [&[u8]; 2]) -> Flash {
     flash
 }
 
-/// Sequences of the slots that have a header, whole or not.
+/// Sequence numbers of the slots that have a header, whether or not their record is whole.
 pub(super) fn sequences(bytes: &[u8], slot_len: usize) -> [Option<u32>; 2] {
     [0, slot_len].map(|slot| {
         let header = &bytes[slot..slot + 32];
@@ -71,7 +71,7 @@ pub(super) fn sequences(bytes: &[u8], slot_len: usize) -> [Option<u32>; 2] {
     })
 }
 
-/// Gives the record in a slot another sequence.
+/// Changes the sequence number of the record in a slot.
 pub(super) fn set_sequence(bytes: &mut [u8], at: usize, slot_len: usize, sequence: u32) {
     let len = u32::from_le_bytes(bytes[at + 12..at + 16].try_into().unwrap()) as usize;
     let schema = u16::from_le_bytes(bytes[at + 6..at + 8].try_into().unwrap());
@@ -91,9 +91,9 @@ fn bytes_are_as_documented() {
     assert_eq!(restart(expected), Some(second));
 }
 
-/// G-18: a record of another version is distinguished from no record and from damage.
+/// G-18: a record of another schema version is distinguished from no record and from damage.
 #[test]
-fn another_version_is_foreign() {
+fn another_schema_version_is_foreign() {
     let content = Content::new([2, 0, 0], 5);
     for (schema, expected) in [(1, Ok(Some(content.clone()))), (2, Err(RestoreError::Foreign))] {
         assert_eq!(found(flash([&slot(schema, 1, &body(&content)), &[]])), expected);
@@ -104,7 +104,7 @@ fn another_version_is_foreign() {
 /// G-18: bytes after a record that is too short are ignored, and the record does not count as empty.
 #[cfg(feature = "signing")]
 #[test]
-fn a_short_record_is_no_key() {
+fn a_short_key_record_is_damaged() {
     let mut short = slot(1, 1, &[7; 32]);
     short[4] = 3;
     let mut crc = crc_any::CRCu32::crc32();
@@ -114,9 +114,9 @@ fn a_short_record_is_no_key() {
     assert!(matches!(store.open(), Err(RestoreError::Damaged)));
 }
 
-/// The bytes of version 1, written down: no later version may read them otherwise.
+/// The bytes of version 1: all later versions must read them in the same way.
 #[test]
-fn old_bytes_are_read_for_ever() {
+fn version_1_remains_readable() {
     let mut record = std::vec![0xFF; 320];
     record[..32].copy_from_slice(&OLD_HEADER);
     record[256..].copy_from_slice(&OLD_BODY);
@@ -145,9 +145,9 @@ const OLD_HEADER: [u8; 32] = [
     b'M', b'V', b'S', b'R', 1, 0, 1, 0, 7, 0, 0, 0, 0x40, 0, 0, 0, 0xDB, 0x5F, 0xEA, 0x8F, 0, 0, 0, 0, 0, 0, 0, 0, 0x6E, 0x7C, 0xBC, 0x4E,
 ];
 
-/// Of two whole records the newer one counts, also when the count wraps.
+/// Of two whole records the newer one is valid, also when the sequence number wraps.
 #[test]
-fn the_newer_record_counts() {
+fn the_newer_record_is_valid() {
     let (a, b) = (Content::new([1, 0, 0], 1), Content::new([2, 0, 0], 2));
     for (older, newer) in [(1, 2), (u32::MAX, 0), (u32::MAX - 1, 1), (0x7FFF_FFFF, 0x8000_0000), (5, 0x8000_0004)] {
         let (old, new) = (slot(1, older, &body(&a)), slot(1, newer, &body(&b)));
@@ -156,10 +156,10 @@ fn the_newer_record_counts() {
     }
 }
 
-/// G-18: any bit of header or body flips. A damaged newer record does not hide the older one, and alone it does not count as
-/// empty.
+/// G-18: any bit of header or body is flipped. A damaged newer record does not hide the older one, and without an older
+/// one it does not count as empty.
 #[test]
-fn damage_is_seen() {
+fn damage_is_reported() {
     let (a, b) = (Content::new([1, 0, 0], 1), Content::new([1, 1, 0], 2));
     let (old, new) = (slot(1, 1, &body(&a)), slot(1, 2, &body(&b)));
     for bit in (0..32 * 8).chain(256 * 8..new.len() * 8) {
@@ -167,18 +167,19 @@ fn damage_is_seen() {
         damaged[bit / 8] ^= 1 << (bit % 8);
         for slots in [[&old[..], &damaged], [&damaged, &old]] {
             let mut store = store(flash(slots));
-            let stored = store.open().expect("there is a record").expect("there is a record");
+            let stored = store.open().expect("a record").expect("a record");
             assert_eq!(items(&mut store, stored), a, "bit {bit}");
-            // A header with a wrong CRC may be torn; a body is read back before its header is written.
+            // A header with a wrong CRC may be torn. A body is not, because it is read back before its header is
+            // written.
             assert_eq!(store.is_damaged(), bit >= 256 * 8, "bit {bit}");
             assert_eq!(settle(&mut store), Step::Idle);
-            assert_eq!(store.open().is_ok() && store.is_damaged(), bit >= 256 * 8, "bit {bit}: it is not cleared away");
+            assert_eq!(store.open().is_ok() && store.is_damaged(), bit >= 256 * 8, "bit {bit}: damage remains");
         }
         for slots in [[&damaged[..], &[]], [&[], &damaged], [&damaged, &damaged], [&damaged, &[0; 32]]] {
             let mut store = store(flash(slots));
             assert_eq!(store.open(), Err(RestoreError::Damaged), "bit {bit}");
             assert_eq!(settle(&mut store), Step::Idle);
-            assert_eq!(store.open(), Err(RestoreError::Damaged), "bit {bit}: it is not cleared away");
+            assert_eq!(store.open(), Err(RestoreError::Damaged), "bit {bit}: damage remains");
             assert_eq!(write(&mut store, 1, &b), Step::Done);
             assert_eq!(restart(store.flash().clone()), Some(b.clone()), "bit {bit}");
             assert_eq!(settle(&mut store), Step::Idle);
@@ -187,7 +188,7 @@ fn damage_is_seen() {
     }
 }
 
-/// G-18: storage that was never written is empty, whatever it comes with: flash with ones, FRAM with any byte.
+/// G-18: storage that was never written is empty, whatever its initial bytes: ones in flash, any byte in FRAM.
 #[test]
 fn new_storage_is_empty() {
     for byte in [0xFF, 0, 0x55] {
@@ -197,14 +198,14 @@ fn new_storage_is_empty() {
     }
 }
 
-/// Lengths that cannot be, in headers whose CRCs are right.
+/// Impossible lengths in headers with correct CRCs.
 #[test]
 fn impossible_lengths() {
     let one = body(&Content::new([1, 0, 0], 1));
     for body in [&[][..], &one[..31], &one[..63], &one[..32], &[&one[..], &[0; 32]].concat()] {
         assert_eq!(found(flash([&slot(1, 1, body), &[]])), Err(RestoreError::Damaged), "{} bytes", body.len());
     }
-    // Beyond the slot, whatever stands there.
+    // A body that reaches beyond its slot.
     let long = Content::new([55, 0, 0], 1);
     let long = slot(1, 1, &body(&long));
     assert_eq!(long.len(), 2048);
@@ -215,13 +216,13 @@ fn impossible_lengths() {
     assert_eq!(found(Flash::of(bytes)), Err(RestoreError::Damaged));
 }
 
-/// A record of a later schema is not read, and not erased before a newer one is complete.
+/// A record of a later schema version is not read, and not erased before a newer record is complete.
 #[test]
-fn a_newer_schema_is_kept_until_it_is_replaced() {
+fn a_foreign_record_is_kept_until_it_is_replaced() {
     let unknown = slot(2, 9, &[0xAB; 96]);
     let old = slot(1, 8, &body(&Content::new([1, 0, 0], 1)));
     let mut store = store(flash([&old, &unknown]));
-    assert_eq!(store.open(), Err(RestoreError::Foreign), "what is older than it does not come back");
+    assert_eq!(store.open(), Err(RestoreError::Foreign), "the older record is not restored");
     assert_eq!(settle(&mut store), Step::Idle);
     assert_eq!(store.flash().bytes[2048..][..unknown.len()], unknown);
     assert_eq!(sequences(&store.flash().bytes, 2048), [None, Some(9)]);
@@ -234,7 +235,7 @@ fn a_newer_schema_is_kept_until_it_is_replaced() {
     assert_eq!(restart(store.into_inner()), Some(new));
 }
 
-/// What firmware counts its flash with.
+/// The lengths with which firmware reserves regions.
 #[test]
 fn region_lengths() {
     assert_eq!(PlanStore::<RamFlash<1, 64>>::region_len(0, 0, 0), 2 * (256 + 64));

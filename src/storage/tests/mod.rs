@@ -1,4 +1,4 @@
-//! The store over flash that the power goes from at any byte, that fails, and that has garbage in it (GOAL-8, GOAL-9).
+//! The store over flash with power cuts at any byte, with faults, and with garbage (SEC-11, G-18).
 //!
 //! A restart is a new store over the same flash: nothing else survives.
 
@@ -19,8 +19,9 @@ use embedded_storage::nor_flash::NorFlash;
 use super::plans::{PlanStore, Stored};
 use super::record::{RestoreError, Step};
 use crate::dialect::{MavCmd, MavFrame};
-use crate::service::mission::{Item, PlanType, PlanView};
+use crate::message::Item;
 use crate::time::Instant;
+use crate::types::{PlanType, PlanView};
 
 /// Three plans with their ids.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -30,7 +31,7 @@ struct Content {
 }
 
 impl Content {
-    /// Plans of so many items; `salt` makes their content and their ids.
+    /// Plans with these numbers of items; `salt` determines their content and ids.
     fn new(counts: [u16; 3], salt: u32) -> Self {
         let items = |plan: u32, count: u16| {
             (0..count).map(|seq| item(salt.wrapping_mul(31).wrapping_add(plan * 7919 + u32::from(seq)))).collect()
@@ -43,7 +44,7 @@ impl Content {
         }
     }
 
-    /// The same but for one plan, which is as in `other`.
+    /// The same, with one plan of `other`.
     fn with(&self, plan: usize, other: &Self) -> Self {
         let mut content = self.clone();
         content.items[plan] = other.items[plan].clone();
@@ -58,7 +59,7 @@ impl Content {
     }
 }
 
-/// Any bits, also those of a NaN.
+/// An item with arbitrary bits, including signalling and quiet NaNs.
 fn item(n: u32) -> Item {
     let mix = |k: u32| (n ^ k).wrapping_mul(0x85EB_CA6B).rotate_left(k % 31) ^ 0xC2B2_AE35;
     let [frame, autocontinue, ..] = mix(1).to_le_bytes();
@@ -73,27 +74,27 @@ fn item(n: u32) -> Item {
     }
 }
 
-/// The whole of the flash is the region.
+/// A store whose region is the whole flash.
 fn store<F: NorFlash>(flash: F) -> PlanStore<F> {
     let len = flash.capacity() as u32;
     PlanStore::new(flash, 0..len)
 }
 
-/// Ten seconds after the time before: whatever waits has waited.
+/// A time ten seconds after that of the call before, so that no retry is delayed.
 fn later() -> Instant {
     static SECONDS: AtomicU64 = AtomicU64::new(0);
     Instant::from_millis(SECONDS.fetch_add(10, Ordering::Relaxed) * 1000)
 }
 
-/// What a restart finds, where there is no damage; when all was looked at that cannot be read.
+/// The content after a restart, without damage, once reading has succeeded or was given up.
 fn restart<F: NorFlash>(flash: F) -> Option<Content> {
     let mut store = store(flash);
-    look(&mut store);
+    retry_reading(&mut store);
     read(&mut store)
 }
 
-/// Until it was read, or looked at so often that it is given up.
-fn look<F: NorFlash>(store: &mut PlanStore<F>) {
+/// Repeats failed reads until they succeed or are given up.
+fn retry_reading<F: NorFlash>(store: &mut PlanStore<F>) {
     for _ in 0..4 {
         if !matches!(store.open(), Err(RestoreError::Storage(_))) {
             break;
@@ -102,7 +103,7 @@ fn look<F: NorFlash>(store: &mut PlanStore<F>) {
     }
 }
 
-/// Returns what a restart finds.
+/// The content after a restart, or the error of the first read.
 fn found<F: NorFlash>(flash: F) -> Result<Option<Content>, RestoreError<F::Error>> {
     let mut store = store(flash);
     match store.open()? {
@@ -112,7 +113,7 @@ fn found<F: NorFlash>(flash: F) -> Result<Option<Content>, RestoreError<F::Error
 }
 
 fn read<F: NorFlash>(store: &mut PlanStore<F>) -> Option<Content> {
-    let stored = store.open().expect("storage that is whole or empty")?;
+    let stored = store.open().expect("a whole record, or empty storage")?;
     Some(items(store, stored))
 }
 
@@ -125,12 +126,12 @@ fn items<F: NorFlash>(store: &mut PlanStore<F>, Stored { counts, ids }: Stored) 
     content
 }
 
-/// Steps until something is decided.
+/// Steps until the job succeeds or fails.
 fn write<F: NorFlash>(store: &mut PlanStore<F>, job: u32, content: &Content) -> Step {
     run(store, Some((job, content)))
 }
 
-/// Erases ahead.
+/// Erases the spare slot.
 fn settle<F: NorFlash>(store: &mut PlanStore<F>) -> Step {
     run(store, None)
 }
@@ -142,5 +143,5 @@ fn run<F: NorFlash>(store: &mut PlanStore<F>, content: Option<(u32, &Content)>) 
             step => return step,
         }
     }
-    panic!("steps without end");
+    panic!("endless steps");
 }

@@ -1,16 +1,19 @@
-//! The parameters: power cuts at every byte, and firmware with another table (P-17, GOAL-8).
+//! Stored parameters: power cuts at every byte, and firmware with another table (P-17).
 
 use super::flash::{Fault, FlashError, RamFlash, Torn};
 use super::*;
 use crate::dialect::MavParamType;
-use crate::link::LinkMask;
-use crate::service::param::{ParamChange, Parameters, Params};
+use crate::service::Service;
+use crate::service::param::{ParamChange, ParamService, Parameters, Stored};
+use crate::service::rest::Rest;
 use crate::storage::params::ParamStore;
 use crate::time::Instant;
-use crate::{Param, ParamTable, ParamType};
+use crate::types::{Context, Firmware, NoPlans};
+use crate::{Param, ParamTable, ParamType, Vehicle, VehicleState};
+use core::marker::PhantomData;
 
 crate::parameters! {
-    /// What the vehicle has today.
+    /// The parameters of the current firmware.
     struct Today {
         ALT: f32 = 20.0, 0.0..=100.0, "m";
         BAT: i8 = -4, -10..=10, "V";
@@ -25,8 +28,8 @@ crate::parameters! {
 }
 
 crate::parameters! {
-    /// Tomorrow: one was added before all others, one was taken out, one has another type, one a narrower range, two others
-    /// another default, and one is not stored any more.
+    /// The parameters of a later firmware. One was added before all others, one was removed, one has another type, one
+    /// has a narrower range, two have another default, and one is no longer stored.
     struct Tomorrow {
         ACC: f32 = 2.0, 0.0..=5.0, "m/s/s";
         ALT: f32 = 30.0, 0.0..=100.0, "m";
@@ -40,29 +43,55 @@ crate::parameters! {
     }
 }
 
+/// A vehicle with this table.
 #[derive(Debug)]
-struct Vehicle<T> {
-    table: T,
+struct Rover<T> {
+    /// The indices of the parameters that changed.
     changes: Vec<u16>,
+    table: PhantomData<T>,
 }
 
-impl<T: ParamTable> Parameters for Vehicle<T> {
+impl<T: ParamTable> Vehicle for Rover<T> {
+    fn state(&self) -> Option<VehicleState> {
+        None
+    }
+}
+
+impl<T: ParamTable> Parameters for Rover<T> {
     type Table = T;
 
-    fn parameters_mut(&mut self) -> Option<&mut T> {
-        Some(&mut self.table)
-    }
-
-    fn parameter_changed(&mut self, change: &ParamChange<T>) {
+    fn parameter_changed(&mut self, _: &mut Context<'_>, change: &ParamChange<T>) {
         assert!(change.from().is_none());
         self.changes.push(change.index());
     }
 }
 
-impl<T: ParamTable + Default> Vehicle<T> {
-    /// As it comes from the factory.
+/// Its firmware.
+struct Board<T>(PhantomData<T>);
+
+impl<T: ParamTable + Default + 'static> Firmware for Board<T> {
+    type Vehicle = Rover<T>;
+    type Plans = NoPlans;
+    type Parameters = T;
+}
+
+/// A vehicle with its parameters.
+#[derive(Debug)]
+struct Tuned<T> {
+    table: T,
+    vehicle: Rover<T>,
+}
+
+impl<T: ParamTable + Default + 'static> Tuned<T> {
+    /// A vehicle with default parameters.
     fn new() -> Self {
-        Self { table: T::default(), changes: Vec::new() }
+        Self { table: T::default(), vehicle: Rover { changes: Vec::new(), table: PhantomData } }
+    }
+
+    /// Takes a value from storage.
+    fn load(&mut self, params: &mut ParamService, stored: &Stored) {
+        let Self { table, vehicle } = self;
+        params.load(&mut Rest::new().cx::<Board<T>>(Instant::ZERO, table, vehicle), stored, false);
     }
 
     fn bits(&mut self) -> Vec<u32> {
@@ -71,24 +100,28 @@ impl<T: ParamTable + Default> Vehicle<T> {
     }
 }
 
-impl<T: ParamTable> Vehicle<T> {
+impl<T: ParamTable> Tuned<T> {
     fn with<V: ParamType>(mut self, param: Param<T, V>, value: V) -> Self {
         assert!(self.table.table_mut().set(param, value));
         self
     }
 }
 
-/// The whole of the flash is the region.
+fn service() -> ParamService {
+    <ParamService as Service<Board<Today>>>::NEW
+}
+
+/// A store whose region is the whole flash.
 fn param_store<F: NorFlash>(flash: F) -> ParamStore<F> {
     let len = flash.capacity() as u32;
     ParamStore::new(flash, 0..len)
 }
 
-/// A start: what the flash has comes back.
-fn start<T: ParamTable + Default, F: NorFlash>(flash: F) -> Result<Vehicle<T>, RestoreError<F::Error>> {
+/// Starts a vehicle with the stored parameters.
+fn start<T: ParamTable + Default + 'static, F: NorFlash>(flash: F) -> Result<Tuned<T>, RestoreError<F::Error>> {
     let mut store = param_store(flash);
-    let (mut params, mut vehicle) = (Params::new(), Vehicle::<T>::new());
-    // What cannot be read is looked at until it is given up.
+    let (mut params, mut vehicle) = (service(), Tuned::<T>::new());
+    // Repeat failed reads until they are given up.
     for _ in 0..4 {
         if !matches!(store.open(), Err(RestoreError::Storage(_))) {
             break;
@@ -96,39 +129,39 @@ fn start<T: ParamTable + Default, F: NorFlash>(flash: F) -> Result<Vehicle<T>, R
         let _ = store.step(later(), &vehicle.table.table_mut(), None);
     }
     for index in 0..store.open()? {
-        let stored = store.row(index)?.expect("announced");
-        params.load(&mut vehicle, &stored, LinkMask::NONE, false);
+        let stored = store.row(index)?.expect("a row");
+        vehicle.load(&mut params, &stored);
     }
-    params.loaded(&mut vehicle, true);
-    assert_eq!(params.unsaved(Instant::NEVER, &mut vehicle), None, "it is as the storage has it");
+    params.loaded(&mut vehicle.table, true);
+    assert_eq!(params.unsaved(Instant::NEVER, &mut vehicle.table), None, "all parameters are stored");
     Ok(vehicle)
 }
 
-/// Writes all of it, and erases ahead. Whether it was written.
-fn keep<T: ParamTable, F: NorFlash>(store: &mut ParamStore<F>, vehicle: &mut Vehicle<T>, job: u32) -> bool {
+/// Stores the parameters, and erases the spare slot. Returns whether they were stored.
+fn store_all<T: ParamTable, F: NorFlash>(store: &mut ParamStore<F>, vehicle: &mut Tuned<T>, job: u32) -> bool {
     let mut outcomes = [Some(job), None].map(|job| {
         (0..10_000).map(|_| store.step(later(), &vehicle.table.table_mut(), job)).find(|step| *step != Step::Busy)
     });
     outcomes[0].take() == Some(Step::Done)
 }
 
-fn holding<const W: usize, const E: usize, T: ParamTable>(vehicle: &mut Vehicle<T>) -> RamFlash<W, E> {
+fn holding<const W: usize, const E: usize, T: ParamTable>(vehicle: &mut Tuned<T>) -> RamFlash<W, E> {
     let len = ParamStore::<RamFlash<W, E>>::region_len(T::INFO.len());
     let mut store = param_store(RamFlash::new(len));
     assert_eq!(store.open(), Ok(0));
-    assert!(keep(&mut store, vehicle, 1));
+    assert!(store_all(&mut store, vehicle, 1));
     store.into_inner()
 }
 
-fn old() -> Vehicle<Today> {
-    Vehicle::new().with(Today::ALT, 33.0).with(Today::BAT, -10).with(Today::STARTS, 41).with(Today::ZOOM, 9)
+fn old() -> Tuned<Today> {
+    Tuned::new().with(Today::ALT, 33.0).with(Today::BAT, -10).with(Today::STARTS, 41).with(Today::ZOOM, 9)
 }
 
-fn new() -> Vehicle<Today> {
+fn new() -> Tuned<Today> {
     old().with(Today::ALT, 20.0).with(Today::STARTS, 42).with(Today::YAW, -90).with(Today::SPEED, 0.25)
 }
 
-/// GOAL-8: the power goes at every byte of a write.
+/// Power cuts at every byte written (P-17).
 fn every_cut<const W: usize, const E: usize>(torn: Torn) {
     let mut flash = holding::<W, E, _>(&mut old());
     flash.torn = torn;
@@ -137,7 +170,7 @@ fn every_cut<const W: usize, const E: usize>(torn: Torn) {
         flash.fuel = fuel;
         let mut store = param_store(flash);
         let _ = store.open();
-        let is_done = keep(&mut store, &mut new(), 7);
+        let is_done = store_all(&mut store, &mut new(), 7);
         let mut flash = store.into_inner();
         flash.power_on();
         (flash, is_done)
@@ -147,17 +180,17 @@ fn every_cut<const W: usize, const E: usize>(torn: Torn) {
     let (mut was_old, mut was_new) = (0, 0);
     for fuel in 0..whole.cost() - flash.cost() {
         let (cut, is_done) = commit(Some(fuel));
-        let found = start::<Today, _>(cut).expect("never nothing").bits();
+        let found = start::<Today, _>(cut).expect("a record").bits();
         let is_new = found == new().bits();
-        assert!(is_new || found == old().bits(), "cut after {fuel}: a mix");
-        assert!(!is_done || is_new, "cut after {fuel}: done and lost");
+        assert!(is_new || found == old().bits(), "cut after {fuel}: neither old nor new");
+        assert!(!is_done || is_new, "cut after {fuel}: done but lost");
         if is_new {
             was_new += 1;
         } else {
             was_old += 1;
         }
     }
-    assert!(was_old > 0 && was_new > 0, "both must have happened");
+    assert!(was_old > 0 && was_new > 0, "both outcomes must occur");
 }
 
 #[test]
@@ -169,45 +202,46 @@ fn a_cut_anywhere_leaves_the_old_parameters_or_the_new() {
     every_cut::<256, 256>(Torn::Garbage);
 }
 
-/// P-17: the vehicle is told of what is not its default.
+/// P-17: parameters are restored, and the change hook is called for those that differ from their defaults.
 #[test]
-fn what_was_stored_comes_back() {
+fn stored_parameters_are_restored() {
     let mut found = start::<Today, _>(holding::<4, 256, _>(&mut new())).expect("readable");
     assert_eq!(found.bits(), new().bits());
-    assert_eq!(found.changes, [1, 4, 5, 7, 8]);
+    assert_eq!(found.vehicle.changes, [1, 4, 5, 7, 8]);
 }
 
-/// P-17: a volatile parameter begins anew.
+/// P-17: a volatile parameter starts with its default.
 #[test]
-fn a_volatile_value_is_not_kept() {
+fn volatile_values_are_not_stored() {
     let mut found = start::<Today, _>(holding::<4, 256, _>(&mut new().with(Today::NOISE, 0.75))).expect("readable");
     assert_eq!(found.bits(), new().bits());
 }
 
-/// P-17: matched by name and type; what is unknown is dropped, what was never set has the default of today.
+/// P-17: rows are matched by name and type, unknown rows are ignored, and parameters that were never set get the
+/// default of the firmware that reads them.
 #[test]
-fn another_table_keeps_what_both_have() {
+fn another_table_keeps_common_parameters() {
     let before = old().with(Today::ID_OF_16_LETTERS, 3).with(Today::SPEED, 1.0).with(Today::TURNS, -9);
     let flash = holding::<4, 256, _>(&mut before.with(Today::YAW, 1).with(Today::YAW, 0));
     let found = start::<Tomorrow, _>(flash.clone()).expect("readable").table;
     assert_eq!(found.get(Tomorrow::ACC), 2.0, "added");
-    assert_eq!(found.get(Tomorrow::ALT), 33.0, "kept, though it stands elsewhere");
+    assert_eq!(found.get(Tomorrow::ALT), 33.0, "kept, though its index has changed");
     assert_eq!(found.get(Tomorrow::BAT), 10.5, "it has another type");
     assert_eq!(found.get(Tomorrow::ID_OF_16_LETTERS), 3);
-    assert_eq!(found.get(Tomorrow::STARTS), 41, "also what is read-only");
+    assert_eq!(found.get(Tomorrow::STARTS), 41, "read-only parameters are stored too");
     assert_eq!(found.get(Tomorrow::TURNS), 1, "-9 is out of its range now");
     assert_eq!(found.get(Tomorrow::YAW), 0);
     assert_eq!(found.get(Tomorrow::ZOOM), 1, "volatile now");
-    // What was never set follows the default.
-    let found = start::<Tomorrow, _>(holding::<4, 256, _>(&mut Vehicle::<Today>::new())).expect("readable").table;
+    // Parameters that were never set follow the default.
+    let found = start::<Tomorrow, _>(holding::<4, 256, _>(&mut Tuned::<Today>::new())).expect("readable").table;
     assert_eq!((found.get(Tomorrow::ALT), found.get(Tomorrow::ID_OF_16_LETTERS)), (30.0, 8));
-    // And back: what tomorrow has not written over is still there.
+    // A downgrade restores everything until the later firmware stores its own parameters.
     assert_eq!(start::<Today, _>(flash).expect("readable").table.get(Today::SPEED), 1.0);
 }
 
-/// P-17: a value that changes while a record is written is in it or not, and all others are as they are.
+/// P-17: a value that changes while the record is written may be in it or not. All other values are correct.
 #[test]
-fn a_change_between_two_steps_spoils_nothing() {
+fn a_change_between_two_steps_affects_no_other_value() {
     let len = ParamStore::<RamFlash<8, 64>>::region_len(Today::INFO.len());
     for at in 0..40 {
         let mut store = param_store(RamFlash::<8, 64>::new(len));
@@ -230,11 +264,11 @@ fn a_change_between_two_steps_spoils_nothing() {
     }
 }
 
-/// G-18: empty storage has no parameters; storage of plans and unreadable storage are errors.
+/// G-18: empty storage has no parameters; stored plans and unreadable storage are errors.
 #[test]
-fn what_is_no_record_of_parameters() {
+fn storage_without_parameters() {
     let flash = RamFlash::<4, 256>::new(2048);
-    assert_eq!(start::<Today, _>(flash).expect("readable").bits(), Vehicle::<Today>::new().bits());
+    assert_eq!(start::<Today, _>(flash).expect("readable").bits(), Tuned::<Today>::new().bits());
     let mut plans = store(RamFlash::<4, 256>::new(2048));
     assert_eq!(write(&mut plans, 1, &Content::new([3, 1, 1], 1)), Step::Done);
     assert_eq!(start::<Today, _>(plans.into_inner()).map(|_| ()), Err(RestoreError::Damaged));
@@ -243,7 +277,7 @@ fn what_is_no_record_of_parameters() {
     assert_eq!(start::<Today, _>(flash).map(|_| ()), Err(RestoreError::Storage(FlashError::Fault)));
 }
 
-/// What params.md says, byte by byte.
+/// The bytes as documented in params.md.
 #[test]
 fn rows_are_as_documented() {
     let flash = holding::<4, 256, _>(&mut old());
@@ -265,18 +299,18 @@ fn rows_are_as_documented() {
     assert_eq!(row(8), expected(b"ZOOM", 9, MavParamType::UINT8, 0));
 }
 
-/// Any bits in a whole record: no value that the parameter cannot have.
+/// Rows with arbitrary bits never set a parameter to a value outside of its range.
 #[test]
-fn garbage_rows_change_nothing() {
-    let mut params = Params::new();
+fn values_out_of_range_are_not_applied() {
+    let mut params = service();
     for bits in (0..u32::MAX).step_by(0x01FF_FFFF) {
         for r#type in (0..12).map(MavParamType) {
             for info in Today::INFO {
                 let mut name = [0; 16];
                 name[..info.name().len()].copy_from_slice(info.name().as_bytes());
-                let mut vehicle = Vehicle::<Today>::new();
-                let stored = crate::service::param::Stored { name, r#type, bits, is_default: false };
-                params.load(&mut vehicle, &stored, LinkMask::NONE, false);
+                let mut vehicle = Tuned::<Today>::new();
+                let stored = Stored { name, r#type, bits, is_default: false };
+                vehicle.load(&mut params, &stored);
                 let values = vehicle.bits();
                 assert!(Today::INFO.iter().zip(values).all(|(info, bits)| info.has_room(bits)));
             }

@@ -1,7 +1,7 @@
-//! What the firmwares have in common: a line on which the stream comes, one on which nothing is lost, and how instructions and
-//! stack are counted.
+//! Code shared by the firmwares: a transport that delivers the stream and accepts all output, and the measurement of instructions
+//! and stack usage.
 //!
-//! The emulator takes one nanosecond of its own time for an instruction, and SysTick ticks every 40: the counts are the same on
+//! The emulator takes one nanosecond of emulated time per instruction, and SysTick ticks every 40 ns. The counts are the same on
 //! every machine.
 #![no_std]
 
@@ -15,17 +15,17 @@ use embedded_io::{ErrorType, Read, Write};
 
 pub mod c;
 
-/// Whole frames of the twelve messages.
+/// Frames of the twelve messages.
 static STREAM: &[u8] = include_bytes!(env!("COMPARE_STREAM"));
-/// So many as `streams` has put there.
+/// The number of frames that `streams` has written.
 pub const FRAMES: u32 = 240;
-/// Instructions for a tick of the timer.
+/// Instructions per tick of the timer.
 const INSTRUCTIONS: u32 = 40;
 const LONGEST: u32 = 0x00FF_FFFF;
-/// What the unused stack is filled with.
+/// The pattern for stack painting.
 const PAINT: u32 = 0xA5C3_5A3C;
 
-/// The line. Reading gives what is left of a piece; where the stream ends it gives nothing.
+/// The transport. A read returns the rest of a piece, or nothing at the end of the stream.
 #[derive(Debug)]
 pub struct Uart {
     rest: &'static [u8],
@@ -33,7 +33,7 @@ pub struct Uart {
     left: usize,
 }
 
-/// What was written last, that nothing is optimized away.
+/// The last byte written, so that output is not optimized away.
 static SENT: AtomicU32 = AtomicU32::new(0);
 
 impl Uart {
@@ -41,13 +41,14 @@ impl Uart {
         Self { rest: STREAM, piece, left: piece }
     }
 
-    /// Fills the front of `out`.
+    /// Copies the rest of the current piece to `out`. Returns the number of bytes; 0 at the end.
     #[inline(never)]
     pub fn take(&mut self, out: &mut [u8]) -> usize {
         let len = out.len().min(self.left).min(self.rest.len());
         let (Some(out), Some((now, rest))) = (out.get_mut(..len), self.rest.split_at_checked(len)) else { return 0 };
         for (to, from) in out.iter_mut().zip(now) {
-            // SAFETY: it is a reference. Volatile, as a UART's register is: where a library has its buffer counts for nothing.
+            // SAFETY: derived from a reference. Volatile like a UART's register, so that the location of a library's buffer does
+            // not matter.
             *to = unsafe { core::ptr::from_ref(from).read_volatile() };
         }
         self.rest = rest;
@@ -58,7 +59,7 @@ impl Uart {
         len
     }
 
-    /// Fills all of `out`; false when the stream ends before.
+    /// Fills all of `out`. Returns false if the stream ends before.
     pub fn take_exact(&mut self, mut out: &mut [u8]) -> bool {
         while !out.is_empty() {
             let len = self.take(out);
@@ -89,7 +90,7 @@ impl Read for Uart {
     }
 }
 
-/// The other direction.
+/// The sending direction.
 #[derive(Debug)]
 pub struct Tx;
 
@@ -108,12 +109,12 @@ impl Write for Tx {
     }
 }
 
-/// Runs `app` on the stream in pieces of 64 bytes, and byte by byte; prints for each the piece, instructions, what it returned,
-/// the bytes of the stream and of the stack.
+/// Runs `app` on the stream in pieces of 64 bytes, then byte by byte. For each it prints the piece size, the instructions, the
+/// result of `app`, the length of the stream, and the stack usage (bytes).
 pub fn measure(app: fn(Uart) -> u32) -> ! {
-    // Not a part of us, or its stack would be ours.
+    // Prevents inlining, which would add this function's stack frame to the measurement.
     let app = core::hint::black_box(app);
-    // Every firmware has them: they are no library's flash.
+    // Links these functions into every firmware, so that they do not count as flash of a library.
     core::hint::black_box(memcpy as unsafe extern "C" fn(_, _, _) -> _);
     core::hint::black_box(memset as unsafe extern "C" fn(_, _, _) -> _);
     core::hint::black_box(__aeabi_memclr as unsafe extern "C" fn(_, _));
@@ -147,7 +148,7 @@ pub fn measure(app: fn(Uart) -> u32) -> ! {
 unsafe extern "C" {
     fn memcpy(to: *mut u8, from: *const u8, len: usize) -> *mut u8;
     fn memset(to: *mut u8, byte: i32, len: usize) -> *mut u8;
-    // What Rust's compiler calls instead where the byte is 0.
+    // The compiler calls these instead of memset when the byte is 0.
     fn __aeabi_memclr(to: *mut u8, len: usize);
     fn __aeabi_memclr4(to: *mut u8, len: usize);
 }
@@ -156,7 +157,7 @@ mod stack {
     use super::PAINT;
 
     unsafe extern "C" {
-        /// Where static memory ends.
+        /// End of static memory.
         static mut __sheap: u32;
     }
 
@@ -164,21 +165,21 @@ mod stack {
         &raw mut __sheap
     }
 
-    /// Paints what is below us; where that ends.
+    /// Paints the memory below the stack pointer. Returns the stack pointer.
     #[inline(never)]
     pub fn paint() -> *mut u32 {
         let top = cortex_m::register::msp::read() as *mut u32;
         let mut at = bottom();
-        // What may be kept below it for us alone stays.
+        // Leaves room for the frame of this function.
         while at < top.wrapping_sub(16) {
-            // SAFETY: between static memory and the stack pointer nothing is kept.
+            // SAFETY: unused memory between the statics and the stack pointer.
             unsafe { at.write_volatile(PAINT) };
             at = at.wrapping_add(1);
         }
         top
     }
 
-    /// How much of it is no longer as it was painted (bytes).
+    /// Returns the high-water mark of the stack since `paint`, in bytes.
     pub fn used(top: *mut u32) -> u32 {
         let mut at = bottom();
         // SAFETY: as for `paint`.
@@ -189,7 +190,7 @@ mod stack {
     }
 }
 
-/// The board's first UART, whose other end is the emulator's standard output.
+/// The board's first UART, which is the emulator's standard output.
 mod console {
     const BASE: usize = 0x4000_4000;
 
@@ -226,7 +227,7 @@ mod console {
     }
 }
 
-/// Says so, and stops.
+/// Prints "!" and halts.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     console::put(b'!');

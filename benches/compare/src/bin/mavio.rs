@@ -1,4 +1,4 @@
-//! The crate mavio, without `alloc`.
+//! Measures the crate mavio without `alloc`.
 
 use mavio::dialects::common::Common;
 use mavio::error::{IoError, IoErrorKind};
@@ -25,7 +25,7 @@ fn receive(stream: &[u8], piece: usize, mut each: impl FnMut(&Frame<Versionless>
     }
 }
 
-/// The message proper, which is what can be sent.
+/// Returns the message inside the enum, as the encoder needs it.
 #[inline(always)]
 fn inner(message: &Common) -> &dyn Message {
     match message {

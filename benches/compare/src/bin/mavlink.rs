@@ -1,4 +1,4 @@
-//! The crate mavlink, with `std` or without, as it was built.
+//! Measures the crate mavlink, with or without `std`.
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader};

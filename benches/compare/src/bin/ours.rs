@@ -1,4 +1,4 @@
-//! mavstack.
+//! Measures mavstack.
 
 use mavstack::dialect::Common;
 use mavstack::{Address, Decoder, Dialect, Frame, Instant, MAX_FRAME_LEN};
@@ -15,10 +15,10 @@ use stream::Mixed;
 
 struct Ours;
 
-/// Whom the decoder knows.
+/// The known sender.
 const SENDER: Address = Address::new(DAMAGED_SOURCE.0, DAMAGED_SOURCE.1);
 
-/// Feeds `stream` to a decoder in pieces and hands each frame to `each`.
+/// Feeds `stream` to a decoder in pieces and calls `each` with every frame.
 #[inline(always)]
 fn decode(stream: &[u8], piece: usize, mut each: impl FnMut(&Frame<'_>)) {
     let now = Instant::ZERO;
@@ -55,7 +55,7 @@ impl Peer for Ours {
             std::hint::black_box(frame.raw());
             frames += usize::from(frame.is_checked());
         };
-        // A constant for the compiler, too.
+        // A separate call, so that the compiler sees the constant.
         if piece == 1 {
             decode(stream, 1, each)
         } else {
@@ -75,7 +75,7 @@ impl Peer for Ours {
 
     fn messages(stream: &[u8]) -> Vec<Mixed> {
         let mut messages = Vec::new();
-        decode(stream, usize::MAX, |frame| messages.push(Mixed::decode(frame).expect("one of the stream's")));
+        decode(stream, usize::MAX, |frame| messages.push(Mixed::decode(frame).expect("a message of the stream")));
         messages
     }
 

@@ -1,4 +1,4 @@
-//! Writes the streams that all libraries are measured with into a folder.
+//! Writes the streams for the comparison to a folder.
 
 use std::fs;
 use std::path::PathBuf;
@@ -33,14 +33,14 @@ fn main() {
         out[..len].to_vec()
     };
     let frames: Vec<_> = stream::messages(1, FRAMES).into_iter().enumerate().flat_map(frame).collect();
-    println!("{FRAMES} frames, {:.1} bytes a frame", frames.len() as f64 / FRAMES as f64);
+    println!("{FRAMES} frames, {:.1} bytes per frame", frames.len() as f64 / FRAMES as f64);
     write("frames", &frames);
 
     write("twelve", &twelve());
 
     let how = |flips, losses, bursts| Damage { flips, losses, bursts };
     let ways = [how(true, false, false), how(false, true, false), how(false, false, true), how(true, true, true)];
-    // As tests/frames.rs has them; and seeds for which no damaged frame has the right checksum by chance.
+    // The same damage as in tests/wire/byte_stream.rs, with seeds for which no damaged frame has a valid checksum by chance.
     for (seed, name) in [1, 2, 3, 4, 6].into_iter().zip(DAMAGED) {
         let frames = stream::frames(seed, 20_000, Address::new(DAMAGED_SOURCE.0, DAMAGED_SOURCE.1));
         let mut rng = Rng::new(!seed);
@@ -54,7 +54,7 @@ fn main() {
     }
 }
 
-/// Frames of the twelve messages that the firmwares read, each twenty times, with numbers that the definitions name.
+/// Returns frames of the twelve messages that the firmwares read, twenty of each, with enum values that the definitions contain.
 fn twelve() -> Vec<u8> {
     let mut rng = Rng::new(5);
     let mut all = Vec::new();
@@ -95,7 +95,7 @@ fn twelve() -> Vec<u8> {
     all
 }
 
-/// Numbers that the definitions name: some libraries refuse a whole message for one that they do not, or write another.
+/// Restricts enum values to those in the definitions. Some libraries refuse messages with unknown values, or encode other values.
 fn tame(mut message: Mixed, rng: &mut Rng) -> Mixed {
     let mut one_of = |numbers: &[u16]| numbers[rng.below(numbers.len() as u64) as usize];
     let commands = [16, 20, 21, 22, 176, 400, 511, 512];
@@ -104,7 +104,7 @@ fn tame(mut message: Mixed, rng: &mut Rng) -> Mixed {
             heartbeat.r#type = MavType(heartbeat.r#type.0 % 30);
             heartbeat.autopilot = MavAutopilot(heartbeat.autopilot.0 % 19);
             heartbeat.system_status = MavState(heartbeat.system_status.0 % 9);
-            // C writes no other.
+            // The C library always writes 3.
             heartbeat.mavlink_version = 3;
         }
         Mixed::SysStatus(status) => {
@@ -133,7 +133,7 @@ fn tame(mut message: Mixed, rng: &mut Rng) -> Mixed {
     message
 }
 
-/// One byte in a hundred changed, and garbage between the frames; what is left untouched.
+/// Changes one in a hundred bytes and inserts garbage between the frames. Returns the stream and the intact frames.
 fn noise(frames: &[Vec<u8>], rng: &mut Rng) -> (Vec<u8>, Vec<Vec<u8>>) {
     let (mut stream, mut intact) = (Vec::new(), Vec::new());
     for frame in frames {

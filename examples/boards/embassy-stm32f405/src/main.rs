@@ -1,8 +1,8 @@
-//! A rover on an STM32F405 with Embassy: telemetry on USART1, PA9 (out) and PA10 (in), at 57,600 bit/s.
+//! A rover on an STM32F405 with Embassy. Telemetry is on USART1, PA9 (TX) and PA10 (RX), at 57,600 bit/s.
 //!
-//! Embassy's `BufferedUart`, of embassy-stm32 0.6, cannot say whether it has room to send, and its blocking `write` waits until
-//! it has; `Polled` polls the asynchronous one instead. What its receive buffer has no room for is dropped there without a word:
-//! the checksums find it.
+//! `BufferedUart` of embassy-stm32 0.6 cannot report whether it accepts bytes to send, and its blocking `write` waits until it does.
+//! `Polled` polls the async methods instead. When the receive buffer is full, the UART drops bytes without an error; checksums
+//! detect that.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
@@ -13,10 +13,10 @@ use embassy_stm32::{bind_interrupts, peripherals};
 use embassy_time::{Duration, Ticker};
 use mavstack::io::{Polled, queue_len};
 use mavstack::{Instant, LinkConfig, LinkId};
-use mavstack_rover::{CONFIG, Rover, RoverStack};
-// Stops at a panic, which the stack has none of. A vehicle would rather cut its motors and let the watchdog reset it.
+use mavstack_rover::{CONFIG, Mavlink, Rover};
+// Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::ConstStaticCell;
 
 bind_interrupts!(struct Interrupts {
     USART1 => BufferedInterruptHandler<peripherals::USART1>;
@@ -25,12 +25,12 @@ bind_interrupts!(struct Interrupts {
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 
-/// The loop comes round this often.
+/// Period of the loop.
 const PERIOD: Duration = Duration::from_millis(4);
 const BUFFER: usize = queue_len(BAUD, mavstack::Duration::from_micros(PERIOD.as_micros()));
 
-/// Not in the task, which it is too large for.
-static STACK: StaticCell<RoverStack> = StaticCell::new();
+/// Static because it is too large for the task. It is all zero bits until it is begun, so it takes no flash.
+static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 static RECEIVED: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 static TO_SEND: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 
@@ -41,19 +41,20 @@ async fn main(_spawner: Spawner) {
     config.baudrate = BAUD;
     let (received, to_send) = (RECEIVED.take(), TO_SEND.take());
     let uart = BufferedUart::new(chip.USART1, chip.PA10, chip.PA9, to_send, received, Interrupts, config)
-        .expect("the clock can be divided to this rate");
+        .expect("the baud rate is supported");
     let mut uart = Polled::new(uart);
 
     let mut rover = Rover::new();
-    let stack = STACK.init_with(|| RoverStack::new(CONFIG, [LinkConfig::uart(BAUD)]));
+    let stack = STACK.take();
+    stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut pass = Ticker::every(PERIOD);
     loop {
         let now = Instant::from_micros(embassy_time::Instant::now().as_micros());
-        rover.drive();
+        rover.drive(stack);
         stack.poll(now, &mut rover);
-        // It is counted in `stack.link_counters(TELEM)`, and the link goes on.
+        // Errors are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);
-        // Others' tasks run now.
+        // Let other tasks run.
         pass.next().await;
     }
 }

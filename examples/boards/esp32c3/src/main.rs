@@ -1,46 +1,47 @@
-//! A rover on an ESP32-C3: telemetry on UART1, GPIO10 (out) and GPIO3 (in), at 57,600 bit/s.
+//! A rover on an ESP32-C3. Telemetry is on UART1, GPIO10 (TX) and GPIO3 (RX), at 57,600 bit/s.
 //!
-//! GPIO21 and GPIO20 are not used: they belong to UART0, the console of the boot ROM, which prints at 115,200 bit/s at every
-//! start. On most boards they also lead to the USB bridge. UART1 can use any other pins; avoid the strapping pins 2, 8 and 9,
+//! GPIO21 and GPIO20 are not used. They belong to UART0, the console of the boot ROM, which prints at 115,200 bit/s at every boot.
+//! On most boards they are also connected to the USB bridge. UART1 can use any other pins. Avoid the strapping pins 2, 8 and 9,
 //! JTAG's 4 to 7, the flash's 11 to 17, and USB's 18 and 19.
 //!
-//! `esp-hal` implements all that the stack asks of a UART, with its feature `unstable`, so the UART is handed over as it is.
-//! Its FIFO takes 128 bytes: with 5,760 bytes a second the loop has to come round every 22 ms. This one does not sleep.
+//! With its feature `unstable`, `esp-hal` implements the traits that the stack needs, so the UART is passed to the stack directly.
+//! Its FIFO holds 128 bytes. At 5,760 bytes per second the loop must run at least every 22 ms. This loop never sleeps.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
 
 use esp_hal::uart::{Config as UartConfig, Uart};
 use mavstack::{Instant, LinkConfig, LinkId};
-use mavstack_rover::{CONFIG, Rover, RoverStack};
-// Stops at a panic, which the stack has none of. A vehicle would rather cut its motors and let the watchdog reset it.
+use mavstack_rover::{CONFIG, Mavlink, Rover};
+// Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 
-// What Espressif's boot loader wants to know of an application.
+// The application descriptor that Espressif's boot loader needs.
 esp_bootloader_esp_idf::esp_app_desc!();
 
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 
-/// Not on the stack, which it is too large for.
-static STACK: StaticCell<RoverStack> = StaticCell::new();
+/// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
+static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
 #[esp_hal::main]
 fn main() -> ! {
     let chip = esp_hal::init(esp_hal::Config::default());
     let mut uart = Uart::new(chip.UART1, UartConfig::default().with_baudrate(BAUD))
-        .expect("the clock can be divided to this rate")
+        .expect("the baud rate is supported")
         .with_tx(chip.GPIO10)
         .with_rx(chip.GPIO3);
 
     let mut rover = Rover::new();
-    let stack = STACK.init_with(|| RoverStack::new(CONFIG, [LinkConfig::uart(BAUD)]));
+    let stack = STACK.take();
+    stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     loop {
         let now = Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros());
-        rover.drive();
+        rover.drive(stack);
         stack.poll(now, &mut rover);
-        // An overrun, say. It is counted in `stack.link_counters(TELEM)`, and the link goes on.
+        // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);
     }
 }

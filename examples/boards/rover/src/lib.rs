@@ -1,5 +1,5 @@
-//! The smallest vehicle that a ground station can work with: it sends heartbeats, can be armed and disarmed, has one parameter,
-//! and stores a mission of up to 100 items. All boards share this crate; your firmware has a vehicle of its own instead.
+//! A minimal vehicle for a ground station. It sends heartbeats, can be armed and disarmed, has one parameter, and stores a mission
+//! of up to 100 items. All boards share this crate; replace it by your own vehicle.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -8,51 +8,51 @@ use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::{MavModeFlag, MavResult, MavState, MavType, MissionState};
 use mavstack::*;
 
-/// Ticked by the driving loop; when that hangs, the heartbeats stop.
+/// The driving loop ticks it. When the loop hangs, the heartbeats stop.
 pub static PULSE: Pulse = Pulse::new();
 
-/// System 1, component 1, a rover.
+/// The configuration: a rover with system id 1, component id 1.
 pub const CONFIG: Config = Config { r#type: MavType::GROUND_ROVER, ..Config::new(Address::new(1, 1), &PULSE) };
 
-/// One link, a mission of 100 items of 32 bytes, and the same again while one is being uploaded.
-pub type RoverStack = Stack<1, plan_memory!(mission: 100)>;
+stack! {
+    /// A stack with one link and a mission of up to 100 items. An item takes 32 bytes, and uploads need a second copy.
+    pub struct Mavlink for Rover {
+        links: 1,
+        plans: { mission: 100 },
+        parameters: Tuning,
+    }
+}
 
 parameters! {
-    /// The parameters. QGroundControl does not consider a vehicle ready unless it has at least one.
+    /// The parameters. QGroundControl considers a vehicle ready only if it has at least one.
     pub struct Tuning {
         /// Maximum speed.
         SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
     }
 }
 
-/// The vehicle.
-#[derive(Debug)]
+/// A rover.
+#[derive(Debug, Default)]
 pub struct Rover {
     armed: bool,
-    tuning: Tuning,
 }
 
 impl Rover {
-    /// Standing, disarmed.
+    /// Creates a disarmed rover at rest.
     pub const fn new() -> Self {
-        Self { armed: false, tuning: Tuning::new() }
+        Self { armed: false }
     }
 
-    /// Returns the maximum speed that may be commanded to the motors (m/s).
-    pub fn highest_speed(&self) -> f32 {
-        if self.armed { self.tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
+    /// Returns the current speed limit for the motors (m/s).
+    pub fn speed_limit(&self, tuning: &Tuning) -> f32 {
+        if self.armed { tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
     }
 
-    /// One pass of the driving loop: steers, and says that it is healthy.
-    pub fn drive(&mut self) {
-        // Drive the motors here, from the mission and the sensors, at `highest_speed` or less.
+    /// Runs one pass of the driving loop, and ticks the pulse.
+    pub fn drive(&mut self, stack: &Mavlink) {
+        // Control the motors here, from `stack.mission()` and the sensors, up to this speed.
+        let _ = self.speed_limit(stack.parameters());
         PULSE.tick();
-    }
-}
-
-impl Default for Rover {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -67,8 +67,8 @@ impl Vehicle for Rover {
 }
 
 impl Commands for Rover {
-    fn command(&mut self, command: &Command) -> Outcome {
-        // UNSUPPORTED when it is another command, DENIED when its parameters are not as they may be.
+    fn command(&mut self, _: &mut Context<'_>, command: &Command) -> Outcome {
+        // Errors: UNSUPPORTED for another command, DENIED for invalid parameters.
         match command.decode() {
             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
             Ok(_) => return MavResult::DENIED.into(),
@@ -81,20 +81,13 @@ impl Commands for Rover {
 impl Plans for Rover {
     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
 
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
     fn progress(&self) -> Progress {
         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
     }
 }
 
-// Nothing to tell but the heartbeat.
-impl Telemetry for Rover {}
-
 impl Parameters for Rover {
     type Table = Tuning;
-
-    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
-        Some(&mut self.tuning)
-    }
 }

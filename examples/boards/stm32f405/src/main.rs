@@ -1,8 +1,8 @@
-//! A rover on an STM32F405, as on many flight controllers: telemetry on USART1, PA9 (out) and PA10 (in), at 57,600 bit/s.
+//! A rover on an STM32F405, as on many flight controllers. Telemetry is on USART1, PA9 (TX) and PA10 (RX), at 57,600 bit/s.
 //!
-//! A USART of this chip keeps one received byte, and the next is there 174 µs later. So its interrupt takes each into a queue,
-//! and the loop, which comes round every 4 ms at most, hands the other end of the queue to the stack. The UART of
-//! `stm32f4xx-hal` could not be handed over anyway: it is not `Read`, `ReadReady` and `WriteReady`.
+//! A USART of this chip buffers one received byte, and the next one arrives 174 µs later. Its interrupt therefore moves each byte
+//! to a queue. The loop runs at least every 4 ms and passes the other end of the queue to the stack. The UART of `stm32f4xx-hal`
+//! cannot be passed directly, because it does not implement `Read`, `ReadReady` and `WriteReady`.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
@@ -14,10 +14,10 @@ use cortex_m_rt::entry;
 use critical_section::Mutex;
 use mavstack::io::{SerialQueues, queue_len};
 use mavstack::{Duration, Instant, LinkConfig, LinkId};
-use mavstack_rover::{CONFIG, Rover, RoverStack};
-// Stops at a panic, which the stack has none of. A vehicle would rather cut its motors and let the watchdog reset it.
+use mavstack_rover::{CONFIG, Mavlink, Rover};
+// Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 use stm32f4xx_hal::pac::{self, Interrupt, TIM5, USART1};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::serial::{Config as SerialConfig, Event, Serial};
@@ -27,43 +27,43 @@ use stm32f4xx_hal::{interrupt, nb, rcc};
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 
-/// Between the interrupt and the loop, which comes round this often at least.
+/// Queues between the interrupt and the loop, which runs at least this often.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
 const QUEUE: usize = queue_len(BAUD, Duration::from_millis(4));
 
-/// The interrupt's, once it is set up.
+/// The UART, owned by the interrupt after initialisation.
 static UART: Mutex<RefCell<Option<Serial<USART1>>>> = Mutex::new(RefCell::new(None));
 
-/// Not on the stack, which it is too large for.
-static STACK: StaticCell<RoverStack> = StaticCell::new();
+/// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
+static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
 #[entry]
 fn main() -> ! {
-    let chip = pac::Peripherals::take().expect("the entry point is entered once");
-    // The crystal of your board.
+    let chip = pac::Peripherals::take().expect("main runs once");
+    // Set this to the crystal of your board.
     let mut rcc = chip.RCC.freeze(rcc::Config::hse(8.MHz()).sysclk(168.MHz()));
     let mut clock = Clock::new(chip.TIM5.counter_us(&mut rcc));
 
     let pins = chip.GPIOA.split(&mut rcc);
     let config = SerialConfig::default().baudrate(BAUD.bps());
-    let mut uart =
-        chip.USART1.serial((pins.pa9, pins.pa10), config, &mut rcc).expect("the clock can be divided to this rate");
+    let mut uart = chip.USART1.serial((pins.pa9, pins.pa10), config, &mut rcc).expect("the baud rate is supported");
     uart.listen(Event::RxNotEmpty);
     critical_section::with(|section| UART.replace(section, Some(uart)));
-    // SAFETY: no critical section is open that the interrupt could break.
+    // SAFETY: no critical section is active that the interrupt could break.
     #[allow(unsafe_code, reason = "an interrupt is unmasked")]
     unsafe {
         NVIC::unmask(Interrupt::USART1)
     };
 
     let mut rover = Rover::new();
-    let stack = STACK.init_with(|| RoverStack::new(CONFIG, [LinkConfig::uart(BAUD)]));
+    let stack = STACK.take();
+    stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut telem = QUEUES.loop_end();
     loop {
         let now = clock.now();
-        rover.drive();
+        rover.drive(stack);
         stack.poll(now, &mut rover);
-        // An overrun, say. It is counted in `stack.link_counters(TELEM)`, and the link goes on.
+        // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut telem, &mut rover);
         if telem.has_to_send() {
             NVIC::pend(Interrupt::USART1);
@@ -71,7 +71,7 @@ fn main() -> ! {
     }
 }
 
-/// A byte was received, one can be sent, or the loop has something to send.
+/// Raised when a byte was received, when a byte can be sent, or by the loop when bytes are pending.
 #[interrupt]
 fn USART1() {
     critical_section::with(|section| {
@@ -81,7 +81,7 @@ fn USART1() {
         match uart.read() {
             Ok(byte) => queues.received(byte),
             Err(nb::Error::WouldBlock) => {}
-            // Overrun, framing, noise: the loop is told.
+            // Overrun, framing or noise: report it to the loop.
             Err(nb::Error::Other(_)) => queues.line_error(),
         }
         if uart.is_tx_empty() {
@@ -96,7 +96,7 @@ fn USART1() {
     });
 }
 
-/// Microseconds since the reset, of which the timer counts 32 bits: look more often than every 71 minutes.
+/// A clock of microseconds since reset, on a 32-bit timer. Call `now` at least every 71 minutes.
 struct Clock {
     timer: CounterUs<TIM5>,
     last: u32,
@@ -104,7 +104,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// As the timer can be set.
+    /// The longest period that the timer supports.
     const PERIOD: u32 = u32::MAX;
 
     fn new(mut timer: CounterUs<TIM5>) -> Self {

@@ -1,85 +1,90 @@
-//! Flight by hand: sticks, or radio channels in their place, give a speed; centred sticks hold the position.
+//! Manual flight: sticks or radio channels command a velocity. Centred sticks hold the position.
 //!
-//! Axes as QGroundControl and MAVSDK send them: forward, right, turning right are positive, and the throttle of 0 to 1000
-//! neither climbs nor sinks in the middle. Radio channels as ArduPilot has them: 1 roll, 2 pitch (low is forward), 3
-//! throttle, 4 yaw.
+//! - MANUAL_CONTROL has axes as QGroundControl and MAVSDK send them. Forward, right and yaw to the right are positive. The
+//!   throttle is 0 to 1000; in the middle the vehicle keeps its height.
+//! - Radio channels are in ArduPilot's order: 1 roll, 2 pitch (low is forward), 3 throttle, 4 yaw.
 
 use mavstack::dialect::{MavResult, MavSeverity, RcChannels};
-use mavstack::{ControlSource, Duration, Instant, SystemId};
+use mavstack::{Context, ControlSource, Duration, Instant, ManualInput, SystemId};
 
-use super::{Live, Mode, Quadrotor};
+use super::commands::refuse;
+use super::{Mode, Quadrotor};
+use crate::app::Mavlink;
 use crate::plan::Maneuver;
 use crate::tuning::Tuning;
 
-/// Sticks: forward, right, up, turning right, each from -1 to 1.
-type Sticks = [f32; 4];
+/// Stick positions: forward, right, up and yaw to the right, each from -1 to 1.
+pub type Sticks = [f32; 4];
 
-/// A stick is centred within so much of it.
+/// Deflection below which a stick counts as centred.
 const DEAD_BAND: f32 = 0.05;
 
 impl Quadrotor {
-    /// Who may steer, and how old what he says may be.
-    pub(super) fn tune_sticks(&mut self) {
-        let system = self.tuning.get(Tuning::MAV_GCS_SYSID);
-        let timeout = self.tuning.get(Tuning::COM_RC_LOSS_T);
-        self.input.set_source(if system == 0 {
+    /// Configures the accepted source and the timeout of manual control from the parameters, and reads the current input.
+    #[inline(never)]
+    pub(crate) fn take_sticks(&mut self, now: Instant, stack: &mut Mavlink) {
+        let tuning = stack.parameters();
+        let system = tuning.get(Tuning::MAV_GCS_SYSID);
+        let timeout = tuning.get(Tuning::COM_RC_LOSS_T);
+        let input = stack.manual_input_mut();
+        input.set_source(if system == 0 {
             ControlSource::GroundStation
         } else {
             ControlSource::System(SystemId(system))
         });
-        self.input.set_timeout(Duration::from_micros((timeout * 1e6) as u64));
+        input.set_timeout(Duration::from_micros((timeout * 1e6) as u64));
+        self.sticks = sticks(input, now);
+        self.channels = input.rc_channels(now).unwrap_or_default();
     }
 
-    /// Where the sticks are; `None` without fresh ones (J-3).
-    fn sticks(&self) -> Option<Sticks> {
-        if let Some(input) = self.input.manual_control(self.time) {
-            let axis = |axis: Option<i16>| f32::from(axis.unwrap_or(0)) / 1e3;
-            let throttle = f32::from(input.z.unwrap_or(500).max(0)) / 500.0 - 1.0;
-            return Some([axis(input.x), axis(input.y), throttle, axis(input.r)]);
-        }
-        let input = self.input.rc_channels(self.time)?;
-        let channel =
-            |number| input.channel(number).map(|pulse| ((f32::from(pulse) - 1_500.0) / 500.0).clamp(-1.0, 1.0));
-        // A throttle that is not there is no throttle that is down.
-        Some([-channel(2)?, channel(1)?, channel(3)?, channel(4)?])
-    }
-
-    /// The mode of flight by hand; not without sticks.
-    pub(super) fn fly_by_hand(&mut self) -> MavResult {
-        if self.sticks().is_none() {
-            return self.refuse(MavResult::TEMPORARILY_REJECTED, "Position mode refused: no manual control");
+    /// Enters [`Mode::Position`]. Refused without manual control input.
+    pub(super) fn fly_manually(&mut self, cx: &mut Context<'_>) -> MavResult {
+        if self.sticks.is_none() {
+            return refuse(cx, MavResult::TEMPORARILY_REJECTED, "Position mode refused: no manual control");
         }
         self.enter(Mode::Position, Maneuver::Stay(self.body.rest()));
         self.intended = Mode::Position;
         MavResult::ACCEPTED
     }
 
-    /// Without fresh sticks it holds.
+    /// Holds the position when manual control has timed out.
     #[inline(never)]
-    pub(super) fn watch_sticks(&mut self) {
-        if self.mode == Mode::Position && self.sticks().is_none() {
+    pub(super) fn watch_sticks(&mut self, cx: &mut Context<'_>) {
+        if self.mode == Mode::Position && self.sticks.is_none() {
             self.stop();
-            self.say(MavSeverity::WARNING, "Manual control lost: holding");
+            cx.text(MavSeverity::WARNING, "Manual control lost: holding");
         }
     }
 
-    /// A step by hand.
+    /// Flies one step as the sticks command.
     #[inline(never)]
-    pub(super) fn follow_sticks(&mut self, live: &Live<'_>) {
-        let Some(sticks) = self.sticks() else { return };
+    pub(super) fn follow_sticks(&mut self, cx: &mut Context<'_>) {
+        let Some(sticks) = self.sticks else { return };
         let [forward, right, up, turn] = sticks.map(|stick| if stick.abs() < DEAD_BAND { 0.0 } else { stick });
-        let tuning = &self.tuning;
-        let speed = tuning.get(Tuning::MPC_VEL_MANUAL);
+        let speed = cx.parameter(Tuning::MPC_VEL_MANUAL);
         let vertical =
-            if up > 0.0 { tuning.get(Tuning::MPC_Z_VEL_MAX_UP) } else { tuning.get(Tuning::MPC_Z_VEL_MAX_DN) };
-        let rate = tuning.get(Tuning::MPC_MAN_Y_MAX).to_radians();
+            if up > 0.0 { cx.parameter(Tuning::MPC_Z_VEL_MAX_UP) } else { cx.parameter(Tuning::MPC_Z_VEL_MAX_DN) };
+        let rate = cx.parameter(Tuning::MPC_MAN_Y_MAX).to_radians();
         let mut next = self.body;
         next.steer([forward * speed, right * speed, -up * vertical], turn * rate, super::DT);
-        self.advance(next, live);
+        self.advance(cx, next);
     }
 
-    /// RC_CHANNELS: there is no receiver, so what somebody sent in its place.
+    /// Returns RC_CHANNELS. The vehicle has no RC receiver, so it contains the channels of RC_CHANNELS_OVERRIDE.
     pub(crate) fn rc_channels(&self, now: Instant) -> RcChannels {
-        self.input.rc_channels(now).unwrap_or_default().to_message(now, &[])
+        self.channels.to_message(now, &[])
     }
+}
+
+/// Returns the stick positions; `None` when the input has timed out (J-3).
+fn sticks(input: &ManualInput, now: Instant) -> Option<Sticks> {
+    if let Some(input) = input.manual_control(now) {
+        let axis = |axis: Option<i16>| f32::from(axis.unwrap_or(0)) / 1e3;
+        let throttle = f32::from(input.z.unwrap_or(500).max(0)) / 500.0 - 1.0;
+        return Some([axis(input.x), axis(input.y), throttle, axis(input.r)]);
+    }
+    let input = input.rc_channels(now)?;
+    let channel = |number| input.channel(number).map(|pulse| ((f32::from(pulse) - 1_500.0) / 500.0).clamp(-1.0, 1.0));
+    // A missing channel must not count as its minimum: a missing throttle would mean descent.
+    Some([-channel(2)?, channel(1)?, channel(3)?, channel(4)?])
 }

@@ -1,83 +1,84 @@
-//! Flying the mission: which item's turn it is, and what it waits for.
+//! Executes the mission: selects the current item and waits for its conditions.
 //!
-//! An item of the NAV_ commands is a leg: it is flown, and reached once. The DO_ and CONDITION_ items before it are carried
-//! out on the way there: in their order, at the leg's beginning, unless a condition holds them back. That is ArduPilot's
-//! reading, and the only one in which CONDITION_DISTANCE means something (PX4 takes CONDITION_DELAY and
-//! CONDITION_DISTANCE and passes over them). Where a leg ends before its conditions do, ArduPilot drops what they hold
-//! back; here the vehicle waits at the leg's end, so that every item is carried out (M-73). DO_ items behind the last leg
-//! are carried out as well.
+//! Each NAV_ item is a leg: the vehicle flies it and reaches it once. The DO_ and CONDITION_ items before a leg are executed
+//! in order at its beginning, unless a condition defers them. ArduPilot does the same. It is the only interpretation that
+//! gives CONDITION_DISTANCE a meaning; PX4 accepts CONDITION_DELAY and CONDITION_DISTANCE but ignores them.
 //!
-//! DO_JUMP counts in a table of fixed size, [`JUMPS`]: a jump that was taken as often as it says is passed over from then
-//! on, also in a loop around it. The counters begin anew with a new plan, and where the mission is told to.
+//! When a leg ends before its conditions are met, ArduPilot drops the deferred items. This vehicle waits at the end of the
+//! leg, so that every item is executed (M-73). DO_ items after the last leg are executed as well.
+//!
+//! DO_JUMP items are counted in a table of [`JUMPS`] entries. A jump that has reached its repeat count is skipped from then
+//! on, even inside an outer loop. The counters restart with a new plan, and with a reset of the mission.
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MavSeverity, MissionState};
-use mavstack::{Duration, Instant, Item, PlanFault};
+use mavstack::{Context, Duration, Instant, Item, PlanFault, PlanType};
 
-use super::{Live, Mode, Quadrotor};
+use super::commands::refuse;
+use super::{Mode, Quadrotor, disarm_delay};
 use crate::body::{Nose, Vector};
-use crate::plan::{self, Condition, Maneuver, Order, Situation};
+use crate::plan::{self, Action, Condition, Maneuver, Situation};
 use crate::tuning::Tuning;
 
-/// How many DO_JUMP items a plan may have.
+/// Maximum number of DO_JUMP items in a plan.
 pub const JUMPS: usize = 16;
 
-/// How far it is with the plan.
+/// The progress of the mission.
 #[derive(Clone, Copy, Debug)]
 pub struct Mission {
-    /// Items of the live plan.
+    /// The number of items in the live plan.
     count: u16,
-    /// It is flown up to this item, with it.
+    /// The last item to fly.
     last: u16,
-    /// The item whose turn it is: the leg's, or one before it that waits.
+    /// The current item: the leg's item, or an item before it that waits.
     current: u16,
     leg: Option<Leg>,
-    /// The condition at `current` has been waiting since then.
+    /// When the condition at `current` began to wait.
     waiting: Option<Instant>,
-    /// It was told that the leg's item is reached; also when the leg is flown again after a pause.
-    is_told: bool,
-    /// It was flown to its end: it begins at its beginning the next time.
-    is_over: bool,
+    /// The leg's item was reported as reached. Stays set when the leg is flown again after a pause.
+    is_reported: bool,
+    /// The mission was flown to its end. It starts at the beginning the next time.
+    is_complete: bool,
     jumps: Jumps,
     state: MissionState,
 }
 
-/// The flight to an item's end.
+/// The execution of one NAV_ item.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
-    /// The item; `None` behind the last one that is flown.
+    /// The item; `None` after the last leg.
     seq: Option<u16>,
     maneuver: Maneuver,
-    /// How long to stay there.
+    /// How long to stay after the maneuver.
     stay: Duration,
-    /// Where to point the nose there, rad.
+    /// Heading after the maneuver (rad).
     yaw: Option<f32>,
-    /// The maneuver is done, since then.
+    /// When the maneuver was done.
     done: Option<Instant>,
 }
 
-/// What comes next that is flown.
+/// The next leg of the mission.
 enum Ahead {
     Leg(u16),
-    /// Nothing up to the end.
+    /// No leg up to the end.
     End,
-    /// Nothing, round and round.
+    /// An endless loop without a leg.
     Loop,
 }
 
-/// How often each DO_JUMP was taken.
+/// How often each DO_JUMP was taken: its sequence number and count.
 #[derive(Clone, Copy, Debug)]
 struct Jumps([(u16, u16); JUMPS]);
 
 impl Jumps {
     const NONE: Self = Self([(0, 0); JUMPS]);
 
-    /// Where the plan goes on after the DO_JUMP `seq`.
+    /// Executes the DO_JUMP `seq` and returns the next item.
     fn pass(&mut self, seq: u16, item: &Item) -> u16 {
         let [target, repeat, ..] = item.params;
         let is_taken = if repeat < 0.0 {
             true
         } else {
-            // An entry is free as long as its count is 0.
+            // An entry with count 0 is free.
             let entry = self.0.iter_mut().find(|(of, count)| *of == seq || *count == 0);
             entry.is_some_and(|(of, count)| {
                 let is_taken = f32::from(*count) < repeat && *count < u16::MAX;
@@ -98,28 +99,28 @@ impl Mission {
         current: 0,
         leg: None,
         waiting: None,
-        is_told: false,
-        is_over: false,
+        is_reported: false,
+        is_complete: false,
         jumps: Jumps::NONE,
         state: MissionState::NOT_STARTED,
     };
 
-    /// A new plan.
+    /// Starts a new plan.
     fn of(count: u16, first: u16) -> Self {
         Self { count, last: count.saturating_sub(1), current: first, ..Self::NONE }
     }
 
-    /// Goes on from `seq`, with jump counters as they are.
+    /// Continues at `seq`, with the jump counters unchanged.
     fn go_to(&mut self, seq: u16) {
-        *self = Self { current: seq, leg: None, waiting: None, is_told: false, is_over: false, ..*self };
+        *self = Self { current: seq, leg: None, waiting: None, is_reported: false, is_complete: false, ..*self };
     }
 
-    /// What is flown now.
+    /// Returns the current maneuver.
     pub fn maneuver(&self) -> Option<Maneuver> {
         self.leg.map(|leg| leg.maneuver)
     }
 
-    /// What is under way is begun again when the mission goes on; what was told is not told again.
+    /// Pauses the mission. The current leg restarts on resume, but its item is not reported again.
     pub fn pause(&mut self) {
         *self = Self { leg: None, waiting: None, state: MissionState::PAUSED, ..*self };
     }
@@ -129,17 +130,17 @@ impl Mission {
         self.waiting = None;
     }
 
-    /// The next leg. A plan has no more items than this looks at, unless it goes round without anything to fly: then
-    /// once more, behind the jumps that come to an end.
+    /// Finds the next leg. The first round visits as many items as the plan has. If that finds no leg, the plan loops: the
+    /// second round treats jumps with a repeat count as completed.
     fn ahead(&self, items: &[Item]) -> Ahead {
         let (mut seq, mut jumps) = (self.current, self.jumps);
-        for is_round in [false, true] {
+        for is_second_round in [false, true] {
             for _ in 0..=items.len() {
                 let Some(item) = items.get(usize::from(seq)) else { return Ahead::End };
                 let [_, repeat, ..] = item.params;
                 seq = match item.command {
                     command if plan::is_flown(command) => return Ahead::Leg(seq),
-                    MavCmd::DO_JUMP if !is_round || repeat < 0.0 => jumps.pass(seq, item),
+                    MavCmd::DO_JUMP if !is_second_round || repeat < 0.0 => jumps.pass(seq, item),
                     _ => seq.saturating_add(1),
                 };
             }
@@ -156,7 +157,7 @@ impl Mission {
     }
 }
 
-/// Whether there are counters for its jumps.
+/// Checks that the plan has at most [`JUMPS`] jumps.
 pub fn check(items: &[Item]) -> Result<(), PlanFault> {
     let mut jumps = (0..).zip(items).filter(|(_, item)| item.command == MavCmd::DO_JUMP);
     match jumps.nth(JUMPS) {
@@ -166,7 +167,7 @@ pub fn check(items: &[Item]) -> Result<(), PlanFault> {
 }
 
 impl Quadrotor {
-    /// A new plan is live. Under way it goes on with that, or stops where it is when there is none (M-94).
+    /// Handles a new live plan. In flight the vehicle continues with it, or stops if the plan is empty (M-94).
     #[inline(never)]
     pub(super) fn replace_mission(&mut self, count: u16, first: u16) {
         self.mission = Mission::of(count, first);
@@ -179,19 +180,19 @@ impl Quadrotor {
         }
     }
 
-    /// Flies the mission from where it was left; from its beginning when it was flown to its end.
-    pub(super) fn fly_on(&mut self) -> MavResult {
-        self.fly_from(None)
+    /// Starts or resumes the mission. A complete mission starts at the beginning.
+    pub(super) fn resume_mission(&mut self, cx: &mut Context<'_>) -> MavResult {
+        self.fly_from(cx, None)
     }
 
-    /// The same, or from this item.
-    fn fly_from(&mut self, first: Option<u16>) -> MavResult {
+    /// Starts the mission at `first`; `None` resumes it.
+    fn fly_from(&mut self, cx: &mut Context<'_>, first: Option<u16>) -> MavResult {
         if self.mission.count == 0 {
-            return self.refuse(MavResult::FAILED, "Mission refused: there is none");
+            return refuse(cx, MavResult::FAILED, "Mission refused: no mission uploaded");
         }
-        let result = self.start(Mode::Mission, self.maneuver);
+        let result = self.start(cx, Mode::Mission, self.maneuver);
         if result == MavResult::ACCEPTED {
-            if self.mission.is_over || first.is_some() {
+            if self.mission.is_complete || first.is_some() {
                 self.mission = Mission::of(self.mission.count, first.unwrap_or(0));
             }
             if self.mission.state == MissionState::NOT_STARTED {
@@ -202,23 +203,23 @@ impl Quadrotor {
         result
     }
 
-    pub(super) fn fly_from_to(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
+    pub(super) fn fly_from_to(&mut self, cx: &mut Context<'_>, first: Option<u16>, last: Option<u16>) -> MavResult {
         let mission = &self.mission;
         let end = last.unwrap_or(mission.count.saturating_sub(1));
-        let begin = first.unwrap_or(if mission.is_over { 0 } else { mission.current });
+        let begin = first.unwrap_or(if mission.is_complete { 0 } else { mission.current });
         if mission.count > 0 && (begin > end || end >= mission.count) {
-            return self.refuse(MavResult::DENIED, "Mission refused: it begins behind its end");
+            return refuse(cx, MavResult::DENIED, "Mission refused: it starts after its last item");
         }
-        let result = self.fly_from(first);
+        let result = self.fly_from(cx, first);
         if result == MavResult::ACCEPTED {
             self.mission.last = end;
         }
         result
     }
 
-    pub(super) fn go_to_item(&mut self, seq: u16, reset: bool) -> MavResult {
+    pub(super) fn go_to_item(&mut self, cx: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
         if seq >= self.mission.count {
-            return self.refuse(MavResult::FAILED, "Mission refused: no such item");
+            return refuse(cx, MavResult::FAILED, "Mission refused: no such item");
         }
         let mission = &mut self.mission;
         mission.go_to(seq);
@@ -234,100 +235,102 @@ impl Quadrotor {
         MavResult::ACCEPTED
     }
 
-    /// A step of it.
+    /// Flies one step of the mission.
     #[inline(never)]
-    pub(super) fn fly_mission(&mut self, live: &Live<'_>) {
-        let count = live.mission.len().min(usize::from(self.mission.last) + 1);
-        let items = live.mission.get(..count).unwrap_or_default();
+    pub(super) fn fly_mission(&mut self, cx: &mut Context<'_>) {
+        let items = cx.plan(PlanType::Mission).items();
+        let count = items.len().min(usize::from(self.mission.last) + 1);
+        let items = items.get(..count).unwrap_or_default();
         let leg = match self.mission.leg {
             Some(leg) => leg,
             None => match self.mission.ahead(items) {
-                Ahead::Leg(seq) => self.begin_leg(seq, items, live),
+                Ahead::Leg(seq) => self.begin_leg(cx, seq, items),
                 Ahead::End => self.begin_end(),
-                Ahead::Loop => return self.finish(MavSeverity::WARNING, "Mission ends: a loop without a leg"),
+                Ahead::Loop => {
+                    return self.finish(cx, MavSeverity::WARNING, "Mission ended: a loop with nothing to fly");
+                }
             },
         };
-        let is_next = self.carry_out(&leg, items);
+        let are_items_done = self.execute_items(cx, &leg, items);
         if self.mode != Mode::Mission || self.mission.leg.is_none() {
             return;
         }
-        let is_done = self.perform(leg.maneuver, live);
+        let is_done = self.perform(cx, leg.maneuver);
         if self.mode != Mode::Mission {
             return;
         }
         let Some(since) = leg.done else {
-            self.mission.leg = Some(Leg { done: is_done.then_some(self.time), ..leg });
-            if is_done {
-                self.reach(&leg);
-            }
+            // Only four items can be reported in one pass. In a pass that is late, another one is reached in the next.
+            let is_reached = is_done && self.reach(cx, &leg);
+            self.mission.leg = Some(Leg { done: is_reached.then_some(self.time), ..leg });
             return;
         };
-        // On the ground it neither turns nor waits for that.
-        let is_still = self.body.is_turned() || self.is_landed();
-        if self.time.since(since) >= leg.stay && is_next && is_still {
-            self.end_leg(&leg, items);
+        // On the ground the vehicle cannot turn.
+        let is_turn_done = self.body.is_turned() || self.is_landed();
+        if self.time.since(since) >= leg.stay && are_items_done && is_turn_done {
+            self.end_leg(cx, &leg, items);
         }
     }
 
     #[inline(never)]
-    fn begin_leg(&mut self, seq: u16, items: &[Item], live: &Live<'_>) -> Leg {
-        let mut leg = self.end_of_legs();
+    fn begin_leg(&mut self, cx: &Context<'_>, seq: u16, items: &[Item]) -> Leg {
+        let mut leg = self.holding_leg();
         leg.seq = Some(seq);
         if let Some(item) = items.get(usize::from(seq))
-            && let Order::Fly { maneuver, stay, yaw } = plan::order(item, &self.situation())
+            && let Action::Fly { maneuver, stay, yaw } = plan::action(item, &self.situation(cx))
         {
-            let maneuver = if maneuver == Maneuver::Return { self.way_home(live) } else { maneuver };
-            let stay = if matches!(maneuver, Maneuver::Land(_)) { self.rest_on_ground() } else { stay };
+            let maneuver = if maneuver == Maneuver::Return { self.return_landing(cx) } else { maneuver };
+            let stay = if matches!(maneuver, Maneuver::Land(_)) { disarm_delay(cx) } else { stay };
             leg = Leg { maneuver, stay, yaw, ..leg };
         }
         self.body.nose = match (leg.maneuver, leg.yaw) {
-            (Maneuver::Land(_), Some(yaw)) => plan::turn_to(yaw, &self.situation()),
+            (Maneuver::Land(_), Some(yaw)) => plan::turn_to(yaw, &self.situation(cx)),
             _ => Nose::Course,
         };
         self.mission.leg = Some(leg);
         leg
     }
 
-    /// Nothing is flown any more: it stays where it is.
+    /// Begins the end of the mission: the vehicle holds its position while the remaining items are executed.
     #[inline(never)]
     fn begin_end(&mut self) -> Leg {
-        let leg = self.end_of_legs();
+        let leg = self.holding_leg();
         self.mission.leg = Some(leg);
         leg
     }
 
-    fn end_of_legs(&self) -> Leg {
+    fn holding_leg(&self) -> Leg {
         let maneuver = Maneuver::Stay(self.body.rest());
         Leg { seq: None, maneuver, stay: Duration::ZERO, yaw: None, done: None }
     }
 
-    pub(super) fn situation(&self) -> Situation {
+    pub(super) fn situation(&self, cx: &Context<'_>) -> Situation {
         Situation {
             home: self.home,
             position: self.body.rest(),
             yaw: self.body.yaw(),
-            radius: self.tuning.get(Tuning::NAV_ACC_RAD),
+            radius: cx.parameter(Tuning::NAV_ACC_RAD),
             turn: self.body.limits.turn,
             speed: self.speed,
             time: self.time,
         }
     }
 
-    /// Carries out what comes before the leg's item; true when all of it is. As many items at most as there are: a way
-    /// round without a leg is not begun.
+    /// Executes the items before the leg's item. Returns true when all are done. The number of items per step is bounded, so a
+    /// loop without a leg cannot hang it.
     #[inline(never)]
-    fn carry_out(&mut self, leg: &Leg, items: &[Item]) -> bool {
+    fn execute_items(&mut self, cx: &Context<'_>, leg: &Leg, items: &[Item]) -> bool {
         for _ in 0..=items.len() {
             let seq = self.mission.current;
             let Some(item) = items.get(usize::from(seq)).filter(|_| leg.seq != Some(seq)) else { return true };
             if plan::is_flown(item.command) {
-                // Behind a way round, it is another leg than was seen from before it.
+                // After a loop the next leg can differ from the leg that was found before the loop.
                 self.mission.leg = None;
                 return false;
             }
-            match plan::order(item, &self.situation()) {
-                Order::Speed(speed) => self.speed = speed,
-                Order::Wait(condition) if !self.is_met(condition, leg) => return false,
+            match plan::action(item, &self.situation(cx)) {
+                Action::Speed(speed) => self.speed = speed,
+                Action::Wait(condition) if !self.is_met(condition, leg) => return false,
                 _ => {}
             }
             if item.command == MavCmd::DO_JUMP {
@@ -355,56 +358,58 @@ impl Quadrotor {
                 if !is_begun {
                     self.body.nose = nose;
                 }
-                // On the ground it does not turn.
+                // On the ground the vehicle cannot turn.
                 self.body.is_turned() || (self.is_landed() && leg.done.is_some())
             }
         }
     }
 
-    /// The leg's maneuver is done.
-    fn reach(&mut self, leg: &Leg) {
-        let Some(seq) = leg.seq else { return };
-        if !self.mission.is_told {
-            self.mission.is_told = true;
-            self.reached.push(seq);
+    /// Handles the end of the leg's maneuver. False when that cannot be reported yet.
+    fn reach(&mut self, cx: &mut Context<'_>, leg: &Leg) -> bool {
+        let Some(seq) = leg.seq else { return true };
+        if !self.mission.is_reported {
+            self.mission.is_reported = cx.item_reached(seq);
         }
-        if let Some(yaw) = leg.yaw {
-            self.body.nose = plan::turn_to(yaw, &self.situation());
+        if let Some(yaw) = leg.yaw
+            && self.mission.is_reported
+        {
+            self.body.nose = plan::turn_to(yaw, &self.situation(cx));
         }
+        self.mission.is_reported
     }
 
-    fn end_leg(&mut self, leg: &Leg, items: &[Item]) {
+    fn end_leg(&mut self, cx: &mut Context<'_>, leg: &Leg, items: &[Item]) {
         const COMPLETE: &str = "Mission complete";
 
         if matches!(leg.maneuver, Maneuver::Land(_)) {
-            // On the ground, motors off: there is no way on.
-            self.finish(MavSeverity::INFO, COMPLETE);
-            return self.touch_down();
+            // The mission ends with the landing, because the vehicle disarms.
+            self.finish(cx, MavSeverity::INFO, COMPLETE);
+            return self.touch_down(cx);
         }
         let item = items.get(usize::from(self.mission.current));
         self.mission.advance();
         self.mission.leg = None;
-        self.mission.is_told = false;
+        self.mission.is_reported = false;
         if usize::from(self.mission.current) >= items.len() {
-            self.finish(MavSeverity::INFO, COMPLETE);
+            self.finish(cx, MavSeverity::INFO, COMPLETE);
         } else if item.is_some_and(|item| item.autocontinue == 0) {
             self.hold();
         }
     }
 
-    /// The plan is flown.
-    fn finish(&mut self, severity: MavSeverity, text: &'static str) {
+    /// Completes the mission.
+    fn finish(&mut self, cx: &mut Context<'_>, severity: MavSeverity, text: &str) {
         self.hold();
         let mission = &mut self.mission;
         mission.go_to(mission.current.min(mission.last));
-        mission.is_over = true;
+        mission.is_complete = true;
         mission.state = MissionState::COMPLETE;
-        self.say(severity, text);
+        cx.text(severity, text);
     }
 }
 
 impl Leg {
-    /// Where it goes.
+    /// Returns the leg's destination.
     fn to(&self) -> Option<Vector> {
         match self.maneuver {
             Maneuver::Reach { to, .. } | Maneuver::Climb(to) | Maneuver::Land(to) => Some(to),

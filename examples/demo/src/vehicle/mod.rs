@@ -1,4 +1,4 @@
-//! The vehicle: a quadrotor that exists as a few numbers. The same steps in time give the same flight.
+//! The vehicle: a simulated quadrotor. The simulation is deterministic: the same time steps give the same flight.
 
 mod commands;
 mod fly;
@@ -10,116 +10,120 @@ mod params;
 mod plans;
 mod satellite;
 
-use mavstack::dialect::{ComponentMetadata, MavModeFlag, MavSeverity, MavState, SystemTime};
-use mavstack::{
-    CommandSlots, ControlSource, Duration, ForwardCounters, ForwardQueues, Forwarding, HighLatency, Instant, Item,
-    LinkId, ManualInput, Signing, SigningCounters, SigningMemory, TimeSlots, TimeSync, Vehicle, VehicleState,
-    WallClock,
-};
+use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
+use mavstack::{Context, Duration, Instant, RcOverride, Vehicle, VehicleState, WallClock};
 
-use crate::app::LINKS;
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
 use crate::geo::Home;
 use crate::plan::Maneuver;
-use crate::queue::Queue;
 use crate::tuning::Tuning;
-use fly::is_over;
+use fly::is_above;
 use ground::Reboot;
+use manual::Sticks;
 use mission::Mission;
 pub use modes::Mode;
-pub(crate) use satellite::GPS_ERROR;
+pub(crate) use satellite::{CONFIG as SATELLITE_CONFIG, GPS_ERROR};
 
-/// Its physics go in steps of 10 ms.
+/// Time step of the simulation.
 const STEP: Duration = Duration::from_millis(10);
+/// [`STEP`] in seconds.
 const DT: f32 = 0.01;
-/// A flight loop that stood still is not made up for beyond so many steps.
+/// Maximum number of steps per pass. After a longer stall of the flight loop the simulation skips time.
 const MAX_STEPS: usize = 10;
 
 /// A position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GlobalPosition {
-    /// deg·1e7
+    /// Latitude (1e-7 degrees).
     pub latitude: i32,
-    /// deg·1e7
+    /// Longitude (1e-7 degrees).
     pub longitude: i32,
-    /// m above mean sea level
+    /// Altitude above mean sea level (m).
     pub altitude: f32,
 }
 
-/// When it did what last, since it was switched on; zero for never.
+/// Times of the last events since boot; zero means never.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Times {
     pub armed: Instant,
     pub took_off: Instant,
-    /// Zero in the air too.
+    /// Also zero in flight.
     pub landed: Instant,
 }
 
-/// The plans that are live.
+/// Results of the last pass of the flight loop, for hooks without a context: those that fill messages and check plans.
 #[derive(Clone, Copy, Debug)]
-struct Live<'a> {
-    mission: &'a [Item],
-    fence: &'a [Item],
-    rally: &'a [Item],
+pub(crate) struct Snapshot {
+    /// Whether the GPS receiver has a fix.
+    pub has_fix: bool,
+    /// Whether the vehicle can arm.
+    pub is_ready: bool,
+    /// Distance from the fence at which the vehicle stops (m).
+    margin: f32,
+    pub satellites: u8,
+    /// Height of the geoid above the ellipsoid (m).
+    pub geoid_separation: i16,
+    pub flights: u16,
 }
 
-/// The vehicle.
+/// Counts that are not stored in the parameters yet.
+#[derive(Clone, Copy, Debug)]
+struct Counts {
+    flights: u16,
+    /// Flight time (s).
+    flight_time: u32,
+}
+
+/// A simulated quadrotor: its state, and its side of every MAVLink service.
 #[derive(Clone, Debug)]
 pub struct Quadrotor {
-    tuning: Tuning,
     home: Home,
     body: Body,
     battery: Battery,
-    /// The physics are done up to here.
+    /// Simulated time.
     time: Instant,
     armed: bool,
     mode: Mode,
-    /// The one that somebody asked for last, or that followed from it: any other is a failsafe's.
+    /// The mode that was requested last, or that followed from it. A failsafe may select another mode.
     intended: Mode,
-    /// What is flown in every mode but [`Mode::Mission`].
+    /// The maneuver in every mode but [`Mode::Mission`].
     maneuver: Maneuver,
-    /// m/s; `None` for the parameter's.
+    /// Cruise speed (m/s); `None` means the parameter's.
     speed: Option<f32>,
     mission: Mission,
-    /// It stands outside its fence.
+    /// The vehicle is disarmed outside its fence.
     is_outside: bool,
-    /// It has warned of the fence that it is at.
+    /// The current contact with the fence was reported.
     is_warned: bool,
     is_in_air: bool,
     times: Times,
-    /// It has been in the air for longer than it is to be.
+    /// The flight time limit was reached.
     is_overdue: bool,
-    /// The motors are off for good.
+    /// The motors are off until the next boot.
     is_terminated: bool,
-    /// Sensors are being calibrated, since then.
+    /// When the running calibration of the sensors began.
     calibration: Option<Instant>,
     reboot: Option<Reboot>,
-    /// Home is known since a moment ago, or another one.
-    has_new_home: bool,
-    commands: CommandSlots<4>,
-    clocks: TimeSlots<LINKS>,
-    input: ManualInput,
-    queues: ForwardQueues<LINKS>,
-    satellite: HighLatency,
-    signing: SigningMemory,
-    /// The time of day, where there is a clock for it.
+    last: Snapshot,
+    /// A fence that excludes the vehicle was refused, and no text has said so yet.
+    has_refused_fence: bool,
+    counts: Counts,
+    sticks: Option<Sticks>,
+    channels: RcOverride,
+    /// The time of day, if a real-time clock has set it.
     calendar: WallClock,
-    /// When what the satellite link reports was last looked at.
+    /// When the values for HIGH_LATENCY2 were last sampled.
     sampled: Instant,
-    /// A step reaches no more than one item.
-    reached: Queue<u16, MAX_STEPS>,
-    texts: Queue<(MavSeverity, &'static str), 4>,
-    /// Where its parameters are described.
+    /// Where ground stations find the description of the parameters.
     metadata: Option<&'static ComponentMetadata>,
 }
 
 impl Quadrotor {
-    /// On the ground at home, disarmed, with a full battery.
-    pub const fn new() -> Self {
+    /// Creates a vehicle on the ground at home, disarmed, with a full battery.
+    pub fn new() -> Self {
         Self {
-            tuning: Tuning::new(),
             home: Home::DEMO,
             body: Body::AT_HOME,
             battery: Battery::FULL,
@@ -138,204 +142,212 @@ impl Quadrotor {
             is_terminated: false,
             calibration: None,
             reboot: None,
-            has_new_home: true,
-            commands: CommandSlots::new(),
-            clocks: TimeSlots::new(),
-            input: ManualInput::new(ControlSource::Nobody, ManualInput::TIMEOUT),
-            queues: ForwardQueues::new(),
-            satellite: HighLatency::new(satellite::CONFIG),
-            signing: SigningMemory::new(),
+            last: Snapshot {
+                has_fix: false,
+                is_ready: false,
+                margin: 0.0,
+                satellites: 0,
+                geoid_separation: 0,
+                flights: 0,
+            },
+            has_refused_fence: false,
+            counts: Counts { flights: 0, flight_time: 0 },
+            sticks: None,
+            channels: RcOverride::default(),
             calendar: WallClock::new(),
             sampled: Instant::ZERO,
-            reached: Queue::new(),
-            texts: Queue::new(),
             metadata: None,
         }
     }
 
-    /// One pass of the flight loop: the physics up to `now`, flying `mission` within `fence`, with `rally` to return to:
-    /// the live plans.
-    pub fn control_step(&mut self, now: Instant, mission: &[Item], fence: &[Item], rally: &[Item]) {
-        let live = Live { mission, fence, rally };
+    /// Runs one pass of the flight loop: simulates up to the context's time, with the live plans.
+    pub fn control_step(&mut self, cx: &mut Context<'_>) {
         if self.time == Instant::ZERO {
-            self.switch_on();
+            self.apply_boot_parameters(cx);
         }
-        self.body.limits = Limits::of(&self.tuning);
-        self.tune_sticks();
-        self.watch_satellite();
+        if core::mem::take(&mut self.has_refused_fence) {
+            cx.text(MavSeverity::WARNING, "Fence refused: the vehicle is outside it");
+        }
+        self.body.limits = Limits::of(cx);
+        self.take_steps(cx);
+        self.last = Snapshot {
+            has_fix: self.last.has_fix,
+            is_ready: self.check_arming(cx).is_ok(),
+            margin: self.fence_margin(cx),
+            satellites: cx.parameter(Tuning::SIM_GPS_SATS),
+            geoid_separation: cx.parameter(Tuning::SIM_GEOID_SEP),
+            flights: cx.parameter(Tuning::STAT_FLIGHTS),
+        };
+    }
+
+    fn take_steps(&mut self, cx: &mut Context<'_>) {
         for _ in 0..MAX_STEPS {
-            if self.time.after(STEP) > now {
+            if self.time.after(STEP) > cx.now() {
                 return;
             }
             self.time = self.time.after(STEP);
-            self.step(&live);
+            self.step(cx);
         }
-        self.time = now;
+        self.time = cx.now();
     }
 
-    /// It is `unix_usec` µs after the beginning of 1970 (UTC) at `now`, by a clock of its own that runs while it is switched off.
-    /// Signatures follow that, whatever it says (G-4). They do not follow a satellite receiver, which anybody can make believe
-    /// something, nor what somebody tells who does not sign; who signs moves them on by that (G-6, G-14).
-    pub fn set_calendar(&mut self, now: Instant, unix_usec: u64) {
+    /// Adds the counts since the last call to the parameters.
+    pub fn store_counts(&mut self, tuning: &mut Tuning) {
+        let Counts { flights, flight_time } =
+            core::mem::replace(&mut self.counts, Counts { flights: 0, flight_time: 0 });
+        tuning.set(Tuning::STAT_FLIGHTS, tuning.get(Tuning::STAT_FLIGHTS).saturating_add(flights));
+        tuning.set(Tuning::STAT_FLIGHT_TIME, tuning.get(Tuning::STAT_FLIGHT_TIME).saturating_add(flight_time));
+    }
+
+    /// Sets the time of day: `unix_usec` µs since 1970 (UTC) at `now`.
+    pub(crate) fn set_calendar(&mut self, now: Instant, unix_usec: u64) {
         self.calendar.set(now, unix_usec);
-        self.signing.set_time(now, unix_usec, Duration::MAX);
     }
 
-    /// Without the time of day as long as it is not known.
+    /// Returns SYSTEM_TIME. Until the time of day is known it contains the time since boot only.
     pub(crate) fn system_time(&self, now: Instant) -> SystemTime {
         self.calendar.message(now)
     }
 
-    /// What was forwarded to a link, and what was not.
-    pub(crate) fn forward_counters(&self, link: LinkId) -> ForwardCounters {
-        self.queues.counters(link).unwrap_or_default()
-    }
-
-    /// What was accepted and refused for its signature.
-    pub(crate) fn signing_counters(&self) -> SigningCounters {
-        self.signing.counters()
-    }
-
-    /// Where it is; `None` without a GPS fix.
+    /// Returns the global position; `None` without a GPS fix.
     pub fn global_position(&self) -> Option<GlobalPosition> {
         let Vector { north, east, down } = self.body.position;
         let (latitude, longitude) = self.home.to_global(north, east);
-        self.has_fix().then_some(GlobalPosition { latitude, longitude, altitude: self.home.altitude - down })
+        self.last.has_fix.then_some(GlobalPosition { latitude, longitude, altitude: self.home.altitude - down })
     }
 
-    /// Where it is, m from where it was switched on.
+    /// Returns the local position (m from the position at boot).
     pub fn local_position(&self) -> Vector {
         self.body.position
     }
 
-    /// How fast it moves, m/s.
+    /// Returns the velocity (m/s).
     pub fn velocity(&self) -> Vector {
         self.body.velocity
     }
 
-    /// Roll, pitch, yaw, rad.
+    /// Returns roll, pitch and yaw (rad).
     pub fn attitude(&self) -> [f32; 3] {
         self.body.attitude()
     }
 
-    /// How fast roll, pitch, yaw change, rad/s.
+    /// Returns the rates of roll, pitch and yaw (rad/s).
     pub(crate) fn attitude_rates(&self) -> [f32; 3] {
         let [roll, pitch] = self.body.tilt_rate;
         [roll, pitch, self.body.yaw_rate]
     }
 
-    /// Where home is.
+    /// Returns the home position.
     pub(crate) fn home(&self) -> Home {
         self.home
     }
 
-    /// Whether home is known now, and was not or was elsewhere when this was asked last.
-    pub(crate) fn take_new_home(&mut self) -> bool {
-        self.has_fix() && core::mem::take(&mut self.has_new_home)
-    }
-
-    /// The battery.
+    /// Returns the battery.
     pub fn battery(&self) -> Battery {
         self.battery
     }
 
-    /// Whether the receiver has found its position.
+    /// Whether the GPS receiver has a fix.
     pub fn has_fix(&self) -> bool {
-        self.time >= Instant::from_millis(self.tuning.get(Tuning::SIM_GPS_FIX_TIME).into())
+        self.last.has_fix
     }
 
-    /// Whether the motors may turn.
+    /// Returns the results of the last pass.
+    pub(crate) fn last(&self) -> Snapshot {
+        self.last
+    }
+
+    /// Whether the motors may run.
     pub fn is_armed(&self) -> bool {
         self.armed
     }
 
-    /// Whether it stands on the ground.
+    /// Whether the vehicle is on the ground.
     pub fn is_landed(&self) -> bool {
         self.body.is_on_ground()
     }
 
-    /// Whether it goes up to where a flight begins.
+    /// Whether the vehicle is taking off.
     pub(crate) fn is_taking_off(&self) -> bool {
-        matches!(self.flown(), Maneuver::Climb(_))
+        matches!(self.active_maneuver(), Maneuver::Climb(_))
     }
 
-    /// Whether it comes down to land, in whatever mode.
+    /// Whether the vehicle is in the final descent, in any mode.
     pub(crate) fn is_landing(&self) -> bool {
-        matches!(self.flown(), Maneuver::Land(spot) if is_over(self.body.position, spot))
+        matches!(self.active_maneuver(), Maneuver::Land(spot) if is_above(self.body.position, spot))
     }
 
-    fn flown(&self) -> Maneuver {
+    fn active_maneuver(&self) -> Maneuver {
         self.mission.maneuver().filter(|_| self.mode == Mode::Mission).unwrap_or(self.maneuver)
     }
 
-    /// What it is doing.
+    /// Returns the flight mode.
     pub fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// When it did what.
+    /// Returns the times of the last events.
     pub(crate) fn times(&self) -> Times {
         self.times
     }
 
-    /// Something to tell the operator, once.
-    pub fn take_text(&mut self) -> Option<(MavSeverity, &'static str)> {
-        self.texts.take()
-    }
-
-    /// An item of the mission that was reached, once each and in their order (M-91). Fetch all after each
-    /// [`control_step`](Self::control_step): there is room for those of one.
-    pub fn take_reached(&mut self) -> Option<u16> {
-        self.reached.take()
-    }
-
-    /// Where ground stations find what its parameters mean; without it they are told that there is nothing (O-1).
+    /// Sets where ground stations find the description of the parameters. Without it COMPONENT_METADATA is not available (O-1).
     pub fn set_metadata(&mut self, metadata: &'static ComponentMetadata) {
         self.metadata = Some(metadata);
     }
 
-    /// Where its parameters are described.
+    /// Returns where ground stations find the description of the parameters.
     pub(crate) fn metadata(&self) -> Option<&'static ComponentMetadata> {
         self.metadata
     }
 
-    fn step(&mut self, live: &Live<'_>) {
+    fn step(&mut self, cx: &mut Context<'_>) {
+        self.watch_receiver(cx);
         self.watch_ground();
-        self.watch_battery();
-        self.watch_time();
-        self.watch_idling();
-        self.watch_calibration();
-        self.watch_sticks();
+        self.watch_battery(cx);
+        self.watch_time(cx);
+        self.watch_idling(cx);
+        self.watch_calibration(cx);
+        self.watch_sticks(cx);
         if !self.armed {
-            self.is_outside = !self.allows(live, self.body.position, self.body.position);
+            self.is_outside = !self.allows(cx, self.body.position, self.body.position);
             return self.body.fall(DT);
         }
         if self.mode == Mode::Mission {
-            return self.fly_mission(live);
+            return self.fly_mission(cx);
         }
         if self.mode == Mode::Position {
-            return self.follow_sticks(live);
+            return self.follow_sticks(cx);
         }
         if self.maneuver == Maneuver::Return {
-            self.maneuver = self.way_home(live);
+            self.maneuver = self.return_landing(cx);
         }
-        if self.perform(self.maneuver, live) {
+        if self.perform(cx, self.maneuver) {
             match self.mode {
                 Mode::Takeoff => {
                     let Maneuver::Climb(to) = self.maneuver else { return };
                     self.enter(Mode::Hold, Maneuver::Stay(to));
                     self.intended = Mode::Hold;
-                    if self.tuning.get(Tuning::COM_TAKEOFF_ACT) == 1 {
-                        self.fly_on();
+                    if cx.parameter(Tuning::COM_TAKEOFF_ACT) == 1 {
+                        self.resume_mission(cx);
                     }
                 }
-                Mode::Return | Mode::Land if self.time.since(self.times.landed) >= self.rest_on_ground() => {
-                    self.touch_down()
+                Mode::Return | Mode::Land if self.time.since(self.times.landed) >= disarm_delay(cx) => {
+                    self.touch_down(cx)
                 }
                 Mode::Return | Mode::Land => {}
                 Mode::Hold | Mode::Position | Mode::Mission => {}
             }
         }
+    }
+
+    /// Home is known with the first fix.
+    fn watch_receiver(&mut self, cx: &mut Context<'_>) {
+        let has_fix = self.time >= Instant::from_millis(cx.parameter(Tuning::SIM_GPS_FIX_TIME).into());
+        if has_fix && !self.last.has_fix {
+            cx.announce::<HomePosition, Self>();
+        }
+        self.last.has_fix = has_fix;
     }
 
     #[inline(never)]
@@ -349,35 +361,32 @@ impl Quadrotor {
         if is_in_air {
             self.times.took_off = self.time;
             self.times.landed = Instant::ZERO;
-            let count = self.tuning.get(Tuning::STAT_FLIGHTS).saturating_add(1);
-            self.tuning.set(Tuning::STAT_FLIGHTS, count);
+            self.counts.flights += 1;
         } else {
             self.times.landed = self.time;
             let flown = self.time.since(self.times.took_off).as_millis() / 1_000;
-            let flown = u32::try_from(flown).unwrap_or(u32::MAX);
-            let sum = self.tuning.get(Tuning::STAT_FLIGHT_TIME).saturating_add(flown);
-            self.tuning.set(Tuning::STAT_FLIGHT_TIME, sum);
+            self.counts.flight_time += u32::try_from(flown).unwrap_or(u32::MAX);
         }
     }
 
     #[inline(never)]
-    fn watch_battery(&mut self) {
-        let current = self.tuning.get(match self.armed {
+    fn watch_battery(&mut self, cx: &mut Context<'_>) {
+        let current = cx.parameter(match self.armed {
             false => Tuning::SIM_AMP_OFF,
             true if self.is_landed() => Tuning::SIM_AMP_IDLE,
             true => Tuning::SIM_AMP_FLIGHT,
         });
         let before = self.battery.charge;
-        self.battery.drain(&self.tuning, current, DT);
+        self.battery.drain(cx, current, DT);
         if self.battery.charge >= before {
             return;
         }
         if self.battery.charge == Charge::Low {
-            return self.say(MavSeverity::WARNING, "Battery low");
+            return cx.text(MavSeverity::WARNING, "Battery low");
         }
-        self.say(MavSeverity::CRITICAL, "Battery critical");
+        cx.text(MavSeverity::CRITICAL, "Battery critical");
         if self.armed && self.is_in_air {
-            match self.tuning.get(Tuning::COM_LOW_BAT_ACT) {
+            match cx.parameter(Tuning::COM_LOW_BAT_ACT) {
                 1 => self.enter(Mode::Return, Maneuver::Return),
                 2 => self.enter(Mode::Land, Maneuver::Land(self.body.rest())),
                 _ => {}
@@ -386,55 +395,50 @@ impl Quadrotor {
     }
 
     #[inline(never)]
-    fn watch_time(&mut self) {
-        let most = u32::try_from(self.tuning.get(Tuning::COM_FLT_TIME_MAX)).unwrap_or(0);
+    fn watch_time(&mut self, cx: &mut Context<'_>) {
+        let most = u32::try_from(cx.parameter(Tuning::COM_FLT_TIME_MAX)).unwrap_or(0);
         let is_over = most > 0 && self.time.since(self.times.took_off) >= Duration::from_secs(most.into());
         if self.armed && self.is_in_air && is_over && !self.is_overdue {
             self.is_overdue = true;
-            self.say(MavSeverity::WARNING, "Returning: time is up");
+            cx.text(MavSeverity::WARNING, "Returning: flight time limit reached");
             self.enter(Mode::Return, Maneuver::Return);
         }
     }
 
-    /// Disarms when the vehicle has not taken off for a while after arming, as PX4 does. A mission may start with a
-    /// wait.
+    /// Disarms when the vehicle has not taken off for a while after arming, as PX4 does. A mission is exempt because it may
+    /// start with a delay.
     #[inline(never)]
-    fn watch_idling(&mut self) {
-        let limit = self.tuning.get(Tuning::COM_DISARM_PRFLT);
+    fn watch_idling(&mut self, cx: &mut Context<'_>) {
+        let limit = cx.parameter(Tuning::COM_DISARM_PRFLT);
         let Times { armed, took_off, .. } = self.times;
         let is_idle = self.armed && self.is_landed() && took_off <= armed && self.mode != Mode::Mission;
         if is_idle && limit > 0.0 && self.time.since(armed) >= Duration::from_micros((limit * 1e6) as u64) {
             self.disarm();
-            self.say(MavSeverity::INFO, "Disarmed: it did not take off");
+            cx.text(MavSeverity::INFO, "Disarmed: no takeoff after arming");
         }
     }
 
-    /// How long it stands on the ground until the motors are off.
-    fn rest_on_ground(&self) -> Duration {
-        Duration::from_micros((self.tuning.get(Tuning::COM_DISARM_LAND) * 1e6) as u64)
+    /// Returns the cruise speed (m/s).
+    fn speed(&self, cx: &Context<'_>) -> f32 {
+        self.speed.unwrap_or(cx.parameter(Tuning::MPC_XY_CRUISE))
     }
 
-    /// m/s
-    fn speed(&self) -> f32 {
-        self.speed.unwrap_or(self.tuning.get(Tuning::MPC_XY_CRUISE))
-    }
-
-    /// Stops, and stays there: what was asked for is over.
+    /// Stops and holds the position. The requested mode ends.
     fn hold(&mut self) {
         self.stop();
         self.intended = Mode::Hold;
     }
 
-    /// Stops, and stays there, whatever was asked for.
+    /// Stops and holds the position. [`intended`](Self::intended) stays unchanged.
     fn stop(&mut self) {
         self.enter(Mode::Hold, Maneuver::Stay(self.body.rest()));
-        // Not to where it comes to rest, which is behind it when it flies backwards.
-        self.body.nose = Nose::Turn { left: 0.0, rate: 0.0 };
+        // Keep the heading. The course points backwards when the vehicle flies backwards.
+        self.body.nose = Nose::Turn { remaining: 0.0, rate: 0.0 };
     }
 
-    fn touch_down(&mut self) {
+    fn touch_down(&mut self, cx: &mut Context<'_>) {
         self.disarm();
-        self.say(MavSeverity::INFO, "Landed, disarmed");
+        cx.text(MavSeverity::INFO, "Landed, disarmed");
     }
 
     fn enter(&mut self, mode: Mode, maneuver: Maneuver) {
@@ -447,10 +451,11 @@ impl Quadrotor {
         self.mode = mode;
         self.maneuver = maneuver;
     }
+}
 
-    fn say(&mut self, severity: MavSeverity, text: &'static str) {
-        self.texts.push((severity, text));
-    }
+/// Returns the time from landing to disarming.
+fn disarm_delay(cx: &Context<'_>) -> Duration {
+    Duration::from_micros((cx.parameter(Tuning::COM_DISARM_LAND) * 1e6) as u64)
 }
 
 impl Default for Quadrotor {
@@ -472,9 +477,9 @@ impl Vehicle for Quadrotor {
         }
         let system_status = match self.armed {
             _ if self.is_terminated => MavState::FLIGHT_TERMINATION,
-            _ if self.is_going_down() => MavState::POWEROFF,
+            _ if self.is_rebooting() => MavState::POWEROFF,
             _ if self.is_calibrating() => MavState::CALIBRATING,
-            false if !self.has_fix() => MavState::BOOT,
+            false if !self.last.has_fix => MavState::BOOT,
             false => MavState::STANDBY,
             true if self.battery.is_low() => MavState::CRITICAL,
             true => MavState::ACTIVE,
@@ -482,23 +487,9 @@ impl Vehicle for Quadrotor {
         Some(VehicleState { base_mode, custom_mode: self.mode.number(), system_status })
     }
 
-    fn time_sync(&mut self) -> Option<&mut TimeSync> {
-        Some(&mut self.clocks)
-    }
-
-    fn manual_input(&mut self) -> Option<&mut ManualInput> {
-        Some(&mut self.input)
-    }
-
-    fn high_latency(&mut self) -> Option<&mut HighLatency> {
-        Some(&mut self.satellite)
-    }
-
-    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
-        Some(self.queues.forwarding())
-    }
-
-    fn signing(&mut self) -> Option<&mut Signing> {
-        Some(&mut self.signing)
+    /// Permits writing in flight too, because the simulated storage writes within microseconds. On a microcontroller's internal
+    /// flash remove this override: by default nothing is written while armed.
+    fn may_persist(&self) -> bool {
+        true
     }
 }

@@ -1,84 +1,101 @@
 //! The flight modes.
 
-use mavstack::FlightMode;
 use mavstack::dialect::{MavModeProperty, MavResult, MavStandardMode};
+use mavstack::{Context, CustomMode, FlightMode, ModeRequest, Modes, Outcome};
 use serde::{Deserialize, Serialize};
 
 use super::Quadrotor;
+use super::commands::{refuse, takeoff_altitude};
 use crate::body::Vector;
 use crate::plan::Maneuver;
 
-/// What the vehicle is doing: `HEARTBEAT.custom_mode`. The numbers are PX4's, main mode and sub-mode: MAVSDK sends those to
-/// every autopilot that it does not know, and reads them so.
+/// A flight mode: `HEARTBEAT.custom_mode`. The numbers are PX4's main mode and sub-mode, because MAVSDK uses them for every
+/// autopilot that it does not know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u32)]
 pub enum Mode {
-    /// Flown by hand.
+    /// Manual flight.
     Position = 3 << 16,
-    /// Goes up.
+    /// Takeoff.
     Takeoff = auto(2),
-    /// Stays where it is, or flies where it was sent and stays there.
+    /// Holds the position, or flies to a commanded position and holds there.
     Hold = auto(3),
-    /// Flies the live plan.
+    /// Flies the live mission.
     Mission = auto(4),
-    /// Flies home or to a rally point, whichever is nearest, and lands.
+    /// Flies to home or a rally point, whichever is nearest, and lands.
     Return = auto(5),
     /// Lands.
     Land = auto(6),
 }
 
-/// A sub-mode of PX4's main mode 4, in which the vehicle flies by itself.
+/// Returns a sub-mode of PX4's main mode 4 (AUTO).
 const fn auto(sub: u32) -> u32 {
     4 << 16 | sub << 24
 }
 
-/// What ground stations are told of the modes.
-pub const TABLE: &[FlightMode] = &[
+/// The modes that AVAILABLE_MODES lists.
+const TABLE: &[FlightMode] = &[
     FlightMode::new(Mode::Position.number(), "Position").with_standard_mode(MavStandardMode::POSITION_HOLD),
-    by_itself(Mode::Takeoff, "Takeoff").with_standard_mode(MavStandardMode::TAKEOFF),
-    by_itself(Mode::Hold, "Hold"),
-    by_itself(Mode::Mission, "Mission").with_standard_mode(MavStandardMode::MISSION),
-    by_itself(Mode::Return, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
-    by_itself(Mode::Land, "Land").with_standard_mode(MavStandardMode::LAND),
+    automatic(Mode::Takeoff, "Takeoff").with_standard_mode(MavStandardMode::TAKEOFF),
+    automatic(Mode::Hold, "Hold"),
+    automatic(Mode::Mission, "Mission").with_standard_mode(MavStandardMode::MISSION),
+    automatic(Mode::Return, "Return").with_standard_mode(MavStandardMode::SAFE_RECOVERY),
+    automatic(Mode::Land, "Land").with_standard_mode(MavStandardMode::LAND),
 ];
 
-const fn by_itself(mode: Mode, name: &'static str) -> FlightMode {
+const fn automatic(mode: Mode, name: &'static str) -> FlightMode {
     FlightMode::new(mode.number(), name).with_properties(MavModeProperty::AUTO_MODE)
 }
 
 impl Mode {
-    pub(super) const ALL: [Self; 6] =
-        [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
+    const ALL: [Self; 6] = [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
 
-    /// Whether it may take off in this mode.
-    pub(super) const fn leaves_ground(self) -> bool {
+    /// Whether the vehicle may take off in this mode.
+    const fn can_take_off(self) -> bool {
         matches!(self, Self::Position | Self::Takeoff | Self::Mission)
     }
 
-    /// `HEARTBEAT.custom_mode`.
+    /// Returns the value of `HEARTBEAT.custom_mode`.
     pub const fn number(self) -> u32 {
         self as u32
     }
 }
 
+impl Modes for Quadrotor {
+    const MODES: &'static [FlightMode] = TABLE;
+    const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
+
+    fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, request: &ModeRequest) -> Outcome {
+        let mode = Mode::ALL.into_iter().find(|known| known.number() == mode.custom_mode);
+        if mode.is_some_and(Mode::can_take_off) && self.may_be_delayed(request.class) {
+            return refuse(cx, MavResult::DENIED, "Mode refused: sent by satellite; use the radio").into();
+        }
+        mode.map_or(MavResult::UNSUPPORTED, |mode| self.change_mode(cx, mode)).into()
+    }
+
+    fn intended_mode(&self) -> u32 {
+        self.intended.number()
+    }
+}
+
 impl Quadrotor {
-    /// Enters a mode that somebody asked for.
-    pub(super) fn change_mode(&mut self, mode: Mode) -> MavResult {
+    /// Enters a requested mode.
+    pub(super) fn change_mode(&mut self, cx: &mut Context<'_>, mode: Mode) -> MavResult {
         let here = self.body.rest();
         match mode {
             Mode::Hold => {
                 self.hold();
                 MavResult::ACCEPTED
             }
-            Mode::Position => self.fly_by_hand(),
+            Mode::Position => self.fly_manually(cx),
             Mode::Takeoff => {
-                let height = self.takeoff_altitude() - self.home.spot.down;
-                self.start(mode, Maneuver::Climb(Vector { down: here.down.min(-height), ..here }))
+                let height = takeoff_altitude(cx) - self.home.spot.down;
+                self.start(cx, mode, Maneuver::Climb(Vector { down: here.down.min(-height), ..here }))
             }
-            Mode::Mission => self.fly_on(),
-            Mode::Return => self.start(mode, Maneuver::Return),
-            Mode::Land => self.start(mode, Maneuver::Land(here)),
+            Mode::Mission => self.resume_mission(cx),
+            Mode::Return => self.start(cx, mode, Maneuver::Return),
+            Mode::Land => self.start(cx, mode, Maneuver::Land(here)),
         }
     }
 }

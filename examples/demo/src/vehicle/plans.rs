@@ -1,16 +1,19 @@
-//! Plans that are uploaded: which of them the vehicle takes, and what becomes of them.
+//! Uploaded plans: which items the vehicle accepts, and how it uses new plans.
 
 use mavstack::dialect::command_rules as rules;
-use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
-use mavstack::{Command, CommandRule, Item, LatLon, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress};
+use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
+use mavstack::{
+    Command, CommandRule, Context, Item, LatLon, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress,
+};
 
+use super::commands::refuse;
 use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
 
 /// Maximum distance of a mission's first waypoint from home (m), as in PX4.
-const FAR: u32 = 10_000;
+const MAX_FIRST_WAYPOINT_DISTANCE: u32 = 10_000;
 
-/// It has no model of the terrain.
+/// Supported frames. Terrain frames are not supported: the vehicle has no terrain model.
 pub(super) const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
 
 impl Plans for Quadrotor {
@@ -23,10 +26,10 @@ impl Plans for Quadrotor {
             .with_params(&[ParamRule::at_least(1, 0.0).or_nan(), ParamRule::any(2)]),
         rules::NAV_LOITER_UNLIM.with_frames(FRAMES),
         rules::NAV_RETURN_TO_LAUNCH,
-        // No landing by a beacon; "if there is one" will do.
+        // Precision landing: off or opportunistic. The vehicle has no beacon receiver.
         rules::NAV_LAND.with_frames(FRAMES).with_params(&[ParamRule::integers(2, 0, 1).or_nan()]).altitude_optional(),
         rules::NAV_TAKEOFF.with_frames(FRAMES),
-        // It has no clock: a delay, and no time of day.
+        // A delay only: the time of day is not supported.
         rules::NAV_DELAY.with_params(&[
             ParamRule::at_least(1, f32::MIN_POSITIVE),
             ParamRule::integers(2, -1, 0).or_nan(),
@@ -37,7 +40,7 @@ impl Plans for Quadrotor {
         rules::CONDITION_DISTANCE,
         rules::CONDITION_YAW,
         rules::DO_JUMP,
-        // The horizontal speed, and no throttle.
+        // Horizontal speed only, without a throttle setting.
         rules::DO_CHANGE_SPEED.with_params(&[
             ParamRule::integers(1, 0, 1),
             ParamRule::at_least(2, -2.0),
@@ -45,23 +48,17 @@ impl Plans for Quadrotor {
         ]),
     ];
 
-    /// Measured from home, once it is known.
+    /// Returns the limit around home, once home is known.
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         let home = self.home.spot;
         let (latitude, longitude) = self.home.to_global(home.north, home.east);
-        self.has_fix().then_some((LatLon { latitude, longitude }, FAR))
-    }
-
-    /// The examples' storage writes within microseconds, so writing is permitted in flight too. On a microcontroller's own flash
-    /// remove this override: by default nothing is written while armed.
-    fn may_persist(&self) -> bool {
-        true
+        self.last.has_fix.then_some((LatLon { latitude, longitude }, MAX_FIRST_WAYPOINT_DISTANCE))
     }
 
     fn check_item(&mut self, _plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;
         let is_bad = match item.command {
-            // -1 keeps the speed, -2 is the default; there is nothing between them, and at 0 it would never arrive.
+            // -1 keeps the speed, -2 restores the default. At 0 the vehicle would never arrive.
             MavCmd::DO_CHANGE_SPEED => !(p2 > 0.0 || p2 == -1.0 || p2 == -2.0),
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_CIRCLE_INCLUSION => p2 >= GROUPS as f32,
             _ => false,
@@ -69,23 +66,23 @@ impl Plans for Quadrotor {
         if is_bad { Err(MavMissionResult::INVALID_PARAM2) } else { Ok(()) }
     }
 
-    /// A fence that the vehicle would be outside of, or could not stop inside of, is refused while it is armed (M-82).
+    /// While armed, refuses a fence that excludes the vehicle or within which it could not stop (M-82).
     fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         match plan {
             PlanType::Mission => mission::check(items),
             PlanType::Fence if self.armed => {
-                let (from, to) = (self.body.position, self.body.ahead(self.fence_margin()));
+                let (from, to) = (self.body.position, self.body.ahead(self.last.margin));
                 if fence::allows(self.home, items, from, to) {
                     return Ok(());
                 }
-                self.say(MavSeverity::WARNING, "Fence refused: the vehicle is outside of it");
+                self.has_refused_fence = true;
                 Err(MavMissionResult::DENIED.into())
             }
             PlanType::Fence | PlanType::Rally => Ok(()),
         }
     }
 
-    fn plan_changed(&mut self, change: PlanChange<'_>) {
+    fn plan_changed(&mut self, _: &mut Context<'_>, change: PlanChange<'_>) {
         if change.plan == PlanType::Mission {
             self.replace_mission(u16::try_from(change.items.len()).unwrap_or(u16::MAX), change.first);
         }
@@ -99,17 +96,23 @@ impl Plans for Quadrotor {
         }
     }
 
-    fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
-        self.go_to_item(seq, reset)
+    fn set_current(&mut self, cx: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
+        self.go_to_item(cx, seq, reset)
     }
 
-    fn start_mission(&mut self, command: &Command, first: Option<u16>, last: Option<u16>) -> MavResult {
+    fn start_mission(
+        &mut self,
+        cx: &mut Context<'_>,
+        command: &Command,
+        first: Option<u16>,
+        last: Option<u16>,
+    ) -> MavResult {
         if command.is_broadcast {
-            return self.refuse(MavResult::DENIED, "Mission refused: sent to all vehicles");
+            return refuse(cx, MavResult::DENIED, "Mission refused: sent to all vehicles");
         }
-        if self.may_be_late(command.class) {
-            return self.refuse(MavResult::DENIED, "Mission refused: by satellite");
+        if self.may_be_delayed(command.class) {
+            return refuse(cx, MavResult::DENIED, "Mission refused: sent by satellite; use the radio");
         }
-        self.fly_from_to(first, last)
+        self.fly_from_to(cx, first, last)
     }
 }

@@ -1,58 +1,62 @@
-//! The satellite link: what the vehicle reports over it, and what it does not do for whom it hears there.
+//! The satellite link: the content of HIGH_LATENCY2, and the limits for commands that arrive there.
 
 use libm::atan2f;
-use mavstack::{Duration, HighLatencyConfig, HighLatencyMode, HighLatencySample, LatLon, LinkClass};
+use mavstack::{Context, Duration, HighLatencyConfig, HighLatencyMode, HighLatencySample, LatLon, LinkClass};
 
 use super::{Mode, Quadrotor};
+use crate::app::Mavlink;
 use crate::body::Vector;
 use crate::plan::Maneuver;
 use crate::tuning::Tuning;
 
-/// Its mode numbers are PX4's, main mode and sub-mode in the upper half. The rest is in parameters.
+/// The mode numbers are PX4's, with main mode and sub-mode in the upper 16 bits. Parameters set the other fields.
 pub const CONFIG: HighLatencyConfig =
     HighLatencyConfig { custom_mode: HighLatencyMode::High16, ..HighLatencyConfig::DEFAULT };
 
-/// How often it looks what there is to report.
+/// Sampling interval of the reported values.
 const SAMPLING: Duration = Duration::from_millis(100);
-/// Nearer than this the way to a place has no direction, m.
-const THERE: f32 = 0.5;
-/// How far the receiver may be off, m, horizontally and vertically.
+/// Distance to the target below which it has no bearing (m).
+const ARRIVED: f32 = 0.5;
+/// Accuracy of the GPS receiver, horizontal and vertical (m).
 pub(crate) const GPS_ERROR: (f32, f32) = (0.9, 1.4);
 
 impl Quadrotor {
-    /// Whether what comes by a link of this class may be old news, on the ground, where it must not begin to fly for that
+    /// Whether a command on a link of this class may be too old to start a flight: true on the ground for a high-latency link
     /// (L-16).
-    pub(super) fn may_be_late(&self, class: LinkClass) -> bool {
+    pub(super) fn may_be_delayed(&self, class: LinkClass) -> bool {
         self.is_landed() && class == LinkClass::HighLatency
     }
 
-    /// Takes in what the satellite link is to report, and tells what it has cost.
+    /// Samples the values for HIGH_LATENCY2, and updates the parameters that count the cost of the link.
     #[inline(never)]
-    pub(super) fn watch_satellite(&mut self) {
+    pub(crate) fn watch_satellite(&mut self, stack: &mut Mavlink) {
         if self.time.since(self.sampled) < SAMPLING {
             return;
         }
         self.sampled = self.time;
-        let period = Duration::from_micros((1e6 / self.tuning.get(Tuning::MAV_2_HL_FREQ)) as u64);
-        let loss = self.tuning.get(Tuning::MAV_HL_LOSS_T);
+        let tuning = stack.parameters();
+        let period = Duration::from_micros((1e6 / tuning.get(Tuning::MAV_2_HL_FREQ)) as u64);
+        let loss = tuning.get(Tuning::MAV_HL_LOSS_T);
         let on_link_loss_after = (loss > 0).then_some(Duration::from_secs(loss.into()));
-        self.satellite.set_config(HighLatencyConfig { period, on_link_loss_after, ..CONFIG });
-        let sample = self.situation_report();
-        self.satellite.sample(self.time, &sample);
-        let counters = self.satellite.counters();
-        self.tuning.set(Tuning::STAT_HL_BYTES, counters.bytes);
-        self.tuning.set(Tuning::STAT_HL_CREDITS, counters.credits);
+        let sample = stack.with_context(self.time, |cx| self.high_latency_sample(cx));
+        let satellite = stack.high_latency_mut();
+        satellite.set_config(HighLatencyConfig { period, on_link_loss_after, ..CONFIG });
+        satellite.sample(self.time, &sample);
+        let counters = satellite.counters();
+        let tuning = stack.parameters_mut();
+        tuning.set(Tuning::STAT_HL_BYTES, counters.bytes);
+        tuning.set(Tuning::STAT_HL_CREDITS, counters.credits);
     }
 
-    fn situation_report(&self) -> HighLatencySample {
+    fn high_latency_sample(&self, cx: &Context<'_>) -> HighLatencySample {
         const UNKNOWN: (f32, f32) = (f32::NAN, f32::NAN);
 
         let (status, hud) = (self.sys_status(), self.vfr_hud());
         let here = self.body.position;
         let goal = self.goal();
         let distance = goal.map_or(0.0, |goal| here.distance(goal));
-        let bearing = goal.filter(|_| distance > THERE).map(|to| atan2f(to.east - here.east, to.north - here.north));
-        let (eph, epv) = if self.has_fix() { GPS_ERROR } else { UNKNOWN };
+        let bearing = goal.filter(|_| distance > ARRIVED).map(|to| atan2f(to.east - here.east, to.north - here.north));
+        let (eph, epv) = if self.last.has_fix { GPS_ERROR } else { UNKNOWN };
         let position = self.global_position();
         HighLatencySample {
             position: position.map(|at| LatLon { latitude: at.latitude, longitude: at.longitude }),
@@ -63,14 +67,14 @@ impl Quadrotor {
             target_distance: distance,
             throttle: f32::from(hud.throttle),
             airspeed: hud.airspeed,
-            airspeed_sp: if goal.is_some() { self.speed() } else { f32::NAN },
+            airspeed_sp: if goal.is_some() { self.speed(cx) } else { f32::NAN },
             groundspeed: hud.groundspeed,
-            // There is none, from nowhere.
+            // No wind is simulated, so it has no direction.
             windspeed: 0.0,
             wind_from_deg: f32::NAN,
             eph,
             epv,
-            // No thermometer.
+            // The vehicle has no thermometer.
             temperature_air: f32::NAN,
             climb_rate: hud.climb,
             battery: 100.0 * self.battery.remaining,
@@ -84,12 +88,12 @@ impl Quadrotor {
         }
     }
 
-    /// Where it flies to by itself; at the end of a landing that is on the ground.
+    /// Returns the target of automatic flight. The target of a landing is on the ground.
     fn goal(&self) -> Option<Vector> {
         if !self.armed || self.mode == Mode::Position {
             return None;
         }
-        match self.flown() {
+        match self.active_maneuver() {
             Maneuver::Stay(to) | Maneuver::Wait { at: to, .. } | Maneuver::Reach { to, .. } | Maneuver::Climb(to) => {
                 Some(to)
             }

@@ -1,62 +1,77 @@
-//! A vehicle, its plans and the time.
+//! The demo vehicle in simulated time, driven through its hooks, without a stack.
 
 #![allow(dead_code, reason = "each test file uses its part of it")]
 
-use std::collections::VecDeque;
-
-use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
-use mavstack::{
-    Address, Command, CommandPosition, Commands, Instant, Item, LinkClass, LinkId, ModeRequest, Peer, PlanChange,
-    PlanFault, PlanType, Plans,
+use mavstack::dialect::{
+    Common, MavCmd, MavFrame, MavResult, MavSeverity, MissionItemReached, MissionState, Statustext,
 };
-use mavstack_demo::{Mode, Quadrotor, Vector};
+use mavstack::{
+    Address, Command, CommandPosition, Commands, Config, Context, Decoder, Dialect, Duration, Instant, Item, LinkClass,
+    LinkConfig, LinkId, ModeRequest, Modes, Peer, PlanChange, PlanFault, PlanType, Plans, Pulse,
+};
+use mavstack_demo::{Mode, Quadrotor, Tuning, Vector};
 
-pub const STATION: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
+const LINK: LinkId = LinkId(0);
+
+pub const STATION: Peer = Peer { address: Address::new(255, 190), link: LINK };
 
 pub const HOME: (i32, i32) = (473_977_420, 85_455_940);
 
+mavstack::stack! {
+    /// What the vehicle flies with here: its plans, its parameters, and a perfect line.
+    pub struct Bench for Quadrotor {
+        links: 1,
+        plans: { mission: 100, fence: 100, rally: 10 },
+        parameters: Tuning,
+        commands: { slots: 4 },
+        texts: TEXTS,
+    }
+}
+
+const TEXTS: usize = 4;
+
 pub struct Flight {
     pub vehicle: Quadrotor,
-    pub mission: Vec<Item>,
-    pub fence: Vec<Item>,
-    pub rally: Vec<Item>,
+    pub stack: Box<Bench>,
     pub millis: u64,
-    /// What it reached, and not asked for yet.
+    decoder: Decoder,
+    /// Items reached since the last [`reached`](Self::reached).
     reached: Vec<u16>,
-    /// What it said, and not asked for yet.
-    texts: VecDeque<&'static str>,
+    /// Texts sent since the last [`texts`](Self::texts).
+    texts: Vec<String>,
 }
 
 impl Flight {
     pub fn new() -> Self {
+        static PULSE: Pulse = Pulse::new();
+        let config = Config::new(Address::new(1, 1), &PULSE);
         Self {
             vehicle: Quadrotor::new(),
-            mission: Vec::new(),
-            fence: Vec::new(),
-            rally: Vec::new(),
+            stack: Box::new(Bench::new(config, [LinkConfig::uart(921_600)])),
             millis: 0,
+            decoder: Decoder::new(Duration::from_secs(1)),
             reached: Vec::new(),
-            texts: VecDeque::new(),
+            texts: Vec::new(),
         }
     }
 
-    /// With a GPS fix, armed.
-    pub fn ready() -> Self {
+    /// Returns an armed vehicle with a GPS fix.
+    pub fn armed() -> Self {
         let mut flight = Self::new();
         flight.run(2_500);
         assert_eq!(flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
         flight
     }
 
-    /// Armed, 10 m up.
+    /// Returns a vehicle that hovers at 10 m.
     pub fn airborne() -> Self {
-        let mut flight = Self::ready();
+        let mut flight = Self::armed();
         assert_eq!(flight.command(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
         flight.until("up", 10, |vehicle| vehicle.mode() == Mode::Hold);
         flight
     }
 
-    /// Armed, 10 m up, flying `plan`.
+    /// Returns a vehicle at 10 m that flies `plan`.
     pub fn flying(plan: &[Item]) -> Self {
         let mut flight = Self::airborne();
         flight.upload(plan);
@@ -66,19 +81,21 @@ impl Flight {
 
     pub fn run(&mut self, millis: u64) {
         for _ in 0..millis {
-            self.go_round(1);
+            self.step(1);
         }
     }
 
-    /// Once round the flight loop, `millis` after the last time.
-    pub fn go_round(&mut self, millis: u64) {
+    /// Runs one pass of the flight loop, `millis` after the last one.
+    pub fn step(&mut self, millis: u64) {
         self.millis += millis;
-        self.vehicle.control_step(Instant::from_millis(self.millis), &self.mission, &self.fence, &self.rally);
-        self.reached.extend(core::iter::from_fn(|| self.vehicle.take_reached()));
-        self.listen();
+        let now = self.now();
+        self.stack.with_context(now, |cx| self.vehicle.control_step(cx));
+        self.vehicle.store_counts(self.stack.parameters_mut());
+        self.stack.poll(now, &mut self.vehicle);
+        self.collect_texts();
     }
 
-    /// Until `condition`, which has to come within `seconds`.
+    /// Runs until `condition` holds; panics after `seconds`.
     pub fn until(&mut self, what: &str, seconds: u64, condition: impl Fn(&Quadrotor) -> bool) {
         let deadline = self.millis + seconds * 1_000;
         while !condition(&self.vehicle) {
@@ -87,14 +104,14 @@ impl Flight {
         }
     }
 
-    /// Until it no longer flies the mission: how long that took, s.
+    /// Runs until the mission ends. Returns how long that took (s).
     pub fn until_end(&mut self, seconds: u64) -> f32 {
         let start = self.millis;
         self.until("at the end", seconds, |vehicle| vehicle.mode() != Mode::Mission);
         (self.millis - start) as f32 / 1_000.0
     }
 
-    /// Until item `seq` is current: how long that took, s.
+    /// Runs until item `seq` is current. Returns how long that took (s).
     pub fn until_current(&mut self, seq: u16, seconds: u64) -> f32 {
         let start = self.millis;
         self.until(&format!("at item {seq}"), seconds, |vehicle| vehicle.progress().current == seq);
@@ -109,47 +126,70 @@ impl Flight {
     }
 
     pub fn send(&mut self, command: Command) -> MavResult {
-        let result = self.vehicle.command(&command).result;
-        self.listen();
+        let result = self.hook(|vehicle, cx| vehicle.command(cx, &command).result);
+        self.collect_texts();
         result
     }
 
     pub fn set_mode(&mut self, mode: Mode) -> MavResult {
         let request = ModeRequest { from: STATION, class: LinkClass::Normal, age: None, is_broadcast: false };
         let mode = Quadrotor::MODES.iter().find(|row| row.custom_mode == mode.number()).unwrap();
-        let result = self.vehicle.set_mode(mode, &request).result;
-        self.listen();
+        let result = self.hook(|vehicle, cx| vehicle.set_mode(cx, mode, &request).result);
+        self.collect_texts();
         result
     }
 
-    /// MAV_CMD_MISSION_START, as the stack hands it on.
+    /// Starts the mission as the stack does after MAV_CMD_MISSION_START.
     pub fn start(&mut self, first: Option<u16>, last: Option<u16>) -> MavResult {
-        let result = self.vehicle.start_mission(&command(MavCmd::MISSION_START, [0.0; 4]), first, last);
-        self.listen();
+        let result =
+            self.hook(|vehicle, cx| vehicle.start_mission(cx, &command(MavCmd::MISSION_START, [0.0; 4]), first, last));
+        self.collect_texts();
         result
     }
 
-    /// A new mission.
+    /// MISSION_SET_CURRENT, as the stack hands it on.
+    pub fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
+        let result = self.hook(|vehicle, cx| vehicle.set_current(cx, seq, reset));
+        self.collect_texts();
+        result
+    }
+
+    /// Uploads a mission.
     pub fn upload(&mut self, items: &[Item]) {
         self.change(PlanType::Mission, items, 0).unwrap();
     }
 
-    /// A new plan, as the stack hands it on; what its own checks refuse does not come here.
+    /// Replaces a plan as the stack does after an upload that has passed the stack's own checks.
     pub fn change(&mut self, plan: PlanType, items: &[Item], first: u16) -> Result<(), PlanFault> {
         for (seq, item) in items.iter().enumerate() {
             self.vehicle.check_item(plan, seq as u16, item)?;
         }
         let checked = self.vehicle.check_plan(plan, items);
-        self.listen();
+        // The vehicle sends the text of a refusal in its next pass.
+        self.step(0);
         checked?;
-        let live = match plan {
-            PlanType::Mission => &mut self.mission,
-            PlanType::Fence => &mut self.fence,
-            PlanType::Rally => &mut self.rally,
-        };
-        *live = items.to_vec();
-        self.vehicle.plan_changed(PlanChange { plan, items: live, first });
+        self.go_live(plan, items);
+        self.hook(|vehicle, cx| {
+            let items = cx.plan(plan).items();
+            vehicle.plan_changed(cx, PlanChange { plan, items, first });
+        });
         Ok(())
+    }
+
+    /// Makes a plan live without the hooks that check it and report it.
+    pub fn go_live(&mut self, plan: PlanType, items: &[Item]) {
+        let (now, mut another) = (self.now(), Quadrotor::new());
+        self.stack.load_plan(now, plan, items.iter().copied(), &mut another).unwrap();
+    }
+
+    /// Calls a hook of the vehicle, as the stack does.
+    fn hook<R>(&mut self, call: impl FnOnce(&mut Quadrotor, &mut Context<'_>) -> R) -> R {
+        let Self { stack, vehicle, millis, .. } = self;
+        stack.with_context(Instant::from_millis(*millis), |cx| call(vehicle, cx))
+    }
+
+    fn now(&self) -> Instant {
+        Instant::from_millis(self.millis)
     }
 
     pub fn height(&self) -> f32 {
@@ -162,35 +202,68 @@ impl Flight {
         (progress.current, progress.state)
     }
 
-    /// Horizontally, m from a place.
+    /// Returns the horizontal distance from a point (m).
     pub fn distance(&self, north: f32, east: f32) -> f32 {
         self.vehicle.local_position().distance(Vector { north, east, down: 0.0 })
     }
 
-    /// m/s
+    /// Returns the horizontal speed (m/s).
     pub fn speed(&self) -> f32 {
         let Vector { north, east, .. } = self.vehicle.velocity();
         north.hypot(east)
     }
 
-    /// Where the nose points, degrees from 0 to 360.
+    /// Returns the heading, 0 to 360 degrees.
     pub fn heading(&self) -> f32 {
         let [_, _, yaw] = self.vehicle.attitude();
         yaw.to_degrees().rem_euclid(360.0)
     }
 
-    /// What it has reached since the last time.
+    /// Takes the items reached since the last call.
     pub fn reached(&mut self) -> Vec<u16> {
         core::mem::take(&mut self.reached)
     }
 
-    /// What it has said since the last time.
-    pub fn said(&mut self) -> Vec<&'static str> {
-        core::mem::take(&mut self.texts).into()
+    /// Takes the texts sent since the last call.
+    pub fn texts(&mut self) -> Vec<String> {
+        core::mem::take(&mut self.texts)
     }
 
-    fn listen(&mut self) {
-        self.texts.extend(core::iter::from_fn(|| self.vehicle.take_text()).map(|(_, text)| text));
+    /// What came down the line.
+    fn collect_texts(&mut self) {
+        let before = self.texts.len();
+        self.hear();
+        if self.texts.len() > before {
+            // The stack says nothing twice within five seconds, as long as it has the text. Of the vehicle everything is heard.
+            let (now, said) = (self.now(), self.texts.len());
+            for text in ["one", "two", "three", "four"] {
+                self.stack.send_text(now, MavSeverity::DEBUG, text);
+            }
+            self.hear();
+            assert_eq!(self.texts.len(), said + TEXTS);
+            self.texts.truncate(said);
+        }
+    }
+
+    fn hear(&mut self) {
+        loop {
+            let now = self.now();
+            let bytes = self.stack.transmit(now, LINK, &mut self.vehicle).to_vec();
+            if bytes.is_empty() {
+                return;
+            }
+            self.stack.transmitted(LINK, bytes.len());
+            assert_eq!(self.decoder.push(&bytes, now), bytes.len());
+            while let Some(frame) = self.decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                if let Some(MissionItemReached { seq }) = frame.decode() {
+                    self.reached.push(seq);
+                }
+                if let Some(Statustext { text, id, .. }) = frame.decode() {
+                    assert_eq!(id, 0, "a long text: {text:?}");
+                    self.texts.push(text.as_str().unwrap().to_owned());
+                }
+            }
+        }
     }
 }
 
@@ -208,9 +281,9 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
     }
 }
 
-/// An item at a place (m from home), `z` m above it.
+/// Returns an item at a position relative to home (m).
 pub fn at(command: MavCmd, params: [f32; 4], north: f32, east: f32, z: f32) -> Item {
-    // On this latitude; 1e-7 degrees of the equator are 11.132 mm.
+    // 1e-7 degrees of a great circle are 11.132 mm; longitude is scaled by the cosine of the latitude.
     let metre = 1.0 / 0.011_131_95;
     Item {
         frame: MavFrame::GLOBAL_RELATIVE_ALT,
@@ -223,12 +296,12 @@ pub fn at(command: MavCmd, params: [f32; 4], north: f32, east: f32, z: f32) -> I
     }
 }
 
-/// A waypoint 10 m up, to fly past.
+/// Returns a waypoint at 10 m, without a delay.
 pub fn waypoint(north: f32, east: f32) -> Item {
     at(MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, f32::NAN], north, east, 10.0)
 }
 
-/// An item without a place.
+/// Returns an item without a position.
 pub fn act(command: MavCmd, params: [f32; 4]) -> Item {
     Item { frame: MavFrame::MISSION, command, autocontinue: 1, params, x: 0, y: 0, z: 0.0 }
 }

@@ -1,4 +1,4 @@
-//! The vehicle with its stack, and ground stations at the other ends of its lines.
+//! The vehicle with its stack, and peers at the other ends of its links.
 
 #![allow(dead_code, reason = "each test file uses its part of it")]
 
@@ -7,18 +7,18 @@ use std::convert::Infallible;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, NoPlans, Version, encode};
-use mavstack_demo::{App, COMPANION, LINKS, Quadrotor, TELEMETRY};
+use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, Version, encode};
+use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 
 pub const STATION: Address = Address::new(255, 190);
 
-/// A line between the vehicle and the test.
+/// A serial line between the vehicle and the test.
 #[derive(Default)]
 pub struct Line {
     up: VecDeque<u8>,
-    /// What the vehicle has sent.
+    /// Bytes that the vehicle has sent.
     pub down: VecDeque<u8>,
-    /// The vehicle can send nothing.
+    /// Accepts no bytes from the vehicle.
     pub is_stuck: bool,
 }
 
@@ -57,7 +57,7 @@ impl Write for Line {
     }
 }
 
-/// A message as it came: when (ms), over which link.
+/// A message from the vehicle, with its time (ms) and link.
 pub struct Received {
     pub millis: u64,
     pub link: LinkId,
@@ -67,9 +67,9 @@ pub struct Received {
     payload: Vec<u8>,
 }
 
-/// The vehicle, its lines and the time.
+/// The vehicle, its lines and the simulated time.
 pub struct Wire {
-    pub app: Box<App<NoPlans>>,
+    pub app: App<Box<Mavlink>>,
     pub millis: u64,
     pub lines: [Line; LINKS],
     decoders: [Decoder; LINKS],
@@ -80,7 +80,7 @@ pub struct Wire {
 impl Wire {
     pub fn new() -> Self {
         Self {
-            app: Box::new(App::new()),
+            app: App::new(Box::new(Mavlink::VACANT)),
             millis: 0,
             lines: Default::default(),
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
@@ -89,23 +89,23 @@ impl Wire {
         }
     }
 
-    /// With a GPS fix.
-    pub fn switched_on() -> Self {
+    /// Returns a vehicle with a GPS fix.
+    pub fn booted() -> Self {
         let mut wire = Self::new();
         wire.run(2_500);
         wire
     }
 
-    /// Armed, 10 m up, holding.
+    /// Returns a vehicle that hovers at 10 m.
     pub fn airborne() -> Self {
-        let mut wire = Self::switched_on();
+        let mut wire = Self::booted();
         assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
         assert_eq!(wire.long(MavCmd::NAV_TAKEOFF, &[]), MavResult::ACCEPTED);
         wire.until("up", 20, |vehicle| vehicle.mode() == mavstack_demo::Mode::Hold);
         wire
     }
 
-    /// Passes of the flight loop a millisecond apart.
+    /// Runs the flight loop once per millisecond.
     pub fn run(&mut self, millis: u64) {
         for _ in 0..millis {
             self.millis += 1;
@@ -132,6 +132,7 @@ impl Wire {
         }
     }
 
+    /// Runs until `condition` holds; panics after `seconds`.
     pub fn until(&mut self, what: &str, seconds: u64, condition: impl Fn(&Quadrotor) -> bool) {
         let deadline = self.millis + seconds * 1_000;
         while !condition(self.app.vehicle()) {
@@ -144,7 +145,7 @@ impl Wire {
         self.send_as(link, STATION, message);
     }
 
-    /// Sends as somebody; the frame.
+    /// Sends a message from `source`. Returns the frame.
     pub fn send_as<M: Message>(&mut self, link: LinkId, source: Address, message: &M) -> Vec<u8> {
         let mut frame = [0; 280];
         self.seq = self.seq.wrapping_add(1);
@@ -157,7 +158,7 @@ impl Wire {
         self.lines[usize::from(link.0)].up.extend(bytes);
     }
 
-    /// What came since this was asked last, of one kind.
+    /// Takes the messages of one type received since the last call, with their times.
     pub fn take<M: Message>(&mut self) -> Vec<(u64, M)> {
         let (found, rest) = std::mem::take(&mut self.received).into_iter().partition(|frame| frame.id == M::ID);
         self.received = rest;
@@ -165,20 +166,20 @@ impl Wire {
         found.into_iter().map(|frame| (frame.millis, M::decode(&frame.payload))).collect()
     }
 
-    /// How many of one kind came by a link, and were not taken.
+    /// Counts the messages of one type received on a link and not taken yet.
     pub fn count<M: Message>(&self, link: LinkId) -> usize {
         self.received.iter().filter(|frame| frame.link == link && frame.id == M::ID).count()
     }
 
-    /// The texts that came since this was asked last; those of a moment ago too.
-    pub fn said(&mut self) -> Vec<String> {
+    /// Takes the texts received since the last call. Waits 20 ms for texts that are on their way.
+    pub fn texts(&mut self) -> Vec<String> {
         self.run(20);
-        let told = |frame: &Received| frame.link == TELEMETRY || frame.id != Statustext::ID;
-        self.received.retain(told);
+        // Every text is sent on all links; keep one of each.
+        self.received.retain(|frame| frame.link == TELEMETRY || frame.id != Statustext::ID);
         self.take::<Statustext>().into_iter().map(|(_, text)| text.text.as_str().unwrap().to_owned()).collect()
     }
 
-    /// COMMAND_LONG with NaN for what is not given, as MAVSDK does; its first answer.
+    /// Sends COMMAND_LONG with NaN for omitted parameters, as MAVSDK does. Returns the result of the first answer.
     pub fn long(&mut self, command: MavCmd, params: &[f32]) -> MavResult {
         self.long_by(TELEMETRY, 1, command, params)
     }
@@ -188,7 +189,7 @@ impl Wire {
         self.answer(command).result
     }
 
-    /// COMMAND_INT.
+    /// Sends COMMAND_INT. Returns the result of the first answer.
     pub fn int(&mut self, command: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) -> MavResult {
         let [param1, param2, param3, param4] = params;
         let message = CommandInt {
@@ -249,5 +250,5 @@ pub fn command_long(target_system: u8, command: MavCmd, params: &[f32]) -> Comma
     }
 }
 
-/// All links with streams.
+/// The links that carry streams.
 pub const NORMAL: [LinkId; 2] = [TELEMETRY, COMPANION];

@@ -1,4 +1,4 @@
-//! The checked-in file is what `crane.xml` gives, and its messages are those of MAVLink's tools.
+//! The checked-in file matches `crane.xml`, and its messages match MAVLink's own tools.
 
 use example_checked_in::crane::{Crane, CraneControl, CraneHook, CraneReport};
 use mavstack::dialect::{Common, MavResult};
@@ -7,28 +7,28 @@ use mavstack_dialect::{Options, generate, is_current, load};
 use std::path::Path;
 
 #[test]
-fn the_checked_in_file_is_fresh() {
+fn the_checked_in_file_is_up_to_date() {
     let input = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/crane.xml"));
     let options = Options { beside_common: true, ..Options::for_file(input) };
-    let text = generate(&load(input, &[]).expect("a definition"), &options).expect("declarations");
+    let text = generate(&load(input, &[]).expect("valid definitions"), &options).expect("declarations");
     let output = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/crane.rs"));
     assert!(is_current(output, &text), "run `mavstack-dialect --beside-common crane.xml src/crane.rs`");
 }
 
 #[test]
-fn it_has_its_own_messages_and_all_of_common() {
+fn the_dialect_contains_its_own_messages_and_common() {
     let (own, common) = (Crane::MESSAGES, Common::MESSAGES);
     assert_eq!(own.rows().len(), common.rows().len() + 2);
     for row in common.rows() {
         assert_eq!(own.get(row.id()), Some(row));
     }
-    // As pymavlink has them.
+    // The values that pymavlink computes.
     assert_eq!((CraneReport::CRC_EXTRA, CraneControl::CRC_EXTRA), (104, 139));
     assert_eq!((CraneReport::BASE_LEN, CraneReport::MAX_LEN, CraneControl::MAX_LEN), (28, 29, 6));
 }
 
 #[test]
-fn a_report_comes_back_as_it_was() {
+fn a_report_round_trips() {
     let report = CraneReport {
         hook: CraneHook::OPEN,
         result: MavResult::FAILED,

@@ -1,18 +1,20 @@
-//! A vehicle with two messages of its own, declared by macro: a crane, told how fast to wind, tells how much line is out.
+//! A vehicle with two custom messages, declared by macro. A crane receives the speed of its winch and reports the length of line
+//! that is out.
 //!
-//! Three steps: declare the messages ([`message!`](mavstack::message)), put them beside those of common
-//! ([`dialect!`](mavstack::dialect!), [`Vehicle::MESSAGES`]), and handle them: [`Vehicle::message`] gets what comes in,
-//! [`Telemetry::fill`] what is to go out, in a stream, on request, or when the firmware announces it.
+//! 1. Declare the messages: [`message!`](mavstack::message).
+//! 2. Add them to common: [`dialect!`](mavstack::dialect!) and [`Vehicle::MESSAGES`].
+//! 3. Handle them: [`Vehicle::message`] receives messages. [`Telemetry::fill`] fills messages to send: in a stream, on request, or
+//!    when the vehicle announces them.
 #![no_std]
 
-use mavstack::dialect::{Common, MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::dialect::{Common, MavModeFlag, MavResult, MavState};
 use mavstack::{
-    Command, CommandRule, Commands, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, NoParams, Outcome,
-    Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Command, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 
 mavstack::wire_enum! {
-    /// What the hook holds on to.
+    /// State of the hook.
     pub struct CraneHook: u8 {
         CLOSED = 0,
         OPEN = 1,
@@ -20,28 +22,28 @@ mavstack::wire_enum! {
 }
 
 mavstack::message! {
-    /// What the crane reports.
+    /// Reports the state of the crane.
     pub struct CraneReport: CRANE_REPORT = 53_000 {
-        /// Since boot (ms).
+        /// Time since boot (ms).
         time_boot_ms: u32,
         /// Length of line that is out (m).
         line_out: f32,
-        /// Tension (N), with the value that means "not measured".
+        /// Tension of the line (N); `i16::MAX` means "not measured".
         tension: i16 = i16::MAX,
         hook: CraneHook,
-        /// What became of the last order.
+        /// Result of the last command.
         result: MavResult,
         cargo: mavstack::Text<16>,
     } extensions {
-        /// Of the motor (°C).
+        /// Temperature of the motor (°C).
         temperature: u8,
     }
 }
 
 mavstack::message! {
-    /// Tells the crane what to do. With target fields the stack hands over what is for this vehicle or for all, no other.
+    /// Commands the crane. Because of the target fields the stack passes only messages for this vehicle, and broadcasts.
     pub struct CraneControl: CRANE_CONTROL = 53_001 {
-        /// (m/s) Negative: up.
+        /// Speed of the winch (m/s), negative to wind up.
         speed: f32,
         target_system: u8,
         target_component: u8,
@@ -49,19 +51,22 @@ mavstack::message! {
 }
 
 mavstack::dialect! {
-    /// The crane's messages, and all of common.
+    /// The crane's messages and all of common.
     pub struct Known: [CraneReport, CraneControl] + Common;
 }
 
-/// The vehicle.
+mavstack::stack! {
+    /// What the crane has of MAVLink: one link, and streams.
+    pub struct Mavlink for Crane { links: 1, streams }
+}
+
+/// A crane.
 #[derive(Debug, Default)]
 pub struct Crane {
-    /// How fast it winds (m/s).
+    /// Speed of the winch (m/s).
     pub speed: f32,
     /// Length of line that is out (m).
     pub line_out: f32,
-    /// Set by an order; the loop takes it to announce a report at once.
-    pub has_order: bool,
 }
 
 impl Vehicle for Crane {
@@ -71,11 +76,12 @@ impl Vehicle for Crane {
         Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+    fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {
         let Some(CraneControl { speed, .. }) = frame.decode() else { return false };
         if speed.is_finite() {
             self.speed = speed;
-            self.has_order = true;
+            // Announces a report at once.
+            cx.announce::<CraneReport, Self>();
         }
         true
     }
@@ -84,7 +90,7 @@ impl Vehicle for Crane {
 impl Telemetry for Crane {
     const STREAMS: &'static [Stream] = &[Stream::of::<CraneReport>().every(Duration::from_millis(500))];
 
-    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         match id {
             CraneReport::ID => {
                 let time_boot_ms = u32::try_from(out.now().as_millis()).unwrap_or(u32::MAX);
@@ -96,21 +102,7 @@ impl Telemetry for Crane {
 }
 
 impl Commands for Crane {
-    fn command(&mut self, _: &Command) -> Outcome {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
         MavResult::UNSUPPORTED.into()
     }
-}
-
-impl Plans for Crane {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[];
-
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
-
-    fn progress(&self) -> Progress {
-        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
-    }
-}
-
-impl Parameters for Crane {
-    type Table = NoParams;
 }

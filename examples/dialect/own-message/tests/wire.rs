@@ -1,17 +1,16 @@
-//! The crane's own messages over a line: in, as a stream, on request, announced by the firmware.
+//! The crane's custom messages on a link: received, streamed, requested, and announced by the firmware.
 
-use example_own_message::{Crane, CraneControl, CraneHook, CraneReport, Known};
+use example_own_message::{Crane, CraneControl, CraneHook, CraneReport, Known, Mavlink};
 use mavstack::dialect::{CommandAck, CommandLong, MavCmd, MavResult};
 use mavstack::{
-    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, Pulse, Stack, Version,
-    encode,
+    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, Pulse, Version, encode,
 };
 
 const LINK: LinkId = LinkId(0);
 const GCS: Address = Address::new(255, 190);
 
 struct Bench {
-    stack: Stack<1>,
+    stack: Mavlink,
     crane: Crane,
     decoder: Decoder,
     now: Instant,
@@ -22,7 +21,7 @@ impl Bench {
         static PULSE: Pulse = Pulse::new();
         const CONFIG: Config = Config::new(Address::new(7, 1), &PULSE);
         Self {
-            stack: Stack::new(CONFIG, [LinkConfig::uart(57_600)]),
+            stack: Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]),
             crane: Crane::default(),
             decoder: Decoder::default(),
             now: Instant::from_millis(1),
@@ -31,28 +30,28 @@ impl Bench {
 
     fn receive<M: Message>(&mut self, message: &M) {
         let mut frame = [0; MAX_FRAME_LEN];
-        let len = encode(message, Version::V2, GCS, 0, &mut frame).expect("it fits");
+        let len = encode(message, Version::V2, GCS, 0, &mut frame).expect("the buffer fits any frame");
         self.stack.receive(self.now, LINK, &frame[..len], &mut self.crane);
     }
 
-    /// The `M`s that the crane sends within so many milliseconds.
+    /// Returns the messages of type `M` that the crane sends within `millis`.
     fn sent<M: Message>(&mut self, millis: u64) -> Vec<M> {
         self.frames(millis).iter().filter_map(Sent::get).collect()
     }
 
     fn frames(&mut self, millis: u64) -> Vec<Sent> {
-        let mut heard = Vec::new();
+        let mut sent = Vec::new();
         for _ in 0..millis {
             self.stack.poll(self.now, &mut self.crane);
             let bytes = self.stack.transmit(self.now, LINK, &mut self.crane).to_vec();
             self.stack.transmitted(LINK, bytes.len());
             let _ = self.decoder.push(&bytes, self.now);
             while let Some(frame) = self.decoder.next(self.now, Known::MESSAGES, &mut u32::MAX.clone(), |_| true) {
-                heard.push(Sent { id: frame.id(), payload: frame.payload().to_vec() });
+                sent.push(Sent { id: frame.id(), payload: frame.payload().to_vec() });
             }
             self.now = self.now.after(mavstack::Duration::from_millis(1));
         }
-        heard
+        sent
     }
 }
 
@@ -68,18 +67,18 @@ impl Sent {
     }
 }
 
-fn order(speed: f32, target_system: u8) -> CraneControl {
+fn control(speed: f32, target_system: u8) -> CraneControl {
     CraneControl { speed, target_system, target_component: 1 }
 }
 
 #[test]
-fn an_order_reaches_the_vehicle_and_one_for_another_system_does_not() {
+fn commands_are_filtered_by_target_system() {
     let mut bench = Bench::new();
-    bench.receive(&order(-0.5, 7));
+    bench.receive(&control(-0.5, 7));
     assert_eq!(bench.crane.speed, -0.5);
-    bench.receive(&order(2.0, 8));
+    bench.receive(&control(2.0, 8));
     assert_eq!(bench.crane.speed, -0.5);
-    bench.receive(&order(0.25, 0));
+    bench.receive(&control(0.25, 0));
     assert_eq!(bench.crane.speed, 0.25);
     assert_eq!(bench.stack.link_counters(LINK).map(|link| (link.unknown, link.not_ours)), Some((0, 1)));
 }
@@ -89,12 +88,12 @@ fn the_report_is_streamed() {
     let mut bench = Bench::new();
     bench.crane.line_out = 12.5;
     let reports = bench.sent::<CraneReport>(5_000);
-    assert!((9..=11).contains(&reports.len()), "{} in 5 s at 2 a second", reports.len());
+    assert!((9..=11).contains(&reports.len()), "{} in 5 s at 2 per second", reports.len());
     assert!(reports.iter().all(|report| report.line_out == 12.5 && report.hook == CraneHook::CLOSED));
     assert!(reports.iter().all(|report| report.tension == i16::MAX), "not measured");
 }
 
-/// Gives a command about a message, and returns the result and the reports that come within a second.
+/// Sends a command about a message. Returns the result, and the number of reports within a second.
 fn command(bench: &mut Bench, command: MavCmd, id: u32, param2: f32) -> (Option<MavResult>, usize) {
     let param1 = id as f32;
     bench.receive(&CommandLong {
@@ -111,9 +110,9 @@ fn command(bench: &mut Bench, command: MavCmd, id: u32, param2: f32) -> (Option<
 }
 
 #[test]
-fn the_report_comes_on_request() {
+fn the_report_is_sent_on_request() {
     let mut bench = Bench::new();
-    // Stopped first, so that what comes then is the answer.
+    // Stop the stream first.
     command(&mut bench, MavCmd::SET_MESSAGE_INTERVAL, CraneReport::ID, -1.0);
     assert!(bench.sent::<CraneReport>(2_000).is_empty());
     let answer = command(&mut bench, MavCmd::REQUEST_MESSAGE, CraneReport::ID, 0.0);
@@ -121,16 +120,16 @@ fn the_report_comes_on_request() {
     let (result, reports) = command(&mut bench, MavCmd::REQUEST_MESSAGE, CraneControl::ID, 0.0);
     assert!(
         result.is_some_and(|result| result != MavResult::ACCEPTED) && reports == 0,
-        "{result:?}: the crane has none"
+        "{result:?}: the crane does not send it"
     );
 }
 
 #[test]
-fn the_report_goes_out_at_once_when_the_firmware_announces_it() {
+fn an_announced_report_is_sent_at_once() {
     let mut bench = Bench::new();
     bench.sent::<CraneReport>(600);
-    bench.receive(&order(1.0, 7));
-    assert!(core::mem::take(&mut bench.crane.has_order));
-    bench.stack.announce::<CraneReport, Crane>();
-    assert_eq!(bench.sent::<CraneReport>(5).len(), 1);
+    bench.receive(&control(1.0, 7));
+    assert_eq!(bench.sent::<CraneReport>(5).len(), 1, "by the vehicle, in a hook");
+    bench.stack.announce::<CraneReport>();
+    assert_eq!(bench.sent::<CraneReport>(5).len(), 1, "by the loop");
 }

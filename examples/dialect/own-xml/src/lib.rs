@@ -1,9 +1,12 @@
-//! A vehicle whose messages and commands come from an XML of its own, which includes MAVLink's common: the build script
-//! makes the module [`crane`] of it.
+//! A vehicle with custom messages and commands from XML, which includes MAVLink's common. The build script generates the module
+//! [`crane`]:
 //!
-//! [`crane::Crane`] is the dialect, [`crane::CraneReport`] a message, [`crane::commands::CraneHook`] a command with its
-//! parameters checked, [`crane::mav_cmd::CRANE_HOOK`] the number that it has on the wire. What common has is named from
-//! `mavstack::dialect`.
+//! - [`crane::Crane`] is the dialect.
+//! - [`crane::CraneReport`] is a message.
+//! - [`crane::commands::CraneHook`] is a command with checked parameters.
+//! - [`crane::mav_cmd::CRANE_HOOK`] is the command's id.
+//!
+//! The definitions of common are in `mavstack::dialect`.
 #![no_std]
 
 include!(concat!(env!("OUT_DIR"), "/crane.rs"));
@@ -11,18 +14,23 @@ include!(concat!(env!("OUT_DIR"), "/crane.rs"));
 use crane::{CraneControl, CraneHook, CraneReport, commands};
 use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
 use mavstack::{
-    Command, CommandRule, Commands, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, NoParams, Outcome,
-    Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome,
+    PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
-/// The vehicle.
+mavstack::stack! {
+    /// What the vessel has of MAVLink: one link, streams, and missions.
+    pub struct Mavlink for Vessel { links: 1, plans: { mission: 20 }, streams }
+}
+
+/// A vessel with a crane.
 #[derive(Debug, Default)]
 pub struct Vessel {
-    /// How fast the crane winds (m/s).
+    /// Speed of the winch (m/s).
     pub speed: f32,
-    /// The hook.
+    /// State of the hook.
     pub hook: CraneHook,
-    /// What became of the last order.
+    /// Result of the last command.
     pub result: MavResult,
 }
 
@@ -33,7 +41,7 @@ impl Vehicle for Vessel {
         Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
     }
 
-    fn message(&mut self, frame: &Frame<'_>, _: LinkId) -> bool {
+    fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {
         let Some(CraneControl { speed, .. }) = frame.decode() else { return false };
         self.speed = speed;
         true
@@ -43,7 +51,7 @@ impl Vehicle for Vessel {
 impl Telemetry for Vessel {
     const STREAMS: &'static [Stream] = &[Stream::of::<CraneReport>().every(Duration::from_millis(500))];
 
-    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         id == CraneReport::ID
             && out.put(&CraneReport {
                 line_out: 12.5,
@@ -58,8 +66,8 @@ impl Telemetry for Vessel {
 }
 
 impl Commands for Vessel {
-    fn command(&mut self, command: &Command) -> Outcome {
-        // UNSUPPORTED when it is another one, DENIED when its parameters are not as the XML has them.
+    fn command(&mut self, _: &mut Context<'_>, command: &Command) -> Outcome {
+        // Errors: UNSUPPORTED for another command, DENIED for parameters that the XML does not allow.
         match command.decode() {
             Ok(commands::CraneHook { hook, .. }) => {
                 self.hook = hook;
@@ -73,13 +81,9 @@ impl Commands for Vessel {
 impl Plans for Vessel {
     const MISSION_COMMANDS: &'static [CommandRule] = &[crane::command_rules::CRANE_HOOK];
 
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
     fn progress(&self) -> Progress {
         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
     }
-}
-
-impl Parameters for Vessel {
-    type Table = NoParams;
 }

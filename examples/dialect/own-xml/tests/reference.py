@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""What MAVLink's reference implementation makes of crane.xml: frames for the vehicle, and what it reads in the vehicle's.
+"""Encodes and decodes frames with MAVLink's reference implementation, generated from crane.xml.
 
     reference.py CRANE_XML DEFINITIONS [FRAMES]
 
-Prints, in hexadecimal, CRANE_CONTROL and COMMAND_LONG MAV_CMD_CRANE_HOOK from system 255 to system 7; then a line for each
-message of FRAMES (hexadecimal too).
+Prints CRANE_CONTROL and COMMAND_LONG MAV_CMD_CRANE_HOOK from system 255 to system 7 in hexadecimal. Then decodes FRAMES
+(hexadecimal) and prints a line for each message.
 """
 
 import importlib.util
@@ -21,7 +21,7 @@ def module(crane, definitions, directory):
         shutil.copy(os.path.join(definitions, name), directory)
     path = os.path.join(directory, "crane_v2.py")
     options = mavgen.Opts(path, wire_protocol=mavparse.PROTOCOL_2_0, language="Python3", validate=False)
-    # It prints what it does.
+    # mavgen prints its progress.
     stdout, sys.stdout = sys.stdout, sys.stderr
     mavgen.mavgen(options, [shutil.copy(crane, directory)])
     sys.stdout = stdout

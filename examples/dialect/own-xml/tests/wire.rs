@@ -1,13 +1,13 @@
-//! The vessel's own messages and its own command over a line, against the reference implementation: frames that pymavlink
-//! makes from the same XML, and what pymavlink reads in ours.
+//! Tests the custom messages and the custom command against pymavlink, generated from the same XML: the vehicle reads pymavlink's
+//! frames, and pymavlink reads the vehicle's.
 
 #[path = "../../../../tests/support/pymavlink.rs"]
 mod pymavlink;
 
-use example_own_xml::Vessel;
 use example_own_xml::crane::{CraneControl, CraneHook, CraneReport, commands};
+use example_own_xml::{Mavlink, Vessel};
 use mavstack::dialect::{CommandAck, MavResult};
-use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse, Stack};
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse};
 use std::path::Path;
 use std::process::Command;
 
@@ -18,7 +18,7 @@ const CONTROL: &str = "fd06000000ffbe09cf00000000bf070141e6";
 const COMMAND: &str = "fd20000000ffbe4c00000000803f0000004000000000000000000000000000000000000000007c7907011ebc";
 
 struct Bench {
-    stack: Stack<1>,
+    stack: Mavlink,
     vessel: Vessel,
     now: Instant,
 }
@@ -27,7 +27,7 @@ impl Bench {
     fn new() -> Self {
         static PULSE: Pulse = Pulse::new();
         const CONFIG: Config = Config::new(Address::new(7, 1), &PULSE);
-        let stack = Stack::new(CONFIG, [LinkConfig::uart(57_600)]);
+        let stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
         Self { stack, vessel: Vessel::default(), now: Instant::from_millis(1) }
     }
 
@@ -35,7 +35,7 @@ impl Bench {
         self.stack.receive(self.now, LINK, &bytes(frame), &mut self.vessel);
     }
 
-    /// All that the vessel sends within so many milliseconds.
+    /// Returns the bytes that the vehicle sends within `millis`.
     fn sent(&mut self, millis: u64) -> Vec<u8> {
         let mut sent = Vec::new();
         for _ in 0..millis {
@@ -59,7 +59,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The lines that the reference implementation prints.
+/// Runs `reference.py` and returns its output; `None` if pymavlink is not available.
 fn reference(frames: &[u8]) -> Option<Vec<String>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let output = Command::new(pymavlink::python()?)
@@ -73,7 +73,7 @@ fn reference(frames: &[u8]) -> Option<Vec<String>> {
 }
 
 #[test]
-fn frames_of_the_reference_implementation_are_understood() {
+fn frames_of_the_reference_implementation_are_decoded() {
     let mut bench = Bench::new();
     bench.receive(CONTROL);
     assert_eq!(bench.vessel.speed, -0.5);
@@ -95,31 +95,31 @@ fn a_parameter_that_the_xml_does_not_allow_is_denied() {
 }
 
 #[test]
-fn the_reference_implementation_reads_what_the_vessel_says() {
+fn the_reference_implementation_decodes_the_vehicles_frames() {
     let mut bench = Bench::new();
     bench.vessel.result = MavResult::FAILED;
     bench.receive(COMMAND);
     let sent = bench.sent(1_000);
     let Some(lines) = reference(&sent) else { return };
-    assert_eq!(lines[..2], [CONTROL, COMMAND], "the frames above are fresh");
+    assert_eq!(lines[..2], [CONTROL, COMMAND], "the frames above are up to date");
     let ack = lines.iter().find(|line| line.contains("COMMAND_ACK")).expect("an answer");
     assert!(ack.contains("'command': 31100, 'result': 0"), "{ack}");
     let reports: Vec<_> = lines.iter().filter(|line| line.contains("CRANE_REPORT")).collect();
     assert!(reports.len() >= 2, "{lines:?}");
-    for fact in
+    for field in
         ["'line_out': 12.5", "'tension': -3", "'hook': 1", "'result': 4", "'cargo': 'anchor'", "'temperature': 41"]
     {
-        assert!(reports[0].contains(fact), "{fact}: {}", reports[0]);
+        assert!(reports[0].contains(field), "{field}: {}", reports[0]);
     }
 }
 
 #[test]
-fn its_wire_form_is_the_definition_s() {
+fn the_wire_format_matches_the_definition() {
     assert_eq!(
         (CraneReport::ID, CraneReport::CRC_EXTRA, CraneReport::BASE_LEN, CraneReport::MAX_LEN),
         (53_000, 104, 28, 29)
     );
     assert_eq!((CraneControl::ID, CraneControl::CRC_EXTRA, CraneControl::MAX_LEN), (53_001, 139, 6));
-    // What common has is common's type.
+    // Types of common are not generated again.
     assert_eq!(CommandAck::default().result, CraneReport::default().result);
 }

@@ -1,60 +1,57 @@
-//! The loop of `loop.rs` with each of the stack's calls in a function of its own, so that what one takes can be told from the
-//! others: `cargo xtask stack`. Nobody flies with it.
+//! The loop of `loop.rs` with each call of the stack in a separate function, so that `cargo measure stack` can measure them one by
+//! one. For measurements only.
 #![no_std]
 #![no_main]
 
-use core::mem::MaybeUninit;
-
 use cortex_m_rt::entry;
 use mavstack::{Instant, LinkId};
+use mavstack_demo::App;
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::memory::{self, DemoApp, Memory};
-use mavstack_qemu::polled::{Bed, Polled};
+use mavstack_qemu::memory::{self, Memory};
+use mavstack_qemu::polled::{Polled, Sleep};
 
 #[inline(never)]
-fn restore(app: &mut DemoApp, memory: &mut Memory) {
+fn restore(app: &mut App, memory: &mut Memory) {
     memory.restore(app, board::now());
 }
 
 #[inline(never)]
-fn fly(app: &mut DemoApp, now: Instant) {
+fn fly(app: &mut App, now: Instant) {
     app.fly(now);
 }
 
 #[inline(never)]
-fn poll(app: &mut DemoApp, now: Instant) {
+fn poll(app: &mut App, now: Instant) {
     app.poll(now);
 }
 
 #[inline(never)]
-fn poll_link(app: &mut DemoApp, now: Instant, link: LinkId, uart: &mut Polled) {
+fn poll_link(app: &mut App, now: Instant, link: LinkId, uart: &mut Polled) {
     let _ = app.serve(now, link, uart);
 }
 
 #[inline(never)]
-fn receive(app: &mut DemoApp, now: Instant, link: LinkId, bytes: &[u8]) -> usize {
+fn receive(app: &mut App, now: Instant, link: LinkId, bytes: &[u8]) -> usize {
     let (stack, vehicle) = app.parts();
     stack.receive(now, link, bytes, vehicle)
 }
 
 #[inline(never)]
-fn transmit(app: &mut DemoApp, now: Instant, link: LinkId) -> usize {
+fn transmit(app: &mut App, now: Instant, link: LinkId) -> usize {
     let (stack, vehicle) = app.parts();
     stack.transmit(now, link, vehicle).len()
 }
 
 #[inline(never)]
-fn persist(app: &mut DemoApp, memory: &mut Memory, now: Instant) -> bool {
+fn persist(app: &mut App, memory: &mut Memory, now: Instant) -> bool {
     memory.persist(app, now)
 }
 
 #[entry]
 fn main() -> ! {
-    static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
-
-    let app = memory::make(APP);
+    let app = memory::start();
     let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
-    let mut bed = Bed::make(core.SYST);
+    let mut sleep = Sleep::new(core.SYST);
     let mut uarts = board.uarts.map(Polled::new);
     let mut memory = Memory::new(board.flash);
     restore(app, &mut memory);
@@ -70,6 +67,6 @@ fn main() -> ! {
             core::hint::black_box(transmit(app, now, link));
         }
         persist(app, &mut memory, now);
-        bed.sleep(&mut uarts);
+        sleep.until_event(&mut uarts);
     }
 }

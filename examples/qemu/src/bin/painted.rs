@@ -1,11 +1,8 @@
-//! How much stack the firmware `loop` really takes: the same loop, but that what it does not use of the RAM is painted, and that
-//! others make it do everything that it can. `cargo xtask stack` runs it, and holds what it finds against what can be at most.
-//! Nobody flies with it.
+//! Measures the stack usage of the firmware `loop` by stack painting. A script exercises every function of the same loop.
+//! `cargo measure stack` runs it and compares the result with the computed bound. For measurements only.
 #![no_std]
 #![no_main]
-#![allow(unsafe_code, reason = "memory below the stack is nobody's, and painted")]
-
-use core::mem::MaybeUninit;
+#![allow(unsafe_code, reason = "paints the unused memory below the stack")]
 
 use cortex_m_rt::entry;
 use mavstack::dialect::{
@@ -20,21 +17,21 @@ use mavstack::{
 use mavstack_demo::LINKS;
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line::Line;
-use mavstack_qemu::memory::{self, DemoApp, Memory};
+use mavstack_qemu::memory::{self, Memory};
 
 const PAINT: u32 = 0xC5C5_C5C5;
-/// What `paint` itself, and what it calls, may stand on.
+/// Distance from the stack pointer that stays unpainted, for the stack frame of `paint` and its callees.
 const MARGIN: u32 = 256;
-/// From one pass of the loop to the next, ms.
+/// Simulated period of the loop (ms).
 const PERIOD: u64 = 10;
 const PASSES: u64 = 6_000;
-/// So many frames of the script one after another, each in a pass of its own; then it begins again.
+/// Length of the script: one frame per pass. It repeats.
 const LEN: u64 = 190;
 
-const US: u8 = 1;
+const VEHICLE: u8 = 1;
 const KEY: [u8; 32] = [0x42; 32];
 
-/// Commands, and their parameters 1 to 7.
+/// Commands with parameters 1 to 7.
 const COMMANDS: [(MavCmd, [f32; 7]); 24] = {
     const ANY: f32 = f32::NAN;
     const LAT: f32 = 47.398;
@@ -67,10 +64,10 @@ const COMMANDS: [(MavCmd, [f32; 7]); 24] = {
     ]
 };
 
-/// Messages that the vehicle fills: what is asked for one after the other.
+/// Ids of the messages that the script requests one by one.
 const MESSAGES: [u16; 16] = [1, 2, 24, 30, 31, 32, 33, 74, 147, 242, 65, 264, 49, 397, 245, 436];
 
-/// Who speaks by a link, and what takes all that comes.
+/// A ground station that sends the script on a link and accepts all output.
 struct Station {
     line: Line<MAX_FRAME_LEN>,
     seq: u8,
@@ -79,7 +76,7 @@ struct Station {
 impl Station {
     const SILENT: Self = Self { line: Line::SILENT, seq: 0 };
 
-    /// The next frame, in its signed form where there is a time for that. Not inlined: one message at a time is on the stack.
+    /// Sends a message, signed if a timestamp is given. Not inlined, so that only one message is on the stack at a time.
     #[inline(never)]
     fn put<M: Message>(&mut self, message: &M, signed_at: Option<u64>) {
         let from = Address::new(255, 190);
@@ -94,11 +91,11 @@ impl Station {
     }
 }
 
-/// What comes in pass `pass`.
+/// Sends the frame of the script for a pass.
 #[inline(never)]
-fn speak(station: &mut Station, pass: u64) {
+fn send_step(station: &mut Station, pass: u64) {
     let step = pass % LEN;
-    // Once it has a key it hears only who signs.
+    // Once the key is set, only signed frames are accepted.
     let signed_at = (pass >= LEN).then_some(40_000_000_000_000 + pass * 1_000);
     let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
     match step {
@@ -106,15 +103,15 @@ fn speak(station: &mut Station, pass: u64) {
         1..=60 => upload(station, MavMissionType::MISSION, step - 1, 58, signed_at),
         61..=66 => upload(station, MavMissionType::FENCE, step - 61, 4, signed_at),
         67..=70 => upload(station, MavMissionType::RALLY, step - 67, 2, signed_at),
-        71 => station.put(&ParamRequestList { target_system: US, target_component: 1 }, signed_at),
+        71 => station.put(&ParamRequestList { target_system: VEHICLE, target_component: 1 }, signed_at),
         72..=75 => {
-            // Good, too large, of another type, and none.
+            // Valid, out of range, wrong type, unknown name.
             let (name, value) = [("NAV_ACC_RAD", 3.0), ("NAV_ACC_RAD", 1e9), ("MPC_XY_CRUISE", 7.0), ("NOTHING", 1.0)]
                 [(step - 72) as usize];
             let param_type = if step == 74 { MavParamType::INT8 } else { MavParamType::REAL32 };
             let (param_value, param_id) = (value, Text::new(name));
             station.put(
-                &ParamSet { param_value, target_system: US, target_component: 1, param_id, param_type },
+                &ParamSet { param_value, target_system: VEHICLE, target_component: 1, param_id, param_type },
                 signed_at,
             );
         }
@@ -125,40 +122,45 @@ fn speak(station: &mut Station, pass: u64) {
             command(station, (MavCmd::REQUEST_MESSAGE, [id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), false, signed_at);
         }
         140 => station
-            .put(&SetMode { custom_mode: 0x0304_0000, target_system: US, base_mode: MavModeFlag(209) }, signed_at),
-        141 => station.put(&MissionSetCurrent { seq: 900, target_system: US, target_component: 1 }, signed_at),
+            .put(&SetMode { custom_mode: 0x0304_0000, target_system: VEHICLE, base_mode: MavModeFlag(209) }, signed_at),
+        141 => station.put(&MissionSetCurrent { seq: 900, target_system: VEHICLE, target_component: 1 }, signed_at),
         142 => {
-            let list =
-                MissionRequestList { target_system: US, target_component: 1, mission_type: MavMissionType::MISSION };
+            let list = MissionRequestList {
+                target_system: VEHICLE,
+                target_component: 1,
+                mission_type: MavMissionType::MISSION,
+            };
             station.put(&list, signed_at);
         }
         143..=150 => {
             let seq = (step - 143) as u16;
             let mission_type = MavMissionType::MISSION;
-            station.put(&MissionRequestInt { seq, target_system: US, target_component: 1, mission_type }, signed_at);
+            station
+                .put(&MissionRequestInt { seq, target_system: VEHICLE, target_component: 1, mission_type }, signed_at);
         }
         151 => station.put(&Timesync { ts1: 1_000, ..Timesync::default() }, signed_at),
         152 => {
             let request =
-                RequestDataStream { req_message_rate: 10, target_system: US, start_stop: 1, ..Default::default() };
+                RequestDataStream { req_message_rate: 10, target_system: VEHICLE, start_stop: 1, ..Default::default() };
             station.put(&request, signed_at);
         }
         153..=156 => {
-            station.put(&ManualControl { target: US, x: 500, y: -500, z: 600, ..Default::default() }, signed_at)
+            station.put(&ManualControl { target: VEHICLE, x: 500, y: -500, z: 600, ..Default::default() }, signed_at)
         }
-        // For everybody else there is.
+        // Broadcasts, which are forwarded.
         157..=164 => station.put(&EncapsulatedData { seqnr: step as u16, data: [0x55; 253] }, signed_at),
-        // A polygon of two corners.
+        // An invalid polygon with two corners.
         165..=166 => upload(station, MavMissionType::FENCE, step - 165, 2, signed_at),
         167 => {
-            let clear = MissionClearAll { target_system: US, target_component: 1, mission_type: MavMissionType::RALLY };
+            let clear =
+                MissionClearAll { target_system: VEHICLE, target_component: 1, mission_type: MavMissionType::RALLY };
             station.put(&clear, signed_at);
         }
-        // The key comes at the end of the first time.
+        // The key is set at the end of the first round.
         LAST if signed_at.is_none() => station.put(
             &SetupSigning {
                 initial_timestamp: 40_000_000_000_000,
-                target_system: US,
+                target_system: VEHICLE,
                 target_component: 1,
                 secret_key: Secret(KEY),
             },
@@ -170,10 +172,10 @@ fn speak(station: &mut Station, pass: u64) {
 
 const LAST: u64 = LEN - 1;
 
-/// A step of an upload: MISSION_COUNT, then the items one by one.
+/// Sends one step of an upload: MISSION_COUNT, then the items one by one.
 #[inline(never)]
 fn upload(station: &mut Station, mission_type: MavMissionType, step: u64, count: u16, signed_at: Option<u64>) {
-    let (target_system, target_component) = (US, 1);
+    let (target_system, target_component) = (VEHICLE, 1);
     if step == 0 {
         let message = MissionCount { count, target_system, target_component, mission_type, ..MissionCount::default() };
         return station.put(&message, signed_at);
@@ -214,11 +216,11 @@ fn upload(station: &mut Station, mission_type: MavMissionType, step: u64, count:
     station.put(&item, signed_at);
 }
 
-/// A command, in either form.
+/// Sends a command, as COMMAND_INT or COMMAND_LONG.
 #[inline(never)]
 fn command(station: &mut Station, (command, params): (MavCmd, [f32; 7]), is_int: bool, signed_at: Option<u64>) {
     let [param1, param2, param3, param4, param5, param6, z] = params;
-    let (target_system, target_component) = (US, 1);
+    let (target_system, target_component) = (VEHICLE, 1);
     if is_int {
         let (frame, x, y) = (MavFrame::GLOBAL, (param5 * 1e7) as i32, (param6 * 1e7) as i32);
         let to = CommandInt { target_system, target_component, command, frame, ..CommandInt::default() };
@@ -229,37 +231,37 @@ fn command(station: &mut Station, (command, params): (MavCmd, [f32; 7]), is_int:
     }
 }
 
-// From the linker: where static memory ends, and where the stack begins.
+// Linker symbols: the end of static memory, and the start of the stack.
 unsafe extern "C" {
     static mut __sheap: u32;
     static mut _stack_start: u32;
 }
 
-/// Paints what is free below the stack.
+/// Paints the free memory below the stack.
 #[inline(never)]
 fn paint() {
     let mut word = &raw mut __sheap;
     let end = cortex_m::register::msp::read().saturating_sub(MARGIN);
     while (word.addr() as u32) < end {
-        // SAFETY: behind all statics, and well below the stack as it is now.
+        // SAFETY: above all statics, and well below the current stack pointer.
         unsafe { word.write_volatile(PAINT) };
         word = word.wrapping_add(1);
     }
 }
 
-/// How much of the paint is gone, from where the stack begins: bytes.
+/// Returns the high-water mark of the stack, in bytes.
 #[inline(never)]
-fn mark() -> u32 {
+fn high_water_mark() -> u32 {
     let mut word = &raw mut __sheap;
     let end = &raw mut _stack_start;
-    // SAFETY: between the statics and where the stack begins there is RAM.
+    // SAFETY: RAM between the statics and the start of the stack.
     while word < end && unsafe { word.read_volatile() } == PAINT {
         word = word.wrapping_add(1);
     }
     end.addr().saturating_sub(word.addr()) as u32
 }
 
-/// Tells the host. Without `core::fmt`, whose calls nobody can follow.
+/// Reports to the host. It does not use `core::fmt`, whose indirect calls the stack analysis cannot follow.
 #[inline(never)]
 fn report(uart: &mut Uart, plans: PlanCounters, mark: u32) {
     let mut text = Text::<120>::EMPTY;
@@ -276,18 +278,17 @@ fn report(uart: &mut Uart, plans: PlanCounters, mark: u32) {
 
 #[entry]
 fn main() -> ! {
-    static mut APP: MaybeUninit<DemoApp> = MaybeUninit::uninit();
     static mut STATIONS: [Station; LINKS] = [Station::SILENT; LINKS];
 
-    let app = memory::make(APP);
+    paint();
+    let app = memory::start();
     let Some(Board { uarts: [mut uart, ..], flash, .. }) = Board::take() else { Board::reset() };
     let mut memory = Memory::new(flash);
-    paint();
     memory.restore(app, Instant::ZERO);
     for pass in 0..PASSES {
         let now = Instant::from_millis(1_000 + pass * PERIOD);
         app.control(now);
-        // By the companion's wire, where the key may come from, and by the radio in turn; the satellite hears commands.
+        // The companion link, which accepts the key, alternates with the radio. The satellite link gets the commands.
         let turn = pass / LEN % 4;
         let link = match turn {
             1 => 0,
@@ -295,14 +296,14 @@ fn main() -> ! {
             _ => 1,
         };
         if let Some(station) = STATIONS.get_mut(link) {
-            speak(station, pass);
+            send_step(station, pass);
         }
         for (link, station) in (0..).map(LinkId).zip(STATIONS.iter_mut()) {
             let _ = app.serve(now, link, &mut station.line);
         }
         memory.persist(app, now);
     }
-    let mark = mark();
+    let mark = high_water_mark();
     report(&mut uart, app.parts().0.plan_counters(), mark);
     loop {
         cortex_m::asm::wfi();

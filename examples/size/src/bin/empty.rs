@@ -1,4 +1,4 @@
-//! Nothing but the UART loop: what is subtracted from the others.
+//! Only the UART loop: the baseline that is subtracted from the other firmwares.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Frames and messages only: 12 message types in, every field of each read, 8 out.
+//! Frames and messages only: receives 12 message types, reads every field of each, and sends 8 types.
 #![no_std]
 #![no_main]
 
@@ -53,7 +53,7 @@ impl Tx {
     }
 }
 
-/// A message with every field of it read.
+/// Decodes a message so that every field is used.
 fn read<M: Message>(frame: &Frame<'_>) -> M {
     black_box(M::decode(frame.payload()))
 }

@@ -1,16 +1,18 @@
-//! The smallest vehicle, and by features what it may have besides: `cargo xtask size --options` prints what each adds.
+//! A minimal vehicle with optional features. `cargo measure options` prints the cost of each.
 #![no_std]
 #![no_main]
-#![allow(unused_imports, reason = "each option has names of its own")]
+#![allow(unused_imports, unused_variables, dead_code, reason = "each option uses other names")]
 
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
-    Attitude, BatteryStatus, CommandAck, CommandInt, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavModeFlag,
-    MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState, SysStatus,
-    Timesync, command_rules,
+    Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
+    ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
+    MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
+    NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
+    Timesync, VfrHud, Vibration, WindCov, command_rules,
 };
 use mavstack::*;
-use mavstack_size::{CONFIG, PULSE, Place, Uart, entry, now_micros};
+use mavstack_size::{CONFIG, PULSE, Place, Uart, Vacant, entry, now_micros};
 
 const LINKS: usize = if cfg!(feature = "link-3") {
     3
@@ -27,22 +29,49 @@ const TEXTS: usize = if cfg!(feature = "texts-8") {
 } else {
     0
 };
-const STREAMS: usize = if cfg!(feature = "streams-24") {
-    24
-} else if cfg!(feature = "streams") {
-    8
-} else {
-    0
-};
+const MISSION: usize = if cfg!(feature = "mission-200") { 200 } else { 100 };
+const FENCE: usize = if cfg!(feature = "plans-3") { 40 } else { 0 };
+const RALLY: usize = if cfg!(feature = "plans-3") { 10 } else { 0 };
+const SLOTS: usize = if cfg!(feature = "commands-long-4") { 4 } else { 2 };
+const BYTES: usize = if cfg!(feature = "forwarding-1024") { 1024 } else { 512 };
+const SEEN: usize = if cfg!(feature = "forwarding-seen-512") { 512 } else { 256 };
+const SENDERS: usize = if cfg!(feature = "signing-32") { 32 } else { 16 };
 
-#[cfg(not(feature = "mission"))]
-type Memory = NoPlans;
-#[cfg(all(feature = "mission", not(feature = "mission-200"), not(feature = "plans-3")))]
-type Memory = plan_memory!(mission: 100);
-#[cfg(feature = "mission-200")]
-type Memory = plan_memory!(mission: 200);
-#[cfg(feature = "plans-3")]
-type Memory = plan_memory!(mission: 100, fence: 40, rally: 10);
+/// Defines a macro that adds an entry to the declaration of the stack, if a feature is enabled, and goes on with the next macro.
+/// `$d` is a dollar sign.
+macro_rules! entry {
+    ($d:tt $feature:literal $name:ident $next:ident [$($entry:tt)*]) => {
+        #[cfg(feature = $feature)]
+        macro_rules! $name {
+            ($d($d declared:tt)*) => { $next! { $d($d declared)* $($entry)*, } };
+        }
+        #[cfg(not(feature = $feature))]
+        macro_rules! $name {
+            ($d($d declared:tt)*) => { $next! { $d($d declared)* } };
+        }
+    };
+}
+
+entry!($ "mission" with_plans with_parameters [plans: { mission: MISSION, fence: FENCE, rally: RALLY }]);
+entry!($ "parameters" with_parameters with_streams [parameters: Tuning]);
+entry!($ "streams" with_streams with_modes [streams]);
+entry!($ "modes" with_modes with_commands [modes]);
+entry!($ "commands-long" with_commands with_forwarding [commands: { slots: SLOTS }]);
+entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
+entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
+entry!($ "time" with_time with_manual [time]);
+entry!($ "manual" with_manual with_high_latency [manual_control]);
+entry!($ "high-latency" with_high_latency declare [high_latency]);
+
+macro_rules! declare {
+    ($($entries:tt)*) => {
+        stack! {
+            struct Mavlink for Rover { $($entries)* }
+        }
+    };
+}
+
+with_plans! { links: LINKS, peers: PEERS, texts: TEXTS, }
 
 #[cfg(all(feature = "parameters", not(feature = "parameters-16")))]
 parameters! {
@@ -85,54 +114,13 @@ dialect! {
     struct Few: [Heartbeat, CommandLong, CommandInt, CommandAck, Timesync, MissionCount, MissionItemInt, MissionRequestList];
 }
 
-/// What `cargo xtask size` lists apart.
+/// `cargo measure size` lists this size separately.
 #[cfg(all(feature = "forwarding", feature = "link-3"))]
-const _: () = assert!(size_of::<ForwardQueues<3>>() == 3864);
+const _: () = assert!(size_of::<ForwardQueues<3>>() == 3848);
 
 struct Rover {
     armed: bool,
     mode: u32,
-    #[cfg(feature = "parameters")]
-    tuning: Tuning,
-    #[cfg(feature = "commands-long")]
-    commands: CommandSlots<{ if cfg!(feature = "commands-long-4") { 4 } else { 2 } }>,
-    #[cfg(feature = "manual")]
-    manual: ManualInput,
-    #[cfg(feature = "time")]
-    time: TimeSlots<1>,
-    #[cfg(feature = "forwarding")]
-    queues: ForwardQueues<
-        LINKS,
-        { if cfg!(feature = "forwarding-1024") { 1024 } else { 512 } },
-        { if cfg!(feature = "forwarding-seen-512") { 512 } else { 256 } },
-    >,
-    #[cfg(feature = "high-latency")]
-    satellite: HighLatency,
-    #[cfg(feature = "signing")]
-    signing: SigningMemory<{ if cfg!(feature = "signing-32") { 32 } else { 16 } }>,
-}
-
-impl Rover {
-    const fn new() -> Self {
-        Self {
-            armed: false,
-            mode: 0,
-            #[cfg(feature = "parameters")]
-            tuning: Tuning::new(),
-            #[cfg(feature = "commands-long")]
-            commands: CommandSlots::new(),
-            #[cfg(feature = "manual")]
-            manual: ManualInput::new(ControlSource::GroundStation, ManualInput::TIMEOUT),
-            #[cfg(feature = "time")]
-            time: TimeSlots::new(),
-            #[cfg(feature = "forwarding")]
-            queues: ForwardQueues::new(),
-            #[cfg(feature = "high-latency")]
-            satellite: HighLatency::new(HighLatencyConfig::DEFAULT),
-            #[cfg(feature = "signing")]
-            signing: SigningMemory::new(),
-        }
-    }
 }
 
 impl Vehicle for Rover {
@@ -143,41 +131,13 @@ impl Vehicle for Rover {
         let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
         Some(VehicleState { base_mode, custom_mode: self.mode, system_status: MavState::STANDBY })
     }
-
-    #[cfg(feature = "manual")]
-    fn manual_input(&mut self) -> Option<&mut ManualInput> {
-        Some(&mut self.manual)
-    }
-
-    #[cfg(feature = "time")]
-    fn time_sync(&mut self) -> Option<&mut TimeSync> {
-        Some(&mut self.time)
-    }
-
-    #[cfg(feature = "forwarding")]
-    fn forwarding(&mut self) -> Option<Forwarding<'_>> {
-        Some(self.queues.forwarding())
-    }
-
-    #[cfg(feature = "high-latency")]
-    fn high_latency(&mut self) -> Option<&mut HighLatency> {
-        Some(&mut self.satellite)
-    }
-
-    #[cfg(feature = "signing")]
-    fn signing(&mut self) -> Option<&mut Signing> {
-        Some(&mut self.signing)
-    }
 }
 
 impl Commands for Rover {
     #[cfg(feature = "commands-rules")]
     const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::NAV_TAKEOFF).no_broadcast().once()];
-    #[cfg(feature = "modes")]
-    const MODES: &'static [FlightMode] =
-        &[FlightMode::new(0, "Hold"), FlightMode::new(1, "Mission"), FlightMode::new(2, "Return")];
 
-    fn command(&mut self, command: &Command) -> Outcome {
+    fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         if cfg!(feature = "typed-2")
             && let Ok(NavTakeoff { pitch, .. }) = command.decode()
         {
@@ -195,35 +155,66 @@ impl Commands for Rover {
             (MavCmd::COMPONENT_ARM_DISARM, [1.0, ..]) => self.armed = true,
             (MavCmd::COMPONENT_ARM_DISARM, [0.0, ..]) => self.armed = false,
             #[cfg(feature = "commands-long")]
-            (MavCmd::NAV_TAKEOFF, _) => return self.commands.start(command),
+            (MavCmd::NAV_TAKEOFF, _) => return cx.start(),
             _ => return MavResult::UNSUPPORTED.into(),
         }
         MavResult::ACCEPTED.into()
     }
+}
 
-    #[cfg(feature = "commands-long")]
-    fn command_memory(&mut self) -> Option<&mut CommandMemory> {
-        Some(&mut self.commands)
-    }
+#[cfg(feature = "modes")]
+impl Modes for Rover {
+    const MODES: &'static [FlightMode] =
+        &[FlightMode::new(0, "Hold"), FlightMode::new(1, "Mission"), FlightMode::new(2, "Return")];
 
-    #[cfg(feature = "modes")]
-    fn set_mode(&mut self, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+    fn set_mode(&mut self, _: &mut Context<'_>, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
         self.mode = mode.custom_mode;
         MavResult::ACCEPTED.into()
     }
 }
 
+#[cfg(feature = "streams")]
 impl Telemetry for Rover {
-    #[cfg(feature = "streams")]
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().every(Duration::from_millis(250)),
         Stream::of::<GlobalPositionInt>().every(Duration::from_millis(500)),
         Stream::of::<SysStatus>().every(Duration::from_secs(1)),
         Stream::of::<BatteryStatus>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<AttitudeQuaternion>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<EstimatorStatus>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<ExtendedSysState>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<GpsRawInt>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<HomePosition>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<LocalPositionNed>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<NavControllerOutput>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<RawImu>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<RcChannels>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<ScaledImu>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<ScaledPressure>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<ServoOutputRaw>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<SystemTime>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<VfrHud>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<Vibration>(),
+        #[cfg(feature = "streams-20")]
+        Stream::of::<WindCov>(),
     ];
 
-    #[cfg(feature = "streams")]
-    fn fill(&mut self, id: u32, out: Fill<'_>) -> bool {
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         match id {
             Attitude::ID => out.put(&Attitude::default()),
             GlobalPositionInt::ID => out.put(&GlobalPositionInt::default()),
@@ -234,32 +225,26 @@ impl Telemetry for Rover {
     }
 }
 
+#[cfg(feature = "mission")]
 impl Plans for Rover {
     const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT];
 
-    fn plan_changed(&mut self, _: PlanChange<'_>) {}
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
     fn progress(&self) -> Progress {
         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
     }
 }
 
+#[cfg(feature = "parameters")]
 impl Parameters for Rover {
-    #[cfg(not(feature = "parameters"))]
-    type Table = NoParams;
-    #[cfg(feature = "parameters")]
     type Table = Tuning;
-
-    #[cfg(feature = "parameters")]
-    fn parameters_mut(&mut self) -> Option<&mut Tuning> {
-        Some(&mut self.tuning)
-    }
 }
 
 #[cfg(feature = "queues")]
 static QUEUES: io::SerialQueues<64, 64> = io::SerialQueues::new();
 
-/// Stands in for the UART's interrupt.
+/// Simulates the UART's interrupt.
 #[cfg(feature = "queues")]
 #[cortex_m_rt::exception]
 fn SysTick() {
@@ -279,7 +264,7 @@ fn SysTick() {
 
 #[entry]
 fn main() -> ! {
-    static STACK: Place<Stack<LINKS, Memory, PEERS, TEXTS, STREAMS>> = Place::new();
+    static STACK: Vacant<Mavlink> = Vacant::new(Mavlink::VACANT);
     static ROVER: Place<Rover> = Place::new();
 
     #[cfg(not(feature = "signing"))]
@@ -298,8 +283,11 @@ fn main() -> ! {
     let mut uart = Uart;
     #[cfg(feature = "queues")]
     let mut uart = QUEUES.loop_end();
-    let rover = ROVER.put(Rover::new());
-    let stack = STACK.put(Stack::with_capacities(CONFIG, CONFIGS));
+    let rover = ROVER.put(Rover { armed: false, mode: 0 });
+    let stack = STACK.take();
+    stack.begin(CONFIG, CONFIGS);
+    #[cfg(feature = "manual")]
+    stack.manual_input_mut().set_source(ControlSource::GroundStation);
     #[cfg(feature = "store-plans")]
     let mut plans = {
         use mavstack_size::storage::Flash;
@@ -330,7 +318,7 @@ fn main() -> ! {
     let mut key = {
         use mavstack_size::storage::Flash;
         let mut store = SigningStore::new(Flash, 0xc000..0xc000 + SigningStore::<Flash>::REGION_LEN);
-        let _ = stack.restore_signing(Instant::ZERO, &mut store, rover);
+        let _ = stack.restore_signing(Instant::ZERO, &mut store);
         store
     };
     loop {
@@ -340,13 +328,13 @@ fn main() -> ! {
         stack.send_text(now, MavSeverity::INFO, "started");
         #[cfg(feature = "time")]
         {
-            rover.time.ask(LinkId(0));
-            rover.armed ^= rover.time.take_sample().is_some();
+            stack.ask_time(LinkId(0));
+            rover.armed ^= stack.take_time_sample().is_some();
         }
         #[cfg(feature = "commands-long")]
-        rover.commands.finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
+        stack.commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
         #[cfg(feature = "high-latency")]
-        rover.satellite.sample(now, &HighLatencySample::UNKNOWN);
+        stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN);
         stack.poll(now, rover);
         for link in 0..LINKS as u8 {
             let _ = stack.poll_link(now, LinkId(link), &mut uart, rover);

@@ -1,4 +1,4 @@
-//! Plans as text: a file comes in, and goes out again item by item.
+//! Plans as text: reads a file and writes it again, item by item.
 #![no_std]
 #![no_main]
 
@@ -28,7 +28,7 @@ fn main() -> ! {
             let len = uart.read(&mut block).unwrap_or(0);
             let mut bytes = block.get(..len).unwrap_or_default();
             if len == 0 {
-                // Stands in for the end of the file.
+                // Simulates the end of the file.
                 let _ = reader.finish();
             }
             while let Ok(Some(item)) = reader.next(&mut bytes) {

@@ -1,11 +1,11 @@
-//! Plan ids are checksums, and two plans may have the same: T-M20, M-39, SEC-11.
+//! Plan ids are checksums: two different plans may have the same id (M-39, SEC-11).
 
 use super::*;
 
-/// `items` with another parameter 4 in item `at`, so that the plan's id becomes `wanted`.
+/// Returns `items` with parameter 4 of item `at` changed, so that the plan's id becomes `wanted`.
 ///
-/// A checksum of messages of one length is affine: what flipping a bit changes in it does not depend on the other bits. So
-/// the 32 bits of one field can be solved for, whatever stands before and behind it.
+/// For messages of one length, a CRC is affine: the effect of flipping a bit does not depend on the other bits. So the 32 bits of
+/// one field are the solution of a linear system, whatever precedes and follows them.
 fn with_id(items: &[Item], at: usize, wanted: u32) -> Vec<Item> {
     let with = |bits: u32| {
         let mut items = items.to_vec();
@@ -16,7 +16,7 @@ fn with_id(items: &[Item], at: usize, wanted: u32) -> Vec<Item> {
     let mut rows: Vec<(u32, u32)> = (0..32).map(|bit| (id_of(&with(1 << bit)) ^ base, 1 << bit)).collect();
     let (mut missing, mut bits) = (wanted ^ base, 0);
     for bit in (0..32).rev() {
-        let pivot = rows.iter().position(|(value, _)| value >> bit == 1).expect("any checksum can be had");
+        let pivot = rows.iter().position(|(value, _)| value >> bit == 1).expect("any checksum is reachable");
         let (value, pattern) = rows.swap_remove(pivot);
         for row in rows.iter_mut().filter(|(value, _)| value >> bit == 1) {
             *row = (row.0 ^ value, row.1 ^ pattern);
@@ -30,8 +30,8 @@ fn with_id(items: &[Item], at: usize, wanted: u32) -> Vec<Item> {
     items
 }
 
-/// M-39, SEC-11: an equal id is no proof. Wherever the difference is, and between plans of different lengths, the new plan
-/// replaces the live one; a second time it does not.
+/// M-39, SEC-11: an equal id does not prove that the plans are equal. Wherever they differ, even in length, the new plan replaces
+/// the live one; a repeated upload does not.
 #[test]
 fn a_plan_with_the_same_id_is_another_plan() {
     let live = plan(1, 3);
@@ -40,7 +40,7 @@ fn a_plan_with_the_same_id_is_another_plan() {
         with_id(&plan(2, 3), 0, id),
         with_id(&plan(2, 3), 1, id),
         with_id(&plan(2, 3), 2, id),
-        // All but the last two items are the live plan's.
+        // All items but the last two are those of the live plan.
         with_id(&[item(1, 0), item(2, 1), item(1, 2)], 2, id),
         with_id(&plan(2, 1), 0, id),
         with_id(&plan(2, 5), 3, id),
@@ -60,7 +60,7 @@ fn a_plan_with_the_same_id_is_another_plan() {
     }
 }
 
-/// T-M20, SEC-11: what is written is what is compared: a plan with the live one's id is stored, the live one is not.
+/// M-39, SEC-11: the content decides about a write: a different plan with the live plan's id is stored, an equal plan is not.
 #[cfg(feature = "storage")]
 #[test]
 fn a_plan_with_the_same_id_is_stored() {
@@ -79,7 +79,7 @@ fn a_plan_with_the_same_id_is_stored() {
     for (seq, item) in other.iter().enumerate() {
         bench.ask(A, &int(MISSION, seq, item));
     }
-    let (_, [mission, ..]) = bench.unsaved().expect("it is to be written");
+    let (_, [mission, ..]) = bench.unsaved().expect("it must be written");
     assert_eq!(mission, (other.clone(), id));
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id))]);

@@ -1,4 +1,4 @@
-//! Storage between the last item and the live plan (M-44, M-52, SEC-11): both policies, failures, patience.
+//! Storage between the last item and the live plan (M-44, M-52, SEC-11): both policies, failures, timeouts.
 
 use super::*;
 
@@ -11,7 +11,7 @@ fn durable() -> Bench {
     bench
 }
 
-/// The whole upload but for its final answer, which nothing brings.
+/// Uploads all items; the final answer is pending on storage.
 fn upload_to_storage(bench: &mut Bench, from: Peer, mission_type: MavMissionType, items: &[Item]) {
     let mut sent = bench.ask(from, &count(mission_type, items.len()));
     for (seq, item) in items.iter().enumerate() {
@@ -21,7 +21,7 @@ fn upload_to_storage(bench: &mut Bench, from: Peer, mission_type: MavMissionType
     assert_eq!(sent, []);
 }
 
-/// M-44: the plan is what storage is asked to hold; it goes live and is accepted when storage holds it.
+/// M-44: the plan is written first; it goes live and is accepted when storage holds it.
 #[test]
 fn accepted_means_stored() {
     let mut bench = durable();
@@ -30,25 +30,25 @@ fn accepted_means_stored() {
     assert_eq!(bench.live(PlanType::Mission), (&[][..], 0));
     let (first_job, content) = bench.unsaved().unwrap();
     assert_eq!(content, [(mission.clone(), id_of(&mission)), (Vec::new(), 0), (Vec::new(), 0)]);
-    assert_eq!(bench.wait(1_000), [], "nothing is asked for meanwhile");
+    assert_eq!(bench.wait(1_000), [], "nothing is requested meanwhile");
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&mission)))]);
     assert_eq!(bench.live(PlanType::Mission), (&mission[..], id_of(&mission)));
     assert_eq!(bench.unsaved(), None);
     assert_eq!(bench.vehicle.changes, [(PlanType::Mission, mission.clone(), 0)]);
 
-    // The next one goes beside what is live already.
+    // The next plan is written together with the live ones.
     upload_to_storage(&mut bench, B, FENCE, &fence);
     let (job, content) = bench.unsaved().unwrap();
     assert_ne!(job, first_job);
     assert_eq!(content, [(mission.clone(), id_of(&mission)), (fence.clone(), id_of(&fence)), (Vec::new(), 0)]);
     bench.saved();
     assert_eq!(bench.drain(), [(B.address, FENCE, Ack(ACCEPTED, id_of(&fence)))]);
-    // M-31: the last item again is answered again.
+    // M-31: a repeated last item is answered again.
     assert_eq!(bench.ask(B, &int(FENCE, 2, &fence[2])), [(B.address, FENCE, Ack(ACCEPTED, id_of(&fence)))]);
 }
 
-/// M-50: all plans are emptied by one record, and one answer says so.
+/// M-50: one record clears all plans, and one answer confirms it.
 #[test]
 fn clear_waits_for_storage_too() {
     let mut bench = Bench::new();
@@ -67,15 +67,15 @@ fn clear_waits_for_storage_too() {
         assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
     }
     assert_eq!(bench.live(PlanType::Mission), (&[][..], 0));
-    // M-52: empty already, so storage has nothing to do.
+    // M-52: already empty, so nothing is written.
     assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
     assert_eq!(bench.ask(A, &count(MISSION, 0)), [to_a(Ack(ACCEPTED, 0))]);
     assert_eq!(bench.unsaved(), None);
 }
 
-/// SEC-11: the live plan once more wears no flash, and does not wait for it.
+/// SEC-11: a repeated upload of the live plan causes no write, and is answered at once.
 #[test]
-fn the_same_plan_again_is_not_written() {
+fn an_equal_plan_is_not_written() {
     let mut bench = durable();
     let items = plan(1, 3);
     upload_to_storage(&mut bench, A, MISSION, &items);
@@ -86,9 +86,9 @@ fn the_same_plan_again_is_not_written() {
     assert_eq!(bench.vehicle.changes.len(), 1);
 }
 
-/// M-52, section 8.6: a failure is told by code and text, and the old plan stays as it was.
+/// M-52: a failure is reported by result and text, and the old plan stays live.
 #[test]
-fn what_is_not_stored_is_not_live() {
+fn a_plan_that_is_not_stored_is_not_live() {
     let mut bench = durable();
     let items = plan(1, 3);
     upload_to_storage(&mut bench, A, MISSION, &items);
@@ -109,22 +109,22 @@ fn what_is_not_stored_is_not_live() {
     assert_eq!(bench.live(PlanType::Mission), (&items[..], id_of(&items)));
     assert_eq!(bench.vehicle.changes.len(), 1);
     assert_eq!(bench.missions.counters().not_saved, 2);
-    // Whoever comes next is not held up by it.
+    // The next client is not delayed.
     assert_eq!(bench.ask(B, &count(MISSION, 1)), [to_b(Ask(0))]);
 }
 
-/// Storage that nobody runs, or that the vehicle does not permit any more, does not hold the staging area.
+/// The staging area is released after a timeout if storage makes no progress.
 #[test]
-fn patience_with_storage_ends() {
+fn a_write_times_out() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
-    let told = bench.wait(8_000);
-    assert_eq!(told, [(5_000, to_a(Ack(ERROR, 0)))]);
+    let sent = bench.wait(8_000);
+    assert_eq!(sent, [(5_000, to_a(Ack(ERROR, 0)))]);
     assert_eq!((bench.unsaved(), bench.live(PlanType::Mission)), (None, (&[][..], 0)));
     assert_eq!(bench.ask(B, &count(MISSION, 2)), [to_b(Ask(0))]);
 }
 
-/// M-44: where nothing may be written an upload is refused before its first item, and so is a clear.
+/// M-44: while nothing may be written, an upload is refused before its first item, and a clear at once.
 #[test]
 fn without_permission_changes_are_denied_at_once() {
     let mut bench = durable();
@@ -138,8 +138,8 @@ fn without_permission_changes_are_denied_at_once() {
     assert_eq!(bench.live(PlanType::Mission).0, plan(1, 2));
 }
 
-/// M-44, M-45: a vehicle that arms during an upload and permits no writes then refuses it at its last item, and does not have the
-/// client wait for storage. A plan that is stored already needs none.
+/// M-44, M-45: if the vehicle arms during an upload and then permits no writes, the upload is refused at its last item; the
+/// client does not wait for storage. A plan that is stored already needs no permission.
 #[test]
 fn without_permission_a_plan_is_denied_at_its_last_item() {
     let mut bench = durable();
@@ -159,7 +159,7 @@ fn without_permission_a_plan_is_denied_at_its_last_item() {
     assert_eq!((bench.missions.counters().refused, bench.missions.counters().accepted), (1, 2));
 }
 
-/// M-44, Deferred: live and accepted at once, written when storage comes to it; a failure is said once and tried again.
+/// M-44, Deferred: a change is live and accepted at once, and written later. A failure is reported once and retried.
 #[test]
 fn deferred_plans_are_live_first() {
     let mut bench = Bench::new();
@@ -169,7 +169,7 @@ fn deferred_plans_are_live_first() {
     assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
     let (job, content) = bench.unsaved().unwrap();
     assert_eq!(content[0], (items, id_of(&plan(1, 3))));
-    // A change while it is being written is another job.
+    // A change during a write starts another job.
     assert_eq!(bench.upload(A, FENCE, &fence(2, 1)), Ack(ACCEPTED, id_of(&fence(2, 1))));
     assert_ne!(bench.unsaved().unwrap().0, job);
 
@@ -187,7 +187,7 @@ fn deferred_plans_are_live_first() {
 }
 
 impl Bench {
-    /// The firmware brings a plan.
+    /// Loads a plan of the firmware.
     fn load(&mut self, plan: PlanType, items: &[Item]) {
         let read = |seq| items.get(usize::from(seq)).copied();
         let loaded = self.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, plan, None, read));
@@ -195,9 +195,9 @@ impl Bench {
     }
 }
 
-/// A plan of the firmware's own is written, also when an upload meanwhile is not.
+/// A plan loaded by the firmware is written, even if an upload meanwhile is not.
 #[test]
-fn what_is_owed_to_storage_stays_owed() {
+fn a_pending_write_stays_pending() {
     let mut bench = durable();
     let fence = fence(2, 2);
     bench.load(PlanType::Fence, &fence);
@@ -206,15 +206,15 @@ fn what_is_owed_to_storage_stays_owed() {
     bench.not_saved();
     bench.drain();
     let (without, content) = bench.unsaved().unwrap();
-    assert_ne!(without, with_mission, "another content");
+    assert_ne!(without, with_mission, "different content");
     assert_eq!(content, [(Vec::new(), 0), (fence.clone(), id_of(&fence)), (Vec::new(), 0)]);
     bench.saved();
     assert_eq!((bench.unsaved(), bench.drain()), (None, Vec::new()));
 }
 
-/// M-44: what is live without being stored is accepted when it is stored, and its progress goes on.
+/// M-44: an upload of a plan that is live but not stored is accepted when it is stored; its progress continues.
 #[test]
-fn accepted_means_stored_also_of_what_is_live() {
+fn accepted_means_stored_even_if_the_plan_is_live() {
     let mut bench = durable();
     let items = plan(1, 3);
     bench.load(PlanType::Mission, &items);
@@ -222,12 +222,12 @@ fn accepted_means_stored_also_of_what_is_live() {
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&items)))]);
     assert_eq!(bench.live(PlanType::Mission), (&items[..], id_of(&items)));
-    assert_eq!(bench.vehicle.changes.len(), 1, "it was live");
+    assert_eq!(bench.vehicle.changes.len(), 1, "it was live already");
 
-    // Nothing is live, but something may be stored, which is to be gone for good after a clear.
+    // Nothing is live, but something may be stored; after a clear it must be erased.
     let mut bench = durable();
     bench.missions.stored_differs(true);
-    assert_eq!(bench.unsaved(), None, "nothing by itself");
+    assert_eq!(bench.unsaved(), None, "no write without a change");
     assert_eq!(bench.ask(A, &clear(MISSION)), []);
     assert!(bench.unsaved().is_some());
     bench.saved();
@@ -235,7 +235,7 @@ fn accepted_means_stored_also_of_what_is_live() {
     assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))]);
 }
 
-/// M-52: a clear that is repeated while the first is being stored has one answer; any other is refused.
+/// M-52: a clear that is repeated while it is being stored gets one answer; any other clear is refused.
 #[test]
 fn a_repeated_clear_waits_for_the_first() {
     let mut bench = durable();
@@ -254,9 +254,9 @@ fn a_repeated_clear_waits_for_the_first() {
     assert_eq!((bench.drain_link(0), bench.drain_link(1)), (Vec::new(), [to_a(Ack(ACCEPTED, 0))].to_vec()));
 }
 
-/// M-52: what is empty may be cleared always, also where storage could be and is not.
+/// M-52: an empty plan may always be cleared, with and without storage.
 #[test]
-fn nothing_may_be_cleared_always() {
+fn an_empty_plan_may_always_be_cleared() {
     let mut bench = Bench::new();
     bench.upload(A, MISSION, &plan(1, 2));
     assert_eq!(bench.unsaved(), None, "there is nowhere to write it");
@@ -272,10 +272,10 @@ fn nothing_may_be_cleared_always() {
     assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(DENIED, 0))]);
 }
 
-/// M-52, C-15: an empty plan wears no storage: that it is empty still may be said when storage was written too often, by clear and
-/// by COUNT 0.
+/// M-52, C-15: clearing an empty plan writes nothing, so it is accepted even if the token bucket is empty, by CLEAR_ALL and by
+/// COUNT 0.
 #[test]
-fn nothing_may_be_cleared_when_storage_is_worn() {
+fn an_empty_plan_may_be_cleared_without_tokens() {
     let mut bench = durable();
     bench.missions.limit_storage(Duration::from_secs(900));
     for _ in 0..64 {
@@ -294,14 +294,14 @@ fn nothing_may_be_cleared_when_storage_is_worn() {
     assert_eq!((bench.unsaved(), bench.vehicle.changes.len()), (None, changes));
 }
 
-/// D-3: a request is taken only while the link can owe what storage will answer, and what it owes is not lost.
+/// D-3: a request is accepted only while the link has a free slot for the result; pending results are not lost.
 #[test]
 fn a_stalled_link_keeps_the_answer_of_storage() {
     let mut bench = durable();
     assert_eq!(bench.upload(A, MISSION, &[]), Ack(ACCEPTED, 0));
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     bench.saved();
-    // Link 0 does not send. Another client on it asks for a clear, which could not be answered: it is not done.
+    // Link 0 does not send. Another client's clear on it could not be answered, so it is not carried out.
     let other = Peer { address: Address::new(253, 1), ..A };
     bench.send(other, &clear(MISSION));
     bench.send(other, &count(MISSION, 2));
@@ -312,9 +312,9 @@ fn a_stalled_link_keeps_the_answer_of_storage() {
     assert_eq!(bench.drain_link(0), [(other.address, MISSION, Ack(ACCEPTED, 0))]);
 }
 
-/// M-31: where it is wanted the final answer comes twice, with storage and without, unless something else has begun.
+/// M-31: if configured, the final answer is sent twice, with and without storage, unless another request has begun.
 #[test]
-fn a_second_final_answer_is_a_choice() {
+fn a_second_final_answer_is_optional() {
     for storage in [false, true] {
         let mut bench = if storage { durable() } else { Bench::new() };
         bench.second_ack = true;
@@ -328,19 +328,19 @@ fn a_second_final_answer_is_a_choice() {
             assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)));
         }
         assert_eq!(bench.wait(2_000), [(400, accepted)]);
-        // A refused one is not repeated, nor one that another upload has followed.
+        // A refusal is not repeated, nor an answer that another upload has followed.
         bench.vehicle.bad_item = Some((0, ERROR));
         assert_eq!(bench.ask(A, &count(MISSION, 1)), [to_a(Ask(0))]);
         assert_eq!(bench.ask(A, &int(MISSION, 0, &item(2, 0))), [to_a(Ack(ERROR, 0))]);
         assert_eq!(bench.wait(2_000), []);
         bench.vehicle.bad_item = None;
-        assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)), "live already");
+        assert_eq!(bench.upload(A, MISSION, &items), Ack(ACCEPTED, id_of(&items)), "already live");
         assert_eq!(bench.ask(B, &count(MISSION, 1)), [to_b(Ask(0))]);
         assert_eq!(bench.wait(800), [(250, to_b(Ask(0))), (750, to_b(Ask(0)))]);
     }
 }
 
-/// What was cut off by a restart of the vehicle comes back as it was checked then, or not at all.
+/// A plan restored after a restart is checked again, and is restored completely or not at all.
 #[test]
 fn plans_come_back_from_storage() {
     let read = |items: &[Item], count: u16, id: u32, bad: Option<(u16, MavMissionResult)>| {
@@ -358,22 +358,22 @@ fn plans_come_back_from_storage() {
     assert_eq!(read(&items, 5, id, None), (items.clone(), id, 1, Ok(())));
     assert_eq!(read(&[], 0, 0, None), (Vec::new(), 0, 0, Ok(())));
     let fault = |seq, result| (Vec::new(), 0, 0, Err(PlanFault { seq, result }));
-    // The firmware has less room than the one that stored it.
+    // The firmware has a smaller capacity than the one that stored the plan.
     assert_eq!(read(&plan(3, 6), 6, id_of(&plan(3, 6)), None), fault(None, NO_SPACE));
     // It cannot fly one of the items.
     assert_eq!(read(&items, 5, id, Some((2, UNSUPPORTED))), fault(Some(2), UNSUPPORTED));
-    // It is not what it was.
+    // The content has changed.
     assert_eq!(read(&items, 5, id ^ 1, None), fault(None, INVALID));
     assert_eq!(read(&items, 4, id, None), fault(None, INVALID));
 }
 
-/// M-22, M-44: where an answer of storage still waits for the line, no last item is taken; it is asked for again.
+/// M-22, M-44: while a result of storage is pending on the link, the last item is not accepted; it is requested again.
 #[test]
-fn the_last_item_waits_for_room_to_answer_it() {
+fn the_last_item_waits_for_a_slot_for_its_answer() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     bench.saved();
-    // Link 0 does not send, and owes A its answer. B begins on link 1, and continues on A's link after two seconds of
+    // Link 0 does not send; A's answer is pending there. B begins on link 1, and continues on A's link after two seconds of
     // silence on link 1 (M-45).
     let moved = Peer { link: A.link, ..B };
     bench.send(B, &count(MISSION, 1));
@@ -390,7 +390,7 @@ fn the_last_item_waits_for_room_to_answer_it() {
 /// M-11, M-44, M-45: the client that waits for storage is answered on the link that it has moved to, unless another answer
 /// is pending there.
 #[test]
-fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
+fn a_result_of_storage_follows_its_client_to_a_free_link() {
     for is_taken in [false, true] {
         let mut bench = durable();
         if is_taken {
@@ -413,7 +413,7 @@ fn an_answer_of_storage_follows_its_client_to_a_link_with_room() {
     }
 }
 
-/// M-31: what has no id is not said twice.
+/// M-31: the answer to a clear, which has no id, is not sent twice.
 #[test]
 fn a_clear_is_answered_once() {
     let mut bench = durable();
@@ -427,9 +427,9 @@ fn a_clear_is_answered_once() {
     assert_eq!(bench.wait(2_000), []);
 }
 
-/// What storage has does not come into an upload, nor while what was uploaded is being stored.
+/// No plan is loaded during an upload, or while an upload is being stored.
 #[test]
-fn nothing_is_loaded_into_an_upload() {
+fn nothing_is_loaded_during_an_upload() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     let none = |_| None;
@@ -447,10 +447,10 @@ fn nothing_is_loaded_into_an_upload() {
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
 }
 
-/// M-45: a vehicle that armed while the change was being written refuses it. The old plan stays live, and is written
-/// again.
+/// M-45: if the vehicle armed while the change was being written, it refuses the change. The old plan stays live, and is
+/// written again.
 #[test]
-fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
+fn a_written_plan_does_not_go_live_once_armed() {
     for is_clear in [false, true] {
         let mut bench = durable();
         bench.load(PlanType::Mission, &plan(1, 2));
@@ -476,11 +476,11 @@ fn what_is_written_is_not_live_when_the_vehicle_has_armed() {
     }
 }
 
-/// M-45: the vehicle is asked before each step of writing too, so that a plan that it does not want is no record even after a
-/// reset. What was written of it is given up: nothing has to be written again.
+/// M-45: the vehicle is also asked before each step of writing, so that a refused plan never becomes a record, not even after a
+/// reset. The partial record is abandoned; nothing has to be written again.
 #[test]
-fn what_is_being_written_is_given_up_when_the_vehicle_has_armed() {
-    let refused = |bench: &mut Bench| bench.owing(Missions::refused);
+fn a_write_is_abandoned_once_armed() {
+    let refused = |bench: &mut Bench| bench.with_answer(Missions::refused);
     for is_clear in [false, true] {
         let mut bench = durable();
         bench.load(PlanType::Mission, &plan(1, 2));

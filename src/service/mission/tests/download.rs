@@ -10,9 +10,9 @@ fn bench_with(items: &[Item]) -> Bench {
     bench
 }
 
-/// T-M13, M-60, M-64: any item, any order, any number of clients, whether they asked for the count or not.
+/// M-60, M-64: any item, in any order, for any number of clients, with or without a request for the count.
 #[test]
-fn clients_download_what_they_like() {
+fn clients_download_any_item_in_any_order() {
     let mut bench = bench_with(&plan(1, 5));
     let id = id_of(&plan(1, 5));
     for client in [A, B] {
@@ -27,7 +27,7 @@ fn clients_download_what_they_like() {
     }
 }
 
-/// M-25, M-60: an empty plan is a normal answer, a plan that is not served or not defined is none.
+/// M-25, M-60: an empty plan is downloaded normally; a plan that is not served or not defined is refused.
 #[test]
 fn empty_and_missing_plans() {
     let mut bench = Bench::new();
@@ -44,7 +44,7 @@ fn empty_and_missing_plans() {
     }
 }
 
-/// M-67: in the mission, the item that is being flown is marked.
+/// M-67: the mission item that is being flown is marked as current.
 #[test]
 fn the_current_item_is_marked() {
     let mut bench = bench_with(&plan(1, 3));
@@ -55,7 +55,7 @@ fn the_current_item_is_marked() {
     assert_eq!(bench.ask(A, &request(FENCE, 2)), [(A.address, FENCE, Part(2, 0, fence(2, 3)[2]))]);
 }
 
-/// T-M12, M-61: MISSION_REQUEST is answered in integers, or in floats where the firmware wants that.
+/// M-61: MISSION_REQUEST is answered with integers, or with floats if so configured.
 #[test]
 fn the_old_request_is_answered_as_configured() {
     let old = MissionRequest { seq: 1, ..Default::default() };
@@ -69,9 +69,9 @@ fn the_old_request_is_answered_as_configured() {
     }
 }
 
-/// M-61: what is no latitude is not scaled.
+/// M-61: only latitudes and longitudes are scaled.
 #[test]
-fn local_positions_are_floats_of_their_own() {
+fn local_positions_are_not_scaled() {
     let local =
         Item { frame: MavFrame::MISSION, command: MavCmd::DO_JUMP, params: [0.0; 4], x: 3, y: -4, ..item(1, 1) };
     let mut bench = Bench::of(true, Version::V2);
@@ -80,7 +80,7 @@ fn local_positions_are_floats_of_their_own() {
     assert_eq!(bench.ask(A, &old), [to_a(FloatPart(1, 3.0, -4.0))]);
 }
 
-/// T-M14, M-63: who began with another plan gets no item of the new one, until it asks for the count again.
+/// M-63: a client that began with the old plan gets no item of the new one until it requests the count again.
 #[test]
 fn a_download_does_not_mix_two_plans() {
     let mut bench = bench_with(&plan(1, 3));
@@ -91,16 +91,16 @@ fn a_download_does_not_mix_two_plans() {
     bench.upload(A, MISSION, &plan(2, 3));
     for _ in 0..3 {
         bench.wait(5_000);
-        assert_eq!(bench.ask(B, &request(MISSION, 1)), [to_b(Ack(CANCELLED, 0))], "as often as it tries");
+        assert_eq!(bench.ask(B, &request(MISSION, 1)), [to_b(Ack(CANCELLED, 0))], "however often it tries");
     }
-    assert_eq!(bench.ask(C, &request(MISSION, 1)), [(C.address, MISSION, Part(1, 0, item(2, 1)))], "not asked before");
+    assert_eq!(bench.ask(C, &request(MISSION, 1)), [(C.address, MISSION, Part(1, 0, item(2, 1)))], "a new client");
     assert_eq!(bench.ask(B, &list(MISSION)), [to_b(Out::Count(3, id_of(&plan(2, 3))))]);
     assert_eq!(bench.ask(B, &request(MISSION, 1)), [to_b(Part(1, 0, item(2, 1)))]);
 }
 
-/// M-63: the same for an answer that was owed when the plan changed, and for a plan that was cleared.
+/// M-63: the same for an answer that was pending when the plan changed, and for a plan that was cleared.
 #[test]
-fn an_owed_item_of_a_replaced_plan_is_not_sent() {
+fn a_pending_item_of_a_replaced_plan_is_not_sent() {
     let mut bench = bench_with(&plan(1, 3));
     bench.ask(B, &list(MISSION));
     bench.send(B, &request(MISSION, 2));
@@ -113,7 +113,7 @@ fn an_owed_item_of_a_replaced_plan_is_not_sent() {
     assert_eq!(bench.ask(C, &request(MISSION, 0)), [(C.address, MISSION, Ack(CANCELLED, 0))]);
 }
 
-/// M-63, M-65: a download ends with the client's ACK, or is forgotten after ten seconds.
+/// M-63, M-65: a download ends with the client's ACK, or ten seconds after its last request.
 #[test]
 fn a_finished_download_is_forgotten() {
     for wait in [0, 10_000] {
@@ -129,9 +129,9 @@ fn a_finished_download_is_forgotten() {
     }
 }
 
-/// M-63: with five clients the one that is silent for longest is forgotten, and none of the others.
+/// M-63: a fifth client evicts only the client that has been silent for longest.
 #[test]
-fn a_fifth_client_takes_the_place_of_the_most_silent() {
+fn a_fifth_client_evicts_the_most_silent() {
     let mut bench = bench_with(&plan(1, 1));
     let clients: Vec<Peer> = (10..15).map(|system| Peer { address: Address::new(system, 190), ..B }).collect();
     for client in &clients {
@@ -145,9 +145,9 @@ fn a_fifth_client_takes_the_place_of_the_most_silent() {
     }
 }
 
-/// T-M19, M-90: all fields, without a mission and with one.
+/// M-90: all fields, without a mission and with one.
 #[test]
-fn mission_current_tells_progress_and_plans() {
+fn mission_current_reports_progress_and_plans() {
     let mut bench = Bench::new();
     bench.poll();
     let empty = MissionCurrent {
@@ -185,10 +185,10 @@ fn mission_current_tells_progress_and_plans() {
 
 /// M-90: once a second when nothing changes, without drift, and without a burst after a pause.
 #[test]
-fn mission_current_comes_once_a_second() {
+fn mission_current_is_sent_once_a_second() {
     let mut bench = Bench::new();
     let mut at = Vec::new();
-    // The loop takes 300 ms, which a second is no multiple of.
+    // The loop takes 300 ms; a second is not a multiple of that.
     for step in 0..330 {
         bench.now = Instant::from_millis(60_000 + step * 300);
         bench.poll();
@@ -200,5 +200,5 @@ fn mission_current_comes_once_a_second() {
     assert!(bench.next_current(0).is_some());
     bench.poll();
     assert!(bench.next_current(0).is_none());
-    assert_eq!(bench.missions.deadline(), Instant::from_millis(201_500));
+    assert_eq!(bench.deadline(), Instant::from_millis(201_500));
 }

@@ -1,20 +1,20 @@
-//! What is due exactly now, what nobody is owed, what is counted: where a comparison has its edge.
+//! Boundary cases: timers due exactly now, links with nothing pending, counters, limits of values.
 
 use super::*;
 use crate::dialect::MissionItemReached;
 
 impl Bench {
-    /// Whether something waits to be sent on a link.
-    fn is_pending(&mut self, link: usize) -> bool {
-        let (missions, _) = self.memory.parts(&mut self.missions).expect("there are plans");
-        missions.is_pending(&self.replies[link], &self.boxes[link])
+    /// Whether anything is pending on a link.
+    fn is_pending(&self, link: usize) -> bool {
+        let (missions, replies, tx) = (&self.missions, &self.replies[link], &self.boxes[link]);
+        replies.has_ack() || missions.has_transfer(replies, tx) || missions.has_progress(tx.link())
     }
 
-    /// The MISSION_ITEM_REACHED that a link sends next, if that is what it sends.
+    /// Returns the next MISSION_ITEM_REACHED of a link, if that is the next message.
     fn next_reached(&mut self, link: usize) -> Option<u16> {
         let tx = &mut self.boxes[link];
-        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let sent = missions.next_progress(&plans, &self.vehicle.progress, tx);
+        let plans = self.memory.view().expect("there are plans");
+        let sent = self.missions.next_progress(&plans, &self.vehicle.progress, tx);
         sent.then(|| with_frame(&take(tx), |frame| frame.decode::<MissionItemReached>().map(|message| message.seq)))?
     }
 
@@ -23,9 +23,9 @@ impl Bench {
     }
 }
 
-/// M-90: everyone is told once a second, also when the poll that was to do so comes a whole second late.
+/// M-90: MISSION_CURRENT is sent once a second, even if a poll is a whole second late.
 #[test]
-fn a_late_poll_tells_the_current_item_once() {
+fn a_late_poll_sends_the_current_item_once() {
     let mut bench = Bench::new();
     bench.poll();
     bench.drain_progress();
@@ -33,18 +33,18 @@ fn a_late_poll_tells_the_current_item_once() {
     bench.poll();
     assert!(bench.next_current(0).is_some() && bench.next_current(1).is_some());
     bench.poll();
-    assert!(!bench.is_pending(0) && !bench.is_pending(1), "told a moment ago");
-    assert_eq!(bench.missions.deadline(), bench.now.after(Duration::from_secs(1)));
+    assert!(!bench.is_pending(0) && !bench.is_pending(1), "sent a moment ago");
+    assert_eq!(bench.deadline(), bench.now.after(Duration::from_secs(1)));
 }
 
-/// M-30: the stack is to be polled again when a request for an item is to be repeated, and not before.
+/// M-30: the deadline is when a request for an item must be repeated, not earlier.
 #[test]
-fn a_request_is_repeated_when_the_engine_asks_for_the_poll() {
+fn a_request_is_repeated_at_the_deadline() {
     let mut bench = Bench::new();
     bench.poll();
     bench.drain_progress();
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
-    let due = bench.missions.deadline();
+    let due = bench.deadline();
     assert!(due > bench.now && due < bench.now.after(Duration::from_secs(2)));
     bench.now = Instant::from_micros(due.as_micros() - 1);
     bench.poll();
@@ -54,9 +54,9 @@ fn a_request_is_repeated_when_the_engine_asks_for_the_poll() {
     assert_eq!(bench.drain_link(0), [to_a(Ask(0))]);
 }
 
-/// What is owed on one link is no reason to send on the other, and nothing is pending that nobody is owed.
+/// A message is pending only on the links that it is for.
 #[test]
-fn each_link_knows_what_it_owes() {
+fn each_link_has_its_own_pending_messages() {
     let mut bench = Bench::new();
     bench.poll();
     bench.drain_progress();
@@ -77,7 +77,7 @@ fn each_link_knows_what_it_owes() {
     assert_eq!(pending(&mut bench), [false, true]);
 }
 
-/// M-91: what a stalled link is still owed is not said again on the other, and is nothing to be polled for.
+/// M-91: a message that is pending on a stalled link is not repeated on the other one, and sets no deadline.
 #[test]
 fn a_stalled_link_repeats_nothing() {
     let mut bench = Bench::new();
@@ -87,28 +87,28 @@ fn a_stalled_link_repeats_nothing() {
     assert_eq!(bench.next_reached(0), Some(3));
     bench.now = bench.now.after(Duration::from_secs(2));
     bench.poll();
-    assert!(bench.missions.deadline() > bench.now);
+    assert!(bench.deadline() > bench.now);
     assert_eq!(bench.next_reached(0), None);
     assert_eq!(bench.next_reached(1), Some(3));
 }
 
 /// M-91: a repetition is due a second after the first, whatever MISSION_CURRENT does.
 #[test]
-fn an_item_is_said_again_when_the_engine_asks_for_the_poll() {
+fn a_reached_item_is_repeated_at_the_deadline() {
     let mut bench = Bench::new();
     bench.poll();
     bench.now = bench.now.after(Duration::from_millis(300));
     bench.missions.reached(bench.now, 3, both_links(), 1);
     let again = bench.now.after(Duration::from_secs(1));
-    bench.now = bench.missions.deadline();
+    bench.now = bench.deadline();
     assert!(bench.now < again, "MISSION_CURRENT");
     bench.poll();
-    assert_eq!(bench.missions.deadline(), again);
+    assert_eq!(bench.deadline(), again);
 }
 
-/// M-44: after a record was written its storage has a moment of rest.
+/// M-44: after a record is written, access to storage pauses for a moment.
 #[test]
-fn storage_rests_after_a_record() {
+fn storage_pauses_after_a_record() {
     let mut bench = Bench::new();
     bench.missions.attach_storage(Durability::Deferred);
     bench.upload(A, MISSION, &plan(1, 2));
@@ -118,7 +118,7 @@ fn storage_rests_after_a_record() {
     assert!(!bench.missions.storage_rests(bench.now.after(Duration::from_millis(200))));
 }
 
-/// Section 8.3: what has no place in a transfer is counted.
+/// M-22, M-44: frames that do not fit the state are counted.
 #[test]
 fn what_is_out_of_place_is_counted() {
     let mut bench = Bench::new();
@@ -126,12 +126,12 @@ fn what_is_out_of_place_is_counted() {
     bench.ask(A, &count(MISSION, 1));
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     assert_eq!(bench.missions.counters().out_of_place, 0);
-    // Its partner asks again while the plan is being stored.
+    // The client repeats its COUNT while the plan is being stored.
     assert_eq!(bench.ask(A, &count(MISSION, 1)), []);
     assert_eq!(bench.missions.counters().out_of_place, 1);
 }
 
-/// M-70: an altitude of a thousand kilometres is the last that is one.
+/// M-70: the limit of an altitude is 1000 km.
 #[test]
 fn altitudes_have_a_limit() {
     let check = |z| command_rules::NAV_WAYPOINT.check(&Item { z, ..item(0, 0) });
@@ -143,9 +143,9 @@ fn altitudes_have_a_limit() {
     }
 }
 
-/// M-38: each reason has its words.
+/// M-38: each result has its text.
 #[test]
-fn a_refusal_says_why() {
+fn a_refusal_has_a_reason() {
     let mut bench = Bench::new();
     for (result, reason) in [
         (MavMissionResult::UNSUPPORTED_FRAME, "frame not supported"),

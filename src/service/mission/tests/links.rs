@@ -1,11 +1,11 @@
-//! One client on two links, and two clients with the same ids: which frames belong to an upload (M-11, M-22, M-45).
+//! Which frames belong to an upload: one client on two links, and two clients with the same ids (M-11, M-22, M-45).
 
 use super::*;
 
-/// M-11, M-45: a partner that was silent on its link for two seconds may continue on another link, with any message; the
+/// M-11, M-45: a client that was silent on its link for two seconds may continue on another link, with any message; the
 /// answers then follow it.
 #[test]
-fn the_partner_may_move_to_another_link() {
+fn the_client_may_move_to_another_link() {
     let silence = |bench: &mut Bench| {
         bench.now = bench.now.after(Duration::from_secs(2));
         bench.poll();
@@ -46,14 +46,14 @@ fn the_partner_may_move_to_another_link() {
 /// M-45: two stations have the same ids. Frames of one on its link do not affect the other's upload: not its COUNT, its
 /// items, the ACK that ends its download, its cancel, its clear.
 #[test]
-fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
+fn a_station_with_the_same_ids_on_another_link_changes_nothing() {
     let mut bench = Bench::new();
     assert_eq!(bench.upload(B, FENCE, &fence(3, 2)), Ack(ACCEPTED, id_of(&fence(3, 2))));
     let items = plan(1, 4);
     let mut asked = bench.ask(A, &count(MISSION, 4));
     for (seq, item) in items.iter().enumerate() {
         assert_eq!(asked, [to_a(Ask(seq as u16))]);
-        // The partner is heard, even by frames that are not about plans.
+        // The client is heard; frames that are not about plans count too.
         for _ in 0..3 {
             bench.now = bench.now.after(Duration::from_millis(1_500));
             bench.missions.heard(bench.now, A);
@@ -69,7 +69,7 @@ fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
         assert_eq!(bench.ask(A_MOVED, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
         assert_eq!(bench.ask(A_MOVED, &list(FENCE)), [(A.address, FENCE, Out::Count(2, id_of(&fence(3, 2))))]);
         bench.send(A, &int(MISSION, seq, item));
-        assert_eq!(bench.drain_link(1), [], "the answers stay on the partner's link");
+        assert_eq!(bench.drain_link(1), [], "the answers stay on the client's link");
         asked = bench.drain_link(0);
     }
     assert_eq!(asked, [to_a(Ack(ACCEPTED, id_of(&items)))]);
@@ -80,7 +80,7 @@ fn a_station_with_the_same_ids_elsewhere_touches_nothing() {
 /// M-45: a client sends everything on two links, one of which is slow: all duplicates are ignored, however late. Also
 /// while the plan is written to storage.
 #[test]
-fn copies_by_a_second_link_are_ignored() {
+fn duplicates_on_a_second_link_are_ignored() {
     for is_durable in [false, true] {
         let mut bench = Bench::new();
         if is_durable {
@@ -113,7 +113,7 @@ fn copies_by_a_second_link_are_ignored() {
 }
 
 /// M-22: after an item, a COUNT is ignored if its sequence number shows a delayed duplicate; the received items are kept.
-/// For a client that does not count, no COUNT is known to be a duplicate.
+/// Without sequence numbers, no COUNT is known to be a duplicate.
 #[test]
 fn a_delayed_count_does_not_restart_the_upload() {
     let begin = |numbers: [u8; 3]| {
@@ -127,7 +127,7 @@ fn a_delayed_count_does_not_restart_the_upload() {
     for (numbers, number, is_restart) in [
         ([5, 7, 9], 5, false),
         ([5, 7, 9], 7, false),
-        // A COUNT that seemed to be lost.
+        // A COUNT that was believed lost.
         ([5, 7, 9], 6, false),
         ([5, 7, 9], 10, true),
         ([5, 7, 9], 4, true),
@@ -147,7 +147,7 @@ fn a_delayed_count_does_not_restart_the_upload() {
 /// M-45, M-63: two stations with the same ids have separate downloads: neither the LIST nor the closing ACK of one makes the
 /// other mix two plans. A client that moves to another link is recognised there (M-11).
 #[test]
-fn downloads_of_equal_ids_are_two() {
+fn stations_with_equal_ids_have_separate_downloads() {
     for is_closed in [false, true] {
         let mut bench = Bench::new();
         bench.upload(B, MISSION, &plan(1, 2));

@@ -1,10 +1,10 @@
-//! The engine on a bench: encoded frames in, decoded frames out, time by hand, two links, no stack around it.
+//! Tests of the engine without the stack: encoded frames in, decoded frames out, simulated time, two links.
 
 mod collision;
 mod commit;
+mod delayed_duplicate;
 mod download;
 mod edges;
-mod late_copy;
 mod links;
 mod model;
 mod random;
@@ -13,15 +13,15 @@ mod upload;
 
 use std::vec::Vec;
 
-use super::memory::sealed::Sealed;
 use super::number::Number;
 use super::*;
-use crate::dialect::{Common, MavCmd, MavFrame, MissionCurrent, MissionState, Statustext, command_rules};
-use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
-use crate::message::Dialect;
-use crate::service::statustext::{Entry, TextCursor};
+use crate::dialect::{Common, MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, Statustext, command_rules};
+use crate::frame::{Decoder, MAX_FRAME_LEN, encode};
+use crate::message::{Address, CommandRule, Dialect, Item};
+use crate::service::param::NoParams;
+use crate::service::statustext::TextCursor;
 use crate::time::Duration;
-use crate::vehicle::{PlanChange, PlanFault};
+use crate::types::{Command, Outcome, TextEntry};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -40,21 +40,21 @@ const ERROR: MavMissionResult = MavMissionResult::ERROR;
 const CANCELLED: MavMissionResult = MavMissionResult::OPERATION_CANCELLED;
 const UNSUPPORTED: MavMissionResult = MavMissionResult::UNSUPPORTED;
 
-/// A frame that the engine sent; who it is for and which plan it names stand beside it.
+/// A frame that the engine sent, without its destination and plan type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Out {
     Ask(u16),
     AskLegacy(u16),
     Ack(MavMissionResult, u32),
     Count(u16, u32),
-    /// MISSION_ITEM_INT: its number, its `current`, what it is.
+    /// MISSION_ITEM_INT: sequence number, `current`, item.
     Part(u16, u8, Item),
-    /// MISSION_ITEM: its number, x and y.
+    /// MISSION_ITEM: sequence number, x and y.
     FloatPart(u16, f32, f32),
 }
 use Out::*;
 
-/// To whom, about which plan, what.
+/// Destination, plan type and content of a sent frame.
 type Sent = (Address, MavMissionType, Out);
 
 fn to_a(out: Out) -> Sent {
@@ -72,14 +72,24 @@ struct Vehicle {
     verdict: Result<(), MavMissionResult>,
     may_persist: bool,
     progress: Progress,
-    /// The plans that may_change was asked about.
+    /// The plans of all calls of `may_change`.
     asked: Vec<PlanType>,
     changes: Vec<(PlanType, Vec<Item>, u16)>,
 }
 
-impl crate::vehicle::Vehicle for Vehicle {
+impl crate::Vehicle for Vehicle {
     fn state(&self) -> Option<crate::VehicleState> {
         None
+    }
+
+    fn may_persist(&self) -> bool {
+        self.may_persist
+    }
+}
+
+impl Commands for Vehicle {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
     }
 }
 
@@ -89,10 +99,6 @@ impl Plans for Vehicle {
     fn may_change(&mut self, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
         self.asked.push(plan);
         self.may_change
-    }
-
-    fn may_persist(&self) -> bool {
-        self.may_persist
     }
 
     fn check_item(&mut self, _: PlanType, seq: u16, _: &Item) -> Result<(), MavMissionResult> {
@@ -106,7 +112,7 @@ impl Plans for Vehicle {
         Ok(self.verdict?)
     }
 
-    fn plan_changed(&mut self, change: PlanChange<'_>) {
+    fn plan_changed(&mut self, _: &mut Context<'_>, change: PlanChange<'_>) {
         self.changes.push((change.plan, change.items.to_vec(), change.first));
     }
 
@@ -115,7 +121,16 @@ impl Plans for Vehicle {
     }
 }
 
-/// Its items and its id.
+/// The firmware of this vehicle.
+struct Board;
+
+impl Firmware for Board {
+    type Vehicle = Vehicle;
+    type Plans = Memory;
+    type Parameters = NoParams;
+}
+
+/// The items and the id of a plan.
 type OwnedPlan = (Vec<Item>, u32);
 
 #[derive(Clone)]
@@ -125,9 +140,9 @@ struct Bench {
     float_form: bool,
     second_ack: bool,
     vehicle: Vehicle,
-    texts: StatusTexts<[Entry; 8]>,
+    texts: StatusTexts<[TextEntry; 8]>,
     now: Instant,
-    /// The sequence number of the frames that come in: the same for all, but where a test counts.
+    /// The sequence number of received frames: constant, unless a test sets it.
     number: u8,
     replies: [Replies; 2],
     boxes: [Outbox; 2],
@@ -161,7 +176,7 @@ impl Bench {
         }
     }
 
-    /// A frame comes in.
+    /// Receives a frame.
     fn send<M: Message>(&mut self, from: Peer, message: &M) {
         self.send_as(Version::V2, from, message);
     }
@@ -175,62 +190,68 @@ impl Bench {
             let version = self.boxes[link].version();
             self.with(|missions, cx, vehicle, replies| {
                 let mut caller = Caller { from, version, replies: &mut replies[link] };
-                missions.on_frame(cx, vehicle, &mut caller, frame);
+                missions.receive(cx, vehicle, &mut caller, frame);
             });
         });
     }
 
-    /// A frame comes in, and everything owed goes out.
+    /// Receives a frame. Returns everything that is sent then.
     fn ask<M: Message>(&mut self, from: Peer, message: &M) -> Vec<Sent> {
         self.send(from, message);
         self.drain()
     }
 
-    /// The engine with all that it works with.
-    fn with<R>(
-        &mut self,
-        act: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
-    ) -> R {
-        let (missions, mut plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let (now, second_ack) = (self.now, self.second_ack);
-        let mut cx = Context { now, plans: &mut plans, texts: &mut self.texts, normal: both_links(), second_ack };
-        act(missions, &mut cx, &mut self.vehicle, &mut self.replies)
+    /// Calls `act` with the engine and everything it needs.
+    fn with<R>(&mut self, act: impl FnOnce(&mut Missions, &mut Work<'_>, &mut Vehicle, &mut [Replies; 2]) -> R) -> R {
+        let mut requests = Requests::NONE;
+        let mut cx = Work {
+            now: self.now,
+            plans: self.memory.view().expect("there are plans"),
+            texts: &mut self.texts,
+            normal: both_links(),
+            second_ack: self.second_ack,
+            requests: &mut requests,
+            values: &[],
+        };
+        act(&mut self.missions, &mut cx, &mut self.vehicle, &mut self.replies)
     }
 
-    /// The same, for what comes of no frame and may have an answer.
-    fn owing(
-        &mut self,
-        act: impl FnOnce(&mut Missions, &mut Context<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
-    ) {
+    /// The same for an event that is not a frame, but may have an answer.
+    fn with_answer(&mut self, act: impl FnOnce(&mut Missions, &mut Work<'_>, &mut Vehicle) -> Option<(LinkId, Reply)>) {
         self.with(|missions, cx, vehicle, replies| {
             if let Some((link, reply)) = act(missions, cx, vehicle) {
-                replies[usize::from(link.0)].owe_result(reply);
+                replies[usize::from(link.0)].set_result(reply);
             }
         });
     }
 
     fn poll(&mut self) {
-        self.owing(|missions, cx, vehicle| missions.poll(cx, vehicle));
+        self.with_answer(|missions, cx, vehicle| missions.tick(cx, vehicle));
     }
 
-    /// What storage is to hold, when it does not: the number of the job, and each plan with its id.
+    /// When the engine's next timer is due.
+    fn deadline(&self) -> Instant {
+        Service::<Board>::deadline(&self.missions)
+    }
+
+    /// Returns the content to write: the job number, and each plan with its id.
     fn unsaved(&mut self) -> Option<(u32, [OwnedPlan; 3])> {
-        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let (job, content) = missions.unsaved(&plans)?;
+        let plans = self.memory.view().expect("there are plans");
+        let (job, content) = self.missions.unsaved(&plans)?;
         Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))
     }
 
-    /// Storage holds it.
+    /// Reports that storage holds the content.
     fn saved(&mut self) {
-        self.owing(Missions::saved);
+        self.with_answer(Missions::saved);
     }
 
-    /// Storage failed.
+    /// Reports that storage failed.
     fn not_saved(&mut self) {
-        self.owing(|missions, cx, _| missions.not_saved(cx));
+        self.with_answer(|missions, cx, _| missions.not_saved(cx));
     }
 
-    /// Lets `millis` ms go by in steps of 10 ms; what goes out meanwhile, and after how many ms.
+    /// Advances the time by `millis` ms in steps of 10 ms. Returns what is sent meanwhile, and after how many ms.
     fn wait(&mut self, millis: u64) -> Vec<(u64, Sent)> {
         let mut sent = Vec::new();
         for step in 1..=millis / 10 {
@@ -241,7 +262,7 @@ impl Bench {
         sent
     }
 
-    /// What link 0 sends next, then what link 1 does.
+    /// Returns everything that link 0 sends, then everything that link 1 sends.
     fn drain(&mut self) -> Vec<Sent> {
         (0..2).flat_map(|link| self.drain_link(link)).collect()
     }
@@ -250,14 +271,14 @@ impl Bench {
         core::iter::from_fn(|| self.next(link)).collect()
     }
 
-    /// The next frame that a link sends, but for MISSION_CURRENT.
+    /// Returns the next frame that a link sends, except MISSION_CURRENT.
     fn next(&mut self, link: usize) -> Option<Sent> {
         let (replies, tx) = (&mut self.replies[link], &mut self.boxes[link]);
-        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let owed = replies.has_ack();
+        let plans = self.memory.view().expect("there are plans");
+        let is_pending = replies.has_ack();
         let sent = replies.next_ack(tx);
-        assert_eq!(owed, sent, "what is announced is sent");
-        if !sent && !missions.next(self.now, replies, &plans, &self.vehicle.progress, self.float_form, tx) {
+        assert_eq!(is_pending, sent, "what is pending is sent");
+        if !sent && !self.missions.transfer(self.now, replies, &plans, &self.vehicle.progress, self.float_form, tx) {
             return None;
         }
         Some(with_frame(&take(tx), |frame| {
@@ -281,15 +302,15 @@ impl Bench {
         }))
     }
 
-    /// The MISSION_CURRENT that a link sends next.
+    /// Returns the MISSION_CURRENT that a link sends next.
     fn next_current(&mut self, link: usize) -> Option<MissionCurrent> {
         let tx = &mut self.boxes[link];
-        let (missions, plans) = self.memory.parts(&mut self.missions).expect("there are plans");
-        let sent = missions.next_progress(&plans, &self.vehicle.progress, tx);
+        let plans = self.memory.view().expect("there are plans");
+        let sent = self.missions.next_progress(&plans, &self.vehicle.progress, tx);
         sent.then(|| with_frame(&take(tx), |frame| frame.decode().expect("MISSION_CURRENT")))
     }
 
-    /// The texts that go out, each once.
+    /// Returns the texts that are sent.
     fn texts(&mut self) -> Vec<std::string::String> {
         let mut cursor = TextCursor::new();
         let (tx, texts): (_, &mut StatusTexts) = (&mut self.boxes[0], &mut self.texts);
@@ -301,9 +322,9 @@ impl Bench {
         .collect()
     }
 
-    /// How many items stand in the staging area.
+    /// Returns the number of items in the staging area.
     fn staged(&mut self) -> u16 {
-        self.memory.parts(&mut self.missions).expect("there are plans").1.staged()
+        self.memory.view().expect("there are plans").staged()
     }
 
     fn live(&self, plan: PlanType) -> (&[Item], u32) {
@@ -311,7 +332,7 @@ impl Bench {
         (live.items(), live.id())
     }
 
-    /// A complete upload; the final answer.
+    /// Uploads a plan. Returns the final answer.
     fn upload(&mut self, from: Peer, plan: MavMissionType, items: &[Item]) -> Out {
         let mut out = self.ask(from, &count(plan, items.len()));
         for (seq, item) in items.iter().enumerate() {
@@ -348,7 +369,7 @@ fn take(tx: &mut Outbox) -> Vec<u8> {
     bytes
 }
 
-/// An item like no other with another `tag` or `seq`.
+/// An item that is unique for its `tag` and `seq`.
 fn item(tag: u16, seq: u16) -> Item {
     Item {
         frame: MavFrame::GLOBAL_RELATIVE_ALT,
@@ -365,12 +386,12 @@ fn plan(tag: u16, len: u16) -> Vec<Item> {
     (0..len).map(|seq| item(tag, seq)).collect()
 }
 
-/// Circles, like no others with another `tag` or place.
+/// Circles that are unique for their `tag` and position.
 fn fence(tag: u16, len: u16) -> Vec<Item> {
     plan(tag, len).into_iter().map(|item| Item { command: MavCmd::NAV_FENCE_CIRCLE_EXCLUSION, ..item }).collect()
 }
 
-/// M-5, by a library.
+/// The id of a plan (M-5), computed by a library.
 fn id_of(items: &[Item]) -> u32 {
     let mut crc = crc_any::CRCu32::crc32();
     items.iter().for_each(|item| crc.digest(&item.to_bytes()));
@@ -401,13 +422,13 @@ fn request(mission_type: MavMissionType, seq: u16) -> MissionRequestInt {
     MissionRequestInt { seq, mission_type, ..Default::default() }
 }
 
-/// A frame with this sequence number comes in, and everything owed goes out.
+/// Receives a frame with this sequence number. Returns everything that is sent then.
 fn ask_numbered<M: Message>(bench: &mut Bench, number: u8, from: Peer, message: &M) -> Vec<Sent> {
     bench.number = number;
     bench.ask(from, message)
 }
 
-/// The live mission and its id.
+/// Returns the live mission and its id.
 fn seen(bench: &Bench) -> (Vec<Item>, u32) {
     let (items, id) = bench.live(PlanType::Mission);
     (items.to_vec(), id)

@@ -1,34 +1,34 @@
-//! The upload and clear protocol, model-checked: the engine itself, not a model of it, and a ground station as MAVSDK has
-//! it, over a line that loses, doubles and reorders frames. Every state that they can reach is visited, up to these bounds:
+//! A model check of the upload and clear protocol. It runs the engine itself, not a model of it, against a model of MAVSDK's
+//! client, over a link that loses, duplicates and reorders frames. It visits every reachable state, within these bounds:
 //!
-//! - One client, with one or two tasks: to upload a plan of one to three items, unlike any other, or to clear. It repeats
-//!   COUNT and CLEAR_ALL each half second, three times in all (MAVSDK: five); sends an item when it is asked for it, first
-//!   item 0, then one more each time or the last again, each at most three times; refuses MISSION_REQUEST with UNSUPPORTED.
-//! - Two or three faults in all, of any kind, at any moment: a frame is lost; late, by up to 0.9 s, so that any others
-//!   overtake it; or doubled, and the copy is late; or storage fails. Any frame that is not late arrives at once, in order.
-//! - Time goes by from one moment at which the engine or the client does something on its own to the next, while no frame
-//!   is on the line but late ones. Writing to storage takes any time up to the engine's patience.
-//! - What the engine owes goes on the line at once: that a link is stuck is checked elsewhere.
-//! - The client numbers its frames (M-22), but for one check.
+//! - One client has one or two tasks: an upload of a unique plan of one to three items, or a clear. It repeats COUNT and
+//!   CLEAR_ALL every half second, three times in all (MAVSDK: five). It sends an item on request: item 0 first, then the next
+//!   item or the last one again, each at most three times. It refuses MISSION_REQUEST with UNSUPPORTED.
+//! - Two or three faults of any kind happen at any time. A frame is lost; or delayed by up to 0.9 s, so that others overtake
+//!   it; or duplicated, and the duplicate is delayed; or storage fails. All other frames arrive at once and in order.
+//! - Time advances from one timer of the engine or the client to the next, while only delayed frames are in transit. A write to
+//!   storage takes any time up to the engine's timeout.
+//! - The engine's pending messages are sent at once. Stalled links are tested elsewhere.
+//! - The client increments its sequence number (M-22), except in one check.
 //!
-//! What holds in every state:
+//! These properties hold in every state:
 //!
-//! - The live plan is a whole one (M-1): the one from before, or the outcome of a task that was begun.
-//! - What the client was told is accepted is live (M-39), and where that is the policy, what is live is stored (M-44).
-//! - Without further faults all comes to rest: client, upload, storage, staging area (M-41).
+//! - The live plan is complete (M-1): the initial one, or the outcome of a task that was begun.
+//! - A plan that was reported as accepted is live (M-39). With durable storage, the live plan is stored (M-44).
+//! - Without further faults, client, upload, storage and staging area become idle (M-41).
 //!
-//! MAVLink gives a transfer no number: a frame of a client's last transfer looks like one of its next. So this depends on
-//! when a client begins the next one. It holds for a [`Patient`](Manners::Patient) one, and for one that was
-//! [`Told`](Manners::Told). For others the check finds how plans are cut short and mixed. These limits have a test each, so
-//! that it shows when one is gone.
+//! MAVLink transfers carry no transaction id: a frame of a client's last transfer looks like one of its next. So the properties
+//! depend on when a client begins the next transfer. They hold for a [`Patient`](Manners::Patient) client, and for one that
+//! waits for the [`Result`](Manners::Result). For other clients the check finds truncated and mixed plans. Each of these
+//! limits has a test, which fails when the limit is gone.
 //!
-//! Some 390,000 states in all: less than a minute of one core for a debug build.
+//! About 390,000 states in all: less than a minute on one core in a debug build.
 
 mod client;
 mod state;
 
 use self::client::{Client, Manners, Phase};
-use self::state::{Flying, Msg, State};
+use self::state::{InTransit, Msg, State};
 use super::*;
 use core::fmt::Write;
 use core::hash::{Hash, Hasher};
@@ -37,25 +37,25 @@ use std::collections::HashSet;
 use std::string::String;
 use std::sync::Mutex;
 
-/// A frame is late by at most so much. Less than what the engine takes for a late copy (M-22).
+/// Maximum delay of a frame: less than the time in which the engine expects a delayed duplicate (M-22).
 const LIFETIME: Duration = Duration::from_millis(900);
 
 type Tasks = &'static [Op];
 
-/// What the client is to do.
+/// A task of the client.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Op {
-    /// Upload a plan of so many items, unlike any other.
+    /// Upload a unique plan of this many items.
     Upload(u16),
     Clear,
 }
 
-/// What the items of the upload that is this task bear.
+/// Returns the tag of the items that this task uploads.
 fn tag(op: usize) -> u16 {
     1 + op as u16
 }
 
-/// The plan that a task leaves.
+/// Returns the live plan after a task.
 fn outcome(op: usize, task: Op) -> Vec<Item> {
     match task {
         Op::Upload(len) => plan(tag(op), len),
@@ -63,7 +63,7 @@ fn outcome(op: usize, task: Op) -> Vec<Item> {
     }
 }
 
-/// What is live at first.
+/// Returns the initial plan.
 fn initial() -> Vec<Item> {
     plan(100, 2)
 }
@@ -72,31 +72,31 @@ fn initial() -> Vec<Item> {
 enum Action {
     /// The client begins the next task.
     Begin,
-    Deliver(Flying),
+    Deliver(InTransit),
     /// A frame is lost.
-    Lose(Flying),
-    /// A frame is late: others overtake it, and time goes by.
-    Delay(Flying),
-    /// There is a copy of a frame, which is late.
-    Double(Flying),
-    /// Time goes on to what the engine waits for.
+    Lose(InTransit),
+    /// A frame is delayed: others overtake it, and time passes.
+    Delay(InTransit),
+    /// A frame is duplicated, and the duplicate is delayed.
+    Duplicate(InTransit),
+    /// Time advances to the engine's next timer.
     EngineTimer,
-    /// Time goes on to what the client waits for.
+    /// Time advances to the client's next timer.
     ClientTimer,
     Stored,
     NotStored,
 }
 
-/// What is checked.
+/// The model to check.
 struct Protocol {
     tasks: Tasks,
     manners: Manners,
-    /// How often something goes wrong, at most.
+    /// Maximum number of faults.
     faults: u8,
     durability: Option<Durability>,
     second_ack: bool,
     is_counting: bool,
-    /// States from which all comes to rest.
+    /// States from which everything becomes idle.
     settled: Mutex<HashSet<u64>>,
 }
 
@@ -106,20 +106,20 @@ impl Protocol {
         Self { tasks, manners, faults, durability: None, second_ack: false, is_counting: true, settled }
     }
 
-    /// With storage, and ACCEPTED when it is written.
+    /// Adds durable storage.
     #[cfg(feature = "storage")]
     fn durable(self) -> Self {
         Self { durability: Some(Durability::Durable), ..self }
     }
 
-    /// The task that the client is at, or was at last.
+    /// Returns the client's current or last task.
     fn task(&self, state: &State) -> Option<Op> {
         self.tasks.get(state.client.begun.checked_sub(1)?).copied()
     }
 
-    /// Whether it begins nothing while a frame is on the line.
+    /// Whether the client begins no task while a frame is in transit.
     fn awaits_silence(&self) -> bool {
-        matches!(self.manners, Manners::Patient | Manners::Told)
+        matches!(self.manners, Manners::Patient | Manners::Result)
     }
 
     fn may_begin(&self, state: &State) -> bool {
@@ -127,12 +127,12 @@ impl Protocol {
             Phase::Resting(until) => state.now() >= until,
             _ => self.manners == Manners::Hasty,
         };
-        let is_free = !self.awaits_silence() || state.line.is_empty();
+        let is_free = !self.awaits_silence() || state.in_transit.is_empty();
         is_resting && is_free && state.client.begun < self.tasks.len()
     }
 
-    /// What engine and client wait for, where that is what happens next: nothing does while a frame is on the line that is
-    /// not late.
+    /// Returns the next timers of engine and client, if one of them is the next event: while a frame that is not delayed is in
+    /// transit, none is.
     fn timers(&self, state: &State) -> (Option<Instant>, Option<Instant>) {
         let rest = match state.client.phase {
             Phase::Resting(until) if until > state.now() => Some(until),
@@ -140,22 +140,22 @@ impl Protocol {
         };
         let (engine, client) = (state.engine_due(), state.client.due().or(rest));
         let first = engine.into_iter().chain(client).min();
-        let is_next = |at: &Instant| Some(*at) == first && state.line.iter().all(|flying| flying.is_late);
+        let is_next = |at: &Instant| Some(*at) == first && state.in_transit.iter().all(|frame| frame.is_delayed);
         (engine.filter(is_next), client.filter(is_next))
     }
 
-    /// The initial plan, and the outcomes of the tasks that were begun.
+    /// Returns the initial plan, and the outcomes of the tasks that were begun.
     fn whole_plans(&self, state: &State) -> Vec<Vec<Item>> {
         let tasks = self.tasks.iter().enumerate().take(state.client.begun);
         core::iter::once(initial()).chain(tasks.map(|(op, task)| outcome(op, *task))).collect()
     }
 
-    /// The outcome of the task that the client is at, or was at last.
+    /// Returns the outcome of the client's current or last task.
     fn wanted(&self, state: &State) -> Option<Vec<Item>> {
         Some(outcome(state.client.begun.checked_sub(1)?, self.task(state)?))
     }
 
-    /// Whether without more faults all comes to rest from here.
+    /// Whether everything becomes idle from here without more faults.
     fn settles(&self, state: &State) -> bool {
         let mut state = state.clone();
         let mut path = Vec::new();
@@ -166,7 +166,7 @@ impl Protocol {
             path.push(state.key);
             let action = if state.bench.missions.commit.is_some() {
                 Action::Stored
-            } else if let Some(first) = state.line.first() {
+            } else if let Some(first) = state.in_transit.first() {
                 Action::Deliver(*first)
             } else {
                 match self.timers(&state) {
@@ -191,37 +191,37 @@ impl Protocol {
         match action {
             Action::Begin => {
                 let msg = state.client.begin(state.now(), self.tasks[state.client.begun]);
-                state.fly(msg);
+                state.send(msg);
             }
-            Action::Deliver(flying) => {
-                state.remove(flying);
-                state.arrive(flying, task);
+            Action::Deliver(frame) => {
+                state.remove(frame);
+                state.deliver(frame, task);
             }
-            Action::Lose(flying) => {
+            Action::Lose(frame) => {
                 state.faults -= 1;
-                state.remove(flying);
+                state.remove(frame);
             }
-            Action::Delay(flying) => {
+            Action::Delay(frame) => {
                 state.faults -= 1;
-                state.remove(flying);
-                state.line.push(Flying { is_late: true, ..flying });
+                state.remove(frame);
+                state.in_transit.push(InTransit { is_delayed: true, ..frame });
             }
-            Action::Double(flying) => {
+            Action::Duplicate(frame) => {
                 state.faults -= 1;
-                state.line.push(Flying { is_late: true, ..flying });
+                state.in_transit.push(InTransit { is_delayed: true, ..frame });
             }
             Action::EngineTimer => {
                 let (due, _) = self.timers(state);
-                state.wait_until(due.expect("it waits for something"));
+                state.wait_until(due.expect("a timer is set"));
                 state.bench.poll();
                 state.after();
             }
             Action::ClientTimer => {
                 let (_, due) = self.timers(state);
-                state.wait_until(due.expect("it waits for something"));
+                state.wait_until(due.expect("a timer is set"));
                 let now = state.now();
                 let msg = task.and_then(|task| state.client.timeout(now, task));
-                msg.into_iter().for_each(|msg| state.fly(msg));
+                msg.into_iter().for_each(|msg| state.send(msg));
             }
             Action::Stored => {
                 let (_, [mission, ..]) = state.bench.unsaved().expect("there is something to write");
@@ -236,10 +236,10 @@ impl Protocol {
             }
         }
         if self.awaits_silence() && state.client.is_resting() {
-            // He takes no notice of them, and begins nothing before they are gone.
-            state.line.retain(|flying| flying.msg.is_to_vehicle());
+            // The client ignores these frames, and begins no task before they are gone.
+            state.in_transit.retain(|frame| frame.msg.is_to_vehicle());
         }
-        state.note();
+        state.rehash();
     }
 }
 
@@ -258,9 +258,9 @@ impl Model for Protocol {
         bench.now = bench.now.after(Duration::from_secs(60));
         let client = Client::new(bench.now, self.manners);
         let (faults, is_counting) = (self.faults, self.is_counting);
-        let (line, stored) = (Vec::new(), initial());
-        let mut state = State { bench, client, line, number: 0, is_counting, faults, stored, key: 0 };
-        state.note();
+        let (in_transit, stored) = (Vec::new(), initial());
+        let mut state = State { bench, client, in_transit, number: 0, is_counting, faults, stored, key: 0 };
+        state.rehash();
         std::vec![state]
     }
 
@@ -268,19 +268,20 @@ impl Model for Protocol {
         if self.may_begin(state) {
             actions.push(Action::Begin);
         }
-        // In order, but for those that are late.
+        // In order, except for delayed frames.
         let next = |to_vehicle| {
-            state.line.iter().find(move |flying| !flying.is_late && flying.msg.is_to_vehicle() == to_vehicle)
+            state.in_transit.iter().find(move |frame| !frame.is_delayed && frame.msg.is_to_vehicle() == to_vehicle)
         };
-        for flying in [next(true), next(false)].into_iter().flatten() {
-            actions.push(Action::Deliver(*flying));
+        for frame in [next(true), next(false)].into_iter().flatten() {
+            actions.push(Action::Deliver(*frame));
             if state.faults > 0 {
-                actions.extend([Action::Lose(*flying), Action::Delay(*flying), Action::Double(*flying)]);
+                actions.extend([Action::Lose(*frame), Action::Delay(*frame), Action::Duplicate(*frame)]);
             }
         }
-        let late = state.line.iter().enumerate().filter(|(_, flying)| flying.is_late);
+        let late = state.in_transit.iter().enumerate().filter(|(_, frame)| frame.is_delayed);
         actions.extend(
-            late.filter(|(at, flying)| !state.line[..*at].contains(flying)).map(|(_, flying)| Action::Deliver(*flying)),
+            late.filter(|(at, frame)| !state.in_transit[..*at].contains(frame))
+                .map(|(_, frame)| Action::Deliver(*frame)),
         );
         if state.bench.missions.commit.is_some() {
             actions.push(Action::Stored);
@@ -310,42 +311,42 @@ impl Model for Protocol {
                 model.whole_plans(state).iter().any(|plan| plan.starts_with(state.live()))
             }),
             Property::always(ACCEPTED_IS_LIVE, |model: &Self, state: &State| {
-                state.client.told != Some(true) || Some(state.live()) == model.wanted(state).as_deref()
+                state.client.result != Some(true) || Some(state.live()) == model.wanted(state).as_deref()
             }),
             Property::always(REFUSED_IS_NOT, |model: &Self, state: &State| {
                 let is_clean = model.faults == 0;
-                !is_clean || state.client.told != Some(false) || Some(state.live()) != model.wanted(state).as_deref()
+                !is_clean || state.client.result != Some(false) || Some(state.live()) != model.wanted(state).as_deref()
             }),
             Property::always(STORED, |model: &Self, state: &State| {
                 model.durability != Some(Durability::Durable) || state.live() == state.stored
             }),
-            Property::always("all comes to rest", Self::settles),
+            Property::always("everything becomes idle", Self::settles),
             Property::sometimes(DONE, |model: &Self, state: &State| {
-                state.client.begun == model.tasks.len() && state.client.told == Some(true)
+                state.client.begun == model.tasks.len() && state.client.result == Some(true)
             }),
         ]
     }
 }
 
-const CUT: &str = "no plan is cut short";
+const CUT: &str = "no plan is truncated";
 const MIXED: &str = "no plans are mixed";
-const ACCEPTED_IS_LIVE: &str = "what is accepted is live";
-/// Without faults only: an answer that is overtaken, or lost, may look like another request's.
-const REFUSED_IS_NOT: &str = "what is refused is not live";
-const STORED: &str = "what is live is stored";
+const ACCEPTED_IS_LIVE: &str = "the accepted plan is live";
+/// Only without faults: a delayed or lost answer may look like the answer to another request.
+const REFUSED_IS_NOT: &str = "the refused plan is not live";
+const STORED: &str = "the live plan is stored";
 const DONE: &str = "everything is done";
 
-/// The properties that do not hold, each with the way there.
+/// Returns the violated properties, each with its counterexample.
 fn violations(model: Protocol) -> Vec<(&'static str, String)> {
     let what = std::format!("{:?} {:?}, {} faults, {:?}", model.manners, model.tasks, model.faults, model.durability);
     let checker = model.checker().spawn_bfs().join();
     let model = checker.model();
     std::println!("{what}: {} states", checker.unique_state_count());
     let mut paths = checker.discoveries();
-    assert!(paths.remove(DONE).is_some(), "{what}: nothing is ever done");
+    assert!(paths.remove(DONE).is_some(), "{what}: no state completes all tasks");
     let violation = |(name, path): (&'static str, Path<State, Action>)| {
         let condition = model.property(name).condition;
-        let mut steps = std::format!("{what}: not so: {name}\n");
+        let mut steps = std::format!("{what}: violated: {name}\n");
         for (state, action) in path.into_vec() {
             writeln!(steps, "{state:?}").expect("a String takes everything");
             if !condition(model, &state) {
@@ -371,7 +372,7 @@ const THREE: Tasks = &[Op::Upload(3)];
 const THEN_CLEAR: Tasks = &[Op::Upload(2), Op::Clear];
 const CLEAR_FIRST: Tasks = &[Op::Clear, Op::Upload(2)];
 
-/// M-1, M-41, SEC-9: without storage, after any three faults.
+/// M-1, M-41: without storage, with up to three faults.
 #[test]
 fn plans_are_whole_and_answers_true() {
     for tasks in [LONGER, SHORTER, ONE_AND_ONE, THEN_CLEAR, CLEAR_FIRST] {
@@ -379,7 +380,7 @@ fn plans_are_whole_and_answers_true() {
     }
 }
 
-/// The same for the scripts that have the most states.
+/// The same for the tasks with the most states.
 #[test]
 fn plans_are_whole_and_answers_true_in_longer_transfers() {
     for tasks in [EQUAL, THREE] {
@@ -387,7 +388,7 @@ fn plans_are_whole_and_answers_true_in_longer_transfers() {
     }
 }
 
-/// M-44: ACCEPTED means durable, after any two faults, of the storage too.
+/// M-44: ACCEPTED means durable, with up to two faults, including faults of storage.
 #[cfg(feature = "storage")]
 #[test]
 fn accepted_means_durable() {
@@ -396,7 +397,7 @@ fn accepted_means_durable() {
     }
 }
 
-/// M-31: a second copy of the final answer does no harm to who does not take it for the answer to something else.
+/// M-31: a second final answer is harmless for a client that does not take it for the answer to another request.
 #[test]
 fn the_second_answer_is_harmless() {
     for tasks in [LONGER, SHORTER, EQUAL, ONE_AND_ONE, THREE, THEN_CLEAR, CLEAR_FIRST] {
@@ -404,20 +405,20 @@ fn the_second_answer_is_harmless() {
     }
 }
 
-/// M-22: of a client that sends the same sequence number each time no COUNT can be told from a late copy.
+/// M-22: without sequence numbers, no COUNT can be distinguished from a delayed duplicate.
 #[test]
-fn numbers_are_not_needed() {
+fn sequence_numbers_are_not_needed() {
     for tasks in [EQUAL, ONE_AND_ONE] {
-        for manners in [Manners::Patient, Manners::Told] {
+        for manners in [Manners::Patient, Manners::Result] {
             assert_holds(Protocol { is_counting: false, ..Protocol::new(manners, 2, tasks) });
         }
     }
 }
 
-/// Over a perfect line, however fast the client goes on: it is told what becomes of its task, in the order of its tasks.
+/// Over a perfect link, however fast the client continues: it gets the result of each task, in the order of the tasks.
 #[test]
 fn without_faults_all_answers_are_true() {
-    for manners in [Manners::Patient, Manners::Told, Manners::Prompt] {
+    for manners in [Manners::Patient, Manners::Result, Manners::Prompt] {
         for tasks in [LONGER, SHORTER, EQUAL, ONE_AND_ONE, THREE, THEN_CLEAR, CLEAR_FIRST] {
             assert_holds(Protocol::new(manners, 0, tasks));
         }
@@ -432,31 +433,31 @@ fn without_faults_all_answers_are_true() {
 #[cfg(feature = "storage")]
 #[test]
 fn a_clear_that_is_being_written_is_not_denied() {
-    for manners in [Manners::Patient, Manners::Told] {
+    for manners in [Manners::Patient, Manners::Result] {
         for tasks in [THEN_CLEAR, CLEAR_FIRST] {
             assert_holds(Protocol::new(manners, 0, tasks).durable());
         }
     }
 }
 
-/// A client that goes on as soon as it was told how a transfer ended and the line is silent.
+/// A client that continues as soon as it has the result of a transfer and no frame is in transit.
 #[test]
-fn who_was_told_may_go_on() {
+fn a_client_with_a_result_may_continue() {
     for tasks in [LONGER, SHORTER, EQUAL, ONE_AND_ONE, THREE, THEN_CLEAR, CLEAR_FIRST] {
-        assert_holds(Protocol::new(Manners::Told, 2, tasks));
+        assert_holds(Protocol::new(Manners::Result, 2, tasks));
     }
 }
 
-/// The same with storage, which may take its time, and fail.
+/// The same with storage, which may be slow and may fail.
 #[cfg(feature = "storage")]
 #[test]
-fn who_was_told_that_it_is_stored_may_go_on() {
+fn a_client_with_a_result_of_storage_may_continue() {
     for tasks in [LONGER, SHORTER, EQUAL, ONE_AND_ONE, THREE, THEN_CLEAR, CLEAR_FIRST] {
-        assert_holds(Protocol::new(Manners::Told, 1, tasks).durable());
+        assert_holds(Protocol::new(Manners::Result, 1, tasks).durable());
     }
 }
 
-/// Limits are what is found, in the order of the names. When one is not found any more it is gone: say so at the top.
+/// Asserts that exactly these properties are violated, in alphabetical order. When a limit is gone, update the text at the top.
 fn assert_limits(model: Protocol, limits: &[&str]) {
     let violations = violations(model);
     let mut names: Vec<_> = violations.iter().map(|(name, _)| *name).collect();
@@ -465,15 +466,15 @@ fn assert_limits(model: Protocol, limits: &[&str]) {
     assert_eq!(names, limits, "{steps}");
 }
 
-/// A copy of the first upload's item 0 is late, and is taken for the next upload's, which has begun meanwhile.
+/// A delayed duplicate of the first upload's item 0 is taken for item 0 of the next upload, which has begun meanwhile.
 #[test]
-fn limit_a_late_copy_of_an_item() {
+fn limit_a_delayed_duplicate_of_an_item() {
     assert_limits(Protocol::new(Manners::Prompt, 1, EQUAL), &[MIXED, ACCEPTED_IS_LIVE]);
 }
 
-/// A client gives an upload up and begins another, whose COUNT is lost: what is asked for is the old one's item 0, and what
-/// comes is the new one's. One item was all that the old plan had: so the new one is live, without its second.
+/// A client gives up an upload and begins another, whose COUNT is lost. The vehicle requests item 0 of the old plan and receives
+/// item 0 of the new one. The old plan had one item, so the new plan goes live without its second item.
 #[test]
-fn limit_another_plan_while_the_first_is_wanted() {
+fn limit_another_plan_while_the_first_is_expected() {
     assert_limits(Protocol::new(Manners::Hasty, 1, LONGER), &[CUT, MIXED, ACCEPTED_IS_LIVE]);
 }

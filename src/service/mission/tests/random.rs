@@ -1,22 +1,22 @@
-//! Whatever comes in whatever order: a live plan is always one that was uploaded as a whole.
+//! Random events in random order: a live plan is always one that was uploaded completely.
 
 use super::*;
 use proptest::prelude::*;
 
 #[derive(Clone, Debug)]
 enum Event {
-    /// Begins an upload of so many items.
+    /// Begins an upload of this many items.
     Count(usize),
-    /// The item that is due, or another one.
+    /// The expected item, or another one.
     Item(Option<u16>),
     FloatItem(Option<u16>),
     Ack(u8),
     List,
     Request(u16),
     Clear(u8),
-    /// The answers of a link go out.
+    /// The pending answers of a link are sent.
     Drain,
-    /// So many ms go by.
+    /// This many ms pass.
     Wait(u64),
 }
 
@@ -35,17 +35,17 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// What a client is uploading, as it sees it itself.
+/// An upload, as its client sees it.
 #[derive(Clone, Copy, Default)]
 struct Client {
-    /// Tells its plans apart, and from the other client's.
+    /// Unique for each plan of each client.
     tag: u16,
     count: u16,
-    /// What the vehicle asked for last.
+    /// The last item that the vehicle requested.
     next: u16,
 }
 
-/// A plan that was uploaded as a whole: one client's, one attempt's, no item missing, in order.
+/// Asserts that a live plan is complete, in order, and from one upload.
 fn assert_whole(bench: &Bench, plan: PlanType) {
     let (items, id) = bench.live(plan);
     assert_eq!(id, id_of(items));
@@ -53,7 +53,7 @@ fn assert_whole(bench: &Bench, plan: PlanType) {
         let [tag, len, ..] = first.params;
         assert_eq!(len, items.len() as f32, "complete");
         for (seq, item) in items.iter().enumerate() {
-            assert_eq!((item.params[0], item.params[2]), (tag, seq as f32), "of one upload, in order");
+            assert_eq!((item.params[0], item.params[2]), (tag, seq as f32), "from one upload, in order");
         }
     }
 }
@@ -61,7 +61,7 @@ fn assert_whole(bench: &Bench, plan: PlanType) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
-    /// M-1, T-M5 to T-M8: and it changes only when somebody was told ACCEPTED, or the other way round.
+    /// M-1: live plans are complete, and change only at a last item or a clear.
     #[test]
     fn live_plans_are_whole(events in proptest::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), event()), 1..250)) {
         let mut bench = Bench::new();
@@ -86,15 +86,15 @@ proptest! {
             match event {
                 Event::Count(len) => {
                     tags += 1;
-                    // A COUNT that the engine may take for an echo is sent for the same plan, as a client would.
+                    // As a real client would, sends a COUNT that may look like a duplicate for the same plan.
                     let tag = if usize::from(client.count) == len { client.tag } else { tags };
                     may_change = len == 0;
                     let dropped = bench.missions.counters().no_answer_slot;
-                    let is_elsewhere = bench.missions.is_elsewhere(bench.now, from);
+                    let is_on_other_link = bench.missions.is_on_other_link(bench.now, from);
                     bench.send(from, &count(mission_type, len));
-                    // A dropped frame counts as lost: no client continues with the new plan before it is asked. Nor does a
-                    // client that was denied on another link than its transfer's (M-45).
-                    if dropped == bench.missions.counters().no_answer_slot && !is_elsewhere {
+                    // A dropped frame counts as lost: no client continues with the new plan before it gets a request. Nor
+                    // does a client that was denied on another link than its transfer's (M-45).
+                    if dropped == bench.missions.counters().no_answer_slot && !is_on_other_link {
                         *client = Client { tag, count: len as u16, next: 0 };
                     }
                 }
@@ -129,14 +129,14 @@ proptest! {
             assert_whole(&bench, PlanType::Mission);
             assert_whole(&bench, PlanType::Fence);
             let after = [PlanType::Mission, PlanType::Fence].map(|plan| bench.live(plan).1);
-            let told = bench.vehicle.changes.len() - changes;
-            prop_assert_eq!(told, (0..2).filter(|&plan| before[plan] != after[plan]).count(), "the vehicle is told");
-            prop_assert!(may_change || told == 0, "only a last item or a clear changes a plan");
+            let reported = bench.vehicle.changes.len() - changes;
+            prop_assert_eq!(reported, (0..2).filter(|&plan| before[plan] != after[plan]).count(), "the vehicle is notified");
+            prop_assert!(may_change || reported == 0, "only a last item or a clear changes a plan");
             if bench.missions.upload.is_none() {
                 prop_assert_eq!(bench.staged(), 0);
             }
         }
-        // Whatever happened: soon the engine is at rest, and takes an upload.
+        // In any case the engine becomes idle and accepts an upload.
         bench.drain();
         bench.wait(7_000);
         prop_assert_eq!(bench.upload(B, MISSION, &plan(9_999, 5)), Ack(ACCEPTED, id_of(&plan(9_999, 5))));

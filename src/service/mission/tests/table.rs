@@ -1,24 +1,24 @@
-//! Every state and every event of the upload table (section 8.3).
+//! Every event in every state of an upload.
 
 use super::*;
 
-/// Who speaks, and what they are to the upload: the table's columns.
+/// The sender's relation to the upload: the columns of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Column {
     Idle,
-    Partner,
+    Client,
     Other,
     OtherType,
-    /// Who uploaded the plan that is being written.
+    /// The client whose plan is being written.
     Committing,
-    /// Anybody else meanwhile.
+    /// Another client meanwhile.
     OtherCommitting,
 }
 
 const COLUMNS: [Column; 6] =
-    [Column::Idle, Column::Partner, Column::Other, Column::OtherType, Column::Committing, Column::OtherCommitting];
+    [Column::Idle, Column::Client, Column::Other, Column::OtherType, Column::Committing, Column::OtherCommitting];
 
-/// What happens: the table's rows.
+/// The events: the rows of the table.
 #[derive(Clone, Copy, Debug)]
 enum Event {
     Count,
@@ -62,20 +62,20 @@ const ALL: MavMissionType = MavMissionType::ALL;
 const INVALID: MavMissionResult = MavMissionResult::INVALID;
 const NO_SPACE: MavMissionResult = MavMissionResult::NO_SPACE;
 
-/// What the upload is afterwards.
+/// The state of the upload after the event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum After {
-    /// As before.
+    /// Unchanged.
     Same,
-    /// There is none.
+    /// No upload.
     Idle,
-    /// One more item came.
+    /// One more item was received.
     Further,
-    /// A new one, by who spoke, of this plan.
+    /// A new upload of this plan, by the sender.
     New(MavMissionType),
 }
 
-/// The answer, what becomes of the upload, and which plans are empty afterwards.
+/// The answer, the state of the upload, and which plans are empty afterwards.
 type Cell = (Option<(MavMissionType, Out)>, After, &'static [MavMissionType]);
 
 /// The live plans before: two mission items, one fence item.
@@ -87,7 +87,7 @@ fn live_fence() -> Vec<Item> {
     fence(101, 1)
 }
 
-/// What the speaker's messages are about.
+/// The plan that the sender's messages name.
 fn subject(column: Column) -> MavMissionType {
     if column == Column::OtherType { FENCE } else { MISSION }
 }
@@ -99,7 +99,7 @@ fn expected(column: Column, event: Event) -> Cell {
     let empty: &[_] = if subject == FENCE { &[FENCE] } else { &[MISSION] };
     let live = if subject == FENCE { live_fence() } else { live_mission() };
     match (event, column) {
-        // M-25: whoever asks.
+        // M-25: for any sender.
         (Event::CountBadType, _) => (Some((BAD, Ack(INVALID, 0))), Same, &[]),
         (Event::CountUnservedType, _) => (Some((RALLY, Ack(UNSUPPORTED, 0))), Same, &[]),
         // M-62
@@ -109,9 +109,9 @@ fn expected(column: Column, event: Event) -> Cell {
             (Some((subject, Part(0, current, live[0]))), Same, &[])
         }
         // M-35
-        (Event::AckCancelled | Event::AckError, Column::Partner) => (None, Idle, &[]),
+        (Event::AckCancelled | Event::AckError, Column::Client) => (None, Idle, &[]),
         (Event::AckCancelled | Event::AckError | Event::AckAccepted, _) => (None, Same, &[]),
-        // Section 8.3, last column: the answer comes when the plan is written.
+        // M-44: the answer is sent when the plan is written.
         (Event::Clear, Column::Committing) => (ack(DENIED), Same, &[]),
         (Event::ClearAll, Column::Committing | Column::OtherCommitting) => (Some((ALL, Ack(DENIED, 0))), Same, &[]),
         (_, Column::Committing) => (None, Same, &[]),
@@ -124,18 +124,18 @@ fn expected(column: Column, event: Event) -> Cell {
         (Event::ClearAll, _) => (Some((ALL, Ack(ACCEPTED, 0))), Idle, &[MISSION, FENCE]),
         (Event::CountTooMany, _) => (ack(NO_SPACE), Idle, &[]),
         // M-30 to M-32, M-36
-        (Event::ItemNext, Column::Partner) => (Some((MISSION, Ask(2))), Further, &[]),
+        (Event::ItemNext, Column::Client) => (Some((MISSION, Ask(2))), Further, &[]),
         (Event::ItemNext | Event::ItemBefore | Event::ItemAfter, Column::Idle) => (ack(ERROR), Same, &[]),
         (Event::ItemNext | Event::ItemBefore | Event::ItemAfter, _) => (None, Same, &[]),
     }
 }
 
-fn speaker(column: Column) -> Peer {
+fn sender(column: Column) -> Peer {
     if matches!(column, Column::Other | Column::OtherCommitting) { B } else { A }
 }
 
 fn send(bench: &mut Bench, column: Column, event: Event) {
-    let from = speaker(column);
+    let from = sender(column);
     let subject = subject(column);
     match event {
         Event::Count => bench.send(from, &count(subject, 2)),
@@ -156,9 +156,8 @@ fn send(bench: &mut Bench, column: Column, event: Event) {
     }
 }
 
-/// The whole table: answer, upload and live plans after each event in each state. Among it: one upload at a time while
-/// anybody may download (M-12), a COUNT of another type ends the partner's upload (M-24), and every answer names the plan
-/// that it is about (M-26).
+/// The whole table: answer, upload and live plans after each event in each state. It includes: one upload at a time, while any
+/// client may download (M-12); a COUNT of another type ends the client's upload (M-24); every answer names its plan (M-26).
 #[test]
 fn every_event_in_every_state() {
     for column in COLUMNS {
@@ -170,17 +169,17 @@ fn every_event_in_every_state() {
             bench.now = bench.now.after(Duration::from_secs(20));
             let is_committing = matches!(column, Column::Committing | Column::OtherCommitting);
             if is_committing {
-                // A has sent both of two mission items.
+                // A has sent both items of a mission.
                 bench.missions.attach_storage(Durability::Durable);
                 assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))], "{name}");
                 assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "{name}");
                 assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [], "{name}");
             } else if column != Column::Idle {
-                // A is at the second of three mission items.
+                // A has sent the first of three mission items.
                 assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "{name}");
                 assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "{name}");
             }
-            let from = speaker(column);
+            let from = sender(column);
             let (answer, after, empty) = expected(column, event);
 
             send(&mut bench, column, event);
@@ -193,7 +192,7 @@ fn every_event_in_every_state() {
                 let live = bench.live(PlanType::from_mission_type(plan).unwrap());
                 assert_eq!(live, (&items[..], id_of(&items)), "{name}");
             }
-            // What is asked for when nothing more comes tells the state of the upload.
+            // The next repeated request shows the state of the upload.
             let expected = match (after, column) {
                 (After::Idle, _) | (After::Same, Column::Idle) => None,
                 (After::Same, _) if is_committing => None,
@@ -213,8 +212,8 @@ fn every_event_in_every_state() {
     }
 }
 
-/// The partner's column again for the first item, where a COUNT is answered by the request that is out (M-22 a), and
-/// where UNSUPPORTED asks for the other form (M-37).
+/// The client's column before the first item. There, the pending request answers a COUNT (M-22 a), and UNSUPPORTED selects the
+/// other form (M-37).
 #[test]
 fn events_before_the_first_item() {
     for (event, asked) in [
@@ -228,7 +227,7 @@ fn events_before_the_first_item() {
     ] {
         let mut bench = Bench::new();
         assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
-        send(&mut bench, Column::Partner, event);
+        send(&mut bench, Column::Client, event);
         bench.drain();
         assert_eq!(bench.wait(300).first().map(|(_, sent)| sent.2), asked, "{event:?}");
     }

@@ -1,8 +1,8 @@
-//! Uploads: what the table has no room for.
+//! Uploads: cases that the table of states and events does not cover.
 
 use super::*;
 
-/// T-M1, M-21: 0, 1, the capacity, and one more.
+/// M-21: 0, 1, the capacity, and one more.
 #[test]
 fn a_plan_of_any_length_up_to_the_capacity_goes_live() {
     for len in [1, 5, 2, 0] {
@@ -21,9 +21,9 @@ fn a_plan_of_any_length_up_to_the_capacity_goes_live() {
     }
 }
 
-/// M-39: the item that is marked as current is the one to begin with, and is no part of the plan.
+/// M-39: the mission starts from the item that is marked as current; the mark is not part of the plan.
 #[test]
-fn the_marked_item_comes_first() {
+fn the_mission_starts_from_the_marked_item() {
     let mut bench = Bench::new();
     bench.ask(A, &count(MISSION, 3));
     for seq in 0..3 {
@@ -32,9 +32,9 @@ fn the_marked_item_comes_first() {
     assert_eq!(bench.vehicle.changes, [(PlanType::Mission, plan(1, 3), 1)]);
 }
 
-/// T-M20, M-39: an upload like the live plan changes nothing; one bit more does.
+/// M-39: an upload equal to the live plan changes nothing; one that differs in a bit does.
 #[test]
-fn the_same_plan_again_changes_nothing() {
+fn an_equal_plan_changes_nothing() {
     let mut bench = Bench::new();
     let id = id_of(&plan(1, 3));
     for _ in 0..2 {
@@ -48,7 +48,7 @@ fn the_same_plan_again_changes_nothing() {
     assert_eq!(seen(&bench).0, other);
 }
 
-/// T-M4, M-1, M-38: a refusal at any item, or of the plan as a whole, leaves everything as it was, and says why.
+/// M-1, M-38: after a refusal at any item, or of the plan as a whole, the live plan is unchanged and a text has the reason.
 #[test]
 fn a_refused_plan_leaves_the_live_one() {
     for bad in 0..4 {
@@ -77,7 +77,7 @@ fn a_refused_plan_leaves_the_live_one() {
     }
 }
 
-/// SEC-14: what no vehicle can fly does not get as far as the vehicle.
+/// SEC-14: the stack refuses what no vehicle can fly, without asking the vehicle.
 #[test]
 fn a_bad_number_is_refused_before_the_vehicle_is_asked() {
     let mut bench = Bench::new();
@@ -89,7 +89,7 @@ fn a_bad_number_is_refused_before_the_vehicle_is_asked() {
     assert_eq!(bench.texts(), ["Mission item 0: parameter 5 out of range"]);
 }
 
-/// M-27: the vehicle may forbid changes, which is said at COUNT, before any item.
+/// M-27: if the vehicle permits no changes, COUNT is refused, before any item.
 #[test]
 fn a_forbidden_upload_is_refused_at_once() {
     let mut bench = Bench::new();
@@ -102,11 +102,11 @@ fn a_forbidden_upload_is_refused_at_once() {
         assert_eq!(bench.ask(B, &clear(mission_type)), [(B.address, mission_type, Ack(DENIED, 0))]);
     }
     assert_eq!(seen(&bench).0, plan(1, 2));
-    assert_eq!(bench.texts(), ["Mission refused: not allowed now"], "and no text twice");
+    assert_eq!(bench.texts(), ["Mission refused: not allowed now"], "only once");
 }
 
 /// M-45: the vehicle is asked again before the plan goes live. If it armed during the upload, the answer is DENIED with a
-/// text, and the old plan stays.
+/// text, and the old plan stays live.
 #[test]
 fn the_policy_is_asked_again_before_the_commit() {
     let mut bench = Bench::new();
@@ -117,7 +117,7 @@ fn the_policy_is_asked_again_before_the_commit() {
     }
     bench.vehicle.may_change = Err(DENIED);
     for _ in 0..2 {
-        assert_eq!(bench.ask(A, &int(MISSION, 2, &item(2, 2))), [to_a(Ack(DENIED, 0))], "and again, M-31");
+        assert_eq!(bench.ask(A, &int(MISSION, 2, &item(2, 2))), [to_a(Ack(DENIED, 0))], "and again (M-31)");
     }
     assert_eq!(seen(&bench), (plan(1, 2), id_of(&plan(1, 2))));
     assert_eq!(bench.vehicle.changes.len(), 1);
@@ -125,15 +125,15 @@ fn the_policy_is_asked_again_before_the_commit() {
     assert_eq!((bench.missions.counters().refused, bench.staged()), (1, 0));
 }
 
-/// M-40: requests are repeated after 250 ms, and each repetition doubles the wait up to a second, until the round trip
-/// is measured.
+/// M-40: a request is repeated after 250 ms. Until the round trip is measured, each repetition doubles the wait, up to a
+/// second.
 #[test]
-fn a_missing_item_is_asked_for_again() {
+fn a_missing_item_is_requested_again() {
     let mut bench = Bench::new();
     bench.ask(A, &count(MISSION, 5));
     let times: Vec<u64> = bench.wait(2_700).iter().map(|(at, _)| *at).collect();
     assert_eq!(times, [250, 750, 1_750]);
-    // A link whose round trip is 400 ms: each item comes twice at first, until the engine has learnt to wait.
+    // With a round trip of 400 ms, items are received twice until the engine has adapted its wait.
     let mut asked = Vec::new();
     for seq in 0..5 {
         asked.push(bench.wait(400).len());
@@ -146,9 +146,9 @@ fn a_missing_item_is_asked_for_again() {
     assert_eq!(*asked.last().unwrap(), 0, "{asked:?}");
 }
 
-/// T-M9, M-41, PX4#27132: a partner that vanishes does not keep others out.
+/// M-41, PX4#27132: a client that vanishes does not lock out others.
 #[test]
-fn an_upload_that_stops_is_cancelled_and_another_may_begin() {
+fn a_stalled_upload_times_out_and_another_may_begin() {
     for items in 0..3 {
         let mut bench = Bench::new();
         bench.ask(A, &count(MISSION, 3));
@@ -166,9 +166,9 @@ fn an_upload_that_stops_is_cancelled_and_another_may_begin() {
     }
 }
 
-/// M-41: time goes by also where nothing can be sent.
+/// M-41: the timeout runs even if nothing can be sent.
 #[test]
-fn a_stuck_link_cannot_hold_the_upload() {
+fn a_stalled_link_does_not_stop_the_timeout() {
     let mut bench = Bench::new();
     bench.send(A, &count(MISSION, 3));
     for _ in 0..800 {
@@ -181,7 +181,7 @@ fn a_stuck_link_cannot_hold_the_upload() {
     assert_eq!(bench.drain_link(0), [to_a(Ack(CANCELLED, 0))], "delayed, not lost");
 }
 
-/// M-41: what a link still owes of an upload that timed out is not said when its partner begins anew, or is gone.
+/// M-41: the pending answer of an upload that timed out is dropped if its client starts again or is gone.
 #[test]
 fn a_late_cancel_does_not_end_the_next_upload() {
     for restart in [false, true] {
@@ -202,7 +202,7 @@ fn a_late_cancel_does_not_end_the_next_upload() {
     }
 }
 
-/// T-M10, M-31: the last item again means that the final answer was lost; for ten seconds.
+/// M-31: for ten seconds, a repeated last item means that the final answer was lost.
 #[test]
 fn a_lost_final_answer_is_repeated() {
     let id = id_of(&plan(1, 3));
@@ -213,7 +213,7 @@ fn a_lost_final_answer_is_repeated() {
         bench.wait(2_500);
         assert_eq!(bench.ask(A, &last), [to_a(Ack(ACCEPTED, id))]);
     }
-    assert_eq!(bench.ask(B, &last), [to_b(Ack(ERROR, 0))], "somebody else's");
+    assert_eq!(bench.ask(B, &last), [to_b(Ack(ERROR, 0))], "from another client");
     assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ERROR, 0))], "not the last");
     bench.wait(1_000);
     assert_eq!(bench.ask(A, &int(FENCE, 2, &item(1, 2))), [(A.address, FENCE, Ack(ERROR, 0))], "of another plan");
@@ -230,7 +230,7 @@ fn a_lost_final_answer_is_repeated() {
     }
 }
 
-/// M-31, M-36: items of a dead upload are answered once a second.
+/// M-31, M-36: items that belong to no upload are answered once a second.
 #[test]
 fn late_items_are_not_answered_one_by_one() {
     let mut bench = Bench::new();
@@ -244,20 +244,20 @@ fn late_items_are_not_answered_one_by_one() {
     assert_eq!(answers, 3);
 }
 
-/// T-M11, M-22, M-43: COUNT again.
+/// M-22, M-43: a repeated COUNT before and after the first item.
 #[test]
-fn a_repeated_count_is_answered_or_a_restart() {
+fn a_repeated_count_is_answered_once_or_restarts() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))]);
-    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "before the first item the request is out");
-    assert_eq!(bench.wait(260), [(250, to_a(Ask(0)))], "and is repeated when it was lost");
+    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "before the first item, the request was sent already");
+    assert_eq!(bench.wait(260), [(250, to_a(Ask(0)))], "and is repeated by the timer");
     bench.wait(1_000);
-    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "however long ago, once in the timer's period");
+    assert!(bench.ask(A, &count(MISSION, 3)).is_empty(), "at most once per period of the timer");
     for pause in [0, 500, 1_010] {
         assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
         assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ask(2))]);
         bench.now = bench.now.after(Duration::from_millis(pause));
-        assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "behind an item a restart");
+        assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "after an item, a restart");
         assert!(
             bench.ask(A, &int(MISSION, 2, &item(1, 2))).is_empty(),
             "what was asked for before is not wanted any more"
@@ -269,11 +269,11 @@ fn a_repeated_count_is_answered_or_a_restart() {
     assert_eq!(seen(&bench).0, plan(2, 2), "nothing of the first attempts is left");
 }
 
-/// M-22: a program that was started again counts its frames from 0 again, so its COUNT may bear the number of the first one's. It is
-/// another plan's as soon as a request had to be repeated: item 0 is asked for, and nothing of the first plan is left. While the
-/// client answers at once it is a delayed duplicate.
+/// M-22: the sequence numbers of a restarted client start from 0, so its COUNT may have the number of the first COUNT. Once a
+/// request had to be repeated, such a COUNT starts another plan: item 0 is requested, and nothing of the first plan is left.
+/// While the client answers at once, it is a delayed duplicate.
 #[test]
-fn a_program_that_is_started_again_starts_its_upload_again() {
+fn a_restarted_client_restarts_its_upload() {
     for taken in 1..3 {
         let mut bench = Bench::new();
         let run = |bench: &mut Bench, tag: u16, items: u8| {
@@ -291,8 +291,8 @@ fn a_program_that_is_started_again_starts_its_upload_again() {
     }
 }
 
-/// M-34, M-36: "go there now" is no part of a plan: UNSUPPORTED and a text, once a second, whether an upload runs or not, and
-/// whoever's.
+/// M-34, M-36: "go there now" is not part of a plan. The answer is UNSUPPORTED and a text, once a second, with or without an
+/// upload of any client.
 #[test]
 fn guided_items_are_not_stored() {
     for current in [2, 3] {
@@ -312,9 +312,9 @@ fn guided_items_are_not_stored() {
     }
 }
 
-/// T-M12, M-37: the old float form is taken as well, and a partner that wants to be asked by it is.
+/// M-37: items in the old float form are accepted, and requested in that form if the client needs it.
 #[test]
-fn float_items_are_taken_and_asked_for() {
+fn float_items_are_accepted_and_requested() {
     let float = |seq: u16| MissionItem { x: 47.5, y: -8.25, ..item(1, seq).to_float(VEHICLE, MISSION, seq, false) };
     let mut bench = Bench::new();
     bench.ask(A, &count(MISSION, 2));
@@ -330,13 +330,13 @@ fn float_items_are_taken_and_asked_for() {
     bench.ask(A, &count(MISSION, 2));
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     bench.ask(A, &ack(MISSION, UNSUPPORTED));
-    assert!(bench.wait(1_000).is_empty(), "after an item UNSUPPORTED ends the upload like any fault");
+    assert!(bench.wait(1_000).is_empty(), "after an item, UNSUPPORTED cancels the upload");
 }
 
 /// M-47: until the first item, the forms alternate from the third repetition on; the first item fixes the form. Each row:
 /// which request is answered, whether by MISSION_ITEM, and whether item 1 is requested by MISSION_REQUEST.
 #[test]
-fn the_forms_of_requests_alternate_until_an_item_comes() {
+fn the_forms_of_requests_alternate_until_the_first_item() {
     let float = |seq: u16| item(1, seq).to_float(VEHICLE, MISSION, seq, false);
     let forms = [Ask(0), Ask(0), Ask(0), AskLegacy(0), Ask(0), AskLegacy(0)];
     for (answered, is_float, is_old) in
@@ -351,7 +351,7 @@ fn the_forms_of_requests_alternate_until_an_item_comes() {
         let out = if is_float { bench.ask(A, &float(0)) } else { bench.ask(A, &int(MISSION, 0, &item(1, 0))) };
         let next = if is_old { AskLegacy(1) } else { Ask(1) };
         assert_eq!(out, [to_a(next)], "{answered} {is_float}");
-        // The form stays fixed, whatever comes next and however long it takes.
+        // The form stays fixed, whatever happens next.
         let repeated = bench.wait(4_500);
         assert!(repeated.len() > 3 && repeated.iter().all(|(_, sent)| *sent == to_a(next)), "{repeated:?}");
     }
@@ -360,7 +360,7 @@ fn the_forms_of_requests_alternate_until_an_item_comes() {
 /// M-35, M-47: after a MISSION_REQUEST, UNSUPPORTED requests the other form and is not a cancel, before and after the
 /// first item, and however often it is sent; new requests are not sent as fast as the client refuses.
 #[test]
-fn unsupported_after_the_old_request_is_no_cancel() {
+fn unsupported_after_the_old_request_cancels_nothing() {
     let refusal = ack(MISSION, UNSUPPORTED);
     // MAVSDK, with every request lost except the fourth.
     let mut bench = Bench::new();
@@ -388,7 +388,7 @@ fn unsupported_after_the_old_request_is_no_cancel() {
     assert!(requests < 16, "{requests}");
 }
 
-/// V-7: what comes as v1 is about the mission, and a link that sends v1 has no other plans.
+/// V-7: v1 frames are about the mission, and a link that sends v1 has no other plans.
 #[test]
 fn v1_knows_only_missions() {
     let mut bench = Bench::new();
@@ -415,7 +415,7 @@ fn partial_lists_are_refused() {
     assert_eq!(bench.ask(A, &write), [to_a(Ack(UNSUPPORTED, 0))]);
 }
 
-/// T-M15, M-50 to M-53: clearing, also what is empty, also everything.
+/// M-50 to M-53: clears of one plan, of an empty plan, and of all plans.
 #[test]
 fn clear_is_repeatable() {
     let mut bench = Bench::new();
@@ -430,8 +430,7 @@ fn clear_is_repeatable() {
     assert_eq!(bench.ask(A, &clear(all)), [(A.address, all, Ack(ACCEPTED, 0))]);
     assert_eq!(bench.live(PlanType::Fence), (&[][..], 0));
     assert_eq!(bench.vehicle.changes.last(), Some(&(PlanType::Fence, Vec::new(), 0)));
-    // Twice for each upload, once for the clear that had something to clear, and once for each existing plan in the clear
-    // of all.
+    // Twice for each upload, once for the clear of a non-empty plan, and once for each existing plan in the clear of all.
     use PlanType::{Fence, Mission};
     assert_eq!(bench.vehicle.asked, [Mission, Mission, Fence, Fence, Mission, Mission, Fence]);
     let bad = MavMissionType(3);
@@ -440,9 +439,9 @@ fn clear_is_repeatable() {
     assert_eq!(bench.ask(A, &clear(rally)), [(A.address, rally, Ack(UNSUPPORTED, 0))]);
 }
 
-/// M-31, M-50: the final answer is not repeated for a plan that is gone by now.
+/// M-31, M-50: the final answer is not repeated after the plan was cleared.
 #[test]
-fn what_was_cleared_is_not_accepted_again() {
+fn a_cleared_plan_is_not_accepted_again() {
     for by_count in [false, true] {
         let mut bench = Bench::new();
         bench.upload(A, MISSION, &plan(1, 3));
@@ -452,9 +451,10 @@ fn what_was_cleared_is_not_accepted_again() {
     }
 }
 
-/// D-3: a request whose answer cannot be owed is not carried out; what is owed is not lost, and other links do not wait.
+/// D-3: without a free slot for its answer, a request is not carried out. Pending answers are not lost, and other links are not
+/// delayed.
 #[test]
-fn a_stalled_link_owes_its_answers_and_no_more() {
+fn a_stalled_link_keeps_its_answers_and_takes_no_more() {
     let mut bench = Bench::new();
     bench.upload(B, MISSION, &plan(1, 2));
     for _ in 0..3 {
@@ -472,8 +472,8 @@ fn a_stalled_link_owes_its_answers_and_no_more() {
     let invalid = Ack(MavMissionResult::INVALID_SEQUENCE, 0);
     let answers = [Out::Count(2, id_of(&plan(1, 2))), Part(1, 0, item(1, 1)), invalid, invalid, invalid].map(to_a);
     let cleared = (A.address, FENCE, Ack(ACCEPTED, 0));
-    assert_eq!(bench.drain_link(0), [&[cleared][..], &answers].concat(), "in their order, acknowledgements first");
-    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))], "then there is room again");
+    assert_eq!(bench.drain_link(0), [&[cleared][..], &answers].concat(), "in order, acknowledgements first");
+    assert_eq!(bench.ask(A, &clear(MISSION)), [to_a(Ack(ACCEPTED, 0))], "then there are free slots again");
 }
 
 impl Bench {
@@ -483,14 +483,14 @@ impl Bench {
     }
 }
 
-/// The engine itself is small; its plans are elsewhere.
+/// The size of the engine without the plans.
 #[test]
 fn engine_fits_its_budget() {
     assert!(size_of::<Missions>() <= 400, "{}", size_of::<Missions>());
     assert!(size_of::<Replies>() <= 64, "{}", size_of::<Replies>());
 }
 
-/// Section 8.6, in both forms: the command is looked at first, whatever its frame is.
+/// M-38, in both forms: the command is checked before the frame.
 #[test]
 fn an_unknown_command_is_unsupported_in_any_frame() {
     let unknown = Item { frame: MavFrame::BODY_FRD, command: MavCmd::NAV_ROI, ..item(1, 0) };
@@ -502,8 +502,8 @@ fn an_unknown_command_is_unsupported_in_any_frame() {
     assert_eq!(bench.ask(A, &float), [to_a(Ack(UNSUPPORTED, 0))]);
 }
 
-/// M-83: the vehicle sees the whole new fence at once, and never a part of one; M-71: what an item says of going on is
-/// kept as it came, any value but 0 being a yes.
+/// M-83: the vehicle sees the whole new fence at once, never a part of it. M-71: `autocontinue` is stored as received; any value
+/// but 0 means yes.
 #[test]
 fn the_vehicle_sees_whole_plans_only() {
     let mut bench = Bench::new();
@@ -518,7 +518,7 @@ fn the_vehicle_sees_whole_plans_only() {
     assert_eq!(bench.live(PlanType::Fence), (&new[..], id_of(&new)));
 }
 
-/// SEC-9, SEC-10: a stranger's flood of COUNTs, items, cancels and clears does not touch the upload of another.
+/// SEC-9, SEC-10: another client's flood of COUNTs, items, cancels and clears does not affect an upload.
 #[test]
 fn a_flood_changes_nothing() {
     let mut bench = Bench::new();

@@ -2,11 +2,11 @@
 
 use super::*;
 
-/// T-P6, P-20, by a library: the polynomial of zip, from zero, nothing complemented.
+/// The hash by a library (P-20): the CRC-32 of zip, with initial value 0 and no complement.
 fn reference(bench: &mut Bench<false, true>) -> u32 {
     let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
     for index in 0..COUNT {
-        let (info, bits) = bench.vehicle.table.table_mut().get(index).expect("exists");
+        let (info, bits) = bench.table.table_mut().get(index).expect("exists");
         let size = match info.param_type() {
             MavParamType::UINT8 | MavParamType::INT8 => 1,
             MavParamType::UINT16 | MavParamType::INT16 => 2,
@@ -28,12 +28,12 @@ fn new() -> Bench<false, true> {
     Bench::of(Version::V2)
 }
 
-/// P-21: on the link that asks.
+/// P-21: on the link of the request.
 #[test]
 fn the_hash_is_read_by_its_name() {
     let mut bench = new();
     for value in [3, 4, 4, 3] {
-        bench.vehicle.table.set(Table::BYTE, value);
+        bench.table.set(Table::BYTE, value);
         bench.poll();
         bench.drain();
         let expected = hash(reference(&mut bench));
@@ -41,12 +41,12 @@ fn the_hash_is_read_by_its_name() {
     }
 }
 
-/// P-20: what is volatile has no part in it, everything else has.
+/// P-20: the hash includes every parameter that is not volatile.
 #[test]
-fn every_lasting_value_counts() {
+fn the_hash_includes_every_stored_value() {
     let mut bench = new();
     let mut seen = vec![reference(&mut bench)];
-    bench.vehicle.table.set(Table::NOISE, 0.75);
+    bench.table.set(Table::NOISE, 0.75);
     bench.poll();
     bench.drain();
     assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [hash(seen[0])]);
@@ -64,7 +64,7 @@ fn every_lasting_value_counts() {
     }
 }
 
-/// P-20: first of the list, and not again when the list is begun again.
+/// P-20: the list begins with the hash; a restarted list does not.
 #[test]
 fn a_list_begins_with_the_hash() {
     let mut bench = new();
@@ -78,38 +78,38 @@ fn a_list_begins_with_the_hash() {
     assert_eq!(bench.run(0, 1_000).len(), usize::from(COUNT) + 1, "the list was over");
 }
 
-/// P-20: only where the vehicle says so, or every client but PX4's own would take it for a parameter.
+/// P-20: a list has the hash only if configured: clients take it for a parameter unless the autopilot is PX4.
 #[test]
-fn a_list_has_no_hash_at_first() {
+fn a_list_has_no_hash_by_default() {
     let mut bench = Bench::new();
     bench.send(A, &LIST);
     let sent: Vec<_> = bench.run(0, 1_000).into_iter().map(|(_, out)| out).collect();
     assert_eq!(sent, bench.values());
 }
 
-/// P-20: who has the values says so by the hash, and the list ends; on his link. QGroundControl would set the hash again for
-/// ever if it were told of it again.
+/// P-20: a client that has the values sets the hash, which ends the list on its link. If the hash were sent again, QGroundControl
+/// would set it forever.
 #[test]
-fn the_hash_that_is_set_ends_the_list() {
+fn setting_the_hash_ends_the_list() {
     for before in [0, 40] {
         let mut bench = new();
         bench.send(A, &LIST);
         bench.send(B, &LIST);
         bench.run(0, before);
         let bits = reference(&mut bench);
-        assert_eq!(bench.send(A, &set("_HASH_CHECK", MavParamType::UINT32, bits)), Taken::Yes);
+        assert_eq!(bench.send(A, &set("_HASH_CHECK", MavParamType::UINT32, bits)), Handled::Yes);
         assert_eq!(bench.run(0, 100), []);
         assert_eq!(bench.run(1, 1_000).len(), usize::from(COUNT) + 1);
     }
 }
 
-/// P-20: a change while it is being made leads to no hash that stands for neither what was nor what is, once it is over.
+/// P-20: after a change during the computation, the next hash is correct.
 #[test]
-fn a_change_in_the_middle_is_in_the_next_one() {
+fn a_change_during_the_computation_is_in_the_next_hash() {
     let mut bench = new();
     bench.send(A, &read(-1, "_HASH_CHECK"));
     assert_eq!(bench.next(0), None, "a few parameters at a time");
-    bench.vehicle.table.set(Table::BYTE, 9);
+    bench.table.set(Table::BYTE, 9);
     bench.poll();
     let sent = bench.drain();
     assert!(sent[0].contains(&bench.value(1)));
@@ -117,9 +117,9 @@ fn a_change_in_the_middle_is_in_the_next_one() {
     assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [expected]);
 }
 
-/// A hash is all bits, which a cast would lose.
+/// A cast would lose bits of the hash.
 #[test]
-fn by_cast_there_is_no_hash() {
+fn casts_have_no_hash() {
     let mut bench = Bench::<true, true>::of(Version::V2);
     assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [error(DOES_NOT_EXIST, -1, "_HASH_CHECK")]);
     bench.send(A, &LIST);

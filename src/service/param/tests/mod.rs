@@ -1,4 +1,4 @@
-//! The service on a bench: encoded frames in, decoded frames out, time by hand, two links, no stack around it.
+//! Tests of the service without the stack: encoded frames in, decoded frames out, simulated time, two links.
 
 mod command;
 mod hash;
@@ -13,14 +13,17 @@ use std::vec::Vec;
 
 use super::*;
 use crate::dialect::{Common, MavParamError, MavState, ParamError, Statustext};
-use crate::frame::{Address, Decoder, MAX_FRAME_LEN, encode};
-use crate::link::{LinkClass, LinkId};
-use crate::message::Dialect;
-use crate::service::statustext::{Entry, TextCursor};
-use crate::vehicle::{CommandPosition, VehicleState};
+use crate::frame::{Decoder, Frame, MAX_FRAME_LEN, encode};
+use crate::link::Link;
+use crate::message::{Address, Dialect};
+use crate::network::target_of;
+use crate::pulse::Pulse;
+use crate::service::rest::Rest;
+use crate::service::statustext::TextCursor;
+use crate::types::{Command, CommandPosition, Config, Context, LinkClass, LinkConfig, NoPlans, VehicleState};
 
 crate::parameters! {
-    /// One of every type, flag and length of name.
+    /// Parameters with every type, flag and length of name.
     pub(super) struct Table {
         ALT_MIN: f32 = -5.0, -100.0..=100.0, "m";
         BYTE: u8 = 7, 1..=200, "";
@@ -42,7 +45,7 @@ const B: Peer = Peer { address: Address::new(254, 190), link: LinkId(1) };
 const DOES_NOT_EXIST: MavParamError = MavParamError::DOES_NOT_EXIST;
 const OUT_OF_RANGE: MavParamError = MavParamError::VALUE_OUT_OF_RANGE;
 
-/// 57,600 baud.
+/// The rate of a link with 57,600 baud.
 const RATE: u32 = 5_760;
 
 /// A frame that the service sent.
@@ -50,19 +53,18 @@ const RATE: u32 = 5_760;
 enum Out {
     /// PARAM_VALUE: index, name, type, the bits of the value.
     Value(u16, String, MavParamType, u32),
-    /// PARAM_ERROR: to whom, what, which index, which name.
+    /// PARAM_ERROR: destination, error, index, name.
     Error(Address, MavParamError, i16, String),
 }
 use Out::*;
 
 #[derive(Debug)]
 struct Vehicle<const CAST: bool, const HASH: bool, const ERRORS: bool> {
-    table: Table,
     verdict: Result<(), MavParamError>,
     is_armed: bool,
-    /// The index and the bits of what may_set was asked for.
+    /// The index and the bits of all calls of `may_set`.
     asked: Vec<(u16, u32)>,
-    /// The index and the bits of what changed.
+    /// The index and the bits of all changes.
     changed: Vec<(u16, u32)>,
 }
 
@@ -72,38 +74,42 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Parameters for Vehi
     const PARAM_HASH: ParamHash = if HASH { ParamHash::InList } else { ParamHash::ByName };
     const PARAM_ERROR: bool = ERRORS;
 
-    fn parameters_mut(&mut self) -> Option<&mut Table> {
-        Some(&mut self.table)
-    }
-
-    fn may_set(&mut self, change: &ParamChange<Table>) -> Result<(), MavParamError> {
-        let (_, old) = self.table.table_mut().get(change.index).expect("exists");
-        assert_ne!(old, change.bits, "what it has already needs no permission");
+    fn may_set(&mut self, cx: &mut Context<'_>, change: &ParamChange<Table>) -> Result<(), MavParamError> {
+        assert_ne!(cx.values[usize::from(change.index)], change.bits, "an equal value needs no permission");
         self.asked.push((change.index, change.bits));
         self.verdict
     }
 
-    fn parameter_changed(&mut self, change: &ParamChange<Table>) {
-        let (_, now) = self.table.table_mut().get(change.index).expect("exists");
-        assert_eq!(now, change.bits, "told when it has happened");
+    fn parameter_changed(&mut self, cx: &mut Context<'_>, change: &ParamChange<Table>) {
+        assert_eq!(cx.values[usize::from(change.index)], change.bits, "called after the change");
         self.changed.push((change.index, change.bits));
     }
 }
 
-impl<const CAST: bool, const HASH: bool, const ERRORS: bool> crate::vehicle::Vehicle for Vehicle<CAST, HASH, ERRORS> {
+impl<const CAST: bool, const HASH: bool, const ERRORS: bool> crate::Vehicle for Vehicle<CAST, HASH, ERRORS> {
     fn state(&self) -> Option<VehicleState> {
         let base_mode = if self.is_armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
     }
 }
 
+/// The firmware of this vehicle.
+struct Board<const CAST: bool, const HASH: bool, const ERRORS: bool>;
+
+impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Firmware for Board<CAST, HASH, ERRORS> {
+    type Vehicle = Vehicle<CAST, HASH, ERRORS>;
+    type Plans = NoPlans;
+    type Parameters = Table;
+}
+
 struct Bench<const CAST: bool = false, const HASH: bool = false, const ERRORS: bool = true> {
-    params: Params,
+    params: ParamService,
+    table: Table,
     vehicle: Vehicle<CAST, HASH, ERRORS>,
-    texts: StatusTexts<[Entry; 8]>,
+    rest: Rest,
     now: Instant,
     lists: [List; 2],
-    boxes: [Outbox; 2],
+    ports: [Port; 2],
 }
 
 impl Bench {
@@ -115,38 +121,38 @@ impl Bench {
 impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, ERRORS> {
     fn of(version: Version) -> Self {
         Self {
-            params: Params::new(),
-            vehicle: Vehicle {
-                table: Table::new(),
-                verdict: Ok(()),
-                is_armed: false,
-                asked: Vec::new(),
-                changed: Vec::new(),
-            },
-            texts: StatusTexts::new(),
+            params: Service::<Board<CAST, HASH, ERRORS>>::NEW,
+            table: Table::new(),
+            vehicle: Vehicle { verdict: Ok(()), is_armed: false, asked: Vec::new(), changed: Vec::new() },
+            rest: Rest::new(),
             now: Instant::from_millis(60_000),
             lists: [const { List::new() }; 2],
-            boxes: [0, 1].map(|link| outbox(LinkId(link), version)),
+            ports: [0, 1].map(|link| port(LinkId(link), version)),
         }
     }
 
-    /// A frame comes in.
-    fn send<M: Message>(&mut self, from: Peer, message: &M) -> Taken {
+    /// Returns the service with everything it needs, and its state on each link.
+    fn parts(&mut self) -> (&mut ParamService, Cx<'_, Board<CAST, HASH, ERRORS>>, [(&mut Port, &mut List); 2]) {
+        let cx = self.rest.cx(self.now, &mut self.table, &mut self.vehicle);
+        let ([port_a, port_b], [list_a, list_b]) = (&mut self.ports, &mut self.lists);
+        (&mut self.params, cx, [(port_a, list_a), (port_b, list_b)])
+    }
+
+    /// Receives a frame.
+    fn send<M: Message>(&mut self, from: Peer, message: &M) -> Handled {
         let mut bytes = [0; MAX_FRAME_LEN];
         let len = encode(message, Version::V2, from.address, 0, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
-            assert!(Params::handles(frame.id()));
-            let link = usize::from(from.link.0);
-            let mut cx = Context { now: self.now, texts: &mut self.texts, normal: both_links() };
-            let version = self.boxes[link].version();
-            let mut caller = Caller { from, version, list: &mut self.lists[link] };
-            self.params.on_frame(&mut cx, &mut self.vehicle, &mut caller, frame)
+            let (params, mut cx, mut links) = self.parts();
+            let (port, list) = &mut links[usize::from(from.link.0)];
+            let received = Received { frame, from, target: target_of(frame), age: None };
+            params.on_frame(&mut cx, port, list, &received)
         })
     }
 
-    /// A frame comes in, and all answers go out: what link 0 sends, then what link 1 does.
+    /// Receives a frame. Returns the answers that link 0 and link 1 send then.
     fn ask<M: Message>(&mut self, from: Peer, message: &M) -> [Vec<Out>; 2] {
-        assert_eq!(self.send(from, message), Taken::Yes);
+        assert_eq!(self.send(from, message), Handled::Yes);
         self.drain()
     }
 
@@ -156,28 +162,44 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     fn drain_link(&mut self, link: usize) -> Vec<Out> {
         let mut sent = Vec::new();
-        // Steps of the hash that send nothing lie between.
+        // Some steps of the hash send nothing.
         while self.params.is_pending(LinkId(link as u8)) {
             sent.extend(self.next(link));
         }
-        assert_eq!(self.next(link), None, "what is not announced is not sent");
+        assert_eq!(self.next(link), None, "only pending answers are sent");
         sent
     }
 
-    /// The next answer that a link sends.
+    /// Returns the next answer that a link sends.
     fn next(&mut self, link: usize) -> Option<Out> {
-        let tx = &mut self.boxes[link];
-        self.params.next(&mut self.vehicle, &mut self.lists[link], tx).then(|| decoded(tx))
+        self.take(link, Turn::ParamAnswer)
     }
 
-    /// The next value of the list that a link sends.
+    /// Returns the next value of the list that a link sends.
     fn next_listed(&mut self, link: usize) -> Option<Out> {
-        let tx = &mut self.boxes[link];
-        self.params.next_listed(self.now, &mut self.vehicle, &mut self.lists[link], RATE, tx).then(|| decoded(tx))
+        self.take(link, Turn::ParamList)
+    }
+
+    /// Returns what a link sends in this turn.
+    fn take(&mut self, link: usize, turn: Turn) -> Option<Out> {
+        let (params, mut cx, mut links) = self.parts();
+        let (port, list) = &mut links[link];
+        params.next(&mut cx, port, list, turn).then(|| decoded(&mut port.outbox))
     }
 
     fn poll(&mut self) {
-        self.params.poll(self.now, &mut self.vehicle);
+        let (params, mut cx, [(_, list_a), (_, list_b)]) = self.parts();
+        params.poll(&mut cx, [list_a, list_b].into_iter());
+    }
+
+    /// When the service's next timer is due.
+    fn deadline(&self) -> Instant {
+        Service::<Board<CAST, HASH, ERRORS>>::deadline(&self.params)
+    }
+
+    /// Reopens a link.
+    fn restart(&mut self, link: usize) {
+        Service::<Board<CAST, HASH, ERRORS>>::restart(&mut self.params, &self.ports[link], &mut self.lists[link]);
     }
 
     fn wait(&mut self, millis: u64) {
@@ -185,7 +207,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         self.poll();
     }
 
-    /// Polls every ms for so long, and sends what there is, answers first. What a link sent, and after how many ms.
+    /// Polls every ms for `millis` ms, and sends everything, answers first. Returns what a link sent, and after how many ms.
     fn run(&mut self, link: usize, millis: u64) -> Vec<(u64, Out)> {
         let mut sent = Vec::new();
         for ms in 1..=millis {
@@ -214,14 +236,21 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             is_broadcast: false,
             confirmation: 0,
         };
-        let mut cx = Context { now: self.now, texts: &mut self.texts, normal: both_links() };
-        self.params.on_command(&mut cx, &mut self.vehicle, &command)
+        let (params, mut cx, [(port, list), _]) = self.parts();
+        let request = Request { command, set_mode: None, signed_at: None };
+        Some(match params.on_command(&mut cx, port, list, &request)? {
+            Verdict::Done(outcome) => {
+                assert_eq!(outcome, MavResult::ACCEPTED.into(), "every refusal has a reason");
+                outcome.result
+            }
+            Verdict::Refused(refusal) => refusal.result,
+        })
     }
 
-    /// The texts that go out on a link, each once.
+    /// Returns the texts that a link sends.
     fn texts(&mut self, link: usize) -> Vec<String> {
         let mut cursor = TextCursor::new();
-        let (tx, texts): (_, &mut StatusTexts) = (&mut self.boxes[link], &mut self.texts);
+        let (tx, texts): (_, &mut StatusTexts) = (&mut self.ports[link].outbox, &mut self.rest.texts);
         core::iter::from_fn(|| {
             let sent = texts.next(&mut cursor, tx);
             sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
@@ -230,9 +259,9 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         .collect()
     }
 
-    /// What a link would say of a parameter.
+    /// Returns the PARAM_VALUE of a parameter.
     fn value(&mut self, index: u16) -> Out {
-        let (info, bits) = self.vehicle.table.table_mut().get(index).expect("exists");
+        let (info, bits) = self.table.table_mut().get(index).expect("exists");
         let wire = value::to_wire(Vehicle::<CAST, HASH, ERRORS>::PARAM_ENCODING, info.param_type(), bits);
         Value(index, info.name().into(), info.param_type(), wire.to_bits())
     }
@@ -242,7 +271,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     }
 
     fn bits(&mut self, index: u16) -> u32 {
-        self.vehicle.table.table_mut().get(index).expect("exists").1
+        self.table.table_mut().get(index).expect("exists").1
     }
 }
 
@@ -260,14 +289,13 @@ fn decoded(tx: &mut Outbox) -> Out {
     })
 }
 
-fn outbox(link: LinkId, version: Version) -> Outbox {
-    let mut outbox = Outbox::VACANT;
-    outbox.configure(link, VEHICLE, version);
-    outbox
-}
-
-fn both_links() -> LinkMask {
-    LinkMask::of(LinkId(0)).with(LinkMask::of(LinkId(1)))
+fn port(id: LinkId, version: Version) -> Port {
+    static PULSE: Pulse = Pulse::new();
+    let mut link = Link::VACANT;
+    let config = LinkConfig { bytes_per_second: RATE, ..LinkConfig::unlimited() };
+    link.configure(id, config, &Config::new(VEHICLE, &PULSE));
+    link.port.outbox.set_version(version);
+    link.port
 }
 
 fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {

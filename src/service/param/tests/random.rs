@@ -1,4 +1,4 @@
-//! Whatever comes in whatever order: what goes out is what the table has, and what was taken is answered.
+//! Random events in random order: values on the wire equal the table, and accepted requests are answered.
 
 use super::*;
 use proptest::prelude::*;
@@ -43,7 +43,7 @@ fn event() -> impl Strategy<Value = (bool, Event)> {
     (any::<bool>(), event)
 }
 
-/// What a link still has to say.
+/// A pending answer of a link.
 #[derive(Clone, Debug, PartialEq)]
 enum Wanted {
     ValueOf(u16),
@@ -51,12 +51,12 @@ enum Wanted {
     Refusal(i16, String),
 }
 
-/// Of which link, which index and name.
+/// The link, index and name of a pending refusal.
 type Refusal = (usize, i16, String);
 
 impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
     fn refusals(&mut self) -> Vec<Refusal> {
-        let table = self.vehicle.table.table_mut();
+        let table = self.table.table_mut();
         let name = |name: [u8; 16]| String::from(Text::<16>::from_wire(name).as_str().expect("ASCII"));
         table.state.refusals.iter().map(|r| (usize::from(r.to.link.0), r.index, name(r.name))).collect()
     }
@@ -64,9 +64,9 @@ impl<const CAST: bool, const HASH: bool> Bench<CAST, HASH> {
 
 struct Clients {
     wanted: [Vec<Wanted>; 2],
-    /// What each link said last of every parameter.
-    told: [Vec<Out>; 2],
-    /// The names that each has set.
+    /// The last value of every parameter that each link has sent.
+    sent_values: [Vec<Out>; 2],
+    /// The names that each client has set.
     set: [Vec<String>; 2],
 }
 
@@ -75,12 +75,12 @@ impl Clients {
         self.wanted[link].push(wanted);
     }
 
-    /// A refusal on a link that owed none displaces the other's last one, where that has all the room.
-    fn displace(&mut self, before: &[Refusal], after: &[Refusal]) {
+    /// A refusal on a link without one evicts the other link's last refusal, if that link has all slots.
+    fn evict(&mut self, before: &[Refusal], after: &[Refusal]) {
         let link_of = |refusals: &[Refusal]| refusals.get(3).map(|refusal| refusal.0);
         let (Some(link), Some((_, index, name))) = (link_of(before), before.get(3).cloned()) else { return };
         if link_of(after) != Some(link) {
-            assert!(before.iter().all(|refusal| refusal.0 == link), "who asks owed none");
+            assert!(before.iter().all(|refusal| refusal.0 == link), "the link had none");
             let wanted = Wanted::Refusal(index, name);
             if let Some(place) = self.wanted[link].iter().position(|other| *other == wanted) {
                 self.wanted[link].remove(place);
@@ -97,16 +97,16 @@ impl Clients {
             }
             Value(index, ..) => {
                 assert_eq!(out, bench.value(index), "the wire equals the table");
-                self.told[link][usize::from(index)] = out;
+                self.sent_values[link][usize::from(index)] = out;
                 Wanted::ValueOf(index)
             }
             Error(_, error, index, name) => {
                 if error == DOES_NOT_EXIST {
                     let refusal = Wanted::Refusal(index, name);
                     let place = self.wanted[link].iter().position(|wanted| *wanted == refusal);
-                    self.wanted[link].remove(place.expect("one for each who asked"));
+                    self.wanted[link].remove(place.expect("one for each request"));
                 } else {
-                    assert!(self.set[link].contains(&name), "{name}: nobody set it");
+                    assert!(self.set[link].contains(&name), "{name}: no client set it");
                 }
                 return;
             }
@@ -117,17 +117,17 @@ impl Clients {
 
 fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
     let mut bench = Bench::<CAST, HASH>::of(Version::V2);
-    let told = [bench.values(), bench.values()];
-    let mut clients = Clients { wanted: Default::default(), told, set: Default::default() };
+    let sent_values = [bench.values(), bench.values()];
+    let mut clients = Clients { wanted: Default::default(), sent_values, set: Default::default() };
     let index_of = |name: &str| Table::INFO.iter().position(|info| info.name() == name).map(|index| index as u16);
     for (is_b, event) in events {
         let (link, from) = if is_b { (1, B) } else { (0, A) };
         let before = bench.refusals();
         let is_request = matches!(event, Event::Read(..) | Event::Set(..));
         match event {
-            Event::List => assert_eq!(bench.send(from, &LIST), Taken::Yes),
+            Event::List => assert_eq!(bench.send(from, &LIST), Handled::Yes),
             Event::Read(index, name) => {
-                if bench.send(from, &read(index, &name)) == Taken::Yes {
+                if bench.send(from, &read(index, &name)) == Handled::Yes {
                     let found = u16::try_from(index)
                         .map_or_else(|_| index_of(&name), |index| Some(index).filter(|index| *index < COUNT));
                     clients.want(
@@ -141,12 +141,12 @@ fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
                 }
             }
             Event::Set(name, ..) if name == "_HASH_CHECK" && !CAST => {
-                assert_eq!(bench.send(from, &set(&name, MavParamType::UINT32, 0)), Taken::Yes);
+                assert_eq!(bench.send(from, &set(&name, MavParamType::UINT32, 0)), Handled::Yes);
                 clients.wanted[link].retain(|wanted| *wanted != Wanted::Hash);
-                assert!(!bench.lists[link].is_going_on());
+                assert!(!bench.lists[link].is_active());
             }
             Event::Set(name, r#type, bits) => {
-                if bench.send(from, &set(&name, MavParamType(r#type), bits)) == Taken::Yes {
+                if bench.send(from, &set(&name, MavParamType(r#type), bits)) == Handled::Yes {
                     match index_of(&name) {
                         Some(index) => (0..2).for_each(|link| clients.want(link, Wanted::ValueOf(index))),
                         None => clients.want(link, Wanted::Refusal(-1, name.clone())),
@@ -155,7 +155,7 @@ fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
                 }
             }
             Event::Own(value) => {
-                bench.vehicle.table.set(Table::SMALL, value);
+                bench.table.set(Table::SMALL, value);
             }
             Event::Reset => assert_eq!(bench.command([4.0, -1.0, 0.0, 0.0]), Some(MavResult::ACCEPTED)),
             Event::Next => {
@@ -166,10 +166,10 @@ fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
             Event::Poll(millis) => bench.wait(millis),
         }
         if is_request {
-            clients.displace(&before, &bench.refusals());
+            clients.evict(&before, &bench.refusals());
         }
         for index in 0..COUNT {
-            let (info, bits) = bench.vehicle.table.table_mut().get(index).expect("exists");
+            let (info, bits) = bench.table.table_mut().get(index).expect("exists");
             assert!(info.has_room(bits), "{} is out of its range", info.name());
         }
     }
@@ -177,18 +177,18 @@ fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
         for (_, out) in bench.run(link, 1_000) {
             clients.see(&mut bench, link, out);
         }
-        assert!(!bench.lists[link].is_going_on());
+        assert!(!bench.lists[link].is_active());
         assert_eq!(bench.lists[link].due(), Instant::NEVER);
     }
-    assert_eq!(clients.wanted, [vec![], vec![]], "what was taken is answered");
+    assert_eq!(clients.wanted, [vec![], vec![]], "accepted requests are answered");
     let values = bench.values();
-    assert_eq!(clients.told, [values.clone(), values], "everybody knows what everything is");
+    assert_eq!(clients.sent_values, [values.clone(), values], "every link has sent every value");
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// T-P3, P-14, P-16, D-3.
+    /// P-14, P-16, D-3.
     #[test]
     fn the_wire_equals_the_table(events in prop::collection::vec(event(), 0..80)) {
         run::<false, false>(events);
@@ -200,7 +200,7 @@ proptest! {
     }
 
     #[test]
-    fn the_wire_equals_the_table_by_cast(events in prop::collection::vec(event(), 0..80)) {
+    fn the_wire_equals_the_table_with_casts(events in prop::collection::vec(event(), 0..80)) {
         run::<true, false>(events);
     }
 }

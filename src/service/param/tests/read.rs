@@ -1,8 +1,8 @@
-//! PARAM_REQUEST_READ, and what the vehicle says by itself.
+//! PARAM_REQUEST_READ, and values that the vehicle sets.
 
 use super::*;
 
-/// T-P2, P-13: by index, whatever the name; by name with a negative index; and a name of 16 bytes, without a NUL.
+/// P-13: a read by index ignores the name; a negative index means a read by name; a name may have 16 bytes, without a NUL.
 #[test]
 fn a_value_is_read_by_index_or_name() {
     let mut bench = Bench::new();
@@ -20,18 +20,18 @@ fn a_value_is_read_by_index_or_name() {
     assert_eq!(bench.texts(0), [""; 0]);
 }
 
-/// P-1: what stands behind the NUL of a name is no part of it.
+/// P-1: bytes after the NUL are not part of a name.
 #[test]
-fn what_stands_behind_a_name_does_not_count() {
+fn bytes_after_a_name_are_ignored() {
     let mut bench = Bench::new();
     let param_id = Text::from_wire(*b"BYTE\0rubbish\xFF\0ab");
     let value = bench.value(1);
     assert_eq!(bench.ask(A, &ParamRequestRead { param_id, ..read(-1, "") }), [vec![value], vec![]]);
 }
 
-/// P-13, P-30: with the index and the name as they came, to who asked and to nobody else.
+/// P-13, P-30: the refusal has the index and the name of the request, and is sent to its sender only.
 #[test]
-fn what_does_not_exist_is_refused() {
+fn unknown_parameters_are_refused() {
     let mut bench = Bench::new();
     for (request, index, name) in [
         (read(8, "WORD"), 8, "WORD"),
@@ -45,23 +45,23 @@ fn what_does_not_exist_is_refused() {
     ] {
         assert_eq!(bench.ask(A, &request), [vec![error(DOES_NOT_EXIST, index, name)], vec![]], "{request:?}");
     }
-    assert_eq!(bench.texts(0), [""; 0], "who reads knows PARAM_ERROR, or asks again");
+    assert_eq!(bench.texts(0), [""; 0], "no text about a refused read");
 }
 
 /// P-12: no read of an existing parameter is dropped, however many there are, and each is answered once.
 #[test]
-fn reads_need_no_room() {
+fn reads_need_no_slots() {
     let mut bench = Bench::new();
     for _ in 0..3 {
         for index in (0..COUNT).rev() {
-            assert_eq!(bench.send(A, &read(index as i16, "")), Taken::Yes);
+            assert_eq!(bench.send(A, &read(index as i16, "")), Handled::Yes);
         }
     }
     let values = bench.values();
     assert_eq!(bench.drain(), [values, vec![]]);
 }
 
-/// P-12: who asks for the first ones all the time does not keep the others from their turn.
+/// P-12: repeated reads of the first values do not starve the others.
 #[test]
 fn each_value_has_its_turn() {
     let mut bench = Bench::new();
@@ -70,50 +70,50 @@ fn each_value_has_its_turn() {
     for _ in 0..4 {
         bench.send(A, &read(0, ""));
         bench.send(A, &read(1, ""));
-        sent.push(bench.next(0).expect("owed"));
+        sent.push(bench.next(0).expect("pending"));
     }
     assert!(sent.contains(&bench.value(6)), "{sent:?}");
 }
 
-/// D-3: a refusal that would have no room is not taken.
+/// D-3: without a slot for the refusal, a request is dropped.
 #[test]
 fn refusals_are_bounded() {
     let mut bench = Bench::new();
     for name in ["A", "B", "C", "D"] {
-        assert_eq!(bench.send(A, &read(-1, name)), Taken::Yes);
+        assert_eq!(bench.send(A, &read(-1, name)), Handled::Yes);
     }
-    assert_eq!(bench.send(A, &read(-1, "E")), Taken::NoRoom);
+    assert_eq!(bench.send(A, &read(-1, "E")), Handled::NoRoom);
     let sent = ["A", "B", "C", "D"].map(|name| error(DOES_NOT_EXIST, -1, name));
     assert_eq!(bench.drain(), [sent.to_vec(), vec![]]);
 }
 
-/// A link that stalls with all the room for refusals keeps no other one from its own.
+/// A stalled link that has all slots for refusals does not block other links.
 #[test]
-fn a_link_that_stalls_leaves_room() {
+fn a_stalled_link_leaves_a_slot() {
     let mut bench = Bench::new();
     for name in ["A", "B", "C", "D"] {
-        assert_eq!(bench.send(A, &read(-1, name)), Taken::Yes);
+        assert_eq!(bench.send(A, &read(-1, name)), Handled::Yes);
     }
     for name in ["E", "F"] {
-        assert_eq!(bench.send(B, &read(-1, name)), Taken::Yes);
-        assert_eq!(bench.send(B, &read(-1, "G")), Taken::NoRoom);
+        assert_eq!(bench.send(B, &read(-1, name)), Handled::Yes);
+        assert_eq!(bench.send(B, &read(-1, "G")), Handled::NoRoom);
         assert_eq!(bench.drain_link(1), [Error(B.address, DOES_NOT_EXIST, -1, name.into())]);
     }
-    // One of its own it has lost: it was a lost frame to who asked.
+    // One of its own refusals was evicted; to its client it looks like a lost frame.
     let sent = ["A", "B", "C"].map(|name| error(DOES_NOT_EXIST, -1, name));
     assert_eq!(bench.drain_link(0), sent);
 }
 
-/// Where nobody is any more who asked, nothing is answered; elsewhere it is.
+/// A reopened link drops its refusals; those of other links stay.
 #[test]
-fn a_line_that_was_opened_anew_owes_no_refusal() {
+fn a_reopened_link_has_no_refusals() {
     let mut bench: Bench<false, true> = Bench::of(Version::V2);
     for from in [A, B] {
         bench.send(from, &read(-1, "X"));
         bench.send(from, &read(-1, "_HASH_CHECK"));
         bench.send(from, &LIST);
     }
-    bench.params.restart(LinkId(0), &mut bench.lists[0]);
+    bench.restart(0);
     assert_eq!(bench.lists[0].due(), Instant::NEVER);
     let sent = bench.drain();
     assert_eq!((sent[0].len(), sent[1].len()), (0, 2));
@@ -122,7 +122,7 @@ fn a_line_that_was_opened_anew_owes_no_refusal() {
     assert_eq!(bench.drain(), [vec![error(DOES_NOT_EXIST, -1, "Y")], vec![]]);
 }
 
-/// P-30: a vehicle may do without PARAM_ERROR; then a text says it, of reading too.
+/// P-30: without PARAM_ERROR, a text reports refusals, including refused reads.
 #[test]
 fn errors_can_be_switched_off() {
     let mut bench: Bench<false, false, false> = Bench::of(Version::V2);
@@ -131,7 +131,7 @@ fn errors_can_be_switched_off() {
         let value = bench.value(1);
         assert_eq!(bench.ask(A, &set("BYTE", MavParamType::UINT8, 201)), [vec![value.clone()], vec![value]]);
     }
-    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+    assert_eq!(bench.table.get(Table::BYTE), 7);
     if cfg!(feature = "plan-texts") {
         assert_eq!(bench.texts(0), ["NOTHING: no such parameter"]);
         bench.wait(1_000);
@@ -140,7 +140,7 @@ fn errors_can_be_switched_off() {
     }
 }
 
-/// P-31, P-32: MAVLink 1 has no PARAM_ERROR, so a text stands for it.
+/// P-31, P-32: MAVLink 1 has no PARAM_ERROR; a text replaces it.
 #[test]
 #[cfg(feature = "plan-texts")]
 fn mavlink_1_gets_a_text() {
@@ -151,24 +151,24 @@ fn mavlink_1_gets_a_text() {
     assert_eq!(bench.ask(A, &read(3, "")), [vec![value], vec![]]);
 }
 
-/// P-16: what the vehicle sets goes to everybody, with its true index, and needs nobody's permission.
+/// P-16: values set by the vehicle are sent on all links, with their index, and need no permission.
 #[test]
-fn what_the_vehicle_sets_is_told_on_every_link() {
+fn values_set_by_the_vehicle_are_sent_on_every_link() {
     let mut bench = Bench::new();
-    assert!(bench.vehicle.table.set(Table::LOCKED, 17), "read-only for others");
-    assert!(bench.vehicle.table.set(Table::SMALL, -10));
-    assert!(bench.vehicle.table.set(Table::BYTE, 7), "as it was");
+    assert!(bench.table.set(Table::LOCKED, 17), "read-only for clients");
+    assert!(bench.table.set(Table::SMALL, -10));
+    assert!(bench.table.set(Table::BYTE, 7), "unchanged");
     for refused in [
-        bench.vehicle.table.set(Table::SMALL, 11),
-        bench.vehicle.table.set(Table::NOISE, f32::NAN),
-        bench.vehicle.table.set(Table::ALT_MIN, f32::NEG_INFINITY),
+        bench.table.set(Table::SMALL, 11),
+        bench.table.set(Table::NOISE, f32::NAN),
+        bench.table.set(Table::ALT_MIN, f32::NEG_INFINITY),
     ] {
         assert!(!refused);
     }
     bench.poll();
     let values = vec![bench.value(3), bench.value(5)];
     assert_eq!(bench.drain(), [values.clone(), values]);
-    assert_eq!(bench.vehicle.table.get(Table::SMALL), -10);
+    assert_eq!(bench.table.get(Table::SMALL), -10);
     assert_eq!((bench.vehicle.asked.len(), bench.vehicle.changed.len()), (0, 0));
     bench.poll();
     assert_eq!(bench.drain(), [vec![], vec![]]);

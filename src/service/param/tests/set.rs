@@ -3,8 +3,8 @@
 use super::*;
 use MavParamType as Type;
 
-/// T-P3, P-14, P-15: whatever comes of it, one PARAM_VALUE with the value that it has now, on every link; and before it, to
-/// who asked, why it was refused. The text goes to his link only.
+/// P-14, P-15: every PARAM_SET is answered by one PARAM_VALUE with the resulting value on every link. A refusal is sent to the
+/// client before it, and the text on its link only.
 #[test]
 fn every_row_of_the_table() {
     let full = |bits: f32| bits.to_bits();
@@ -19,7 +19,7 @@ fn every_row_of_the_table() {
         ("SMALL", Type::INT8, (-9i32).cast_unsigned(), Ok(0xF7)),
         ("WIDE", Type::INT16, 0xFC18, Ok(0xFC18)),
         ("WORD", Type::UINT16, 65_535, Ok(65_535)),
-        // As it is already.
+        // The current value.
         ("BYTE", Type::UINT8, 7, Ok(7)),
         // Another integer type: the value is read in the type that was sent, and answered in the parameter's own type.
         // Higher bytes are ignored.
@@ -56,7 +56,7 @@ fn every_row_of_the_table() {
         ("WORD", Type::INT64, 8, Err(MavParamError::TYPE_UNSUPPORTED)),
         ("WORD", Type(0), 8, Err(MavParamError::TYPE_UNSUPPORTED)),
         ("WORD", Type(11), 8, Err(MavParamError::TYPE_UNSUPPORTED)),
-        // No number.
+        // Not a number.
         ("ALT_MIN", Type::REAL32, full(f32::NAN), Err(OUT_OF_RANGE)),
         ("ALT_MIN", Type::REAL32, full(f32::INFINITY), Err(OUT_OF_RANGE)),
         ("ALT_MIN", Type::REAL32, full(f32::NEG_INFINITY), Err(OUT_OF_RANGE)),
@@ -69,7 +69,7 @@ fn every_row_of_the_table() {
         ("SMALL", Type::INT8, 11, Err(OUT_OF_RANGE)),
         ("SMALL", Type::INT8, 0xF5, Err(OUT_OF_RANGE)),
         ("WIDE", Type::INT16, 0x8000, Err(OUT_OF_RANGE)),
-        // Read-only, also to what it is already.
+        // Read-only, even for the current value.
         ("LOCKED", Type::UINT32, 5, Err(MavParamError::READ_ONLY)),
         ("LOCKED", Type::UINT32, 4_000_000_000, Err(MavParamError::READ_ONLY)),
     ];
@@ -99,7 +99,7 @@ fn every_row_of_the_table() {
     }
 }
 
-/// P-14: the vehicle's own word comes last, when all else is in order.
+/// P-14: the vehicle decides last, after all other checks.
 #[test]
 fn the_vehicle_may_refuse() {
     let mut bench = Bench::new();
@@ -122,29 +122,29 @@ fn an_unknown_name_is_refused_without_a_value() {
 
 /// One PARAM_SET must not set every vehicle in reach.
 #[test]
-fn nothing_is_set_everywhere() {
+fn a_broadcast_sets_nothing() {
     let mut bench = Bench::new();
     let everywhere = ParamSet { target_system: 0, ..set("BYTE", Type::UINT8, 8) };
-    assert_eq!(bench.send(A, &everywhere), Taken::OutOfPlace);
+    assert_eq!(bench.send(A, &everywhere), Handled::OutOfPlace);
     assert_eq!(bench.drain(), [vec![], vec![]]);
-    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+    assert_eq!(bench.table.get(Table::BYTE), 7);
 }
 
-/// D-3: nothing is set while a refusal would have no room, for nobody knows before whether one is needed.
+/// D-3: nothing is set without a slot for a refusal, because it is not known beforehand whether one is needed.
 #[test]
-fn what_could_not_be_answered_is_not_carried_out() {
+fn a_set_that_cannot_be_answered_is_dropped() {
     let mut bench = Bench::new();
     for name in ["A", "B", "C", "D"] {
         bench.send(A, &read(-1, name));
     }
-    assert_eq!(bench.send(A, &set("BYTE", Type::UINT8, 8)), Taken::NoRoom);
-    assert_eq!(bench.vehicle.table.get(Table::BYTE), 7);
+    assert_eq!(bench.send(A, &set("BYTE", Type::UINT8, 8)), Handled::NoRoom);
+    assert_eq!(bench.table.get(Table::BYTE), 7);
     assert_eq!(bench.vehicle.asked, []);
-    assert_eq!(bench.send(B, &set("BYTE", Type::UINT8, 8)), Taken::Yes);
-    assert_eq!(bench.vehicle.table.get(Table::BYTE), 8);
+    assert_eq!(bench.send(B, &set("BYTE", Type::UINT8, 8)), Handled::Yes);
+    assert_eq!(bench.table.get(Table::BYTE), 8);
 }
 
-/// P-14, P-32: MAVLink 1 has the old value and a text.
+/// P-14, P-32: a MAVLink 1 client gets the old value and a text.
 #[test]
 #[cfg(feature = "plan-texts")]
 fn mavlink_1_gets_the_value_and_a_text() {
@@ -156,10 +156,10 @@ fn mavlink_1_gets_the_value_and_a_text() {
     assert_eq!(bench.texts(0), ["BYTE: out of range"]);
 }
 
-/// P-32: texts about refusals are rare, however many there are.
+/// P-32: texts about refusals are rate-limited.
 #[test]
 #[cfg(feature = "plan-texts")]
-fn a_flood_of_refusals_is_no_flood_of_texts() {
+fn a_flood_of_refusals_causes_few_texts() {
     let mut bench = Bench::new();
     for number in 0..300 {
         bench.ask(A, &set(&std::format!("NO_{number}"), Type::UINT8, 0));
@@ -168,9 +168,9 @@ fn a_flood_of_refusals_is_no_flood_of_texts() {
     assert_eq!(bench.texts(0), ["NO_0: no such parameter", "NO_100: no such parameter", "NO_200: no such parameter"]);
 }
 
-/// T-P7, P-14: who casts may name any type of ours, and what is no number of the parameter's type is out of range.
+/// P-14: with casts, a client may send any supported type; a number that the parameter's type cannot hold is out of range.
 #[test]
-fn by_cast_the_type_does_not_count() {
+fn casts_ignore_the_type() {
     let full = |number: f32| number.to_bits();
     let mut bench = Bench::<true, false>::of(Version::V2);
     let values = bench.ask(A, &read(5, ""))[0].clone();

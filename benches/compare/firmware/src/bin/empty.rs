@@ -1,4 +1,4 @@
-//! The line and nothing else: what is subtracted from the others. It returns how many frames there are.
+//! Only the transport: the baseline that is subtracted from the other firmwares. Returns the number of frames.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! The crate mavio, as its documentation has it: an enum of all messages.
+//! The crate mavio, used as documented, with an enum of all messages.
 #![no_std]
 #![no_main]
 
@@ -11,10 +11,10 @@ use mavio::io::{Read, Receiver};
 use mavio::protocol::{Endpoint, MavLinkId, Message, V2, Versionless};
 use mavstack_compare_firmware::{Uart, measure};
 
-/// It does not link without one; nothing is taken from it.
+/// An allocator that is never used. The crate does not link without one.
 struct NoMemory;
 
-// SAFETY: it gives nothing.
+// SAFETY: it returns null only.
 unsafe impl core::alloc::GlobalAlloc for NoMemory {
     unsafe fn alloc(&self, _: core::alloc::Layout) -> *mut u8 {
         core::ptr::null_mut()
@@ -44,7 +44,7 @@ fn send(endpoint: &Endpoint<V2>, message: &dyn Message) {
 }
 
 fn handle(message: &Common, endpoint: &Endpoint<V2>) {
-    // Every field is looked at.
+    // Every field is used.
     match black_box(message) {
         Common::Heartbeat(_) => send(endpoint, &black_box(Heartbeat::default())),
         Common::CommandLong(command) => {

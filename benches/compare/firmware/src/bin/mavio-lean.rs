@@ -1,4 +1,4 @@
-//! The crate mavio, with as little of it as will do: frames, and the structs of the twelve messages.
+//! The crate mavio, reduced to frames and the structs of the twelve messages.
 #![no_std]
 #![no_main]
 
@@ -11,10 +11,10 @@ use mavio::mavspec::rust::spec::MessageSpecStatic;
 use mavio::protocol::{Endpoint, Frame, MavLinkId, Message, V2, Versionless};
 use mavstack_compare_firmware::{Uart, measure};
 
-/// It does not link without one; nothing is taken from it.
+/// An allocator that is never used. The crate does not link without one.
 struct NoMemory;
 
-// SAFETY: it gives nothing.
+// SAFETY: it returns null only.
 unsafe impl core::alloc::GlobalAlloc for NoMemory {
     unsafe fn alloc(&self, _: core::alloc::Layout) -> *mut u8 {
         core::ptr::null_mut()

@@ -1,4 +1,4 @@
-//! The crate mavlink as its documentation has it: an enum of all messages.
+//! The crate mavlink, used as documented, with an enum of all messages.
 #![no_std]
 #![no_main]
 
@@ -16,7 +16,7 @@ fn send(message: MavMessage) {
 }
 
 fn handle(message: &MavMessage) {
-    // Every field is looked at.
+    // Every field is used.
     match black_box(message) {
         MavMessage::HEARTBEAT(_) => send(MavMessage::HEARTBEAT(black_box(HEARTBEAT_DATA::DEFAULT))),
         MavMessage::COMMAND_LONG(command) => send(MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {

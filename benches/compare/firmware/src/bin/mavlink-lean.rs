@@ -1,4 +1,4 @@
-//! The crate mavlink with as little of it as will do: a dialect of the twelve messages.
+//! The crate mavlink, reduced to a dialect of the twelve messages.
 #![no_std]
 #![no_main]
 
@@ -14,14 +14,14 @@ const HEADER: MavHeader = MavHeader { system_id: 1, component_id: 1, sequence: 0
 
 macro_rules! twelve {
     ($($name:ident($message:ident),)+) => {
-        #[allow(non_camel_case_types, dead_code, reason = "MAVLink's names; some are only looked at")]
+        #[allow(non_camel_case_types, dead_code, reason = "MAVLink's names; some fields are only passed to black_box")]
         enum Received {
             $($name($message),)+
-            /// It is not looked into.
+            /// A frame that is not decoded.
             Frame,
         }
 
-        /// The library's way to a dialect of one's own.
+        /// A custom dialect.
         struct Twelve;
 
         impl Dialect for Twelve {
@@ -83,7 +83,7 @@ fn acknowledge(command: MavCmd) {
 }
 
 fn handle(message: &Received) {
-    // Every field is looked at.
+    // Every field is used.
     match black_box(message) {
         Received::HEARTBEAT(_) => send(&black_box(HEARTBEAT_DATA::DEFAULT)),
         Received::COMMAND_LONG(command) => acknowledge(command.command),

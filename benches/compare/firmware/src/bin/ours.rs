@@ -1,4 +1,4 @@
-//! mavstack: 12 messages in, every field of each read, 8 out.
+//! mavstack: receives 12 message types, reads every field of each, and sends 8 types.
 #![no_std]
 #![no_main]
 
@@ -107,7 +107,7 @@ static mut TX: Tx = Tx { seq: 0, frame: [0; 280] };
 static mut DECODER: MaybeUninit<Decoder> = MaybeUninit::uninit();
 
 fn app(mut uart: Uart) -> u32 {
-    // SAFETY: this is the only one that uses them, and it does not run twice at a time.
+    // SAFETY: only this function uses them, and it is not reentered.
     let (tx, decoder) = unsafe { (&mut *(&raw mut TX), (*(&raw mut DECODER)).write(Decoder::default())) };
     let mut frames = 0;
     loop {

@@ -1,23 +1,23 @@
-//! The demo vehicle as tasks of Embassy.
+//! The demo vehicle as Embassy tasks.
 //!
 //! ```text
-//!   UART interrupts       ──▶ queue ──┐                        ┌─▶ queue ──▶
-//!   FLIGHT, an executor   flight, every 10 ms: fly ─▶ pulse     │
-//!   COMMS, one below                  └▶ hear ─▶ stack ─▶ speak ┘   two tasks for each link; and remember
-//!                                         └──── news ────▶┘
+//!   UART interrupts         ──▶ queue ──┐                                    ┌──▶ queue ──▶
+//!   FLIGHT, high priority   flight, every 10 ms: fly ─▶ pulse                │
+//!   COMMS, low priority                 └─▶ receive ──▶ stack ──▶ transmit ──┘   two tasks per link, and persist
+//!                                              └────── wake ────────▶┘
 //! ```
 //!
-//! `hear` awaits bytes; `speak` awaits news or the stack's next deadline. In between the processor sleeps. Both take any UART with
-//! the traits of `embedded-io-async` that comes in two halves.
+//! `receive` awaits bytes. `transmit` awaits a wake-up or the stack's next deadline. In between the processor sleeps. Both work
+//! with any UART that implements the traits of `embedded-io-async` and splits into two halves.
 //!
-//! Flight and comms share the vehicle and its stack behind a lock that is awaited; one that masks interrupts would have the UARTs
-//! wait. Comms has it for one bounded call at a time, so flight waits for no more than that ([`mavstack::Config::budget`] says
-//! how much it is). What may not even wait for that, say a rate controller, becomes an interrupt above, which shares nothing.
+//! Flight and comms share the vehicle and its stack behind an async mutex. A critical section would delay the UART interrupts.
+//! Comms locks for one bounded call at a time, so flight waits at most for one call ([`mavstack::Config::budget`] bounds it). Code
+//! that cannot wait that long, such as a rate controller, runs in an interrupt of a higher priority and shares nothing.
 //!
-//! When flight hangs and awaits, the heartbeats stop and comms goes on. When it hangs and does not await, both are silent.
+//! When flight hangs in an `await`, the heartbeats stop and comms continues. When it hangs in a busy loop, both are silent.
 #![no_std]
 #![no_main]
-#![allow(unsafe_code, reason = "the executors' interrupts: their priorities, and their handlers")]
+#![allow(unsafe_code, reason = "priorities and handlers of the executors' interrupts")]
 
 mod time;
 mod uart;
@@ -34,104 +34,98 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 use mavstack::{LinkId, MAX_FRAME_LEN};
-use mavstack_demo::LINKS;
+use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::{Interrupt, interrupt};
-use mavstack_qemu::memory::{DemoApp, Memory};
+use mavstack_qemu::memory::{self, Memory};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
-type SharedApp = Mutex<CriticalSectionRawMutex, DemoApp>;
+type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
 
-/// For each link: there may be something to say.
-static NEWS: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new() }; LINKS];
+/// Signals to each link's `transmit` task that output may be pending.
+static WAKE: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new() }; LINKS];
 
-/// Wakes who speaks on a link, if that is not `except`.
-fn tell(except: Option<LinkId>) {
-    for (link, news) in (0..).map(LinkId).zip(&NEWS) {
+/// Wakes the `transmit` tasks of all links but `except`.
+fn wake_transmitters(except: Option<LinkId>) {
+    for (link, wake) in (0..).map(LinkId).zip(&WAKE) {
         if Some(link) != except {
-            news.signal(());
+            wake.signal(());
         }
     }
 }
 
-/// Queues for what comes while flight has the processor, some milliseconds.
+/// Queues for the bytes that arrive while flight runs, for some milliseconds.
 static TELEMETRY: Uart<128> = Uart::new();
 static COMPANION: Uart<1024> = Uart::new();
 static SATELLITE: Uart<32> = Uart::new();
 
-/// In an interrupt each, of a priority below that of the UARTs and the timer, which is 0. COMMS could be the executor of thread
-/// mode as well; but that sleeps by WFE, which the emulator takes for a busy loop.
+/// Each executor runs in an interrupt, at a lower priority than the UARTs and the timer (0). COMMS could be the thread-mode
+/// executor. But that sleeps with WFE, which the emulator treats as a busy loop.
 static FLIGHT: InterruptExecutor = InterruptExecutor::new();
 const FLIGHT_PRIORITY: u8 = 0x80;
 static COMMS: InterruptExecutor = InterruptExecutor::new();
 const COMMS_PRIORITY: u8 = 0xC0;
 
-/// The vehicle, written to its place. Apart from `main`, which never ends: what this takes of the stack is free again.
-#[inline(never)]
-fn make() -> &'static mut SharedApp {
-    static APP: StaticCell<SharedApp> = StaticCell::new();
-
-    APP.init_with(|| Mutex::new(DemoApp::new()))
-}
-
 #[entry]
 fn main() -> ! {
-    let app = make();
+    static APP: StaticCell<SharedApp> = StaticCell::new();
+
+    let app = memory::start();
     let (Some(mut core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
         unreachable!("the firmware starts once")
     };
     let mut memory = Memory::new(board.flash);
-    memory.restore(app.get_mut(), board::now());
-    let app = &*app;
+    memory.restore(app, board::now());
+    let app = &*APP.init(Mutex::new(app));
     time::start(board.alarm);
 
-    // SAFETY: nobody is in a critical section that a priority makes.
+    // SAFETY: no critical section is active that relies on priorities.
     unsafe {
         core.NVIC.set_priority(Interrupt::GPIO0, FLIGHT_PRIORITY);
         core.NVIC.set_priority(Interrupt::GPIO1, COMMS_PRIORITY);
     }
-    // Each task is spawned as often as there is room for it: none fails.
+    // No spawn fails, because each pool has enough slots.
     FLIGHT.start(Interrupt::GPIO0).spawn(flight(app).unwrap());
     let comms = COMMS.start(Interrupt::GPIO1);
     let [uart0, uart1, uart2] = board.uarts;
     let lines = [TELEMETRY.start(uart0), COMPANION.start(uart1), SATELLITE.start(uart2)];
     for (link, (rx, tx)) in (0..).map(LinkId).zip(lines) {
-        comms.spawn(hear(app, link, rx).unwrap());
-        comms.spawn(speak(app, link, tx).unwrap());
+        comms.spawn(receive(app, link, rx).unwrap());
+        comms.spawn(transmit(app, link, tx).unwrap());
     }
-    comms.spawn(remember(app, memory).unwrap());
+    comms.spawn(persist(app, memory).unwrap());
     loop {
         cortex_m::asm::wfi();
     }
 }
 
-/// Flies, and ticks the pulse.
+/// Runs the flight loop, which ticks the pulse.
 #[embassy_executor::task]
 async fn flight(app: &'static SharedApp) {
     let mut ticker = Ticker::every(Duration::from_millis(10));
     loop {
-        let (has_news, hangs) = {
+        let (has_output, hangs) = {
             let mut app = app.lock().await;
-            (app.fly(board::now()), app.hangs())
+            (app.fly(board::now()), app.simulates_hang())
         };
-        if has_news {
-            tell(None);
+        if has_output {
+            wake_transmitters(None);
         }
         if hangs {
-            // For a sensor that does not answer, say.
+            // For example for a sensor that does not answer.
             pending::<()>().await;
         }
         ticker.next().await;
     }
 }
 
-/// Takes what comes on a link.
+/// Receives bytes on a link.
 #[embassy_executor::task(pool_size = LINKS)]
-async fn hear(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
+async fn receive(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
     let mut buffer = [0; 64];
     loop {
-        // An error is told once, and counted: what was lost, checksums find.
+        // An error is reported once, and counted. Checksums detect the lost bytes.
         let Ok(len) = rx.read(&mut buffer).await else { continue };
         let mut rest = buffer.get(..len).unwrap_or_default();
         while !rest.is_empty() {
@@ -141,18 +135,18 @@ async fn hear(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
             let taken = stack.receive(now, link, rest, vehicle);
             rest = rest.get(taken..).unwrap_or_default();
             if taken == 0 {
-                // Frames that wait for the budget of another call.
+                // Frames are pending that exceed the budget of one call.
                 stack.receive(now, link, &[], vehicle);
             }
         }
-        // On any link: what came may be for somebody there.
-        tell(None);
+        // All links, because a received frame may be forwarded to any of them.
+        wake_transmitters(None);
     }
 }
 
-/// Says on a link what there is to say.
+/// Transmits pending frames on a link.
 #[embassy_executor::task(pool_size = LINKS)]
-async fn speak(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
+async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
     let mut frame = [0; MAX_FRAME_LEN];
     loop {
         let (len, now, deadline) = {
@@ -160,7 +154,7 @@ async fn speak(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
             let now = board::now();
             app.poll(now);
             let (stack, vehicle) = app.parts();
-            // What was received and waits: for the budget of another call, or for silence.
+            // Received bytes may be pending: frames beyond the budget of one call, or a candidate that silence confirms.
             stack.receive(now, link, &[], vehicle);
             let pending = stack.transmit(now, link, vehicle);
             let len = pending.len().min(frame.len());
@@ -168,25 +162,25 @@ async fn speak(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
             (len, now, stack.next_deadline(now))
         };
         if len == 0 {
-            // It is any link's deadline. What is due already is not for this one, as a rule, and the others may not know.
+            // The deadline covers all links. If it has passed, the work is usually for another link, whose task may sleep.
             if deadline <= now {
-                tell(Some(link));
+                wake_transmitters(Some(link));
             }
             let next = deadline.max(now.after(mavstack::Duration::from_millis(1)));
             let next = Timer::at(embassy_time::Instant::from_micros(next.as_micros()));
-            select(NEWS[usize::from(link.0)].wait(), next).await;
+            select(WAKE[usize::from(link.0)].wait(), next).await;
             continue;
         }
-        // Until the line has taken it the next frame is not made: a heartbeat is not to wait behind it, and outlive flight.
+        // Build the next frame only when this one was sent. A heartbeat that waits in a queue could be sent after flight has hung.
         let Ok(()) = tx.write_all(&frame[..len]).await;
         let Ok(()) = tx.flush().await;
         app.lock().await.parts().0.transmitted(link, len);
     }
 }
 
-/// Writes what is to last, and restarts the processor when somebody asked for that.
+/// Writes pending data to storage, and resets the processor when a reboot was requested.
 #[embassy_executor::task]
-async fn remember(app: &'static SharedApp, mut memory: Memory) {
+async fn persist(app: &'static SharedApp, mut memory: Memory) {
     loop {
         let is_busy = {
             let mut app = app.lock().await;
@@ -201,7 +195,7 @@ async fn remember(app: &'static SharedApp, mut memory: Memory) {
 
 #[interrupt]
 fn GPIO0() {
-    // SAFETY: the handler of the interrupt that it was started with, which nothing raises before.
+    // SAFETY: this is the handler of the interrupt that the executor was started with. Nothing raises it before.
     unsafe { FLIGHT.on_interrupt() }
 }
 

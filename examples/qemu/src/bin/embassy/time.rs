@@ -1,4 +1,4 @@
-//! Embassy's time: the board's clock, and its alarm for who sleeps.
+//! Embassy's time driver, on the board's clock and alarm.
 
 use core::cell::RefCell;
 use core::task::Waker;
@@ -9,14 +9,14 @@ use embassy_time_queue_utils::Queue;
 use mavstack_qemu::board::{self, Alarm};
 use mavstack_qemu::device::interrupt;
 
-/// Who sleeps, and what wakes them.
-struct Sleepers {
+/// The pending wake-ups, and the alarm for the next one.
+struct Wakeups {
     queue: Queue,
     alarm: Option<Alarm>,
 }
 
-impl Sleepers {
-    /// Wakes those whose time has come, and sets the alarm for the next.
+impl Wakeups {
+    /// Wakes all tasks that are due, and sets the alarm for the next one.
     fn wake(&mut self) {
         let now = board::now().as_micros();
         let next = self.queue.next_expiration(now);
@@ -26,7 +26,7 @@ impl Sleepers {
     }
 }
 
-struct BoardTime(CriticalSectionMutex<RefCell<Sleepers>>);
+struct BoardTime(CriticalSectionMutex<RefCell<Wakeups>>);
 
 impl Driver for BoardTime {
     /// Ticks are microseconds: the feature `tick-hz-1_000_000`.
@@ -35,26 +35,26 @@ impl Driver for BoardTime {
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        self.0.lock(|sleepers| {
-            let sleepers = &mut *sleepers.borrow_mut();
-            if sleepers.queue.schedule_wake(at, waker) {
-                sleepers.wake();
+        self.0.lock(|wakeups| {
+            let wakeups = &mut *wakeups.borrow_mut();
+            if wakeups.queue.schedule_wake(at, waker) {
+                wakeups.wake();
             }
         });
     }
 }
 
 time_driver_impl!(static TIME: BoardTime =
-    BoardTime(CriticalSectionMutex::new(RefCell::new(Sleepers { queue: Queue::new(), alarm: None }))));
+    BoardTime(CriticalSectionMutex::new(RefCell::new(Wakeups { queue: Queue::new(), alarm: None }))));
 
-/// From now on sleepers are woken.
+/// Starts the driver.
 pub fn start(mut alarm: Alarm) {
     alarm.set(0);
     alarm.listen();
-    TIME.0.lock(|sleepers| sleepers.borrow_mut().alarm = Some(alarm));
+    TIME.0.lock(|wakeups| wakeups.borrow_mut().alarm = Some(alarm));
 }
 
 #[interrupt]
 fn TIMER1() {
-    TIME.0.lock(|sleepers| sleepers.borrow_mut().wake());
+    TIME.0.lock(|wakeups| wakeups.borrow_mut().wake());
 }

@@ -1,4 +1,4 @@
-//! An asynchronous UART: the queues of [`mavstack::io`], and who is to be woken when something changes.
+//! An asynchronous UART: the queues of [`mavstack::io`] with wakers.
 
 use core::cell::RefCell;
 use core::convert::Infallible;
@@ -24,7 +24,7 @@ pub struct Uart<const N: usize> {
 }
 
 impl<const N: usize> Uart<N> {
-    /// One that has not started yet.
+    /// Creates a UART that has not been started.
     pub const fn new() -> Self {
         Self {
             queues: SerialQueues::new(),
@@ -34,16 +34,16 @@ impl<const N: usize> Uart<N> {
         }
     }
 
-    /// Starts it; once. Its halves are for two tasks.
+    /// Starts the UART and splits it into halves for two tasks. Call it once.
     pub fn start(&'static self, uart: board::Uart) -> (Receiver, Sender) {
         let number = uart.interrupt();
-        // In the lock: the interrupt may come at once, and has to find it.
+        // Within the lock, because the interrupt may be raised at once and needs the state.
         self.interrupt.lock(|cell| cell.replace(Some(SerialInterrupt::new(uart, self.queues.interrupt_end()))));
         let receiver = Receiver { end: self.queues.loop_end(), interrupt: number, waker: &self.received };
         (receiver, Sender { end: self.queues.loop_end(), interrupt: number, waker: &self.sent })
     }
 
-    /// The handler of its interrupt.
+    /// Handles the UART's interrupt.
     pub fn on_interrupt(&self) {
         self.interrupt.lock(|cell| {
             if let Some(interrupt) = cell.borrow_mut().as_mut() {
@@ -55,7 +55,7 @@ impl<const N: usize> Uart<N> {
     }
 }
 
-/// What comes.
+/// The receiving half.
 pub struct Receiver {
     end: LoopEnd<'static>,
     interrupt: Interrupt,
@@ -69,13 +69,13 @@ impl ErrorType for Receiver {
 impl Read for Receiver {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
         poll_fn(|context| {
-            // First: what comes in between wakes.
+            // Register first, so that a byte that arrives in between wakes the task.
             self.waker.register(context.waker());
             if !self.end.read_ready()? {
                 return Poll::Pending;
             }
             let result = self.end.read(buffer);
-            // Where the queue was full, a byte waits in the UART.
+            // If the queue was full, a byte may be left in the UART.
             NVIC::pend(self.interrupt);
             Poll::Ready(result)
         })
@@ -83,7 +83,7 @@ impl Read for Receiver {
     }
 }
 
-/// What goes.
+/// The sending half.
 pub struct Sender {
     end: LoopEnd<'static>,
     interrupt: Interrupt,
@@ -99,7 +99,7 @@ impl Write for Sender {
         poll_fn(|context| {
             self.waker.register(context.waker());
             let Ok(len) = self.end.write(bytes) else { return Poll::Pending };
-            // The first byte has to be sent by somebody.
+            // The interrupt sends the bytes, so it must be raised for the first one.
             NVIC::pend(self.interrupt);
             Poll::Ready(Ok(len))
         })

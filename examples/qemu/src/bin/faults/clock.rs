@@ -1,4 +1,4 @@
-//! Clocks that come to where a number of theirs wraps.
+//! Clock values that wrap.
 
 use mavstack::dialect::{
     Attitude, AutopilotVersion, CommandLong, Heartbeat, MavCmd, MavMissionResult, MavType, RadioStatus,
@@ -8,9 +8,9 @@ use mavstack_demo::TELEMETRY;
 use semihosting::println;
 
 use crate::station::{Pinger, Upload, request_message};
-use crate::world::{Air, Ear, Heard, OTHER, Parts, STATION, World};
+use crate::world::{Client, Network, OTHER, Parts, Received, STATION, World};
 
-/// Moments at which something wraps that counts time in so many bits, µs.
+/// Times (µs) at which a counter of some width and unit wraps.
 const WRAPS: [(&str, u64); 11] = [
     ("2^31 us", 1 << 31),
     ("2^32 us", 1 << 32),
@@ -25,32 +25,32 @@ const WRAPS: [(&str, u64); 11] = [
     ("2^63 ns", (1 << 63) / 1_000),
 ];
 const RADIO: Address = Address::new(51, 68);
-/// So long before it the vehicle is switched on, and so long it is watched.
+/// Time from boot to the wrap.
 const BEFORE: Duration = Duration::from_secs(5);
-const WATCHED: u64 = 18;
-/// What all units of time that are in use have in common, µs: with that, two runs may be the same.
+/// Simulated time per run (s).
+const RUN_TIME: u64 = 18;
+/// A common multiple of all units of time (µs). Runs that start at multiples of it are comparable.
 const COMMON: u64 = 640_000;
 
-/// Kinds of messages on links; there are fewer.
+/// Capacity for message types per link.
 const KINDS: usize = 64;
-/// By so much may moments differ, ms: a frame that tells the time is a byte or two longer or shorter then, and others wait for it.
+/// Tolerance for times of frames (ms). A frame that contains a time may be a byte or two longer or shorter, which delays others.
 const TOLERANCE: u64 = 30;
 
-/// What came of one kind on one link.
+/// Statistics of one message type on one link.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Row {
     link: LinkId,
     id: u32,
     count: u32,
     last: Instant,
-    /// From one to the next.
     longest: Duration,
     shortest: Duration,
 }
 
 impl Row {
-    /// Whether it came as often as another, and as regularly.
-    fn is_like(&self, other: &Self) -> bool {
+    /// Whether both have the same count and intervals, within the tolerance.
+    fn matches(&self, other: &Self) -> bool {
         let is_near = |a: Duration, b: Duration| a.as_millis().abs_diff(b.as_millis()) <= TOLERANCE;
         (self.link, self.id) == (other.link, other.id)
             && self.count.abs_diff(other.count) <= 1
@@ -59,52 +59,56 @@ impl Row {
     }
 }
 
-/// What came, kind by kind.
+/// Records the frames of a run by link and message type.
 struct Transcript {
     from: Instant,
     rows: [Option<Row>; KINDS],
     frames: u32,
 }
 
-impl Ear for Transcript {
-    fn hear(&mut self, heard: &Heard<'_>, _: &mut Air) {
+impl Client for Transcript {
+    fn on_frame(&mut self, frame: &Received<'_>, _: &mut Network) {
         self.frames += 1;
-        let (link, id, now) = (heard.link, heard.id, heard.now);
+        let (link, id, now) = (frame.link, frame.id, frame.now);
         let is_it = |row: &Option<Row>| row.is_none_or(|row| (row.link, row.id) == (link, id));
-        let place = self.rows.iter_mut().find(|row| is_it(row)).expect("there are fewer kinds");
+        let slot = self.rows.iter_mut().find(|row| is_it(row)).expect("fewer message types");
         let fresh = Row { link, id, count: 0, last: self.from, longest: Duration::ZERO, shortest: Duration::MAX };
-        let row = place.get_or_insert(fresh);
+        let row = slot.get_or_insert(fresh);
         let gap = now.since(row.last);
         (row.count, row.last) = (row.count + 1, now);
         (row.longest, row.shortest) = (row.longest.max(gap), row.shortest.min(gap));
     }
 }
 
-/// Sends what sets all timers going.
+/// A client that starts all timers of the vehicle.
 struct Script {
     from: Instant,
     next: u32,
 }
 
-impl Ear for Script {
-    fn hear(&mut self, _: &Heard<'_>, _: &mut Air) {}
+impl Client for Script {
+    fn on_frame(&mut self, _: &Received<'_>, _: &mut Network) {}
 
-    fn tick(&mut self, now: Instant, air: &mut Air) {
+    fn tick(&mut self, now: Instant, network: &mut Network) {
         let due = Duration::from_millis(u64::from(self.next) * 500);
         if now.since(self.from) < due {
             return;
         }
-        // A ground station that is lost after a while, and comes back.
+        // A ground station that times out and reconnects.
         if self.next < 6 || self.next > 28 {
-            let beat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
-            air.send(TELEMETRY, STATION, &beat);
+            let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
+            network.send(TELEMETRY, STATION, &heartbeat);
         }
         match self.next {
-            2 => air.send(TELEMETRY, RADIO, &RadioStatus { txbuf: 30, ..RadioStatus::default() }),
-            3 | 9 | 15 => air.send(TELEMETRY, STATION, &request_message(AutopilotVersion::ID)),
+            2 => network.send(TELEMETRY, RADIO, &RadioStatus { txbuf: 30, ..RadioStatus::default() }),
+            3 | 9 | 15 => network.send(TELEMETRY, STATION, &request_message(AutopilotVersion::ID)),
             4 => {
                 let (command, param1) = (MavCmd::SET_MESSAGE_INTERVAL, Attitude::ID as f32);
-                air.send(LinkId(1), OTHER, &CommandLong { command, param1, param2: 70_000.0, ..request_message(0) });
+                network.send(
+                    LinkId(1),
+                    OTHER,
+                    &CommandLong { command, param1, param2: 70_000.0, ..request_message(0) },
+                );
             }
             _ => {}
         }
@@ -112,37 +116,40 @@ impl Ear for Script {
     }
 }
 
-/// What passes from `start` on, and whether the vehicle is well.
-fn watch(parts: Parts, start: Instant, what: &str) -> (Parts, Transcript) {
+/// Runs the vehicle from `start`, checks it, and returns the transcript.
+fn run_from(parts: Parts, start: Instant, what: &str) -> (Parts, Transcript) {
     let mut parts = parts;
     parts.erase();
     let mut world = World::start(parts, start);
     let mut transcript = Transcript { from: start, rows: [None; KINDS], frames: 0 };
     let mut script = Script { from: start, next: 0 };
     let mut pinger = Pinger::new(TELEMETRY, STATION, Duration::from_millis(700));
-    // One upload is through before, one waits for its dead owner over the wrap, one comes after it.
-    let mut dead = Upload::new(TELEMETRY, STATION, 20, 2).dying_after(9);
-    let mut heir = None;
-    let end = start.after(Duration::from_secs(WATCHED));
+    // One upload completes before the wrap, one stalls during it because its client falls silent, and one follows.
+    let mut silent = Upload::new(TELEMETRY, STATION, 20, 2).silent_after(9);
+    let mut successor = None;
+    let end = start.after(Duration::from_secs(RUN_TIME));
     let mut first = Upload::new(LinkId(1), OTHER, 20, 1);
-    let mut is_well = false;
+    let mut is_accepted = false;
     while world.now < end {
         let since = world.now.since(start);
-        let mut ears: [&mut dyn Ear; 4] = [&mut transcript, &mut script, &mut pinger, &mut first];
+        let mut clients: [&mut dyn Client; 4] = [&mut transcript, &mut script, &mut pinger, &mut first];
         if since >= Duration::from_secs(12) {
-            let heir = heir.get_or_insert_with(|| Upload::new(LinkId(1), OTHER, 20, 3));
-            ears[3] = heir;
-            world.pass(&mut ears);
-            is_well = heir.result == Some(MavMissionResult::ACCEPTED);
+            let successor = successor.get_or_insert_with(|| Upload::new(LinkId(1), OTHER, 20, 3));
+            clients[3] = successor;
+            world.pass(&mut clients);
+            is_accepted = successor.result == Some(MavMissionResult::ACCEPTED);
         } else if since >= Duration::from_secs(3) {
-            ears[3] = &mut dead;
-            world.pass(&mut ears);
+            clients[3] = &mut silent;
+            world.pass(&mut clients);
         } else {
-            world.pass(&mut ears);
+            world.pass(&mut clients);
         }
     }
-    assert!(first.result == Some(MavMissionResult::ACCEPTED), "{what}: before: {:?}", first.result);
-    assert!(dead.is_dead && is_well && world.live(3) == Some(20), "{what}: an upload still waits for the dead one");
+    assert!(first.result == Some(MavMissionResult::ACCEPTED), "{what}: first upload: {:?}", first.result);
+    assert!(
+        silent.is_silent && is_accepted && world.live(3) == Some(20),
+        "{what}: the stalled upload has not timed out"
+    );
     assert!(pinger.answers + 1 >= pinger.sent, "{what}: {} of {} pings answered", pinger.answers, pinger.sent);
     for link in [0, 1] {
         let tally = world.tally[usize::from(link)];
@@ -152,24 +159,24 @@ fn watch(parts: Parts, start: Instant, what: &str) -> (Parts, Transcript) {
     (world.end(), transcript)
 }
 
-/// Over each wrap all passes as it does at any other time: no timer is early, late or lost.
+/// A run over each wrap behaves like a run at any other time: no timer is early, late or lost.
 pub fn wraps(mut parts: Parts) -> Parts {
-    let usual;
-    (parts, usual) = watch(parts, Instant::from_micros(100 * COMMON), "at any time");
+    let reference;
+    (parts, reference) = run_from(parts, Instant::from_micros(100 * COMMON), "reference");
     let mut kinds = 0;
     for (what, wrap) in WRAPS {
         let start = (wrap - BEFORE.as_micros()) / COMMON * COMMON;
         let here;
-        (parts, here) = watch(parts, Instant::from_micros(start), what);
+        (parts, here) = run_from(parts, Instant::from_micros(start), what);
         kinds = here.rows.iter().flatten().count();
-        assert!(kinds == usual.rows.iter().flatten().count(), "{what}: {kinds} kinds of messages");
-        for was in usual.rows.iter().flatten() {
+        assert!(kinds == reference.rows.iter().flatten().count(), "{what}: {kinds} message types");
+        for was in reference.rows.iter().flatten() {
             let Some(is) = here.rows.iter().flatten().find(|row| (row.link, row.id) == (was.link, was.id)) else {
-                panic!("{what}: no message {} by link {}", was.id, was.link.0)
+                panic!("{what}: no message {} on link {}", was.id, was.link.0)
             };
             assert!(
-                is.is_like(was),
-                "{what}: message {} by link {}: {} times, {} to {} ms apart, instead of {}, {} to {}",
+                is.matches(was),
+                "{what}: message {} on link {}: {} times, {} to {} ms apart; expected {}, {} to {}",
                 is.id,
                 is.link.0,
                 is.count,
@@ -182,10 +189,10 @@ pub fn wraps(mut parts: Parts) -> Parts {
         }
     }
     println!(
-        "clock-wraps: over each of {} wraps, {WATCHED} s: {} frames of {kinds} kinds, each as often, and at most {TOLERANCE} ms \
-         earlier or later, as at any other time",
+        "clock-wraps: {} wraps, {RUN_TIME} s each: {} frames of {kinds} types, the same counts as at any other time, at most \
+         {TOLERANCE} ms earlier or later",
         WRAPS.len(),
-        usual.frames
+        reference.frames
     );
     parts
 }

@@ -1,45 +1,44 @@
-//! The board's flash, as bad as is wanted; copies of it; and what the scenarios themselves remember over a reset.
-#![allow(unsafe_code, reason = "memory that outlives a reset, and vehicles that are copied into it")]
+//! Fault injection for the board's flash, snapshots of it, and words that are retained over a reset.
+#![allow(unsafe_code, reason = "memory that survives a reset")]
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use mavstack_qemu::flash::PsramFlash;
-use mavstack_qemu::memory::DemoApp;
 
-/// No cut, no fault.
+/// Disables a fault.
 const NEVER: u32 = u32::MAX;
 
-/// Steps until the power goes: a word that is written is one, an erase three.
+/// Steps until the power cut. Writing a word is one step, an erase is three.
 static FUEL: AtomicU32 = AtomicU32::new(NEVER);
-/// Calls of the flash until all fail.
+/// Operations until all fail.
 static GOOD_CALLS: AtomicU32 = AtomicU32::new(NEVER);
-/// A call that fails has done half of its work.
+/// Whether a failed operation has half of its effect.
 static HALF: AtomicU32 = AtomicU32::new(0);
 
-/// The power goes after so many steps.
+/// Cuts the power after `steps` steps.
 pub fn cut_after(steps: u32) {
     FUEL.store(steps, Relaxed);
 }
 
-/// Whether the power has gone.
-pub fn is_off() -> bool {
+/// Whether the power was cut.
+pub fn is_power_off() -> bool {
     FUEL.load(Relaxed) == 0
 }
 
-/// Each write and erase behind so many fails, and does nothing or half of it.
+/// Lets every write and erase fail after `calls` operations, without effect or with half of it.
 pub fn fail_after(calls: u32, does_half: bool) {
     GOOD_CALLS.store(calls, Relaxed);
     HALF.store(does_half.into(), Relaxed);
 }
 
-/// Power, and nothing fails.
-pub fn heal() {
+/// Restores the power and disables all faults.
+pub fn clear_faults() {
     cut_after(NEVER);
     fail_after(NEVER, false);
 }
 
-/// Whether a call fails now.
+/// Whether the current operation fails.
 fn fails() -> bool {
     match GOOD_CALLS.load(Relaxed) {
         NEVER => false,
@@ -51,11 +50,11 @@ fn fails() -> bool {
     }
 }
 
-/// One step; false when there is no power for it.
+/// Takes one step. Returns false when the power is off.
 fn burn() -> bool {
     match FUEL.load(Relaxed) {
         NEVER => true,
-        // The step that it goes in is not done.
+        // The step during which the power is cut is not completed.
         0 | 1 => {
             FUEL.store(0, Relaxed);
             false
@@ -67,7 +66,7 @@ fn burn() -> bool {
     }
 }
 
-/// A part of the board's flash, which fails and loses power when it is told to.
+/// A partition of the board's flash with fault injection.
 pub struct Flash(pub PsramFlash);
 
 impl Flash {
@@ -95,10 +94,10 @@ impl NorFlash for Flash {
     const ERASE_SIZE: usize = PsramFlash::ERASE_SIZE;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        if is_off() || fails() {
+        if is_power_off() || fails() {
             return Err(NorFlashErrorKind::Other);
         }
-        // Before it, in the middle, behind it.
+        // A cut before, during or after the erase.
         if !burn() {
             return Err(NorFlashErrorKind::Other);
         }
@@ -113,13 +112,13 @@ impl NorFlash for Flash {
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        if is_off() {
+        if is_power_off() {
             return Err(NorFlashErrorKind::Other);
         }
         let whole = if fails() { if HALF.load(Relaxed) == 1 { bytes.len() / 8 * 4 } else { 0 } } else { bytes.len() };
         for (offset, word) in (offset..).step_by(Self::WRITE_SIZE).zip(bytes[..whole].chunks(Self::WRITE_SIZE)) {
             if !burn() {
-                // Half of the word's bits are in it.
+                // A torn write: half of the word's bits.
                 let mut torn = [0xFF; Self::WRITE_SIZE];
                 torn.iter_mut().zip(word).for_each(|(torn, byte)| *torn = byte | 0x5A);
                 self.0.write(offset, &torn)?;
@@ -131,7 +130,7 @@ impl NorFlash for Flash {
     }
 }
 
-/// The word at `offset` was to be erased, and makes no sense any more.
+/// Corrupts the word at `offset`, as an interrupted erase does.
 fn scramble(flash: &mut PsramFlash, offset: u32) {
     let mut word = [0; 4];
     if flash.read(offset, &mut word).is_ok() {
@@ -139,56 +138,37 @@ fn scramble(flash: &mut PsramFlash, offset: u32) {
     }
 }
 
-/// What is kept in the board's PSRAM behind its flash, which a reset leaves alone, in words.
-const KEPT: usize = 0x2110_0000;
-/// Room for a copy of all flash behind it.
-const COPY: usize = KEPT + 4096;
+/// Address of the retained words, in the board's PSRAM behind the flash. A reset does not change them.
+const RETAINED: usize = 0x2110_0000;
+/// Address of the snapshot of the flash.
+const SNAPSHOT: usize = RETAINED + 4096;
 const FLASH: usize = 0x2100_0000;
-/// So many of them.
+/// Size of the flash, in words.
 const WORDS: usize = 3 * Flash::LEN as usize / 4;
-
-/// Room for a new vehicle behind that.
-const NEW: usize = COPY + 4 * WORDS;
-
-fn new() -> *mut DemoApp {
-    core::ptr::with_exposed_provenance_mut(NEW)
-}
-
-/// Keeps a copy of `app`, which is new.
-pub fn keep_new(app: &DemoApp) {
-    // SAFETY: PSRAM of this board, which nothing else uses. The copy is never dropped.
-    unsafe { new().copy_from_nonoverlapping(app, 1) }
-}
-
-/// Makes `app` new. To make it anew takes 30 kB of stack, where the compiler is not sure that it may be made in its place.
-pub fn renew(app: &mut DemoApp) {
-    // SAFETY: `keep_new` was called at the start; what was there is not dropped, which would only wipe a key.
-    unsafe { core::ptr::from_mut(app).copy_from_nonoverlapping(new(), 1) }
-}
 
 fn word(base: usize, index: usize) -> *mut u32 {
     core::ptr::with_exposed_provenance_mut::<u32>(base).wrapping_add(index)
 }
 
-/// What was kept at `index`, which is below 16; 0 after power-on.
-pub fn kept(index: usize) -> u32 {
+/// Returns a retained word (`index` below 16); 0 after power-on.
+pub fn retained(index: usize) -> u32 {
     assert!(index < 16);
     // SAFETY: PSRAM of this board, which nothing else uses.
-    unsafe { word(KEPT, index).read_volatile() }
+    unsafe { word(RETAINED, index).read_volatile() }
 }
 
-/// Keeps `value` over a reset.
-pub fn keep(index: usize, value: u32) {
+/// Stores a word (`index` below 16) that is retained over a reset.
+pub fn retain(index: usize, value: u32) {
     assert!(index < 16);
-    // SAFETY: as for `kept`.
-    unsafe { word(KEPT, index).write_volatile(value) }
+    // SAFETY: as for `retained`.
+    unsafe { word(RETAINED, index).write_volatile(value) }
 }
 
-/// Copies all flash, or brings the copy back. Nobody has a store open meanwhile, which would remember what it has read.
-pub fn copy(_: &mut [Flash; 3], brings_back: bool) {
-    let (from, to) = if brings_back { (COPY, FLASH) } else { (FLASH, COPY) };
+/// Takes a snapshot of the flash, or restores it. No store may be open meanwhile, because stores cache what they have read.
+pub fn snapshot(_: &mut [Flash; 3], restores: bool) {
+    let (from, to) = if restores { (SNAPSHOT, FLASH) } else { (FLASH, SNAPSHOT) };
     for index in 0..WORDS {
-        // SAFETY: PSRAM of this board; the flash in it is borrowed, and nothing else uses the copy.
+        // SAFETY: PSRAM of this board; the flash in it is borrowed, and nothing else uses the snapshot.
         unsafe { word(to, index).write_volatile(word(from, index).read_volatile()) }
     }
 }

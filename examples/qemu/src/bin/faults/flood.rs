@@ -1,4 +1,4 @@
-//! Floods: as many requests as a line carries.
+//! Floods: as many requests as the link can carry.
 
 use mavstack::dialect::{MavMissionResult, MissionCount, ParamRequestList};
 use mavstack::{Address, Duration, Instant, LinkId};
@@ -6,7 +6,7 @@ use mavstack_demo::{COMPANION, TELEMETRY};
 use semihosting::println;
 
 use crate::station::{Pinger, Upload, request_message, upload};
-use crate::world::{Air, Ear, Heard, OTHER, Parts, STATION, World};
+use crate::world::{Client, Network, OTHER, Parts, Received, STATION, World};
 
 #[derive(Clone, Copy, Debug)]
 enum Kind {
@@ -15,20 +15,20 @@ enum Kind {
     Commands,
 }
 
-/// Fills a line, as somebody else each time.
+/// A client that floods a link, with a new sender address for each frame.
 struct Flood {
     kind: Kind,
     link: LinkId,
     frames: u32,
 }
 
-impl Ear for Flood {
-    fn hear(&mut self, _: &Heard<'_>, _: &mut Air) {}
+impl Client for Flood {
+    fn on_frame(&mut self, _: &Received<'_>, _: &mut Network) {}
 
-    fn tick(&mut self, _: Instant, air: &mut Air) {
+    fn tick(&mut self, _: Instant, network: &mut Network) {
         let at = usize::from(self.link.0);
-        // No more than a little ahead of the line.
-        while air.lines[at].up.room() > 1_700 {
+        // Keep the line busy, but little more.
+        while network.lines[at].up.room() > 1_700 {
             self.frames += 1;
             let from = Address::new(2 + (self.frames % 200) as u8, 1 + (self.frames % 7) as u8);
             let (target_system, target_component) = (1, 1);
@@ -36,10 +36,10 @@ impl Ear for Flood {
                 Kind::Counts => {
                     let count = 1 + (self.frames % 250) as u16;
                     let message = MissionCount { target_system, target_component, count, ..MissionCount::default() };
-                    air.send(self.link, from, &message);
+                    network.send(self.link, from, &message);
                 }
-                Kind::Lists => air.send(self.link, from, &ParamRequestList { target_system, target_component }),
-                Kind::Commands => air.send(self.link, from, &request_message(self.frames % 300)),
+                Kind::Lists => network.send(self.link, from, &ParamRequestList { target_system, target_component }),
+                Kind::Commands => network.send(self.link, from, &request_message(self.frames % 300)),
             }
         }
     }
@@ -48,7 +48,7 @@ impl Ear for Flood {
 const TIME: Duration = Duration::from_secs(10);
 const ITEMS: u16 = 40;
 
-/// On one line everything that it carries; on the other one all goes on.
+/// Floods one link. The other link must work as usual.
 pub fn floods(mut parts: Parts) -> Parts {
     let (mut frames, mut longest, mut pings, mut slowest) = (0, Duration::ZERO, 0, Duration::ZERO);
     for kind in [Kind::Counts, Kind::Lists, Kind::Commands] {
@@ -57,21 +57,21 @@ pub fn floods(mut parts: Parts) -> Parts {
             world.step = Duration::from_millis(2);
             assert!(upload(&mut world, other, STATION, ITEMS, 1) == MavMissionResult::ACCEPTED);
             world.run(Duration::from_secs(2), &mut []);
-            // Begun before, or the flood's own uploads stand in its way.
+            // Started before the flood, whose own uploads would block it.
             let mut honest = Upload::new(other, OTHER, ITEMS, 2);
-            while !honest.is_asked {
+            while !honest.has_request {
                 world.pass(&mut [&mut honest]);
             }
             let mut flood = Flood { kind, link, frames: 0 };
             let mut pinger = Pinger::new(other, OTHER, Duration::from_millis(200));
-            world.count_anew();
+            world.reset_tally();
             world.run(TIME, &mut [&mut flood, &mut honest, &mut pinger]);
             assert!(
                 honest.result == Some(MavMissionResult::ACCEPTED),
                 "{kind:?}: the honest upload: {:?}",
                 honest.result
             );
-            assert!(world.live(2) == Some(ITEMS), "{kind:?}: not the honest plan");
+            assert!(world.live(2) == Some(ITEMS), "{kind:?}: the honest plan is not live");
             for link in [TELEMETRY, COMPANION] {
                 let silence = world.longest_silence(link);
                 assert!(
@@ -94,8 +94,8 @@ pub fn floods(mut parts: Parts) -> Parts {
         }
     }
     println!(
-        "floods: {frames} MISSION_COUNT, PARAM_REQUEST_LIST and COMMAND_LONG in 60 s by 1400 senders: heartbeats at most {} ms \
-              apart; on the other line an upload through, {pings} pings answered within {} ms",
+        "floods: {frames} MISSION_COUNT, PARAM_REQUEST_LIST and COMMAND_LONG in 60 s from 1400 senders: heartbeats at most {} ms \
+         apart; on the other link an upload accepted, {pings} pings answered within {} ms",
         longest.as_millis(),
         slowest.as_millis()
     );

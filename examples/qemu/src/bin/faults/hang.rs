@@ -1,4 +1,4 @@
-//! A flight loop that hangs, while an interrupt speaks for the vehicle: in the processor's own time.
+//! A flight loop that hangs while a timer interrupt runs the stack, in real (emulated) time.
 
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -15,27 +15,28 @@ use semihosting::println;
 use crate::station::{Pinger, Upload};
 use crate::world::{OTHER, Parts, STATION, World};
 
-/// Config::max_loop_gap.
+/// The default of `Config::max_loop_gap`.
 const MAX_LOOP_GAP: Duration = Duration::from_millis(500);
-/// From the beginning; not long before a heartbeat, which still goes out then.
+/// Time from the start: shortly before a heartbeat, which is still sent.
 const HANGS_AT: Duration = Duration::from_millis(3_600);
 const RESUMES_AT: Duration = Duration::from_secs(9);
 const ENDS_AT: Duration = Duration::from_secs(12);
 
-/// What the interrupt works with.
+/// The state of the interrupt.
 struct Scene {
     world: World,
     began: Instant,
     pinger: Pinger,
-    /// Begun while it hangs.
+    /// Starts while flight hangs.
     upload: Upload,
-    is_told: [bool; 2],
-    /// When it hung, before which the last heartbeat was.
+    /// Whether the commands to hang and to resume were sent.
+    is_sent: [bool; 2],
+    /// When flight hung.
     hung: Option<Instant>,
     pings_before: u32,
-    last_beat: Duration,
+    last_heartbeat: Duration,
     resumed: Option<Instant>,
-    first_beat: Duration,
+    first_heartbeat: Duration,
     pings: u32,
 }
 
@@ -50,13 +51,13 @@ fn SysTick() {
     free(|cs| {
         if let Some(scene) = SCENE.borrow(cs).borrow_mut().as_mut() {
             scene.hung = HUNG.borrow(cs).get();
-            scene.go_on(board::now());
+            scene.step(board::now());
         }
     });
 }
 
 impl Scene {
-    fn go_on(&mut self, now: Instant) {
+    fn step(&mut self, now: Instant) {
         let since = now.since(self.began);
         let set_hang = |world: &mut World, param_value| {
             let set = ParamSet {
@@ -64,14 +65,14 @@ impl Scene {
                 target_component: 1,
                 param_id: Text::new("SIM_HANG"),
                 param_type: MavParamType::UINT8,
-                // An integer's bytes, as the vehicle encodes them.
+                // Integers are sent bytewise.
                 param_value: f32::from_bits(param_value),
             };
-            world.air.send(TELEMETRY, STATION, &set);
+            world.network.send(TELEMETRY, STATION, &set);
         };
-        for (at, value, is_told) in [(HANGS_AT, 1, 0), (RESUMES_AT, 0, 1)] {
-            if since >= at && !self.is_told[is_told] {
-                self.is_told[is_told] = true;
+        for (at, value, index) in [(HANGS_AT, 1, 0), (RESUMES_AT, 0, 1)] {
+            if since >= at && !self.is_sent[index] {
+                self.is_sent[index] = true;
                 set_hang(&mut self.world, value);
                 if value == 0 {
                     self.pings = self.pinger.answers - self.pings_before;
@@ -80,24 +81,24 @@ impl Scene {
                 }
             }
         }
-        let beats = self.world.tally[0].beats;
+        let heartbeats = self.world.tally[0].heartbeats;
         if self.hung.is_some() {
-            self.world.talk(now, &mut [&mut self.pinger, &mut self.upload]);
+            self.world.serve(now, &mut [&mut self.pinger, &mut self.upload]);
         } else {
-            self.world.talk(now, &mut [&mut self.pinger]);
+            self.world.serve(now, &mut [&mut self.pinger]);
         }
-        let beat = self.world.tally[0].beats > beats;
+        let has_heartbeat = self.world.tally[0].heartbeats > heartbeats;
         if let Some(hung) = self.hung
-            && beat
+            && has_heartbeat
         {
             if HANGS.load(Relaxed) {
-                self.last_beat = now.since(hung);
-            } else if self.first_beat == Duration::ZERO {
-                self.first_beat = self.resumed.map_or(Duration::MAX, |resumed| now.since(resumed));
+                self.last_heartbeat = now.since(hung);
+            } else if self.first_heartbeat == Duration::ZERO {
+                self.first_heartbeat = self.resumed.map_or(Duration::MAX, |resumed| now.since(resumed));
             }
         }
-        // Whoever set it back has his answer: flight goes on.
-        if HANGS.load(Relaxed) && self.is_told[1] && !self.world.app().hangs() {
+        // The parameter was reset: flight resumes.
+        if HANGS.load(Relaxed) && self.is_sent[1] && !self.world.app().simulates_hang() {
             self.resumed = Some(now);
             HANGS.store(false, Relaxed);
         }
@@ -107,7 +108,7 @@ impl Scene {
     }
 }
 
-/// Flight in the loop below, the stack in the interrupt above; the loop hangs.
+/// Runs flight in the main loop and the stack in an interrupt, and hangs the main loop.
 pub fn hung_loop(parts: Parts) -> Parts {
     let mut world = World::fresh(parts);
     world.step = Duration::from_millis(1);
@@ -117,16 +118,16 @@ pub fn hung_loop(parts: Parts) -> Parts {
         began,
         pinger: Pinger::new(COMPANION, OTHER, Duration::from_millis(50)),
         upload: Upload::new(COMPANION, OTHER, 30, 1),
-        is_told: [false; 2],
+        is_sent: [false; 2],
         hung: None,
         pings_before: 0,
-        last_beat: Duration::ZERO,
+        last_heartbeat: Duration::ZERO,
         resumed: None,
-        first_beat: Duration::ZERO,
+        first_heartbeat: Duration::ZERO,
         pings: 0,
     };
     free(|cs| SCENE.borrow(cs).replace(Some(scene)));
-    let mut syst = cortex_m::Peripherals::take().expect("nobody else has it").SYST;
+    let mut syst = cortex_m::Peripherals::take().expect("not taken before").SYST;
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(CLOCK_HZ / 1_000 - 1);
     syst.clear_current();
@@ -144,39 +145,36 @@ pub fn hung_loop(parts: Parts) -> Parts {
             let mut scene = SCENE.borrow(cs).borrow_mut();
             let Some(Scene { world, .. }) = scene.as_mut() else { return false };
             world.app().fly(now);
-            world.app().hangs()
+            world.app().simulates_hang()
         });
         if hangs {
             free(|cs| HUNG.borrow(cs).set(Some(board::now())));
             HANGS.store(true, Relaxed);
-            // For ever, as far as this loop can do anything about it.
-            #[allow(
-                clippy::missing_spin_loop,
-                reason = "the emulator stops at each hint, which takes it six times as long"
-            )]
+            // Hangs until the interrupt ends it.
+            #[allow(clippy::missing_spin_loop, reason = "the emulator stops at each hint, which is six times slower")]
             while HANGS.load(Relaxed) {}
         }
     }
     syst.disable_interrupt();
     syst.disable_counter();
-    let scene = free(|cs| SCENE.borrow(cs).replace(None)).expect("it was put there");
-    let Scene { world, pinger, upload, last_beat, first_beat, pings, hung, resumed, .. } = scene;
-    let (Some(hung), Some(resumed)) = (hung, resumed) else { panic!("it did not hang, or did not go on") };
-    assert!(last_beat <= MAX_LOOP_GAP, "a heartbeat {} ms after flight hung", last_beat.as_millis());
+    let scene = free(|cs| SCENE.borrow(cs).replace(None)).expect("stored above");
+    let Scene { world, pinger, upload, last_heartbeat, first_heartbeat, pings, hung, resumed, .. } = scene;
+    let (Some(hung), Some(resumed)) = (hung, resumed) else { panic!("flight did not hang or did not resume") };
+    assert!(last_heartbeat <= MAX_LOOP_GAP, "a heartbeat {} ms after flight hung", last_heartbeat.as_millis());
     assert!(
-        first_beat <= Duration::from_millis(1_000),
-        "no heartbeat for {} ms after it went on",
-        first_beat.as_millis()
+        first_heartbeat <= Duration::from_millis(1_000),
+        "no heartbeat for {} ms after flight resumed",
+        first_heartbeat.as_millis()
     );
-    assert!(pings > 100 && pinger.answers + 1 >= pinger.sent, "{pings} pings while it hung");
-    assert!(upload.result == Some(MavMissionResult::ACCEPTED), "the upload while it hung: {:?}", upload.result);
-    assert!(world.tally[0].beats >= 5, "{} heartbeats in all", world.tally[0].beats);
+    assert!(pings > 100 && pinger.answers + 1 >= pinger.sent, "{pings} pings while flight hung");
+    assert!(upload.result == Some(MavMissionResult::ACCEPTED), "the upload while flight hung: {:?}", upload.result);
+    assert!(world.tally[0].heartbeats >= 5, "{} heartbeats in total", world.tally[0].heartbeats);
     println!(
-        "hung-loop: flight hangs for {} ms: last heartbeat {} ms later, first one {} ms after it goes on; meanwhile {pings} pings \
-         answered within {} ms and an upload accepted, from a timer's interrupt",
+        "hung-loop: flight hangs for {} ms: last heartbeat {} ms after that, first one {} ms after it resumes; meanwhile {pings} \
+         pings answered within {} ms and an upload accepted, in a timer interrupt",
         resumed.since(hung).as_millis(),
-        last_beat.as_millis(),
-        first_beat.as_millis(),
+        last_heartbeat.as_millis(),
+        first_heartbeat.as_millis(),
         pinger.slowest.as_millis()
     );
     world.end()

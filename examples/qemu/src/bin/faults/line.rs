@@ -1,4 +1,4 @@
-//! Lines between the vehicle and the ground: as fast as a UART, as bad as is wanted.
+//! Simulated serial lines with a UART's data rate and configurable damage.
 
 use core::convert::Infallible;
 
@@ -33,7 +33,7 @@ impl Random {
     }
 }
 
-/// Bytes on their way.
+/// A ring buffer of bytes in transit.
 pub struct Ring<const LEN: usize> {
     bytes: [u8; LEN],
     at: usize,
@@ -54,7 +54,7 @@ impl<const LEN: usize> Ring<LEN> {
     }
 
     pub fn push(&mut self, byte: u8) {
-        assert!(self.len < LEN, "the line holds no more");
+        assert!(self.len < LEN, "the line's buffer is full");
         self.bytes[(self.at + self.len) % LEN] = byte;
         self.len += 1;
     }
@@ -67,7 +67,7 @@ impl<const LEN: usize> Ring<LEN> {
     }
 }
 
-/// How a line damages what it carries.
+/// The kinds of damage on a line.
 #[derive(Clone, Copy, Default)]
 pub struct Damage {
     pub flips: bool,
@@ -77,21 +77,22 @@ pub struct Damage {
 
 /// A line, as the vehicle sees it.
 pub struct Line {
-    /// To the vehicle.
+    /// Bytes to the vehicle.
     pub up: Ring<2048>,
-    /// From it.
+    /// Bytes from the vehicle.
     pub down: Ring<1024>,
-    /// Bytes in a millisecond, times 1,000.
+    /// Data rate in thousandths of a byte per millisecond.
     rate: u32,
-    /// Bytes, times 1,000, that may pass now.
+    /// Thousandths of a byte that the vehicle may read now.
     may_read: u32,
+    /// Thousandths of a byte that the vehicle may write now.
     may_write: u32,
-    /// Nothing passes.
+    /// Stalled in both directions.
     pub is_stuck: bool,
-    /// Nothing passes from the vehicle.
+    /// Stalled in the direction from the vehicle.
     pub is_full: bool,
     pub damage: Damage,
-    /// Frames that went up without a scratch.
+    /// Number of frames to the vehicle without damage.
     pub intact: u32,
 }
 
@@ -110,14 +111,14 @@ impl Line {
         }
     }
 
-    /// Time goes on: so many more bytes may pass. What was not used is lost, but for a little.
+    /// Advances the time and refills the budget of bytes. At most one unused byte carries over.
     pub fn pass(&mut self, time: Duration) {
         let some = (time.as_micros() as u32) * self.rate / 1_000;
         self.may_read = some + self.may_read.min(1_000);
         self.may_write = some + self.may_write.min(1_000);
     }
 
-    /// A frame goes up, or what the line makes of it.
+    /// Sends a frame to the vehicle, damaged or not.
     pub fn send(&mut self, frame: &[u8], random: &mut Random) {
         let Damage { flips, losses, bursts } = self.damage;
         let mut is_intact = true;
@@ -130,18 +131,18 @@ impl Line {
             lost.fill_with(|| random.below(frame.len()));
             is_intact = false;
         }
-        // In front of a frame it leaves the frame whole.
+        // A burst before the first byte leaves the frame intact.
         let burst = if bursts && random.one_in(10) { random.below(frame.len()) } else { usize::MAX };
         is_intact &= burst == usize::MAX || burst == 0;
         self.intact += u32::from(is_intact);
         for (at, byte) in frame.iter().enumerate() {
             if at == burst {
                 for _ in 0..random.below(80) {
-                    // Every fourth one looks like the beginning of a frame.
+                    // Every fourth byte is a start byte.
                     let byte = if random.one_in(4) { 0xFD } else { random.byte() };
                     self.up.push(byte);
                 }
-                // Which does not end as the frame began, or it would be whole.
+                // The burst must not end with the frame's previous byte, or the frame could still be found intact.
                 self.up.push(frame.get(at.wrapping_sub(1)).map_or(0, |byte| !byte));
             }
             if !lost.contains(&at) {
@@ -150,12 +151,12 @@ impl Line {
         }
     }
 
-    /// The next byte that comes down, or what the line makes of it.
+    /// Takes the next byte from the vehicle, damaged or not.
     pub fn take(&mut self, random: &mut Random) -> Option<u8> {
         loop {
             let byte = self.down.pop()?;
             let Damage { flips, losses, bursts } = self.damage;
-            // Frames of some thirty bytes, of which one in ten is hit.
+            // Hits about one in ten frames of thirty bytes.
             if losses && random.one_in(300) {
                 continue;
             }
@@ -179,7 +180,7 @@ impl ReadReady for Line {
 
 impl Read for Line {
     fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
-        assert!(self.read_ready() == Ok(true), "the stack would have waited for a byte");
+        assert!(self.read_ready() == Ok(true), "the stack would block on a read");
         let mut read = 0;
         while read < bytes.len()
             && self.may_read >= 1_000
@@ -201,7 +202,7 @@ impl WriteReady for Line {
 
 impl Write for Line {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        assert!(self.write_ready() == Ok(true), "the stack would have waited for room");
+        assert!(self.write_ready() == Ok(true), "the stack would block on a write");
         let len = bytes.len().min(self.down.room()).min(self.may_write as usize / 1_000);
         for byte in &bytes[..len] {
             self.down.push(*byte);

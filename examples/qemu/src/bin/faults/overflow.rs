@@ -1,7 +1,6 @@
-//! A stack that is too small, and what becomes of it: it lies below everything else (`flipped.x`), and whoever leaves it leaves
-//! the RAM, which is a fault at once. On the emulated board the bus answers there too: a region of the MPU stands in for one
-//! that does not.
-#![allow(unsafe_code, reason = "the registers of the MPU and of faults, and memory where no stack may be")]
+//! Stack overflow. The stack lies below all statics (`flipped.x`), so an overflow leaves the RAM and faults at once. The
+//! emulated bus responds below the RAM too, so an MPU region makes the access fault.
+#![allow(unsafe_code, reason = "registers of the MPU and fault status, and the stack pointer")]
 
 use core::arch::{asm, global_asm};
 use core::cell::RefCell;
@@ -18,7 +17,7 @@ use crate::station::{Upload, upload};
 use crate::world::{Parts, STATION, World};
 
 unsafe extern "C" {
-    /// Where RAM begins, and the stack's place ends.
+    /// Start of RAM, and the bounds of the stack.
     static _ram_start: u8;
     static _stack_end: u8;
     static _stack_start: u8;
@@ -28,16 +27,16 @@ fn address(symbol: &u8) -> u32 {
     core::ptr::from_ref(symbol) as usize as u32
 }
 
-/// What a stack without a guard would run into first.
+/// Memory that an unguarded stack would overwrite first.
 #[unsafe(link_section = ".uninit.canary")]
 static CANARY: [AtomicU32; 512] = [const { AtomicU32::new(0) }; 512];
 const LIVE: u32 = 0x5A17_C0DE;
 
-/// The stack's size now; 0 when no fault is expected.
+/// The size of the stack under test; 0 when no fault is expected.
 static SIZE: AtomicU32 = AtomicU32::new(0);
 static WORLD: Mutex<RefCell<Option<World>>> = Mutex::new(RefCell::new(None));
 
-// The stack is gone when this runs: it takes the end of RAM, which is free where the stack is not.
+// The stack pointer is invalid when this runs. The handler uses the end of RAM, which is free.
 global_asm!(
     ".section .HardFault.faults,\"ax\"",
     ".global HardFault",
@@ -53,14 +52,14 @@ global_asm!(
     handler = sym on_fault,
 );
 
-/// Below RAM there is nothing.
+/// Makes accesses below RAM fault.
 pub fn guard() {
     const START: u32 = 0x1FFF_0000;
-    // 2^16 bytes; never executed, no access; enabled.
+    // 2^16 bytes, execute-never, no access, enabled.
     const ATTRIBUTES: u32 = 1 << 28 | 15 << 1 | 1;
-    // All else is as without it.
+    // Enables the MPU; all other memory keeps the default map.
     const DEFAULT_MAP_ENABLED: u32 = 0b101;
-    // SAFETY: registers of the processor, which nothing else uses; memory that is in use stays as it is.
+    // SAFETY: registers of the processor, which nothing else uses. Access to memory in use does not change.
     unsafe {
         let mpu = &*MPU::PTR;
         mpu.rnr.write(0);
@@ -74,40 +73,38 @@ pub fn guard() {
 
 const CFSR: usize = 0xE000_ED28;
 const MMFAR: usize = 0xE000_ED34;
-/// Bits of CFSR: while an exception was entered; at a known address, in MMFAR.
+// Bits of CFSR: a fault during exception entry; a valid address in MMFAR.
 const WHILE_STACKING: u32 = 1 << 4;
 const KNOWS_ADDRESS: u32 = 1 << 7;
 
 extern "C" fn on_fault(pointer: u32) -> ! {
     // SAFETY: registers of the processor.
-    let [cause, place] =
+    let [cause, address_register] =
         [CFSR, MMFAR].map(|register| unsafe { core::ptr::with_exposed_provenance::<u32>(register).read_volatile() });
     let size = SIZE.load(Relaxed);
     let changed = changed();
     // SAFETY: only its address is taken.
     let bottom = address(unsafe { &_ram_start });
-    let place = if cause & KNOWS_ADDRESS != 0 { place } else { pointer };
+    let location = if cause & KNOWS_ADDRESS != 0 { address_register } else { pointer };
     if size == 0 {
-        println!("a fault at {place:#x}, cause {cause:#x}, stack pointer {pointer:#x}");
+        println!("fault at {location:#x}, cause {cause:#x}, stack pointer {pointer:#x}");
         process::exit(1);
     }
-    let is_guard = cause & (WHILE_STACKING | KNOWS_ADDRESS) != 0 && place < bottom && bottom - place <= 8_192;
+    let is_guard = cause & (WHILE_STACKING | KNOWS_ADDRESS) != 0 && location < bottom && bottom - location <= 8_192;
     if changed != 0 || !is_guard {
-        println!(
-            "a stack of {size} bytes: a fault at {place:#x} (cause {cause:#x}), {changed} words of others changed"
-        );
+        println!("stack of {size} bytes: fault at {location:#x} (cause {cause:#x}), {changed} canary words changed");
         process::exit(1);
     }
-    println!("stack-overflow {size} fault {}", bottom - place);
+    println!("stack-overflow {size} fault {}", bottom - location);
     process::exit(0)
 }
 
-/// Words of the canary that are not what they were.
+/// Returns the number of canary words that have changed.
 fn changed() -> usize {
     CANARY.iter().filter(|word| word.load(Relaxed) != LIVE).count()
 }
 
-/// What the vehicle does all day, and an upload.
+/// Normal operation, and an upload.
 extern "C" fn work() {
     free(|cs| {
         if let Some(world) = WORLD.borrow(cs).borrow_mut().as_mut() {
@@ -118,7 +115,7 @@ extern "C" fn work() {
     });
 }
 
-/// The same on a stack of `size` bytes: it is enough, or there is a fault at once, and nothing else has changed.
+/// Runs `work` on a stack of `size` bytes. It must succeed, or fault at once without changing other memory.
 pub fn run(parts: Parts, size: u32) -> ! {
     let mut world = World::fresh(parts);
     world.run(Duration::from_secs(1), &mut []);
@@ -127,10 +124,14 @@ pub fn run(parts: Parts, size: u32) -> ! {
     CANARY.iter().for_each(|word| word.store(LIVE, Relaxed));
     // SAFETY: only their addresses are taken.
     let (bottom, top) = unsafe { (address(&_stack_end), address(&_stack_start)) };
-    assert!(size.is_multiple_of(8) && bottom + size + 1_024 <= top, "a stack of {size} bytes: it has {}", top - bottom);
+    assert!(
+        size.is_multiple_of(8) && bottom + size + 1_024 <= top,
+        "stack of {size} bytes: only {} available",
+        top - bottom
+    );
     SIZE.store(size, Relaxed);
     let entry = work as extern "C" fn();
-    // SAFETY: the stack pointer goes to within the stack's place, far below what is in use of it; and comes back.
+    // SAFETY: the new stack pointer lies within the stack, far below the part in use, and is restored afterwards.
     unsafe {
         asm!(
             "mov r4, sp",
@@ -145,7 +146,7 @@ pub fn run(parts: Parts, size: u32) -> ! {
     }
     SIZE.store(0, Relaxed);
     let changed = changed();
-    assert!(changed == 0, "a stack of {size} bytes: no fault, and {changed} words of others changed");
+    assert!(changed == 0, "stack of {size} bytes: no fault, but {changed} canary words changed");
     println!("stack-overflow {size} enough 0");
     process::exit(0)
 }

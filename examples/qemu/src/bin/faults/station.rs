@@ -1,4 +1,4 @@
-//! Who is on the ground: those who upload, those who ask, those who flood.
+//! Simulated clients: uploads, pings, and a counter of answers.
 
 use mavstack::dialect::{
     AutopilotVersion, CommandAck, CommandLong, MavCmd, MavMissionResult, MissionAck, MissionCount, MissionItemInt,
@@ -6,20 +6,20 @@ use mavstack::dialect::{
 };
 use mavstack::{Address, Duration, Instant, LinkId, Message};
 
-use crate::world::{Air, Ear, Heard, VEHICLE, World, item_of};
+use crate::world::{Client, Network, Received, VEHICLE, World, item_of};
 
-/// Somebody who uploads a mission, as ground stations do: MISSION_COUNT until it is asked for an item, then what it is asked for.
+/// A client that uploads a mission as ground stations do. It repeats MISSION_COUNT until the first request, then answers requests.
 pub struct Upload {
     link: LinkId,
     from: Address,
     count: u16,
     variant: u16,
-    /// It falls silent when it has sent so many items.
-    dies_after: u16,
-    pub is_dead: bool,
-    /// It was asked for an item.
-    pub is_asked: bool,
-    /// So many items were sent, each counted once.
+    /// The client falls silent after this many items.
+    silent_after: u16,
+    pub is_silent: bool,
+    /// The vehicle has requested an item.
+    pub has_request: bool,
+    /// Number of items sent, without repetitions.
     sent: u16,
     due: Instant,
     pub result: Option<MavMissionResult>,
@@ -32,92 +32,92 @@ impl Upload {
             from,
             count,
             variant,
-            dies_after: u16::MAX,
-            is_dead: false,
-            is_asked: false,
+            silent_after: u16::MAX,
+            is_silent: false,
+            has_request: false,
             sent: 0,
             due: Instant::ZERO,
             result: None,
         }
     }
 
-    pub fn dying_after(mut self, items: u16) -> Self {
-        self.dies_after = items;
+    pub fn silent_after(mut self, items: u16) -> Self {
+        self.silent_after = items;
         self
     }
 
-    /// So many items were sent, each counted once.
+    /// Returns the number of items sent, without repetitions.
     pub fn items_sent(&self) -> u16 {
         self.sent
     }
 
-    /// Goes on until its end.
+    /// Runs until the upload ends, and returns the result.
     pub fn finish(&mut self, world: &mut World) -> MavMissionResult {
         let end = world.now.after(Duration::from_secs(30));
         while self.result.is_none() {
-            assert!(world.now < end, "an upload of {} items has no end: {} are sent", self.count, self.sent);
+            assert!(world.now < end, "an upload of {} items does not end: {} sent", self.count, self.sent);
             world.pass(&mut [self]);
         }
         self.result.unwrap_or(MavMissionResult::ERROR)
     }
 
-    /// Goes on until it is dead.
-    pub fn die(&mut self, world: &mut World) {
+    /// Runs until the client falls silent.
+    pub fn run_until_silent(&mut self, world: &mut World) {
         let end = world.now.after(Duration::from_secs(30));
-        while !self.is_dead {
-            assert!(world.now < end && self.result.is_none(), "it was to die after {} items", self.dies_after);
+        while !self.is_silent {
+            assert!(world.now < end && self.result.is_none(), "not silent after {} items", self.silent_after);
             world.pass(&mut [self]);
         }
     }
 }
 
-impl Ear for Upload {
-    fn hear(&mut self, heard: &Heard<'_>, air: &mut Air) {
-        if self.is_dead || self.result.is_some() || heard.link != self.link {
+impl Client for Upload {
+    fn on_frame(&mut self, frame: &Received<'_>, network: &mut Network) {
+        if self.is_silent || self.result.is_some() || frame.link != self.link {
             return;
         }
         let is_ours = |system, component| Address::new(system, component) == self.from;
-        if let Some(request) = heard.get::<MissionRequestInt>()
+        if let Some(request) = frame.get::<MissionRequestInt>()
             && is_ours(request.target_system, request.target_component)
         {
-            self.is_asked = true;
-            if request.seq >= self.dies_after {
-                self.is_dead = true;
+            self.has_request = true;
+            if request.seq >= self.silent_after {
+                self.is_silent = true;
                 return;
             }
             self.sent = self.sent.max(request.seq + 1);
-            self.due = heard.now.after(Duration::from_secs(1));
-            air.send(self.link, self.from, &item_of(request.seq, self.variant));
-            self.is_dead = self.sent == self.count && self.dies_after == self.count;
-        } else if let Some(ack) = heard.get::<MissionAck>()
+            self.due = frame.now.after(Duration::from_secs(1));
+            network.send(self.link, self.from, &item_of(request.seq, self.variant));
+            self.is_silent = self.sent == self.count && self.silent_after == self.count;
+        } else if let Some(ack) = frame.get::<MissionAck>()
             && is_ours(ack.target_system, ack.target_component)
         {
             self.result = Some(ack.r#type);
         }
     }
 
-    fn tick(&mut self, now: Instant, air: &mut Air) {
-        if self.is_dead || self.result.is_some() || now < self.due {
+    fn tick(&mut self, now: Instant, network: &mut Network) {
+        if self.is_silent || self.result.is_some() || now < self.due {
             return;
         }
         self.due = now.after(Duration::from_millis(500));
-        if !self.is_asked {
+        if !self.has_request {
             let (target_system, target_component, count) = (1, 1, self.count);
             let message = MissionCount { target_system, target_component, count, ..MissionCount::default() };
-            air.send(self.link, self.from, &message);
+            network.send(self.link, self.from, &message);
         } else if self.sent == self.count {
-            // The last answer may be lost: the last item asks for it once more.
-            air.send(self.link, self.from, &item_of(self.count - 1, self.variant));
+            // The acknowledgement may be lost: repeating the last item requests it again.
+            network.send(self.link, self.from, &item_of(self.count - 1, self.variant));
         }
     }
 }
 
-/// Uploads a mission from beginning to end.
+/// Uploads a mission and returns the result.
 pub fn upload(world: &mut World, link: LinkId, from: Address, count: u16, variant: u16) -> MavMissionResult {
     Upload::new(link, from, count, variant).finish(world)
 }
 
-/// Somebody who pings, and counts the answers.
+/// A client that sends PING and counts the answers.
 pub struct Pinger {
     pub link: LinkId,
     pub from: Address,
@@ -126,7 +126,7 @@ pub struct Pinger {
     pub sent: u32,
     pub answers: u32,
     is_answered: bool,
-    /// From question to answer.
+    /// Maximum round-trip time.
     pub slowest: Duration,
     asked: Instant,
 }
@@ -138,31 +138,31 @@ impl Pinger {
     }
 }
 
-impl Ear for Pinger {
-    fn hear(&mut self, heard: &Heard<'_>, _: &mut Air) {
-        if let Some(ping) = heard.get::<Ping>()
-            && heard.link == self.link
+impl Client for Pinger {
+    fn on_frame(&mut self, frame: &Received<'_>, _: &mut Network) {
+        if let Some(ping) = frame.get::<Ping>()
+            && frame.link == self.link
             && Address::new(ping.target_system, ping.target_component) == self.from
             && ping.seq == self.sent
             && !self.is_answered
         {
             self.is_answered = true;
             self.answers += 1;
-            self.slowest = self.slowest.max(heard.now.since(self.asked));
+            self.slowest = self.slowest.max(frame.now.since(self.asked));
         }
     }
 
-    fn tick(&mut self, now: Instant, air: &mut Air) {
+    fn tick(&mut self, now: Instant, network: &mut Network) {
         if now >= self.due {
             self.due = now.after(self.period);
             self.sent += 1;
             (self.asked, self.is_answered) = (now, false);
-            air.send(self.link, self.from, &Ping { seq: self.sent, ..Ping::default() });
+            network.send(self.link, self.from, &Ping { seq: self.sent, ..Ping::default() });
         }
     }
 }
 
-/// A command that any vehicle answers: tell us who you are.
+/// Returns MAV_CMD_REQUEST_MESSAGE for a message id.
 pub fn request_message(id: u32) -> CommandLong {
     CommandLong {
         target_system: 1,
@@ -173,22 +173,22 @@ pub fn request_message(id: u32) -> CommandLong {
     }
 }
 
-/// Counts what comes down of a few kinds, on any link.
+/// A client that counts answers on all links.
 #[derive(Default)]
 pub struct Counter {
-    /// COMMAND_ACK
+    /// Number of COMMAND_ACK.
     pub acks: u32,
-    /// All but what the vehicle says unasked: answers.
+    /// Number of answers of any type.
     pub answers: u32,
 }
 
-impl Ear for Counter {
-    fn hear(&mut self, heard: &Heard<'_>, _: &mut Air) {
-        // What others say is passed on, whatever its signature.
-        if heard.source != VEHICLE {
+impl Client for Counter {
+    fn on_frame(&mut self, frame: &Received<'_>, _: &mut Network) {
+        // Forwarded frames of other senders do not count.
+        if frame.source != VEHICLE {
             return;
         }
-        self.acks += u32::from(heard.id == CommandAck::ID);
+        self.acks += u32::from(frame.id == CommandAck::ID);
         let answers = [
             CommandAck::ID,
             ParamValue::ID,
@@ -199,6 +199,6 @@ impl Ear for Counter {
             AutopilotVersion::ID,
             Ping::ID,
         ];
-        self.answers += u32::from(answers.contains(&heard.id));
+        self.answers += u32::from(answers.contains(&frame.id));
     }
 }

@@ -1,12 +1,11 @@
-//! The demo vehicle with its flash, its lines and the time; and who is at the other ends of the lines.
+//! The simulated world: the demo vehicle, its flash, its lines, and the clients at their other ends.
 
 use mavstack::dialect::{Common, Heartbeat, MavCmd, MavFrame, MavMissionType, MissionItemInt, Statustext};
 use mavstack::{
     Address, Decoder, Dialect, Durability, Duration, Instant, LinkId, Message, ParamStore, ParamTable, PlanStore,
     SigningKey, SigningStore, Version, encode, encode_signed,
 };
-use mavstack_demo::{LINKS, Tuning};
-use mavstack_qemu::memory::DemoApp;
+use mavstack_demo::{App, FENCE, LINKS, MISSION, Mavlink, RALLY, Tuning};
 
 use crate::flash::{self, Flash};
 use crate::line::{Line, Random};
@@ -19,51 +18,51 @@ type Plans = PlanStore<Flash>;
 type Settings = ParamStore<Flash>;
 type Key = SigningStore<Flash>;
 
-/// What a scenario is made of: the places for the vehicle and its lines, and its flash.
+/// The resources of a scenario: memory for the vehicle's stack and its lines, and the flash.
 pub struct Parts {
-    pub app: &'static mut DemoApp,
+    pub stack: &'static mut Mavlink,
     pub lines: &'static mut [Line; LINKS],
     pub flash: [Flash; 3],
 }
 
 impl Parts {
-    /// All flash erased, and nothing fails.
+    /// Erases the flash and disables all faults.
     pub fn erase(&mut self) {
         use embedded_storage::nor_flash::NorFlash;
-        flash::heal();
+        flash::clear_faults();
         for part in &mut self.flash {
-            part.erase(0, Flash::LEN).expect("nothing fails");
+            part.erase(0, Flash::LEN).expect("faults are disabled");
         }
     }
 }
 
-/// The lines of the vehicle's configuration.
+/// The lines, with the baud rates of the vehicle's configuration.
 pub const LINES: [Line; LINKS] = [Line::new(115_200), Line::new(921_600), Line::new(2_400)];
 
-/// Signs what somebody sends.
+/// Signs the frames of the clients.
 pub struct Signer {
     pub key: SigningKey,
     pub timestamp: u64,
 }
 
-/// The lines, and what all who use them share.
-pub struct Air {
+/// The lines, and state shared by all clients.
+pub struct Network {
     pub lines: &'static mut [Line; LINKS],
     pub random: Random,
     pub signer: Option<Signer>,
-    /// Keeps what goes up.
+    /// Records the frames to the vehicle.
     pub tape: Option<&'static mut Tape>,
     seq: u8,
 }
 
-/// Frames that went up, one behind the other.
+/// A recording of frames to the vehicle, concatenated.
 pub struct Tape {
     pub bytes: [u8; 2048],
     pub len: usize,
     pub frames: u32,
 }
 
-impl Air {
+impl Network {
     pub fn send<M: Message>(&mut self, link: LinkId, from: Address, message: &M) {
         let mut frame = [0; 300];
         self.seq = self.seq.wrapping_add(1);
@@ -74,7 +73,7 @@ impl Air {
             }
             None => encode(message, Version::V2, from, self.seq, &mut frame),
         };
-        let frame = &frame[..len.expect("it fits")];
+        let frame = &frame[..len.expect("the buffer fits any frame")];
         if let Some(tape) = &mut self.tape {
             tape.bytes[tape.len..tape.len + frame.len()].copy_from_slice(frame);
             tape.len += frame.len();
@@ -84,8 +83,8 @@ impl Air {
     }
 }
 
-/// A frame that came down.
-pub struct Heard<'a> {
+/// A frame received from the vehicle.
+pub struct Received<'a> {
     pub now: Instant,
     pub link: LinkId,
     pub id: u32,
@@ -93,24 +92,26 @@ pub struct Heard<'a> {
     pub payload: &'a [u8],
 }
 
-impl Heard<'_> {
-    /// What the vehicle says, when it is this.
+impl Received<'_> {
+    /// Decodes the vehicle's own message, if it has this type.
     pub fn get<M: Message>(&self) -> Option<M> {
         (self.id == M::ID && self.source == VEHICLE).then(|| M::decode(self.payload))
     }
 }
 
-/// Somebody on the ground.
-pub trait Ear {
-    fn hear(&mut self, heard: &Heard<'_>, air: &mut Air);
+/// A simulated client.
+pub trait Client {
+    /// Handles a frame from the vehicle.
+    fn on_frame(&mut self, frame: &Received<'_>, network: &mut Network);
 
-    fn tick(&mut self, _now: Instant, _air: &mut Air) {}
+    /// Called once per pass.
+    fn tick(&mut self, _now: Instant, _network: &mut Network) {}
 }
 
-/// The vehicle's heartbeats on a link, and its texts.
+/// Statistics of the vehicle's heartbeats and texts on a link.
 #[derive(Clone, Copy)]
 pub struct Tally {
-    pub beats: u32,
+    pub heartbeats: u32,
     pub last: Option<Instant>,
     pub longest: Duration,
     pub shortest: Duration,
@@ -118,39 +119,39 @@ pub struct Tally {
 }
 
 impl Tally {
-    const ZERO: Self = Self { beats: 0, last: None, longest: Duration::ZERO, shortest: Duration::MAX, texts: 0 };
+    const ZERO: Self = Self { heartbeats: 0, last: None, longest: Duration::ZERO, shortest: Duration::MAX, texts: 0 };
 }
 
-/// The vehicle, its lines and the time.
+/// The vehicle, its lines and the simulated time.
 pub struct World {
-    app: &'static mut DemoApp,
+    app: App,
     settings: Settings,
     key: Key,
     plans: Plans,
     pub now: Instant,
-    /// From pass to pass.
+    /// Simulated time per pass.
     pub step: Duration,
-    pub air: Air,
+    pub network: Network,
     decoders: [Decoder; LINKS],
     pub tally: [Tally; LINKS],
-    /// There was something to write in the last pass.
+    /// Whether the last pass has written to flash.
     pub is_writing: bool,
 }
 
 impl World {
-    /// The vehicle is switched on at `now`, with what is in its flash.
+    /// Boots the vehicle at `now`, with the contents of its flash.
     pub fn start(parts: Parts, now: Instant) -> Self {
-        let Parts { app, lines, flash: [plans, settings, key] } = parts;
-        flash::renew(app);
+        let Parts { stack, lines, flash: [plans, settings, key] } = parts;
+        *stack = Mavlink::VACANT;
         *lines = LINES;
         let mut world = Self {
-            app,
+            app: App::new(stack),
             settings: Settings::new(settings, 0..Settings::region_len(Tuning::INFO.len())),
             key: Key::new(key, 0..Key::REGION_LEN),
-            plans: Plans::new(plans, 0..Plans::region_len(250, 64, 16)),
+            plans: Plans::new(plans, 0..Plans::region_len(MISSION, FENCE, RALLY)),
             now,
             step: Duration::from_millis(10),
-            air: Air { lines, random: Random::new(0x2545_F491), signer: None, tape: None, seq: 0 },
+            network: Network { lines, random: Random::new(0x2545_F491), signer: None, tape: None, seq: 0 },
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
             tally: [Tally::ZERO; LINKS],
             is_writing: false,
@@ -161,44 +162,44 @@ impl World {
         world
     }
 
-    /// The same on flash that was erased before.
+    /// Boots the vehicle with erased flash.
     pub fn fresh(mut parts: Parts) -> Self {
         parts.erase();
         Self::start(parts, Instant::ZERO)
     }
 
-    /// The power goes; what is left.
+    /// Ends the simulation and returns the resources.
     pub fn end(self) -> Parts {
         let flash = [self.plans.into_inner(), self.settings.into_inner(), self.key.into_inner()];
-        Parts { app: self.app, lines: self.air.lines, flash }
+        Parts { stack: self.app.into_stack(), lines: self.network.lines, flash }
     }
 
-    /// Switched off and on again.
+    /// Restores the power and reboots the vehicle.
     pub fn restarted(self) -> Self {
-        flash::heal();
+        flash::clear_faults();
         Self::start(self.end(), Instant::ZERO)
     }
 
-    pub fn app(&mut self) -> &mut DemoApp {
-        self.app
+    pub fn app(&mut self) -> &mut App {
+        &mut self.app
     }
 
-    /// One pass of all.
-    pub fn pass(&mut self, ears: &mut [&mut dyn Ear]) {
+    /// Runs one pass of flight, communication and the clients.
+    pub fn pass(&mut self, clients: &mut [&mut dyn Client]) {
         self.now = self.now.after(self.step);
         self.app.fly(self.now);
-        self.talk(self.now, ears);
+        self.serve(self.now, clients);
     }
 
-    /// What is not flight, at `now`.
-    pub fn talk(&mut self, now: Instant, ears: &mut [&mut dyn Ear]) {
-        let Self { app, settings, key, plans, air, decoders, tally, .. } = self;
+    /// Runs one pass of communication and the clients, without flight.
+    pub fn serve(&mut self, now: Instant, clients: &mut [&mut dyn Client]) {
+        let Self { app, settings, key, plans, network, decoders, tally, .. } = self;
         app.poll(now);
-        for (link, line) in (0..).map(LinkId).zip(air.lines.iter_mut()) {
+        for (link, line) in (0..).map(LinkId).zip(network.lines.iter_mut()) {
             line.pass(self.step);
-            // Twice: as often as a byte wakes the loop would be more often.
+            // Twice per pass. A real loop runs more often, because each byte wakes it.
             for _ in 0..2 {
-                app.serve(now, link, line).expect("the line has no errors");
+                app.serve(now, link, line).expect("lines report no errors");
             }
         }
         self.is_writing = app.persist(now, plans);
@@ -210,17 +211,17 @@ impl World {
             loop {
                 let mut count = 0;
                 while count < 64
-                    && let Some(byte) = air.lines[at].take(&mut air.random)
+                    && let Some(byte) = network.lines[at].take(&mut network.random)
                 {
-                    assert!(decoder.push(&[byte], now) == 1, "the ground is as fast as the line");
+                    assert!(decoder.push(&[byte], now) == 1, "the decoder keeps up");
                     count += 1;
                     while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false) {
                         let (id, source, payload) = (frame.id(), frame.source(), frame.payload());
-                        let heard = Heard { now, link, id, source, payload };
+                        let received = Received { now, link, id, source, payload };
                         if source == VEHICLE {
-                            note(&mut tally[at], &heard);
+                            update(&mut tally[at], &received);
                         }
-                        ears.iter_mut().for_each(|ear| ear.hear(&heard, air));
+                        clients.iter_mut().for_each(|client| client.on_frame(&received, network));
                     }
                 }
                 if count == 0 {
@@ -228,18 +229,18 @@ impl World {
                 }
             }
         }
-        ears.iter_mut().for_each(|ear| ear.tick(now, air));
+        clients.iter_mut().for_each(|client| client.tick(now, network));
     }
 
-    /// Passes for so long.
-    pub fn run(&mut self, time: Duration, ears: &mut [&mut dyn Ear]) {
+    /// Runs passes for `time`.
+    pub fn run(&mut self, time: Duration, clients: &mut [&mut dyn Client]) {
         let end = self.now.after(time);
         while self.now < end {
-            self.pass(ears);
+            self.pass(clients);
         }
     }
 
-    /// How many items the live mission has if they are those of `variant`.
+    /// Returns the number of items of the live mission if it is the mission `variant`.
     pub fn live(&mut self, variant: u16) -> Option<u16> {
         let items = self.app.parts().0.mission().items();
         let is_same = (0..).zip(items).all(|(seq, item)| {
@@ -250,37 +251,37 @@ impl World {
         is_same.then_some(items.len() as u16)
     }
 
-    /// The longest time from one heartbeat to the next, or from the last one to now.
+    /// Returns the longest time between heartbeats, including the time since the last one.
     pub fn longest_silence(&self, link: LinkId) -> Duration {
         let tally = &self.tally[usize::from(link.0)];
         let since = tally.last.map_or(Duration::MAX, |last| self.now.since(last));
         tally.longest.max(since)
     }
 
-    /// From now on heartbeats and texts are counted anew.
-    pub fn count_anew(&mut self) {
+    /// Resets the statistics of heartbeats and texts.
+    pub fn reset_tally(&mut self) {
         for tally in &mut self.tally {
             *tally = Tally { last: Some(self.now), ..Tally::ZERO };
         }
     }
 }
 
-fn note(tally: &mut Tally, heard: &Heard<'_>) {
-    if heard.id == Heartbeat::ID {
-        if let Some(last) = tally.last.replace(heard.now) {
-            let gap = heard.now.since(last);
+fn update(tally: &mut Tally, frame: &Received<'_>) {
+    if frame.id == Heartbeat::ID {
+        if let Some(last) = tally.last.replace(frame.now) {
+            let gap = frame.now.since(last);
             tally.longest = tally.longest.max(gap);
-            // What it is counted from is none.
-            if tally.beats > 0 {
+            // The first interval starts at the reset, not at a heartbeat.
+            if tally.heartbeats > 0 {
                 tally.shortest = tally.shortest.min(gap);
             }
         }
-        tally.beats += 1;
+        tally.heartbeats += 1;
     }
-    tally.texts += u32::from(heard.id == Statustext::ID);
+    tally.texts += u32::from(frame.id == Statustext::ID);
 }
 
-/// A waypoint of the mission `variant`.
+/// Returns a waypoint of the mission `variant`.
 pub fn item_of(seq: u16, variant: u16) -> MissionItemInt {
     MissionItemInt {
         target_system: 1,

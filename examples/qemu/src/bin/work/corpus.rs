@@ -1,10 +1,10 @@
-//! What the fuzzer found worth keeping, as streams of bytes. The emulator puts them where the board's flash begins: each behind its
-//! length, the last one behind 0xFFFF_FFFF.
+//! The fuzz corpus as byte streams. The emulator loads it at the start of the board's flash: each stream follows its length, and
+//! 0xFFFF_FFFF marks the end.
 
 use embedded_storage::nor_flash::ReadNorFlash;
 use mavstack_qemu::flash::PsramFlash;
 
-/// Bytes of all streams, one behind the other.
+/// An iterator over the bytes of all streams.
 pub struct Corpus {
     parts: [PsramFlash; 3],
     pub at: u32,
@@ -16,12 +16,12 @@ impl Corpus {
         Self { parts, at: 0, left: 0 }
     }
 
-    /// From the front again.
+    /// Restarts at the first stream.
     pub fn rewind(&mut self) {
         (self.at, self.left) = (0, 0);
     }
 
-    /// The next byte; `None` at the end of each stream, and from the end on.
+    /// Returns the next byte; `None` at the end of each stream and of the corpus.
     pub fn next(&mut self) -> Option<u8> {
         if self.left == 0 {
             let len = u32::from_le_bytes([0; 4].map(|_: u8| self.byte()));
@@ -35,18 +35,18 @@ impl Corpus {
         if self.left == 0 { None } else { Some(self.byte()) }
     }
 
-    /// Whether there is no more.
-    pub fn is_over(&mut self) -> bool {
+    /// Whether the corpus has ended.
+    pub fn is_at_end(&mut self) -> bool {
         let at = self.at;
-        let is_over = self.left == 0 && [0; 4].map(|_: u8| self.byte()) == [0xFF; 4];
+        let is_at_end = self.left == 0 && [0; 4].map(|_: u8| self.byte()) == [0xFF; 4];
         self.at = at;
-        is_over
+        is_at_end
     }
 
     fn byte(&mut self) -> u8 {
         let mut byte = [0xFF];
         if let Some(part) = self.parts.get_mut((self.at / PsramFlash::LEN) as usize) {
-            // Beyond the last part it is over.
+            // An error leaves 0xFF, which marks the end.
             let _ = part.read(self.at % PsramFlash::LEN, &mut byte);
         }
         self.at += 1;

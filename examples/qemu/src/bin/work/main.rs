@@ -1,8 +1,8 @@
-//! How much work a poll is: instructions of the processor, counted by the emulator, while others send the worst that there is.
-//! `cargo xtask work` runs it. Nobody flies with it.
+//! Measures the cost of a poll: instructions, counted by the emulator, under worst-case input. `cargo measure work` runs it. For
+//! measurements only.
 //!
-//! The vehicle is the demo's, on the ground, with three links; what is forwarded leaves by the other two. Time goes on by 1 ms
-//! from poll to poll.
+//! The demo vehicle is on the ground, with three links. Forwarded frames are sent on the other two. Each poll advances the time
+//! by 1 ms.
 #![no_std]
 #![no_main]
 
@@ -10,7 +10,6 @@ mod corpus;
 mod traffic;
 
 use core::fmt::Write as _;
-use core::mem::MaybeUninit;
 
 use corpus::Corpus;
 use cortex_m::peripheral::SYST;
@@ -18,42 +17,40 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
 use mavstack::{
     Address, Config, Duration, Instant, LinkClass, LinkConfig, LinkId, LinkSigning, PollBudget, Pulse, SigningKey,
-    Stack, StreamProfile, Vehicle,
+    StreamProfile,
 };
-use mavstack_demo::{LINKS, Quadrotor};
+use mavstack_demo::{Mavlink, Quadrotor};
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line;
-use mavstack_qemu::memory::DemoPlans;
+use mavstack_qemu::memory::STACK;
 use traffic::{Forgery, KEY, Kind, SIGNED_AT, Sender};
 
 static PULSE: Pulse = Pulse::new();
-const US: Address = Address::new(1, 1);
-/// SysTick goes on by one in so many instructions, at one a nanosecond.
+const ADDRESS: Address = Address::new(1, 1);
+/// Instructions per tick of SysTick, at one nanosecond per instruction.
 const INSTRUCTIONS: u32 = 40;
 const LONGEST: u32 = 0x00FF_FFFF;
 const POLLS: u32 = 600;
-/// A minute.
+/// Number of polls with noise: one minute.
 const NOISY_POLLS: u32 = 60_000;
-/// 1 Mbit/s, ten bits a byte, for a millisecond.
+/// Bytes per millisecond at 1 Mbit/s, with ten bits per byte.
 const NOISE: usize = 100;
 
-type Subject = Stack<LINKS, DemoPlans>;
-
-/// How the vehicle stands when it begins.
+/// The state of the vehicle and its links at the start of a measurement.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Scene {
     Plain,
-    /// All places of its plan are taken.
+    /// The mission has its maximum length.
     Loaded,
-    /// It has a key, and accepts nothing unsigned.
+    /// A key is set, and unsigned frames are refused.
     Signed,
-    /// The line takes nothing.
+    /// The link accepts no output.
     Stalled,
-    /// The line is as fast as it is polled.
+    /// The link has no rate limit.
     Unlimited,
-    /// By satellite.
+    /// The link is a satellite link.
     Satellite,
-    /// The same comes by the other links too.
+    /// The other links receive the same input.
     Everywhere,
 }
 
@@ -104,23 +101,23 @@ const ROWS: [(&str, Kind, Scene); 44] = [
     ("signed-nest-stx-1", Kind::Nest(0xFE), Scene::Signed),
 ];
 
-/// A poll is given 128 bytes at most.
+/// A poll receives at most 128 bytes.
 type Line = line::Line<128>;
 
 /// A vehicle under measurement.
 struct Bench<'a> {
-    stack: &'a mut Subject,
-    vehicle: &'a mut Quadrotor,
+    stack: &'a mut Mavlink,
+    vehicle: Quadrotor,
     now: Instant,
     line: Line,
     others: [Line; 2],
     polls: u32,
-    most: u32,
+    max: u32,
     sum: u64,
-    most_timers: u32,
+    max_timers: u32,
 }
 
-/// Instructions that `work` takes.
+/// Returns the number of instructions of `work`.
 fn count(work: impl FnOnce()) -> u32 {
     let before = SYST::get_current();
     work();
@@ -129,62 +126,59 @@ fn count(work: impl FnOnce()) -> u32 {
 
 impl<'a> Bench<'a> {
     #[inline(never)]
-    fn new(
-        stack: &'a mut MaybeUninit<Subject>,
-        vehicle: &'a mut MaybeUninit<Quadrotor>,
-        budget: PollBudget,
-        scene: Scene,
-    ) -> Self {
-        let config = Config { budget, ..Config::new(US, &PULSE) };
+    fn new(stack: &'a mut Mavlink, budget: PollBudget, scene: Scene) -> Self {
+        let config = Config { budget, ..Config::new(ADDRESS, &PULSE) };
         let link = match scene {
             Scene::Unlimited => LinkConfig::unlimited().with_streams(StreamProfile::Onboard),
             Scene::Satellite => LinkConfig::uart(921_600).with_class(LinkClass::HighLatency),
             Scene::Signed => LinkConfig::uart(921_600).with_signing(LinkSigning::SIGNED),
             _ => LinkConfig::uart(921_600),
         };
+        *stack = Mavlink::VACANT;
+        stack.begin(config, [link, LinkConfig::uart(921_600), LinkConfig::uart(921_600)]);
         let mut bench = Self {
-            stack: stack.write(Stack::new(config, [link, LinkConfig::uart(921_600), LinkConfig::uart(921_600)])),
-            vehicle: vehicle.write(Quadrotor::new()),
+            stack,
+            vehicle: Quadrotor::new(),
             now: Instant::from_millis(10_000),
             line: Line::SILENT,
             others: [Line::SILENT, Line::SILENT],
             polls: 0,
-            most: 0,
+            max: 0,
             sum: 0,
-            most_timers: 0,
+            max_timers: 0,
         };
         if scene == Scene::Loaded {
             let mut sender = Sender::new(Kind::Upload);
             while bench.stack.mission().items().is_empty() {
                 bench.poll(budget.rx_bytes as usize, || sender.next());
             }
-            (bench.polls, bench.most, bench.sum, bench.most_timers) = (0, 0, 0, 0);
+            (bench.polls, bench.max, bench.sum, bench.max_timers) = (0, 0, 0, 0);
         }
-        if let Some(signing) = bench.vehicle.signing().filter(|_| scene == Scene::Signed) {
-            signing.set_key(bench.now, SigningKey::new(KEY), SIGNED_AT);
+        if scene == Scene::Signed {
+            bench.stack.signing_mut().set_key(bench.now, SigningKey::new(KEY), SIGNED_AT);
         }
-        bench.line.takes = scene != Scene::Stalled;
+        bench.line.accepts = scene != Scene::Stalled;
         bench
     }
 
-    /// A millisecond, in which so many bytes come by the first link.
+    /// Runs one millisecond, in which up to `bytes` bytes arrive on the first link.
     fn poll(&mut self, bytes: usize, next: impl FnMut() -> Option<u8>) {
         self.now = self.now.after(Duration::from_millis(1));
         let Self { stack, vehicle, line, now, .. } = self;
         PULSE.tick();
         line.now = *now;
         line.fill(bytes, next);
-        let timers = count(|| stack.poll(*now, *vehicle));
+        let timers = count(|| stack.poll(*now, vehicle));
         let work = count(|| {
-            let _ = stack.poll_link(*now, LinkId(0), line, *vehicle);
+            let _ = stack.poll_link(*now, LinkId(0), line, vehicle);
         });
         for (link, line) in [LinkId(1), LinkId(2)].into_iter().zip(&mut self.others) {
-            let _ = stack.poll_link(*now, link, line, *vehicle);
+            let _ = stack.poll_link(*now, link, line, vehicle);
         }
         self.polls += 1;
-        self.most = self.most.max(work);
+        self.max = self.max.max(work);
         self.sum += u64::from(work);
-        self.most_timers = self.most_timers.max(timers);
+        self.max_timers = self.max_timers.max(timers);
     }
 
     fn run(&mut self, kind: Kind, scene: Scene, bytes: usize) {
@@ -204,7 +198,7 @@ impl<'a> Bench<'a> {
             let mut is_quiet = sender.is_quiet(poll);
             self.poll(bytes, || {
                 let byte = if is_quiet { None } else { sender.next() };
-                is_quiet |= sender.is_slow() && sender.is_between();
+                is_quiet |= sender.sends_single_frames() && sender.is_between_frames();
                 byte
             });
         }
@@ -212,18 +206,16 @@ impl<'a> Bench<'a> {
 
     fn report(&self, out: &mut Report<'_>, budget: &str, row: &str) {
         let (average, polls) = (self.sum / u64::from(self.polls.max(1)), self.polls);
-        let Self { most, most_timers, .. } = self;
+        let Self { max, max_timers, .. } = self;
         let gap = self.line.gap.as_micros();
-        let _ = writeln!(out, "{budget} {row} {polls} {average} {most} {most_timers} {gap}");
+        let _ = writeln!(out, "{budget} {row} {polls} {average} {max} {max_timers} {gap}");
     }
 }
 
 #[entry]
 fn main() -> ! {
-    static mut STACK: MaybeUninit<Subject> = MaybeUninit::uninit();
-    static mut VEHICLE: MaybeUninit<Quadrotor> = MaybeUninit::uninit();
-
     let (Some(core), Some(mut board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
+    let stack = STACK.take();
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(LONGEST);
@@ -237,20 +229,20 @@ fn main() -> ! {
     ] {
         let bytes = budget.rx_bytes as usize;
         for (what, kind, scene) in ROWS {
-            let mut bench = Bench::new(STACK, VEHICLE, budget, scene);
+            let mut bench = Bench::new(stack, budget, scene);
             bench.run(kind, scene, bytes);
             bench.report(&mut out, name, what);
         }
         corpus.rewind();
-        let mut bench = Bench::new(STACK, VEHICLE, budget, Scene::Plain);
-        while !corpus.is_over() {
+        let mut bench = Bench::new(stack, budget, Scene::Plain);
+        while !corpus.is_at_end() {
             bench.poll(bytes, || corpus.next());
         }
         bench.report(&mut out, name, "corpus");
-        let mut bench = Bench::new(STACK, VEHICLE, budget, Scene::Plain);
+        let mut bench = Bench::new(stack, budget, Scene::Plain);
         let mut sender = Sender::new(Kind::Noise);
         for _ in 0..NOISY_POLLS {
-            // Not all of it may be read at once.
+            // One poll may not read all of it.
             bench.poll(NOISE, || sender.next());
         }
         bench.report(&mut out, name, "noise-1-mbaud-60-s");
@@ -261,7 +253,7 @@ fn main() -> ! {
     }
 }
 
-/// Lines for the host.
+/// Writes lines to the host.
 struct Report<'a>(&'a mut Uart);
 
 impl core::fmt::Write for Report<'_> {

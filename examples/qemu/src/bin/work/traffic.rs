@@ -1,4 +1,4 @@
-//! What others send: usual things, too much of them, and the worst that there is.
+//! Generates input: normal traffic, floods, and worst-case byte sequences.
 
 use mavstack::dialect::{
     CommandLong, EncapsulatedData, Heartbeat, MavCmd, MavFrame, MavMissionType, MissionCount, MissionItemInt,
@@ -8,85 +8,86 @@ use mavstack::dialect::{
 use mavstack::{Address, MAX_FRAME_LEN, Message, SigningKey, Text, Version, encode, encode_signed};
 
 pub const KEY: [u8; 32] = *b"a key for figures, nothing else!";
-/// What time it is for who signs.
+/// The first signature timestamp.
 pub const SIGNED_AT: u64 = 37_000_000_000_000;
 
-/// What the others send.
+/// A kind of input.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Nothing,
     /// A ground station's heartbeat every 200 polls.
     Heartbeats,
-    /// The same command again, by one ground station: two in 90 bytes.
+    /// The same command from one ground station: two in 90 bytes.
     Commands,
-    /// Another command, another sender, another sequence number each.
+    /// Commands that differ in id, sender and sequence number.
     CommandFlood,
     CountFlood,
     ListFlood,
     ParamListFlood,
-    /// A parameter that there is, and one that there is not, in turn.
+    /// An existing parameter and an unknown one, in turn.
     ParamSetFlood,
-    /// Names that none has.
+    /// Unknown names.
     ParamMiss,
     ParamHash,
     ItemFlood,
-    /// Whole uploads, each of another plan.
+    /// Complete uploads of different plans.
     Upload,
-    /// The same of a fence: one polygon.
+    /// Complete uploads of fences with one polygon.
     FenceUpload,
-    /// Questions for items, from the end to the front and back.
+    /// Requests for items in random order.
     SeqJumps,
     TimeFlood,
     StreamRequests,
-    /// Every stream as fast as it goes.
+    /// Requests for every stream at the maximum rate.
     AllStreams,
-    /// Heartbeats from everybody there may be.
+    /// Heartbeats from many senders.
     Crowd,
-    /// The largest frames, for everybody.
+    /// Broadcasts of the maximum length.
     Largest,
-    /// Frames whose ids nobody knows.
+    /// Frames with unknown ids.
     Unknown,
-    /// One byte, for ever.
+    /// One byte, repeated.
     Byte(u8),
-    /// Begins of large MAVLink 1 frames with an id nobody knows, at every other byte.
+    /// The start of a large MAVLink 1 frame with an unknown id at every other byte.
     Unknown1,
-    /// Begins of large frames, one in another.
+    /// Nested headers of large frames.
     Headers,
-    /// The same, as dense as it goes.
+    /// Nested headers of large frames, as dense as possible.
     DenseHeaders,
-    /// The front of the longest frame, full of start bytes: when its checksum fails all of them are looked at at once.
+    /// A frame of the maximum length with a wrong checksum, full of start bytes. When the checksum fails, the decoder checks all
+    /// of them in one call.
     Nest(u8),
-    /// The same, full of whole frames with a wrong checksum.
+    /// As `Nest`, full of complete frames with a wrong checksum.
     FrameNest,
-    /// The same, full of begins of frames that say they are signed, with ids nobody knows.
+    /// As `Nest`, full of headers that claim a signature, with unknown ids.
     SignedNest,
     Noise,
-    /// Heartbeats.
+    /// Signed heartbeats.
     Signed(Forgery),
     LargestSigned,
 }
 
-/// What is wrong with a signature.
+/// A fault of a signed frame.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Forgery {
     None,
-    /// It is not ours.
+    /// Signed with another key.
     BadKey,
-    /// It is seen a second time.
+    /// Sent before.
     Replayed,
-    /// Each is of another sender.
+    /// A new sender each time.
     NewStreams,
-    /// Nothing; but the message's id is unknown.
+    /// Correctly signed, but with an unknown message id.
     UnknownId,
 }
 
-/// Who sends it.
+/// Generates the bytes of a kind of input.
 pub struct Sender {
     kind: Kind,
     frame: [u8; 300],
     len: usize,
     at: usize,
-    /// Of frames.
+    /// Number of frames so far.
     number: u32,
     random: u32,
 }
@@ -102,7 +103,7 @@ impl Sender {
         Self { kind, frame: [0; 300], len: 0, at: 0, number: 0, random: 0x2545_F491 }
     }
 
-    /// The next byte; none when it makes a pause. `is_new`: it is the first of a poll.
+    /// Returns the next byte, or `None` during a pause.
     pub fn next(&mut self) -> Option<u8> {
         if self.at == self.len {
             self.refill();
@@ -112,7 +113,7 @@ impl Sender {
         byte
     }
 
-    /// Whether nothing is to be sent in this poll.
+    /// Whether it sends nothing in this poll.
     pub fn is_quiet(&self, poll: u32) -> bool {
         match self.kind {
             Kind::Nothing => true,
@@ -122,13 +123,13 @@ impl Sender {
         }
     }
 
-    /// Whether it sends a frame at a time.
-    pub fn is_slow(&self) -> bool {
+    /// Whether it sends at most one frame per poll.
+    pub fn sends_single_frames(&self) -> bool {
         matches!(self.kind, Kind::Heartbeats | Kind::AllStreams)
     }
 
-    /// Whether what was to be sent of a frame, was sent.
-    pub fn is_between(&self) -> bool {
+    /// Whether the current frame was sent completely.
+    pub fn is_between_frames(&self) -> bool {
         self.at == self.len
     }
 
@@ -148,7 +149,7 @@ impl Sender {
         self.len = encode_signed(message, from, number as u8, &key, 0, time, &mut self.frame).unwrap_or(0);
     }
 
-    /// Another frame, or piece of none.
+    /// Generates the next frame or piece of noise.
     fn refill(&mut self) {
         (self.at, self.len) = (0, 0);
         self.number = self.number.wrapping_add(1);
@@ -189,7 +190,7 @@ impl Sender {
                 self.put(&set, crowd, byte);
             }
             Kind::ParamMiss => {
-                // Like names that there are, to the end.
+                // Names that differ from existing ones in the last character only.
                 let names = ["SIM_HANH", "MAV_SYS_IE", "ZZZ_NOT_THERE_ZZ", "MAV_HL_LOSS_TT"];
                 let param_id = Text::new(names[n as usize % 4]);
                 let read = ParamRequestRead { param_index: -1, target_system, target_component, param_id };
@@ -215,7 +216,7 @@ impl Sender {
             Kind::TimeFlood => match n % 3 {
                 0 => self.put(&Timesync { ts1: i64::from(some), ..Default::default() }, crowd, byte),
                 1 => self.put(&Ping { time_usec: some.into(), seq: n, ..Default::default() }, crowd, byte),
-                // Whoever is new has rebooted each time.
+                // A random boot time: every sender seems to have rebooted.
                 _ => self.put(&SystemTime { time_unix_usec: 1 << 50, time_boot_ms: some }, crowd, byte),
             },
             Kind::StreamRequests => {
@@ -292,7 +293,7 @@ impl Sender {
         self.put(&item, GCS, n as u8);
     }
 
-    /// COUNT, then the items in order, without waiting to be asked for them.
+    /// Sends MISSION_COUNT, then the items in order, without waiting for requests.
     fn upload(&mut self, n: u32) {
         let is_fence = self.kind == Kind::FenceUpload;
         let (items, mission_type) =
@@ -332,7 +333,7 @@ impl Sender {
         self.len = len;
     }
 
-    /// A frame of the largest size with a wrong checksum, and `piece` all through it.
+    /// A frame of the maximum length with a wrong checksum, filled with `piece`.
     fn nest(&mut self, piece: &[u8]) {
         self.repeat(piece, MAX_FRAME_LEN - 13);
         // ENCAPSULATED_DATA.

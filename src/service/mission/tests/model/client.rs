@@ -4,24 +4,24 @@ use super::{Msg, Op};
 use crate::dialect::MavMissionResult;
 use crate::time::{Duration, Instant};
 
-/// So long it waits before it repeats something, or counts a wait.
+/// Time before it repeats a message, or counts a try.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
-/// How often it sends or waits before it gives up. MAVSDK tries five times; less is enough to outlive the faults of the
-/// model, and each try more multiplies the states.
+/// Number of tries before it gives up. MAVSDK tries five times; three outlive the faults of the model, and each further try
+/// multiplies the states.
 const TRIES: u8 = 3;
 
-/// It knows that the vehicle gives an upload up after 6 s at most; by then no frame of it is on the line any more either.
+/// It knows that the vehicle abandons an upload after 6 s at most; by then no frame of it is in transit.
 const PATIENCE: Duration = Duration::from_secs(8);
 
-/// When it begins the next of its tasks.
+/// When the client begins its next task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Manners {
-    /// When the vehicle's patience with the last one is over, whatever it was told, and no frame is on the line.
+    /// When the vehicle's timeout for the last task has passed, even if it got a result, and no frame is in transit.
     Patient,
-    /// When it was told how the last one ended, or the vehicle's patience is over, and no frame is on the line.
-    Told,
-    /// When it was told how the last one ended, or the vehicle's patience is over.
+    /// When it got the result of the last task, or the vehicle's timeout has passed, and no frame is in transit.
+    Result,
+    /// When it got the result of the last task, or the vehicle's timeout has passed.
     Prompt,
     /// At any time.
     Hasty,
@@ -29,10 +29,10 @@ pub(super) enum Manners {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Phase {
-    /// Does nothing before this moment.
+    /// Idle until this time.
     Resting(Instant),
     Uploading {
-        /// Items that were sent, as MAVSDK counts them: back again, when an earlier one is asked for.
+        /// Number of items sent, as MAVSDK counts them: a request for an earlier item sets it back.
         next: u16,
         is_asked: bool,
         tries: u8,
@@ -47,24 +47,24 @@ pub(super) enum Phase {
 /// A client with a list of tasks.
 #[derive(Clone, Debug)]
 pub(super) struct Client {
-    /// Tasks that it has begun; the last of them may be going on.
+    /// Number of tasks begun; the last one may be in progress.
     pub(super) begun: usize,
     pub(super) phase: Phase,
-    /// Whether the last task that it began was accepted, when it was told.
-    pub(super) told: Option<bool>,
+    /// The result of the last task, if it got one: whether it was accepted.
+    pub(super) result: Option<bool>,
     manners: Manners,
 }
 
 impl Client {
     pub(super) fn new(now: Instant, manners: Manners) -> Self {
-        Self { begun: 0, phase: Phase::Resting(now), told: None, manners }
+        Self { begun: 0, phase: Phase::Resting(now), result: None, manners }
     }
 
     pub(super) fn is_resting(&self) -> bool {
         matches!(self.phase, Phase::Resting(_))
     }
 
-    /// When it does something though nothing comes.
+    /// When its next timer is due.
     pub(super) fn due(&self) -> Option<Instant> {
         match self.phase {
             Phase::Resting(_) => None,
@@ -75,7 +75,7 @@ impl Client {
     /// Begins the next task.
     pub(super) fn begin(&mut self, now: Instant, op: Op) -> Msg {
         self.begun += 1;
-        self.told = None;
+        self.result = None;
         let due = now.after(TIMEOUT);
         self.phase = match op {
             Op::Upload(_) => Phase::Uploading { next: 0, is_asked: false, tries: 1, due },
@@ -91,7 +91,7 @@ impl Client {
         }
     }
 
-    /// Its time is up: what it repeats.
+    /// Runs the timer. Returns the message to repeat.
     pub(super) fn timeout(&mut self, now: Instant, op: Op) -> Option<Msg> {
         let request = self.request(op);
         let (Phase::Uploading { tries, due, .. } | Phase::Clearing { tries, due }) = &mut self.phase else {
@@ -110,7 +110,7 @@ impl Client {
         self.phase = Phase::Resting(now.after(PATIENCE));
     }
 
-    /// REQUEST comes: the item to send.
+    /// Handles a request. Returns the item to send.
     pub(super) fn on_request(&mut self, now: Instant, seq: u16, op: Op) -> Option<Msg> {
         let Phase::Uploading { next, is_asked, tries, due } = &mut self.phase else { return None };
         *is_asked = true;
@@ -134,17 +134,17 @@ impl Client {
         Some(Msg::Item { op: self.begun - 1, seq })
     }
 
-    /// MISSION_ACK comes.
+    /// Handles MISSION_ACK.
     pub(super) fn on_ack(&mut self, now: Instant, result: MavMissionResult, op: Op) {
         let is_complete = match (self.phase, op) {
             (Phase::Resting(_), _) => return,
             (Phase::Uploading { next, .. }, Op::Upload(len)) => next == len,
             _ => true,
         };
-        // ACCEPTED in the middle makes no sense: it knows nothing.
+        // ACCEPTED before the last item makes no sense: it is no result.
         let is_accepted = result == MavMissionResult::ACCEPTED;
-        self.told = (is_complete || !is_accepted).then_some(is_accepted);
-        if self.told.is_some() && self.manners != Manners::Patient {
+        self.result = (is_complete || !is_accepted).then_some(is_accepted);
+        if self.result.is_some() && self.manners != Manners::Patient {
             self.phase = Phase::Resting(now)
         } else {
             self.give_up(now)

@@ -1,4 +1,4 @@
-//! A state of the model: the engine, the client, the frames on the line, and what may still go wrong.
+//! A state of the model: the engine, the client, the frames in transit, and the faults that may still occur.
 
 use super::*;
 use core::fmt::{self, Debug, Write};
@@ -6,12 +6,12 @@ use std::collections::BTreeSet;
 use std::hash::DefaultHasher;
 use std::string::String;
 
-/// What a frame says.
+/// The content of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Msg {
     /// MISSION_COUNT.
     Count(u16),
-    /// MISSION_ITEM_INT of the upload that is this task.
+    /// MISSION_ITEM_INT of the upload of this task.
     Item { op: usize, seq: u16 },
     /// MISSION_CLEAR_ALL.
     Clear,
@@ -31,33 +31,33 @@ impl Msg {
     }
 }
 
-/// A frame on the line.
+/// A frame in transit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Flying {
+pub(super) struct InTransit {
     pub(super) msg: Msg,
     pub(super) sent: Instant,
-    /// The vehicle's have none: nobody looks at them.
+    /// `None` for frames of the vehicle, whose numbers do not matter.
     pub(super) number: Option<Number>,
     /// Others may overtake it.
-    pub(super) is_late: bool,
+    pub(super) is_delayed: bool,
 }
 
-/// All of it at one moment.
+/// A state of the model.
 #[derive(Clone)]
 pub(super) struct State {
     pub(super) bench: Bench,
     pub(super) client: Client,
-    /// In the order in which they were sent.
-    pub(super) line: Vec<Flying>,
+    /// The frames in transit, in the order of sending.
+    pub(super) in_transit: Vec<InTransit>,
     /// The sequence number of the client's last frame.
     pub(super) number: u8,
     /// Whether the client numbers its frames.
     pub(super) is_counting: bool,
-    /// What may still go wrong.
+    /// Number of faults that may still occur.
     pub(super) faults: u8,
-    /// What storage holds, where there is one.
+    /// The content of storage, if it is attached.
     pub(super) stored: Vec<Item>,
-    /// What tells this state from others.
+    /// The hash that identifies this state.
     pub(super) key: u64,
 }
 
@@ -70,41 +70,41 @@ impl State {
         self.bench.live(PlanType::Mission).0
     }
 
-    /// When the engine does something though nothing comes. MISSION_CURRENT is no part of the model.
+    /// When the engine's next timer is due. MISSION_CURRENT is not part of the model.
     pub(super) fn engine_due(&self) -> Option<Instant> {
         let missions = &self.bench.missions;
         let upload = missions.upload.as_ref().map(Upload::deadline);
         let commit = missions.commit.as_ref().map(|_| missions.commit_deadline());
-        let again = missions.again.as_ref().map(|(at, ..)| *at);
-        [upload, commit, again].into_iter().flatten().min()
+        let second_answer = missions.second_answer.as_ref().map(|(at, ..)| *at);
+        [upload, commit, second_answer].into_iter().flatten().min()
     }
 
-    /// Whether the engine is at rest.
+    /// Whether the engine is idle.
     pub(super) fn is_idle(&self) -> bool {
         let missions = &self.bench.missions;
-        missions.upload.is_none() && missions.commit.is_none() && missions.again.is_none()
+        missions.upload.is_none() && missions.commit.is_none() && missions.second_answer.is_none()
     }
 
-    pub(super) fn fly(&mut self, msg: Msg) {
+    pub(super) fn send(&mut self, msg: Msg) {
         let sent = self.now();
         self.number = self.number.wrapping_add(u8::from(self.is_counting && msg.is_to_vehicle()));
         let number = msg.is_to_vehicle().then_some(Number(A.link, self.number));
-        self.line.push(Flying { msg, sent, number, is_late: false });
+        self.in_transit.push(InTransit { msg, sent, number, is_delayed: false });
     }
 
-    pub(super) fn remove(&mut self, flying: Flying) {
-        let at = self.line.iter().position(|other| *other == flying).expect("it is on the line");
-        self.line.remove(at);
+    pub(super) fn remove(&mut self, frame: InTransit) {
+        let at = self.in_transit.iter().position(|other| *other == frame).expect("it is in transit");
+        self.in_transit.remove(at);
     }
 
-    /// Time goes by. Frames that were late for too long are lost.
+    /// Advances the time. Frames that are delayed for too long are lost.
     pub(super) fn wait_until(&mut self, at: Instant) {
         self.bench.now = at.max(self.bench.now);
-        self.line.retain(|flying| at.since(flying.sent) <= LIFETIME);
+        self.in_transit.retain(|frame| at.since(frame.sent) <= LIFETIME);
     }
 
-    /// A frame arrives.
-    pub(super) fn arrive(&mut self, Flying { msg, number, .. }: Flying, op: Option<Op>) {
+    /// Delivers a frame.
+    pub(super) fn deliver(&mut self, InTransit { msg, number, .. }: InTransit, op: Option<Op>) {
         self.bench.number = number.map_or(0, |number| number.1);
         match msg {
             Msg::Count(len) => self.bench.send(A, &count(MISSION, len.into())),
@@ -113,12 +113,12 @@ impl State {
             Msg::Nack => self.bench.send(A, &ack(MISSION, UNSUPPORTED)),
             Msg::OldRequest => {
                 if matches!(self.client.phase, Phase::Uploading { .. }) {
-                    self.fly(Msg::Nack);
+                    self.send(Msg::Nack);
                 }
             }
             Msg::Request(seq) => {
                 let reply = op.and_then(|op| self.client.on_request(self.now(), seq, op));
-                reply.into_iter().for_each(|msg| self.fly(msg));
+                reply.into_iter().for_each(|msg| self.send(msg));
             }
             Msg::Ack(result) => {
                 let result = MavMissionResult(result);
@@ -129,12 +129,12 @@ impl State {
         self.after();
     }
 
-    /// What the engine owes goes on the line.
+    /// Sends the pending messages of the engine.
     pub(super) fn after(&mut self) {
         self.bench.vehicle.changes.clear();
         self.bench.vehicle.asked.clear();
         for (_, _, out) in self.bench.drain() {
-            self.fly(match out {
+            self.send(match out {
                 Out::Ask(seq) => Msg::Request(seq),
                 Out::AskLegacy(_) => Msg::OldRequest,
                 Out::Ack(result, _) => Msg::Ack(result.0),
@@ -143,25 +143,25 @@ impl State {
         }
     }
 
-    /// Takes note of all that anybody's future depends on, times as they are from now; of sequence numbers their order. That
-    /// leaves out counters and texts, downloads and MISSION_CURRENT, and the ids of plans, which follow from their items.
-    pub(super) fn note(&mut self) {
-        let Missions { upload, commit, saving, done, again, .. } = &self.bench.missions;
-        let mut text = std::format!("{upload:?}{commit:?}{saving:?}{done:?}{again:?}{:?}", self.bench.replies);
-        let mut line = self.line.clone();
-        line.sort_by_key(|flying| {
-            flying.is_late.then_some((flying.sent, flying.msg, flying.number.map(|number| number.1)))
+    /// Hashes everything that the future depends on: times relative to now, and the order of sequence numbers. Not included are
+    /// counters, texts, downloads, MISSION_CURRENT, and the ids of plans, which follow from their items.
+    pub(super) fn rehash(&mut self) {
+        let Missions { upload, commit, saving, done, second_answer, .. } = &self.bench.missions;
+        let mut text = std::format!("{upload:?}{commit:?}{saving:?}{done:?}{second_answer:?}{:?}", self.bench.replies);
+        let mut frames = self.in_transit.clone();
+        frames.sort_by_key(|frame| {
+            frame.is_delayed.then_some((frame.sent, frame.msg, frame.number.map(|number| number.1)))
         });
         let mut memory = self.bench.memory.clone();
-        let staged = memory.parts(&mut Missions::new()).map(|(_, plans)| names(plans.staging.as_slice()));
+        let staged = memory.view().map(|plans| names(plans.staging.as_slice()));
         let plans = (names(self.live()), names(&self.stored), staged);
-        // The ranks of the numbers do not show which of them the upload counts as its own COUNTs.
-        let is_own = |flying: &Flying| {
+        // The order of the numbers does not show which of them belong to the upload's COUNTs.
+        let is_own = |frame: &InTransit| {
             let counts = self.bench.missions.upload.as_ref().map(|upload| upload.counts);
-            counts.zip(flying.number).is_some_and(|(counts, number)| counts.contains(number.1))
+            counts.zip(frame.number).is_some_and(|(counts, number)| counts.contains(number.1))
         };
-        let own: Vec<bool> = line.iter().map(is_own).collect();
-        write!(text, "{:?}{line:?}{own:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
+        let own: Vec<bool> = frames.iter().map(is_own).collect();
+        write!(text, "{:?}{frames:?}{own:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
         let mut hasher = DefaultHasher::new();
         ranked(&relative(&text, self.now()), self.number).hash(&mut hasher);
         self.key = hasher.finish();
@@ -180,13 +180,13 @@ impl Hash for State {
     }
 }
 
-/// What tells the model's items apart: tag and number.
+/// Returns what identifies the model's items: tag and sequence number.
 fn names(items: &[Item]) -> Vec<(f32, i32)> {
     items.iter().map(|item| (item.params[0], item.x - super::item(0, 0).x)).collect()
 }
 
-/// `text` with each instant as its distance from now (µs). What is longer ago than anything is remembered is equally long
-/// ago.
+/// Returns `text` with each instant replaced by its distance from now (µs). Instants that are older than any timeout become
+/// equal.
 fn relative(text: &str, now: Instant) -> String {
     const FORGOTTEN: i64 = -30_000_000;
     let mut parts = text.split("Instant(");
@@ -200,14 +200,14 @@ fn relative(text: &str, now: Instant) -> String {
     key
 }
 
-/// `text` with each sequence number as its place in the order of those that are there, from `newest` on.
+/// Returns `text` with each sequence number replaced by its rank, counted from `newest`.
 fn ranked(text: &str, newest: u8) -> String {
     let mut parts = text.split("Number(");
     let mut key = String::from(parts.next().unwrap_or_default());
     let parts = parts.map(|part| {
         let (link, rest) = part.split_once("), ").expect("a number follows the link");
         let (number, rest) = rest.split_once(')').expect("a number ends");
-        let age = newest.wrapping_sub(number.parse().expect("a number is one"));
+        let age = newest.wrapping_sub(number.parse().expect("a number is digits"));
         (link, age, rest)
     });
     let ages: BTreeSet<u8> = parts.clone().map(|(_, age, _)| age).collect();

@@ -1,0 +1,67 @@
+//! The guides, as pages of this documentation. These modules are empty, and exist here only.
+//!
+//! | guide | |
+//! |---|---|
+//! | [`porting`] | from a board to a vehicle that a ground station finds: UARTs, clock, pulse, flash |
+//! | [`ground_stations`] | connecting to the demo vehicle; peculiarities of each client |
+//! | [`features`] | what is supported, service by service |
+//! | [`sizing`] | flash and RAM, option by option |
+//! | [`figures`] | aims and results: speed, work, stack, bad lines, coverage |
+//! | [`architecture`] | on one page |
+//! | [`safety`] | what is shown and how, what your firmware must do, what is not claimed |
+//! | [`conformance`] | each rule of behaviour: where it is implemented, which tests prove it |
+//! | [`coming_from`] | rust-mavlink, mavio, the C library: what you wrote there, what you write here |
+
+/// Where a guide's links lead in this documentation. The files define the same labels, at their end, as relative paths. Of two
+/// definitions Markdown takes the first, so these come before the file.
+macro_rules! labels {
+    () => {
+        "\
+[architecture]: crate::guides::architecture
+[coming-from]: crate::guides::coming_from
+[conformance]: crate::guides::conformance
+[features]: crate::guides::features
+[figures]: crate::guides::figures
+[ground-stations]: crate::guides::ground_stations
+[porting]: crate::guides::porting
+[safety]: crate::guides::safety
+[sizing]: crate::guides::sizing
+"
+    };
+}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/architecture.md")]
+pub mod architecture {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/coming-from.md")]
+pub mod coming_from {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/conformance.md")]
+pub mod conformance {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/features.md")]
+pub mod features {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/figures.md")]
+pub mod figures {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/ground-stations.md")]
+pub mod ground_stations {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/porting.md")]
+pub mod porting {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/safety.md")]
+pub mod safety {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/sizing.md")]
+pub mod sizing {}

@@ -1,0 +1,62 @@
+//! PLAY_TUNE, counted: the example of a service, which the recipe in CONTRIBUTING.md refers to. Only unit tests compile it.
+//!
+//! Implements <https://mavlink.io/en/messages/common.html#PLAY_TUNE> as far as an example needs it: a received tune is not
+//! played. It is counted, and the link on which it was received sends the count in a NAMED_VALUE_INT. Tunes that are received
+//! before the link has room share one answer.
+
+use super::{Cx, Handled, Received, Service, Turn, View, count};
+use crate::dialect::{NamedValueInt, PlayTune};
+use crate::link::Port;
+use crate::message::{Message, Text};
+use crate::time::Instant;
+use crate::types::Firmware;
+
+/// Counts the tunes that peers send.
+#[derive(Clone, Debug)]
+pub struct Tunes {
+    received: u32,
+}
+
+impl Tunes {
+    /// Returns the number of received tunes. Wraps.
+    pub const fn received(&self) -> u32 {
+        self.received
+    }
+}
+
+/// The state of the service on a link.
+#[derive(Clone, Copy, Debug)]
+pub struct TuneLink {
+    is_answer_pending: bool,
+}
+
+impl<F: Firmware> Service<F> for Tunes {
+    const NEW: Self = Self { received: 0 };
+    type Link = TuneLink;
+    const VACANT: TuneLink = TuneLink { is_answer_pending: false };
+
+    /// Receiving changes state and sends nothing.
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut TuneLink, received: &Received<'_>) -> Handled {
+        if received.frame.id() != PlayTune::ID {
+            return Handled::No;
+        }
+        count(&mut self.received);
+        link.is_answer_pending = true;
+        Handled::Yes
+    }
+
+    /// Sends the answer, which is built when the link has room for it.
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, _: Turn) -> bool {
+        let [a, b, c, d, ..] = cx.now.as_millis().to_le_bytes();
+        core::mem::take(&mut link.is_answer_pending)
+            && port.outbox.send(&NamedValueInt {
+                time_boot_ms: u32::from_le_bytes([a, b, c, d]),
+                value: self.received.cast_signed(),
+                name: Text::new("TUNES"),
+            })
+    }
+
+    fn due(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Instant {
+        if link.is_answer_pending { view.now } else { Instant::NEVER }
+    }
+}

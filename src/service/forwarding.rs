@@ -1,0 +1,139 @@
+//! Forwarding: frames for peers on other links.
+//!
+//! The queues, and the memory for duplicate detection, are in `network`: see [`ForwardQueues`].
+
+use super::gate::ForwardingGate;
+use super::{Cx, Service, Turn, View};
+use crate::frame::Frame;
+use crate::link::Port;
+#[cfg(feature = "defmt")]
+use crate::network::ForwardCounters;
+use crate::network::{self, Booking, ForwardQueues, Passage};
+use crate::time::Instant;
+#[cfg(feature = "defmt")]
+use crate::types::LinkId;
+use crate::types::{Firmware, LinkMask, Peer};
+
+/// Forwards frames between the links. Declared by `forwarding` in [`stack!`](crate::stack).
+#[derive(Debug)]
+pub struct Forwarding<const LINKS: usize, const BYTES: usize, const SEEN: usize> {
+    pub(crate) queues: ForwardQueues<LINKS, BYTES, SEEN>,
+    /// Links with frames in their queues.
+    queued: LinkMask,
+}
+
+impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Service<F>
+    for Forwarding<LINKS, BYTES, SEEN>
+{
+    const NEW: Self = Self { queues: ForwardQueues::new(), queued: LinkMask::NONE };
+    type Link = ();
+    const VACANT: () = ();
+
+    /// Sends the next frame of the link's queue.
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
+        if !self.is_turn(port, turn) {
+            return false;
+        }
+        let mut queues = self.queues.forwarding();
+        let sent = queues.next(cx.now, &mut port.outbox);
+        if queues.is_empty(port.id) {
+            self.queued = self.queued.without(LinkMask::of(port.id));
+        }
+        port.has_streamed &= !sent;
+        sent
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops_on(&self, link: LinkId) -> u32 {
+        self.queues.counters(link).map_or(0, |counters| drops(&counters))
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops_on(&self, link: LinkId) {
+        if let Some(counters) = self.queues.counters(link).filter(|counters| drops(counters) != 0) {
+            event!("link {=u8}: {}", link.0, counters);
+        }
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
+        if self.is_turn(port, turn) { view.now } else { Instant::NEVER }
+    }
+}
+
+impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Forwarding<LINKS, BYTES, SEEN> {
+    /// Whether a frame of the link's queue may be sent in this turn.
+    fn is_turn(&self, port: &Port, turn: Turn) -> bool {
+        self.queued.contains(LinkMask::of(port.id)) && (port.has_streamed || turn != Turn::ForwardedFirst)
+    }
+}
+
+impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardingGate<F>
+    for Forwarding<LINKS, BYTES, SEEN>
+{
+    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage {
+        let target = network::target_of(frame);
+        if !port.config.forwards || target == cx.shared.config.address.get() {
+            return Passage::Stays;
+        }
+        let from = Peer { address: frame.source(), link: port.id };
+        let is_way = || target.system.0 == 0 && network::is_heard(cx.peers, from);
+        self.queues.forwarding().examine(cx.now, port, frame, is_accepted, is_way)
+    }
+
+    fn pass_on(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &Port,
+        frame: &Frame<'_>,
+        passage: Passage,
+        booking: Option<Booking>,
+        has_key: bool,
+    ) -> u32 {
+        let mut queues = self.queues.forwarding();
+        let from = Peer { address: frame.source(), link: port.id };
+        if booking.is_some() {
+            network::forget_rebooted(cx.peers, from, frame);
+        }
+        let Passage::Goes(ticket) = passage else { return 0 };
+        let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
+        let target = network::target_of(frame);
+        // A broadcast needs no route back for an answer.
+        if booking == Some(Booking::NoRoom) && target.system.0 != 0 {
+            queues.count(port.id, |counters| &mut counters.no_peer_slot);
+            return len;
+        }
+        let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target);
+        let own = cx.shared.config.address.get();
+        let is_ours_too = target.system == own.system && target.component.0 == 0;
+        if routes.to.is_empty() && !is_ours_too {
+            queues.count(port.id, |counters| &mut counters.no_route);
+        }
+        let queued = queues.pass_on(cx.now, port.id, frame, &ticket, routes, has_key);
+        self.queued = self.queued.with(queued);
+        len.saturating_mul(queued.len().saturating_add(1))
+    }
+
+    fn prepare(&mut self, port: &Port) {
+        self.queues.forwarding().open(port);
+    }
+}
+
+/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
+/// decided here whether it counts drops.
+#[cfg(feature = "defmt")]
+fn drops(counters: &ForwardCounters) -> u32 {
+    let ForwardCounters {
+        sent: _,
+        queue_full,
+        stale,
+        needs_v2,
+        // Not a drop: the other side has the frame. Redundant links count each heartbeat here.
+        source_heard: _,
+        not_accepted,
+        duplicates,
+        no_route,
+        no_peer_slot,
+        not_remembered,
+    } = *counters;
+    super::sum([queue_full, stale, needs_v2, not_accepted, duplicates, no_route, no_peer_slot, not_remembered])
+}

@@ -1,0 +1,169 @@
+//! Gates: they examine each received frame before the services see it, and sign each frame before it is sent.
+
+use super::{Cx, Handled, Received, Service, count};
+use crate::dialect::SetupSigning;
+use crate::frame::{Decoder, Frame};
+use crate::link::Port;
+use crate::message::Message;
+use crate::network::{Booking, Passage};
+use crate::time::{Duration, Instant};
+use crate::types::{Firmware, SignedAt};
+
+/// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
+pub trait SigningGate<L> {
+    /// Whether a frame is accepted on its link. Called once for each frame, before the frame has any effect.
+    fn admits(&mut self, now: Instant, port: &mut Port, link: &mut L, frame: &Frame<'_>) -> bool;
+
+    /// Whether the sender of an accepted frame is verified. A frame that was accepted as an exception, or to set the
+    /// first key, may come from anyone.
+    fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool;
+
+    /// Whether an unsigned frame with this id is accepted on this link.
+    fn believes_unsigned(&self, port: &Port, id: u32) -> bool;
+
+    /// Returns how long ago an accepted frame was signed; `None` if its signature was not verified.
+    fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration>;
+
+    /// Returns when an accepted frame was signed, by its sender's clock; `None` if its signature was not verified.
+    fn signed_at(&self, frame: &Frame<'_>) -> SignedAt;
+
+    /// Returns the cost of [`admits`](Self::admits) for a frame, in cost units.
+    fn cost(&self, frame: &Frame<'_>) -> u32;
+
+    /// Whether there is a key.
+    fn has_key(&self) -> bool;
+
+    /// Whether the signature of a frame with an unknown id is correct, so that it is an intact frame (SEC-5). The frame
+    /// may still be refused. The cost is subtracted from `work`.
+    fn vouches_for(&self, raw: &[u8], work: &mut u32) -> bool;
+
+    /// Selects signing for the next frame, if the link signs and there are a key and a timestamp. The frame is then
+    /// MAVLink 2 (V-3).
+    fn prepare(&mut self, now: Instant, port: &mut Port);
+
+    /// Signs the frame that is about to be sent, if it needs a signature: a new frame, or one that is sent again from
+    /// its start (G-4). Without a key or a timestamp, the frame is dropped.
+    fn sign(&mut self, now: Instant, port: &mut Port);
+
+    /// Called after a frame with this id was handled. Overwrites a key that the frame contained in the decoder's
+    /// buffer.
+    fn wipe(&self, id: u32, decoder: &mut Decoder);
+}
+
+/// Examines received frames, and queues those that are forwarded.
+pub trait ForwardingGate<F: Firmware>: Service<F> {
+    /// Decides whether a frame is to be forwarded, accepted or not, before anything is learned from it.
+    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage;
+
+    /// Queues an examined frame for the links of its routes. `booking` is the result of recording its sender in the
+    /// peer table; `None` if nothing may be learned from the frame. Returns the cost, in cost units.
+    fn pass_on(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &Port,
+        frame: &Frame<'_>,
+        passage: Passage,
+        booking: Option<Booking>,
+        has_key: bool,
+    ) -> u32;
+
+    /// Updates the link's queue to the link's configuration and version.
+    fn prepare(&mut self, port: &Port);
+}
+
+/// A service that the firmware did not declare.
+#[derive(Clone, Copy, Debug)]
+pub struct Absent;
+
+impl<F: Firmware> Service<F> for Absent {
+    const NEW: Self = Self;
+    type Link = ();
+    const VACANT: () = ();
+}
+
+/// Without signing, every frame counts as unsigned, and only open links accept frames.
+impl SigningGate<()> for WithoutSigning {
+    fn admits(&mut self, _: Instant, port: &mut Port, (): &mut (), _: &Frame<'_>) -> bool {
+        let is_open = is_open(port);
+        if !is_open {
+            count(&mut port.counters.out_of_place);
+        }
+        is_open
+    }
+
+    fn knows_sender(&self, port: &Port, _: &Frame<'_>) -> bool {
+        is_open(port)
+    }
+
+    fn believes_unsigned(&self, port: &Port, _: u32) -> bool {
+        is_open(port)
+    }
+
+    fn age(&self, _: Instant, _: &Frame<'_>) -> Option<Duration> {
+        None
+    }
+
+    fn signed_at(&self, _: &Frame<'_>) -> SignedAt {
+        None
+    }
+
+    fn cost(&self, _: &Frame<'_>) -> u32 {
+        0
+    }
+
+    fn has_key(&self) -> bool {
+        false
+    }
+
+    fn vouches_for(&self, _: &[u8], _: &mut u32) -> bool {
+        false
+    }
+
+    fn prepare(&mut self, _: Instant, _: &mut Port) {}
+
+    fn sign(&mut self, _: Instant, _: &mut Port) {}
+
+    fn wipe(&self, _: u32, _: &mut Decoder) {}
+}
+
+/// The signing gate of a stack that does not declare `signing`.
+#[derive(Clone, Copy, Debug)]
+pub struct WithoutSigning;
+
+impl<F: Firmware> Service<F> for WithoutSigning {
+    const NEW: Self = Self;
+    type Link = ();
+    const VACANT: () = ();
+
+    /// Drops SETUP_SIGNING: it contains a key, which the vehicle's hook for messages must not see (G-11).
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        if received.frame.id() == SetupSigning::ID { Handled::OutOfPlace } else { Handled::No }
+    }
+}
+
+#[cfg_attr(
+    not(feature = "signing"),
+    allow(clippy::missing_const_for_fn, reason = "without signing, all links are open")
+)]
+fn is_open(port: &Port) -> bool {
+    #[cfg(feature = "signing")]
+    return matches!(port.config.signing.accept, crate::types::Accept::Open);
+    #[cfg(not(feature = "signing"))]
+    {
+        let _ = port;
+        true
+    }
+}
+
+/// Without forwarding, every frame is handled locally only.
+impl<F: Firmware> ForwardingGate<F> for Absent {
+    fn examine(&mut self, _: &Cx<'_, F>, _: &Port, _: &Frame<'_>, _: bool) -> Passage {
+        Passage::Stays
+    }
+
+    fn pass_on(&mut self, _: &mut Cx<'_, F>, _: &Port, _: &Frame<'_>, _: Passage, _: Option<Booking>, _: bool) -> u32 {
+        0
+    }
+
+    fn prepare(&mut self, _: &Port) {}
+}

@@ -1,0 +1,201 @@
+//! PING and TIMESYNC: round-trip times, and the offset between two clocks.
+//!
+//! Implements <https://mavlink.io/en/services/ping.html> and <https://mavlink.io/en/services/timesync.html>, rules T-1
+//! and T-2. Each request is answered to its sender. A message that is neither a request nor the answer to one of ours
+//! is dropped, or two components would answer each other for ever. High-latency links do not carry these messages
+//! (T-3).
+
+mod filter;
+mod wall_clock;
+
+pub use filter::ClockFilter;
+pub use wall_clock::WallClock;
+
+use super::{Cx, Handled, Received, Service, Turn, View};
+use crate::dialect::{Ping, Timesync};
+use crate::frame::Frame;
+use crate::link::{Outbox, Port};
+use crate::message::Address;
+use crate::time::Instant;
+use crate::types::{Firmware, LinkId, LinkMask, Peer};
+
+/// Requests that can be pending on a link.
+const REQUESTS: usize = 2;
+
+/// The state of the service on a link: initially zero bits.
+#[derive(Clone, Copy, Debug)]
+pub struct TimeLink {
+    requests: [TimeRequest; REQUESTS],
+    /// TIMESYNC.ts1 of the vehicle's own last request (ns); 0 before the first.
+    asked: i64,
+}
+
+/// A peer's pending request.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct TimeRequest {
+    kind: Kind,
+    from: Address,
+    seq: u32,
+    /// The sender's clock: PING.time_usec, or TIMESYNC.ts1.
+    time: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Kind {
+    None,
+    Ping,
+    Timesync,
+}
+
+/// A measurement of a peer's clock against ours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TimeSample {
+    /// The peer whose clock was measured.
+    pub from: Peer,
+    /// When the answer was received, by our clock.
+    pub at: Instant,
+    /// How far the peer's clock is ahead of ours (ns), if the request took as long as the answer. The error is at most
+    /// half of [`round_trip_ns`](Self::round_trip_ns).
+    pub offset_ns: i64,
+    /// The time from the request to the answer (ns). The shorter it is, the better is the sample.
+    pub round_trip_ns: i64,
+}
+
+/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`stack!`](crate::stack). A vehicle
+/// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
+///
+/// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
+/// ([`LinkCounters::no_answer_slot`](crate::LinkCounters::no_answer_slot)).
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// mavstack::stack! {
+///     struct Mavlink for Rover { links: 2, time }
+/// }
+///
+/// /// Called about once a second by the flight loop.
+/// fn ask(stack: &mut Mavlink) {
+///     stack.ask_time(LinkId(1));
+///     if let Some(sample) = stack.take_time_sample() {
+///         let _ = (sample.offset_ns, sample.round_trip_ns);
+///     }
+/// }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Time {
+    sample: Option<TimeSample>,
+    /// Links on which a request of the vehicle's own is to be sent.
+    asks: LinkMask,
+}
+
+impl Time {
+    /// Sends a TIMESYNC request on `link` to every peer there, except on a high-latency link (T-2, T-3).
+    pub(crate) fn ask(&mut self, link: LinkId) {
+        self.asks = self.asks.with(LinkMask::of(link));
+    }
+
+    /// Takes the newest sample.
+    pub(crate) fn take_sample(&mut self) -> Option<TimeSample> {
+        self.sample.take()
+    }
+
+    #[inline(never)]
+    fn receive(&mut self, now: Instant, link: &mut TimeLink, from: Peer, frame: &Frame<'_>) -> Handled {
+        let request = if let Some(ping) = frame.decode::<Ping>() {
+            // A PING with a target is an answer (T-1).
+            let is_request = ping.target_system == 0 && ping.target_component == 0;
+            is_request.then_some(TimeRequest {
+                kind: Kind::Ping,
+                from: from.address,
+                seq: ping.seq,
+                time: ping.time_usec,
+            })
+        } else if let Some(sync) = frame.decode::<Timesync>() {
+            if sync.tc1 != 0 {
+                self.on_answer(now, link, from, &sync);
+            }
+            let time = sync.ts1.cast_unsigned();
+            (sync.tc1 == 0).then_some(TimeRequest { kind: Kind::Timesync, from: from.address, seq: 0, time })
+        } else {
+            return Handled::No;
+        };
+        let Some(request) = request else { return Handled::Yes };
+        let Some(place) = link.requests.iter_mut().find(|place| place.kind == Kind::None) else {
+            return Handled::NoRoom;
+        };
+        *place = request;
+        Handled::Yes
+    }
+
+    /// Handles an answer. It answers our request if it contains the time at which we asked (T-2).
+    fn on_answer(&mut self, now: Instant, link: &TimeLink, from: Peer, sync: &Timesync) {
+        let asked = link.asked;
+        if asked == 0 || sync.ts1 != asked {
+            return;
+        }
+        let round_trip_ns = nanos(now).wrapping_sub(asked);
+        self.sample = Some(TimeSample {
+            from,
+            at: now,
+            offset_ns: sync.tc1.wrapping_sub(asked.wrapping_add(round_trip_ns / 2)),
+            round_trip_ns,
+        });
+    }
+
+    #[inline(never)]
+    fn send(&mut self, now: Instant, link: &mut TimeLink, tx: &mut Outbox) -> bool {
+        if let Some(request) = link.requests.iter_mut().find(|request| request.kind != Kind::None) {
+            let TimeRequest { kind, from, seq, time } = *request;
+            request.kind = Kind::None;
+            let (target_system, target_component) = (from.system.0, from.component.0);
+            return match kind {
+                Kind::Ping => tx.send(&Ping { time_usec: time, seq, target_system, target_component }),
+                _ => tx.send(&Timesync { tc1: nanos(now), ts1: time.cast_signed(), target_system, target_component }),
+            };
+        }
+        let mask = LinkMask::of(tx.link());
+        if !self.asks.contains(mask) {
+            return false;
+        }
+        self.asks = self.asks.without(mask);
+        link.asked = nanos(now);
+        tx.send(&Timesync { tc1: 0, ts1: link.asked, target_system: 0, target_component: 0 })
+    }
+}
+
+/// Returns the nanoseconds since boot, which last 292 years. It is never 0, which would make an answer a request.
+fn nanos(now: Instant) -> i64 {
+    now.as_micros().wrapping_mul(1_000).cast_signed().max(1)
+}
+
+impl<F: Firmware> Service<F> for Time {
+    const NEW: Self = Self { sample: None, asks: LinkMask::NONE };
+    type Link = TimeLink;
+    const VACANT: TimeLink = TimeLink {
+        requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
+        asked: 0,
+    };
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {
+        self.receive(cx.now, link, received.from, received.frame)
+    }
+
+    /// Sends an answer, or a request of the vehicle's own: at once, because it measures time.
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TimeLink, _: Turn) -> bool {
+        self.send(cx.now, link, &mut port.outbox)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Instant {
+        let is_pending =
+            self.asks.contains(LinkMask::of(port.id)) || link.requests.iter().any(|request| request.kind != Kind::None);
+        if is_pending { view.now } else { Instant::NEVER }
+    }
+}

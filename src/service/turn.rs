@@ -1,0 +1,124 @@
+//! The order in which the services send on a link.
+//!
+//! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
+//! test of D-4 derive from it.
+
+use crate::link::Pace;
+use crate::types::LinkClass;
+
+/// Passes the ordered list of turns to a macro. Each turn has its service, its pace, the class of link that has it, the
+/// messages that it sends, and a description of when it sends. The last line is the example's, which only unit tests
+/// compile.
+macro_rules! turns {
+    ($callback:ident) => {
+        $crate::service::turns! {
+            $callback:
+            Heartbeat heartbeat AtOnce Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
+            CommandAck command AtOnce Every "COMMAND_ACK" "at once; IN_PROGRESS while the link has room";
+            MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
+            SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
+            Time time AtOnce Normal "PING, TIMESYNC" "at once: they measure time";
+            HighLatency high_latency AtOnce HighLatency "HIGH_LATENCY2" "at once";
+            MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
+            ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
+            Text statustext Room Normal "STATUSTEXT" "while the link has room";
+            Identity identity Room Normal "AUTOPILOT_VERSION, PROTOCOL_VERSION" "while the link has room";
+            Request stream Room Normal "MESSAGE_INTERVAL, the vehicle's messages on request" "while the link has room";
+            CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
+            MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
+            ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
+            LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
+            ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
+            Stream stream Idle Normal "streams" "while the link is idle";
+            Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
+            ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
+            #[cfg(test)]
+            Example example Room Normal "NAMED_VALUE_INT" "while the link has room";
+        }
+    };
+    ($callback:ident: $($a:ident $b:ident $c:ident $d:ident $e:literal $f:literal;)* #[cfg(test)] $($example:tt)*) => {
+        #[cfg(not(test))]
+        $callback! { $($a $b $c $d $e $f;)* }
+        #[cfg(test)]
+        $callback! { $($a $b $c $d $e $f;)* $($example)* }
+    };
+}
+pub(crate) use turns;
+
+macro_rules! define {
+    ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
+        /// A place in the sending order of a link (D-4). When a link can take a frame, the first turn with something to
+        /// send sends one.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Turn { $(
+            #[doc = concat!($messages, ": ", $when)]
+            $turn,
+        )* }
+
+        impl Turn {
+            /// Returns how busy the link may be.
+            pub(crate) const fn pace(self) -> Pace {
+                match self { $(Self::$turn => Pace::$pace,)* }
+            }
+
+            /// Whether a link of this class has this turn.
+            pub(crate) const fn is_on(self, class: LinkClass) -> bool {
+                let on = match self { $(Self::$turn => On::$class,)* };
+                match on {
+                    On::Normal => !class.is_high_latency(),
+                    On::HighLatency => class.is_high_latency(),
+                    On::Every => true,
+                }
+            }
+        }
+
+        /// The order as a table of text: turn, service, messages, when. `docs/architecture.md` shows it. The example is
+        /// left out.
+        #[cfg(test)]
+        pub(crate) const TABLE: &[(Turn, &str, &str, &str)] = {
+            let rows: &[_] = &[$((Turn::$turn, stringify!($service), $messages, $when)),*];
+            match rows {
+                [table @ .., (Turn::Example, ..)] => table,
+                _ => rows,
+            }
+        };
+    };
+}
+
+/// The classes of links that have a turn.
+enum On {
+    Normal,
+    HighLatency,
+    Every,
+}
+
+turns!(define);
+
+#[cfg(test)]
+mod tests {
+    use std::format;
+    use std::string::String;
+
+    use super::*;
+
+    /// The guide shows the order as it is.
+    #[test]
+    fn the_page_shows_the_turns() {
+        let links = |turn: Turn| match [LinkClass::Normal, LinkClass::HighLatency].map(|class| turn.is_on(class)) {
+            [true, true] => "all",
+            [true, false] => "normal",
+            _ => "high-latency",
+        };
+        let mut table = String::from("| | turn | service | messages | links | when |\n|---|---|---|---|---|---|\n");
+        for (number, (turn, service, messages, when)) in (1..).zip(TABLE) {
+            table += &format!("| {number} | `{turn:?}` | `{service}` | {messages} | {} | {when} |\n", links(*turn));
+        }
+        let page = include_str!("../../docs/architecture.md");
+        let (_, behind) = page.split_once("<!-- turns -->\n").expect("the page has a place for the table");
+        let (shown, _) = behind.split_once("<!-- end of turns -->").expect("the place has an end");
+        assert!(
+            shown.trim() == table.trim(),
+            "docs/architecture.md shows another order than `turns!`: put these rows between its markers\n\n{table}"
+        );
+    }
+}

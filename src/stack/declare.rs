@@ -1,0 +1,357 @@
+//! The declaration of a stack.
+
+use crate::network::{PeerInfo, Peers};
+use crate::service::command::{CommandStore, Commands};
+use crate::service::param::ParamMemory;
+use crate::service::{ForwardingGate, Service, SigningGate};
+use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
+
+/// The services of a firmware, and their memory. [`stack!`](crate::stack) implements it.
+#[doc(hidden)]
+pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
+    type Peers: PeerMemory;
+    type Texts: TextMemory;
+    type Commands: CommandStore;
+    type Mission: Service<Self>;
+    type Param: Service<Self>;
+    type Stream: Service<Self>;
+    type Mode: Service<Self>;
+    type Time: Service<Self>;
+    type ManualControl: Service<Self>;
+    type HighLatency: Service<Self>;
+    type Signing: Service<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
+    type Forwarding: Service<Self> + ForwardingGate<Self>;
+    /// Whether `modes` is declared.
+    const HAS_MODES: bool;
+    /// Fails to compile if the declaration is invalid.
+    const CHECKED: ();
+}
+
+/// The table of peers.
+#[doc(hidden)]
+pub trait PeerMemory: core::fmt::Debug {
+    const NEW: Self;
+    fn view(&self) -> &[PeerInfo];
+    fn view_mut(&mut self) -> &mut Peers;
+}
+
+impl<const N: usize> PeerMemory for heapless::Vec<PeerInfo, N> {
+    const NEW: Self = {
+        assert!(N > 0, "a stack needs room for a peer: `peers: 8` will do for most");
+        Self::new()
+    };
+
+    fn view(&self) -> &[PeerInfo] {
+        self
+    }
+
+    fn view_mut(&mut self) -> &mut Peers {
+        self.as_mut_view()
+    }
+}
+
+/// The queue of texts.
+#[doc(hidden)]
+pub trait TextMemory: core::fmt::Debug {
+    const NEW: Self;
+    const IS_EMPTY: bool;
+    fn view(&self) -> &StatusTexts;
+    fn view_mut(&mut self) -> &mut StatusTexts;
+}
+
+impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
+    const NEW: Self = Self::new();
+    const IS_EMPTY: bool = N == 0;
+
+    fn view(&self) -> &StatusTexts {
+        self
+    }
+
+    fn view_mut(&mut self) -> &mut StatusTexts {
+        self
+    }
+}
+
+/// Declares the stack of a vehicle: its services, with all their memory.
+///
+/// ```
+/// # use mavstack::*;
+/// # use mavstack::dialect::*;
+/// # pub struct Quadrotor;
+/// # impl Vehicle for Quadrotor { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Quadrotor {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+/// # }
+/// # impl Plans for Quadrotor {
+/// #     const MISSION_COMMANDS: &'static [CommandRule] = &[];
+/// #     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+/// #     fn progress(&self) -> Progress {
+/// #         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+/// #     }
+/// # }
+/// # impl Telemetry for Quadrotor {
+/// #     const STREAMS: &'static [Stream] = &[];
+/// #     fn fill(&mut self, _: u32, _: &mut Fill<'_>) -> bool { false }
+/// # }
+/// # impl Parameters for Quadrotor { type Table = Tuning; }
+/// # parameters! { pub struct Tuning { A: u8 = 0, 0..=1, ""; } }
+/// mavstack::stack! {
+///     pub struct Mavlink for Quadrotor {
+///         links: 2,
+///         plans: { mission: 250, fence: 64, rally: 16 },
+///         parameters: Tuning,
+///         streams,
+///         commands: { slots: 2 },
+///         forwarding: { bytes: 512, seen: 256 },
+///         time,
+///         manual_control,
+///         high_latency,
+///     }
+/// }
+///
+/// static PULSE: Pulse = Pulse::new();
+/// let mut stack = Mavlink::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600); 2]);
+/// stack.poll(Instant::ZERO, &mut Quadrotor);
+/// ```
+///
+/// The struct derefs to [`Stack`](crate::Stack), which has the methods. A service that is not declared is not linked
+/// and takes no memory, and its hook need not be implemented.
+///
+/// | entry | what it declares | by default | hook |
+/// |---|---|---|---|
+/// | `links: N` | links, 1 to 16 | must be given | |
+/// | `plans: { mission: N, fence: N, rally: N }` | items of each [plan](crate::Plans); `fence` and `rally` may be left out | none | [`Plans`](crate::Plans) |
+/// | `parameters: T` | a table made by [`parameters!`](crate::parameters) | none | [`Parameters`](crate::Parameters) |
+/// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
+/// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
+/// | `commands: { slots: N }` | slots for long-running [commands](crate::CommandMemory), and for those that must not run twice | none | |
+/// | `time` | [PING and TIMESYNC](crate::Time) | none | |
+/// | `manual_control` | [manual control](crate::ManualInput) | none | |
+/// | `high_latency` | [HIGH_LATENCY2](crate::HighLatency) | none | |
+/// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
+/// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
+/// | `peers: N` | entries of the table of [peers](crate::PeerInfo) | 8 | |
+/// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
+///
+/// # In a static
+///
+/// `VACANT` is all zero bits, so a `static` with it lies in `.bss` and takes no flash. [`begin`](crate::Stack::begin)
+/// starts it in place, without a copy on the call stack:
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// use static_cell::ConstStaticCell;
+///
+/// stack! {
+///     struct Mavlink for Rover { links: 1 }
+/// }
+/// static PULSE: Pulse = Pulse::new();
+/// static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+///
+/// let stack = STACK.take();
+/// stack.begin(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
+/// ```
+#[macro_export]
+macro_rules! stack {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident for $vehicle:ty { $($entries:tt)* }) => {
+        $(#[$meta])*
+        #[derive(Debug)]
+        $vis struct $name {
+            stack: $crate::Stack<$name, { $crate::__declared!(links $($entries)*,) }>,
+        }
+
+        $crate::__declared!(check $($entries)*,);
+
+        #[allow(dead_code, reason = "a firmware uses one of the two")]
+        impl $name {
+            /// A stack that is not started yet: all zero bits.
+            pub const VACANT: Self = Self { stack: $crate::Stack::VACANT };
+
+            /// Returns a stack that is started.
+            pub fn new(
+                config: $crate::Config,
+                links: [$crate::LinkConfig; { $crate::__declared!(links $($entries)*,) }],
+            ) -> Self {
+                let mut stack = Self::VACANT;
+                stack.begin(config, links);
+                stack
+            }
+        }
+
+        impl $crate::__private::Firmware for $name {
+            type Vehicle = $vehicle;
+            type Plans = $crate::__declared!(plans $($entries)*,);
+            type Parameters = $crate::__declared!(parameters $($entries)*,);
+        }
+
+        impl $crate::__private::Declares for $name {
+            type Peers = $crate::__private::PeerTable<{ $crate::__declared!(peers $($entries)*,) }>;
+            type Texts = $crate::__private::TextQueue<{ $crate::__declared!(texts $($entries)*,) }>;
+            type Commands = $crate::__declared!(commands $($entries)*,);
+            type Mission = $crate::__declared!(mission $($entries)*,);
+            type Param = $crate::__declared!(param $($entries)*,);
+            type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
+            type Mode = $crate::__declared!(mode $($entries)*,);
+            type Time = $crate::__declared!(time $($entries)*,);
+            type ManualControl = $crate::__declared!(manual_control $($entries)*,);
+            type HighLatency = $crate::__declared!(high_latency $($entries)*,);
+            type Signing = $crate::__declared!(signing $($entries)*,);
+            type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
+            const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
+            const CHECKED: () = {
+                $crate::__declared!(check_modes [$vehicle] $($entries)*,);
+                $crate::__declared!(check_streams [$vehicle] [Self] $($entries)*,);
+            };
+        }
+
+        impl ::core::ops::Deref for $name {
+            type Target = $crate::Stack<$name, { $crate::__declared!(links $($entries)*,) }>;
+
+            fn deref(&self) -> &Self::Target {
+                &self.stack
+            }
+        }
+
+        impl ::core::ops::DerefMut for $name {
+            fn deref_mut(&mut self) -> &mut Self::Target {
+                &mut self.stack
+            }
+        }
+    };
+    ($($anything:tt)*) => {
+        ::core::compile_error!("write stack! { pub struct Mavlink for Rover { links: 1 } }, with the name of your vehicle's type");
+    };
+}
+
+/// Finds one entry of a declaration, or its default: goes through the declaration token by token.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __declared {
+    (links links: $n:expr, $($rest:tt)*) => { $n };
+    (links) => { ::core::compile_error!("say how many links the vehicle has: `links: 1`") };
+
+    (peers peers: $n:expr, $($rest:tt)*) => { $n };
+    (peers) => { 8 };
+
+    (texts texts: $n:expr, $($rest:tt)*) => { $n };
+    (texts) => { 4 };
+
+    (plans plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::plan_memory!($($plans)*) };
+    (plans) => { $crate::__private::NoPlans };
+
+    (mission plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__private::Missions };
+    (mission) => { $crate::__private::WithoutPlans };
+
+    (parameters parameters: $table:ty, $($rest:tt)*) => { $table };
+    (parameters) => { $crate::__private::NoParams };
+
+    (param parameters: $table:ty, $($rest:tt)*) => { $crate::__private::ParamService };
+    (param) => { $crate::__private::Absent };
+
+    (stream [$vehicle:ty] streams, $($rest:tt)*) => {
+        $crate::__private::StreamService<{ <$vehicle as $crate::Telemetry>::STREAMS.len() }>
+    };
+    (stream [$vehicle:ty]) => { $crate::__private::Absent };
+    (stream [$vehicle:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(stream [$vehicle] $($rest)*) };
+
+    (check_streams [$vehicle:ty] [$stack:ty] streams, $($rest:tt)*) => {
+        $crate::Stream::check(
+            <$vehicle as $crate::Telemetry>::STREAMS,
+            <$stack as $crate::__private::Declares>::HAS_MODES,
+        );
+    };
+    (check_streams [$vehicle:ty] [$stack:ty]) => {};
+    (check_streams [$vehicle:ty] [$stack:ty] $skipped:tt $($rest:tt)*) => {
+        $crate::__declared!(check_streams [$vehicle] [$stack] $($rest)*);
+    };
+
+    (mode modes, $($rest:tt)*) => { $crate::__private::ModeService };
+    (mode) => { $crate::__private::Absent };
+
+    (has_modes modes, $($rest:tt)*) => { true };
+    (has_modes) => { false };
+
+    (check_modes [$vehicle:ty] modes, $($rest:tt)*) => {
+        $crate::FlightMode::check(<$vehicle as $crate::Modes>::MODES);
+    };
+    (check_modes [$vehicle:ty]) => {};
+    (check_modes [$vehicle:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(check_modes [$vehicle] $($rest)*); };
+
+    (commands commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::CommandSlots<{ $n }> };
+    (commands) => { $crate::__private::NoSlots };
+
+    (time time, $($rest:tt)*) => { $crate::Time };
+    (time) => { $crate::__private::Absent };
+
+    (manual_control manual_control, $($rest:tt)*) => { $crate::ManualInput };
+    (manual_control) => { $crate::__private::Absent };
+
+    (high_latency high_latency, $($rest:tt)*) => { $crate::HighLatency };
+    (high_latency) => { $crate::__private::Absent };
+
+    (signing signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__signing!($n) };
+    (signing signing, $($rest:tt)*) => { $crate::__signing!(16) };
+    (signing) => { $crate::__private::WithoutSigning };
+
+    (forwarding [$links:expr] forwarding: { bytes: $bytes:expr, seen: $seen:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::Forwarding<{ $links }, { $bytes }, { $seen }>
+    };
+    (forwarding [$links:expr] forwarding: { bytes: $bytes:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::Forwarding<{ $links }, { $bytes }, 256>
+    };
+    (forwarding [$links:expr] forwarding: { seen: $seen:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::Forwarding<{ $links }, 512, { $seen }>
+    };
+    (forwarding [$links:expr] forwarding, $($rest:tt)*) => { $crate::__private::Forwarding<{ $links }, 512, 256> };
+    (forwarding [$links:expr]) => { $crate::__private::Absent };
+    (forwarding [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(forwarding [$links] $($rest)*) };
+
+    (check $(,)*) => {};
+    (check links: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check peers: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check texts: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check parameters: $table:ty, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check streams, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check modes, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check time, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check manual_control, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check high_latency, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check signing, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check forwarding: { $($sizes:tt)* }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check forwarding, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check $entry:tt $($rest:tt)*) => {
+        ::core::compile_error!(::core::concat!(
+            "`",
+            ::core::stringify!($entry),
+            "` is no entry of a stack, or not written like this: see the table at `mavstack::stack!`"
+        ));
+    };
+
+    ($key:ident $skipped:tt $($rest:tt)*) => { $crate::__declared!($key $($rest)*) };
+}
+
+/// Signing with this many streams at a time.
+#[cfg(feature = "signing")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __signing {
+    ($n:expr) => { $crate::__private::SigningMemory<{ $n }> };
+}
+
+/// Signing without the feature.
+#[cfg(not(feature = "signing"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __signing {
+    ($n:expr) => {
+        ::core::compile_error!("`signing` in `stack!` needs the feature `signing` of mavstack: enable it in Cargo.toml")
+    };
+}

@@ -1,0 +1,160 @@
+//! The methods of single services. Each exists only if its service is declared.
+
+use super::services::States;
+use super::{Declares, Stack};
+use crate::message::Message;
+use crate::network::ForwardCounters;
+use crate::service::Service;
+use crate::service::command::{CommandMemory, CommandSlots};
+use crate::service::forwarding::Forwarding;
+use crate::service::high_latency::HighLatency;
+use crate::service::manual_control::ManualInput;
+use crate::service::param::ParamTable;
+#[cfg(feature = "signing")]
+use crate::service::signing::{Signing, SigningStream};
+use crate::service::stream::{Slot, Stream, StreamLink, StreamService, Telemetry};
+use crate::service::time::{Time, TimeSample};
+use crate::types::LinkId;
+
+/// With `commands: { slots: N }`.
+impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Returns the long-running commands.
+    pub fn commands(&self) -> &CommandMemory {
+        &self.services.command.store
+    }
+
+    /// Returns the long-running commands, to report their progress and their end.
+    pub fn commands_mut(&mut self) -> &mut CommandMemory {
+        &mut self.services.command.store
+    }
+}
+
+/// With `parameters: T`.
+impl<D: Declares<Parameters: ParamTable>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the parameters.
+    pub fn parameters(&self) -> &D::Parameters {
+        &self.parameters
+    }
+
+    /// Returns the parameters, for the vehicle to set. Ground stations are informed of each change.
+    pub fn parameters_mut(&mut self) -> &mut D::Parameters {
+        &mut self.parameters
+    }
+}
+
+/// With `time`.
+impl<D: Declares<Time = Time>, const LINKS: usize> Stack<D, LINKS> {
+    /// Sends a TIMESYNC request on `link`, which every peer there may answer. High-latency links send none (T-2, T-3).
+    pub fn ask_time(&mut self, link: LinkId) {
+        self.services.time.ask(link);
+    }
+
+    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::ClockFilter) estimates the peer's clock
+    /// from many.
+    #[must_use = "the sample is taken out"]
+    pub fn take_time_sample(&mut self) -> Option<TimeSample> {
+        self.services.time.take_sample()
+    }
+}
+
+/// With `manual_control`.
+impl<D: Declares<ManualControl = ManualInput>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns manual control: the sticks and channels of a pilot on the ground.
+    pub fn manual_input(&self) -> &ManualInput {
+        &self.services.manual_control
+    }
+
+    /// Returns manual control, to set who may steer.
+    pub fn manual_input_mut(&mut self) -> &mut ManualInput {
+        &mut self.services.manual_control
+    }
+}
+
+/// With `high_latency`.
+impl<D: Declares<HighLatency = HighLatency>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the high-latency service.
+    pub fn high_latency(&self) -> &HighLatency {
+        &self.services.high_latency
+    }
+
+    /// Returns the high-latency service, to give it samples, and to start and stop it.
+    pub fn high_latency_mut(&mut self) -> &mut HighLatency {
+        &mut self.services.high_latency
+    }
+}
+
+/// With `forwarding`.
+impl<D, const LINKS: usize, const N: usize, const BYTES: usize, const SEEN: usize> Stack<D, LINKS>
+where
+    D: Declares<Forwarding = Forwarding<N, BYTES, SEEN>>,
+{
+    /// Returns the counters of forwarding on a link; `None` if there is no such link.
+    pub fn forward_counters(&self, link: LinkId) -> Option<ForwardCounters> {
+        self.services.forwarding.queues.counters(link)
+    }
+}
+
+/// With `signing`.
+#[cfg(feature = "signing")]
+impl<D: Declares<Signing = Signing<[SigningStream; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Returns the state of signing: the key, the time, and the counters.
+    pub fn signing(&self) -> &Signing {
+        &self.services.signing
+    }
+
+    /// Returns the state of signing, to set the key and the time.
+    pub fn signing_mut(&mut self) -> &mut Signing {
+        &mut self.services.signing
+    }
+}
+
+/// With `streams`.
+impl<D, const LINKS: usize, const N: usize> Stack<D, LINKS>
+where
+    D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
+{
+    /// Sends message `M` once on every normal link, whatever its interval there: for content that has changed and must
+    /// not wait for its turn, such as HOME_POSITION when home is set (O-6). It is filled when the link has room, and
+    /// left out if the vehicle cannot [fill](Telemetry::fill) it then. A message that is announced again before that is
+    /// sent once.
+    ///
+    /// `M` must be one of the vehicle's [`STREAMS`](Telemetry::STREAMS); otherwise this does not compile:
+    ///
+    /// ```
+    /// # use mavstack::dialect::{HomePosition, MavResult};
+    /// # use mavstack::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+    /// # }
+    /// impl Telemetry for Rover {
+    ///     const STREAMS: &'static [Stream] = &[Stream::of::<HomePosition>()];
+    /// #   fn fill(&mut self, _: u32, out: &mut Fill<'_>) -> bool { out.put(&HomePosition::default()) }
+    /// }
+    /// stack! {
+    ///     struct Mavlink for Rover { links: 2, streams }
+    /// }
+    ///
+    /// fn on_home_set(stack: &mut Mavlink) {
+    ///     stack.announce::<HomePosition>();
+    /// }
+    /// ```
+    pub fn announce<M: Message>(&mut self) {
+        let number = const { Stream::number_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
+        for (link, state) in self.links.iter().zip(&mut self.states) {
+            if !link.port.config.class.is_high_latency() {
+                ask(state, number);
+            }
+        }
+    }
+}
+
+fn ask<D, const N: usize>(state: &mut States<D>, number: u8)
+where
+    D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
+{
+    let link: &mut <StreamService<N> as Service<D>>::Link = &mut state.stream;
+    let link: &mut StreamLink<[Slot; N]> = link;
+    link.ask(number);
+}

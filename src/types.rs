@@ -1,0 +1,35 @@
+//! Small data types that the services share: links and peers, commands and outcomes, the configuration, texts.
+
+mod command;
+mod config;
+mod context;
+mod decode;
+mod firmware;
+mod flight;
+mod identity;
+mod link;
+mod plans;
+#[cfg(feature = "signing")]
+mod signing;
+mod texts;
+mod vehicle;
+
+pub use command::{Command, CommandPosition, Outcome};
+pub(crate) use command::{Origin, Refusal, SignedAt, Why};
+pub(crate) use config::Allowance;
+pub use config::{Config, PollBudget, VehicleAddress};
+pub use context::Context;
+pub(crate) use context::Requests;
+pub use firmware::{Firmware, Values};
+pub(crate) use flight::Flight;
+pub use identity::Identity;
+pub(crate) use link::LinkMask;
+pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
+#[doc(hidden)]
+pub use plans::largest as __largest;
+pub use plans::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView, PlansMut};
+#[cfg(feature = "signing")]
+pub use signing::{Accept, LinkSigning};
+pub use texts::MAX_TEXT_LEN;
+pub use texts::{StatusTexts, TextEntry};
+pub use vehicle::{PeerEvent, Vehicle, VehicleState};

@@ -1,0 +1,315 @@
+//! The configuration of a stack.
+
+use super::identity::Identity;
+use crate::dialect::{MavAutopilot, MavType};
+use crate::frame::Decoder;
+use crate::message::Address;
+use crate::pulse::Pulse;
+use crate::time::Duration;
+
+/// The budget of one [`poll_link`](crate::Stack::poll_link) (D-2, SEC-2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PollBudget {
+    /// The maximum number of bytes read from the transport. 0 reads nothing.
+    pub rx_bytes: u32,
+    /// The cost of the call, in cost units of about ten instructions on a Cortex-M4:
+    ///
+    /// | step | cost units |
+    /// |---|---|
+    /// | a byte put through the checksum, or copied for another link | 1 |
+    /// | a byte moved aside for new ones | 0.5 |
+    /// | a header examined | 16 |
+    /// | a header with an unknown id | 32 |
+    /// | a frame handled, and its answer sent | 500 |
+    /// | any other frame sent | 220 |
+    /// | each 64 bytes hashed for a signature | 150 |
+    ///
+    /// Received frames are handled first, at least one. Then frames are sent, at least one and as many as were handled,
+    /// and more as long as budget is left. A value below [`Decoder::MIN_BUDGET`] counts as that.
+    pub work: u32,
+    /// The maximum number of frames handled, if [`work`](Self::work) is not used up before. The others stay in the
+    /// decoder. 0 counts as 1.
+    pub frames: u32,
+    /// The maximum number of bytes handed to the transport. 0 sends nothing.
+    pub tx_bytes: u32,
+}
+
+impl PollBudget {
+    /// The default: 128 bytes received, 280 sent, and work for three frames, or for two signed ones.
+    ///
+    /// It is enough for the traffic of a ground station at 1 Mbit/s with a poll every millisecond, or at 57,600 bit/s
+    /// with a poll every 20 ms. More frames than that are not handled, however short they are: 150 a second with a poll
+    /// every 20 ms. For a link that others keep fully loaded, use [`for_line`](Self::for_line).
+    pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
+
+    /// Returns a budget for a link of `baud` bit/s that is fully loaded with short frames, signed or not, and polled
+    /// every `period`. It adds a quarter, for the backlog after a late poll, and is never less than
+    /// [`DEFAULT`](Self::DEFAULT).
+    ///
+    /// ```
+    /// use mavstack::{Duration, PollBudget};
+    /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
+    /// assert_eq!(BUDGET.rx_bytes, 288);
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// Panics if more than 98 MB arrive between two polls, which no budget can express. In a `const` this is a compile
+    /// error.
+    #[allow(
+        clippy::as_conversions,
+        reason = "const fn: `From` cannot be called; what is made narrower is no larger than its type"
+    )]
+    #[must_use]
+    pub const fn for_line(baud: u32, period: Duration) -> Self {
+        /// The cost of a byte of the shortest frames: a MISSION_REQUEST_INT of 16 bytes costs 545.
+        const WORK: u64 = 35;
+        const SHORTEST: u64 = 16;
+        const fn at_least(least: u32, value: u64) -> u32 {
+            if value < least as u64 { least } else { value as u32 }
+        }
+        // A byte is ten bits.
+        let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(8_000_000);
+        let work = bytes.saturating_mul(WORK);
+        assert!(
+            work <= u32::MAX as u64,
+            "no budget is enough for so many bytes between two polls: poll the link more often"
+        );
+        let least = Self::DEFAULT;
+        Self {
+            rx_bytes: at_least(least.rx_bytes, bytes),
+            work: at_least(least.work, work),
+            frames: at_least(least.frames, bytes.div_ceil(SHORTEST)),
+            tx_bytes: at_least(least.tx_bytes, bytes),
+        }
+    }
+
+    /// Returns the allowance of one poll.
+    pub(crate) fn allowance(&self) -> Allowance {
+        let work = self.work.max(Decoder::MIN_BUDGET);
+        Allowance { work, frames: self.frames.max(1), answers: 0, has_sent: false }
+    }
+}
+
+impl Default for PollBudget {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// The cost of a frame that is handled, and of its answer.
+const HANDLED: u32 = 500;
+/// The cost of a frame that is sent and is no answer.
+const MADE: u32 = 220;
+
+/// What is left of a [`PollBudget`], except its bytes.
+pub(crate) struct Allowance {
+    pub(crate) work: u32,
+    /// The number of frames that may still be handled.
+    pub(crate) frames: u32,
+    /// The number of answers whose cost was already spent.
+    answers: u32,
+    /// Whether a frame was sent.
+    has_sent: bool,
+}
+
+impl Allowance {
+    /// Whether another frame may be handled. The first always may.
+    pub(crate) fn may_handle(&self) -> bool {
+        self.frames > 0 && (self.answers == 0 || self.work >= HANDLED)
+    }
+
+    /// Spends the cost of a frame that is handled.
+    pub(crate) fn handle(&mut self) {
+        self.frames = self.frames.saturating_sub(1);
+        self.answers = self.answers.saturating_add(1);
+        self.spend(HANDLED);
+    }
+
+    /// Whether another frame may be sent.
+    pub(crate) fn may_send(&self) -> bool {
+        !self.has_sent || self.answers > 0 || self.work > 0
+    }
+
+    /// Spends the cost of a frame that is sent, and of its signature.
+    pub(crate) fn send(&mut self, signature: u32) {
+        self.has_sent = true;
+        self.spend(if self.answers > 0 { signature } else { MADE.saturating_add(signature) });
+        self.answers = self.answers.saturating_sub(1);
+    }
+
+    pub(crate) fn spend(&mut self, work: u32) {
+        self.work = self.work.saturating_sub(work);
+    }
+
+    /// Spends `work`, but leaves enough for the longest frame if there was that much.
+    pub(crate) fn spend_but_for_a_frame(&mut self, work: u32) {
+        let least = self.work.min(Decoder::MIN_BUDGET);
+        self.work = self.work.saturating_sub(work).max(least);
+    }
+}
+
+/// The configuration of a [`Stack`](crate::Stack). Make it a `const`: then the compiler refuses invalid values.
+///
+/// ```
+/// use mavstack::{Address, Config, Pulse, dialect::MavType};
+/// static PULSE: Pulse = Pulse::new();
+/// const CONFIG: Config = Config {
+///     r#type: MavType::GROUND_ROVER,
+///     ..Config::new(Address::new(1, 1), &PULSE)
+/// };
+/// ```
+///
+/// An address that a vehicle cannot have does not compile:
+///
+/// ```compile_fail
+/// # use mavstack::{Address, Config, Pulse};
+/// # static PULSE: Pulse = Pulse::new();
+/// const CONFIG: Config = Config::new(Address::new(0, 1), &PULSE);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Config {
+    /// Our system (1 to 254) and component (1 to 255): the source of every frame that the stack sends (H-2).
+    pub address: VehicleAddress,
+    /// The pulse that the flight loop ticks. Without ticks there are no heartbeats (H-5). `None`: no heartbeats at all.
+    pub pulse: Option<&'static Pulse>,
+    /// HEARTBEAT.type: [`MavType::QUADROTOR`] by default. Ground stations ignore a type that is not a vehicle's (H-3).
+    pub r#type: MavType,
+    /// HEARTBEAT.autopilot: [`MavAutopilot::GENERIC`] by default. Change it only if the firmware has the mode numbers
+    /// and parameters of that autopilot (H-3).
+    pub autopilot: MavAutopilot,
+    /// The content of AUTOPILOT_VERSION.
+    pub identity: Identity,
+    /// The time between heartbeats on a link: 1 s by default (H-1). A value below 10 ms counts as that.
+    pub heartbeat_period: Duration,
+    /// How long a pass of the flight loop may take before the heartbeats stop: 500 ms by default (H-5). Poll the stack
+    /// more often than this, or when [`next_deadline`](crate::Stack::next_deadline) says so.
+    pub max_loop_gap: Duration,
+    /// The time without a heartbeat after which a peer has timed out: 5 s by default (H-11).
+    pub peer_timeout: Duration,
+    /// The time without a new byte after which the start of a frame is dropped: 500 ms by default (SEC-4).
+    pub stale_after: Duration,
+    /// Whether a link's streams wait until a peer on the link is alive (H-8); heartbeats never wait. False by default:
+    /// ground stations need not ask for telemetry that is already there.
+    pub streams_wait_for_peer: bool,
+    /// Whether frames with source component 0 are accepted: true by default (S-11). MAVLink does not allow them, but
+    /// pymavlink's `mavlink_connection` sends them unless `source_component` is given. PX4 and ArduPilot answer them.
+    /// Answers are addressed to component 0 of that system. If false, such frames are dropped and counted in
+    /// [`zero_source`](crate::RxCounters::zero_source).
+    pub accepts_component_0: bool,
+    /// The budget of one [`poll_link`](crate::Stack::poll_link).
+    pub budget: PollBudget,
+    /// Whether the old MISSION_REQUEST is answered by the old MISSION_ITEM, whose positions are floats: true by default,
+    /// because a client that uses the old request expects the old item. PX4 and ArduPilot do the same. If false, the answer
+    /// is MISSION_ITEM_INT, as the current definitions require (M-61).
+    pub float_mission_items: bool,
+    /// Whether the MISSION_ACK that accepts an upload is sent again 400 ms later, for lossy links: false by default.
+    /// QGroundControl fails an upload whose final answer is lost, and does not ask again (M-31). A client that clears
+    /// the same plan within these 400 ms takes the second MISSION_ACK for the answer to that.
+    pub second_mission_ack: bool,
+    /// How many times MISSION_ITEM_REACHED is repeated, once a second, for lossy links: 0 by default. A value above 3
+    /// counts as 3 (M-91).
+    pub item_reached_repeats: u8,
+    /// The time in which a store regains one token for a write that a peer causes: 15 minutes by default (C-15).
+    /// [`Duration::ZERO`] disables the limit, for FRAM.
+    ///
+    /// Each store (plans, parameters, key) has a token bucket of 128 tokens, which is full at the start. These writes
+    /// take tokens:
+    ///
+    /// | write | tokens |
+    /// |---|---|
+    /// | the parameters, the key, the clearing of a plan | 1 |
+    /// | a plan of up to a quarter of plan memory | 1 |
+    /// | a plan that fills plan memory | 4 |
+    ///
+    /// Without a token, a plan is DENIED at its beginning, MAV_CMD_PREFLIGHT_STORAGE is TEMPORARILY_REJECTED,
+    /// SETUP_SIGNING is refused with a text, and changed parameters are written later. Writes by the vehicle itself are
+    /// never refused.
+    ///
+    /// By default, a flooding peer causes 128 writes, then 96 a day. Two slots of flash rated for 10,000 erases take
+    /// 20,000 writes: 207 days of uninterrupted flood. In regular use, a day with 20 uploads that fill plan memory
+    /// takes 80 tokens; 100 single parameter changes take 100 tokens of another bucket. A restart refills the buckets,
+    /// so a peer that may restart the vehicle may cause more writes.
+    pub storage_refill: Duration,
+}
+
+/// An address that a vehicle may have. No other can be configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct VehicleAddress(Address);
+
+impl VehicleAddress {
+    /// Returns `None` if the system is not 1 to 254, or the component is 0. System 0 means everyone, and 255 is a
+    /// ground station's (H-2). Ground stations take only component 1 for the vehicle.
+    pub const fn new(address: Address) -> Option<Self> {
+        if address.system.0 == 0 || address.system.0 == 255 || address.component.0 == 0 {
+            return None;
+        }
+        Some(Self(address))
+    }
+
+    /// Returns the address.
+    pub const fn get(self) -> Address {
+        self.0
+    }
+}
+
+impl Config {
+    /// The configuration of a stack before it is begun: all zero bits.
+    pub(crate) const VACANT: Self = Self {
+        address: VehicleAddress(Address::new(0, 0)),
+        pulse: None,
+        r#type: MavType(0),
+        autopilot: MavAutopilot(0),
+        identity: Identity::NONE,
+        heartbeat_period: Duration::ZERO,
+        max_loop_gap: Duration::ZERO,
+        peer_timeout: Duration::ZERO,
+        stale_after: Duration::ZERO,
+        streams_wait_for_peer: false,
+        accepts_component_0: false,
+        budget: PollBudget { rx_bytes: 0, work: 0, frames: 0, tx_bytes: 0 },
+        float_mission_items: false,
+        second_mission_ack: false,
+        item_reached_repeats: 0,
+        storage_refill: Duration::ZERO,
+    };
+
+    /// Returns the default configuration of a vehicle with this address and pulse. Change other fields by struct
+    /// update.
+    ///
+    /// # Panics
+    ///
+    /// Panics if [`VehicleAddress::new`] refuses `address`. In a `const` this is a compile error. For an address that
+    /// is only known at run time, set [`address`](Self::address) to a checked one.
+    pub const fn new(address: Address, pulse: &'static Pulse) -> Self {
+        let address = VehicleAddress::new(address);
+        assert!(
+            address.is_some(),
+            "a system id is 1 to 254 (255: ground stations), a component id 1 to 255: take (1, 1)"
+        );
+        let address = match address {
+            Some(address) => address,
+            None => VehicleAddress(Address::new(1, 1)),
+        };
+        Self {
+            address,
+            pulse: Some(pulse),
+            r#type: MavType::QUADROTOR,
+            autopilot: MavAutopilot::GENERIC,
+            identity: Identity::NONE,
+            heartbeat_period: Duration::from_secs(1),
+            max_loop_gap: Duration::from_millis(500),
+            peer_timeout: Duration::from_secs(5),
+            stale_after: Decoder::STALE_AFTER,
+            streams_wait_for_peer: false,
+            accepts_component_0: true,
+            budget: PollBudget::DEFAULT,
+            float_mission_items: true,
+            second_mission_ack: false,
+            item_reached_repeats: 0,
+            storage_refill: Duration::from_secs(15 * 60),
+        }
+    }
+}

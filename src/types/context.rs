@@ -1,0 +1,72 @@
+//! The context that the vehicle's hooks get.
+
+use super::link::LinkMask;
+use super::plans::{PlanType, PlanView, PlansMut};
+use super::texts::StatusTexts;
+use crate::dialect::MavSeverity;
+use crate::time::Instant;
+use heapless::Vec;
+
+/// The context of a hook: the time, the live plans and parameters, and a way to report. Each hook that decides or
+/// learns something gets one.
+///
+/// Nothing in it calls back into the stack. A text is queued and a message is announced; both are sent when a link has
+/// room.
+pub struct Context<'a> {
+    pub(crate) now: Instant,
+    pub(crate) texts: &'a mut StatusTexts,
+    pub(crate) requests: &'a mut Requests,
+    pub(crate) normal: LinkMask,
+    pub(crate) plans: Option<&'a PlansMut<'a>>,
+    pub(crate) values: &'a [u32],
+    /// Whether there is a slot for another long-running command.
+    pub(crate) can_start: bool,
+}
+
+/// Requests of the hooks that no service has taken up yet.
+#[derive(Debug)]
+pub(crate) struct Requests {
+    /// A bit for each of the vehicle's streams that is to be sent once on every normal link.
+    pub(crate) announced: u32,
+    /// Mission items that were reached.
+    pub(crate) reached: Vec<u16, 4, u8>,
+}
+
+impl Requests {
+    pub(crate) const NONE: Self = Self { announced: 0, reached: Vec::new() };
+
+    /// Whether a request is pending for the next poll.
+    pub(crate) fn is_pending(&self) -> bool {
+        self.announced != 0 || !self.reached.is_empty()
+    }
+}
+
+impl<'a> Context<'a> {
+    /// Returns the time of the call.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Sends a STATUSTEXT on every normal link: see [`Stack::send_text`](crate::Stack::send_text).
+    pub fn text(&mut self, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
+        self.texts.push(self.now, self.normal, severity, text.as_ref());
+    }
+
+    /// Reports that the vehicle has reached a mission item: see
+    /// [`Stack::mission_item_reached`](crate::Stack::mission_item_reached). Returns false, and reports nothing, if four
+    /// reports are pending for the next [`poll`](crate::Stack::poll).
+    pub fn item_reached(&mut self, seq: u16) -> bool {
+        self.requests.reached.push(seq).is_ok()
+    }
+
+    /// Returns a live plan. It is empty if the vehicle has no plans of this kind.
+    pub fn plan(&self, plan: PlanType) -> PlanView<'a> {
+        self.plans.map_or(PlanView::EMPTY, |plans| plans.live(plan))
+    }
+}
+
+impl core::fmt::Debug for Context<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Context").field("now", &self.now).finish_non_exhaustive()
+    }
+}

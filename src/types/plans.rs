@@ -1,0 +1,362 @@
+//! The memory of the plans: three live plans and one staging area that they share (M-1, M-2).
+//!
+//! Only the outermost type, [`PlanMemory`], has capacities. The logic works on [`PlansMut`] and is compiled once. An
+//! upload fills the staging area and never touches a live plan. The live plan changes in one step when the upload is
+//! complete.
+
+use heapless::Vec;
+use heapless::vec::VecView;
+
+use crate::dialect::MavMissionType;
+use crate::message::Item;
+
+/// A kind of plan. Each kind has its own live plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PlanType {
+    /// The flight plan.
+    Mission,
+    /// The geofence.
+    Fence,
+    /// The rally points.
+    Rally,
+}
+
+impl PlanType {
+    /// Every kind.
+    pub const ALL: [Self; 3] = [Self::Mission, Self::Fence, Self::Rally];
+
+    /// Whether plan memory with these [capacities](PlanStorage::CAPACITIES) has room for items of this plan.
+    pub const fn is_served(self, capacities: &[u16; 3]) -> bool {
+        let [mission, fence, rally] = *capacities;
+        0 < match self {
+            Self::Mission => mission,
+            Self::Fence => fence,
+            Self::Rally => rally,
+        }
+    }
+
+    /// Returns the plan type as messages have it.
+    pub const fn mission_type(self) -> MavMissionType {
+        match self {
+            Self::Mission => MavMissionType::MISSION,
+            Self::Fence => MavMissionType::FENCE,
+            Self::Rally => MavMissionType::RALLY,
+        }
+    }
+
+    /// Returns the kind of plan that a message names; `None` for ALL and for undefined values.
+    pub const fn from_mission_type(mission_type: MavMissionType) -> Option<Self> {
+        match mission_type {
+            MavMissionType::MISSION => Some(Self::Mission),
+            MavMissionType::FENCE => Some(Self::Fence),
+            MavMissionType::RALLY => Some(Self::Rally),
+            _ => None,
+        }
+    }
+}
+
+/// A live plan.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PlanView<'a> {
+    items: &'a [Item],
+    id: u32,
+}
+
+impl<'a> PlanView<'a> {
+    pub(crate) const EMPTY: Self = Self { items: &[], id: 0 };
+
+    /// A plan for the tests of the storage.
+    #[cfg(all(test, feature = "storage"))]
+    pub(crate) const fn of(items: &'a [Item], id: u32) -> Self {
+        Self { items, id }
+    }
+
+    /// Returns the items, in order.
+    pub const fn items(&self) -> &'a [Item] {
+        self.items
+    }
+
+    /// Returns the id of the plan. Equal content has an equal id; an empty plan has 0 (M-5).
+    pub const fn id(&self) -> u32 {
+        self.id
+    }
+}
+
+/// Memory for three live plans, and for the staging area of `S` items, the largest of the three capacities. Declared by
+/// `plans` in [`stack!`](crate::stack). A plan of capacity 0 is not served: it is refused with UNSUPPORTED, and
+/// AUTOPILOT_VERSION does not announce it.
+///
+/// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest.
+#[derive(Clone, Debug)]
+pub struct PlanMemory<const M: usize, const F: usize, const R: usize, const S: usize> {
+    mission: Store<M>,
+    fence: Store<F>,
+    rally: Store<R>,
+    staging: Vec<Item, S>,
+}
+
+#[derive(Clone, Debug)]
+struct Store<const N: usize> {
+    items: Vec<Item, N>,
+    id: u32,
+}
+
+impl<const N: usize> Store<N> {
+    const EMPTY: Self = Self { items: Vec::new(), id: 0 };
+
+    fn view(&mut self) -> Live<'_> {
+        Live { items: self.items.as_mut_view(), id: &mut self.id }
+    }
+
+    fn live(&self) -> PlanView<'_> {
+        PlanView { items: &self.items, id: self.id }
+    }
+}
+
+/// The plan memory of a vehicle without plans. The mission engine is not linked, and requests are answered UNSUPPORTED.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct NoPlans;
+
+/// The maximum number of items of a plan: 65,535 means "no mission" on the wire (M-21, M-90).
+pub const MAX_ITEMS: usize = 65_534;
+
+/// Returns the largest of three capacities, for [`plan_memory!`](crate::plan_memory).
+#[doc(hidden)]
+pub const fn largest(mission: usize, fence: usize, rally: usize) -> usize {
+    let two = if mission > fence { mission } else { fence };
+    if two > rally { two } else { rally }
+}
+
+/// Spells a [`PlanMemory`] type from the capacities, in items. A plan that is left out is not served.
+///
+/// ```
+/// type Plans = mavstack::plan_memory!(mission: 250, fence: 64, rally: 16);
+/// assert!(size_of::<Plans>() <= (250 + 64 + 16 + 250) * 32 + 256);
+/// type OnlyMission = mavstack::plan_memory!(mission: 100);
+/// ```
+#[macro_export]
+macro_rules! plan_memory {
+    (mission: $mission:expr $(,)?) => {
+        $crate::plan_memory!(mission: $mission, fence: 0, rally: 0)
+    };
+    (mission: $mission:expr, fence: $fence:expr $(,)?) => {
+        $crate::plan_memory!(mission: $mission, fence: $fence, rally: 0)
+    };
+    (mission: $mission:expr, fence: $fence:expr, rally: $rally:expr $(,)?) => {
+        $crate::PlanMemory<
+            { $mission },
+            { $fence },
+            { $rally },
+            { $crate::__largest($mission, $fence, $rally) },
+        >
+    };
+    ($($anything:tt)*) => {
+        ::core::compile_error!("write plan_memory!(mission: 100, fence: 64, rally: 16); fence and rally may be left out")
+    };
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<M, F, R, S> {
+    #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
+    const CHECKED: () = {
+        assert!(S == largest(M, F, R), "the staging area is as large as the largest plan: use plan_memory!");
+        assert!(S <= MAX_ITEMS, "a plan has at most 65,534 items");
+        assert!(S > 0, "plan memory without room for an item: leave `plans` out");
+        assert!(size_of::<Self>() <= (M + F + R + S) * size_of::<Item>() + 256);
+    };
+
+    /// Three empty plans.
+    pub const fn new() -> Self {
+        const { Self::CHECKED };
+        Self { mission: Store::EMPTY, fence: Store::EMPTY, rally: Store::EMPTY, staging: Vec::new() }
+    }
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> Default for PlanMemory<M, F, R, S> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The plan memory of a stack: a [`PlanMemory`] of any capacities, or [`NoPlans`]. Nothing else implements it.
+pub trait PlanStorage {
+    /// Three empty plans.
+    #[doc(hidden)]
+    const EMPTY: Self;
+    /// The maximum number of items of each plan, in the order of [`PlanType::ALL`]; 0 for a plan that is not served.
+    const CAPACITIES: [u16; 3];
+
+    /// Returns a live plan. Uploaded items are not in it before the upload is complete (M-39).
+    fn live(&self, plan: PlanType) -> PlanView<'_>;
+
+    /// Returns the plans without their capacities; `None` if there are none.
+    #[doc(hidden)]
+    fn view(&mut self) -> Option<PlansMut<'_>>;
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanStorage for PlanMemory<M, F, R, S> {
+    const EMPTY: Self = Self::new();
+    #[allow(clippy::as_conversions, reason = "const-evaluated; checked by `new` to be at most MAX_ITEMS")]
+    const CAPACITIES: [u16; 3] = [M as u16, F as u16, R as u16];
+
+    fn live(&self, plan: PlanType) -> PlanView<'_> {
+        match plan {
+            PlanType::Mission => self.mission.live(),
+            PlanType::Fence => self.fence.live(),
+            PlanType::Rally => self.rally.live(),
+        }
+    }
+
+    fn view(&mut self) -> Option<PlansMut<'_>> {
+        Some(PlansMut {
+            mission: self.mission.view(),
+            fence: self.fence.view(),
+            rally: self.rally.view(),
+            staging: self.staging.as_mut_view(),
+        })
+    }
+}
+
+impl PlanStorage for NoPlans {
+    const EMPTY: Self = Self;
+    const CAPACITIES: [u16; 3] = [0; 3];
+
+    fn live(&self, _: PlanType) -> PlanView<'_> {
+        PlanView::EMPTY
+    }
+
+    fn view(&mut self) -> Option<PlansMut<'_>> {
+        None
+    }
+}
+
+/// The plans without their capacities, as the logic uses them.
+pub struct PlansMut<'a> {
+    mission: Live<'a>,
+    fence: Live<'a>,
+    rally: Live<'a>,
+    /// The items of the upload that is running.
+    pub(crate) staging: &'a mut VecView<Item>,
+}
+
+/// A live plan that can be replaced.
+struct Live<'a> {
+    items: &'a mut VecView<Item>,
+    id: &'a mut u32,
+}
+
+impl Live<'_> {
+    fn reborrow(&mut self) -> Live<'_> {
+        Live { items: self.items, id: self.id }
+    }
+}
+
+impl PlansMut<'_> {
+    /// Returns the same plans with a shorter lifetime.
+    pub(crate) fn reborrow(&mut self) -> PlansMut<'_> {
+        let Self { mission, fence, rally, staging } = self;
+        PlansMut { mission: mission.reborrow(), fence: fence.reborrow(), rally: rally.reborrow(), staging }
+    }
+
+    fn of(&self, plan: PlanType) -> &Live<'_> {
+        match plan {
+            PlanType::Mission => &self.mission,
+            PlanType::Fence => &self.fence,
+            PlanType::Rally => &self.rally,
+        }
+    }
+
+    /// A live plan.
+    pub(crate) fn live(&self, plan: PlanType) -> PlanView<'_> {
+        let Live { items, id } = self.of(plan);
+        PlanView { items: items.as_slice(), id: **id }
+    }
+
+    /// Returns the number of items of a live plan.
+    pub(crate) fn count(&self, plan: PlanType) -> u16 {
+        clamped(self.of(plan).items.len())
+    }
+
+    /// Returns the maximum number of items of a plan; 0 if it is not served.
+    pub(crate) fn capacity(&self, plan: PlanType) -> u16 {
+        clamped(self.of(plan).items.capacity())
+    }
+
+    /// Returns how many items of the running upload were received.
+    pub(crate) fn staged(&self) -> u16 {
+        clamped(self.staging.len())
+    }
+
+    /// Returns the staged items as a plan with this id.
+    pub(crate) fn staged_as(&self, id: u32) -> PlanView<'_> {
+        PlanView { items: self.staging.as_slice(), id }
+    }
+
+    /// Whether the staged plan, which has this id, equals the live one byte for byte. Equal ids alone prove nothing
+    /// (M-39).
+    pub(crate) fn is_live(&self, plan: PlanType, id: u32) -> bool {
+        let live = self.live(plan);
+        live.id == id && live.items == self.staging.as_slice()
+    }
+
+    /// Replaces the live plan by the staged one, in one step. The id of an empty plan is 0.
+    pub(crate) fn commit(&mut self, plan: PlanType, id: u32) {
+        let Self { mission, fence, rally, staging } = self;
+        let Live { items, id: live_id } = match plan {
+            PlanType::Mission => mission,
+            PlanType::Fence => fence,
+            PlanType::Rally => rally,
+        };
+        items.clear();
+        // The count was checked against the capacity before the first item (M-21).
+        let _ = items.extend_from_slice(staging);
+        **live_id = id;
+        staging.clear();
+    }
+}
+
+/// Converts a number of items. Capacities are at most [`MAX_ITEMS`], so nothing is lost.
+fn clamped(len: usize) -> u16 {
+    u16::try_from(len).unwrap_or(u16::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// M-2: the RAM that the documentation states.
+    #[test]
+    fn memory_is_as_documented() {
+        assert!(size_of::<plan_memory!(mission: 250, fence: 64, rally: 16)>() <= (250 + 64 + 16 + 250) * 32 + 256);
+        assert!(size_of::<plan_memory!(mission: 3, fence: 64, rally: 16)>() <= (3 + 64 + 16 + 64) * 32 + 256);
+        assert_eq!(size_of::<NoPlans>(), 0);
+    }
+
+    #[test]
+    fn a_plan_of_capacity_0_is_not_served() {
+        type Memory = plan_memory!(mission: 2, fence: 0, rally: 1);
+        assert_eq!(PlanType::ALL.map(|plan| plan.is_served(&Memory::CAPACITIES)), [true, false, true]);
+        let mut memory = Memory::new();
+        let view = memory.view().unwrap();
+        assert_eq!(PlanType::ALL.map(|plan| view.capacity(plan)), [2, 0, 1]);
+    }
+
+    #[test]
+    fn commit_replaces_the_whole_plan() {
+        let item = |x| Item { x, ..Default::default() };
+        let mut memory = <plan_memory!(mission: 3, fence: 0, rally: 2)>::new();
+        let mut view = memory.view().unwrap();
+        for (items, id) in [(&[1, 2, 3][..], 7), (&[4], 8), (&[], 0)] {
+            for x in items {
+                view.staging.push(item(*x)).unwrap();
+            }
+            assert!(!view.is_live(PlanType::Mission, id) || items.is_empty());
+            view.commit(PlanType::Mission, id);
+            let live = view.live(PlanType::Mission);
+            assert!(live.items().iter().map(|item| item.x).eq(items.iter().copied()));
+            assert_eq!((live.id(), view.staged(), view.count(PlanType::Rally)), (id, 0, 0));
+        }
+    }
+}

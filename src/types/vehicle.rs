@@ -1,0 +1,125 @@
+//! The vehicle's hooks for its state, its peers and its messages.
+
+use super::context::Context;
+use super::link::{LinkId, Peer};
+use crate::dialect::{Common, MavModeFlag, MavState};
+use crate::frame::Frame;
+use crate::message::{Dialect, MessageTable};
+
+/// The vehicle's state, as HEARTBEAT reports it (H-4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct VehicleState {
+    /// The mode flags. [`MavModeFlag::SAFETY_ARMED`] must be set exactly while the vehicle is armed.
+    pub base_mode: MavModeFlag,
+    /// The firmware's number of the mode. Set [`MavModeFlag::CUSTOM_MODE_ENABLED`] if it has a meaning.
+    pub custom_mode: u32,
+    /// [`MavState::BOOT`], then [`MavState::STANDBY`], then [`MavState::ACTIVE`], or a state of failure.
+    pub system_status: MavState,
+}
+
+impl VehicleState {
+    /// No state reported yet; all bits are zero.
+    pub(crate) const ZERO: Self =
+        Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
+}
+
+/// A change of a peer's state (H-11, H-14). [`PeerInfo`](crate::PeerInfo) shows the states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum PeerEvent {
+    /// The first heartbeat of a peer.
+    Found(Peer),
+    /// A peer has timed out: no heartbeat for [`peer_timeout`](crate::Config::peer_timeout).
+    Lost(Peer),
+    /// A peer has reconnected: its first heartbeat after [`Lost`](Self::Lost).
+    Regained(Peer),
+    /// Another component on this link sends with our address. Reported once for each link.
+    AddressConflict(LinkId),
+}
+
+/// The hooks that every vehicle implements.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `Vehicle`",
+    note = "a vehicle of `stack!` needs `impl Vehicle for {Self}`: its state, for the heartbeats"
+)]
+pub trait Vehicle {
+    /// The messages whose frames can be checked: all of common by default. A vehicle with messages of its own names a
+    /// table that has these too. Otherwise they are [unknown](crate::LinkCounters::unknown) and never reach
+    /// [`message`](Self::message). Such a table comes from [`dialect!`](crate::dialect!), or from XML by
+    /// `mavstack-dialect`. A smaller table saves flash.
+    ///
+    /// ```
+    /// use mavstack::dialect::Common;
+    /// use mavstack::{Context, Dialect, Frame, LinkId, MessageTable, Vehicle, VehicleState};
+    ///
+    /// mavstack::message! {
+    ///     /// Controls our winch.
+    ///     pub struct WinchControl: WINCH_CONTROL = 53_000 {
+    ///         /// (m/s) Negative: in.
+    ///         speed: f32,
+    ///         target_system: u8,
+    ///         target_component: u8,
+    ///     }
+    /// }
+    /// mavstack::dialect! {
+    ///     /// All of common, and the winch's message.
+    ///     struct Known: [WinchControl] + Common;
+    /// }
+    ///
+    /// struct Rover { winch_speed: f32 }
+    ///
+    /// impl Vehicle for Rover {
+    ///     const MESSAGES: MessageTable = Known::MESSAGES;
+    ///
+    ///     fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {
+    ///         let Some(WinchControl { speed, .. }) = frame.decode() else { return false };
+    ///         self.winch_speed = speed;
+    ///         true
+    ///     }
+    /// #   fn state(&self) -> Option<VehicleState> { None }
+    /// }
+    /// ```
+    const MESSAGES: MessageTable = Common::MESSAGES;
+
+    /// Returns the vehicle's state for the next heartbeat; `None` while the vehicle is in a fault, which stops the
+    /// heartbeats (H-5).
+    ///
+    /// The stack calls this in every [`poll`](crate::Stack::poll), so keep it cheap. A change is reported at once by an
+    /// extra heartbeat on each normal link; each link sends at most one of those every 200 ms (H-16).
+    fn state(&self) -> Option<VehicleState>;
+
+    /// Called when a peer was found, has timed out, or has reconnected. Use it for the failsafe that monitors the
+    /// ground station.
+    fn peer(&mut self, cx: &mut Context<'_>, event: PeerEvent) {
+        let _ = (cx, event);
+    }
+
+    /// Handles a frame with a correct checksum, addressed to us or to all, whose message the stack does not handle
+    /// itself. Returns whether the vehicle handles that message. By default it returns false: a frame addressed to our
+    /// system is then counted as [`unhandled`](crate::LinkCounters::unhandled).
+    ///
+    /// With the feature `signing`, only frames that their link accepts (`LinkSigning`) are passed on. Without it,
+    /// signatures are not verified. Frames from a high-latency link are never passed on (L-4), nor is SETUP_SIGNING,
+    /// which contains a key (G-11).
+    ///
+    /// Setpoints (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET) are passed on too: the
+    /// stack has no service for offboard control yet.
+    fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {
+        let _ = (cx, frame, link);
+        false
+    }
+
+    /// Returns whether the storage of plans, parameters and signing key may be written now. It is called before every
+    /// erase and every write (SEC-12). On a microcontroller's own flash these stop the processor for milliseconds to
+    /// seconds. While this is false, a durable upload is refused at its beginning (M-44), and parameters and the
+    /// signing time stay pending.
+    ///
+    /// By default it is true while [`state`](Self::state) says that the vehicle is disarmed. In a fault, when `state` is
+    /// `None`, it is false, because the vehicle may be flying. A vehicle whose storage does not stop the processor, FRAM for
+    /// example, can always return true.
+    fn may_persist(&self) -> bool {
+        self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
+    }
+}

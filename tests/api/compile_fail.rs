@@ -1,0 +1,381 @@
+//! Configuration that cannot work does not compile, and the compiler's message says what is wrong with it. Each case is a
+//! firmware that the compiler is given; it must say the words beside it. One that is as it should be must compile.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What every firmware has in front.
+const FRONT: &str = "
+#![allow(dead_code, unused)]
+use mavstack::dialect::*;
+use mavstack::*;
+static PULSE: Pulse = Pulse::new();
+";
+
+/// A firmware: `{vehicle}` and `{commands}` are what a case adds to these traits, `{hooks}` the other traits of its vehicle,
+/// `{entries}` what it declares, and `{main}` what it does with its stack.
+const FIRMWARE: &str = r#"
+const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+const UART: LinkConfig = LinkConfig::uart(57_600);
+struct Rover;
+impl Vehicle for Rover {
+    fn state(&self) -> Option<VehicleState> { None }
+    {vehicle}
+}
+impl Commands for Rover {
+    fn command(&mut self, cx: &mut Context<'_>, _: &Command) -> Outcome { {command} MavResult::UNSUPPORTED.into() }
+}
+{hooks}
+stack! {
+    struct Mavlink for Rover { {entries} }
+}
+fn main() {
+    let mut stack = Mavlink::new(CONFIG, std::array::from_fn(|_| UART));
+    stack.poll(Instant::ZERO, &mut Rover);
+    stack.receive(Instant::ZERO, LinkId(0), &[0], &mut Rover);
+    stack.transmit(Instant::ZERO, LinkId(0), &mut Rover);
+    {main}
+}
+"#;
+
+const PLANS: &str = "
+impl Plans for Rover {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[];
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+    fn progress(&self) -> Progress { Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false } }
+}
+";
+
+const PARAMETERS: &str = "
+parameters! { pub struct Tuning { A: u8 = 0, 0..=1, \"\"; } }
+impl Parameters for Rover { type Table = Tuning; }
+";
+
+/// What a case fills into [`FIRMWARE`].
+#[derive(Clone, Copy, Default)]
+struct Firmware<'a> {
+    vehicle: &'a str,
+    command: &'a str,
+    hooks: &'a str,
+    entries: &'a str,
+    main: &'a str,
+}
+
+impl Firmware<'_> {
+    fn text(self) -> String {
+        let Self { vehicle, command, hooks, entries, main } = self;
+        let text = FIRMWARE.replace("{vehicle}", vehicle).replace("{command}", command).replace("{hooks}", hooks);
+        format!("{FRONT}{}", text.replace("{entries}", entries).replace("{main}", main))
+    }
+}
+
+/// A constant of its own.
+fn constant(text: &str) -> String {
+    format!("{FRONT}{text}\nfn main() {{}}\n")
+}
+
+/// A vehicle without further traits declares `entries`.
+fn declares(entries: &str) -> String {
+    implements("", entries)
+}
+
+/// A vehicle with these traits declares `entries`.
+fn implements(hooks: &str, entries: &str) -> String {
+    Firmware { hooks, entries, ..Firmware::default() }.text()
+}
+
+/// A vehicle with one link, which declares nothing else, uses its stack.
+fn calls(main: &str) -> String {
+    Firmware { entries: "links: 1", main, ..Firmware::default() }.text()
+}
+
+/// The hook of a vehicle with these streams.
+fn telemetry(list: &str) -> String {
+    format!(
+        "impl Telemetry for Rover {{
+             const STREAMS: &'static [Stream] = &[{list}];
+             fn fill(&mut self, _: u32, _: &mut Fill<'_>) -> bool {{ false }}
+         }}"
+    )
+}
+
+/// The hook of a vehicle with these flight modes.
+fn modes(list: &str) -> String {
+    format!(
+        "impl Modes for Rover {{
+             const MODES: &'static [FlightMode] = &[{list}];
+             fn set_mode(&mut self, _: &mut Context<'_>, _: &'static FlightMode, _: &ModeRequest) -> Outcome {{
+                 MavResult::UNSUPPORTED.into()
+             }}
+         }}"
+    )
+}
+
+/// The name of a firmware, its text, and what the compiler says of it; nothing of one that is as it should be.
+type Case = (&'static str, String, &'static str);
+
+/// What cannot work.
+fn cases() -> Vec<Case> {
+    let config = |system, component| {
+        constant(&format!("const CONFIG: Config = Config::new(Address::new({system}, {component}), &PULSE);"))
+    };
+    let address = "a system id is 1 to 254 (255: ground stations), a component id 1 to 255";
+    let links = "a stack has 1 to 16 links";
+    let form = "write stack! { pub struct Mavlink for Rover { links: 1 } }";
+    let streams = |list: &str| implements(&telemetry(list), "links: 1, streams");
+    let announces = |command, main| {
+        let hooks = &telemetry("Stream::of::<Attitude>()");
+        Firmware { command, hooks, entries: "links: 1, streams", main, ..Firmware::default() }.text()
+    };
+    let modes = |list: &str| implements(&modes(list), "links: 1, modes");
+    let parameters = |list: &str| constant(&format!("parameters! {{ pub struct Tuning {{ {list} }} }}"));
+    let many: String = (0..33).fold(String::new(), |mut list, mode| {
+        let _ = write!(list, "FlightMode::new({mode}, \"M\"),");
+        list
+    });
+    vec![
+        ("system_0", config(0, 1), address),
+        ("system_255", config(255, 1), address),
+        ("component_0", config(1, 0), address),
+        ("baud_0", constant("const LINK: LinkConfig = LinkConfig::uart(0);"), "a UART has a baud rate"),
+        (
+            "budget",
+            constant("const BUDGET: PollBudget = PollBudget::for_line(3_000_000, Duration::from_secs(600));"),
+            "poll the link more often",
+        ),
+        ("no_vehicle", constant("stack! { struct Mavlink { links: 1 } }"), form),
+        ("no_struct", constant("struct Rover; stack! { Mavlink for Rover: links: 1 }"), form),
+        (
+            "entry_unknown",
+            declares("links: 1, telemetry"),
+            "`telemetry` is no entry of a stack, or not written like this",
+        ),
+        (
+            "entry_form",
+            declares("links: 1, commands: 2"),
+            "`commands` is no entry of a stack, or not written like this",
+        ),
+        ("links_missing", declares("peers: 8"), "say how many links the vehicle has: `links: 1`"),
+        ("links_0", declares("links: 0"), links),
+        ("links_17", declares("links: 17"), links),
+        ("peers_0", declares("links: 1, peers: 0"), "a stack needs room for a peer: `peers: 8` will do for most"),
+        ("items_65535", implements(PLANS, "links: 1, plans: { mission: 65_535 }"), "a plan has at most 65,534 items"),
+        (
+            "items_0",
+            implements(PLANS, "links: 1, plans: { mission: 0 }"),
+            "plan memory without room for an item: leave `plans` out",
+        ),
+        ("items_order", implements(PLANS, "links: 1, plans: { rally: 16 }"), "fence and rally may be left out"),
+        (
+            "staging",
+            constant("const PLANS: PlanMemory<9, 0, 0, 8> = PlanMemory::new();"),
+            "the staging area is as large as the largest plan: use plan_memory!",
+        ),
+        (
+            "queue_285",
+            declares("links: 2, forwarding: { bytes: 285, seen: 64 }"),
+            "a queue must hold the longest frame: 286 bytes, as in `forwarding: { bytes: 512 }`",
+        ),
+        ("queue_links", declares("links: 1, forwarding"), "with one link, leave `forwarding` out"),
+        (
+            "queue_memory",
+            declares("links: 2, forwarding: { seen: 0 }"),
+            "what was forwarded must be remembered: `forwarding: { seen: 256 }`",
+        ),
+        (
+            "slots_0",
+            declares("links: 1, commands: { slots: 0 }"),
+            "command memory needs a place: `commands: { slots: 2 }`, or leave `commands` out",
+        ),
+        (
+            "signing_0",
+            declares("links: 1, signing: { streams: 0 }"),
+            "no sender could ever be verified: `signing: { streams: 16 }`",
+        ),
+        ("streams_33", streams(&"Stream::of::<Attitude>(),".repeat(33)), "a vehicle declares at most 32 messages"),
+        (
+            "streams_twice",
+            streams("Stream::of::<Attitude>(), Stream::of::<Attitude>()"),
+            "a message stands once in `STREAMS`",
+        ),
+        ("streams_heartbeat", streams("Stream::of::<Heartbeat>()"), "the stack sends this message by itself"),
+        (
+            "streams_of_modes",
+            implements(
+                &(telemetry("Stream::of::<CurrentMode>()") + &self::modes("FlightMode::new(1, \"A\")")),
+                "links: 1, streams, modes",
+            ),
+            "the stack sends this message by itself: see `MODES`",
+        ),
+        (
+            "announce",
+            announces("", "stack.announce::<VfrHud>()"),
+            "the vehicle does not declare this message in `STREAMS`",
+        ),
+        (
+            "announce_in_a_hook",
+            announces("cx.announce::<VfrHud, Self>();", ""),
+            "the vehicle does not declare this message in `STREAMS`",
+        ),
+        ("modes_33", modes(&many), "a vehicle has at most 32 modes"),
+        (
+            "modes_twice",
+            modes("FlightMode::new(1, \"A\"), FlightMode::new(1, \"B\")"),
+            "two modes with the same custom_mode",
+        ),
+        ("modes_name", modes("FlightMode::new(1, \"\")"), "a mode's name has 1 to 34 bytes"),
+        ("param_name", parameters("A_NAME_OF_17_BYTES: u8 = 0, 0..=1, \"\";"), "a parameter's name has 1 to 16 bytes"),
+        ("param_twice", parameters("A: u8 = 0, 0..=1, \"\"; A: u8 = 0, 0..=1, \"\";"), "each name once"),
+        ("param_default", parameters("A: u8 = 2, 0..=1, \"\";"), "a parameter's default lies within its range"),
+        (
+            "hook_vehicle",
+            constant("struct Rover; stack! { struct Mavlink for Rover { links: 1 } }"),
+            "a vehicle of `stack!` needs `impl Vehicle for Rover`",
+        ),
+        (
+            "hook_commands",
+            constant(
+                "struct Rover;
+                 impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+                 stack! { struct Mavlink for Rover { links: 1 } }",
+            ),
+            "a vehicle of `stack!` needs `impl Commands for Rover`",
+        ),
+        (
+            "hook_plans",
+            declares("links: 1, plans: { mission: 9 }"),
+            "`plans` in `stack!` needs `impl Plans for Rover`: write it, or leave `plans` out",
+        ),
+        (
+            "hook_streams",
+            declares("links: 1, streams"),
+            "`streams` in `stack!` needs `impl Telemetry for Rover`: write it, or leave `streams` out",
+        ),
+        (
+            "hook_modes",
+            declares("links: 1, modes"),
+            "`modes` in `stack!` needs `impl Modes for Rover`: write it, or leave `modes` out",
+        ),
+        (
+            "hook_parameters",
+            implements("parameters! { struct Tuning { A: u8 = 0, 0..=1, \"\"; } }", "links: 1, parameters: Tuning"),
+            "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
+        ),
+        (
+            "other_table",
+            implements(
+                &(PARAMETERS.to_owned() + "parameters! { struct Other { A: u8 = 0, 0..=1, \"\"; } }"),
+                "links: 1, parameters: Other",
+            ),
+            "<Rover as Parameters>::Table == Other",
+        ),
+        ("no_table", implements("struct Tuning;", "links: 1, parameters: Tuning"), "declare it with `parameters!`"),
+        ("calls_commands", calls("stack.commands_mut();"), "Declares>::Commands = "),
+        ("calls_plans", calls("stack.mission_item_reached(Instant::ZERO, 0);"), "Declares>::Mission = "),
+        ("calls_parameters", calls("stack.parameters_mut();"), "`NoParams: ParamTable`"),
+        ("calls_time", calls("stack.ask_time(LinkId(0));"), "Declares>::Time = "),
+        ("calls_manual_control", calls("stack.manual_input_mut();"), "Declares>::ManualControl = "),
+        ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
+        ("calls_forwarding", calls("stack.forward_counters(LinkId(0));"), "Declares>::Forwarding = "),
+        ("calls_signing", calls("stack.signing_mut();"), "Declares>::Signing = "),
+        ("calls_streams", calls("stack.announce::<Attitude>();"), "Declares>::Stream = "),
+        ("message_order", constant("message! { struct M: M = 53_000 { a: u8, b: u32, } }"), "must stand in wire order"),
+        ("message_id", constant("message! { struct M: M = 16_777_216 { a: u8, } }"), "a message id has 24 bits"),
+        ("message_long", constant("message! { struct M: M = 53_000 { a: [u64; 32], } }"), "at most 255 bytes"),
+        (
+            "message_taken",
+            constant(
+                "message! { struct M: M = 30 { a: u8, } }
+                 dialect! { struct D: [M] + Common; }
+                 const ROWS: MessageTable = D::MESSAGES;",
+            ),
+            "two messages of the dialect have one id",
+        ),
+        (
+            "deaf",
+            Firmware {
+                vehicle: "const MESSAGES: MessageTable = <D as Dialect>::MESSAGES;",
+                hooks: "message! { struct M: M = 53_000 { a: u8, } } dialect! { struct D: [M]; }",
+                entries: "links: 1",
+                ..Firmware::default()
+            }
+            .text(),
+            "put all of common beside your own",
+        ),
+    ]
+}
+
+/// A package with a firmware for each case, which Cargo builds against this crate.
+fn package(cases: &[Case]) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("refused");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let manifest = format!(
+        "[package]\nname = \"refused\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
+         [features]\ndefault = [\"signing\"]\nsigning = [\"mavstack/signing\"]\n\n\
+         [dependencies]\nmavstack = {{ path = {:?} }}\n\n[profile.dev]\ndebug = 0\n\n[workspace]\n",
+        root.display().to_string()
+    );
+    // What was there is of another state of this test.
+    let _ = std::fs::remove_dir_all(folder.join("src"));
+    std::fs::create_dir_all(folder.join("src/bin")).expect("a folder");
+    std::fs::write(folder.join("Cargo.toml"), manifest).expect("written");
+    std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).expect("the lock file");
+    for (name, text, _) in cases {
+        std::fs::write(folder.join(format!("src/bin/{name}.rs")), text).expect("written");
+    }
+    folder
+}
+
+/// What Cargo says of all of them: a line of JSON for each message and each firmware that was built.
+fn cargo(folder: &Path, arguments: &[&str]) -> Vec<String> {
+    let output = Command::new(env!("CARGO"))
+        .args(arguments)
+        .args(["--quiet", "--message-format", "json"])
+        .current_dir(folder)
+        .env("CARGO_TARGET_DIR", folder.join("target"))
+        .env_remove("RUSTFLAGS")
+        .output()
+        .expect("cargo runs");
+    let lines = String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect::<Vec<_>>();
+    assert!(!lines.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    lines
+}
+
+/// Adds the cases to `wrong` of which Cargo said something else than it should.
+fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
+    for (name, _, says) in cases {
+        let of_case = || lines.iter().filter(|line| line.contains(&format!("\"name\":\"{name}\"")));
+        let is_built = of_case().any(|line| line.contains("\"reason\":\"compiler-artifact\""));
+        let complaints: Vec<_> = of_case().filter(|line| line.contains("\"level\":\"error\"")).collect();
+        let is_as_expected = match says.is_empty() {
+            true => is_built,
+            false => !is_built && complaints.iter().any(|line| line.contains(says)),
+        };
+        if !is_as_expected {
+            let _ = writeln!(wrong, "{name}: built: {is_built}; expected `{says}`, the compiler said {complaints:#?}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_work_is_refused_with_words() {
+    let everything =
+        "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
+                      signing, time, manual_control, high_latency, peers: 1, texts: 0";
+    let hooks =
+        [PLANS, PARAMETERS, &telemetry("Stream::of::<Attitude>()"), &modes("FlightMode::new(1, \"A\")")].concat();
+    let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
+                stack.commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.high_latency_mut();
+                stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
+    let right = Firmware { hooks: &hooks, entries: everything, main, ..Firmware::default() };
+    let signs = || declares("links: 1, signing");
+    let mut cases = cases();
+    cases.extend([("right", right.text(), ""), ("least", declares("links: 1"), ""), ("signs", signs(), "")]);
+    let folder = package(&cases);
+    let mut wrong = String::new();
+    judge(&cases, &cargo(&folder, &["build", "--bins", "--keep-going"]), &mut wrong);
+    let unsigned = [("signs", signs(), "`signing` in `stack!` needs the feature `signing` of mavstack")];
+    judge(&unsigned, &cargo(&folder, &["check", "--no-default-features", "--bin", "signs"]), &mut wrong);
+    assert!(wrong.is_empty(), "{wrong}");
+}

@@ -1,0 +1,104 @@
+//! What errors say: what failed, and what to do about it.
+
+use mavstack::dialect::MavMissionResult;
+use mavstack::io::SerialError;
+use mavstack::wpl::{Fault, HomeRow, Reader};
+use mavstack::{EncodeError, LinkError, PlanFault};
+
+#[test]
+fn encoding() {
+    let texts = [EncodeError::BufferTooSmall, EncodeError::NeedsV2].map(|error| error.to_string());
+    assert!(texts[0].contains("MAX_FRAME_LEN"), "{texts:?}");
+    assert!(texts[1].contains("Version::V2"), "{texts:?}");
+}
+
+/// A transport's error is told in its own words.
+#[test]
+fn links() {
+    let read = LinkError::Read(SerialError::Line).to_string();
+    assert_eq!(read, "reading failed: Line");
+    assert_eq!(LinkError::Write(SerialError::WouldBlock).to_string(), "writing failed: WouldBlock");
+    let closed = LinkError::<SerialError>::Closed.to_string();
+    assert!(closed.contains("restart the link"), "{closed}");
+    let missing = LinkError::<SerialError>::NoSuchLink.to_string();
+    assert!(missing.contains("count from 0"), "{missing}");
+}
+
+#[test]
+fn uarts() {
+    use embedded_io::Error as _;
+    for (error, word) in [
+        (SerialError::Overrun, "make the queue longer"),
+        (SerialError::Line, "the UART reported an error"),
+        (SerialError::WouldBlock, "write_ready"),
+    ] {
+        assert!(error.to_string().contains(word), "{error}");
+        assert_eq!(error.kind(), embedded_io::ErrorKind::Other);
+    }
+}
+
+#[cfg(any(feature = "embedded-hal-nb", feature = "embedded-io-06", feature = "embedded-io-async"))]
+#[test]
+fn adapters() {
+    use embedded_io::Error as _;
+    use mavstack::io::HalError;
+    let error = HalError::Hal(embedded_io::ErrorKind::TimedOut);
+    assert_eq!((error.to_string(), error.kind()), ("TimedOut".to_owned(), embedded_io::ErrorKind::Other));
+    assert!(HalError::<SerialError>::WouldBlock.to_string().contains("read_ready"));
+}
+
+#[cfg(feature = "storage")]
+#[test]
+fn fram() {
+    use embedded_hal::spi::ErrorKind;
+    use mavstack::FramError;
+    let id = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, 0xFF, 0x08];
+    for (error, word) in [
+        (FramError::Bus(ErrorKind::Overrun), "the bus failed: Overrun"),
+        (FramError::Id(id), "C2, FF, 08"),
+        (FramError::Protected, "BP0 and BP1"),
+        (FramError::NotAligned, "multiple of its unit"),
+        (FramError::OutOfBounds, "beyond the end"),
+    ] {
+        assert!(error.to_string().contains(word), "{error}");
+    }
+}
+
+/// M-38: which item, if it is one's fault.
+#[test]
+fn plans() {
+    let fault = |seq| PlanFault { seq, result: MavMissionResult::NO_SPACE }.to_string();
+    assert!(fault(Some(7)).starts_with("item 7"), "{}", fault(Some(7)));
+    assert!(fault(None).starts_with("plan refused"), "{}", fault(None));
+}
+
+/// A line, a column and a reason for every mistake in a plan's text.
+#[test]
+fn plan_texts() {
+    let row = |text: &str| format!("QGC WPL 110\n{text}\n");
+    let good = "0\t0\t0\t16\t0\t0\t0\t0\t1\t2\t3\t1";
+    for (text, expected) in [
+        ("QGC 110\n".to_owned(), "line 1: not a QGC WPL file"),
+        ("QGC WPL 7\n".to_owned(), "line 1: version is not 110 or 120"),
+        (row("0\t0"), "line 2: not 12 columns"),
+        (row(&good.replacen("16", "x", 1)), "line 2 command: not a number"),
+        (row(&good.replacen("16", "99999", 1)), "line 2 command: number out of range"),
+        (row("0\t0\t2\t16\t0\t0\t0\t0\t0.5\t2\t3\t1"), "line 2 x: not a whole number"),
+        (row(&good.replacen("16", &"1".repeat(90), 1)), "line 2 command: too long"),
+        (row(&good.replacen("0\t0\t0\t16", "0\t0\t77\t16", 1)), "line 2 frame: unknown frame"),
+        (row(&good.replacen("0\t0\t0\t16\t0", "0\t0\t0\t177\t9", 1)), "line 2 param1: no row to jump to"),
+        (row(&good.replacen('0', "5", 1)), "line 2 index: not in sequence"),
+    ] {
+        let mut reader = Reader::new(HomeRow::None).numbered();
+        let mut bytes = text.as_bytes();
+        let error = loop {
+            match reader.next(&mut bytes) {
+                Ok(Some(_)) => {}
+                Ok(None) => break reader.finish().expect_err(&text),
+                Err(error) => break error,
+            }
+        };
+        assert_eq!(error.to_string(), expected);
+    }
+    assert_eq!(Fault::TooMany.to_string(), "too many rows");
+}

@@ -1,0 +1,61 @@
+//! The README's loop compiles: it stands here word for word.
+
+use crate::support::{TestVehicle as Quadrotor, Tuning};
+use embedded_io::{Read, ReadReady, Write, WriteReady};
+use mavstack::*;
+
+/// What a flight controller's own code has.
+trait Flight {
+    fn control_step(&mut self, now: Instant, mission: &[Item]);
+}
+
+impl Flight for Quadrotor {
+    fn control_step(&mut self, _: Instant, _: &[Item]) {}
+}
+
+struct Clock;
+
+impl Clock {
+    fn now(&self) -> Instant {
+        Instant::ZERO
+    }
+}
+
+struct Errors;
+
+impl Errors {
+    fn note<E>(&mut self, _: E) {}
+}
+
+#[rustfmt::skip]
+#[allow(dead_code, reason = "it has no end")]
+fn the_loop<U: Read + ReadReady + Write + WriteReady>(clock: Clock, mut uart: U, mut errors: Errors) -> ! {
+    static PULSE: Pulse = Pulse::new();       // ticked by the flight loop, watched by the stack
+    const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
+    stack! {                                  // contains all memory; what is not declared is not linked
+        struct Mavlink for Quadrotor { links: 1, plans: { mission: 250 }, parameters: Tuning, streams }
+    }
+
+    let mut vehicle = Quadrotor::new();       // yours: implements Vehicle, Commands, Plans, Telemetry, Parameters
+    let mut stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
+    loop {
+        let now = clock.now();                // µs since boot
+        vehicle.control_step(now, stack.mission().items());
+        PULSE.tick();                         // no tick, no heartbeat
+        stack.poll(now, &mut vehicle);        // timers
+        // A bounded read, the answers, a bounded write. Never waits. After an error the link goes on.
+        if let Err(error) = stack.poll_link(now, LinkId(0), &mut uart, &mut vehicle) {
+            errors.note(error);
+        }
+    }
+}
+
+#[test]
+fn the_readme_has_this_loop() {
+    let readme = include_str!("../../README.md");
+    let (_, block) = readme.split_once("```rust\n").expect("a block of Rust");
+    let (block, _) = block.split_once("```\n").expect("its end");
+    let indented: String =
+        block.lines().map(|line| if line.is_empty() { "\n".to_owned() } else { format!("    {line}\n") }).collect();
+    assert!(include_str!("readme.rs").contains(&indented), "README.md and tests/api/readme.rs differ in the loop");
+}

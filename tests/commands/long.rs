@@ -1,0 +1,540 @@
+//! Commands that take their time, and commands that must not be carried out twice: rules C-12, C-20 to C-24, C-3, L-4,
+//! and the property that no sequence of frames makes an answer missing or doubled.
+
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Outcome, Peer};
+use proptest::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+
+const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
+const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
+const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
+
+/// A world whose vehicle takes its time to calibrate.
+fn world<const N: usize>() -> World<N> {
+    let mut world = World::new(Setup::<N>::new());
+    world.vehicle.long.insert(CALIBRATE.0);
+    world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
+    world.run_for(millis(10));
+    world
+}
+
+/// The ACKs that the ground station of `link` got since it was asked last: command, result, progress, to whom.
+fn acks<const N: usize>(world: &mut World<N>, link: usize) -> Vec<(MavCmd, MavResult, u8, Address)> {
+    let gcs = &mut world.gcs[link];
+    std::iter::from_fn(|| gcs.take::<CommandAck>())
+        .map(|(_, ack)| (ack.command, ack.result, ack.progress, Address::new(ack.target_system, ack.target_component)))
+        .collect()
+}
+
+fn results<const N: usize>(world: &mut World<N>, link: usize) -> Vec<(MavResult, u8)> {
+    acks(world, link).into_iter().map(|(_, result, progress, _)| (result, progress)).collect()
+}
+
+/// Sends `command` from the ground station of `link`, with this confirmation, and gives the vehicle time to answer.
+fn send<const N: usize>(world: &mut World<N>, link: usize, command: MavCmd, params: [f32; 7], confirmation: u8) {
+    let message = CommandLong { confirmation, ..world.gcs[link].long(command, params) };
+    world.gcs[link].send(&message);
+    world.run_for(millis(5));
+}
+
+const fn running(progress: u8) -> (MavResult, u8) {
+    (MavResult::IN_PROGRESS, progress)
+}
+
+const fn ended(result: MavResult) -> (MavResult, u8) {
+    (result, 255)
+}
+
+/// C-20: IN_PROGRESS at once, then every second and when the progress changes, then one final ACK.
+#[test]
+fn a_long_command_tells_how_far_it_is() {
+    let mut world = world::<1>();
+    let start = world.now();
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [running(255)]);
+    world.run_for(millis(3_500));
+    let times: Vec<_> = world.gcs[0].all::<CommandAck>().iter().map(|(at, _)| at.since(start).as_millis()).collect();
+    assert_eq!(times.len(), 4);
+    for (i, at) in (0u64..).zip(times) {
+        assert!((i * 1_000..i * 1_000 + 20).contains(&at), "IN_PROGRESS {i} at {at} ms");
+    }
+    assert_eq!(results(&mut world, 0), [running(255); 3]);
+    for percent in [0, 40, 40, 40, 100] {
+        world.stack.commands_mut().progress(CALIBRATE, percent);
+        world.run_for(millis(120));
+    }
+    assert_eq!(results(&mut world, 0), [running(0), running(40), running(100)]);
+    // More than all is not known.
+    world.stack.commands_mut().progress(CALIBRATE, 101);
+    world.run_for(millis(120));
+    assert_eq!(results(&mut world, 0), [running(255)]);
+    assert!(world.stack.commands_mut().is_running(CALIBRATE));
+    assert!(!world.stack.commands_mut().finish(CALIBRATE, MavResult::IN_PROGRESS), "no end");
+    let outcome = Outcome { result: MavResult::FAILED, result_param2: -5 };
+    assert!(world.stack.commands_mut().finish(CALIBRATE, outcome));
+    assert!(!world.stack.commands_mut().finish(CALIBRATE, outcome), "it ends once");
+    world.run_for(secs(20));
+    let (_, last) = world.gcs[0].all::<CommandAck>().pop().unwrap();
+    assert_eq!((last.result_param2, last.target_system, last.target_component), (-5, 255, 190));
+    assert_eq!(results(&mut world, 0), [ended(MavResult::FAILED)]);
+    assert_eq!(world.vehicle.commands().len(), 1);
+}
+
+/// C-20, D-4: a flight loop that tells its progress in every pass does not fill the line; the newest is told.
+#[test]
+fn progress_leaves_room_for_others() {
+    let mut world = world::<2>();
+    for link in [0, 1] {
+        send(&mut world, link, CALIBRATE, PARAMS, 0);
+    }
+    for pass in 0..10_000u32 {
+        world.stack.commands_mut().progress(CALIBRATE, (pass % 100) as u8);
+        world.run_for(millis(1));
+    }
+    world.stack.commands_mut().progress(CALIBRATE, 77);
+    world.run_for(millis(200));
+    for link in [0, 1] {
+        let told = results(&mut world, link);
+        assert!((90..=103).contains(&told.len()), "{} times in 10 s", told.len());
+        assert_eq!(told.last(), Some(&running(77)));
+    }
+}
+
+/// C-20: a command that is over before its first answer has left is still answered twice, in order.
+#[test]
+fn an_end_at_once_comes_after_the_beginning() {
+    let mut world = world::<1>();
+    world.uarts[0].stall_writes_until(Instant::from_millis(500));
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    world.stack.commands_mut().progress(CALIBRATE, 70);
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.run_for(secs(1));
+    assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::ACCEPTED)]);
+}
+
+/// C-21: the same again is a repetition and gets the progress; others are told to wait; nothing begins twice.
+#[test]
+fn a_running_command_is_busy() {
+    let mut world = world::<2>();
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    world.stack.commands_mut().progress(CALIBRATE, 30);
+    world.run_for(millis(120));
+    acks(&mut world, 0);
+    for confirmation in [0, 0, 1, 7] {
+        send(&mut world, 0, CALIBRATE, PARAMS, confirmation);
+        assert_eq!(results(&mut world, 0), [running(30)]);
+    }
+    let busy = [ended(MavResult::TEMPORARILY_REJECTED)];
+    let mut other = PARAMS;
+    other[3] = 0.25;
+    send(&mut world, 0, CALIBRATE, other, 0);
+    assert_eq!(results(&mut world, 0), busy, "other parameters");
+    world.gcs[0].command_int(CALIBRATE, [1.0, 0.0, 3.0, 0.5]);
+    world.run_for(millis(5));
+    assert_eq!(results(&mut world, 0), busy, "another form");
+    world.gcs[1].address = OTHER_STATION;
+    send(&mut world, 1, CALIBRATE, PARAMS, 0);
+    assert_eq!(results(&mut world, 1), busy, "somebody else");
+    // Other commands are not held up.
+    send(&mut world, 1, MavCmd::NAV_LAND, [0.0; 7], 0);
+    assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
+    assert_eq!(world.vehicle.commands().len(), 2);
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.run_for(millis(50));
+    assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
+    assert_eq!(results(&mut world, 1), []);
+}
+
+/// C-3: who asks by two links gets the end on both.
+#[test]
+fn the_end_comes_by_every_link_it_was_asked_by() {
+    let mut world = world::<2>();
+    for link in [0, 1] {
+        send(&mut world, link, CALIBRATE, PARAMS, 0);
+        assert_eq!(results(&mut world, link), [running(255)]);
+    }
+    assert_eq!(world.vehicle.commands().len(), 1);
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.run_for(secs(5));
+    for link in [0, 1] {
+        assert_eq!(results(&mut world, link), [ended(MavResult::ACCEPTED)]);
+    }
+}
+
+/// C-22: what finds no place is not begun, and may come again; a place is free three seconds after the end (C-24).
+#[test]
+fn no_place_is_busy() {
+    let mut world = world::<1>();
+    let commands = [241, 242, 243, 252].map(MavCmd);
+    for command in commands {
+        world.vehicle.long.insert(command.0);
+        send(&mut world, 0, command, PARAMS, 0);
+    }
+    let rejected = ended(MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(results(&mut world, 0), [running(255), running(255), running(255), rejected]);
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [rejected], "what must not be done twice has to be remembered");
+    let calls = world.vehicle.commands().len();
+    assert_eq!(calls, 4, "and so is not done");
+    world.stack.commands_mut().finish(commands[1], MavResult::ACCEPTED);
+    world.run_for(millis(2_900));
+    acks(&mut world, 0);
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [rejected]);
+    world.run_for(millis(150));
+    acks(&mut world, 0);
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
+}
+
+/// C-23: who asked gets CANCELLED, on his link, whoever cancels; and only an exact target is heard.
+#[test]
+fn a_running_command_can_be_cancelled() {
+    let mut world = world::<2>();
+    let cancel = CommandCancel { command: CALIBRATE, target_system: 1, target_component: 1 };
+    let cancels = |world: &World<2>| {
+        let of = |call: &&Call| matches!(call, Call::CancelCommand(..));
+        world.vehicle.calls.iter().filter(of).cloned().collect::<Vec<_>>()
+    };
+    world.gcs[1].send_from(OTHER_STATION, &cancel);
+    world.run_for(secs(1));
+    assert_eq!((results(&mut world, 1), cancels(&world)), (vec![], vec![]), "it does not run");
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    acks(&mut world, 0);
+    for (target_system, target_component) in [(0, 1), (1, 0), (0, 0), (2, 1), (1, 2)] {
+        world.gcs[1].send(&CommandCancel { target_system, target_component, ..cancel });
+    }
+    world.gcs[1].send(&CommandCancel { command: ONCE, ..cancel });
+    world.run_for(millis(20));
+    assert_eq!(cancels(&world), []);
+    world.vehicle.cancels = false;
+    world.gcs[1].send_from(OTHER_STATION, &cancel);
+    world.run_for(millis(1_100));
+    let from = Peer { address: OTHER_STATION, link: LinkId(1) };
+    assert_eq!(cancels(&world), [Call::CancelCommand(CALIBRATE, from)]);
+    assert_eq!(results(&mut world, 0), [running(255)], "it goes on");
+    world.vehicle.cancels = true;
+    world.gcs[1].send_from(OTHER_STATION, &cancel);
+    world.gcs[1].send_from(OTHER_STATION, &cancel);
+    world.run_for(secs(5));
+    assert_eq!(acks(&mut world, 0), [(CALIBRATE, MavResult::CANCELLED, 255, STATION)]);
+    assert_eq!(acks(&mut world, 1), [], "no answer to COMMAND_CANCEL itself");
+    assert_eq!(cancels(&world).len(), 2);
+}
+
+/// C-24: the final ACK is sent again to who lost it, for three seconds; then the command is a new one.
+#[test]
+fn a_lost_final_ack_comes_again() {
+    let mut world = world::<2>();
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::FAILED);
+    world.run_for(millis(10));
+    assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::FAILED)]);
+    for (link, wait) in [(0, 1_000), (0, 1_000), (1, 900)] {
+        world.run_for(millis(wait));
+        send(&mut world, link, CALIBRATE, PARAMS, 0);
+        assert_eq!(results(&mut world, link), [ended(MavResult::FAILED)]);
+    }
+    assert_eq!(world.vehicle.commands().len(), 1);
+    // Another one is another one.
+    let mut other = PARAMS;
+    other[0] = 0.0;
+    send(&mut world, 0, CALIBRATE, other, 0);
+    assert_eq!(results(&mut world, 0), [running(255)]);
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.run_for(millis(3_100));
+    acks(&mut world, 0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [running(255)]);
+    assert_eq!(world.vehicle.commands().len(), 3);
+}
+
+/// C-20: a command that was refused after all does not run, and takes no place.
+#[test]
+fn a_start_can_be_taken_back() {
+    let mut world = world::<1>();
+    world.vehicle.outcomes.insert(CALIBRATE.0, MavResult::DENIED.into());
+    for _ in 0..5 {
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        assert_eq!(results(&mut world, 0), [ended(MavResult::DENIED)]);
+        assert!(!world.stack.commands_mut().is_running(CALIBRATE));
+    }
+    assert_eq!(world.vehicle.commands().len(), 5);
+    world.vehicle.outcomes.remove(&CALIBRATE.0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert_eq!(results(&mut world, 0), [running(255)]);
+}
+
+/// C-3: a final ACK that is still owed is not lost to the same command, given anew by another link.
+#[test]
+fn a_final_ack_that_is_owed_is_kept() {
+    let mut world = world::<2>();
+    world.vehicle.outcomes.remove(&ONCE.0);
+    world.vehicle.long.insert(ONCE.0);
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    world.uarts[0].stall_writes_until(world.now().after(secs(6)));
+    world.stack.commands_mut().finish(ONCE, MavResult::FAILED);
+    world.run_for(secs(4));
+    world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
+    world.vehicle.long.clear();
+    send(&mut world, 1, ONCE, PARAMS, 0);
+    assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
+    world.run_for(secs(4));
+    assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::FAILED)]);
+}
+
+/// A final ACK waits for a link that takes nothing, but not for ever: its place is needed.
+#[test]
+fn a_dead_link_gives_its_place_back() {
+    let mut world = world::<2>();
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    world.uarts[0].stall_writes_until(Instant::from_millis(60_000));
+    for command in [242, 243].map(MavCmd) {
+        world.vehicle.long.insert(command.0);
+        send(&mut world, 1, command, PARAMS, 0);
+    }
+    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.run_for(secs(9));
+    send(&mut world, 1, CALIBRATE, [0.0; 7], 0);
+    assert_eq!(results(&mut world, 1).pop(), Some(ended(MavResult::TEMPORARILY_REJECTED)));
+    world.run_for(secs(2));
+    send(&mut world, 1, CALIBRATE, [0.0; 7], 0);
+    assert_eq!(results(&mut world, 1).pop(), Some(running(255)));
+}
+
+/// C-12: a duplicate by another link, or with a higher confirmation, is answered and not carried out; two presses more than a
+/// second apart are two commands.
+#[test]
+fn what_must_not_be_done_twice_is_not() {
+    let mut world = world::<2>();
+    let outcome = Outcome { result: MavResult::ACCEPTED, result_param2: 7 };
+    world.vehicle.outcomes.insert(ONCE.0, outcome);
+    let mut done = 0;
+    // Link, confirmation, ms before, whether it is new.
+    for (step, (link, confirmation, wait, is_new)) in [
+        (0, 0, 0, true),
+        (1, 0, 100, false),
+        (0, 1, 500, false),
+        (1, 1, 5, false),
+        (0, 2, 5, false),
+        (0, 2, 5, false),
+        (1, 2, 5, false),
+        // Pressed twice more; the other link is behind. Then that one is first.
+        (0, 0, 1_100, true),
+        (0, 0, 1_100, true),
+        (1, 0, 5, false),
+        (1, 0, 5, false),
+        (1, 0, 1_100, true),
+        (0, 0, 5, false),
+        (0, 0, 1_100, true),
+        // A client that always sends 2.
+        (1, 2, 3_100, true),
+        (1, 2, 1_100, true),
+        (0, 2, 5, false),
+        (0, 3, 3_100, true),
+        (1, 0, 2_900, false),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        world.run_for(millis(wait));
+        // Whatever else it would do now.
+        let now = if is_new { outcome } else { MavResult::FAILED.into() };
+        world.vehicle.outcomes.insert(ONCE.0, now);
+        send(&mut world, link, ONCE, PARAMS, confirmation);
+        done += usize::from(is_new);
+        assert_eq!(world.vehicle.commands().len(), done, "step {step}");
+        let (_, ack) = world.gcs[link].take::<CommandAck>().unwrap();
+        assert_eq!((ack.result, ack.result_param2), (MavResult::ACCEPTED, 7), "step {step}");
+        assert_eq!(results(&mut world, link), [], "step {step}");
+    }
+}
+
+/// C-12: only copies are copies.
+#[test]
+fn what_differs_is_carried_out() {
+    let mut world = world::<2>();
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    let mut other = PARAMS;
+    other[6] = 0.0;
+    send(&mut world, 1, ONCE, other, 0);
+    assert_eq!(world.vehicle.commands().len(), 2, "other parameters");
+    world.run_for(secs(4));
+    send(&mut world, 0, ONCE, PARAMS, 0);
+    let message = world.gcs[1].long(ONCE, PARAMS);
+    world.gcs[1].send_from(OTHER_STATION, &message);
+    world.run_for(millis(5));
+    assert_eq!(world.vehicle.commands().len(), 4, "somebody else");
+    world.run_for(secs(4));
+    // The same bits in another form, and in another frame.
+    send(&mut world, 0, ONCE, [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, 0.0], 0);
+    world.gcs[1].command_int(ONCE, [1.0, 0.0, 3.0, 0.5]);
+    world.run_for(millis(5));
+    assert_eq!(world.vehicle.commands().len(), 6, "another form");
+    let int = CommandInt { target_system: 1, target_component: 1, command: ONCE, param1: 1.0, ..CommandInt::default() };
+    let int = CommandInt { param3: 3.0, param4: 0.5, frame: MavFrame::LOCAL_NED, ..int };
+    world.gcs[0].send(&int);
+    world.run_for(millis(5));
+    assert_eq!(world.vehicle.commands().len(), 7, "another frame");
+    // A command that is not declared so is carried out each time.
+    for link in [0, 1] {
+        send(&mut world, link, MavCmd::NAV_LAND, [0.0; 7], 0);
+    }
+    assert_eq!(world.vehicle.commands().len(), 9);
+}
+
+/// L-4: over a satellite every byte costs: the first answer and the last.
+#[test]
+fn no_progress_by_satellite() {
+    let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+    let mut world = World::new(Setup { links: [satellite], ..Setup::new() });
+    world.vehicle.long.insert(CALIBRATE.0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    for percent in 0..50 {
+        world.stack.commands_mut().progress(CALIBRATE, percent);
+        world.run_for(millis(100));
+    }
+    world.gcs[0].send(&CommandCancel { command: CALIBRATE, target_system: 1, target_component: 1 });
+    world.run_for(secs(5));
+    assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::CANCELLED)]);
+}
+
+/// What happens in the property: somebody sends something, or the vehicle gets on.
+#[derive(Clone, Debug)]
+enum Step {
+    Command { link: usize, other: bool, command: u16, form: bool, param: bool, confirmation: u8 },
+    Cancel { link: usize, command: u16 },
+    Progress { command: u16, percent: u8 },
+    Finish { command: u16 },
+    Wait { millis: u64 },
+}
+
+/// Two that take their time, one that is carried out once, an ordinary one, one that is refused, one that is unknown.
+const COMMANDS: [u16; 6] = [241, 243, 184, 21, 192, 42_424];
+
+fn any_step() -> impl Strategy<Value = Step> {
+    let command = || prop::sample::select(COMMANDS.to_vec());
+    prop_oneof![
+        8 => (0usize..2, any::<bool>(), command(), any::<bool>(), any::<bool>(), 0u8..3).prop_map(
+            |(link, other, command, form, param, confirmation)| {
+                Step::Command { link, other, command, form, param, confirmation }
+            }
+        ),
+        1 => (0usize..2, command()).prop_map(|(link, command)| Step::Cancel { link, command }),
+        1 => (command(), any::<u8>()).prop_map(|(command, percent)| Step::Progress { command, percent }),
+        3 => command().prop_map(|command| Step::Finish { command }),
+        2 => (0u64..3_500).prop_map(|millis| Step::Wait { millis }),
+    ]
+}
+
+/// Who was promised a final ACK, by link.
+type Promises = BTreeMap<u16, (Address, BTreeSet<usize>)>;
+
+/// Runs, and requires that what came beside progress is `expected`, in any order; with `may_run` an IN_PROGRESS will do for
+/// an answer.
+fn expect_only(
+    world: &mut World<2>,
+    promises: &Promises,
+    time: Duration,
+    expected: &[(usize, u16, Address)],
+    may_run: bool,
+) -> Vec<(usize, u16, MavResult)> {
+    world.run_for(time);
+    let mut left = expected.to_vec();
+    let mut came = Vec::new();
+    for link in [0, 1] {
+        came.extend(acks(world, link).into_iter().map(|ack| (link, ack)));
+    }
+    // Answers that are final first: what was on its way before them is no substitute.
+    came.sort_by_key(|(_, (_, result, ..))| *result == MavResult::IN_PROGRESS);
+    for &(link, (command, result, progress, to)) in &came {
+        let runs = result == MavResult::IN_PROGRESS;
+        assert!(progress == 255 || (runs && progress <= 100));
+        let wanted = left.iter().position(|wanted| *wanted == (link, command.0, to));
+        if let Some(at) = wanted.filter(|_| may_run || !runs) {
+            left.swap_remove(at);
+        } else {
+            // An unasked one can only be the progress of what runs, to who asked for it, where he did.
+            assert!(runs, "{command:?} on link {link}: {result:?} is one too many");
+            let (station, links) = &promises[&command.0];
+            assert!(*station == to && links.contains(&link));
+        }
+    }
+    assert_eq!(left, [], "answers that did not come");
+    came.into_iter().map(|(link, (command, result, ..))| (link, command.0, result)).collect()
+}
+
+proptest! {
+    #![proptest_config(cases(96))]
+
+    /// No sequence of frames makes an answer missing or doubled (C-3): each copy has one at once; who was told IN_PROGRESS
+    /// gets one final ACK when the command ends, on each link that told him so; and nobody gets anything else.
+    #[test]
+    fn no_answer_is_missing_or_doubled(steps in prop::collection::vec(any_step(), 1..40)) {
+        let mut world = world::<2>();
+        world.vehicle.long.insert(243);
+        let mut promises = Promises::new();
+        for step in steps {
+            // What is due by now comes in between and is progress only.
+            expect_only(&mut world, &promises, millis(3), &[], false);
+            match step {
+                Step::Command { link, other, command, form, param, confirmation } => {
+                    let from = if other { OTHER_STATION } else { STATION };
+                    let params = [if param { 1.0 } else { 2.0 }, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+                    let long = CommandLong { confirmation, ..world.gcs[link].long(MavCmd(command), params) };
+                    let [param1, param2, param3, param4, ..] = params;
+                    let (target_system, target_component) = (1, 1);
+                    let command = MavCmd(command);
+                    let int = CommandInt { target_system, target_component, command, param1, param2, param3, param4, ..CommandInt::default() };
+                    if form { world.gcs[link].send_from(from, &long) } else { world.gcs[link].send_from(from, &int) }
+                    let before = world.vehicle.commands().len();
+                    let wanted = (link, command.0, from);
+                    // A repetition of what runs may be answered by a repetition of the answer that is due anyway.
+                    let came = expect_only(&mut world, &promises_with(&promises, wanted), millis(3), &[wanted], true);
+                    prop_assert!(world.vehicle.commands().len() <= before + 1);
+                    let is_final = |&&(_, id, result): &&(usize, u16, MavResult)| id == command.0 && result != MavResult::IN_PROGRESS;
+                    match came.iter().filter(is_final).count() {
+                        0 => { promises.entry(command.0).or_insert_with(|| (from, BTreeSet::new())).1.insert(link); }
+                        finals => prop_assert_eq!(finals, 1),
+                    }
+                    if let Some((station, _)) = promises.get(&command.0) {
+                        prop_assert!(world.stack.commands_mut().is_running(command));
+                        prop_assert!(came.iter().all(|(_, _, result)| *result != MavResult::IN_PROGRESS) || *station == from || came.len() > 1);
+                    }
+                }
+                Step::Cancel { link, command } => {
+                    world.gcs[link].send(&CommandCancel { command: MavCmd(command), target_system: 1, target_component: 1 });
+                    let before = promises.clone();
+                    let finals = take_promise(&mut promises, command);
+                    expect_only(&mut world, &before, millis(3), &finals, false);
+                }
+                Step::Progress { command, percent } => world.stack.commands_mut().progress(MavCmd(command), percent),
+                Step::Finish { command } => {
+                    let before = promises.clone();
+                    let finals = take_promise(&mut promises, command);
+                    let was_running = world.stack.commands_mut().finish(MavCmd(command), MavResult::ACCEPTED);
+                    prop_assert_eq!(was_running, !finals.is_empty());
+                    let came = expect_only(&mut world, &before, millis(3), &finals, false);
+                    let of_it = came.iter().filter(|(_, id, result)| *id == command && *result != MavResult::IN_PROGRESS);
+                    prop_assert!(of_it.cloned().all(|(_, _, result)| result == MavResult::ACCEPTED));
+                }
+                Step::Wait { millis: time } => { expect_only(&mut world, &promises, millis(time), &[], false); }
+            }
+        }
+    }
+}
+
+/// The promises with one that may just be given.
+fn promises_with(promises: &Promises, (link, command, from): (usize, u16, Address)) -> Promises {
+    let mut promises = promises.clone();
+    promises.entry(command).or_insert_with(|| (from, BTreeSet::new())).1.insert(link);
+    promises
+}
+
+/// The final ACKs that are due now.
+fn take_promise(promises: &mut Promises, command: u16) -> Vec<(usize, u16, Address)> {
+    let Some((station, links)) = promises.remove(&command) else { return Vec::new() };
+    links.into_iter().map(|link| (link, command, station)).collect()
+}

@@ -1,0 +1,231 @@
+//! Asking for another flight mode: rules C-32, C-1, C-4, C-5, C-8, C-9, D-3.
+
+use crate::support::pilot::*;
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{Address, LinkClass, LinkId, ModeRequest, Outcome, Peer};
+
+const NAN: f32 = f32::NAN;
+const INF: f32 = f32::INFINITY;
+const ACCEPTED: MavResult = MavResult::ACCEPTED;
+const DENIED: MavResult = MavResult::DENIED;
+const SET: MavCmd = MavCmd::DO_SET_MODE;
+const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
+const CUSTOM: f32 = 1.0;
+
+/// Each of `rows` as COMMAND_LONG and as COMMAND_INT: parameters, and the mode that they mean, or none, which is DENIED.
+fn check_rows<const W: u8>(id: MavCmd, rows: &[(&[f32], Option<u32>)]) {
+    let mut world = world::<1, W>();
+    for (params, mode) in rows {
+        let result = command(&mut world, 0, id, params);
+        assert_eq!(result, if mode.is_some() { ACCEPTED } else { DENIED }, "{params:?}");
+        assert_eq!(asked(&mut world), Vec::from_iter(*mode), "{params:?}");
+        let [p1, p2, p3, p4, ..] = seven(params);
+        world.gcs[0].command_int(id, [p1, p2, p3, p4]);
+        assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, result, "{params:?}");
+        assert_eq!(asked(&mut world), Vec::from_iter(*mode), "{params:?}");
+    }
+    assert_eq!(world.vehicle.commands, 0, "they do not come as commands too");
+}
+
+/// C-8, C-9: PX4's way, a main mode and a sub-mode; or all of it at once.
+#[test]
+fn do_set_mode_with_main_and_sub_mode() {
+    check_rows::<PX4>(
+        SET,
+        &[
+            (&[CUSTOM, 3.0, 0.0], Some(POSITION)),
+            (&[CUSTOM, 4.0, 3.0], Some(HOLD)),
+            (&[209.0, 4.0, 5.0, NAN, NAN, NAN, NAN], Some(RETURN)),
+            (&[CUSTOM, 3.0, NAN], Some(POSITION)),
+            (&[CUSTOM, HOLD as f32, 0.0], Some(HOLD)),
+            (&[CUSTOM, RETURN as f32, NAN], Some(RETURN)),
+            // Unknown: a main mode, a sub-mode, a number that is a whole mode elsewhere, and one next to a known one.
+            (&[CUSTOM, 5.0, 0.0], None),
+            (&[CUSTOM, 4.0, 0.0], None),
+            (&[CUSTOM, 4.0, 9.0], None),
+            (&[CUSTOM, TEST as f32, 0.0], None),
+            (&[CUSTOM, ODD as f32, 0.0], None),
+            // A whole mode has no sub-mode beside it.
+            (&[CUSTOM, HOLD as f32, 3.0], None),
+            // Not to be selected.
+            (&[CUSTOM, 9.0, 0.0], None),
+            // No numbers.
+            (&[CUSTOM, NAN, 0.0], None),
+            (&[CUSTOM, INF, 0.0], None),
+            (&[CUSTOM, -3.0, 0.0], None),
+            (&[CUSTOM, 3.5, 0.0], None),
+            (&[CUSTOM, 4.0, 3.5], None),
+            (&[CUSTOM, 4.0, -1.0], None),
+            (&[CUSTOM, 4.0, 259.0], None),
+            (&[CUSTOM, 4.0, INF], None),
+        ],
+    );
+}
+
+/// The flags: without CUSTOM_MODE_ENABLED they name no mode; whether to arm is not looked at.
+#[test]
+fn do_set_mode_needs_the_custom_flag() {
+    check_rows::<PX4>(
+        SET,
+        &[
+            (&[1.0, 4.0, 3.0], Some(HOLD)),
+            (&[129.0, 4.0, 3.0], Some(HOLD)),
+            (&[255.0, 4.0, 3.0], Some(HOLD)),
+            (&[0.0, 4.0, 3.0], None),
+            (&[128.0, 4.0, 3.0], None),
+            (&[220.0, 4.0, 3.0], None),
+            (&[257.0, 4.0, 3.0], None),
+            (&[1.5, 4.0, 3.0], None),
+            (&[-1.0, 4.0, 3.0], None),
+            (&[NAN, 4.0, 3.0], None),
+            (&[INF, 4.0, 3.0], None),
+        ],
+    );
+}
+
+/// C-8, C-9: ArduPilot's way, all of it in parameter 2.
+#[test]
+fn do_set_mode_with_a_whole_mode() {
+    check_rows::<ARDUPILOT>(
+        SET,
+        &[
+            (&[CUSTOM, TEST as f32], Some(TEST)),
+            (&[CUSTOM, TEST as f32, NAN], Some(TEST)),
+            (&[CUSTOM, HOLD as f32], Some(HOLD)),
+            // Who sends a sub-mode means another way.
+            (&[CUSTOM, TEST as f32, 3.0], None),
+            (&[CUSTOM, 4.0, 3.0], None),
+            (&[CUSTOM, 8.0], None),
+            (&[CUSTOM, AFLOAT as f32], None),
+            (&[CUSTOM, NAN], None),
+            (&[CUSTOM, 7.25], None),
+            (&[CUSTOM, 4_294_967_296.0], None),
+            (&[CUSTOM, -7.0], None),
+        ],
+    );
+}
+
+/// C-9: MAV_CMD_DO_SET_STANDARD_MODE, for the standard modes that the vehicle has.
+#[test]
+fn do_set_standard_mode() {
+    check_rows::<PX4>(
+        SET_STANDARD,
+        &[
+            (&[1.0], Some(POSITION)),
+            (&[6.0, NAN, NAN, NAN, NAN, NAN, NAN], Some(MISSION)),
+            (&[5.0], Some(RETURN)),
+            // No standard mode, two that it has not, one that nobody can ask for, one that there is not.
+            (&[0.0], None),
+            (&[2.0], None),
+            (&[8.0], None),
+            (&[7.0], None),
+            (&[9.0], None),
+            (&[261.0], None),
+            (&[1.5], None),
+            (&[-1.0], None),
+            (&[NAN], None),
+            (&[INF], None),
+        ],
+    );
+}
+
+/// C-32: SET_MODE is answered like a command with its own number, to who sent it, where he sent it; it takes any number.
+#[test]
+fn set_mode_is_answered() {
+    let mut world = world::<2, PX4>();
+    for (base_mode, custom_mode, result) in [
+        (1, HOLD, ACCEPTED),
+        (1, TEST, ACCEPTED),
+        (1, ODD, ACCEPTED),
+        // As QGroundControl sends it to a vehicle that is armed; and the armed flag alone arms nobody.
+        (129, HOLD, ACCEPTED),
+        (0, HOLD, DENIED),
+        (128, HOLD, DENIED),
+        (1, 0, DENIED),
+        (1, ODD - 1, DENIED),
+        (1, 4, DENIED),
+        (1, AFLOAT, DENIED),
+    ] {
+        world.gcs[1].send_from(OTHER_STATION, &set_mode(base_mode, custom_mode));
+        let ack: CommandAck = world.expect(1, millis(10));
+        let to = Address::new(ack.target_system, ack.target_component);
+        assert_eq!((ack.command, ack.result, to), (MavCmd(11), result, OTHER_STATION), "{base_mode} {custom_mode:#x}");
+        let from = Peer { address: OTHER_STATION, link: LinkId(1) };
+        let expected = (custom_mode, ModeRequest { from, class: LinkClass::Normal, age: None, is_broadcast: false });
+        let asked = std::mem::take(&mut world.vehicle.asked);
+        assert_eq!(asked, Vec::from_iter((result == ACCEPTED).then_some(expected)));
+    }
+    world.gcs[1].send(&SetMode { target_system: 2, ..set_mode(1, HOLD) });
+    world.expect_no::<CommandAck>(1, millis(20));
+    world.expect_no::<CommandAck>(0, millis(20));
+    assert_eq!((asked(&mut world), &world.vehicle.messages), (vec![], &vec![]), "it does not come as a message too");
+}
+
+/// D-3: a SET_MODE whose answer has no room is not carried out.
+#[test]
+fn set_mode_without_room_is_not_carried_out() {
+    let mut world = world::<1, PX4>();
+    world.run_for(millis(10));
+    world.uarts[0].stall_writes_until(world.now().after(millis(100)));
+    for _ in 0..6 {
+        world.gcs[0].send(&set_mode(1, HOLD));
+    }
+    world.run_for(millis(300));
+    assert_eq!(world.vehicle.asked.len(), 4, "no room, no mode");
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 4);
+    assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().no_answer_slot, 2);
+}
+
+/// C-4: what the vehicle says goes out, whichever way it was asked.
+#[test]
+fn the_vehicle_has_the_last_word() {
+    let mut world = world::<1, PX4>();
+    world.vehicle.verdict = Outcome { result: MavResult::TEMPORARILY_REJECTED, result_param2: -5 };
+    world.gcs[0].command_long(SET, seven(&[CUSTOM, 4.0, 3.0]));
+    world.gcs[0].command_long(SET_STANDARD, seven(&[1.0]));
+    world.gcs[0].send(&set_mode(1, HOLD));
+    for command in [SET, SET_STANDARD, MavCmd(11)] {
+        let ack: CommandAck = world.expect(0, millis(10));
+        let said = (ack.command, ack.result, ack.result_param2, ack.progress);
+        assert_eq!(said, (command, MavResult::TEMPORARILY_REJECTED, -5, 255));
+    }
+}
+
+/// C-1: who asks every vehicle in reach is named as such.
+#[test]
+fn broadcasts_are_marked() {
+    let mut world = world::<1, PX4>();
+    let broadcast = CommandLong { target_system: 0, ..world.gcs[0].long(SET, seven(&[CUSTOM, 4.0, 3.0])) };
+    world.gcs[0].send(&broadcast);
+    world.gcs[0].send(&CommandLong { command: SET_STANDARD, ..broadcast });
+    world.gcs[0].send(&SetMode { target_system: 0, ..set_mode(1, HOLD) });
+    world.gcs[0].send(&set_mode(1, HOLD));
+    world.run_for(millis(10));
+    let marks: Vec<_> = world.vehicle.asked.iter().map(|(_, request)| request.is_broadcast).collect();
+    assert_eq!(marks, [true, true, true, false]);
+}
+
+/// C-5: what is declared of MAV_CMD_DO_SET_MODE holds, and for SET_MODE too, which would be a way round it.
+#[test]
+fn policy_holds_for_both_ways() {
+    let mut world = world::<1, DECLARED>();
+    let both = |world: &mut Piloted<1, DECLARED>, target_system| {
+        let long = CommandLong { target_system, ..world.gcs[0].long(SET, seven(&[CUSTOM, 4.0, 3.0])) };
+        world.gcs[0].send(&long);
+        world.gcs[0].send(&SetMode { target_system, ..set_mode(1, HOLD) });
+        let results = [0, 0].map(|link| world.expect::<CommandAck>(link, millis(10)).result);
+        assert_eq!(results[0], results[1]);
+        (results[0], asked(world).len())
+    };
+    assert_eq!(both(&mut world, 0), (DENIED, 0));
+    assert_eq!(both(&mut world, 1), (ACCEPTED, 2));
+    world.vehicle.controller = Some(OTHER_STATION);
+    assert_eq!(both(&mut world, 1), (MavResult::NOT_IN_CONTROL, 0));
+    assert_eq!(both(&mut world, 0), (MavResult::NOT_IN_CONTROL, 0), "that comes first");
+    world.vehicle.controller = Some(STATION);
+    assert_eq!(both(&mut world, 1), (ACCEPTED, 2));
+    // Not declared: anybody's.
+    world.vehicle.controller = Some(OTHER_STATION);
+    assert_eq!(command(&mut world, 0, SET_STANDARD, &[1.0]), ACCEPTED);
+}

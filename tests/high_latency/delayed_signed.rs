@@ -1,0 +1,293 @@
+//! What a satellite brings late, with signatures: they tell when something was sent, and so what came after what. L-15, L-16,
+//! C-12, G-15.
+
+use crate::support::signer::{KEY, NOW, Signer};
+use crate::support::*;
+use mavstack::dialect::{CommandAck, CommandLong, Heartbeat, HighLatency2, MavCmd, MavResult, SetMode};
+use mavstack::{Address, Duration, HighLatencyConfig, Instant, LinkClass, LinkConfig, LinkSigning, SigningKey};
+
+const RADIO: usize = 0;
+const SAT: usize = 1;
+const START: f32 = 1.0;
+const STOP: f32 = 0.0;
+const DONE: MavResult = MavResult::ACCEPTED;
+const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
+const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
+
+const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
+
+/// Seconds, in timestamps.
+const SECOND: u64 = 100_000;
+
+/// A rig whose vehicle declares the high-latency service.
+type Rig<const N: usize = 2> = crate::support::signer::Rig<N, SignedSatellite>;
+
+/// A vehicle that hears signed frames only, over a radio and a satellite.
+fn rig() -> Rig {
+    let mut rig = Rig::new(LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED)));
+    rig.set_key(KEY);
+    rig.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
+    rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
+    rig
+}
+
+fn long(command: MavCmd, p1: f32) -> CommandLong {
+    CommandLong {
+        command,
+        target_system: 1,
+        target_component: 1,
+        param1: p1,
+        param3: 3.0,
+        param4: 0.5,
+        ..CommandLong::default()
+    }
+}
+
+/// The station when the vehicle's clock had run for so long, over its own stream for the link.
+fn station(link: usize, at: Duration) -> Signer {
+    Signer::new(KEY).link(link as u8).at(NOW + at.as_millis() * (SECOND / 1_000))
+}
+
+/// A command of the station that was sent then.
+fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
+    station(link, at).frame(&long(command, p1))
+}
+
+fn order(rig: &mut Rig, link: usize, at: Duration, enable: f32) -> (MavResult, bool) {
+    answer(rig, link, &sent(link, at, MavCmd::CONTROL_HIGH_LATENCY, enable))
+}
+
+fn answer(rig: &mut Rig, link: usize, frame: &[u8]) -> (MavResult, bool) {
+    rig.transmit(link);
+    rig.receive(link, frame);
+    let acks = rig.sent::<CommandAck>(link);
+    assert_eq!(acks.len(), 1);
+    (acks[0].decode::<CommandAck>().unwrap().result, rig.stack.high_latency().is_on())
+}
+
+/// Until the vehicle's clock has run for so long since it had its key.
+fn until(rig: &mut Rig, at: Duration) {
+    let end = Instant::from_millis(5_000).after(at);
+    rig.run_for(end.since(rig.now));
+}
+
+/// L-16: the vehicle hears how old a command is, in whatever form, once it knows what time it is.
+#[test]
+fn a_command_says_how_old_it_is() {
+    let mut rig = rig();
+    until(&mut rig, secs(40));
+    // What the vehicle signs itself moves its time by the last digit.
+    let in_seconds = |age: Option<Duration>| age.map(|age| age.as_millis() / 1_000);
+    let ages = |rig: &Rig| rig.vehicle.commands().iter().map(|command| command.age).map(in_seconds).collect::<Vec<_>>();
+    answer(&mut rig, SAT, &sent(SAT, secs(10), MavCmd::NAV_LAND, 0.0));
+    assert_eq!(ages(&rig), [None], "what comes by satellite may tell a time that is over");
+    answer(&mut rig, RADIO, &sent(RADIO, secs(40), MavCmd::NAV_LAND, 0.0));
+    answer(&mut rig, SAT, &sent(SAT, secs(15), MavCmd::NAV_LAND, 0.0));
+    assert_eq!(ages(&rig)[1..], [Some(0), Some(25)]);
+    // A clock of its own will do too.
+    let mut rig = self::rig();
+    until(&mut rig, secs(40));
+    let unix_usec = (1_420_070_400 * SECOND + NOW + 50 * SECOND) * 10;
+    let now = rig.now;
+    assert!(rig.signing().set_time(now, unix_usec, Duration::MAX));
+    answer(&mut rig, SAT, &sent(SAT, secs(20), MavCmd::NAV_LAND, 0.0));
+    let command = rig.vehicle.commands()[0];
+    assert_eq!((in_seconds(command.age), command.class), (Some(30), LinkClass::HighLatency));
+    // Not where signatures are not looked at.
+    let mut rig = Rig::<2>::new(LINKS);
+    rig.receive(SAT, &sent(SAT, secs(0), MavCmd::NAV_LAND, 0.0));
+    assert_eq!(ages(&rig), [None]);
+    // SET_MODE, which comes to a vehicle with no modes as a message, is none.
+    rig.receive(RADIO, &Signer::new(KEY).frame(&SetMode::default()));
+    assert_eq!(rig.vehicle.commands().len(), 1);
+}
+
+/// L-15, L-16: a START that was sent before a STOP is overtaken by it, however late it comes, though it was not seen before
+/// and nobody is heard; one that was sent after it counts at once, though it looks like a copy.
+#[test]
+fn what_was_sent_before_is_overtaken() {
+    for late in [20, 300, 890] {
+        let mut rig = rig();
+        until(&mut rig, secs(10));
+        // A stream that is known.
+        answer(&mut rig, SAT, &sent(SAT, secs(9), MavCmd::NAV_LAND, 0.0));
+        assert_eq!(order(&mut rig, RADIO, secs(10), STOP), (DONE, false));
+        until(&mut rig, secs(10 + late));
+        assert_eq!(order(&mut rig, SAT, millis(9_990), START), (LATER, false), "{late} s");
+        assert_eq!(order(&mut rig, SAT, millis(10_010), START), (DONE, true), "{late} s");
+    }
+    let mut rig = rig();
+    until(&mut rig, secs(10));
+    order(&mut rig, RADIO, secs(8), START);
+    order(&mut rig, RADIO, secs(9), STOP);
+    assert_eq!(order(&mut rig, SAT, secs(10), START), (DONE, true));
+    assert_eq!(order(&mut rig, RADIO, secs(10), START), (DONE, true));
+    // And a STOP from before that.
+    until(&mut rig, secs(20));
+    assert_eq!(order(&mut rig, SAT, millis(10_001), STOP), (DONE, false), "it is from after");
+    order(&mut rig, RADIO, secs(20), START);
+    assert_eq!(order(&mut rig, SAT, secs(19), STOP), (LATER, true));
+}
+
+/// A quarter of an hour later nothing is overtaken: a clock that was set wrong meanwhile must not keep a START away for
+/// ever.
+#[test]
+fn nothing_is_overtaken_for_ever() {
+    let mut rig = rig();
+    until(&mut rig, secs(10));
+    answer(&mut rig, SAT, &sent(SAT, secs(5), MavCmd::NAV_LAND, 0.0));
+    order(&mut rig, RADIO, secs(10), STOP);
+    until(&mut rig, secs(911));
+    assert_eq!(order(&mut rig, SAT, secs(9), START), (DONE, true));
+}
+
+/// C-12: a copy was sent when its original was; what was sent later by satellite is new, though it comes within the minute.
+#[test]
+fn a_copy_was_sent_when_its_original_was() {
+    let mut rig = rig();
+    until(&mut rig, secs(10));
+    answer(&mut rig, RADIO, &sent(RADIO, secs(10), ONCE, 1.0));
+    until(&mut rig, secs(40));
+    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE, "this is known to be one");
+    assert_eq!(rig.vehicle.commands().len(), 1);
+    let mut rig = self::rig();
+    until(&mut rig, secs(10));
+    answer(&mut rig, RADIO, &sent(RADIO, secs(10), ONCE, 1.0));
+    until(&mut rig, secs(40));
+    answer(&mut rig, SAT, &sent(SAT, secs(20), ONCE, 1.0));
+    assert_eq!(rig.vehicle.commands().len(), 2);
+    // Given before, by satellite only: it is not done, nor said to be.
+    assert_eq!(answer(&mut rig, RADIO, &sent(RADIO, secs(44), ONCE, 2.0)).0, DONE);
+    until(&mut rig, secs(50));
+    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(30), ONCE, 2.0)).0, LATER);
+    assert_eq!(rig.vehicle.commands().len(), 3);
+}
+
+/// C-12: a repetition was signed after its original, and is one for as long as a satellite may take.
+#[test]
+fn a_repetition_was_sent_later() {
+    let mut rig = rig();
+    until(&mut rig, secs(10));
+    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE);
+    until(&mut rig, secs(40));
+    let again = |confirmation| CommandLong { confirmation, ..long(ONCE, 1.0) };
+    assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(25)).frame(&again(1))).0, DONE);
+    assert_eq!(rig.vehicle.commands().len(), 1);
+    // Without a higher confirmation it is given anew.
+    assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(30)).frame(&again(0))).0, DONE);
+    assert_eq!(rig.vehicle.commands().len(), 2);
+}
+
+/// The vehicle learns that it is so much later than it thought.
+fn jump(rig: &mut Rig, at: Duration, ahead: Duration) {
+    let now = rig.now;
+    let unix_usec = (1_420_070_400 * SECOND + NOW) * 10 + at.as_micros() + ahead.as_micros();
+    assert!(rig.signing().set_time(now, unix_usec, Duration::MAX));
+}
+
+/// L-15: by radio an order is said now, whatever our time and its sender's are.
+#[test]
+fn orders_by_radio_are_never_late() {
+    for at in [30, 60, 300, 600] {
+        let mut rig = rig();
+        until(&mut rig, secs(10));
+        assert_eq!(order(&mut rig, RADIO, secs(10), START), (DONE, true));
+        until(&mut rig, secs(20));
+        jump(&mut rig, secs(20), secs(600));
+        until(&mut rig, secs(at));
+        assert_eq!(order(&mut rig, RADIO, secs(at), STOP), (DONE, false), "{at} s");
+    }
+    // Its sender's clock was set back.
+    let mut rig = rig();
+    until(&mut rig, secs(50));
+    assert_eq!(order(&mut rig, SAT, secs(50), START), (DONE, true));
+    until(&mut rig, secs(55));
+    assert_eq!(order(&mut rig, RADIO, secs(20), STOP), (DONE, false));
+}
+
+/// C-12: a copy by another radio comes within three seconds. What comes later is said now, and sends a message, though its
+/// sender's clocks say that both were sent at the same time.
+#[test]
+fn by_another_radio_a_copy_comes_soon() {
+    for (wait, messages) in [(2, 1), (4, 2)] {
+        let [radio, satellite] = LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED));
+        let mut rig = Rig::new([radio, satellite, radio]);
+        rig.set_key(KEY);
+        rig.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
+        rig.run_for(secs(10));
+        rig.receive(RADIO, &sent(RADIO, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
+        assert_eq!(rig.sent::<HighLatency2>(SAT).len(), 1);
+        rig.run_for(secs(wait));
+        rig.receive(2, &sent(2, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
+        assert_eq!(1 + rig.sent::<HighLatency2>(SAT).len(), messages, "{wait} s");
+    }
+}
+
+/// L-16: what counts is which of two a sender signed first, not a third one's clock that is ahead.
+#[test]
+fn somebody_elses_clock_makes_nothing_late() {
+    for at in [70, 120, 300] {
+        let mut rig = rig();
+        until(&mut rig, secs(10));
+        assert_eq!(order(&mut rig, RADIO, secs(10), STOP), (DONE, false));
+        answer(&mut rig, SAT, &sent(SAT, secs(9), MavCmd::NAV_LAND, 0.0));
+        until(&mut rig, secs(20));
+        let mut companion = Signer::new(KEY).of(Address::new(1, 191)).at(NOW + 320 * SECOND);
+        rig.receive(RADIO, &companion.frame(&Heartbeat::default()));
+        until(&mut rig, secs(at));
+        assert_eq!(order(&mut rig, SAT, millis(9_500), START), (LATER, false), "{at} s");
+        assert_eq!(order(&mut rig, SAT, secs(at), START), (DONE, true), "{at} s");
+        // An old one of before changes neither, nor what is known of it.
+        until(&mut rig, secs(at + 20));
+        assert_eq!(order(&mut rig, RADIO, secs(at + 20), STOP), (DONE, false));
+        assert_eq!(order(&mut rig, RADIO, secs(at + 21), START), (DONE, true));
+        assert_eq!(order(&mut rig, SAT, secs(at + 10), START), (DONE, true));
+        assert_eq!(order(&mut rig, SAT, secs(at + 20), STOP), (LATER, true));
+    }
+}
+
+/// C-12: by two radios, with half a minute in between, it is given twice, whatever our time does meanwhile.
+#[test]
+fn once_by_two_radios_is_twice() {
+    for ahead in [0, 50] {
+        let radio = LinkConfig::uart(57_600).with_signing(LinkSigning::REQUIRED);
+        let mut rig = Rig::new([radio; 2]);
+        rig.set_key(KEY);
+        rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
+        until(&mut rig, secs(10));
+        rig.receive(0, &sent(0, secs(10), ONCE, 1.0));
+        // Its sender's clocks differ.
+        rig.receive(1, &sent(1, secs(14), ONCE, 1.0));
+        assert_eq!(rig.vehicle.commands().len(), 1, "a copy");
+        jump(&mut rig, secs(10), secs(ahead));
+        until(&mut rig, secs(40));
+        rig.receive(1, &sent(1, secs(40), ONCE, 1.0));
+        assert_eq!(rig.vehicle.commands().len(), 2, "{ahead} s");
+    }
+}
+
+/// L-16, G-15: after a restart our time is up to a minute ahead; no command is older for that. What the vehicle was told
+/// counts, and before that who is heard by radio.
+#[test]
+fn what_is_reserved_makes_nothing_old() {
+    let land = |at: u64| sent(RADIO, secs(at), MavCmd::NAV_LAND, 0.0);
+    let age = |rig: &mut Rig, at: u64| {
+        rig.transmit(RADIO);
+        rig.receive(RADIO, &land(at));
+        rig.vehicle.commands().last().and_then(|command| command.age)
+    };
+    let mut rig = rig();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), NOW + 55 * SECOND);
+    until(&mut rig, secs(10));
+    assert_eq!(age(&mut rig, 10), Some(Duration::ZERO));
+    until(&mut rig, secs(14));
+    assert_eq!(age(&mut rig, 12), Some(secs(2)));
+    jump(&mut rig, secs(14), secs(1));
+    assert_eq!(age(&mut rig, 13), Some(secs(2)));
+    // A clock that is set back does not reduce an age (G-14), and a peer that is ahead no longer counts.
+    jump(&mut rig, secs(14), Duration::ZERO);
+    assert_eq!(age(&mut rig, 20), Some(Duration::ZERO));
+    until(&mut rig, secs(24));
+    assert_eq!(age(&mut rig, 21), Some(secs(4)));
+}

@@ -1,0 +1,381 @@
+//! The whole stack behind an interrupt with queues, and behind circular DMA, on lines of real speed. Rules D-2, S-20.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+
+use crate::support::*;
+use embedded_io::{Read, ReadReady, Write, WriteReady};
+use mavstack::__private::Declares;
+use mavstack::dialect::*;
+use mavstack::io::{CircularReader, LoopEnd, SerialCounters, SerialError, SerialQueues, queue_len};
+use mavstack::{
+    Address, Duration, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, PollBudget, Stack, Version, encode,
+    plan_memory,
+};
+
+const LINK: LinkId = LinkId(0);
+
+/// A vehicle at one end of a line and a ground station at the other, in steps of a tenth of a byte at 921,600 bit/s.
+struct Rig<D: Declares = Tested> {
+    clock: Clock,
+    stack: Box<Stack<D, 1>>,
+    vehicle: D::Vehicle,
+    setup: Setup<1>,
+    /// The line at the UART's pins.
+    pins: SerialEnd,
+    gcs: Gcs,
+    poll_every: Duration,
+    next_poll: Instant,
+    errors: Vec<LinkError<SerialError>>,
+}
+
+impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
+    fn new(baud: u32, poll_every: Duration) -> Self {
+        let clock = Clock::default();
+        let setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::new() };
+        // The UART has one byte of buffer to send, and its interrupt comes before there is a second one to receive.
+        let up = Wire { bytes_per_second: u64::from(baud) / 10, ..Wire::default() };
+        let line = LineConfig { up, down: Wire { tx_fifo: 1, ..up } };
+        let (pins, far) = SimSerial::new(&clock, line, 1).ends();
+        Self {
+            clock,
+            stack: begun(setup.config, setup.links),
+            vehicle: TestVehicle::default(),
+            setup,
+            pins,
+            gcs: Gcs::new(far),
+            poll_every,
+            next_poll: Instant::ZERO,
+            errors: Vec::new(),
+        }
+    }
+
+    /// Time goes on to the next moment at which a byte may have come or gone. True when the loop is due.
+    fn step(&mut self, by: Duration) -> bool {
+        let now = self.clock.now().after(by);
+        self.clock.set(now);
+        self.gcs.poll(now);
+        if now < self.next_poll {
+            return false;
+        }
+        self.next_poll = now.after(self.poll_every);
+        self.setup.config.pulse.expect("a setup has a pulse").tick();
+        self.stack.poll(now, &mut self.vehicle);
+        true
+    }
+
+    /// One byte from the pins, if one came.
+    fn received(&mut self) -> Option<u8> {
+        let mut byte = [0];
+        (self.pins.readable() > 0 && self.pins.read(&mut byte) == Ok(1)).then_some(byte[0])
+    }
+
+    /// Runs with the interrupt's queues until `done`, or for `within`: false then.
+    fn run<const RX: usize, const TX: usize>(
+        &mut self,
+        queues: &SerialQueues<RX, TX>,
+        within: Duration,
+        mut done: impl FnMut(&mut Self) -> bool,
+    ) -> bool {
+        let end = self.clock.now().after(within);
+        while self.clock.now() < end {
+            let is_due = self.step(Duration::from_micros(10));
+            // The interrupt: what was received, and one byte when the UART takes one.
+            let mut interrupt = queues.interrupt_end();
+            while let Some(byte) = self.received() {
+                interrupt.received(byte);
+            }
+            if self.pins.write_ready() == Ok(true)
+                && let Some(byte) = interrupt.next_to_send()
+            {
+                assert_eq!(self.pins.write(&[byte]), Ok(1));
+            }
+            if is_due {
+                let now = self.clock.now();
+                let result = self.stack.poll_link(now, LINK, &mut queues.loop_end(), &mut self.vehicle);
+                self.errors.extend(result.err());
+            }
+            if done(self) {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+/// S-20: as long as the sizing rule says nothing is lost: not a byte of an upload of 100 items, nor an answer.
+#[test]
+fn queues_of_the_advised_length_lose_nothing() {
+    const SLOW: usize = queue_len(57_600, Duration::from_millis(4));
+    const FAST: usize = queue_len(921_600, Duration::from_millis(1));
+    let slow: SerialQueues<SLOW, SLOW> = SerialQueues::new();
+    let fast: SerialQueues<FAST, FAST> = SerialQueues::new();
+    fn fly<const N: usize>(queues: &SerialQueues<N, N>, baud: u32, poll_every: Duration) {
+        let mut rig: Rig<Tested<plan_memory!(mission: 100)>> = Rig::new(baud, poll_every);
+        let mut upload = Upload::new(&rig.gcs, &plan(100, 1));
+        let is_done = rig.run(queues, secs(30), |rig| upload.poll(rig.clock.now(), &mut rig.gcs).is_some());
+        assert!(is_done && upload.result().unwrap().is_ok(), "{baud} baud: {:?}", upload.result());
+        for _ in 0..20 {
+            rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
+            rig.run(queues, millis(50), |_| false);
+        }
+        assert_eq!(rig.gcs.count_of::<CommandAck>(), 20, "{baud} baud");
+        assert_eq!((rig.gcs.counters().checksum, rig.gcs.counters().skipped), (0, 0), "{baud} baud");
+        assert_eq!(rig.errors, []);
+        assert_eq!(queues.loop_end().counters(), SerialCounters::default(), "{baud} baud");
+    }
+    fly(&slow, 57_600, millis(4));
+    fly(&fast, 921_600, millis(1));
+}
+
+/// S-20: a loop that comes round too seldom loses bytes: it is told each time, the counters say how many, and what was not lost
+/// is served in every pass but the first.
+#[test]
+fn an_overrun_is_counted_told_and_survived() {
+    let queues: SerialQueues<128, 256> = SerialQueues::new();
+    // 2,300 bytes come between two polls, and the queue takes 128.
+    let mut rig: Rig = Rig::new(115_200, millis(200));
+    for _ in 0..200 {
+        rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
+    }
+    rig.run(&queues, secs(2), |_| false);
+    let lost = queues.loop_end().counters();
+    assert!(lost.overrun_bytes > 5_000 && lost.line_errors == 0, "{lost:?}");
+    // Until the commands end, at most one error a pass.
+    assert!((3..=10).contains(&rig.errors.len()), "{:?}", rig.errors);
+    assert!(rig.errors.iter().all(|error| *error == LinkError::Read(SerialError::Overrun)), "{:?}", rig.errors);
+    assert_eq!(rig.stack.link_counters(LINK).unwrap().read_errors as usize, rig.errors.len());
+    assert!(rig.vehicle.commands().len() >= 3, "{} commands", rig.vehicle.commands().len());
+    // Over: nothing more is told, and all is well.
+    rig.errors.clear();
+    rig.gcs.forget();
+    rig.poll_every = millis(4);
+    rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
+    rig.run(&queues, secs(1), |_| false);
+    assert_eq!((rig.errors.len(), rig.gcs.count_of::<CommandAck>()), (0, 1));
+    assert_eq!(queues.loop_end().counters(), lost);
+}
+
+/// S-20: what happened is told once, behind what came before it, and never so often that nothing else is read.
+#[test]
+fn errors_are_told_once_and_in_turn_with_bytes() {
+    let queues: SerialQueues<4, 2> = SerialQueues::new();
+    let (mut interrupt, mut end) = (queues.interrupt_end(), queues.loop_end());
+    let mut buffer = [0; 8];
+    // An error with nothing around it.
+    assert_eq!(end.read_ready(), Ok(false));
+    interrupt.line_error();
+    assert_eq!(end.read_ready(), Ok(true));
+    assert_eq!(end.read(&mut []), Ok(0), "no room for it");
+    assert_eq!(end.read(&mut buffer), Err(SerialError::Line));
+    assert_eq!(end.read_ready(), Ok(false));
+    assert_eq!(end.read(&mut buffer), Err(SerialError::WouldBlock), "and not the end of the line");
+    // Six bytes where four have room.
+    for _ in 0..3 {
+        interrupt.received_all(b"abcdef");
+        assert!(interrupt.is_full());
+        assert_eq!(end.read(&mut buffer), Ok(4), "first what waits");
+        assert_eq!(&buffer[..4], b"abcd");
+        assert_eq!(end.read(&mut buffer), Err(SerialError::Overrun));
+        assert_eq!(end.read_ready(), Ok(false));
+    }
+    // A new end of the same queues is told nothing twice.
+    assert_eq!(queues.loop_end().read_ready(), Ok(false));
+    assert_eq!(
+        end.counters(),
+        counted::<SerialCounters>(|counters| {
+            counters.overrun_bytes = 6;
+            counters.line_errors = 1
+        })
+    );
+}
+
+/// The other direction: what has no room is not taken, and nobody waits.
+#[test]
+fn what_is_written_is_sent_in_order() {
+    let queues: SerialQueues<4, 8> = SerialQueues::new();
+    let (mut interrupt, mut end) = (queues.interrupt_end(), queues.loop_end());
+    assert_eq!((end.has_to_send(), interrupt.next_to_send()), (false, None));
+    assert_eq!(end.write(b"0123456789"), Ok(8));
+    assert_eq!(end.write_ready(), Ok(false));
+    assert_eq!((end.write(b"89"), end.write(b"")), (Err(SerialError::WouldBlock), Ok(0)));
+    assert_eq!(end.flush(), Err(SerialError::WouldBlock));
+    assert!(end.has_to_send());
+    let mut dma = [0; 3];
+    assert_eq!((interrupt.take_to_send(&mut dma), &dma), (3, b"012"));
+    assert_eq!(interrupt.next_to_send(), Some(b'3'));
+    assert_eq!(end.write(b"89"), Ok(2));
+    let mut dma = [0; 10];
+    assert_eq!(interrupt.take_to_send(&mut dma), 6);
+    assert_eq!(&dma[..6], b"456789");
+    assert_eq!((end.has_to_send(), end.flush()), (false, Ok(())));
+}
+
+/// Both ends can be handed to a task or an interrupt of their own.
+#[test]
+fn the_ends_may_go_to_others() {
+    static QUEUES: SerialQueues<32, 32> = SerialQueues::new();
+    fn is_send<T: Send + 'static>(end: T) -> T {
+        end
+    }
+    let mut end: LoopEnd<'static> = is_send(QUEUES.loop_end());
+    let mut interrupt = is_send(QUEUES.interrupt_end());
+    std::thread::spawn(move || interrupt.received(7)).join().unwrap();
+    assert_eq!((end.read(&mut [0; 2]), end.read_ready()), (Ok(1), Ok(false)));
+}
+
+/// D-2: circular DMA and the byte-level calls: every command is answered; then a loop that stands still for longer than the
+/// buffer lasts is told of the overrun, and goes on.
+#[test]
+fn circular_dma_through_the_byte_level_calls() {
+    const LEN: usize = queue_len(115_200, Duration::from_millis(4));
+    let mut rig: Rig = Rig::new(115_200, millis(4));
+    let mut buffer = [0; LEN];
+    let mut written = 0;
+    let mut reader = CircularReader::new();
+    let mut errors = Vec::new();
+    let mut sending = Vec::new();
+    for step in 0..400_000u32 {
+        if step < 200_000 && step % 5_000 == 0 {
+            rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
+        }
+        if step == 250_000 {
+            // Four times what the buffer takes, while the loop stands still.
+            rig.next_poll = rig.clock.now().after(millis(60));
+            for _ in 0..12 {
+                rig.gcs.command_long(MavCmd::NAV_LAND, [2.0; 7]);
+            }
+        }
+        if step == 350_000 {
+            rig.gcs.command_long(MavCmd::NAV_TAKEOFF, [3.0; 7]);
+        }
+        let is_due = rig.step(Duration::from_micros(10));
+        while let Some(byte) = rig.received() {
+            buffer[written % LEN] = byte;
+            written += 1;
+        }
+        if !sending.is_empty() && rig.pins.write_ready() == Ok(true) {
+            assert_eq!(rig.pins.write(&[sending.remove(0)]), Ok(1));
+        }
+        if is_due {
+            let now = rig.clock.now();
+            let (stack, vehicle) = (&mut rig.stack, &mut rig.vehicle);
+            let laps = (written / LEN) as u32;
+            let result = reader.poll(&buffer, laps, written % LEN, |bytes| stack.receive(now, LINK, bytes, vehicle));
+            errors.extend(result.err());
+            if sending.is_empty() {
+                sending.extend(stack.transmit(now, LINK, vehicle));
+                stack.transmitted(LINK, sending.len());
+            }
+        }
+    }
+    assert_eq!(errors, [SerialError::Overrun]);
+    assert_eq!(reader.overruns(), 1);
+    let commands = rig.vehicle.commands();
+    assert_eq!(commands.iter().filter(|command| command.params[0] == 1.0).count(), 40);
+    assert!(commands.iter().filter(|command| command.params[0] == 2.0).count() < 12);
+    assert_eq!(commands.iter().filter(|command| command.params[0] == 3.0).count(), 1);
+    assert_eq!(rig.gcs.count_of::<CommandAck>(), commands.len());
+    assert_eq!((rig.gcs.counters().checksum, rig.gcs.counters().skipped), (0, 0));
+}
+
+/// A queue that an interrupt fills; what finds it full is lost.
+struct Queue {
+    bytes: VecDeque<u8>,
+    len: usize,
+    lost: usize,
+}
+
+impl embedded_io::ErrorType for Queue {
+    type Error = Infallible;
+}
+
+impl Read for Queue {
+    fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
+        let len = into.len().min(self.bytes.len());
+        into.iter_mut().zip(self.bytes.drain(..len)).for_each(|(to, byte)| *to = byte);
+        Ok(len)
+    }
+}
+
+impl ReadReady for Queue {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.bytes.is_empty())
+    }
+}
+
+impl Write for Queue {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl WriteReady for Queue {
+    fn write_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(true)
+    }
+}
+
+/// D-2: lines that are full all the time, with the queue and the budget that are made for them: no byte is lost and every frame is
+/// heard, however short they are.
+#[test]
+fn full_lines_are_read_whole() {
+    let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+    let request = MissionRequestInt { seq: 3, target_system: 1, target_component: 1, ..Default::default() };
+    let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, param7: 1.0, ..Default::default() };
+    let mut frames = [vec![], vec![], vec![]];
+    for (bytes, which) in frames.iter_mut().zip(0..) {
+        let mut buffer = [0; MAX_FRAME_LEN];
+        let (version, from) = (Version::V2, Address::new(255, 190));
+        let len = match which {
+            0 => encode(&heartbeat, version, from, 1, &mut buffer),
+            1 => encode(&request, version, from, 1, &mut buffer),
+            _ => encode(&command, version, from, 1, &mut buffer),
+        };
+        bytes.extend(&buffer[..len.unwrap()]);
+    }
+    for (baud, millis) in [
+        (57_600, 4),
+        (57_600, 20),
+        (115_200, 4),
+        (115_200, 20),
+        (921_600, 1),
+        (921_600, 4),
+        (921_600, 20),
+        (1_000_000, 1),
+        (2_000_000, 20),
+        (3_000_000, 50),
+    ] {
+        let period = Duration::from_millis(millis);
+        for frame in &frames {
+            let mut setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::<1>::new() };
+            setup.config.budget = PollBudget::for_line(baud, period);
+            let mut stack: Box<Stack<Tested, 1>> = begun(setup.config, setup.links);
+            let mut vehicle = TestVehicle::default();
+            let mut queue = Queue { bytes: VecDeque::new(), len: queue_len(baud, period), lost: 0 };
+            let mut line = frame.iter().copied().cycle();
+            let (mut now, mut sent, mut polls) = (Instant::ZERO, 0, 0);
+            while now < Instant::ZERO.after(Duration::from_secs(3)) {
+                // Each tenth poll comes half a period late.
+                polls += 1;
+                now = now.after(Duration::from_micros(period.as_micros() * if polls % 10 == 0 { 3 } else { 2 } / 2));
+                while sent < now.as_micros() * u64::from(baud) / 10_000_000 {
+                    sent += 1;
+                    let byte = line.next().unwrap();
+                    if queue.bytes.len() < queue.len { queue.bytes.push_back(byte) } else { queue.lost += 1 }
+                }
+                stack.poll(now, &mut vehicle);
+                assert_eq!(stack.poll_link(now, LINK, &mut queue, &mut vehicle), Ok(()));
+            }
+            let (what, whole) = (format!("{baud} every {millis} ms, {} bytes", frame.len()), sent / frame.len() as u64);
+            assert_eq!(queue.lost, 0, "{what}");
+            let counters = stack.rx_counters(LINK).unwrap();
+            assert!(u64::from(counters.frames) + 20 >= whole, "{what}: {} of {whole}", counters.frames);
+            assert_eq!((counters.skipped, counters.checksum), (0, 0), "{what}");
+        }
+    }
+}

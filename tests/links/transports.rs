@@ -1,0 +1,633 @@
+//! Links: bytes between a transport and the stack. Rules D-2, D-3, R-1, R-8, R-15, S-16, S-20, SEC-2, V-1, V-2, M-10.
+
+use crate::support::*;
+use embedded_io::{Write, WriteReady};
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans,
+    PollBudget, Stack, TxVersion, Version, encode,
+};
+
+const LINK: LinkId = LinkId(0);
+
+/// The simulation itself: a line keeps to its rate, its room and its latency.
+#[test]
+fn simulated_line_is_what_it_says() {
+    let clock = Clock::default();
+    let wire = Wire { bytes_per_second: 1_000, latency: millis(10), tx_fifo: 8, ..Wire::default() };
+    let (mut vehicle, ground) = SimSerial::new(&clock, LineConfig::both(wire), 1).ends();
+    assert_eq!(vehicle.write(&[7; 20]), Ok(8));
+    assert_eq!(vehicle.write_ready(), Ok(false));
+    clock.set(Instant::from_millis(3));
+    assert_eq!(vehicle.write(&[7; 20]), Ok(3), "a byte a millisecond leaves the FIFO");
+    assert_eq!(ground.readable(), 0);
+    clock.set(Instant::from_millis(15));
+    assert_eq!(ground.readable(), 5, "those that left ten milliseconds ago");
+}
+
+/// D-2, D-3, S-20: over lines that take and give a few bytes at a time, with small FIFOs, at any speed, with stalls: frames
+/// come out whole and unmixed, every command is answered, and nothing blocks (the simulated line would panic).
+#[test]
+fn partial_reads_and_writes_change_nothing() {
+    for seed in 0..20 {
+        let faults = Faults { stall: 0.002, stall_for: millis(30), ..Faults::default() };
+        let wire = Wire { bytes_per_second: 11_520, latency: millis(3), tx_fifo: 7, rx_fifo: 300, piece: 5, faults };
+        let lines = [LineConfig { up: Wire { faults: Faults::default(), ..wire }, down: wire }; 2];
+        let mut world = World::new(Setup { lines, seed, jitter: millis(2), ..Setup::new() });
+        for round in 0..40 {
+            for gcs in &mut world.gcs {
+                gcs.command_long(MavCmd::NAV_TAKEOFF, [round as f32; 7]);
+            }
+            world.stack.send_text(world.now(), MavSeverity::INFO, &format!("round {round}"));
+            world.run_for(millis(100));
+        }
+        world.run_for(secs(5));
+        for (link, gcs) in (0..).zip(&world.gcs) {
+            assert_eq!(gcs.count_of::<CommandAck>(), 40, "seed {seed}, link {link}");
+            assert_eq!((gcs.counters().checksum, gcs.counters().skipped), (0, 0), "seed {seed}, link {link}");
+            // S-16: no number is missing or doubled.
+            let seqs: Vec<u8> = gcs.received.iter().map(|frame| frame.header.seq).collect();
+            let expected: Vec<u8> = (0..=255).cycle().take(seqs.len()).collect();
+            assert_eq!(seqs, expected, "seed {seed}, link {link}");
+        }
+        assert_eq!(world.errors, []);
+    }
+}
+
+/// D-2, SEC-2: one poll reads, handles and writes no more than its budget, whichever of its parts that is; the rest waits and is not
+/// lost.
+#[test]
+fn one_poll_keeps_to_its_budget() {
+    for (work, frames, most) in [(u32::MAX, 2, 2), (300, 8, 1), (1_200, 8, 2)] {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { rx_bytes: 150, work, frames, tx_bytes: 30 };
+        let mut world = World::new(setup);
+        world.run_for(millis(5));
+        let mut handled_at_most = 0;
+        for round in 1..=20 {
+            for _ in 0..3 {
+                world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+            }
+            let now = world.now();
+            world.gcs[0].poll(now);
+            let (written, waiting) = (world.uarts[0].written(), world.uarts[0].readable());
+            let handled = world.vehicle.calls.len();
+            let result = world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle);
+            assert_eq!(result, Ok(()));
+            assert!(waiting - world.uarts[0].readable() <= 150, "round {round}");
+            assert!(world.uarts[0].written() - written <= 30, "round {round}");
+            handled_at_most = handled_at_most.max(world.vehicle.calls.len() - handled);
+        }
+        assert_eq!(handled_at_most, most, "work {work}, {frames} frames");
+        world.run_for(secs(2));
+        let counters = world.stack.link_counters(LINK).unwrap();
+        assert_eq!(world.vehicle.calls.len() + counters.no_answer_slot as usize, 60);
+        assert_eq!(world.gcs[0].count_of::<CommandAck>(), world.vehicle.calls.len());
+    }
+}
+
+/// D-2: however much work there may be, no more frames are handled at once than the budget says; the others wait.
+#[test]
+fn one_poll_handles_no_more_frames_than_it_may() {
+    for frames in [0, 1, 2, 5] {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { rx_bytes: u32::MAX, work: u32::MAX, frames, tx_bytes: 280 };
+        let mut world = World::new(setup);
+        let bytes: Vec<u8> = (0..5).flat_map(|_| world.gcs[0].frame_from(STATION, &Attitude::default())).collect();
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, &bytes, &mut world.vehicle), bytes.len());
+        let most = usize::try_from(frames.max(1)).unwrap();
+        let handled = |vehicle: &TestVehicle| {
+            vehicle.calls.iter().filter(|call| matches!(call, Call::Message { id: Attitude::ID, .. })).count()
+        };
+        for round in 1..=5 {
+            assert_eq!(handled(&world.vehicle), 5.min(round * most), "{frames} frames, round {round}");
+            assert_eq!(world.stack.next_deadline(now) == now, round * most < 5, "{frames} frames, round {round}");
+            world.stack.receive(now, LINK, &[], &mut world.vehicle);
+        }
+    }
+}
+
+/// What is done with a link that there is not is nothing, and others do not notice.
+#[test]
+fn a_link_that_there_is_not_takes_and_gives_nothing() {
+    const NOWHERE: LinkId = LinkId(1);
+    let mut world = World::new(Setup::<1>::new());
+    let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
+    let frame = world.gcs[0].frame_from(STATION, &command);
+    let now = world.now();
+    let World { stack, vehicle, .. } = &mut world;
+    assert_eq!(stack.receive(now, NOWHERE, &frame, vehicle), 0);
+    assert!(stack.receive_buffer(NOWHERE).is_empty());
+    stack.received(now, NOWHERE, frame.len(), vehicle);
+    assert!(stack.transmit(now, NOWHERE, vehicle).is_empty());
+    stack.transmitted(NOWHERE, 20);
+    stack.restart_link(NOWHERE);
+    assert!(stack.link_counters(NOWHERE).is_none());
+    assert_eq!((vehicle.calls.len(), stack.peers().len()), (0, 0));
+    assert_eq!(stack.receive(now, LINK, &frame, vehicle), frame.len());
+    assert_eq!(vehicle.commands().len(), 1);
+}
+
+/// SEC-2: bytes that are moved aside for new ones cost half a unit each: a poll needs so much more to do the same.
+#[test]
+fn moved_bytes_are_work() {
+    const HELD: usize = 240;
+    let file = FileTransferProtocol { target_network: 0, target_system: 1, target_component: 1, payload: [7; 251] };
+    let handled = |garbage: usize, work: u32| {
+        let mut setup = Setup::<1>::new();
+        setup.config.budget = PollBudget { work, frames: u32::MAX, ..PollBudget::DEFAULT };
+        let mut world = World::new(setup);
+        let frame = world.gcs[0].frame_from(STATION, &file);
+        let held = [&vec![0; garbage][..], &frame[..HELD]].concat();
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, &held, &mut world.vehicle), held.len());
+        world.gcs[0].send_raw(&frame[HELD..]);
+        world.gcs[0].send(&Gcs::heartbeat());
+        world.gcs[0].send(&Gcs::heartbeat());
+        world.gcs[0].poll(now);
+        world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle).unwrap();
+        world.stack.rx_counters(LINK).unwrap().frames
+    };
+    let works: Vec<u32> = (700..3_000).collect();
+    for frames in [2, 3] {
+        let least = |garbage| 700 + works.partition_point(|work| handled(garbage, *work) < frames);
+        assert_eq!(least(30) - least(0), HELD / 2, "{frames} frames");
+    }
+}
+
+/// S-20: a failing transport is reported with its own error and counted, and the link goes on: what was half sent is
+/// finished, what comes next is read.
+#[test]
+fn transport_errors_are_reported_and_survived() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(10));
+    world.uarts[0].fail_next_read(SimError::Overrun);
+    world.run_for(millis(10));
+    assert_eq!(world.errors, [(LINK, LinkError::Read(SimError::Overrun))]);
+    world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+    world.uarts[0].fail_next_write(SimError::Injected);
+    world.run_for(millis(10));
+    assert_eq!(world.errors[1..], [(LINK, LinkError::Write(SimError::Injected))]);
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1);
+    let counters = world.stack.link_counters(LINK).unwrap();
+    assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
+    // A link that there is not.
+    let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
+    assert_eq!(nowhere, Err(LinkError::NoSuchLink));
+    world.uarts[0].fail_next_write(SimError::Injected);
+    let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
+    assert_eq!(nowhere, Err(LinkError::NoSuchLink));
+    let counters = world.stack.link_counters(LINK).unwrap();
+    assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
+}
+
+/// S-20: a line that brings more than is read of it: what is lost is counted, what is not lost is served.
+#[test]
+fn overrun_costs_what_it_lost() {
+    let mut line = LineConfig::default();
+    line.up.rx_fifo = 256;
+    let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+    for _ in 0..100 {
+        // 40 commands of 45 bytes at once.
+        for _ in 0..40 {
+            world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+        }
+        world.run_for(millis(20));
+    }
+    assert!(world.errors.iter().all(|error| *error == (LINK, LinkError::Read(SimError::Overrun))));
+    assert_eq!(world.stack.link_counters(LINK).unwrap().read_errors as usize, world.errors.len());
+    let handled = world.vehicle.commands().len();
+    assert!(handled >= 400, "{handled} commands: those in front of each overrun");
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
+    world.expect::<CommandAck>(0, millis(5));
+}
+
+/// A byte a millisecond to the ground, so that a test can stop in the middle of a frame.
+fn slow_down() -> LineConfig {
+    let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
+    LineConfig { down, ..LineConfig::default() }
+}
+
+/// A client that goes away in the middle of a frame, both ways, and another one that comes: it gets frames from their first
+/// byte, and the front of the old frame does not spoil its first one.
+#[test]
+fn next_client_is_served_as_if_new() {
+    for cut in 1..43 {
+        let line = slow_down();
+        let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+        world.run_for(millis(100));
+        // Its last command is cut off; the answer to the one before is on its way.
+        let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
+        world.gcs[0].send(&command);
+        let frame = world.gcs[0].frame_from(STATION, &command);
+        world.gcs[0].send_raw(&frame[..cut]);
+        world.run_for(millis(8));
+        world.uarts[0].set_closed(true);
+        world.run_for(millis(50));
+        assert_eq!(world.errors.last(), Some(&(LINK, LinkError::Closed)));
+        world.uarts[0].set_closed(false);
+        world.stack.restart_link(LINK);
+        world.gcs[0] = Gcs::new(world.gcs[0].end.clone());
+        let version = [AutopilotVersion::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, version);
+        world.run_for(millis(700));
+        let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
+        // The answer to the old client's command is sent again from its start: nobody can know whether it arrived.
+        assert_eq!(ids, [77, 77, 148], "cut at {cut}");
+        assert_eq!(world.gcs[0].counters().skipped, 0, "cut at {cut}");
+    }
+}
+
+/// H-5: a heartbeat that was cut off is not sent to the next client, for it tells of another time.
+#[test]
+fn next_client_gets_no_old_heartbeat() {
+    let line = slow_down();
+    let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
+    world.run_for(millis(8));
+    world.uarts[0].set_closed(true);
+    world.step();
+    world.loop_runs = false;
+    for _ in 0..60 {
+        world.clock.set(world.now().after(secs(1)));
+        world.stack.poll(world.now(), &mut world.vehicle);
+    }
+    world.uarts[0].set_closed(false);
+    world.stack.restart_link(LINK);
+    world.run_for(secs(5));
+    assert_eq!(world.gcs[0].received.len(), 0);
+}
+
+/// V-1, V-2: a link answers in its own version, whatever it receives; Auto begins with v1 and goes over to v2 for good with
+/// the first frame that is really v2.
+#[test]
+fn versions_are_kept_per_link() {
+    let [v2, auto, v1] = [TxVersion::V2, TxVersion::Auto, TxVersion::V1];
+    let mut world =
+        World::new(Setup { links: [v2, auto, v1].map(|v| LinkConfig::uart(57_600).with_version(v)), ..Setup::new() });
+    let ask = |world: &mut World<3>, version| {
+        let mut versions = Vec::new();
+        for link in 0..3 {
+            world.gcs[link].version = version;
+            world.gcs[link].forget();
+            world.gcs[link].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+            world.run_for(millis(10));
+            let acks = world.gcs[link].received.iter().filter(|frame| frame.header.id == CommandAck::ID);
+            versions.extend(acks.map(|frame| frame.header.version));
+        }
+        versions
+    };
+    use Version::{V1, V2};
+    assert_eq!(ask(&mut world, V1), [V2, V1, V1]);
+    // Nothing of this is a v2 frame that somebody sent us: damaged, of an unknown id, our own echo.
+    let mut damaged = world.gcs[1].frame_from(STATION, &Gcs::heartbeat());
+    world.gcs[1].version = V2;
+    damaged[11] ^= 1;
+    let unknown = reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1], 0);
+    let echo = world.gcs[1].frame_from(VEHICLE, &Gcs::heartbeat());
+    world.gcs[1].send_raw(&[damaged, unknown, echo].concat());
+    world.run_for(millis(600));
+    assert_eq!(ask(&mut world, V1), [V2, V1, V1]);
+    assert_eq!(ask(&mut world, V2), [V2, V2, V1]);
+    assert_eq!(ask(&mut world, V1), [V2, V2, V1], "for good");
+}
+
+/// what the firmware gets to see: messages without a target, to everyone, to us; and which it does not.
+#[test]
+fn messages_for_others_do_not_reach_the_vehicle() {
+    let mut world = World::new(Setup::<1>::new());
+    let seen = |world: &mut World<1>| {
+        world.run_for(millis(5));
+        std::mem::take(&mut world.vehicle.calls).len() == 1
+    };
+    world.gcs[0].send(&Attitude::default());
+    assert!(seen(&mut world), "no target at all");
+    for (system, component, ours) in [
+        (1, 1, true),
+        (0, 0, true),
+        (0, 1, true),
+        (1, 0, true),
+        (2, 1, false),
+        (1, 2, false),
+        (0, 2, false),
+        (1, 190, false),
+    ] {
+        let tune = PlayTune { target_system: system, target_component: component, ..PlayTune::default() };
+        world.gcs[0].send(&tune);
+        assert_eq!(seen(&mut world), ours, "PLAY_TUNE to {system}/{component}");
+    }
+    for (system, ours) in [(1, true), (0, true), (2, false)] {
+        // A target system and no component, in MANUAL_CONTROL under another name.
+        world.gcs[0].send(&SetMode { target_system: system, ..SetMode::default() });
+        assert_eq!(seen(&mut world), ours, "SET_MODE to {system}");
+        world.gcs[0].send(&ManualControl { target: system, x: 1_000, ..ManualControl::default() });
+        assert_eq!(seen(&mut world), ours, "MANUAL_CONTROL to {system}");
+    }
+    assert_eq!(world.stack.link_counters(LINK).unwrap().not_ours, 6);
+    // A heartbeat is the stack's own.
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.run_for(millis(5));
+    assert!(matches!(world.vehicle.calls[..], [Call::Peer(_)]));
+}
+
+/// S-12: a message that cannot be checked is counted, and goes to nobody.
+#[test]
+fn unchecked_frames_reach_nobody() {
+    let mut world = World::new(Setup::<1>::new());
+    world.gcs[0].send(&Attitude::default());
+    world.gcs[0].send_raw(&reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 3], 9));
+    world.run_for(millis(100));
+    assert_eq!(world.vehicle.calls.len(), 1);
+    assert_eq!(world.stack.link_counters(LINK).unwrap().unknown, 1);
+    assert_eq!(world.stack.rx_counters(LINK).unwrap().unchecked, 1);
+}
+
+/// What both halves of the next test are fed: at which millisecond which bytes come.
+fn script() -> Vec<(u64, Vec<u8>)> {
+    let world = World::new(Setup::<1>::new());
+    let mut gcs = world.gcs.into_iter().next().unwrap();
+    let mut script = Vec::new();
+    let mut rng = Rng::new(9);
+    let mut at = 3;
+    for _ in 0..400 {
+        at += rng.below(60);
+        let command = gcs.long(MavCmd::NAV_LAND, [1.0; 7]);
+        let mut bytes = match rng.below(5) {
+            0 => gcs.frame_from(STATION, &Gcs::heartbeat()),
+            1 => gcs.frame_from(STATION, &gcs.long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            // Noise without start bytes: it holds nothing back, so each pass finds what the others do.
+            2 => (0..rng.below(90)).map(|_| rng.byte() & 0x7F).collect(),
+            _ => gcs.frame_from(OTHER_STATION, &command),
+        };
+        if rng.chance(0.1) {
+            bytes.truncate(rng.below(bytes.len() as u64 + 1) as usize);
+        }
+        script.push((at, bytes));
+    }
+    script
+}
+
+/// All that a stack sends for the script when it is driven by `drive`, which moves the bytes that came, and takes those
+/// that are to go.
+fn bytes_sent(mut drive: impl FnMut(&mut Stack<Tested, 1>, Instant, &[u8], &mut TestVehicle) -> Vec<u8>) -> Vec<u8> {
+    let setup = Setup::<1>::new();
+    let mut stack: Box<Stack<Tested, 1>> = begun(setup.config, setup.links);
+    let mut vehicle = TestVehicle::new();
+    let (mut sent, mut script) = (Vec::new(), script().into_iter().peekable());
+    for ms in 0..20_000 {
+        let now = Instant::from_millis(ms);
+        setup.config.pulse.expect("a setup has a pulse").tick();
+        stack.poll(now, &mut vehicle);
+        let bytes = script.next_if(|(at, _)| *at <= ms).map(|(_, bytes)| bytes).unwrap_or_default();
+        sent.extend(drive(&mut stack, now, &bytes, &mut vehicle));
+    }
+    assert!(vehicle.commands().len() > 120);
+    sent
+}
+
+/// The calls for interrupts and DMA do what `poll_link` does, to the byte, also when the bytes come one by one.
+#[test]
+fn byte_level_calls_equal_poll_link() {
+    fn take(stack: &mut Stack<Tested, 1>, now: Instant, vehicle: &mut TestVehicle, piece: usize) -> Vec<u8> {
+        let mut taken = Vec::new();
+        loop {
+            let bytes = stack.transmit(now, LINK, vehicle);
+            let len = bytes.len().min(piece);
+            if len == 0 {
+                return taken;
+            }
+            taken.extend(&bytes[..len]);
+            stack.transmitted(LINK, len);
+        }
+    }
+    let clock = Clock::default();
+    let (mut uart, mut far) = SimSerial::new(&clock, LineConfig::default(), 1).ends();
+    let polled = bytes_sent(|stack, now, bytes, vehicle| {
+        clock.set(now);
+        if !bytes.is_empty() {
+            assert_eq!(far.write(bytes), Ok(bytes.len()));
+        }
+        stack.poll_link(now, LINK, &mut uart, vehicle).unwrap();
+        let mut sent = vec![0; far.readable()];
+        if !sent.is_empty() {
+            embedded_io::Read::read(&mut far, &mut sent).unwrap();
+        }
+        sent
+    });
+    let received = bytes_sent(|stack, now, bytes, vehicle| {
+        assert_eq!(stack.receive(now, LINK, bytes, vehicle), bytes.len());
+        take(stack, now, vehicle, 280)
+    });
+    let bytewise = bytes_sent(|stack, now, bytes, vehicle| {
+        stack.receive(now, LINK, &[], vehicle);
+        for byte in bytes {
+            assert_eq!(stack.receive(now, LINK, &[*byte], vehicle), 1);
+        }
+        take(stack, now, vehicle, 1)
+    });
+    let in_place = bytes_sent(|stack, now, mut bytes, vehicle| {
+        stack.received(now, LINK, 0, vehicle);
+        while !bytes.is_empty() {
+            let room = stack.receive_buffer(LINK);
+            let len = room.len().min(bytes.len());
+            room[..len].copy_from_slice(&bytes[..len]);
+            stack.received(now, LINK, len, vehicle);
+            bytes = &bytes[len..];
+        }
+        take(stack, now, vehicle, 17)
+    });
+    assert!(polled.len() > 5_000);
+    for (how, bytes) in [("receive", received), ("a byte at a time", bytewise), ("in place", in_place)] {
+        assert_eq!(bytes.iter().zip(&polled).position(|(a, b)| a != b), None, "{how}");
+        assert_eq!(bytes.len(), polled.len(), "{how}");
+    }
+}
+
+/// What a stack says and asks its vehicle for in a minute, and how often it was run: every millisecond, or only at its
+/// deadline, for a byte, and when there is room on the line again. The line stands still for ten seconds of it.
+fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Call>, u32) {
+    let down = Wire { bytes_per_second: 2_000, tx_fifo, ..Wire::default() };
+    let lines = [LineConfig { down, ..LineConfig::default() }];
+    let mut setup = Setup { links: [LinkConfig::uart(9_600)], lines, ..Setup::<1>::new() };
+    setup.config.budget.tx_bytes = tx_bytes;
+    let mut world = World::new(setup);
+    world.uarts[0].stall_writes_until(Instant::from_millis(10_000));
+    let (mut script, mut wakes, mut was_full) = (script().into_iter().peekable(), 0, false);
+    let mut deadline = Instant::ZERO;
+    for ms in 0..60_000 {
+        let now = Instant::from_millis(ms);
+        world.clock.set(now);
+        world.pulse.tick();
+        while let Some((_, bytes)) = script.next_if(|(at, _)| *at <= ms) {
+            world.gcs[0].send_raw(&bytes);
+        }
+        if ms % 700 == 0 {
+            // What a firmware does itself it knows of: it runs the stack then.
+            deadline = now;
+            let text = format!("{ms} ms have gone by, and all is well so far, it seems");
+            world.stack.send_text(now, MavSeverity::INFO, &text);
+        }
+        world.gcs[0].poll(now);
+        let uart = &mut world.uarts[0];
+        let is_full = uart.write_ready() == Ok(false);
+        let room_came = was_full && !is_full;
+        if !sleeps || deadline <= now || uart.readable() > 0 || room_came {
+            wakes += 1;
+            world.stack.poll(now, &mut world.vehicle);
+            world.stack.poll_link(now, LINK, uart, &mut world.vehicle).unwrap();
+            deadline = world.stack.next_deadline(now);
+        }
+        was_full = uart.write_ready() == Ok(false);
+        world.gcs[0].poll(now);
+    }
+    (world.gcs.remove(0).received, world.vehicle.calls, wakes)
+}
+
+/// What came waits as long as it has to: a whole frame of a message that nobody knows for silence, a part of a frame for its rest,
+/// and what a poll's budget left for the next poll.
+#[test]
+fn next_deadline_knows_what_is_received() {
+    let mut setup = Setup::<1>::new();
+    setup.config.budget.frames = 1;
+    let mut world = World::new(setup);
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.expect::<Heartbeat>(0, secs(2));
+    world.gcs[0].forget();
+    world.expect::<Heartbeat>(0, secs(2));
+    let deadline = |world: &mut World<1>, bytes: &[u8]| {
+        let now = world.now();
+        assert_eq!(world.stack.receive(now, LINK, bytes, &mut world.vehicle), bytes.len());
+        let deadline = world.stack.next_deadline(now).since(now);
+        world.run_for(millis(25));
+        deadline
+    };
+    assert!(deadline(&mut world, &[]) > millis(600), "the next heartbeat");
+    let unknown = reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 3], 0);
+    let mut signed = reference::v2(0x00AB_CDEF, [1, 0], [255, 190], &[1, 2, 3], 0);
+    signed.extend(1..=13);
+    assert_eq!(deadline(&mut world, &unknown), millis(20));
+    assert_eq!(deadline(&mut world, &signed), millis(20));
+    let heartbeat = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
+    assert_eq!(deadline(&mut world, &[&heartbeat[..], &heartbeat].concat()), millis(0));
+    assert_eq!(deadline(&mut world, &unknown[..unknown.len() - 1]), millis(500));
+}
+
+/// A driver that sleeps until `next_deadline`, a byte, or room on the line says the same at the same times as one that
+/// polls every millisecond; and it does sleep. Whether the line's room or the poll's budget ends a frame makes no
+/// difference.
+#[test]
+fn next_deadline_is_enough() {
+    for (tx_fifo, tx_bytes, most) in [(16, 40, 6_000), (1_024, 280, 1_000), (1_024, 7, 3_000)] {
+        let (said, calls, _) = minute(false, tx_fifo, tx_bytes);
+        let (said_by_sleeper, calls_by_sleeper, wakes) = minute(true, tx_fifo, tx_bytes);
+        assert!(said.len() > 150, "{}", said.len());
+        assert!(calls_by_sleeper == calls);
+        for (sleeper, poller) in said_by_sleeper.iter().zip(&said) {
+            assert_eq!(sleeper, poller);
+        }
+        assert_eq!(said_by_sleeper.len(), said.len());
+        assert!(wakes < most, "{wakes} times in 60,000 ms");
+    }
+}
+
+/// `next_deadline` returns `now` while work is pending that only the vehicle knows about, before and after the link has written:
+/// the end of a command on the link that asked for it, or a new mode. An answer to PING is pending only until it is written. After
+/// the next poll nothing is.
+#[test]
+fn next_deadline_knows_of_what_the_vehicle_owes() {
+    let mut world = World::<2, Tested<NoPlans, 8, Timed>>::of(Setup::new());
+    world.vehicle.long.insert(MavCmd::PREFLIGHT_CALIBRATION.0);
+    let (command, target_system, target_component) = (MavCmd::PREFLIGHT_CALIBRATION, 1, 1);
+    let calibrate = CommandLong { command, target_system, target_component, ..CommandLong::default() };
+    let arm = CommandLong { command: MavCmd::COMPONENT_ARM_DISARM, ..calibrate };
+    let station = &mut world.gcs[0];
+    let frames = [
+        (1, station.frame_from(STATION, &Ping::default()), false),
+        (0, station.frame_from(STATION, &calibrate), true),
+        (1, station.frame_from(OTHER_STATION, &CommandCancel { command, target_system, target_component }), true),
+        (1, station.frame_from(STATION, &arm), true),
+    ];
+    world.run_for(millis(1_100));
+    for (link, frame, asks_vehicle) in frames {
+        let now = world.now();
+        assert!(world.stack.next_deadline(now) > now.after(millis(20)));
+        world.stack.receive(now, LinkId(link), &frame, &mut world.vehicle);
+        assert_eq!(world.stack.next_deadline(now), now);
+        loop {
+            let len = world.stack.transmit(now, LinkId(link), &mut world.vehicle).len();
+            if len == 0 {
+                break;
+            }
+            world.stack.transmitted(LinkId(link), len);
+        }
+        assert_eq!(world.stack.next_deadline(now) == now, asks_vehicle);
+        world.gcs[0].forget();
+        world.step();
+        let acks = world.gcs[0].all::<CommandAck>();
+        let results: Vec<_> = acks.iter().map(|(_, ack)| ack.result).collect();
+        let is_cancelled = world.vehicle.calls.iter().any(|call| matches!(call, Call::CancelCommand(..)));
+        assert_eq!(results, Vec::from_iter(is_cancelled.then_some(MavResult::CANCELLED)));
+        world.vehicle.calls.clear();
+    }
+}
+
+/// A frame that stops one byte short of its end keeps nobody awake until it is given up.
+#[test]
+fn unfinished_frame_does_not_wake_the_driver() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(100));
+    let frame = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
+    world.gcs[0].send_raw(&frame[..frame.len() - 1]);
+    world.run_for(millis(50));
+    let deadline = world.stack.next_deadline(world.now());
+    assert!(deadline > world.now().after(millis(400)), "{deadline:?} at {:?}", world.now());
+}
+
+/// M-10: old ground stations address plans to component 190; nothing else that is sent there is ours.
+#[test]
+fn plans_may_be_addressed_to_the_old_planner() {
+    type Plans = Tested<mavstack::plan_memory!(mission: 10)>;
+    let mut world = World::<1, Plans>::of(Setup::new());
+    for (system, component, answered) in
+        [(1, 190, true), (1, 1, true), (1, 0, true), (1, 2, false), (2, 1, false), (0, 0, false), (0, 190, false)]
+    {
+        let list = MissionRequestList { target_system: system, target_component: component, ..Default::default() };
+        world.gcs[0].send(&list);
+        world.run_for(millis(50));
+        assert_eq!(world.gcs[0].take::<MissionCount>().is_some(), answered, "to {system}/{component}");
+    }
+}
+
+/// An address in the peer table is no licence: frames go to the vehicle with their true sender.
+#[test]
+fn vehicle_is_told_the_sender() {
+    let mut world = World::new(Setup::<1>::new());
+    let camera = Address::new(1, 100);
+    world.gcs[0].send_from(camera, &Attitude::default());
+    world.run_for(millis(5));
+    assert!(matches!(world.vehicle.calls[..], [Call::Message { id: 30, from, link: LINK, .. }] if from == camera));
+}
+
+/// S-11: pymavlink sends as component 0 by default. It is answered, at that address, unless the firmware refuses it.
+#[test]
+fn component_0_is_served_unless_it_is_refused() {
+    let config = Setup::<1>::new().config;
+    for (config, answers) in [(config, 1), (Config { accepts_component_0: false, ..config }, 0)] {
+        let mut stack: Box<Stack<Tested, 1>> = begun(config, [LinkConfig::uart(57_600)]);
+        let mut vehicle = TestVehicle::default();
+        let mut frame = [0; MAX_FRAME_LEN];
+        let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..Default::default() };
+        let len = encode(&command, Version::V2, Address::new(255, 0), 0, &mut frame).unwrap();
+        assert_eq!(stack.receive(Instant::ZERO, LINK, &frame[..len], &mut vehicle), len);
+        let dropped = stack.rx_counters(LINK).unwrap().zero_source;
+        assert_eq!((vehicle.commands().len(), dropped), (answers, 1 - answers as u32));
+        let mut decoder = Decoder::default();
+        let _ = decoder.push(stack.transmit(Instant::ZERO, LINK, &mut vehicle), Instant::ZERO);
+        let answer = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| false);
+        let ack = answer.and_then(|frame| frame.decode::<CommandAck>());
+        let target = ack.map(|ack| (ack.target_system, ack.target_component));
+        assert_eq!(target, (answers == 1).then_some((255, 0)));
+    }
+}

@@ -1,0 +1,596 @@
+//! Plans over a line: uploads, downloads and clears as real clients do them, on lines as they really are.
+
+use crate::support::tested::Planned;
+use crate::support::*;
+use mavstack::dialect::{
+    MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
+    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
+};
+use mavstack::{
+    LatLon, LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version,
+    plan_memory,
+};
+
+const CAPACITY: u16 = 60;
+
+type Plans = Tested<plan_memory!(mission: 60)>;
+
+type TestWorld<const N: usize> = World<N, Plans>;
+
+const MISSION: MavMissionType = MavMissionType::MISSION;
+const ACCEPTED: MavMissionResult = MavMissionResult::ACCEPTED;
+
+fn world<const N: usize>() -> TestWorld<N> {
+    World::of(Setup::new())
+}
+
+/// What an item says, to the bit, without what belongs to the transfer.
+fn content(items: &[MissionItemInt]) -> Vec<Vec<u8>> {
+    let content = |item: &MissionItemInt| {
+        let mut bytes = vec![0; MissionItemInt::MAX_LEN];
+        let item = MissionItemInt { target_system: 0, target_component: 0, current: 0, ..*item };
+        item.encode(&mut bytes).expect("room");
+        bytes
+    };
+    items.iter().map(content).collect()
+}
+
+fn assert_downloads<const N: usize>(world: &mut TestWorld<N>, link: usize, items: &[MissionItemInt]) {
+    let downloaded = world.download(link, MISSION).expect("a complete download");
+    assert_eq!(content(&downloaded), content(items));
+}
+
+/// M-6, M-21: every length, item 0 the first that was uploaded, field by field; one item more than there is room for is
+/// refused before the first.
+#[test]
+fn what_was_uploaded_is_downloaded() {
+    let mut world = world::<1>();
+    for len in [1, 2, CAPACITY, 3, 0] {
+        let items = plan(len, len);
+        let ack = world.upload(0, &items).expect("accepted");
+        assert_eq!(ack.opaque_id, world.stack.mission().id());
+        assert_eq!(ack.opaque_id == 0, len == 0);
+        assert_downloads(&mut world, 0, &items);
+    }
+    world.upload(0, &plan(2, 1)).expect("accepted");
+    world.gcs[0].forget();
+    let refused = world.upload(0, &plan(CAPACITY + 1, 0));
+    assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::NO_SPACE)));
+    assert_eq!(world.gcs[0].count_of::<MissionRequestInt>(), 0);
+    assert_downloads(&mut world, 0, &plan(2, 1));
+}
+
+/// M-2, M-21: each plan takes as many items as there is room for, whichever has the most, and not one more.
+#[test]
+fn each_plan_may_be_full() {
+    fn fills<P: PlanStorage + Planned<Tested<P>> + 'static>() {
+        let mut world = World::<1, Tested<P>>::of(Setup::new());
+        for (kind, capacity) in PlanType::ALL.into_iter().zip(P::CAPACITIES) {
+            let mission_type = kind.mission_type();
+            let command = match kind {
+                PlanType::Mission => MavCmd::NAV_WAYPOINT,
+                PlanType::Fence => MavCmd::NAV_FENCE_CIRCLE_INCLUSION,
+                PlanType::Rally => MavCmd::NAV_RALLY_POINT,
+            };
+            let of_kind = |count| {
+                let item =
+                    |item| MissionItemInt { mission_type, command, param1: 9.0, param2: 0.0, param4: 0.0, ..item };
+                plan(count, count).into_iter().map(item).collect::<Vec<_>>()
+            };
+            world.upload(0, &of_kind(capacity)).expect("room");
+            assert_eq!(world.download(0, mission_type).expect("complete").len(), usize::from(capacity));
+            let refused = world.upload(0, &of_kind(capacity + 1));
+            assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::NO_SPACE)));
+        }
+    }
+    fills::<plan_memory!(mission: 9, fence: 5, rally: 2)>();
+    fills::<plan_memory!(mission: 5, fence: 9, rally: 2)>();
+    fills::<plan_memory!(mission: 2, fence: 5, rally: 9)>();
+}
+
+/// What became of uploads is counted, each as what it was.
+#[test]
+fn uploads_are_counted() {
+    let mut world = world::<1>();
+    let counters = |world: &TestWorld<1>| world.stack.plan_counters();
+    assert_eq!(counters(&world), PlanCounters::default());
+    world.upload(0, &plan(2, 1)).expect("accepted");
+    assert_eq!(counters(&world), counted(|counters: &mut PlanCounters| counters.accepted = 1));
+    let stranger = MissionItemInt { command: MavCmd(31_999), ..plan(1, 2)[0] };
+    world.upload(0, &[stranger]).expect_err("no such command");
+    assert_eq!((counters(&world).accepted, counters(&world).refused), (1, 1));
+    let (target_system, target_component) = (1, 1);
+    world.gcs[0].send(&MissionCount { target_system, target_component, count: 3, ..MissionCount::default() });
+    world.gcs[0].send(&MissionItemInt { target_system, target_component, ..plan(3, 1)[2] });
+    world.run_for(secs(60));
+    assert_eq!((counters(&world).out_of_place, counters(&world).abandoned), (1, 1), "the first item never came");
+    assert_eq!((counters(&world).accepted, counters(&world).refused), (1, 1));
+}
+
+/// A lossless transfer is a request and an item each, and two frames more: no request is sent twice.
+#[test]
+fn no_frame_is_sent_for_nothing() {
+    let mut world = World::<1, Plans>::of(Setup {
+        links: [LinkConfig::uart(57_600)],
+        lines: [LineConfig::radio(57_600, millis(20))],
+        ..Setup::new()
+    });
+    world.upload(0, &plan(CAPACITY, 1)).expect("accepted");
+    world.run_for(secs(2));
+    let gcs = &world.gcs[0];
+    assert_eq!(gcs.count_of::<MissionRequestInt>(), usize::from(CAPACITY));
+    assert_eq!(gcs.count_of::<MissionAck>(), 1);
+    world.gcs[0].forget();
+    assert_downloads(&mut world, 0, &plan(CAPACITY, 1));
+    let gcs = &world.gcs[0];
+    assert_eq!((gcs.count_of::<MissionItemInt>(), gcs.count_of::<MissionCount>()), (usize::from(CAPACITY), 1));
+}
+
+/// M-40: whatever is lost, at whatever moment, once, the transfers are completed.
+#[test]
+fn any_frame_may_be_lost_once() {
+    let items = plan(4, 1);
+    for up in [true, false] {
+        for moment in 0..40 {
+            let mut world = world::<1>();
+            world.run_for(millis(1_500));
+            let silence = |world: &mut TestWorld<1>, now: u64| {
+                let loss = if now == moment { 1.0 } else { 0.0 };
+                if up {
+                    world.lines[0].set_up(|wire| wire.faults.frame_loss = loss);
+                } else {
+                    world.lines[0].set_down(|wire| wire.faults.frame_loss = loss);
+                }
+            };
+            let mut upload = Upload::new(&world.gcs[0], &items);
+            for now in 0..5_000 {
+                silence(&mut world, now);
+                world.step();
+                let now = world.now();
+                if upload.poll(now, &mut world.gcs[0]).is_some() {
+                    break;
+                }
+            }
+            let ack = upload.result().expect("an end");
+            // MAVSDK gives up when the final answer is lost, since nobody asks for the last item again. It did go live.
+            let lost_ack = ack == Err(TransferError::Timeout) && !up;
+            assert!(ack.is_ok() || lost_ack, "{ack:?}, lost at {moment} ms, up {up}");
+            silence(&mut world, u64::MAX);
+            assert_downloads(&mut world, 0, &items);
+
+            let mut download = Download::new(&world.gcs[0], MISSION);
+            let mut clear = None;
+            for now in 0..5_000 {
+                silence(&mut world, now);
+                world.step();
+                let now = world.now();
+                if let Some(downloaded) = download.poll(now, &mut world.gcs[0]) {
+                    assert_eq!(content(&downloaded.expect("complete")), content(&items));
+                    let clear = clear.get_or_insert_with(|| Clear::new(&world.gcs[0], MISSION));
+                    if clear.poll(now, &mut world.gcs[0]).is_some() {
+                        break;
+                    }
+                }
+            }
+            clear.and_then(|clear| clear.result()).expect("an end").expect("cleared");
+            assert!(world.stack.mission().items().is_empty());
+        }
+    }
+}
+
+/// M-1, M-41: on a bad line a transfer is completed, or fails and leaves a whole plan; soon after the engine is at rest.
+#[test]
+fn a_bad_line_leaves_whole_plans() {
+    let mut completed = 0;
+    for seed in 1..=60 {
+        let loss = 0.05 + 0.25 * (seed as f64 / 60.0);
+        let faults = Faults { frame_reorder: 0.02, reorder_by: millis(30), ..Faults::frames(loss, 0.05) };
+        let mut world = World::<2, Plans>::of(Setup { seed, ..Setup::new() });
+        let (old, new) = (plan(7, 1), plan(20, 2));
+        world.upload(0, &old).expect("accepted");
+        world.lines[0].set_up(|wire| wire.faults = faults);
+        world.lines[0].set_down(|wire| wire.faults = faults);
+        let began = world.now();
+        let result = world.upload(0, &new);
+        assert!(world.now().since(began) < secs(60), "seed {seed}");
+        let live = if world.stack.mission().items().len() == old.len() { &old } else { &new };
+        assert_downloads(&mut world, 1, live);
+        if result.is_ok() {
+            completed += 1;
+            assert_eq!(live.len(), new.len(), "seed {seed}");
+        }
+        // A station that gave up does not hold the next one up, whoever it is.
+        world.run_for(secs(8));
+        world.gcs[1].address = OTHER_STATION;
+        world.upload(1, &plan(3, 3)).expect("accepted");
+    }
+    assert!(completed >= 30, "{completed} of 60");
+}
+
+/// M-47, M-61: a client that knows only the old forms, like dronekit and mavez, uploads and downloads.
+#[test]
+fn a_client_of_the_old_forms_uploads_and_downloads() {
+    let mut world = world::<1>();
+    let items = plan(4, 1);
+    let mut upload = Upload::new(&world.gcs[0], &items).like_dronekit();
+    world.run_until(secs(20), |world| {
+        let now = world.now();
+        upload.poll(now, &mut world.gcs[0]).is_some()
+    });
+    assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
+    assert!(world.now().as_micros() < 5_000_000, "within five seconds");
+    assert_eq!(world.stack.mission().items().len(), items.len());
+    for (seq, item) in (0..).zip(&items) {
+        world.gcs[0].send(&MissionRequest { target_system: 1, target_component: 1, seq, mission_type: MISSION });
+        let back: MissionItem = world.expect(0, millis(50));
+        assert_eq!((back.seq, back.x), (seq, (f64::from(item.x) / 1e7) as f32));
+    }
+    assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 0);
+}
+
+/// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is not a cancel. The vehicle's first frames are
+/// lost, so that MISSION_REQUEST is the first one received.
+#[test]
+fn mavsdk_uploads_though_it_refuses_the_old_form() {
+    let mut world = world::<1>();
+    let mut upload = Upload::new(&world.gcs[0], &plan(4, 1)).with_patience(10);
+    for now in 0..10_000 {
+        let loss = if now < 1_700 { 1.0 } else { 0.0 };
+        world.lines[0].set_down(|wire| wire.faults.frame_loss = loss);
+        world.step();
+        let now = world.now();
+        if upload.poll(now, &mut world.gcs[0]).is_some() {
+            break;
+        }
+    }
+    assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
+    assert_eq!(world.gcs[0].count_of::<MissionRequest>(), 1);
+}
+
+/// M-23, M-33: who comes second is told so, and harms nobody.
+#[test]
+fn a_second_station_is_refused_until_the_first_is_done() {
+    let mut world = world::<2>();
+    world.gcs[1].address = OTHER_STATION;
+    let mut first = Upload::new(&world.gcs[0], &plan(30, 1));
+    let mut refusals = 0;
+    let mut second = None;
+    world.run_until(secs(10), |world| {
+        let now = world.now();
+        if first.items_sent() >= 2 && first.result().is_none() {
+            let upload = second.get_or_insert_with(|| Upload::new(&world.gcs[1], &plan(5, 2)));
+            if let Some(result) = upload.poll(now, &mut world.gcs[1]) {
+                assert_eq!(result, Err(TransferError::Refused(MavMissionResult::DENIED)));
+                refusals += 1;
+                second = None;
+            }
+        }
+        first.poll(now, &mut world.gcs[0]).is_some()
+    });
+    first.result().expect("an end").expect("accepted");
+    assert!(refusals > 2);
+    assert_downloads(&mut world, 1, &plan(30, 1));
+    world.upload(1, &plan(5, 2)).expect("accepted");
+}
+
+/// M-45, M-11: two instances of QGroundControl, both 255/190, on two links. The second downloads, tries to upload, and
+/// cancels: the first one's upload continues on its link. When the first falls silent, the second can upload.
+#[test]
+fn two_stations_with_the_same_ids_do_not_meet() {
+    for is_silent in [false, true] {
+        let mut world = world::<2>();
+        world.gcs.iter_mut().for_each(|gcs| gcs.heartbeat_period = Some(secs(1)));
+        world.upload(0, &plan(2, 9)).expect("accepted");
+        let items = plan(30, 1);
+        let mut first = Upload::new(&world.gcs[0], &items).with_patience(100);
+        world.run_until(secs(1), |world| {
+            let now = world.now();
+            first.poll(now, &mut world.gcs[0]);
+            first.items_sent() == 15
+        });
+        if is_silent {
+            world.gcs[0].heartbeat_period = None;
+            world.run_for(secs(2));
+            world.upload(1, &plan(5, 2)).expect("its turn");
+            assert_downloads(&mut world, 1, &plan(5, 2));
+            continue;
+        }
+        // Four seconds without an item, as on a very bad link: heartbeats show that the partner is alive.
+        for _ in 0..2 {
+            world.run_for(secs(2));
+            assert_downloads(&mut world, 1, &plan(2, 9));
+            let denied = Err(TransferError::Refused(MavMissionResult::DENIED));
+            assert_eq!(world.upload(1, &plan(5, 2)), denied);
+            let r#type = MavMissionResult::OPERATION_CANCELLED;
+            world.gcs[1].send(&MissionAck { target_system: 1, target_component: 1, r#type, ..Default::default() });
+        }
+        let requests = |world: &TestWorld<2>, link: usize| world.gcs[link].count_of::<MissionRequestInt>();
+        assert_eq!(requests(&world, 1), 0);
+        world.run_until(secs(5), |world| {
+            let now = world.now();
+            first.poll(now, &mut world.gcs[0]).is_some()
+        });
+        first.result().expect("an end").expect("accepted");
+        assert_downloads(&mut world, 1, &items);
+    }
+}
+
+/// M-45: a vehicle that arms during an upload keeps its plan.
+#[test]
+fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
+    let mut world = world::<1>();
+    world.upload(0, &plan(3, 1)).expect("accepted");
+    let mut upload = Upload::new(&world.gcs[0], &plan(6, 2));
+    world.run_until(secs(2), |world| {
+        let now = world.now();
+        if upload.items_sent() == 3 {
+            world.vehicle.may_change = Err(MavMissionResult::DENIED);
+        }
+        upload.poll(now, &mut world.gcs[0]).is_some()
+    });
+    assert_eq!(upload.result(), Some(Err(TransferError::Refused(MavMissionResult::DENIED))));
+    let text: Statustext = world.expect(0, secs(1));
+    assert_eq!(text.text.as_bytes(), b"Mission refused: not allowed now");
+    assert_downloads(&mut world, 0, &plan(3, 1));
+}
+
+/// M-48: a waypoint at 0, 0 is refused and a text says why; so is a mission whose first waypoint is too far away, where
+/// the vehicle sets a limit. The old plan stays.
+#[test]
+fn missions_to_nowhere_are_refused() {
+    let mut world = world::<1>();
+    let old = plan(3, 1);
+    world.upload(0, &old).expect("accepted");
+    let refused = Err(TransferError::Refused(MavMissionResult::INVALID_PARAM5_X));
+    let mut zero = plan(4, 2);
+    for (seq, text) in [(0, None), (2, Some("Mission item 2: no position (0, 0)"))] {
+        let mut zero = zero.clone();
+        (zero[seq].x, zero[seq].y) = (0, 0);
+        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off at 0, 0 means here");
+        if let Some(text) = text {
+            assert_eq!(world.upload(0, &zero), refused);
+            assert_eq!(world.expect::<Statustext>(0, secs(1)).text.as_str(), Some(text));
+        }
+    }
+    world.upload(0, &old).expect("accepted");
+    let home = LatLon { latitude: zero[0].x + 1_000_000, longitude: zero[0].y };
+    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    world.gcs[0].forget();
+    assert_eq!(world.upload(0, &zero), refused);
+    let text: Statustext = world.expect(0, secs(1));
+    assert_eq!(text.text.as_str(), Some("Mission item 0: more than 11000 m away"));
+    assert_downloads(&mut world, 0, &old);
+    world.vehicle.first_waypoint_limit = Some((home, 11_200));
+    world.upload(0, &zero).expect("near enough");
+    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    zero[0].x = home.latitude;
+    world.upload(0, &zero).expect("only the first counts");
+}
+
+/// M-22, M-35: at every item the same station may begin anew, or cancel; until the end the old plan is there.
+#[test]
+fn an_upload_may_be_restarted_or_cancelled_at_any_item() {
+    for stop in 1..6 {
+        for cancel in [false, true] {
+            let mut world = world::<1>();
+            world.upload(0, &plan(2, 9)).expect("accepted");
+            let mut upload = Upload::new(&world.gcs[0], &plan(6, 1));
+            world.run_until(secs(2), |world| {
+                let now = world.now();
+                upload.poll(now, &mut world.gcs[0]);
+                upload.items_sent() == stop
+            });
+            assert_downloads(&mut world, 0, &plan(2, 9));
+            if cancel {
+                let cancelled = MavMissionResult::OPERATION_CANCELLED;
+                world.gcs[0].send(&MissionAck {
+                    target_system: 1,
+                    target_component: 1,
+                    r#type: cancelled,
+                    ..Default::default()
+                });
+                world.run_for(millis(300));
+                world.gcs[0].forget();
+                world.expect_no::<MissionRequestInt>(0, secs(7));
+                assert_eq!(world.gcs[0].count_of::<MissionAck>(), 0, "a cancel is not answered");
+                assert_downloads(&mut world, 0, &plan(2, 9));
+            }
+            world.upload(0, &plan(4, 3)).expect("accepted");
+            assert_downloads(&mut world, 0, &plan(4, 3));
+        }
+    }
+}
+
+/// M-41, D-6, PX4#27132: a station whose line breaks does not keep others out for more than a few seconds.
+#[test]
+fn a_vanished_station_blocks_nobody() {
+    let mut world = world::<2>();
+    world.gcs[1].address = OTHER_STATION;
+    world.upload(0, &plan(4, 9)).expect("accepted");
+    let mut upload = Upload::new(&world.gcs[0], &plan(30, 1));
+    world.run_until(secs(1), |world| {
+        let now = world.now();
+        upload.poll(now, &mut world.gcs[0]);
+        upload.items_sent() == 10
+    });
+    // The line is cut, and takes no bytes from the vehicle either.
+    let broken = world.now();
+    world.uarts[0].stall_writes_until(broken.after(secs(60)));
+    world.lines[0].set_up(|wire| wire.faults.byte_loss = 1.0);
+    let mut accepted = None;
+    world.run_until(secs(20), |world| {
+        accepted = world.upload(1, &plan(3, 2)).ok().map(|_| world.now());
+        accepted.is_some()
+    });
+    assert!(accepted.expect("accepted").since(broken) <= secs(8));
+    assert_downloads(&mut world, 1, &plan(3, 2));
+    let mut texts = world.gcs[1].all::<Statustext>().into_iter();
+    assert!(texts.any(|(_, text)| text.text.as_bytes().starts_with(b"Mission upload timed out at item ")));
+}
+
+/// M-60: three stations on two links download at once, and one of them mixes the order.
+#[test]
+fn three_stations_download_at_once() {
+    let mut world = world::<2>();
+    let items = plan(CAPACITY, 1);
+    world.upload(0, &items).expect("accepted");
+    let third = mavstack::Address::new(200, 190);
+    let mut downloads = [
+        (0, Download::new(&world.gcs[0], MISSION)),
+        (1, Download::new(&world.gcs[1], MISSION).by(OTHER_STATION)),
+        (1, Download::new(&world.gcs[1], MISSION).by(third)),
+    ];
+    let done = world.run_until(secs(10), |world| {
+        let now = world.now();
+        for (link, download) in &mut downloads {
+            download.poll(now, &mut world.gcs[*link]);
+        }
+        downloads.iter().all(|(_, download)| download.result().is_some())
+    });
+    assert!(done);
+    for (_, download) in downloads {
+        assert_eq!(content(&download.result().unwrap().expect("complete")), content(&items));
+    }
+    let mut rng = Rng::new(1);
+    for _ in 0..50 {
+        let seq = rng.below(CAPACITY.into()) as u16;
+        let request = MissionRequestInt { seq, target_system: 1, target_component: 1, mission_type: MISSION };
+        world.gcs[0].forget();
+        world.gcs[0].send(&request);
+        let item: MissionItemInt = world.expect(0, millis(100));
+        assert_eq!(content(&[item]), content(&items[usize::from(seq)..][..1]));
+    }
+}
+
+/// M-63: a download that a new plan overtakes is cancelled, so no station sees half of each.
+#[test]
+fn a_new_plan_ends_running_downloads() {
+    let mut world = world::<2>();
+    world.gcs[1].address = OTHER_STATION;
+    world.upload(0, &plan(30, 1)).expect("accepted");
+    let mut download = Download::new(&world.gcs[1], MISSION);
+    world.run_until(millis(20), |world| {
+        let now = world.now();
+        download.poll(now, &mut world.gcs[1]).is_some()
+    });
+    assert_eq!(download.result(), None);
+    world.upload(0, &plan(30, 2)).expect("accepted");
+    world.run_until(secs(3), |world| {
+        let now = world.now();
+        download.poll(now, &mut world.gcs[1]).is_some()
+    });
+    assert_eq!(download.result(), Some(Err(TransferError::Refused(MavMissionResult::OPERATION_CANCELLED))));
+    assert_downloads(&mut world, 1, &plan(30, 2));
+}
+
+/// M-50, M-52: a clear reaches the vehicle once, is acknowledged as often as asked, and shows in MISSION_CURRENT.
+#[test]
+fn cleared_is_cleared() {
+    let mut world = world::<1>();
+    world.upload(0, &plan(3, 1)).expect("accepted");
+    world.vehicle.calls.clear();
+    for mission_type in [MISSION, MISSION, MavMissionType::ALL] {
+        assert_eq!(world.clear(0, mission_type).expect("cleared").r#type, ACCEPTED);
+    }
+    assert_eq!(world.vehicle.plan_changes(), [(PlanType::Mission, Vec::new(), 0)]);
+    world.run_for(millis(10));
+    let (_, current) = world.gcs[0].all::<MissionCurrent>().pop().expect("one");
+    assert_eq!((current.total, current.mission_state, current.mission_id), (65_535, MissionState::NO_MISSION, 0));
+    assert_downloads(&mut world, 0, &[]);
+}
+
+/// V-7: over MAVLink 1, both ways.
+#[test]
+fn a_v1_link_transfers_missions() {
+    let mut world =
+        World::<1, Plans>::of(Setup { links: [LinkConfig::uart(57_600).with_version(TxVersion::V1)], ..Setup::new() });
+    world.gcs[0].version = Version::V1;
+    world.upload(0, &plan(12, 1)).expect("accepted");
+    assert_downloads(&mut world, 0, &plan(12, 1));
+    world.clear(0, MISSION).expect("cleared");
+    assert!(world.gcs[0].received.iter().all(|frame| frame.header.version == Version::V1));
+}
+
+/// M-10, M-11: only what is addressed to this very vehicle, by any of the three ways to name its component.
+#[test]
+fn only_messages_to_this_vehicle_count() {
+    let mut world = world::<1>();
+    for (target_system, target_component, answered) in
+        [(1, 1, true), (1, 0, true), (1, 190, true), (0, 1, false), (0, 0, false), (2, 1, false), (1, 2, false)]
+    {
+        world.gcs[0].forget();
+        world.gcs[0].send(&MissionRequestList { target_system, target_component, mission_type: MISSION });
+        world.gcs[0].send(&MissionClearAll { target_system, target_component, mission_type: MISSION });
+        world.run_for(millis(100));
+        let answers = (world.gcs[0].count_of::<MissionCount>(), world.gcs[0].count_of::<MissionAck>());
+        assert_eq!(answers, if answered { (1, 1) } else { (0, 0) }, "{target_system} {target_component}");
+    }
+}
+
+/// M-13: nothing of this on a satellite link.
+#[test]
+fn high_latency_links_carry_no_plans() {
+    let mut world = World::<1, Plans>::of(Setup {
+        links: [LinkConfig::uart(57_600).with_class(LinkClass::HighLatency)],
+        ..Setup::new()
+    });
+    assert_eq!(world.upload(0, &plan(2, 1)), Err(TransferError::Timeout));
+    assert!(world.gcs[0].received.is_empty());
+    assert!(world.vehicle.plan_changes().is_empty());
+}
+
+/// M-27: the vehicle may refuse, and the operator reads why.
+#[test]
+fn the_vehicle_may_refuse_an_upload() {
+    let mut world = world::<1>();
+    world.vehicle.may_change = Err(MavMissionResult::DENIED);
+    assert_eq!(world.upload(0, &plan(2, 1)), Err(TransferError::Refused(MavMissionResult::DENIED)));
+    let text: Statustext = world.expect(0, secs(1));
+    assert_eq!(text.text.as_bytes(), b"Mission refused: not allowed now");
+    let peer = Peer { address: STATION, link: LinkId(0) };
+    assert_eq!(world.vehicle.calls.iter().filter(|call| **call == Call::MayChange(PlanType::Mission, peer)).count(), 1);
+}
+
+/// M-39, M-90: MISSION_CURRENT follows an upload at once, then comes once a second, on every link.
+#[test]
+fn mission_current_keeps_everyone_informed() {
+    let mut world = world::<2>();
+    world.run_for(secs(2));
+    let ack = world.upload(0, &plan(5, 1)).expect("accepted");
+    world.run_for(millis(5));
+    for link in 0..2 {
+        let (_, current) = world.gcs[link].all::<MissionCurrent>().pop().expect("one");
+        assert_eq!((current.seq, current.total, current.mission_id), (0, 5, ack.opaque_id));
+        assert_eq!(current.mission_state, MissionState::NOT_STARTED);
+    }
+    world.gcs[1].forget();
+    world.run_for(secs(10));
+    assert_eq!(world.gcs[1].count_of::<MissionCurrent>(), 10);
+    world.gcs[1].forget();
+    world.vehicle.progress.current = 3;
+    let current: MissionCurrent = world.expect(1, millis(5));
+    assert_eq!(current.seq, 3, "a change is told at once");
+}
+
+/// D-3: what a stuck link owes waits; the other link notices nothing.
+#[test]
+fn a_stuck_link_holds_up_no_other() {
+    let mut world = world::<2>();
+    world.upload(0, &plan(5, 1)).expect("accepted");
+    let stuck_until = world.now().after(secs(3));
+    world.uarts[0].stall_writes_until(stuck_until);
+    for _ in 0..20 {
+        world.gcs[0].send(&MissionRequestList { target_system: 1, target_component: 1, mission_type: MISSION });
+    }
+    world.gcs[0].send(&MissionRequestInt { seq: 2, target_system: 1, target_component: 1, mission_type: MISSION });
+    world.gcs[0].forget();
+    world.gcs[1].address = OTHER_STATION;
+    let began = world.now();
+    assert_downloads(&mut world, 1, &plan(5, 1));
+    world.upload(1, &plan(5, 1)).expect("accepted");
+    assert!(world.now().since(began) < millis(100));
+    assert_eq!(world.gcs[0].received.len(), 0);
+    world.run_for(secs(4));
+    assert!(world.gcs[0].count_of::<MissionCount>() <= 2, "one was on its way, the others are owed once");
+    assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 1);
+}

@@ -1,0 +1,129 @@
+//! How fast plans move: what a line allows, and what the vehicle adds to it.
+//!
+//! A plan transfer is half-duplex: nobody may send the next request before the item has come, or the next item before the
+//! request. So a line physically allows a round per item, which takes as long as the bytes of the request and of the item,
+//! and the line's latency twice; the client here takes no time at all. All beyond that is the vehicle's: it sees a message
+//! when it looks the next time, up to a poll period later, and must answer then and there.
+
+use crate::support::*;
+use mavstack::dialect::{MavMissionType, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList};
+use mavstack::{Duration, LinkConfig, MAX_FRAME_LEN, Message, Version, encode, plan_memory};
+
+type Plans = Tested<plan_memory!(mission: 500)>;
+type TestWorld = World<1, Plans>;
+
+/// How often the vehicle looks.
+const PERIOD: Duration = millis(1);
+
+/// A line as it is, and as the vehicle knows it.
+#[derive(Clone, Copy)]
+struct Line {
+    baud: u32,
+    latency: Duration,
+}
+
+impl Line {
+    fn world(self) -> TestWorld {
+        let lines = [LineConfig::radio(self.baud.into(), self.latency)];
+        World::of(Setup { links: [LinkConfig::uart(self.baud)], lines, step: PERIOD, ..Setup::new() })
+    }
+
+    /// How long a message is on its way (µs).
+    fn micros_of<M: Message>(self, message: &M) -> u64 {
+        let len = encode(message, Version::V2, VEHICLE, 0, &mut [0; MAX_FRAME_LEN]).expect("every message fits");
+        len as u64 * (1_000_000 / (u64::from(self.baud) / 10)) + self.latency.as_micros()
+    }
+
+    /// How long the items, each with its request, are on their way (µs).
+    fn micros_of_items(self, items: &[MissionItemInt]) -> u64 {
+        let request = |item: &MissionItemInt| MissionRequestInt {
+            seq: item.seq,
+            target_system: STATION.system.0,
+            target_component: STATION.component.0,
+            mission_type: item.mission_type,
+        };
+        items.iter().map(|item| self.micros_of(&request(item)) + self.micros_of(item)).sum()
+    }
+}
+
+/// Passes of the vehicle once in [`PERIOD`], while the client is there whenever a byte comes; until `poll`, the client, is
+/// done. How long that took.
+fn run(world: &mut TestWorld, mut poll: impl FnMut(&mut TestWorld) -> bool) -> Duration {
+    let began = world.now();
+    let mut next_pass = began;
+    loop {
+        let now = world.gcs[0].end.next_arrival().max(world.now()).min(next_pass);
+        if now == next_pass {
+            world.step_to(now);
+            next_pass = next_pass.after(PERIOD);
+        }
+        world.clock.set(now);
+        // Once to hear, and once to say.
+        world.gcs[0].poll(now);
+        let is_done = poll(world);
+        world.gcs[0].poll(now);
+        if is_done {
+            return now.since(began);
+        }
+    }
+}
+
+fn upload(world: &mut TestWorld, items: &[MissionItemInt]) -> Duration {
+    let mut upload = Upload::new(&world.gcs[0], items);
+    let took = run(world, |world| upload.poll(world.now(), &mut world.gcs[0]).is_some());
+    upload.result().expect("an end").expect("accepted");
+    took
+}
+
+fn download(world: &mut TestWorld) -> (Vec<MissionItemInt>, Duration) {
+    let mut download = Download::new(&world.gcs[0], MavMissionType::MISSION);
+    let took = run(world, |world| download.poll(world.now(), &mut world.gcs[0]).is_some());
+    (download.result().expect("an end").expect("complete"), took)
+}
+
+/// How much longer a transfer took than its frames were on their way (µs).
+fn added(took: Duration, physical: u64) -> u64 {
+    let added = took.as_micros().checked_sub(physical);
+    added.unwrap_or_else(|| panic!("{} µs are less than the line allows: {physical} µs", took.as_micros()))
+}
+
+/// Beside the transfer there are heartbeats and MISSION_CURRENT, once a second each; the waiting for the next look is half
+/// a period per item on average.
+#[test]
+fn a_download_uses_nine_tenths_of_what_a_telemetry_radio_allows() {
+    let line = Line { baud: 57_600, latency: Duration::ZERO };
+    let mut world = line.world();
+    upload(&mut world, &plan(100, 1));
+    let (items, took) = download(&mut world);
+    assert_eq!(items.len(), 100);
+    let list = MissionRequestList { target_system: 1, target_component: 1, ..Default::default() };
+    let count = MissionCount { count: 100, target_system: 1, target_component: 1, opaque_id: !0, ..Default::default() };
+    let physical = line.micros_of(&list) + line.micros_of(&count) + line.micros_of_items(&items);
+    let share = 100.0 * physical as f64 / took.as_micros() as f64;
+    println!("{share:.1} %: {} ms, of which {} ms on the line", took.as_millis(), physical / 1_000);
+    assert!((90.0..=100.0).contains(&share), "{share:.1} %");
+}
+
+/// Slow, fast, far away: what the vehicle adds to 500 items is less than a poll period each, so every message is answered
+/// in the very pass that can see it first.
+#[test]
+fn the_vehicle_adds_less_than_a_poll_period_per_item() {
+    for (baud, latency) in [(57_600, millis(0)), (57_600, millis(40)), (921_600, millis(0)), (10_000_000, millis(3))] {
+        let line = Line { baud, latency };
+        let mut world = line.world();
+        let items = plan(500, 1);
+        let physical = line.micros_of_items(&items);
+        let uploaded = upload(&mut world, &items);
+        let (_, downloaded) = download(&mut world);
+        for (way, took) in [("up", uploaded), ("down", downloaded)] {
+            let added = added(took, physical);
+            let rate = 500.0 / (took.as_micros() as f64 / 1e6);
+            println!(
+                "{baud} bit/s, {} ms: {way} {rate:.0} items/s, {} µs added each",
+                latency.as_millis(),
+                added / 500
+            );
+            assert!(added < 500 * PERIOD.as_micros(), "{baud} bit/s, {way}: {added} µs");
+        }
+    }
+}

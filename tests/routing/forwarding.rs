@@ -1,0 +1,576 @@
+//! Forwarding between the links of one vehicle: rules, L-3 to L-5. Several vehicles:
+//! `networks.rs`.
+
+use crate::Forwarder;
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{Address, ForwardCounters, LinkClass, LinkConfig, LinkId, Message, NoPlans, Text, TxVersion, Version};
+
+/// A companion computer, of the vehicle's own system.
+const COMPANION: Address = Address::new(1, 191);
+/// Another component of the vehicle's own system.
+const GIMBAL: Address = Address::new(1, 154);
+/// Another vehicle.
+const WINGMAN: Address = Address::new(2, 1);
+
+/// A vehicle that forwards between its links, each of which was asked for something to send.
+fn world<const N: usize>(links: [LinkConfig; N]) -> Forwarder<N> {
+    let mut world = Forwarder::of(Setup { links, ..Setup::new() });
+    for gcs in &mut world.gcs {
+        gcs.takes_unknown = true;
+    }
+    world.run_for(millis(10));
+    world
+}
+
+/// `N` normal links.
+fn normal<const N: usize>() -> Forwarder<N> {
+    world([LinkConfig::uart(115_200); N])
+}
+
+/// Makes `address` known on a link.
+fn introduce<const N: usize>(world: &mut Forwarder<N>, link: usize, address: Address) {
+    // Each link has its own numbers, or this would be the same frame by two ways.
+    world.gcs[link].skip_seq(address, 50 * link as u8 + 1);
+    world.gcs[link].send_from(address, &Attitude::default());
+    world.run_for(millis(5));
+    forget(world);
+}
+
+fn forget<const N: usize>(world: &mut Forwarder<N>) {
+    world.gcs.iter_mut().for_each(Gcs::forget);
+}
+
+/// Sends `frame` by a link and tells on which it comes out, each time to the byte as it was sent. Takes 60 ms: an unknown one
+/// waits for silence, here and at its end.
+fn sent_on<const N: usize>(world: &mut Forwarder<N>, link: usize, frame: &[u8]) -> Vec<usize> {
+    world.gcs[link].send_raw(frame);
+    world.run_for(millis(60));
+    let found = |gcs: &Gcs| gcs.received.iter().filter(|received| received.raw == frame).count();
+    let links = (0..N).flat_map(|link| vec![link; found(&world.gcs[link])]).collect();
+    // Nothing that is not the vehicle's own is changed on its way.
+    for received in world.gcs.iter().flat_map(|gcs| &gcs.received) {
+        assert!(received.header.source == VEHICLE || received.raw == frame, "{received:?}");
+    }
+    forget(world);
+    links
+}
+
+/// The links on which a message of `from`, sent by `link`, comes out.
+fn reaches<const N: usize, M: Message>(
+    world: &mut Forwarder<N>,
+    link: usize,
+    from: Address,
+    message: &M,
+) -> Vec<usize> {
+    let frame = world.gcs[link].frame_from(from, message);
+    sent_on(world, link, &frame)
+}
+
+/// PLAY_TUNE for somebody.
+fn tune(target: Address) -> PlayTune {
+    let (target_system, target_component) = (target.system.0, target.component.0);
+    PlayTune { target_system, target_component, ..PlayTune::default() }
+}
+
+fn counters<const N: usize>(world: &Forwarder<N>, link: u8) -> ForwardCounters {
+    world.stack.forward_counters(LinkId(link)).unwrap()
+}
+
+/// a broadcast is handled here and goes to every other link, never back.
+#[test]
+fn broadcast_goes_everywhere_else() {
+    let mut world = normal::<4>();
+    assert_eq!(reaches(&mut world, 1, STATION, &Attitude::default()), [0, 2, 3]);
+    assert_eq!(reaches(&mut world, 3, OTHER_STATION, &tune(Address::new(0, 0))), [0, 1, 2]);
+    // heartbeats too.
+    assert_eq!(reaches(&mut world, 0, WINGMAN, &Gcs::heartbeat()), [1, 2, 3]);
+    let ids: Vec<u32> = world
+        .vehicle
+        .calls
+        .iter()
+        .filter_map(|call| match call {
+            Call::Message { id, .. } => Some(*id),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(ids, [Attitude::ID, PlayTune::ID], "handled here, once");
+}
+
+/// an addressed frame goes where its target was heard, by several ways if there are, and nowhere else.
+#[test]
+fn addressed_frames_follow_learned_routes() {
+    let mut world = normal::<4>();
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0], "nobody was heard yet");
+    assert_eq!(counters(&world, 0).no_route, 1);
+    introduce(&mut world, 2, WINGMAN);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [2]);
+    introduce(&mut world, 3, WINGMAN);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [2, 3]);
+    // The way back, and what is for all components of a system, or for one that was not heard.
+    assert_eq!(reaches(&mut world, 2, WINGMAN, &tune(STATION)), [0]);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(Address::new(2, 0))), [2, 3]);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(Address::new(2, 7))), [0; 0]);
+    // Two on one line talk to each other without us.
+    introduce(&mut world, 0, OTHER_STATION);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(OTHER_STATION)), [0; 0]);
+    assert_eq!(counters(&world, 0).no_route, 2, "he was heard");
+    assert!(
+        !world.vehicle.calls.iter().any(|call| matches!(call, Call::Message { id: PlayTune::ID, .. })),
+        "not for us"
+    );
+}
+
+/// the other components of our own system; what is for all of them is for us as well.
+#[test]
+fn own_system_is_more_than_the_autopilot() {
+    let mut world = normal::<3>();
+    introduce(&mut world, 1, COMPANION);
+    introduce(&mut world, 2, WINGMAN);
+    let handled = |world: &mut Forwarder<3>| std::mem::take(&mut world.vehicle.calls).len();
+    handled(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(COMPANION)), [1]);
+    assert_eq!(handled(&mut world), 0);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(Address::new(1, 0))), [1]);
+    assert_eq!(handled(&mut world), 1);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(VEHICLE)), [0; 0]);
+    assert_eq!(handled(&mut world), 1);
+    // A system without a component, MANUAL_CONTROL's under another name.
+    assert_eq!(reaches(&mut world, 0, STATION, &SetMode { target_system: 1, ..Default::default() }), [1]);
+    assert_eq!(reaches(&mut world, 0, STATION, &ManualControl { target: 2, x: 9, ..Default::default() }), [2]);
+    assert_eq!(handled(&mut world), 1, "SET_MODE");
+}
+
+/// targets that were cut off as zeros are for everyone.
+#[test]
+fn targets_that_were_cut_off_are_everyone() {
+    let mut world = normal::<3>();
+    introduce(&mut world, 1, WINGMAN);
+    let ack = |target: Address| CommandAck {
+        command: MavCmd::NAV_LAND,
+        target_system: target.system.0,
+        target_component: target.component.0,
+        ..CommandAck::default()
+    };
+    let frame = world.gcs[0].frame_from(STATION, &ack(Address::new(0, 0)));
+    assert_eq!(frame.len(), 12 + 1, "half of the command's number");
+    assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
+    assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1]);
+    // v1 has no extensions: an answer without a target.
+    world.gcs[0].version = Version::V1;
+    assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1, 2]);
+}
+
+/// a broadcast is not forwarded to a link on which its source is heard; an addressed frame still reaches its
+/// target.
+#[test]
+fn no_broadcast_goes_to_where_its_source_is() {
+    let mut world = normal::<4>();
+    introduce(&mut world, 0, WINGMAN);
+    introduce(&mut world, 1, WINGMAN);
+    introduce(&mut world, 1, STATION);
+    assert_eq!(reaches(&mut world, 0, WINGMAN, &Attitude::default()), [2, 3]);
+    assert_eq!(counters(&world, 1).source_heard, 1);
+    assert_eq!(reaches(&mut world, 0, WINGMAN, &tune(STATION)), [1]);
+}
+
+/// a single frame of a sender that took another path, or was forged, blocks no route: addressed frames use it at once,
+/// broadcasts after 5 s, and broadcasts that are withheld until then are counted.
+#[test]
+fn one_frame_cuts_no_way_off() {
+    let mut world = normal::<3>();
+    introduce(&mut world, 1, WINGMAN);
+    introduce(&mut world, 0, STATION);
+    // A forged frame in the station's name.
+    introduce(&mut world, 1, STATION);
+    let begin = world.now();
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
+    let mut withheld = 0;
+    while world.now().since(begin) < millis(4_900) {
+        assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [2]);
+        withheld += 1;
+        assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
+    }
+    assert_eq!(
+        [0, 1, 2].map(|link| counters(&world, link).source_heard),
+        [1, withheld, 0],
+        "the forged one and the real one"
+    );
+    world.run_for(millis(110));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [1, 2]);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
+}
+
+/// unknown ids, signatures of any key, compatibility flags, untrimmed payloads, longer ones than
+/// known, v1: every frame comes out as it came in.
+#[test]
+fn frames_come_out_bit_exact() {
+    let mut world = normal::<2>();
+    introduce(&mut world, 1, WINGMAN);
+    introduce(&mut world, 0, STATION);
+    let crc = 39; // ATTITUDE's
+    let signature = [3, 1, 2, 3, 4, 5, 6, 0xBA, 0xD0, 0xBA, 0xD0, 0xBA, 0xD0];
+    let signed = [reference::v2(30, [1, 0], [255, 190], &[9; 28], crc), signature.to_vec()].concat();
+    let longest = [reference::v2(30, [1, 0], [255, 190], &[8; 255], crc), signature.to_vec()].concat();
+    let unknown = reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 0, 0], 0);
+    let unknown_signed = [reference::v2(0x00AB_CDEF, [1, 7], [255, 190], &[5], 0), signature.to_vec()].concat();
+    for (name, frame) in [
+        ("signed", signed),
+        ("longest", longest),
+        ("unknown", unknown),
+        ("unknown and signed", unknown_signed),
+        ("unknown v1", reference::v1(199, [255, 190], &[1, 2, 3], 0)),
+        ("compatibility flags", reference::v2(30, [0, 0xA5], [255, 190], &[7; 28], crc)),
+        ("untrimmed", reference::v2(30, [0, 0], [255, 190], &[0; 28], crc)),
+        ("v1", reference::v1(30, [255, 190], &[6; 28], crc)),
+        // PLAY_TUNE to 2/1, signed by who knows whom.
+        ("addressed", [reference::v2(258, [1, 0], [255, 190], &[2, 1, 65], 187), signature.to_vec()].concat()),
+    ] {
+        assert_eq!(sent_on(&mut world, 0, &frame), [1], "{name}");
+    }
+}
+
+/// a v2 frame for a link that sends v1 is dropped and counted, a v1 frame goes anywhere.
+#[test]
+fn v1_links_get_v1_frames() {
+    let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
+    let auto = LinkConfig::uart(115_200).with_version(TxVersion::Auto);
+    let mut world = world([LinkConfig::uart(115_200), v1, auto]);
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [0; 0]);
+    assert_eq!([1, 2].map(|link| counters(&world, link).needs_v2), [1, 1]);
+    world.gcs[0].version = Version::V1;
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [1, 2]);
+    // The link that goes over to v2 takes v2.
+    introduce(&mut world, 2, WINGMAN);
+    world.gcs[0].version = Version::V2;
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [2]);
+}
+
+/// what comes back by another link is dropped: not forwarded again, not handled again, no way to its sender learned
+/// from it. What is sent anew bears a new number and passes.
+#[test]
+fn what_comes_back_is_dropped() {
+    let mut world = normal::<3>();
+    let command =
+        CommandLong { target_system: 0, command: MavCmd::NAV_LAND, ..world.gcs[0].long(MavCmd::NAV_LAND, [0.0; 7]) };
+    let frame = world.gcs[0].frame_from(STATION, &command);
+    assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
+    assert_eq!(sent_on(&mut world, 1, &frame), [0; 0]);
+    assert_eq!(sent_on(&mut world, 0, &frame), [0; 0]);
+    assert_eq!(world.vehicle.commands().len(), 1);
+    assert_eq!([0, 1, 2].map(|link| counters(&world, link).duplicates), [1, 1, 0]);
+    assert!(world.stack.peers().iter().all(|info| info.peer.link == LinkId(0)));
+    let again = world.gcs[0].frame_from(STATION, &command);
+    assert_eq!(sent_on(&mut world, 0, &again), [1, 2]);
+    assert_eq!(world.vehicle.commands().len(), 2);
+    // A sender that does not count: the same bytes a second later are another frame.
+    world.run_for(secs(1));
+    assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
+}
+
+/// what comes twice, by the same link or another, keeps nobody else's frames from being forwarded.
+#[test]
+fn duplicates_keep_nobody_out() {
+    for copy in [None, Some(0), Some(1)] {
+        let mut world = world([LinkConfig::uart(921_600); 2]);
+        introduce(&mut world, 1, WINGMAN);
+        let tune = tune(WINGMAN);
+        let mut sent = Vec::new();
+        for round in 0..2_000 {
+            let frame = world.gcs[0].frame_from(STATION, &PlayTune { tune: Text::new(&format!("{round}")), ..tune });
+            world.gcs[0].send_raw(&frame);
+            world.run_for(millis(5));
+            if let Some(link) = copy.filter(|_| round % 100 == 0) {
+                world.gcs[link].send_raw(&frame);
+            }
+            sent.push(frame);
+        }
+        world.run_for(millis(50));
+        let arrived =
+            world.gcs[1].received.iter().filter(|frame| frame.header.id == PlayTune::ID).map(|frame| &frame.raw);
+        assert!(arrived.eq(&sent), "copies by {copy:?}");
+        let duplicates = [0, 1].map(|link| counters(&world, link as u8).duplicates);
+        assert_eq!(duplicates, [0, 1].map(|link| if copy == Some(link) { 20 } else { 0 }));
+    }
+}
+
+/// whoever sends more by one link than is remembered keeps out broadcasts of that link only.
+#[test]
+fn flood_takes_its_own_places_only() {
+    let mut world = world([LinkConfig::uart(921_600); 3]);
+    introduce(&mut world, 0, STATION);
+    let (mut heard, mut tunes) = (0, 0);
+    for round in 0..2_000 {
+        world.gcs[1].send_from(WINGMAN, &Attitude { yaw: round as f32, ..Attitude::default() });
+        if round % 50 == 0 {
+            world.gcs[0].send_from(STATION, &Gcs::heartbeat());
+            world.gcs[1].send_from(WINGMAN, &tune(STATION));
+        }
+        world.run_for(millis(1));
+        heard += world.gcs[2].count_of::<Heartbeat>();
+        tunes += world.gcs[0].count_of::<PlayTune>();
+        forget(&mut world);
+    }
+    // Two of the heartbeats are the vehicle's own.
+    assert_eq!((heard, tunes), (40 + 2, 40));
+    let dropped = [0, 1, 2].map(|link| counters(&world, link).not_remembered);
+    // 240 a second are remembered.
+    assert!(dropped[0] == 0 && (1_300..1_500).contains(&dropped[1]) && dropped[2] == 0, "{dropped:?}");
+}
+
+/// a copy keeps a known way open, as any frame does.
+#[test]
+fn copies_count_for_those_who_are_known() {
+    let mut world = normal::<3>();
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.run_for(millis(10));
+    world.gcs[1].skip_seq(STATION, 100);
+    world.gcs[1].send_from(STATION, &Gcs::heartbeat());
+    world.run_for(secs(1));
+    assert_eq!(world.vehicle.peer_events().len(), 2);
+    // The station's heartbeats come by both, always later by the second.
+    for _ in 0..20 {
+        let frame = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
+        world.gcs[0].send_raw(&frame);
+        world.run_for(millis(30));
+        world.gcs[1].send_raw(&frame);
+        world.run_for(millis(970));
+    }
+    assert_eq!(world.vehicle.peer_events().len(), 2, "it was never lost");
+    assert_eq!(counters(&world, 1).duplicates, 20);
+}
+
+/// R-7, D-1: who reboots is not where he was; a step over 2^32 ms is no reboot.
+#[test]
+fn reboot_forgets_routes() {
+    let mut world = normal::<3>();
+    let time = |ms: u32| SystemTime { time_boot_ms: ms, time_unix_usec: 0 };
+    for (link, ms) in [(1, u32::MAX - 500), (2, u32::MAX - 400), (1, 600), (2, 700)] {
+        world.gcs[link].send_from(WINGMAN, &time(ms));
+        world.run_for(millis(5));
+    }
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1, 2]);
+    world.gcs[2].send_from(WINGMAN, &time(699));
+    world.run_for(millis(5));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [2], "heard there after the reboot");
+    assert_eq!(reaches(&mut world, 2, WINGMAN, &Attitude::default()), [0, 1], "not heard there since");
+    introduce(&mut world, 1, WINGMAN);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1, 2]);
+}
+
+/// R-11, G-11, H-13: keys and the radio's own reports stay where they are.
+#[test]
+fn keys_and_radio_reports_stay() {
+    let mut world = normal::<2>();
+    introduce(&mut world, 1, WINGMAN);
+    let key = |target: Address| SetupSigning {
+        target_system: target.system.0,
+        target_component: target.component.0,
+        secret_key: mavstack::Secret([7; 32]),
+        ..SetupSigning::default()
+    };
+    for target in [Address::new(0, 0), WINGMAN, Address::new(1, 0), VEHICLE] {
+        assert_eq!(reaches(&mut world, 0, STATION, &key(target)), [0; 0], "to {target:?}");
+    }
+    let radio = Address::new(51, 68);
+    assert_eq!(reaches(&mut world, 0, radio, &RadioStatus { rssi: 9, ..Default::default() }), [0; 0]);
+    // Its older form, which common does not know.
+    let older = reference::v1(166, [51, 68], &[0; 9], 21);
+    assert_eq!(sent_on(&mut world, 0, &older), [0; 0]);
+}
+
+/// S-15, R-8: our own frames that come back go nowhere.
+#[test]
+fn own_frames_are_not_forwarded() {
+    let mut world = normal::<2>();
+    assert_eq!(reaches(&mut world, 0, VEHICLE, &Attitude::default()), [0; 0]);
+}
+
+/// a private link gets only what is for a component that was heard there; what comes by it goes on.
+#[test]
+fn private_links_are_left_in_peace() {
+    let private = LinkConfig::uart(115_200).with_class(LinkClass::Private);
+    let mut world = world([LinkConfig::uart(115_200), private, LinkConfig::uart(115_200)]);
+    introduce(&mut world, 1, GIMBAL);
+    for target in [Address::new(0, 0), Address::new(1, 0), COMPANION, WINGMAN] {
+        assert!(!reaches(&mut world, 0, STATION, &tune(target)).contains(&1), "to {target:?}");
+    }
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(GIMBAL)), [1]);
+    assert_eq!(reaches(&mut world, 1, GIMBAL, &Gcs::heartbeat()), [0, 2]);
+    // The vehicle itself speaks there as anywhere.
+    world.run_for(secs(2));
+    assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 2);
+}
+
+/// A link that the vehicle has no queue for gets nothing of others, and is served as any other.
+#[test]
+fn a_link_without_a_queue_gets_nothing_of_others() {
+    let mut world = normal::<7>();
+    assert_eq!(reaches(&mut world, 0, STATION, &Gcs::heartbeat()), [1, 2, 3, 4, 5]);
+    world.gcs[6].send_from(WINGMAN, &Attitude::default());
+    world.run_for(millis(5));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0]);
+    assert_eq!(world.stack.forward_counters(LinkId(6)), None);
+    let request = [Attitude::ID as f32, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    world.gcs[6].command_long(MavCmd::SET_MESSAGE_INTERVAL, request);
+    world.expect::<CommandAck>(6, millis(100));
+    world.run_for(millis(500));
+    assert!(world.gcs[6].count_of::<Attitude>() >= 10);
+}
+
+/// A link that takes no part: nothing of it goes on, nothing of others goes there.
+#[test]
+fn link_may_be_left_out() {
+    let out = LinkConfig::uart(115_200).with_forwarding(false);
+    let mut world = world([LinkConfig::uart(115_200), out, LinkConfig::uart(115_200)]);
+    introduce(&mut world, 1, WINGMAN);
+    assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [2]);
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0]);
+    assert_eq!(reaches(&mut world, 1, WINGMAN, &Attitude::default()), [0; 0]);
+    assert_eq!(reaches(&mut world, 1, WINGMAN, &tune(STATION)), [0; 0]);
+}
+
+/// R-13, L-3, L-4, L-5: by satellite goes command traffic for somebody there; of what comes by satellite, that and
+/// HIGH_LATENCY2.
+#[test]
+fn satellite_gets_commands_only() {
+    let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
+    let mut world = world([LinkConfig::uart(115_200), satellite]);
+    introduce(&mut world, 1, STATION);
+    let (system, component) = (STATION.system.0, STATION.component.0);
+    let command = CommandLong { target_system: system, target_component: component, ..Default::default() };
+    let int = CommandInt { target_system: system, target_component: component, ..Default::default() };
+    let ack = CommandAck { target_system: system, target_component: component, ..Default::default() };
+    let cancel = CommandCancel { target_system: system, target_component: component, ..Default::default() };
+    macro_rules! reaches {
+        ($from:expr, $address:expr, $message:expr) => {{
+            world.run_for(secs(2));
+            forget(&mut world);
+            reaches(&mut world, $from, $address, $message)
+        }};
+    }
+    assert_eq!(reaches!(0, WINGMAN, &command), [1]);
+    assert_eq!(reaches!(0, WINGMAN, &int), [1]);
+    assert_eq!(reaches!(0, WINGMAN, &ack), [1]);
+    assert_eq!(reaches!(0, WINGMAN, &cancel), [1]);
+    assert_eq!(reaches!(0, WINGMAN, &CommandLong { target_system: 0, ..command }), [0; 0]);
+    assert_eq!(reaches!(0, WINGMAN, &CommandAck { target_system: 0, target_component: 0, ..ack }), [0; 0]);
+    assert_eq!(reaches!(0, WINGMAN, &tune(STATION)), [0; 0]);
+    assert_eq!(reaches!(0, WINGMAN, &HighLatency2::default()), [0; 0]);
+    assert_eq!(reaches!(0, WINGMAN, &Gcs::heartbeat()), [0; 0]);
+    // From there.
+    assert_eq!(reaches!(1, Address::new(3, 1), &HighLatency2::default()), [0]);
+    assert_eq!(reaches!(1, STATION, &CommandLong { target_system: 2, target_component: 1, ..command }), [0]);
+    assert_eq!(reaches!(1, STATION, &Gcs::heartbeat()), [0; 0]);
+    assert_eq!(reaches!(1, STATION, &tune(WINGMAN)), [0; 0]);
+}
+
+/// a station that was once heard by satellite and is alive on a radio gets its frames by radio only; when it is lost
+/// there, by satellite again. A link without forwarding, or one that only gets frames for its own components, is not an
+/// alternative route.
+#[test]
+fn satellite_is_not_used_for_those_who_live_elsewhere() {
+    let radio = LinkConfig::uart(57_600);
+    let ack = |component: u8| CommandAck { target_system: 255, target_component: component, ..CommandAck::default() };
+    for (radio, components, is_other_way) in [
+        (radio, [190, 0], true),
+        (radio.with_class(LinkClass::Private), [190, 190], true),
+        (radio.with_class(LinkClass::Private), [0, 0], false),
+        (radio.with_forwarding(false), [190, 0], false),
+    ] {
+        let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+        let mut world = world([radio, LinkConfig::uart(115_200), satellite]);
+        introduce(&mut world, 2, STATION);
+        let [one, all] = components.map(ack);
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), [2]);
+        let by_radio = |component| if component == 0 && radio.class == LinkClass::Private { vec![] } else { vec![0] };
+        world.gcs[0].heartbeat_period = Some(secs(1));
+        world.run_for(secs(120));
+        for ack in [one, all] {
+            let expected = if is_other_way { by_radio(ack.target_component) } else { vec![2] };
+            world.run_for(millis(300));
+            forget(&mut world);
+            assert_eq!(reaches(&mut world, 1, COMPANION, &ack), expected, "{radio:?} to {}", ack.target_component);
+        }
+        world.gcs[0].heartbeat_period = None;
+        world.run_for(secs(7));
+        forget(&mut world);
+        let expected = if radio.forwards && is_other_way { vec![0, 2] } else { vec![2] };
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "lost on {radio:?}");
+        // Any frame by radio is a sign of life there, for five seconds.
+        introduce(&mut world, 0, STATION);
+        let expected = if is_other_way { vec![0] } else { vec![2] };
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "heard on {radio:?}");
+    }
+}
+
+/// R-4, H-12: broadcasts of a source without a place in the peer table are forwarded; its addressed frames are handled
+/// locally only, and counted.
+#[test]
+fn source_without_a_place_gets_its_broadcasts_through() {
+    let mut world = Forwarder::<2, NoPlans, 2>::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
+    world.run_for(millis(10));
+    world.gcs[0].send_from(STATION, &Gcs::heartbeat());
+    world.gcs[1].send_from(OTHER_STATION, &Gcs::heartbeat());
+    world.run_for(millis(10));
+    world.vehicle.calls.clear();
+    let send = |world: &mut Forwarder<2, NoPlans, 2>| {
+        world.gcs[1].forget();
+        world.gcs[0].send_from(WINGMAN, &Attitude::default());
+        world.gcs[0].send_from(WINGMAN, &tune(Address::new(1, 0)));
+        world.gcs[0].send_from(WINGMAN, &tune(OTHER_STATION));
+        world.run_for(millis(30));
+        (world.gcs[1].count_of::<Attitude>(), world.gcs[1].count_of::<PlayTune>())
+    };
+    assert_eq!(send(&mut world), (1, 0));
+    assert_eq!(world.vehicle.calls.len(), 2, "the first two are for us as well");
+    let no_slot = |world: &Forwarder<2, NoPlans, 2>| {
+        world.stack.forward_counters(LinkId(0)).map(|counters| counters.no_peer_slot)
+    };
+    assert_eq!(no_slot(&world), Some(2));
+    // When a station is long gone its place is free.
+    world.gcs[1].heartbeat_period = Some(secs(1));
+    world.gcs[1].address = OTHER_STATION;
+    world.run_for(secs(6));
+    assert_eq!(send(&mut world), (1, 1));
+    assert_eq!(no_slot(&world), Some(2));
+}
+
+/// H-12, R-3, R-4: eight invented ground stations on one link fill the table, but block no route: peers on other links get their
+/// places and keep them. Broadcasts of newcomers on that link itself are forwarded.
+#[test]
+fn invented_ground_stations_shut_nobody_out() {
+    let mut world = world([LinkConfig::uart(921_600); 3]);
+    let mut sent = [0; 3];
+    let mut arrived = [0; 3];
+    for round in 0..60 {
+        for system in 201..=240 {
+            // Eight are alive, and more try to get a place.
+            if system <= 208 || round % 4 == 0 {
+                world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
+            }
+        }
+        world.run_for(millis(20));
+        if round >= 10 {
+            world.gcs[1].send_from(STATION, &Gcs::heartbeat());
+            world.gcs[2].send_from(COMPANION, &Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..Gcs::heartbeat() });
+            world.run_for(millis(80));
+            forget(&mut world);
+            world.gcs[1].send_from(STATION, &tune(COMPANION));
+            world.gcs[2].send_from(COMPANION, &tune(STATION));
+            // A newcomer on the link of the invented ones.
+            world.gcs[0].send_from(WINGMAN, &Attitude::default());
+            world.run_for(millis(100));
+            sent = sent.map(|sent| sent + 1);
+            arrived[0] += world.gcs[2].count_of::<PlayTune>();
+            arrived[1] += world.gcs[1].count_of::<PlayTune>();
+            arrived[2] += world.gcs[2].count_of::<Attitude>();
+        }
+        world.run_for(millis(800));
+    }
+    assert_eq!((sent, arrived), ([50; 3], [50; 3]));
+}

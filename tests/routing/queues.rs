@@ -1,0 +1,329 @@
+//! What is forwarded, beside what the vehicle says itself: rules R-14, M-11, D-2, D-3, SEC-2. Where it goes: `forwarding.rs`.
+
+use crate::Forwarder;
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Duration, ForwardCounters, Instant, LinkConfig, LinkId, Message, PollBudget, StreamProfile, plan_memory,
+};
+
+/// The links of the tests: a radio, and a companion computer that is much faster.
+const RADIO: usize = 0;
+const COMPANION: usize = 1;
+
+/// Another vehicle, behind the companion computer.
+const WINGMAN: Address = Address::new(2, 1);
+
+/// A vehicle that forwards between a radio of 57,600 bit/s with these streams and a companion computer.
+fn setup(streams: StreamProfile) -> Setup<2> {
+    let radio = Wire { bytes_per_second: 5_760, tx_fifo: 16, ..Wire::default() };
+    Setup {
+        links: [
+            LinkConfig::uart(57_600).with_streams(streams),
+            LinkConfig::uart(921_600).with_streams(StreamProfile::Off),
+        ],
+        lines: [LineConfig { down: radio, ..LineConfig::default() }, LineConfig::default()],
+        ..Setup::new()
+    }
+}
+
+fn world(setup: Setup<2>) -> Forwarder<2> {
+    let mut world = Forwarder::of(setup);
+    world.run_for(millis(100));
+    world.gcs[RADIO].forget();
+    world
+}
+
+fn counters(world: &Forwarder<2>, link: usize) -> ForwardCounters {
+    world.stack.forward_counters(LinkId(link as u8)).unwrap()
+}
+
+/// A broadcast with so long a payload (bytes): a frame of 12 more.
+fn tunnel(len: u8) -> Tunnel {
+    let mut payload = [0; 128];
+    payload[usize::from(len) - 6] = 1;
+    Tunnel { payload, ..Tunnel::default() }
+}
+
+/// on a line that is full of both, streams and forwarded frames take turns; the line stays full.
+#[test]
+fn streams_and_forwarded_frames_take_turns() {
+    let mut world = world(setup(StreamProfile::Onboard));
+    // 50 Hz and 10 Hz of our own are 3,000 bytes a second; as much again, and as much once more, of others.
+    for _ in 0..1_000 {
+        world.gcs[COMPANION].send_from(WINGMAN, &Attitude { yaw: 1.0, yawspeed: 0.5, ..Attitude::default() });
+        world.run_for(millis(5));
+    }
+    let is_own = |frame: &&Received| frame.header.source == VEHICLE;
+    let own: Vec<_> = world.gcs[RADIO].received.iter().filter(is_own).collect();
+    let own_bytes: usize = own.iter().map(|frame| frame.raw.len()).sum();
+    let all_bytes: usize = world.gcs[RADIO].received.iter().map(|frame| frame.raw.len()).sum();
+    let others = world.gcs[RADIO].received.len() - own.len();
+    assert!((27_500..=28_800).contains(&all_bytes), "{all_bytes} bytes in 5 s");
+    assert!(own_bytes > 12_000 && others > 300, "{own_bytes} bytes of our own, {others} frames of others");
+    // Never two of others while a stream waits, nor two streams while others wait: here both wait nearly always.
+    let mut run = 0;
+    let mut longest = 0;
+    for pair in world.gcs[RADIO].received.windows(2) {
+        run = if pair[0].header.source == pair[1].header.source { run + 1 } else { 0 };
+        longest = longest.max(run);
+    }
+    assert!(longest <= 3, "{longest} of one kind in a row");
+    assert!(counters(&world, RADIO).queue_full > 100, "{:?}", counters(&world, RADIO));
+}
+
+/// How long the slowest of 40 commands over the radio waits for its answer while `load` is sent by the companion.
+fn slowest_answer(mut load: impl FnMut(&mut Gcs)) -> Duration {
+    let mut world = world(setup(StreamProfile::Onboard));
+    let mut slowest = Duration::ZERO;
+    for round in 0..40 {
+        for _ in 0..10 + round % 7 {
+            load(&mut world.gcs[COMPANION]);
+            world.run_for(millis(7));
+        }
+        let begin = world.now();
+        world.gcs[RADIO].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+        while world.gcs[RADIO].take::<CommandAck>().is_none() {
+            load(&mut world.gcs[COMPANION]);
+            world.run_for(millis(1));
+        }
+        slowest = slowest.max(world.now().since(begin));
+    }
+    slowest
+}
+
+/// an answer waits for one forwarded frame at most, however many there are.
+#[test]
+fn answers_wait_for_one_forwarded_frame_at_most() {
+    let alone = slowest_answer(|_| {});
+    for len in [20, 133] {
+        let loaded = slowest_answer(|companion| companion.send_from(WINGMAN, &tunnel(len)));
+        let frame = Duration::from_micros((u64::from(len) + 12) * 1_000_000 / 5_760);
+        let bound = alone.as_micros() + frame.as_micros() + 1_000;
+        assert!(loaded.as_micros() <= bound, "{alone:?} alone, {loaded:?} with frames of {frame:?}");
+    }
+}
+
+/// R-14, D-3: a line that takes nothing: what the queue holds goes out whole and in order when it does again, what it did not
+/// is counted; nobody else waits. What waited for 600 ms is dropped.
+#[test]
+fn full_queue_drops_whole_frames() {
+    for (stall, arrive, stale) in [(550, 6, 0), (650, 0, 6)] {
+        let mut world = world(setup(StreamProfile::Off));
+        world.uarts[RADIO].stall_writes_until(world.now().after(millis(stall)));
+        world.run_for(millis(2));
+        // Of 50 bytes, and 6 for what the queue keeps of each: 6 of them in three quarters of 512 bytes.
+        let frames: Vec<_> = (0..20).map(|_| world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(38))).collect();
+        for frame in &frames {
+            world.gcs[COMPANION].send_raw(frame);
+        }
+        world.gcs[COMPANION].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+        world.run_for(millis(20));
+        assert_eq!(world.gcs[COMPANION].count_of::<CommandAck>(), 1);
+        world.run_for(secs(2));
+        let others: Vec<_> = world.gcs[RADIO]
+            .received
+            .iter()
+            .filter(|frame| frame.header.source == WINGMAN)
+            .map(|frame| &frame.raw)
+            .collect();
+        assert!(others.into_iter().eq(&frames[..arrive]), "{stall} ms");
+        let expected = counted::<ForwardCounters>(|counters| {
+            counters.sent = arrive as u32;
+            counters.queue_full = 14;
+            counters.stale = stale
+        });
+        assert_eq!(counters(&world, RADIO), expected);
+        assert_eq!(world.gcs[RADIO].counters().skipped, 0);
+    }
+}
+
+/// the last quarter of a queue is for what is addressed, so a storm of broadcasts does not keep it out.
+#[test]
+fn addressed_frames_find_room_in_a_storm() {
+    let mut world = world(setup(StreamProfile::Off));
+    world.gcs[RADIO].send(&Gcs::heartbeat());
+    world.run_for(millis(10));
+    let mut sent = Vec::new();
+    // Twice what the radio takes, for ten seconds.
+    for round in 0..2_000 {
+        world.gcs[COMPANION].send_from(WINGMAN, &tunnel(45));
+        if round % 25 == 0 {
+            let tune = PlayTune {
+                target_system: STATION.system.0,
+                target_component: STATION.component.0,
+                ..PlayTune::default()
+            };
+            let frame = world.gcs[COMPANION].frame_from(WINGMAN, &tune);
+            world.gcs[COMPANION].send_raw(&frame);
+            sent.push(frame);
+        }
+        world.run_for(millis(5));
+    }
+    world.run_for(secs(1));
+    let tunes: Vec<_> = world.gcs[RADIO].received.iter().filter(|frame| frame.header.id == PlayTune::ID).collect();
+    assert!(tunes.iter().map(|frame| &frame.raw).eq(&sent));
+    assert!(counters(&world, RADIO).queue_full > 500, "{:?}", counters(&world, RADIO));
+}
+
+/// where frames come around none waits longer than 150 ms. What the same link brings twice, and what somebody sends by two
+/// links, did not come around; nor did anything for ever.
+#[test]
+fn nothing_waits_long_in_a_loop() {
+    let stale = |copy: Option<usize>, is_everywhere: bool, pause: u64| {
+        let mut world = world(setup(StreamProfile::Off));
+        let frame = world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(38));
+        world.gcs[COMPANION].send_raw(&frame);
+        world.run_for(millis(50));
+        if is_everywhere {
+            world.gcs[RADIO].skip_seq(WINGMAN, 100);
+            world.gcs[RADIO].send_from(WINGMAN, &tunnel(20));
+            world.run_for(millis(20));
+        }
+        if let Some(link) = copy {
+            world.gcs[link].send_raw(&frame);
+            world.run_for(millis(50));
+            assert_eq!(counters(&world, link).duplicates, 1);
+        }
+        world.run_for(millis(pause));
+        world.uarts[RADIO].stall_writes_until(world.now().after(millis(300)));
+        // Somebody who is on neither link but this.
+        for _ in 0..3 {
+            world.gcs[COMPANION].send_from(OTHER_STATION, &tunnel(38));
+        }
+        world.run_for(secs(1));
+        counters(&world, RADIO).stale
+    };
+    assert_eq!(stale(None, false, 0), 0);
+    assert_eq!(stale(Some(COMPANION), false, 0), 0, "sent twice");
+    assert_eq!(stale(Some(RADIO), true, 0), 0, "by two ways");
+    assert_eq!(stale(Some(RADIO), false, 0), 3);
+    assert_eq!(stale(Some(RADIO), false, 9_500), 3);
+    assert_eq!(stale(Some(RADIO), false, 10_500), 0);
+}
+
+/// a queue takes turns with itself for ever: whatever the lengths, frames come out as they went in.
+#[test]
+fn queue_wraps_at_every_length() {
+    let mut world = world(setup(StreamProfile::Off));
+    let mut sent = Vec::new();
+    for round in 0..400 {
+        let frame = world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(8 + (round * 37 % 120) as u8));
+        world.gcs[COMPANION].send_raw(&frame);
+        sent.push(frame);
+        world.run_for(millis(30));
+    }
+    let received: Vec<_> = world.gcs[RADIO].received.iter().filter(|frame| frame.header.source == WINGMAN).collect();
+    assert!(received.iter().map(|frame| &frame.raw).eq(&sent));
+}
+
+/// Who sleeps until `next_deadline` wakes for what was put into another link's queue, and for nothing when it is empty again.
+#[test]
+fn next_deadline_knows_of_queues() {
+    let mut world = world(setup(StreamProfile::Off));
+    let frames: Vec<_> = (0..5).map(|_| world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(100))).collect();
+    let (stack, vehicle, now) = (&mut world.stack, &mut world.vehicle, world.clock.now());
+    assert!(stack.transmit(now, LinkId(0), vehicle).is_empty());
+    let resting = stack.next_deadline(now);
+    assert!(resting > now.after(millis(20)), "a heartbeat at most");
+    for frame in &frames {
+        assert_eq!(stack.receive(now, LinkId(1), frame, vehicle), frame.len());
+    }
+    let (mut at, mut sent, mut passes) = (now, Vec::new(), 0);
+    while sent.len() < 3 {
+        at = stack.next_deadline(at);
+        assert!(at < now.after(millis(150)), "{} sent at {at:?}", sent.len());
+        passes += 1;
+        assert!(passes < 20, "it is woken for nothing");
+        let bytes = stack.transmit(at, LinkId(0), vehicle).to_vec();
+        stack.transmitted(LinkId(0), bytes.len());
+        if !bytes.is_empty() {
+            sent.push(bytes);
+        }
+    }
+    // Three quarters of 512 bytes have no room for the fourth.
+    assert!(sent.iter().eq(&frames[..3]));
+    while stack.next_deadline(at) <= at {
+        assert!(stack.transmit(at, LinkId(0), vehicle).is_empty());
+        stack.transmit(at, LinkId(1), vehicle);
+        at = at.after(millis(1));
+        assert!(at < now.after(millis(300)), "it is woken for nothing");
+    }
+}
+
+/// D-2, SEC-2: what forwarding costs counts as work: a poll forwards fewer frames than it handles, and none is lost.
+#[test]
+fn forwarding_is_within_the_budget() {
+    let links = [LinkConfig::unlimited(); 5];
+    let mut setup = Setup { links, ..Setup::<5>::new() };
+    setup.config.budget = PollBudget { rx_bytes: 1_000, work: 1_700, frames: 8, tx_bytes: 2_000 };
+    let mut world = Forwarder::<5>::of(setup);
+    world.run_for(millis(10));
+    // 145 bytes: its checksum, its key, four copies.
+    for _ in 0..20 {
+        world.gcs[0].send_from(WINGMAN, &tunnel(133));
+    }
+    let mut most = 0;
+    for _ in 0..100 {
+        let before = world.vehicle.calls.len();
+        world.step();
+        most = most.max(world.vehicle.calls.len() - before);
+    }
+    assert_eq!(most, 1, "a poll");
+    for link in 1..5 {
+        assert_eq!(world.gcs[link].count_of::<Tunnel>(), 20);
+    }
+}
+
+/// M-11, M-45: an upload or download that moves to another link halfway completes. The station receives on both links and
+/// sends on one; it is silent for two seconds before it switches.
+#[test]
+fn transfers_move_between_links() {
+    for cut in 0..30 {
+        let mut world = Forwarder::<2, plan_memory!(mission: 20)>::of(Setup::new());
+        let items = plan(12, 0);
+        // The vehicle asks again during the silence.
+        let mut upload = Upload::new(&world.gcs[0], &items).with_patience(20);
+        step_over(&mut world, cut, |now, gcs| upload.poll(now, gcs).is_some());
+        assert!(upload.result().unwrap().is_ok(), "cut at {cut} ms");
+        world.gcs.iter_mut().for_each(Gcs::forget);
+        let mut download = Download::new(&world.gcs[0], MavMissionType::MISSION);
+        step_over(&mut world, cut, |now, gcs| download.poll(now, gcs).is_some());
+        assert_eq!(download.result().unwrap().unwrap().len(), items.len(), "cut at {cut} ms");
+    }
+}
+
+/// Runs until `is_done`: with the station of the first link for `cut` ms, and two seconds later with that of the second link,
+/// which knows everything that the first received.
+fn step_over(
+    world: &mut Forwarder<2, plan_memory!(mission: 20)>,
+    cut: u64,
+    mut is_done: impl FnMut(Instant, &mut Gcs) -> bool,
+) {
+    let begin = world.now();
+    let (silent, back) = (begin.after(millis(cut)), begin.after(millis(cut + 2_001)));
+    loop {
+        let now = world.now();
+        assert!(now < begin.after(secs(20)), "cut at {cut} ms");
+        if now < silent {
+            world.gcs[1].forget();
+            if is_done(now, &mut world.gcs[0]) {
+                return;
+            }
+        } else if now < back {
+            world.gcs[1].forget();
+        } else {
+            let heard = std::mem::take(&mut world.gcs[0].received);
+            // The next request is sent where the station was last heard, and is repeated after 250 ms.
+            let is_late = now > back.after(millis(260));
+            let answers = [MissionRequestInt::ID, MissionAck::ID, MissionCount::ID, MissionItemInt::ID];
+            let is_answer = |frame: &Received| is_late && answers.contains(&frame.header.id);
+            assert!(!heard.iter().any(is_answer), "the station is answered where it was heard last");
+            world.gcs[1].received.extend(heard);
+            if is_done(now, &mut world.gcs[1]) {
+                return;
+            }
+        }
+        world.step();
+    }
+}

@@ -1,0 +1,234 @@
+//! Wrong clocks: a frame from far ahead, the end of the 48-bit timestamps, and a vehicle's clock that is set back. Rules G-4,
+//! G-6, G-14, G-17, L-16.
+
+use crate::support::signer::*;
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{Address, Duration, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningKey, Version};
+
+/// A minute, a day and a year, in timestamps.
+const MINUTE: u64 = 6_000_000;
+const DAY: u64 = 24 * 60 * MINUTE;
+const YEAR: u64 = 365 * DAY;
+const LAST: u64 = (1 << 48) - 1;
+
+/// A vehicle with a key, an open wire, a radio that requires signatures, and a satellite link.
+fn rig() -> Rig<3> {
+    let link = LinkConfig::uart(115_200);
+    let mut rig = Rig::new([
+        link.with_signing(LinkSigning::OPEN),
+        link.with_signing(LinkSigning::REQUIRED),
+        link.with_signing(LinkSigning::REQUIRED).with_class(LinkClass::HighLatency),
+    ]);
+    rig.set_key(KEY);
+    rig
+}
+
+const WIRE: usize = 0;
+const RADIO: usize = 1;
+const SAT: usize = 2;
+
+/// Sets the time from the vehicle.
+fn tell(rig: &mut Rig<3>, timestamp: u64) {
+    let (now, unix) = (rig.now, 1_420_070_400_000_000);
+    assert!(rig.signing().set_time(now, unix + 10 * timestamp, Duration::MAX));
+}
+
+fn command() -> CommandLong {
+    CommandLong { target_system: 1, target_component: 1, command: MavCmd::NAV_LAND, ..CommandLong::default() }
+}
+
+/// Returns whether a new station is accepted when its clock says `timestamp`.
+fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
+    let (commands, verified) = (rig.vehicle.commands().len(), rig.counters().verified);
+    rig.receive(RADIO, &Signer::new(KEY).of(Address::new(station, 190)).at(timestamp).frame(&command()));
+    rig.transmit(RADIO);
+    let is_heard = rig.vehicle.commands().len() > commands;
+    assert_eq!(rig.counters().verified > verified, is_heard);
+    is_heard
+}
+
+/// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time,
+/// on an open wire too, nor in steps of a day. Peers with right clocks are still accepted.
+#[test]
+fn a_wrong_clock_shuts_nobody_out() {
+    let mut rig = rig();
+    tell(&mut rig, NOW);
+    for (n, ahead) in [DAY + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {
+        let before = rig.timestamp();
+        assert!(!hears(&mut rig, 10, NOW + ahead));
+        rig.receive(WIRE, &Signer::new(KEY).at(NOW + ahead).frame(&command()));
+        assert_eq!(rig.vehicle.commands().len(), n);
+        assert!(rig.timestamp() < before + 100, "it moves nothing");
+        assert_eq!(rig.counters().too_far_ahead, 2 * (n as u32 + 1));
+        assert!(hears(&mut rig, 20 + n as u8, NOW), "a right clock");
+    }
+    assert!(hears(&mut rig, 11, NOW + DAY), "badly set, and no more");
+    assert!(!hears(&mut rig, 12, NOW + 2 * DAY));
+    // A day later the bound is a day later too, even if the vehicle has not set the time since.
+    rig.now = rig.now.after(secs(86_400));
+    assert!(hears(&mut rig, 12, NOW + 2 * DAY));
+}
+
+/// G-17: before the vehicle has set the time there is nothing to compare with. Another key undoes the effect of a wrong clock,
+/// and once the time is right again the bound applies.
+#[test]
+fn another_key_heals_what_a_wrong_clock_did() {
+    for is_told in [false, true] {
+        let mut rig = rig();
+        assert!(hears(&mut rig, 10, NOW + 14 * YEAR), "as after a year without power");
+        if is_told {
+            tell(&mut rig, NOW);
+        }
+        assert!(!hears(&mut rig, 20, NOW), "shut out");
+        // A peer that follows our time is accepted: otherwise no peer would be.
+        let ours = rig.timestamp();
+        assert!(hears(&mut rig, 21, ours + 100));
+        let now = rig.now;
+        rig.signing().set_key(now, SigningKey::new(KEY), NOW);
+        assert!(!hears(&mut rig, 20, NOW), "the same key");
+        rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
+        rig.signing().set_key(now, SigningKey::new(KEY), NOW);
+        assert!(hears(&mut rig, 20, NOW));
+        assert_eq!(hears(&mut rig, 10, NOW + 14 * YEAR), !is_told);
+    }
+}
+
+/// G-17: a vehicle whose clock is years behind, and that has stored no time, refuses stations whose clocks are right, and their keys.
+/// A right time heals that, and so does a restart.
+#[test]
+fn a_clock_that_is_far_behind_shuts_right_clocks_out() {
+    let link = LinkConfig::uart(115_200);
+    let wire = LinkSigning::OPEN.with_provisioning();
+    let new_vehicle = || Rig::<3>::new([link.with_signing(wire), link.with_signing(LinkSigning::REQUIRED), link]);
+    let set_up = |rig: &mut Rig<3>, secret_key| {
+        let initial_timestamp = NOW;
+        let setup =
+            SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: Secret(secret_key) };
+        let setups = rig.counters().setups;
+        rig.receive(WIRE, &Signer::new(KEY).unsigned(Version::V2, &setup));
+        rig.transmit(WIRE);
+        rig.counters().setups > setups
+    };
+    let mut rig = new_vehicle();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), 0);
+    tell(&mut rig, NOW - 10 * YEAR);
+    assert!(!hears(&mut rig, 10, NOW) && hears(&mut rig, 11, NOW - 10 * YEAR));
+    assert!(!set_up(&mut rig, OTHER_KEY));
+    assert_eq!((rig.counters().too_far_ahead, rig.counters().refused_setups), (1, 1));
+    // The right time is years ahead too.
+    let unix = 1_420_070_400_000_000 + 10 * NOW;
+    assert!(!rig.signing().set_time(now, unix, secs(7 * 86_400)));
+    assert!(!hears(&mut rig, 10, NOW));
+    tell(&mut rig, NOW);
+    assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
+    // After a restart nothing is told.
+    let mut rig = new_vehicle();
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), NOW - 10 * YEAR);
+    assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
+}
+
+/// G-17: while our own time is beyond the bound no frame is held to it.
+#[test]
+fn a_clock_far_behind_our_own_time_bounds_no_frame() {
+    let mut rig = rig();
+    tell(&mut rig, NOW - 10 * YEAR);
+    assert!(hears(&mut rig, 10, NOW + 10) && hears(&mut rig, 11, NOW + YEAR));
+    assert_eq!(rig.counters().too_far_ahead, 0);
+}
+
+/// G-4, G-17: the last timestamp of 48 bits is refused, whatever is known of the time. After the one before we sign one frame
+/// more; what follows is sent without a signature and not with a timestamp a second time, until there is another key.
+#[test]
+fn no_timestamp_is_sent_twice_at_the_end() {
+    let mut rig = rig();
+    assert!(!hears(&mut rig, 10, LAST));
+    assert_eq!((rig.counters().too_far_ahead, rig.timestamp() < LAST), (1, true));
+    assert!(hears(&mut rig, 10, LAST - 1));
+    let mut stamps = Vec::new();
+    let mut unsigned = 0;
+    for _ in 0..5 {
+        rig.receive(WIRE, &Signer::new(KEY).unsigned(Version::V2, &command()));
+        let frames: Vec<_> = [WIRE, RADIO].into_iter().flat_map(|link| rig.transmit(link)).collect();
+        assert!(frames.iter().any(|frame| frame.id() == CommandAck::ID), "no answer is lost");
+        for frame in frames {
+            if frame.is_signed() {
+                stamps.push(frame.signature().timestamp);
+            } else {
+                unsigned += 1;
+            }
+        }
+        rig.run_for(secs(1));
+    }
+    assert!(stamps.len() <= 1 && stamps.iter().all(|stamp| *stamp == LAST), "{stamps:?}");
+    assert!(unsigned >= 10);
+    assert_eq!(rig.timestamp(), LAST);
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(KEY), LAST);
+    rig.run_for(secs(1));
+    assert!(!rig.transmit(RADIO)[0].is_signed(), "the same key");
+    let now = rig.now;
+    rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
+    rig.run_for(secs(1));
+    assert!(rig.transmit(RADIO).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
+}
+
+/// G-4: a frame that is interrupted when the last timestamp has been used is dropped, and not signed with it again.
+#[test]
+fn what_is_cut_off_at_the_end_is_given_up() {
+    let mut rig = rig();
+    rig.transmit(RADIO);
+    rig.receive(RADIO, &Signer::new(KEY).at(LAST - 1).frame(&command()));
+    rig.begin(RADIO, 5);
+    rig.restart(RADIO);
+    rig.run_for(secs(1));
+    assert!(rig.transmit(RADIO).iter().all(|frame| frame.id() != CommandAck::ID && !frame.is_signed()));
+}
+
+/// Returns the age of a satellite command that was signed at `timestamp`.
+fn age(rig: &mut Rig<3>, timestamp: u64) -> Option<u64> {
+    let before = rig.vehicle.commands().len();
+    rig.receive(SAT, &Signer::new(KEY).link(SAT as u8).at(timestamp).frame(&command()));
+    rig.transmit(SAT);
+    assert_eq!(rig.vehicle.commands().len(), before + 1, "carried out");
+    rig.vehicle.commands()[before].age.map(|age| age.as_millis() / 1_000)
+}
+
+/// L-16, G-14: a clock that is set back, by minutes or by years, does not reduce a command's age. A clock that is set forward
+/// increases it, and earlier times after that have no effect.
+#[test]
+fn a_clock_that_is_set_back_makes_nothing_young() {
+    let mut rig = rig();
+    assert_eq!(age(&mut rig, NOW), None, "the time is not known");
+    tell(&mut rig, NOW + 10 * MINUTE);
+    assert_eq!(age(&mut rig, NOW + 1), Some(599));
+    for back in [NOW + 10 * MINUTE - 1, NOW + MINUTE, NOW - 1, NOW - 9 * YEAR, 1] {
+        tell(&mut rig, back);
+        assert_eq!(age(&mut rig, NOW + 2), Some(599), "{back}");
+        rig = self::rig();
+        age(&mut rig, NOW);
+        tell(&mut rig, NOW + 10 * MINUTE);
+    }
+    tell(&mut rig, NOW + 20 * MINUTE);
+    tell(&mut rig, NOW - 9 * YEAR);
+    rig.now = rig.now.after(secs(60));
+    assert_eq!(age(&mut rig, NOW + 2), Some(1_259));
+}
+
+/// L-16, G-17: before the vehicle has set the time, a peer on a radio provides it. A vehicle's clock a little behind the peer is
+/// trusted, but one that was never set is not: it neither reduces a command's age nor refuses peers with a right clock.
+#[test]
+fn a_first_time_that_is_years_behind_is_not_believed() {
+    for (told, expected) in [(NOW + 9 * MINUTE, 540), (NOW - 9 * YEAR, 600), (1, 600)] {
+        let mut rig = rig();
+        age(&mut rig, NOW);
+        assert!(hears(&mut rig, 10, NOW + 10 * MINUTE));
+        assert_eq!(age(&mut rig, NOW + 1), Some(599));
+        tell(&mut rig, told);
+        assert_eq!(age(&mut rig, NOW + 2).map(|age| age + 1), Some(expected));
+        let ours = rig.timestamp();
+        assert!(hears(&mut rig, 11, ours + 1_000));
+    }
+}

@@ -1,0 +1,12 @@
+//! The stack as a whole: order and budget of a poll, minimal vehicles, random traffic, and regressions.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod example_rover;
+mod minimal;
+mod no_block;
+mod order;
+mod properties;
+mod regressions;
+mod two_hours;

@@ -1,0 +1,207 @@
+//! The order in which a link sends, as observed on the wire: rules D-4, P-11, R-14. The list is `turns!` in `src/service/turn.rs`;
+//! `docs/architecture.md` shows it as a table.
+
+use crate::support::*;
+use mavstack::dialect::*;
+use mavstack::{
+    Address, CommandPolicy, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
+    LinkId, Message, ModeRequest, Modes, Outcome, ParamTable, Parameters, PlanChange, Plans, Progress, Stream,
+    StreamProfile, Telemetry, Vehicle, VehicleState,
+};
+
+/// Another vehicle, behind the second link.
+const WINGMAN: Address = Address::new(2, 1);
+
+mavstack::stack! {
+    struct Full for Moded {
+        links: 2,
+        plans: { mission: 4 },
+        parameters: Tuning,
+        streams,
+        modes,
+        commands: { slots: 3 },
+        forwarding,
+        time,
+    }
+}
+
+/// The vehicle of the tests, with flight modes.
+#[derive(Default)]
+struct Moded(TestVehicle);
+
+impl Vehicle for Moded {
+    fn state(&self) -> Option<VehicleState> {
+        self.0.state()
+    }
+
+    fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {
+        self.0.message(cx, frame, link)
+    }
+}
+
+impl Commands for Moded {
+    const COMMANDS: &'static [CommandPolicy] = TestVehicle::COMMANDS;
+
+    fn command(&mut self, cx: &mut Context<'_>, command: &mavstack::Command) -> Outcome {
+        self.0.command(cx, command)
+    }
+}
+
+impl Modes for Moded {
+    const MODES: &'static [FlightMode] = pilot::MODES;
+
+    fn set_mode(&mut self, _: &mut Context<'_>, _: &'static FlightMode, _: &ModeRequest) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Parameters for Moded {
+    type Table = Tuning;
+}
+
+impl Plans for Moded {
+    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
+
+    fn plan_changed(&mut self, cx: &mut Context<'_>, change: PlanChange<'_>) {
+        self.0.plan_changed(cx, change);
+    }
+
+    fn progress(&self) -> Progress {
+        self.0.progress()
+    }
+}
+
+impl Telemetry for Moded {
+    const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
+
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
+        self.0.fill(id, out)
+    }
+}
+
+type Loaded = World<2, Full>;
+
+/// Receives `message` on a link.
+fn receive<M: Message>(world: &mut Loaded, now: Instant, link: usize, from: Address, message: &M) {
+    let frame = world.gcs[link].frame_from(from, message);
+    let taken = world.stack.receive(now, LinkId(link as u8), &frame, &mut world.vehicle);
+    assert_eq!(taken, frame.len());
+}
+
+/// Returns what link 0 sends at `now`: the ids, and whether each frame is forwarded.
+fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
+    let mut sent = Vec::new();
+    loop {
+        let bytes = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
+        if bytes.is_empty() {
+            return sent;
+        }
+        world.stack.transmitted(LinkId(0), bytes.len());
+        let id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
+        sent.push((id, bytes[5] != VEHICLE.system.0));
+    }
+}
+
+/// D-4, Q-2, R-14: a link with one pending frame of every kind sends them in this order.
+#[test]
+fn everything_at_once_is_sent_in_order() {
+    let off = LinkConfig::unlimited().with_streams(StreamProfile::Off);
+    let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
+    let mut world = Loaded::of(Setup { links, ..Setup::new() });
+    world.run_for(secs(2));
+    // Every periodic message is due now.
+    let now = world.now().after(millis(1_400));
+    world.pulse.tick();
+    world.stack.poll(now.after(Duration::ZERO), &mut world.vehicle);
+    world.pulse.tick();
+    world.vehicle.0.state.as_mut().unwrap().custom_mode = pilot::HOLD;
+    world.stack.send_text(now, MavSeverity::INFO, "Gear down");
+
+    for _ in 0..2 {
+        receive(&mut world, now, 1, WINGMAN, &Tunnel { payload: [1; 128], ..Tunnel::default() });
+    }
+    receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
+    for (command, id) in [
+        (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
+        (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),
+        (MavCmd::GET_MESSAGE_INTERVAL, Attitude::ID),
+        (MavCmd::REQUEST_MESSAGE, AutopilotVersion::ID),
+    ] {
+        let message = world.gcs[0].long(command, [id as f32, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        receive(&mut world, now, 0, STATION, &message);
+    }
+    let to_us = ParamRequestRead { param_index: 3, target_system: 1, target_component: 1, ..Default::default() };
+    receive(&mut world, now, 0, STATION, &to_us);
+    let list = MissionRequestList { target_system: 1, target_component: 1, ..Default::default() };
+    receive(&mut world, now, 0, STATION, &list);
+    receive(&mut world, now, 0, STATION, &Timesync { ts1: 7, ..Timesync::default() });
+    let rally = MissionRequestList { mission_type: MavMissionType::RALLY, ..list };
+    receive(&mut world, now, 0, STATION, &rally);
+    world.stack.poll(now, &mut world.vehicle);
+
+    let mut sent = sent(&mut world, now);
+    sent.dedup();
+    let own = |id| (id, false);
+    assert_eq!(
+        sent,
+        [
+            own(Heartbeat::ID),
+            own(CommandAck::ID),
+            own(MissionAck::ID),
+            own(Timesync::ID),
+            own(MissionCount::ID),
+            own(ParamValue::ID),
+            own(Statustext::ID),
+            own(AutopilotVersion::ID),
+            own(MessageInterval::ID),
+            own(BatteryStatus::ID),
+            own(CurrentMode::ID),
+            own(MissionCurrent::ID),
+            own(AvailableModes::ID),
+            (Tunnel::ID, true),
+            own(Attitude::ID),
+            (Tunnel::ID, true),
+            own(GlobalPositionInt::ID),
+            own(SysStatus::ID),
+            own(ParamValue::ID),
+        ]
+    );
+}
+
+/// D-4, P-11: on a link that streams saturate, the parameter list gets 30 % of the rate, however far apart the polls are,
+/// and the streams get most of the rest.
+#[test]
+fn list_keeps_its_share_on_a_full_line() {
+    const RATE: u64 = 5_760;
+    for step in [1, 5, 19, 20, 25] {
+        let links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard), LinkConfig::uart(57_600)];
+        let down = Wire { bytes_per_second: RATE, tx_fifo: 512, ..Wire::default() };
+        let lines = [LineConfig { down, ..LineConfig::default() }, LineConfig::default()];
+        let mut world = Loaded::of(Setup { links, lines, step: millis(step), ..Setup::new() });
+        for id in [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID] {
+            world.gcs[0].command_long(MavCmd::SET_MESSAGE_INTERVAL, [id as f32, 5_000.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            world.run_for(millis(200));
+        }
+        world.gcs[0].forget();
+        let begin = world.now();
+        // Times between two values of a list (µs).
+        let mut pauses = Vec::new();
+        for list in 0..20 {
+            world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
+            let last = Tuning::INFO.len() as u16 - 1;
+            let has_ended = |world: &mut Loaded| {
+                let values = world.gcs[0].all::<ParamValue>();
+                values.last().is_some_and(|(_, value)| value.param_index == last)
+            };
+            assert!(world.run_until(secs(5), has_ended), "polls {step} ms apart: list {list} does not end");
+            let values = world.gcs[0].all::<ParamValue>();
+            pauses.extend(values.windows(2).map(|pair| pair[1].0.since(pair[0].0).as_micros()));
+            world.gcs[0].received.retain(|frame| frame.header.id != ParamValue::ID);
+        }
+        let list = 37 * 1_000_000 * 100 * pauses.len() as u64 / pauses.iter().sum::<u64>() / RATE;
+        let rest: usize = world.gcs[0].received.iter().map(|frame| frame.raw.len()).sum();
+        let rest = rest as u64 * 100 * 1_000_000 / world.now().since(begin).as_micros() / RATE;
+        assert!(list >= 30, "polls {step} ms apart: {list} % for the list");
+        assert!(rest >= 40, "polls {step} ms apart: {rest} % for the streams");
+    }
+}

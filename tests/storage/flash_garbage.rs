@@ -1,0 +1,186 @@
+//! Whatever lies in the flash, a vehicle starts: with plans that are whole and can be flown, or with none (G-18).
+
+use crate::support::flash::RamFlash;
+use crate::support::*;
+use mavstack::dialect::{MavCmd, MavFrame};
+use mavstack::{Durability, Instant, Item, PlanStore, PlanType, PlanView, RestoreError, plan_memory};
+
+type Plans = Tested<plan_memory!(mission: 6, fence: 2, rally: 2)>;
+type Flash = RamFlash<4, 256>;
+
+const SLOT: usize = 768;
+
+fn crc(bytes: &[u8]) -> [u8; 4] {
+    let mut crc = crc_any::CRCu32::crc32();
+    crc.digest(bytes);
+    crc.get_crc().to_le_bytes()
+}
+
+/// A slot with a record of this body; every checksum is right.
+fn slot(sequence: u32, body: &[u8]) -> Vec<u8> {
+    let mut slot = b"MVSR\x01\x00\x01\x00".to_vec();
+    slot.extend(sequence.to_le_bytes());
+    slot.extend((body.len() as u32).to_le_bytes());
+    slot.extend(crc(body));
+    slot.extend([0; 8]);
+    slot.extend(crc(&slot));
+    slot.resize(256, 0xFF);
+    slot.extend(body);
+    slot.resize(SLOT, 0xFF);
+    slot
+}
+
+/// A start from this flash; what is live then.
+fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
+    let setup = Setup::<1>::new();
+    let mut stack = begun::<Plans, 1>(setup.config, setup.links);
+    let mut store = PlanStore::new(Flash::of(bytes), 0..2 * SLOT as u32);
+    let mut vehicle = TestVehicle::new();
+    let result = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle);
+    assert!(matches!(result, Ok(()) | Err(RestoreError::Damaged)), "flash that can be read: {result:?}");
+    let plans = [stack.mission(), stack.fence(), stack.rally()];
+    let found = (plans.map(|plan: PlanView| plan.items().to_vec()).to_vec(), plans.map(|plan| plan.id()).to_vec());
+    // M-5: an id is that of the items, or 0 for none.
+    for (items, id) in found.0.iter().zip(&found.1) {
+        let expected = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&bytes_of(items))).max(1) };
+        assert_eq!(*id, expected);
+    }
+    // And it takes a plan, whatever there was.
+    let waypoint =
+        Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, x: 1, ..Item::default() };
+    let loaded = stack.load_plan(Instant::ZERO, PlanType::Mission, [waypoint], &mut vehicle);
+    assert_eq!(loaded, Ok(()));
+    while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
+    let mut again = begun::<Plans, 1>(setup.config, setup.links);
+    again.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
+    assert_eq!(again.mission().items(), [waypoint]);
+    found
+}
+
+/// What is stored of items, and what their id is computed from.
+fn bytes_of(items: &[Item]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for item in items {
+        bytes.push(item.frame.0);
+        bytes.extend(item.command.0.to_le_bytes());
+        bytes.push(item.autocontinue);
+        bytes.extend(item.params.iter().flat_map(|param| param.to_bits().to_le_bytes()));
+        bytes.extend([item.x.to_le_bytes(), item.y.to_le_bytes(), item.z.to_bits().to_le_bytes()].concat());
+    }
+    bytes
+}
+
+/// A body of three plans, with the right ids.
+fn body(plans: &[Vec<Item>; 3]) -> Vec<u8> {
+    let mut body: Vec<u8> = plans.iter().flat_map(|items| (items.len() as u16).to_le_bytes()).collect();
+    for items in plans {
+        let id = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&bytes_of(items))).max(1) };
+        body.extend(id.to_le_bytes());
+    }
+    body.resize(32, 0);
+    plans.iter().for_each(|items| body.extend(bytes_of(items)));
+    body
+}
+
+fn plans(rng: &mut Rng) -> [Vec<Item>; 3] {
+    let mut items = |command, len: u64| -> Vec<Item> {
+        let item = |rng: &mut Rng| Item {
+            command,
+            frame: MavFrame::GLOBAL_RELATIVE_ALT,
+            autocontinue: 1,
+            params: [5.0, 0.0, 0.0, f32::NAN],
+            x: rng.below(900_000_000) as i32,
+            y: rng.below(1_800_000_000) as i32,
+            z: 20.0,
+        };
+        (0..rng.below(len + 1)).map(|_| item(rng)).collect()
+    };
+    let mission = items(MavCmd::NAV_WAYPOINT, 6);
+    let mut fence = items(MavCmd::NAV_FENCE_CIRCLE_INCLUSION, 2);
+    fence.iter_mut().for_each(|item| item.params = [100.0, 0.0, 0.0, 0.0]);
+    let mut rally = items(MavCmd::NAV_RALLY_POINT, 2);
+    rally.iter_mut().for_each(|item| item.params = [0.0; 4]);
+    [mission, fence, rally]
+}
+
+fn fill(rng: &mut Rng, bytes: &mut [u8]) {
+    bytes.chunks_mut(8).for_each(|chunk| chunk.copy_from_slice(&rng.next().to_le_bytes()[..chunk.len()]));
+}
+
+#[test]
+fn good_records_are_live() {
+    let mut rng = Rng::new(1);
+    for _ in 0..500 {
+        let plans = plans(&mut rng);
+        let (items, _) = start([slot(1, &body(&plans)), vec![0xFF; SLOT]].concat());
+        assert_eq!(items, plans);
+    }
+}
+
+/// Good checksums around a body that never was a plan: another firmware's, or an attacker's.
+#[test]
+fn each_plan_is_good_or_empty() {
+    let mut rng = Rng::new(2);
+    let (mut whole, mut changed) = (0, 0);
+    for _ in 0..10_000 {
+        let plans = plans(&mut rng);
+        let good = body(&plans);
+        let mut body = good.clone();
+        for _ in 0..=rng.below(3) {
+            let at = rng.below(body.len() as u64) as usize;
+            body[at] = rng.byte();
+        }
+        if rng.chance(0.1) {
+            fill(&mut rng, &mut body[32..]);
+        }
+        let (items, _) = start([slot(9, &body), slot(8, &good)].concat());
+        for (found, plan) in items.iter().zip(&plans) {
+            // A changed item has another id; no other byte of it can be missed.
+            assert!(found.is_empty() || found == plan, "{found:?}");
+        }
+        if items == plans { whole += 1 } else { changed += 1 }
+    }
+    assert!(whole > 100 && changed > 5_000, "{whole} whole, {changed} changed");
+}
+
+/// Plans that are whole, but not for this vehicle: a command that it does not know, a place beyond the poles, no room.
+#[test]
+fn what_cannot_be_flown_is_not_live() {
+    let mut rng = Rng::new(3);
+    let good = loop {
+        let plans = plans(&mut rng);
+        if plans.iter().all(|items| !items.is_empty()) {
+            break plans;
+        }
+    };
+    let mut unknown = good.clone();
+    unknown[0][0].command = MavCmd(65_000);
+    let mut beyond = good.clone();
+    beyond[0][0].x = 900_000_001;
+    let mut large = good.clone();
+    large[0] = vec![good[0][0]; 7];
+    for bad in [unknown, beyond, large] {
+        let (items, _) = start([slot(1, &body(&bad)), vec![0xFF; SLOT]].concat());
+        assert_eq!(items[0], []);
+        assert_eq!(items[1..], good[1..], "the others stay");
+    }
+}
+
+/// 10^5 images altogether, with those of the store's own tests: noise, and noise over records.
+#[test]
+fn noise_is_nothing() {
+    let mut rng = Rng::new(4);
+    let mut empty = 0;
+    for round in 0..5_000 {
+        let plans = plans(&mut rng);
+        let mut bytes = [slot(1, &body(&plans)), slot(2, &body(&plans))].concat();
+        let from = rng.below(2 * SLOT as u64) as usize;
+        let to = if round % 2 == 0 { bytes.len() } else { from + rng.below((bytes.len() - from) as u64) as usize };
+        fill(&mut rng, &mut bytes[from..to]);
+        let (items, _) = start(bytes);
+        let is_empty = items.iter().all(Vec::is_empty);
+        assert!(is_empty || items == plans);
+        empty += u32::from(is_empty);
+    }
+    assert!(empty > 500, "{empty}");
+}

@@ -1,0 +1,163 @@
+//! The declaration of the tests' stacks: [`Tested`], put together from types. A firmware has [`mavstack::stack!`].
+
+use super::{TestVehicle, Tuning};
+use mavstack::__private::{
+    Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, Missions, ModeService, ParamMemory,
+    ParamService, PeerTable, Service, SigningGate, StreamService, TextQueue, Values, WithoutPlans, WithoutSigning,
+};
+use mavstack::{
+    Commands, Config, FlightMode, HighLatency, LinkConfig, ManualInput, Modes, NoPlans, PlanMemory, PlanStorage, Plans,
+    Stack, Stream, Telemetry, Time, Vehicle,
+};
+use std::marker::PhantomData;
+
+/// A stack of the vehicle `V` with plan memory `P`, `PEERS` places in the peer table, and the services of `O`.
+pub struct Tested<P = NoPlans, const PEERS: usize = 8, O = Plain, V = TestVehicle>(PhantomData<(P, O, V)>);
+
+impl<P, const PEERS: usize, O, V> Firmware for Tested<P, PEERS, O, V>
+where
+    P: PlanStorage + 'static,
+    O: 'static,
+    V: Hooks + 'static,
+{
+    type Vehicle = V;
+    type Plans = P;
+    type Parameters = V::Parameters;
+}
+
+impl<P, const PEERS: usize, O, V> Declares for Tested<P, PEERS, O, V>
+where
+    P: Planned<Self> + 'static,
+    O: Options<Self> + 'static,
+    V: HookServices<Self> + 'static,
+{
+    type Peers = PeerTable<PEERS>;
+    type Texts = TextQueue<4>;
+    type Commands = CommandSlots<3>;
+    type Mission = P::Mission;
+    type Param = V::Param;
+    type Stream = V::Stream;
+    type Mode = V::Mode;
+    type Time = O::Time;
+    type ManualControl = O::ManualControl;
+    type HighLatency = O::HighLatency;
+    type Signing = O::Signing;
+    type Forwarding = O::Forwarding;
+    const HAS_MODES: bool = V::HAS_MODES;
+    const CHECKED: () = V::CHECKED;
+}
+
+/// Returns a stack that has begun.
+pub fn begun<D: Declares, const N: usize>(config: Config, links: [LinkConfig; N]) -> Box<Stack<D, N>> {
+    let mut stack = Box::new(Stack::VACANT);
+    stack.begin(config, links);
+    stack
+}
+
+/// The service for a plan memory.
+pub trait Planned<D: Firmware>: PlanStorage {
+    type Mission: Service<D>;
+}
+
+impl<D: Firmware> Planned<D> for NoPlans {
+    type Mission = WithoutPlans;
+}
+
+impl<D, const M: usize, const F: usize, const R: usize, const S: usize> Planned<D> for PlanMemory<M, F, R, S>
+where
+    D: Firmware<Vehicle: Plans + Commands>,
+{
+    type Mission = Missions;
+}
+
+/// The services that a test chooses.
+pub trait Options<D: Firmware> {
+    type Time: Service<D>;
+    type ManualControl: Service<D>;
+    type HighLatency: Service<D>;
+    type Signing: Service<D> + SigningGate<<Self::Signing as Service<D>>::Link>;
+    type Forwarding: Service<D> + ForwardingGate<D>;
+}
+
+macro_rules! options {
+    ($($(#[$meta:meta])* $name:ident: $time:ty, $manual:ty, $high_latency:ty, $signing:ty, $forwarding:ty;)*) => { $(
+        $(#[$meta])*
+        #[derive(Debug)]
+        pub struct $name;
+
+        impl<D: Firmware<Vehicle: Vehicle>> Options<D> for $name {
+            type Time = $time;
+            type ManualControl = $manual;
+            type HighLatency = $high_latency;
+            type Signing = $signing;
+            type Forwarding = $forwarding;
+        }
+    )* };
+}
+
+/// The signing of the tests, or none without the feature.
+#[cfg(feature = "signing")]
+type Signs = mavstack::__private::SigningMemory<16>;
+#[cfg(not(feature = "signing"))]
+type Signs = WithoutSigning;
+
+/// The forwarding of the tests: six links.
+pub type Forwards = Forwarding<6, 512, 256>;
+
+options! {
+    /// None.
+    Plain: Absent, Absent, Absent, WithoutSigning, Absent;
+    /// PING and TIMESYNC.
+    Timed: Time, Absent, Absent, WithoutSigning, Absent;
+    /// Manual control.
+    Steered: Absent, ManualInput, Absent, WithoutSigning, Absent;
+    /// HIGH_LATENCY2.
+    Satellite: Absent, Absent, HighLatency, WithoutSigning, Absent;
+    /// Forwarding.
+    Forwarded: Absent, Absent, Absent, WithoutSigning, Forwards;
+    /// Forwarding and HIGH_LATENCY2.
+    ForwardedSatellite: Absent, Absent, HighLatency, WithoutSigning, Forwards;
+    /// Signing.
+    Signed: Absent, Absent, Absent, Signs, Absent;
+    /// Signing and HIGH_LATENCY2.
+    SignedSatellite: Absent, Absent, HighLatency, Signs, Absent;
+    /// Signing and forwarding.
+    SignedForwarded: Absent, Absent, Absent, Signs, Forwards;
+    /// All of them, but for signing.
+    Unsigned: Time, ManualInput, HighLatency, WithoutSigning, Forwards;
+    /// All of them.
+    Everything: Time, ManualInput, HighLatency, Signs, Forwards;
+}
+
+/// What a vehicle of the tests implements beside `Vehicle` and `Commands`.
+pub trait Hooks: Vehicle + Commands {
+    type Parameters: ParamMemory + Values;
+    const HAS_MODES: bool = false;
+    const CHECKED: () = ();
+}
+
+/// The services for that.
+pub trait HookServices<D: Firmware>: Hooks {
+    type Param: Service<D>;
+    type Stream: Service<D>;
+    type Mode: Service<D>;
+}
+
+impl Hooks for TestVehicle {
+    type Parameters = Tuning;
+    const CHECKED: () = Stream::check(<Self as Telemetry>::STREAMS, false);
+}
+
+impl<D: Firmware<Vehicle = Self, Parameters = Tuning>> HookServices<D> for TestVehicle {
+    type Param = ParamService;
+    type Stream = StreamService<{ <Self as Telemetry>::STREAMS.len() }>;
+    type Mode = Absent;
+}
+
+/// The services of a vehicle with modes and streams, and without parameters.
+pub type WithModes = ModeService;
+
+/// Checks the modes of a vehicle.
+pub const fn check_modes<V: Modes>() {
+    FlightMode::check(V::MODES);
+}

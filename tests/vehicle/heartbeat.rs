@@ -1,0 +1,368 @@
+//! HEARTBEAT: rules H-1 to H-7, H-16, V-5.
+
+use crate::support::*;
+use mavstack::dialect::{
+    CommandAck, Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavSeverity, MavState, MavType, Statustext,
+};
+use mavstack::{
+    Config, Duration, Instant, LinkClass, LinkConfig, LinkId, Pulse, Stack, TxVersion, VehicleState, Version,
+};
+
+/// When each heartbeat came to the ground station of `link`.
+fn times<const N: usize>(world: &World<N>, link: usize) -> Vec<Instant> {
+    world.gcs[link].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect()
+}
+
+/// H-1 to H-4, V-5: every second, on every normal link, in either version, without a peer and without being armed; with
+/// all that the vehicle says.
+#[test]
+fn heartbeat_goes_out_on_every_normal_link() {
+    let links = [
+        LinkConfig::uart(57_600),
+        LinkConfig::uart(57_600).with_version(TxVersion::V1),
+        LinkConfig::uart(57_600).with_version(TxVersion::Auto),
+    ];
+    let mut setup = Setup { links, ..Setup::new() };
+    setup.config.r#type = MavType::FIXED_WING;
+    let mut world = World::new(setup);
+    world.vehicle.state = Some(VehicleState {
+        base_mode: MavModeFlag::SAFETY_ARMED | MavModeFlag::CUSTOM_MODE_ENABLED,
+        custom_mode: 0x0A0B_0C0D,
+        system_status: MavState::CRITICAL,
+    });
+    world.run_for(millis(2_999));
+    for link in 0..3 {
+        assert_eq!(times(&world, link), [1, 1_000, 2_000].map(Instant::from_millis), "link {link}");
+        for frame in &world.gcs[link].received {
+            assert_eq!(frame.header.source, VEHICLE);
+            assert_eq!(frame.header.version, if link == 0 { Version::V2 } else { Version::V1 });
+            let expected = Heartbeat {
+                custom_mode: 0x0A0B_0C0D,
+                r#type: MavType::FIXED_WING,
+                autopilot: MavAutopilot::GENERIC,
+                base_mode: MavModeFlag(0x81),
+                system_status: MavState::CRITICAL,
+                mavlink_version: 3,
+            };
+            assert_eq!(frame.decode(), Some(expected));
+        }
+        // S-16: each link numbers its own frames.
+        let seqs: Vec<u8> = world.gcs[link].received.iter().map(|frame| frame.header.seq).collect();
+        assert_eq!(seqs, [0, 1, 2]);
+    }
+}
+
+/// H-2: an address that no vehicle can have cannot be configured.
+#[test]
+fn impossible_addresses_are_refused() {
+    use mavstack::{Address, VehicleAddress};
+    for (system, component, possible) in
+        [(0, 1, false), (255, 1, false), (1, 0, false), (1, 1, true), (254, 1, true), (7, 255, true)]
+    {
+        let address = VehicleAddress::new(Address::new(system, component));
+        assert_eq!(address.is_some(), possible, "{system}/{component}");
+    }
+}
+
+/// D-1, H-6: for 10,000 s, over the wrap of a 32-bit millisecond counter, with polls that come irregularly: one heartbeat
+/// a second, none early, none later than the poll behind it, no drift.
+#[test]
+fn phase_does_not_drift() {
+    let pulse: &Pulse = Box::leak(Box::new(Pulse::new()));
+    let mut stack = Stack::<Tested, 1>::VACANT;
+    stack.begin(Config::new(VEHICLE, pulse), [LinkConfig::uart(57_600)]);
+    let mut vehicle = TestVehicle::new();
+    let mut rng = Rng::new(5);
+    let start = Instant::from_millis((1 << 32) - 5_000_000);
+    let mut now = start;
+    let mut sent = Vec::new();
+    let mut worst_gap = Duration::ZERO;
+    while now < start.after(secs(10_000)) {
+        pulse.tick();
+        stack.poll(now, &mut vehicle);
+        let len = stack.transmit(now, LinkId(0), &mut vehicle).len();
+        if len > 0 {
+            sent.push(now);
+            stack.transmitted(LinkId(0), len);
+        }
+        let step = Duration::from_micros(1_000 + rng.below(49_000));
+        worst_gap = worst_gap.max(step);
+        now = now.after(step);
+    }
+    assert_eq!(sent.len(), 10_000);
+    for (i, at) in (0..).zip(&sent) {
+        let due = start.after(secs(i));
+        assert!(*at >= due && at.since(due) <= worst_gap, "heartbeat {i} at {at:?}, due at {due:?}");
+    }
+}
+
+/// H-1: the period is the firmware's choice.
+#[test]
+fn period_is_configurable() {
+    let mut setup = Setup::<1>::new();
+    setup.config.heartbeat_period = millis(250);
+    let mut world = World::new(setup);
+    world.run_for(millis(9_999));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 40);
+}
+
+/// H-5, H-6: the flight loop stops at any phase. The stack is polled on, but no heartbeat goes out later
+/// than `max_loop_gap`; when the loop goes on there is one at once, and then one a second, without a burst.
+#[test]
+fn heartbeat_stops_and_resumes_with_the_flight_loop() {
+    for phase in (0..1_000).step_by(53) {
+        let mut world = World::new(Setup::<1>::new());
+        world.run_for(secs(3).max(Duration::from_millis(3_000 + phase)));
+        let stopped = world.now();
+        world.loop_runs = false;
+        world.run_for(secs(20));
+        let last = *times(&world, 0).last().expect("there were some");
+        assert!(last.since(stopped) <= millis(500), "phase {phase}: a heartbeat at {last:?}, stopped at {stopped:?}");
+        let resumed = world.now();
+        world.loop_runs = true;
+        world.gcs[0].forget();
+        world.run_for(millis(3_500));
+        let times = times(&world, 0);
+        assert!(times[0].since(resumed) <= millis(2), "phase {phase}: at once");
+        assert_eq!(times.len(), 4, "phase {phase}: no burst");
+        assert!(times.windows(2).all(|pair| pair[1].since(pair[0]) == secs(1)), "phase {phase}: {times:?}");
+    }
+}
+
+/// H-5: a shorter gap of silence than `max_loop_gap` is a slow pass and no fault.
+#[test]
+fn slow_pass_of_the_loop_is_no_fault() {
+    let mut setup = Setup::<1>::new();
+    setup.config.max_loop_gap = secs(2);
+    let mut world = World::new(setup);
+    for _ in 0..10 {
+        world.loop_runs = true;
+        world.step();
+        world.loop_runs = false;
+        world.run_for(millis(1_900));
+    }
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 20, "one a second for 19.01 s");
+}
+
+/// H-5: nothing is said before the flight loop runs for the first time.
+#[test]
+fn there_is_no_heartbeat_before_the_first_tick() {
+    let mut world = World::new(Setup::<1>::new());
+    world.loop_runs = false;
+    world.run_for(secs(5));
+    assert_eq!(world.gcs[0].received.len(), 0);
+    world.loop_runs = true;
+    world.expect::<Heartbeat>(0, millis(2));
+}
+
+/// H-5: a latched fault is for good, whatever ticks; the rest of the stack goes on.
+#[test]
+fn fault_is_latched() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(2_500));
+    world.pulse.fault();
+    world.gcs[0].forget();
+    world.run_for(secs(60));
+    assert_eq!(world.gcs[0].received.len(), 0);
+    world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [0.0; 7]);
+    world.expect::<CommandAck>(0, millis(5));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0);
+}
+
+/// H-5: no heartbeat while the vehicle says that it is in a fault; soon one when it is well again.
+#[test]
+fn vehicle_in_a_fault_is_silent() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(secs(2));
+    let state = world.vehicle.state.take();
+    world.gcs[0].forget();
+    world.run_for(secs(30));
+    assert_eq!(world.gcs[0].received.len(), 0);
+    world.vehicle.state = state;
+    world.expect::<Heartbeat>(0, millis(105));
+    world.expect_no::<Heartbeat>(0, millis(900));
+    world.expect::<Heartbeat>(0, millis(105));
+}
+
+/// D-4, H-6: after a stall the heartbeat is the first frame that begins, one only, before the answers that waited.
+#[test]
+fn heartbeat_comes_first_when_room_returns() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(500));
+    world.uarts[0].stall_writes_until(Instant::from_millis(8_000));
+    for _ in 0..4 {
+        world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
+    }
+    world.stack.send_text(world.now(), MavSeverity::ALERT, "Battery low");
+    world.gcs[0].forget();
+    world.run_for(millis(7_400));
+    assert_eq!(world.gcs[0].received.len(), 0);
+    world.run_for(millis(200));
+    let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
+    assert_eq!(ids, [0, 77, 77, 77, 77, 253]);
+    assert_eq!(world.vehicle.commands().len(), 4);
+}
+
+/// H-5: what a stalled line gets when it moves again is how things are then. A heartbeat from before the flight
+/// loop stopped does not go out after it.
+#[test]
+fn stalled_line_gets_no_stale_heartbeat() {
+    let mut world = World::new(Setup::<1>::new());
+    world.run_for(millis(500));
+    world.uarts[0].stall_writes_until(Instant::from_millis(10_000));
+    world.run_for(millis(1_500));
+    world.gcs[0].forget();
+    world.loop_runs = false;
+    world.run_for(secs(20));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0, "the loop stopped at 2 s, the line moved again at 10 s");
+}
+
+/// H-7, L-3: none on a satellite link, and on such a link nothing goes out unasked.
+#[test]
+fn high_latency_link_gets_no_heartbeat() {
+    let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+    let mut world = World::new(Setup { links: [satellite, LinkConfig::uart(57_600)], ..Setup::new() });
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    world.stack.send_text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
+    world.run_for(millis(59_999));
+    assert_eq!(world.uarts[0].written(), 0);
+    assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 60);
+}
+
+/// A radio, a companion computer's link, and a satellite link, 2.5 s after boot.
+fn three_links() -> World<3> {
+    let links = [
+        LinkConfig::uart(57_600),
+        LinkConfig::uart(921_600),
+        LinkConfig::uart(9_600).with_class(LinkClass::HighLatency),
+    ];
+    let mut world = World::new(Setup { links, ..Setup::new() });
+    world.run_for(millis(2_500));
+    world.gcs.iter_mut().for_each(Gcs::forget);
+    world
+}
+
+/// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the periodic
+/// schedule is unchanged.
+#[test]
+fn change_is_reported_at_once() {
+    let armed = |state: &mut VehicleState| state.base_mode = MavModeFlag::SAFETY_ARMED;
+    let changes: [fn(&mut VehicleState); 3] =
+        [armed, |state| state.custom_mode = 7, |state| state.system_status = MavState::CRITICAL];
+    for change in changes {
+        let mut world = three_links();
+        change(world.vehicle.state.as_mut().unwrap());
+        let state = world.vehicle.state.unwrap();
+        world.run_for(secs(2));
+        for link in 0..2 {
+            assert_eq!(times(&world, link), [2_501, 3_000, 4_000].map(Instant::from_millis), "link {link}");
+            let (_, first) = world.gcs[link].all::<Heartbeat>()[0];
+            let told = (first.base_mode, first.custom_mode, first.system_status);
+            assert_eq!(told, (state.base_mode, state.custom_mode, state.system_status));
+        }
+        assert_eq!(world.uarts[2].written(), 0);
+    }
+}
+
+/// H-16: a change by a command is reported before its answer, because clients read the last HEARTBEAT when the ACK
+/// arrives.
+#[test]
+fn heartbeat_precedes_the_answer_to_arming() {
+    let mut world = three_links();
+    world.vehicle.arms = true;
+    for (command, is_armed) in [(1.0, true), (0.0, false)] {
+        world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.run_for(millis(20));
+        let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
+        assert_eq!(ids, [0, 77], "armed: {is_armed}");
+        let (_, heartbeat) = world.gcs[0].take::<Heartbeat>().unwrap();
+        assert_eq!(heartbeat.base_mode.contains(MavModeFlag::SAFETY_ARMED), is_armed);
+        assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 1, "on the other link, too");
+        world.run_for(millis(200));
+        world.gcs.iter_mut().for_each(Gcs::forget);
+    }
+}
+
+/// H-16: however often the state changes, a link sends at most one extra heartbeat every 200 ms, and the last state is
+/// reported when this time is over. `next_deadline` wakes the driver for it.
+#[test]
+fn extra_heartbeats_are_limited() {
+    let mut world = three_links();
+    world.run_for(millis(520));
+    world.gcs[0].forget();
+    for mode in 100..150 {
+        world.vehicle.state.as_mut().unwrap().custom_mode = mode;
+        world.run_for(millis(9));
+    }
+    let last_change = world.now();
+    while world.now() < last_change.after(millis(190)) {
+        world.skip_to(last_change.after(millis(190)));
+    }
+    let times: Vec<u64> = times(&world, 0).into_iter().map(Instant::as_millis).collect();
+    assert_eq!(times, [3_021, 3_221, 3_421, 3_621]);
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[3].1.custom_mode, 149);
+}
+
+/// H-16, H-5: a blocked link sends one extra heartbeat when it recovers; while the flight loop hangs, none is sent.
+#[test]
+fn extra_heartbeat_needs_room_and_credit() {
+    let mut world = three_links();
+    world.uarts[0].stall_writes_until(Instant::from_millis(2_800));
+    world.vehicle.state.as_mut().unwrap().custom_mode = 8;
+    world.run_for(millis(50));
+    world.vehicle.state.as_mut().unwrap().custom_mode = 9;
+    world.run_for(millis(400));
+    assert_eq!(world.gcs[0].all::<Heartbeat>().len(), 1);
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 9, "the state when it is sent");
+    world.loop_runs = false;
+    world.run_for(secs(1));
+    world.gcs.iter_mut().for_each(Gcs::forget);
+    world.vehicle.state.as_mut().unwrap().custom_mode = 10;
+    world.run_for(secs(2));
+    assert_eq!((world.gcs[0].received.len(), world.gcs[1].received.len()), (0, 0));
+    world.loop_runs = true;
+    world.run_for(millis(300));
+    assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1), "no burst");
+}
+
+/// H-16: while the vehicle is in a fault nothing is reported, and the driver is not woken for it.
+#[test]
+fn change_to_a_fault_is_silent() {
+    let mut world = three_links();
+    let state = world.vehicle.state.unwrap();
+    world.vehicle.state.as_mut().unwrap().custom_mode = 8;
+    world.uarts[0].stall_writes_until(Instant::from_millis(2_600));
+    world.run_for(millis(10));
+    world.vehicle.state = None;
+    world.run_for(millis(200));
+    assert_eq!(times(&world, 0).len(), 0);
+    assert!(world.stack.next_deadline(world.now()) > world.now());
+    // When it is well again the link that was not told is told at once.
+    world.vehicle.state = Some(VehicleState { custom_mode: 8, ..state });
+    world.run_for(millis(5));
+    assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1));
+    assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 8);
+}
+
+/// H-16, D-4: a state that flaps does not fill a slow link: an extra heartbeat waits for room, so texts are sent between them, and the
+/// last state is reported.
+#[test]
+fn extra_heartbeats_do_not_fill_a_slow_link() {
+    let mut world = World::new(Setup { links: [LinkConfig::uart(1_200)], ..Setup::<1>::new() });
+    world.run_for(millis(2_500));
+    world.gcs[0].forget();
+    for said in 0..3 {
+        world.stack.send_text(
+            world.now(),
+            MavSeverity::WARNING,
+            &format!("{said}: a text of some forty bytes, too long"),
+        );
+    }
+    for mode in 0..200 {
+        world.vehicle.state.as_mut().unwrap().custom_mode = mode;
+        world.run_for(millis(50));
+    }
+    assert_eq!(world.gcs[0].count_of::<Statustext>(), 3);
+    world.run_for(millis(800));
+    assert_eq!(world.gcs[0].all::<Heartbeat>().last().unwrap().1.custom_mode, 199);
+}

@@ -1,0 +1,387 @@
+//! Parameters over a line, through the whole stack: rules P-3, P-10 to P-32.
+
+use crate::support::*;
+use mavstack::dialect::{
+    AutopilotVersion, CommandAck, Heartbeat, MavCmd, MavParamError, MavParamType, MavProtocolCapability, ParamError,
+    ParamRequestList, ParamRequestRead, ParamSet, ParamValue,
+};
+use mavstack::{Address, LinkConfig, LinkId, ParamTable, Text, TxVersion, VehicleAddress};
+use std::collections::BTreeMap;
+
+const COUNT: usize = Tuning::INFO.len();
+const LIST: ParamRequestList = ParamRequestList { target_system: 1, target_component: 0 };
+
+fn read(index: i16, name: &str) -> ParamRequestRead {
+    ParamRequestRead { param_index: index, target_system: 1, target_component: 1, param_id: Text::new(name) }
+}
+
+fn set(name: &str, param_type: MavParamType, param_value: f32) -> ParamSet {
+    ParamSet { param_value, target_system: 1, target_component: 1, param_id: Text::new(name), param_type }
+}
+
+fn radio() -> Setup<1> {
+    let line = LineConfig::both(Wire { bytes_per_second: 5_760, latency: millis(5), tx_fifo: 32, ..Wire::default() });
+    Setup { lines: [line], links: [LinkConfig::uart(57_600)], ..Setup::new() }
+}
+
+/// What a client knows: the value of each index.
+fn known<const N: usize>(world: &World<N>, link: usize) -> BTreeMap<u16, ParamValue> {
+    world.gcs[link].all::<ParamValue>().into_iter().map(|(_, value)| (value.param_index, value)).collect()
+}
+
+/// P-20: the hash is of all lasting parameters, however many there are: of nine here, of which the last is volatile, in the order
+/// of their names.
+#[test]
+fn the_hash_is_of_all_parameters() {
+    let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
+    for (name, value) in [
+        ("BAT_LOW", &10.5f32.to_le_bytes()[..]),
+        ("CRUISE", &5.0f32.to_le_bytes()),
+        ("FENCE_ACT", &1i32.to_le_bytes()),
+        ("LAND_SPEED", &0.7f32.to_le_bytes()),
+        ("RTL_ALT", &30.0f32.to_le_bytes()),
+        ("STAT_STARTS", &0u32.to_le_bytes()),
+        ("SYS_ID", &1u8.to_le_bytes()),
+        ("TRIM_ROLL", &(-3i8).to_le_bytes()),
+    ] {
+        crc.digest(name.as_bytes());
+        crc.digest(value);
+    }
+    assert_eq!(COUNT, 9);
+    let mut world = World::new(Setup::<1>::new());
+    for _ in 0..2 {
+        world.gcs[0].send(&read(-1, "_HASH_CHECK"));
+        let hash: ParamValue = world.expect(0, millis(100));
+        assert_eq!((hash.param_value.to_bits(), hash.param_id.as_str()), (crc.get_crc(), Some("_HASH_CHECK")));
+    }
+}
+
+/// P-12: a client that asks for what it misses, on a line that loses a third of all frames each way.
+#[test]
+fn every_value_arrives_over_a_lossy_line() {
+    for seed in 0..20 {
+        let mut setup = Setup { seed, ..radio() };
+        setup.lines[0].up.faults = Faults::frames(0.33, 0.05);
+        setup.lines[0].down.faults = Faults::frames(0.33, 0.05);
+        let mut world = World::new(setup);
+        let mut rounds = 0;
+        while known(&world, 0).len() < COUNT {
+            rounds += 1;
+            assert!(rounds < 60, "seed {seed}: {:?}", known(&world, 0).keys());
+            let known = known(&world, 0);
+            if known.is_empty() {
+                world.gcs[0].send(&LIST);
+            }
+            for index in (0..COUNT as u16).filter(|index| !known.is_empty() && !known.contains_key(index)).take(10) {
+                world.gcs[0].send(&read(index as i16, ""));
+            }
+            world.run_for(secs(1));
+        }
+        for (index, value) in known(&world, 0) {
+            let info = &Tuning::INFO[usize::from(index)];
+            assert_eq!(value.param_id.as_str(), Some(info.name()));
+            assert_eq!((value.param_value.to_bits(), value.param_type), (info.default_bits(), info.param_type()));
+            assert_eq!(usize::from(value.param_count), COUNT);
+        }
+    }
+}
+
+/// D-4: while lists run all the time, heartbeats and acknowledgements wait for one frame at most.
+#[test]
+fn a_list_delays_no_heartbeat() {
+    let mut world = World::new(radio());
+    for round in 0..100 {
+        world.gcs[0].send(&LIST);
+        if round % 10 == 5 {
+            world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        }
+        world.run_for(millis(100));
+    }
+    let times: Vec<_> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
+    assert_eq!(times.len(), 10);
+    // What waits in the line's own buffer and a PARAM_VALUE of 37 bytes, at 5.76 bytes a ms.
+    let late = |pair: &[mavstack::Instant]| pair[1].since(pair[0]).as_millis().abs_diff(1_000);
+    assert!(times.windows(2).all(|pair| late(pair) <= 13), "{times:?}");
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 10);
+    // P-11: 40 % of the line.
+    let listed = world.gcs[0].count_of::<ParamValue>() * 37;
+    assert!((18_000..=24_000).contains(&listed), "{listed} bytes of 57,600");
+}
+
+/// P-3: a type that PARAM_VALUE has no room for is refused, and none is ever sent.
+#[test]
+fn values_of_64_bits_are_refused() {
+    let mut world = World::new(Setup::<1>::new());
+    for param_type in
+        [MavParamType::UINT64, MavParamType::INT64, MavParamType::REAL64, MavParamType(0), MavParamType(11)]
+    {
+        for info in Tuning::INFO {
+            world.gcs[0].send(&set(info.name(), param_type, 1.0));
+            assert_eq!(world.expect::<ParamError>(0, millis(50)).error, MavParamError::TYPE_UNSUPPORTED);
+        }
+    }
+    world.gcs[0].send(&LIST);
+    world.run_for(secs(1));
+    let types: Vec<_> = known(&world, 0).values().map(|value| value.param_type).collect();
+    assert_eq!(types, Tuning::INFO.iter().map(|info| info.param_type()).collect::<Vec<_>>());
+    assert!(types.iter().all(|r#type| (1..=6).contains(&r#type.0) || *r#type == MavParamType::REAL32));
+    assert_eq!(world.vehicle.calls, [], "nothing was set");
+}
+
+/// P-18: a vehicle without parameters says so in AUTOPILOT_VERSION, and answers nobody; one is enough to be answered.
+#[test]
+fn a_vehicle_without_parameters_has_no_parameter_protocol() {
+    let mut world = pilot::world::<1, { pilot::PX4 }>();
+    world.gcs[0].send(&LIST);
+    world.gcs[0].send(&read(0, ""));
+    world.gcs[0].send(&set("SYS_ID", MavParamType::UINT8, 1.0));
+    world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let capabilities = world.expect::<AutopilotVersion>(0, millis(100)).capabilities;
+    assert!(!capabilities.contains(MavProtocolCapability::PARAM_ENCODE_BYTEWISE));
+    assert!(!capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
+    world.run_for(secs(3));
+    assert_eq!((world.gcs[0].count_of::<ParamValue>(), world.gcs[0].count_of::<ParamError>()), (0, 0));
+    assert_eq!(world.vehicle.messages, [21, 20, 23], "it may answer by itself");
+}
+
+/// D-3: a line that stalls with refusals owed keeps nobody else from his answer; opened anew, it owes none of them, but for
+/// the frame that was under way.
+#[test]
+fn a_line_that_stalls_keeps_nobody_from_an_answer() {
+    let mut world = World::new(Setup::<2>::new());
+    world.run_for(secs(1));
+    world.uarts[0].stall_writes_until(world.now().after(secs(60)));
+    for _ in 0..10 {
+        world.gcs[0].send(&read(-1, "NOTHING"));
+        world.run_for(millis(20));
+    }
+    for _ in 0..10 {
+        world.gcs[1].send(&read(-1, "NONE"));
+        assert_eq!(world.expect::<ParamError>(1, millis(50)).param_id.as_str(), Some("NONE"));
+    }
+    world.stack.restart_link(LinkId(0));
+    world.uarts[0].stall_writes_until(world.now());
+    world.run_for(secs(5));
+    assert_eq!(world.gcs[0].count_of::<ParamError>(), 0);
+    world.gcs[0].send(&read(-1, "NOTHING"));
+    world.expect::<ParamError>(0, millis(50));
+}
+
+/// P-14, P-16: everybody hears of what one sets; he alone of why not.
+#[test]
+fn two_links_hear_of_a_change() {
+    let mut world = World::new(Setup::<2>::new());
+    world.gcs[1].send(&set("CRUISE", MavParamType::REAL32, 7.5));
+    world.run_for(millis(50));
+    for link in 0..2 {
+        assert_eq!(known(&world, link)[&1].param_value, 7.5);
+    }
+    assert_eq!(
+        (world.stack.parameters().get(Tuning::CRUISE), &world.vehicle.calls[..]),
+        (7.5, &[Call::ParameterChanged(1)][..])
+    );
+    world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 70.0));
+    let error: ParamError = world.expect(0, millis(50));
+    assert_eq!((error.error, error.param_index), (MavParamError::VALUE_OUT_OF_RANGE, -1));
+    world.expect_no::<ParamError>(1, millis(50));
+    assert!(world.stack.parameters_mut().set(Tuning::YAW_NOW, 90.0));
+    world.run_for(millis(50));
+    for link in 0..2 {
+        assert_eq!((known(&world, link)[&1].param_value, known(&world, link)[&8].param_value), (7.5, 90.0));
+    }
+}
+
+/// P-16: who sleeps until `next_deadline` is woken for the other link too.
+#[test]
+fn the_deadline_knows_of_what_is_owed() {
+    let mut world = World::new(Setup::<2>::new());
+    world.run_for(millis(100));
+    world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 8.0));
+    let woken = |world: &World<2>| world.stack.next_deadline(world.now()) <= world.now().after(millis(1));
+    world.run_for(millis(3));
+    assert!(world.run_until(millis(20), |world| known(world, 1).contains_key(&1)));
+    world.run_for(millis(20));
+    assert!(!woken(&world), "nothing is owed any more");
+    world.gcs[0].send(&LIST);
+    world.run_for(millis(100));
+    assert!(!woken(&world));
+}
+
+/// P-31: a link that sends MAVLink 1 has values, and no PARAM_ERROR.
+#[test]
+fn mavlink_1_gets_values() {
+    let links = [LinkConfig::uart(57_600).with_version(TxVersion::V1)];
+    let mut world = World::new(Setup { links, ..Setup::<1>::new() });
+    world.gcs[0].send(&LIST);
+    world.gcs[0].send(&read(-1, "NOTHING"));
+    world.run_for(secs(1));
+    assert_eq!(known(&world, 0).len(), COUNT);
+    assert_eq!(world.gcs[0].count_of::<ParamError>(), 0);
+}
+
+/// exactly one of the two encodings is announced.
+#[test]
+fn the_encoding_is_announced() {
+    let mut world = World::new(Setup::<1>::new());
+    world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let version: AutopilotVersion = world.expect(0, millis(50));
+    assert!(version.capabilities.contains(MavProtocolCapability::PARAM_ENCODE_BYTEWISE));
+    assert!(!version.capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
+}
+
+/// A system id that is a parameter: the vehicle is called so after a start, by itself and by others.
+#[test]
+fn the_address_can_be_a_stored_one() {
+    let mut world = World::new(Setup::<2>::new());
+    let address = VehicleAddress::new(Address::new(77, 2)).expect("a vehicle can have it");
+    world.stack.set_address(address);
+    for (link, target_system) in [(0, 1), (1, 77)] {
+        world.gcs[link].send(&ParamRequestList { target_system, ..LIST });
+    }
+    world.run_for(secs(3));
+    assert!((3..=4).contains(&world.gcs[0].count_of::<Heartbeat>()));
+    for gcs in &world.gcs {
+        assert!(gcs.received.iter().all(|frame| frame.header.source == Address::new(77, 2)));
+    }
+    assert_eq!((known(&world, 0).len(), known(&world, 1).len()), (0, COUNT));
+}
+
+/// Nobody is set by a broadcast; somebody else's request is not ours.
+#[test]
+fn requests_for_others_are_counted() {
+    let mut world = World::new(Setup::<1>::new());
+    world.gcs[0].send(&ParamSet { target_system: 0, ..set("CRUISE", MavParamType::REAL32, 9.0) });
+    world.gcs[0].send(&ParamSet { target_system: 2, ..set("CRUISE", MavParamType::REAL32, 9.0) });
+    world.gcs[0].send(&ParamRequestList { target_component: 7, ..LIST });
+    world.run_for(millis(200));
+    assert_eq!(world.gcs[0].count_of::<ParamValue>(), 0);
+    let counters = world.stack.link_counters(mavstack::LinkId(0)).expect("exists");
+    assert_eq!((counters.out_of_place, counters.not_ours), (1, 2));
+}
+
+/// In a log a parameter is told by its name and its place.
+#[test]
+fn what_a_log_shows_of_parameters() {
+    let at = Tuning::INFO.iter().position(|info| info.name() == "CRUISE").expect("declared");
+    assert_eq!(format!("{:?}", Clone::clone(&Tuning::CRUISE)), format!("Param({at})"));
+    assert!(format!("{:?}", Tuning::INFO[at]).contains("\"CRUISE\""));
+}
+
+#[cfg(feature = "storage")]
+mod stored {
+    use super::*;
+    use crate::support::flash::{Fault, RamFlash};
+    use mavstack::dialect::{MavResult, Statustext};
+    use mavstack::{Duration, ParamStore};
+
+    type Flash = RamFlash<8, 512>;
+    const REGION: u32 = ParamStore::<Flash>::region_len(COUNT);
+
+    fn start(store: &mut ParamStore<&mut Flash>) -> World<1> {
+        let mut world = World::new(Setup::<1>::new());
+        world.stack.restore_parameters(world.now(), store, &mut world.vehicle).expect("readable");
+        world
+    }
+
+    /// Runs with storage; how many steps wrote or erased.
+    fn run(world: &mut World<1>, store: &mut ParamStore<&mut Flash>, time: Duration) -> usize {
+        let end = world.now().after(time);
+        let mut steps = 0;
+        while world.now() < end {
+            world.step();
+            steps += usize::from(world.stack.persist_parameters(world.now(), store, &mut world.vehicle));
+        }
+        steps
+    }
+
+    /// P-17: what was set is there after a restart; a read brings back what was not written, a reset is written at once.
+    #[test]
+    fn what_is_set_outlives_a_restart() {
+        let mut flash = Flash::new(REGION);
+        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store);
+        world.gcs[0].send(&set("TRIM_ROLL", MavParamType::INT8, f32::from_bits(0xF0)));
+        run(&mut world, &mut store, secs(2));
+        let mut world = start(&mut store);
+        assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
+        assert_eq!(world.vehicle.calls, [Call::ParameterChanged(7)]);
+        // Storage permitting.
+        world.vehicle.may_persist = false;
+        world.gcs[0].send(&set("TRIM_ROLL", MavParamType::INT8, 5.0e-45));
+        assert_eq!(run(&mut world, &mut store, secs(30)), 0);
+        assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -16);
+        world.vehicle.may_persist = true;
+        world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        run(&mut world, &mut store, millis(100));
+        assert_eq!(world.gcs[0].take::<CommandAck>().expect("sent").1.result, MavResult::ACCEPTED);
+        assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
+        world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        run(&mut world, &mut store, millis(100));
+        assert_eq!(known(&world, 0)[&7].param_value.to_bits(), 0xFD);
+        assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -3);
+    }
+
+    /// SEC-12: while nothing may be written, as in flight, nobody is woken for it; when it may be it is.
+    #[test]
+    fn what_may_not_be_written_wakes_nobody() {
+        let mut flash = Flash::new(REGION);
+        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store);
+        world.vehicle.may_persist = false;
+        world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 8.0));
+        run(&mut world, &mut store, millis(5_300));
+        let mut passes = 0;
+        let end = world.now().after(secs(10));
+        while world.now() < end {
+            world.skip_to(end);
+            world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+            passes += 1;
+        }
+        assert!(passes < 200, "{passes} passes in 10 s");
+        world.vehicle.may_persist = true;
+        world.step();
+        assert_eq!(world.stack.next_deadline(world.now()), world.now());
+        assert!(run(&mut world, &mut store, secs(1)) > 0);
+    }
+
+    /// SEC-12: however often a value is set, there is a write in ten seconds, and none when nothing changes.
+    #[test]
+    fn writes_are_few() {
+        let mut flash = Flash::new(REGION);
+        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store);
+        run(&mut world, &mut store, secs(1));
+        let before = store.flash().writes;
+        for round in 0..600u16 {
+            world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 1.0 + f32::from(round) / 100.0));
+            run(&mut world, &mut store, millis(100));
+        }
+        // Nine rows are 288 bytes: two chunks and a header.
+        assert_eq!(store.flash().writes - before, 6 * 3);
+        run(&mut world, &mut store, secs(20));
+        let settled = store.flash().writes;
+        assert_eq!(run(&mut world, &mut store, secs(60)), 0);
+        assert_eq!(store.flash().writes, settled);
+        assert_eq!(start(&mut store).stack.parameters().get(Tuning::CRUISE), 6.99);
+    }
+
+    /// P-14, last row: flash that fails is told of once; the value stays as it was acknowledged.
+    #[test]
+    fn flash_that_fails_is_told_of() {
+        let mut flash = Flash::new(REGION);
+        flash.fault = Fault::Write(0);
+        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut world = start(&mut store);
+        world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 7.0));
+        run(&mut world, &mut store, secs(60));
+        let texts = world.gcs[0].all::<Statustext>();
+        assert_eq!(
+            texts.iter().filter_map(|(_, text)| text.text.as_str()).collect::<Vec<_>>(),
+            ["Parameters not saved"]
+        );
+        assert_eq!(world.stack.parameters().get(Tuning::CRUISE), 7.0);
+        store.flash_mut().fault = Fault::None;
+        run(&mut world, &mut store, secs(20));
+        assert_eq!(start(&mut store).stack.parameters().get(Tuning::CRUISE), 7.0);
+    }
+}
