@@ -1,4 +1,4 @@
-"""A companion computer made of pymavlink: component 191 of the vehicle's own system, on the companion's line."""
+"""A companion computer in pymavlink: component 191 of the vehicle's own system, on the companion's link."""
 
 import threading
 
@@ -10,7 +10,7 @@ ADDRESS = (1, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 
 
 class Companion:
-    """Shares the line of a client that is there already, as two programs on one computer do; beats once a second."""
+    """Shares the connection of an existing client, like two programs on one computer. Sends a heartbeat once a second."""
 
     def __init__(self, line):
         self.line = line
@@ -29,13 +29,13 @@ class Companion:
         self.mav.heartbeat_send(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, invalid, 0, 0, mavlink.MAV_STATE_ACTIVE)
 
     def send(self, message):
-        """Sends a message; its frame."""
+        """Sends a message and returns its frame."""
         frame = message.pack(self.mav)
         self.line.link.write(frame)
         return bytes(frame)
 
     def hear(self, kind, timeout=3.0, where=lambda message: True):
-        """The next message of this kind that somebody else than the vehicle has sent, or None."""
+        """Returns the next message of this kind from another sender than the vehicle, or None."""
         return self.line.hear(kind, timeout, lambda message: message.get_srcComponent() != 1 and where(message))
 
     def end(self):

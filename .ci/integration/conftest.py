@@ -1,4 +1,4 @@
-"""The vehicle under test and how to reach it; `cargo xtask integration` starts it and passes the options."""
+"""Fixtures: the vehicle under test and its clients. `cargo xtask integration` starts the vehicle and passes the options."""
 
 import contextlib
 import pathlib
@@ -9,13 +9,13 @@ from mavsdk import ComponentType, Configuration, Mavsdk
 from plans import FENCE, MISSION, RALLY
 from pymavlink import mavutil
 
-# Room for mission items, fence items and rally points, by where the vehicle runs.
+# The capacity for mission items, fence items and rally points, by target.
 CAPACITY = {
     "qemu": {MISSION: 250, FENCE: 64, RALLY: 16},
     "sitl": {MISSION: 1000, FENCE: 256, RALLY: 64},
 }
 
-# No single test takes longer, in seconds.
+# The time limit of a test (s).
 TIMEOUT = 180
 
 FIGURES = []
@@ -25,8 +25,8 @@ def pytest_addoption(parser):
     parser.addoption("--target", choices=CAPACITY, required=True)
     parser.addoption("--port-base", type=int, required=True, help="the vehicle's first link; the others follow")
     parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a test to use")
-    parser.addoption("--qmp-port", type=int, help="where QEMU is told to reset the processor")
-    parser.addoption("--program", type=pathlib.Path, help="the program that is the vehicle in sitl")
+    parser.addoption("--qmp-port", type=int, help="QEMU's control port, for processor resets")
+    parser.addoption("--program", type=pathlib.Path, help="the program of the vehicle in sitl")
     parser.addoption("--xtask", type=pathlib.Path, help="the program that starts the vehicle in QEMU")
 
 
@@ -50,7 +50,7 @@ def target(request):
 
 @pytest.fixture(scope="session")
 def port(request):
-    """The port of the telemetry link: where the vehicle listens, or, over UDP, where it sends to."""
+    """The port of the telemetry link. The vehicle listens on it; over UDP, it sends to it."""
     return request.config.getoption("port_base")
 
 
@@ -61,25 +61,25 @@ def capacities(target):
 
 @pytest.fixture
 def capacity(capacities):
-    """Room for mission items."""
+    """The capacity for mission items."""
     return capacities[MISSION]
 
 
 @pytest.fixture
 def figure():
-    """Notes a figure for the summary."""
+    """Adds a figure to the summary."""
     return FIGURES.append
 
 
 class Gcs:
-    """A ground station made of pymavlink: system 255 where it is not told otherwise, component 190."""
+    """A ground station in pymavlink: component 190, system 255 by default."""
 
     def __init__(self, port, kind="tcp", system=255, is_new=False):
         self.address = (system, 190)
         self.link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=system, source_component=190)
         if is_new:
             return
-        # What an earlier client left on the line is no business of this test.
+        # Discards what is left over from an earlier client.
         assert self.link.recv_match(type="HEARTBEAT", blocking=True, timeout=5), "no heartbeat within 5 s"
         self.drain()
 
@@ -94,24 +94,24 @@ class Gcs:
         self.take_all()
 
     def take_all(self):
-        """The messages that are there already."""
+        """Returns the messages received so far."""
         messages = []
         while message := self.link.recv_match(blocking=False):
             messages.append(message)
         return messages
 
     def forget_half_a_frame(self):
-        """The line was cut: what comes next is no end of what came last."""
+        """After a power cut: discards an incomplete frame, which the next bytes do not continue."""
         self.drain()
         self.mav.buf = bytearray()
         self.mav.buf_index = 0
 
     def wait(self, kind, timeout=3.0, where=lambda message: True):
-        """The vehicle's next message of this kind that fits, or None. What it passes on of others does not count."""
+        """Returns the vehicle's next matching message of this kind, or None. Forwarded messages do not count."""
         return self.hear(kind, timeout, lambda message: message.get_srcComponent() == 1 and where(message))
 
     def hear(self, kind, timeout=3.0, where=lambda message: True):
-        """The next message of this kind that fits, whoever sent it, or None."""
+        """Returns the next matching message of this kind from any sender, or None."""
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0:
             message = self.link.recv_match(type=kind, blocking=True, timeout=left)
@@ -145,7 +145,7 @@ def gcs(port):
 
 @pytest.fixture
 def connect(port):
-    """Connects as often as a test wants; one client at a time."""
+    """Connects as often as a test needs, one client at a time."""
     opened = []
 
     def connect(system=255):
@@ -159,7 +159,7 @@ def connect(port):
 
 @pytest.fixture(scope="session")
 def other_link(port):
-    """A second client, on the companion's link, for all tests."""
+    """A second client on the companion's link, shared by all tests."""
     gcs = Gcs(port + 1, system=254)
     yield gcs
     gcs.close()
@@ -167,14 +167,14 @@ def other_link(port):
 
 @pytest.fixture
 def other(other_link):
-    """The second client, with nothing left over from earlier tests."""
+    """The second client, without messages from earlier tests."""
     other_link.drain()
     return other_link
 
 
 @pytest.fixture(autouse=True)
 def tidy(other_link):
-    """Whatever a test did, the next one finds the vehicle on the ground, disarmed, without plans."""
+    """After each test: leaves the vehicle on the ground, disarmed, without plans."""
     yield
     mavlink = mavutil.mavlink
     other_link.drain()
@@ -183,9 +183,9 @@ def tidy(other_link):
         other_link.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
         return other_link.wait("COMMAND_ACK", where=lambda ack: ack.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
 
-    # Repeated, as ground stations do: the previous test may leave a backlog on the line.
+    # Retransmits, as ground stations do: the previous test may leave a backlog on the link.
     assert any(disarms() for _ in range(4)), "the vehicle does not answer"
-    # A client that was cut off keeps the others waiting, for a while.
+    # The open upload of a disconnected client blocks other clients until it times out.
     deadline = time.monotonic() + 15
     while time.monotonic() < deadline:
         other_link.mav.mission_clear_all_send(1, 1, mavlink.MAV_MISSION_TYPE_ALL)
@@ -208,8 +208,8 @@ def found_by_mavsdk(url):
 
 @pytest.fixture
 def vehicle(target, other, request, tmp_path):
-    """One that may be switched off and on."""
-    # Which needs this module.
+    """A vehicle whose power may be cut."""
+    # Imported here, because `power` imports this module.
     from power import InQemu, InSitl
 
     option = request.config.getoption

@@ -1,4 +1,4 @@
-"""A client far away: a TCP proxy that delays every byte by the same time, each way."""
+"""A long round trip: a TCP proxy that delays every byte by a fixed time in each direction."""
 
 import queue
 import socket
@@ -7,7 +7,7 @@ import time
 
 
 class Far:
-    """Listens on a port of its own for one client and delivers every byte, in both directions, `delay` seconds late."""
+    """Listens on its own port for one client, and delivers every byte `delay` seconds late in both directions."""
 
     def __init__(self, port, delay):
         self.delay = delay

@@ -1,4 +1,4 @@
-"""Messages that pymavlink's definitions of common do not have, made known to it."""
+"""Adds messages that pymavlink's definitions of common lack."""
 
 import struct
 
@@ -9,7 +9,7 @@ mavlink = mavutil.mavlink
 
 
 class CommandCancel(mavlink.MAVLink_message):
-    """COMMAND_CANCEL: work in progress in the definitions, which leaves it out of all dialects here."""
+    """COMMAND_CANCEL. The definitions mark it as work in progress, so pymavlink's dialects leave it out."""
 
     id = 80
     msgname = "COMMAND_CANCEL"

@@ -1,4 +1,4 @@
-"""Plans for the tests: every field of every item has a value of its own."""
+"""Plans for the tests. Every field of every item has a distinct value."""
 
 import math
 import struct
@@ -12,18 +12,18 @@ RALLY_POINT = 5100
 
 FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
 
-# Where the demo vehicle stands, deg * 1e7.
+# The demo vehicle's home position (deg * 1e7).
 HOME = (473977420, 85455940)
 
 
 def single(value):
-    """The value after a trip through 32 bits."""
+    """Rounds the value to single precision."""
     return struct.unpack("<f", struct.pack("<f", value))[0]
 
 
 def plan(count, variant=0):
-    """`count` items: a take-off, waypoints that differ in every field, a change of speed now and then. No item of one
-    variant is in another."""
+    """Returns `count` items: a take-off, waypoints that differ in every field, and a change of speed every 10 items. Variants have
+    no item in common."""
     items = []
     for seq in range(count):
         item = dict(
@@ -35,7 +35,7 @@ def plan(count, variant=0):
             param1=single(seq % 7 + 0.25),
             param2=single(1 + seq / 3),
             param3=single(seq * 0.1 + variant) if seq else 0.0,
-            # "Your choice" and a number.
+            # NaN ("the vehicle decides") and a number.
             param4=math.nan if seq % 2 else single(seq % 360),
             x=HOME[0] + 1000 * seq + 1 + variant,
             y=HOME[1] - 777 * seq - 3,
@@ -51,7 +51,7 @@ def plan(count, variant=0):
 
 
 def place(command, seq, variant=0, **fields):
-    """A corner of a fence, or a rally point."""
+    """Returns a fence vertex or a rally point."""
     item = dict(
         seq=seq,
         frame=GLOBAL_RELATIVE_ALT if seq % 2 else GLOBAL,
@@ -70,7 +70,7 @@ def place(command, seq, variant=0, **fields):
 
 
 def fence(count, variant=0):
-    """`count` items, 10 or more: both kinds of polygons, a return point, circles."""
+    """Returns `count` items, at least 10: both kinds of polygons, a return point, circles."""
     items = []
 
     def polygon(command, size, corners, group):
@@ -91,7 +91,7 @@ def fence(count, variant=0):
 
 
 def rally(count, variant=0):
-    """`count` rally points."""
+    """Returns `count` rally points."""
     return [place(RALLY_POINT, seq, variant, param1=single(seq * 1.5)) for seq in range(count)]
 
 
@@ -99,12 +99,12 @@ PLANS = {MISSION: plan, FENCE: fence, RALLY: rally}
 
 
 def same(a, b):
-    """Equal, where NaN equals NaN."""
+    """Compares two values; NaN equals NaN."""
     return a == b or (isinstance(a, float) and isinstance(b, float) and math.isnan(a) and math.isnan(b))
 
 
 def differences(sent, received):
-    """The fields that differ, as (seq, field, sent, received)."""
+    """Returns the fields that differ, as (seq, field, sent, received)."""
     if len(sent) != len(received):
         return [("count", len(sent), len(received))]
     return [

@@ -1,4 +1,4 @@
-"""A vehicle whose power is cut: in QEMU by a reset of the processor, in sitl by the end of the process."""
+"""Power cuts: a processor reset in QEMU, a killed process in sitl."""
 
 import json
 import signal
@@ -11,7 +11,7 @@ from pymavlink import mavutil
 
 
 class Qmp:
-    """QEMU's own protocol: JSON, line by line."""
+    """A client of QMP, QEMU's control protocol: one JSON object per line."""
 
     def __init__(self, port):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=10)
@@ -24,7 +24,7 @@ class Qmp:
         return json.loads(self.lines.readline())
 
     def execute(self, command, event=None):
-        """Executes a command, and waits for the event that says that it is done."""
+        """Executes a command, and waits for the event that reports its completion."""
         self.lines.write(json.dumps({"execute": command}) + "\n")
         self.lines.flush()
         wanted = {"return", event} - {None}
@@ -39,15 +39,15 @@ class Qmp:
 
 
 class InQemu:
-    """The vehicle that all tests use. Its connections stay open over a reset."""
+    """The vehicle that all tests share. Its connections survive a reset."""
 
     def __init__(self, qmp_port, gcs):
         self.qmp = Qmp(qmp_port)
         self.gcs = gcs
 
     def cut(self):
-        """Resets the processor; returns the messages that came before, back when the vehicle is there again."""
-        # Between stop and go everything that was sent is on this side of the line.
+        """Resets the processor and waits for the vehicle. Returns the messages received before the reset."""
+        # While the vehicle is stopped, everything that it sent arrives here.
         self.qmp.execute("stop", event="STOP")
         last_words = self.gcs.take_all()
         self.qmp.execute("system_reset", event="RESET")
@@ -57,18 +57,18 @@ class InQemu:
         return last_words
 
     def is_back(self):
-        """The vehicle beats again, from the start."""
+        """Waits for the first heartbeat after the reset."""
         booting = mavutil.mavlink.MAV_STATE_BOOT
         assert self.gcs.wait("HEARTBEAT", where=lambda heartbeat: heartbeat.system_status == booting)
 
     def end(self):
-        # Also where a test ended between stop and go.
+        # The test may have ended while the vehicle was stopped.
         self.qmp.execute("cont")
         self.qmp.close()
 
 
 class InSitl:
-    """A vehicle of its own, which keeps its plans in a file."""
+    """A separate vehicle, which stores its plans in a file."""
 
     def __init__(self, program, port, file, *options):
         self.command = [program, "--port-base", str(port), "--storage", file, *options]
@@ -79,7 +79,7 @@ class InSitl:
         self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL)
         self.gcs = None
         deadline = time.monotonic() + 10
-        # The companion's link: as in QEMU, and it is the fast one.
+        # The companion's link, as in QEMU: it is the fastest one.
         while not self.gcs:
             try:
                 socket.create_connection(("127.0.0.1", self.port + 2)).close()
@@ -90,8 +90,8 @@ class InSitl:
                 time.sleep(0.01)
 
     def cut(self):
-        """Kills it and starts it anew; returns the messages that came before."""
-        # Stopped first, so that everything that it sent is on this side of the line.
+        """Kills the process and starts it again. Returns the messages received before that."""
+        # While the process is stopped, everything that it sent arrives here.
         self.process.send_signal(signal.SIGSTOP)
         last_words = self.gcs.take_all()
         self.process.kill()

@@ -1,5 +1,5 @@
-"""What QGroundControl does with a vehicle that appears: the same requests in the same order, with the same timeouts and
-as many retries (its InitialConnectStateMachine, MavCommandQueue, RequestMessageCoordinator, StandardModes,
+"""QGroundControl's connection sequence: the same requests in the same order, with the same timeouts and numbers of retries
+(its InitialConnectStateMachine, MavCommandQueue, RequestMessageCoordinator, StandardModes,
 RequestMetaDataTypeStateMachine, ParameterManager and PlanManager)."""
 
 import time
@@ -21,26 +21,26 @@ PLAN_TIMEOUT = 1.5
 ITEM_TIMEOUT = 0.25
 
 MESSAGE_TRIES = 3
-# A request for AUTOPILOT_VERSION that failed is made once more.
+# A failed request for AUTOPILOT_VERSION is repeated once.
 VERSION_TRIES = 2
 PARAM_LIST_TRIES = 5
-# Requests for what is missing in the list: so many on their way, and so many for each.
+# Requests for missing parameters: the number in flight, and the tries for each.
 PARAM_BATCH = 10
 PARAM_TRIES = 5
 PLAN_RETRIES = 6
 
 COMPONENT_METADATA, COMPONENT_INFORMATION = 397, 395
 
-# A step of the connection: whether the vehicle answered, how often it was asked again, how long it took in s.
+# A step of the connection: whether the vehicle answered, the number of retries, the duration (s).
 Step = namedtuple("Step", "name is_answered retries duration")
 
 
 class NoAnswer(Exception):
-    """All tries were in vain."""
+    """No try was answered."""
 
 
 class Line:
-    """A client's line as it is."""
+    """A client's link, without losses."""
 
     def __init__(self, gcs):
         self.gcs = gcs
@@ -53,7 +53,7 @@ class Line:
 
 
 class BadLine(Line):
-    """One that loses every fifth message of each kind on its way here, every fourth on its way there."""
+    """Loses every fifth received message of each kind, and every fourth sent one."""
 
     def __init__(self, gcs):
         super().__init__(gcs)
@@ -73,7 +73,7 @@ class BadLine(Line):
 
 
 class Qgc:
-    """A QGroundControl without a window."""
+    """QGroundControl without a window."""
 
     def __init__(self, gcs, line=Line):
         self.address = gcs.address
@@ -88,11 +88,11 @@ class Qgc:
 
     @property
     def is_ready(self):
-        """The state in which all of it can be used."""
+        """Whether the connection is complete."""
         return [step.name for step in self.steps[-3:]] == ["fence", "rally points", "ready"]
 
     def connect(self):
-        """From the first heartbeat to "ready"; a step whose tries are used up fails."""
+        """Runs all steps from the first heartbeat to "ready". A step without an answer is recorded as failed."""
         self.system = self.next(["HEARTBEAT"], 3, lambda beat: beat.get_srcComponent() == 1).get_srcSystem()
         self.step("version", self.request_version)
         self.step("modes", self.request_modes)
@@ -122,7 +122,7 @@ class Qgc:
         self.line.send(message)
 
     def next(self, kinds, timeout, where=lambda message: True):
-        """The next message of these kinds that fits, or None; heartbeats go out all the while."""
+        """Returns the next matching message of these kinds, or None. Sends heartbeats in the meantime."""
         deadline = time.monotonic() + timeout
         while True:
             now = time.monotonic()
@@ -136,7 +136,7 @@ class Qgc:
                 return None
 
     def command(self, command, *params):
-        """The result. Sent once: it asks again only for messages."""
+        """Sends a command and returns its result. No retries: QGroundControl retries only requests for messages."""
         params = [*params, *[0.0] * (7 - len(params))]
         self.send(mavlink.MAVLink_command_long_message(self.system, 1, command, 0, *params))
         ack = self.next(["COMMAND_ACK"], ACK_TIMEOUT, lambda ack: ack.command == command)
@@ -146,7 +146,7 @@ class Qgc:
         return ack.result
 
     def request_message(self, number, index=0):
-        """The message; None when it is refused. It may come before the answer to the command."""
+        """Requests a message and returns it, or None if the request is refused. The message may precede the COMMAND_ACK."""
         kind = mavlink.mavlink_map[number].msgname if number in mavlink.mavlink_map else f"UNKNOWN_{number}"
         for confirmation in range(MESSAGE_TRIES):
             self.retries += confirmation > 0
@@ -179,7 +179,7 @@ class Qgc:
                     raise
 
     def request_modes(self):
-        """One by one, as far as the vehicle says that there are any."""
+        """Requests the modes one by one, as many as the vehicle reports."""
         self.modes = []
         while not self.modes or self.modes[-1].mode_index < self.modes[-1].number_modes:
             mode = self.request_message(newer.AVAILABLE_MODES, len(self.modes) + 1)
@@ -188,12 +188,12 @@ class Qgc:
             self.modes.append(mode)
 
     def request_metadata(self):
-        """What is refused is asked for in the older form."""
+        """Requests COMPONENT_METADATA and, if that is refused, the older COMPONENT_INFORMATION."""
         if not self.request_message(COMPONENT_METADATA):
             self.request_message(COMPONENT_INFORMATION)
 
     def load_parameters(self):
-        """The list; then, when nothing has come for a while, what is missing of it, by index."""
+        """Requests the list. After a silence, requests the missing parameters by index."""
         self.parameters, missing, tries, asked = {}, {}, Counter(), set()
 
         def take(message):

@@ -1,4 +1,4 @@
-"""The ground's end of the satellite link."""
+"""The ground end of the satellite link."""
 
 import math
 import socket
@@ -8,22 +8,22 @@ from pymavlink import mavutil
 
 mavlink = mavutil.mavlink
 
-# Nothing else may leave there (L-4): COMMAND_INT, COMMAND_LONG, COMMAND_ACK, COMMAND_CANCEL, HIGH_LATENCY2.
+# No other message may be sent on it (L-4): COMMAND_INT, COMMAND_LONG, COMMAND_ACK, COMMAND_CANCEL, HIGH_LATENCY2.
 ALLOWED = {75, 76, 77, 80, 235}
 START, STOP = 1, 0
-# What is paid for: bytes, begun ones in full.
+# The billing unit in bytes. A part of a unit costs a whole one.
 CREDIT = 50
 
 
 class Satellite:
-    """Looks at every byte that comes: each belongs to a frame, and each frame to a message that may leave there."""
+    """Checks every received byte: each belongs to a frame, and each frame is of an allowed message."""
 
     def __init__(self, port, system=255):
         self.address = (system, 190)
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=3)
         self.mav = mavlink.MAVLink(self, *self.address)
         self.received = b""
-        # What of it is decoded, and how much that was.
+        # The decoded messages, and their total length in bytes.
         self.messages, self.decoded = [], 0
 
     def write(self, frame):
@@ -44,7 +44,7 @@ class Satellite:
         return self.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, enable)
 
     def until(self, kind, count=1, timeout=5.0):
-        """Waits for so many of a kind; takes them."""
+        """Waits for `count` messages of a kind, and takes them."""
         deadline = time.monotonic() + timeout
         while len(found := [message for message in self.messages if message.get_type() == kind]) < count:
             left = deadline - time.monotonic()
@@ -54,7 +54,7 @@ class Satellite:
         return found
 
     def listen(self, seconds):
-        """The messages that came and were not taken, and what comes meanwhile."""
+        """Returns the messages received before and not taken, and those received within this time."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             self._receive(left)
@@ -75,7 +75,7 @@ class Satellite:
             self.messages.append(message)
 
     def frames(self):
-        """The lengths of all frames that came."""
+        """Returns the lengths of all received frames."""
         lengths, at = [], 0
         while at < len(self.received):
             assert self.received[at] == 0xFD, self.received[at:].hex()

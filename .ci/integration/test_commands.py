@@ -1,4 +1,4 @@
-"""Commands that take their time, and the one after which there is nobody left to ask (C-20 to C-24, C-30)."""
+"""Long-running commands, and the reboot (C-20 to C-24, C-30)."""
 
 import time
 
@@ -21,7 +21,7 @@ REBOOT = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
 
 def next_ack(gcs, command, timeout=3.0):
     ack = gcs.wait("COMMAND_ACK", timeout, lambda ack: ack.command == command)
-    assert ack, f"no word of command {command}"
+    assert ack, f"no COMMAND_ACK for command {command}"
     assert (ack.target_system, ack.target_component) == gcs.address
     return ack
 
@@ -31,18 +31,18 @@ def cancel(gcs, command):
 
 
 def test_a_calibration(gcs, other):
-    """It tells how far it is, once a second at least, to who asked for it; then there is one final answer."""
+    """The vehicle reports its progress to the requester at least once a second, and then sends one final answer."""
     gcs.send_command(CALIBRATION, 1)
     progress, times = [], []
     while (ack := next_ack(gcs, CALIBRATION)).result == IN_PROGRESS:
-        # 255: not known yet.
+        # 255 means unknown.
         progress.append(ack.progress % 255)
         times.append(time.monotonic())
     assert ack.result == ACCEPTED
     assert len(progress) >= 4 and progress == sorted(progress) and progress[0] == 0 and 50 < progress[-1] <= 100
-    # MAVSDK waits 3 s after each.
+    # MAVSDK waits 3 s for the next report.
     assert max(b - a for a, b in zip(times, times[1:])) < 3
-    # Sent again, as by a client that has not heard the end: told again and not begun again.
+    # A retransmission, as from a client that missed the final answer: it is answered again, but not executed again.
     gcs.send_command(CALIBRATION, 1)
     assert next_ack(gcs, CALIBRATION).result == ACCEPTED
     assert not gcs.wait("COMMAND_ACK", 1.5)
@@ -50,7 +50,7 @@ def test_a_calibration(gcs, other):
 
 
 def test_a_calibration_that_is_cancelled(gcs, other):
-    """Meanwhile nobody else can begin one, and it does not arm. A cancellation of what does not run is not answered."""
+    """During a calibration, a second one and arming are refused. A COMMAND_CANCEL for a command that is not running is ignored."""
     cancel(gcs, CALIBRATION)
     assert not gcs.wait("COMMAND_ACK", 1)
     gcs.send_command(CALIBRATION, 0, 1)
@@ -62,7 +62,7 @@ def test_a_calibration_that_is_cancelled(gcs, other):
     while (ack := next_ack(gcs, CALIBRATION)).result == IN_PROGRESS:
         pass
     assert ack.result == CANCELLED
-    assert not gcs.wait("COMMAND_ACK", 1.5), "it goes on"
+    assert not gcs.wait("COMMAND_ACK", 1.5), "the command is still running"
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert gcs.command(CALIBRATION, 1) == TEMPORARILY_REJECTED, "armed"
 
@@ -70,19 +70,19 @@ def test_a_calibration_that_is_cancelled(gcs, other):
 def test_a_reboot_that_is_refused(gcs):
     for params in [(2,), (0.5,), (1, 1), (-1,)]:
         assert gcs.command(REBOOT, *params) == DENIED, params
-    assert gcs.command(REBOOT, 0) == ACCEPTED, "it is asked to do nothing"
+    assert gcs.command(REBOOT, 0) == ACCEPTED, "REBOOT with 0 does nothing"
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert gcs.command(REBOOT, 1) == TEMPORARILY_REJECTED, "armed"
 
 
 def test_a_reboot(vehicle):
-    """Answered first; then it is there again, from the start, and what was set before it is kept."""
+    """The vehicle answers first and then restarts. A parameter set before the restart is kept."""
     gcs = vehicle.gcs
     assert write(gcs, "NAV_ACC_RAD", REAL32, 3.5).value == 3.5
     before = gcs.wait("SYSTEM_TIME", 3).time_boot_ms
     assert gcs.command(REBOOT, 1) == ACCEPTED
     booting = mavlink.MAV_STATE_BOOT
-    assert gcs.wait("HEARTBEAT", 10, lambda beat: beat.system_status == booting), "it does not come back"
+    assert gcs.wait("HEARTBEAT", 10, lambda beat: beat.system_status == booting), "the vehicle does not restart"
     assert gcs.wait("SYSTEM_TIME", 3).time_boot_ms < max(before, 5000)
     assert read(gcs, "NAV_ACC_RAD").value == 3.5
     write(gcs, "NAV_ACC_RAD", REAL32, 2.0)

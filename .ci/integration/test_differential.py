@@ -1,7 +1,6 @@
-"""The same random frames to the vehicle and to the other server there is: MAVSDK's mission_raw_server and param_server. What
-both answer is compared, frame by frame. Where they differ the case is one of those listed here, each with the reason why ours is
-as it is; a difference that is not listed fails (M-20, M-22, M-30, M-31,
-M-35, M-36, M-50, M-60, M-62 to M-64, P-13, P-14)."""
+"""Sends the same random frames to the vehicle and to MAVSDK's mission_raw_server and param_server, and compares the answers frame
+by frame. Each known difference is listed here, with the reason for our behaviour. An unlisted difference fails (M-20, M-22, M-30,
+M-31, M-35, M-36, M-50, M-60, M-62 to M-64, P-13, P-14)."""
 
 import collections
 import math
@@ -21,15 +20,15 @@ from pymavlink import mavutil
 
 mavlink = mavutil.mavlink
 INT32, REAL32 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
-# Of MAV_PARAM_ERROR.
+# Values of MAV_PARAM_ERROR.
 OUT_OF_RANGE, TYPE_MISMATCH = 2, 7
 
 CONVERSATIONS = 60
 
-# Items of the plan that both have when a conversation begins.
+# The number of items in the plan that both have at the start of a conversation.
 ITEMS = 3
 
-# What counts as an answer, and which of its fields. Not the count and the index of a parameter: MAVSDK offers two types only.
+# The messages and fields that are compared. A parameter's count and index are not, because MAVSDK has only two types of parameters.
 FIELDS_OF = {
     "MISSION_ACK": ("type", "mission_type"),
     "MISSION_REQUEST_INT": ("seq", "mission_type"),
@@ -39,23 +38,23 @@ FIELDS_OF = {
     "PARAM_ERROR": ("param_id", "param_index", "error"),
 }
 
-# The next frame goes out when both said the same and then nothing for so long (s); or else when nothing came for longer: each has
-# its own pace.
+# The next frame is sent when both gave the same answers and were then quiet for QUIET (s). If their answers differ, the wait is
+# SLOW (s), because their timing differs.
 QUIET, SLOW = 0.02, 0.8
 
 Step = collections.namedtuple("Step", "name arguments")
-# `is_over`: from here on they would not be in the same state.
+# `is_over`: the conversation ends here, because the two states have diverged.
 Difference = collections.namedtuple("Difference", "name reason applies is_over", defaults=[False])
 
 
 def answer(message):
     fields = (getattr(message, field) for field in FIELDS_OF[message.get_type()])
-    # A number is compared by its bits: NaN is one, and integers come in them.
+    # Floats are compared by their bits: NaN is a value, and integers are encoded in floats.
     return (message.get_type(), *(struct.pack("<f", field) if isinstance(field, float) else field for field in fields))
 
 
 def hear(sides, is_silence_likely=False, is_late=False):
-    """What each says until it is quiet. Copies do not count, for each repeats itself in its own time."""
+    """Returns the answers of each side until both are quiet. Retransmissions do not count, because their timing differs."""
     heard, last = [[] for _ in sides], time.monotonic()
 
     def patience():
@@ -78,7 +77,7 @@ def send(gcs, step):
 
 
 class Mavsdks:
-    """MAVSDK as an autopilot, with what it needs to be asked for plans and parameters."""
+    """MAVSDK as an autopilot with a plan server and a parameter server."""
 
     def __init__(self, parameters=()):
         self.mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.AUTOPILOT))
@@ -105,7 +104,7 @@ class Pair:
         self.ours, self.parameters, self.theirs = ours, parameters, Mavsdks(parameters)
 
     def renew(self):
-        """What MAVSDK has put off never comes."""
+        """Replaces MAVSDK, so that its deferred answers are never sent."""
         self.theirs.end()
         self.theirs = Mavsdks(self.parameters)
 
@@ -116,13 +115,13 @@ class Pair:
         self.theirs.end()
 
     def say(self, step):
-        """What both answer."""
+        """Sends a step to both, and returns their answers."""
         send(self.ours, step)
         send(self.theirs.gcs, step)
         return hear([self.ours, self.theirs.gcs], is_silence_likely=step.name == "mission_ack")
 
     def compare(self, steps, differences, note):
-        """Says all of it to both, up to a difference. Returns that, and what was said with what we answered."""
+        """Sends all steps to both, up to the first difference. Returns that difference, and the steps with our answers."""
         said = []
         for step in steps:
             ours, theirs = self.say(step)
@@ -131,7 +130,7 @@ class Pair:
                 return [difference for difference in differences if difference.applies(said, step, ours, theirs)]
 
             if ours != theirs and not why():
-                # Perhaps one of them is only late, on a machine that has other things to do.
+                # One of them may only be late on a busy machine.
                 for words, late in zip((ours, theirs), hear([self.ours, self.theirs.gcs], is_late=True)):
                     words.extend(word for word in late if word not in words)
             if ours != theirs:
@@ -174,7 +173,7 @@ def upload(items, variant=0):
 
 
 def about_plans(rng):
-    """A transfer, of which something is left out, or repeated, or comes at another time, or where something else comes in."""
+    """Returns a transfer in which steps are left out, repeated, reordered or added at random."""
     number = rng.randrange(1, 6)
     steps = list(rng.choice([upload(number, rng.randrange(1, 1000)), DOWNLOAD, [CLEAR, *DOWNLOAD[:1], DOWNLOAD[-1]]]))
     for _ in range(rng.choice([0, 0, 1, 1, 2])):
@@ -190,11 +189,11 @@ def about_plans(rng):
     return steps
 
 
-# ---- where they differ on plans, and why
+# ---- known differences for plans
 
 
 def transfer(said):
-    """What MAVSDK has open: "upload", "download" or None."""
+    """Returns MAVSDK's open transfer: "upload", "download" or None."""
     state = None
     for step, answers in said:
         is_answered = any(kind == "MISSION_ACK" for kind, *_ in answers)
@@ -238,43 +237,44 @@ def is_waiting(said, step, ours, theirs):
 ABOUT_PLANS = [
     Difference(
         "item outside an upload",
-        "MAVSDK says nothing; we say ERROR, or once more how the upload ended: a client whose last answer was lost learns it",
+        "MAVSDK does not answer; we answer ERROR, or repeat the result of the upload for a client that missed it",
         is_item_outside,
     ),
     Difference(
         "item asked for out of turn",
-        "MAVSDK says nothing unless it is the one that it waits for; we keep no state of downloads: any item, at any time, and "
-        "INVALID_SEQUENCE beyond the end, so that a client need not wait for its own timeout (M-60, M-64)",
+        "MAVSDK answers only the request that it expects; we keep no state of downloads and send any item at any time. Beyond the "
+        "end we answer INVALID_SEQUENCE, so that a client does not wait for its own timeout (M-60, M-64)",
         is_request_outside,
     ),
     Difference(
         "cleared under a download",
-        "MAVSDK goes on with a copy; we have none, and say OPERATION_CANCELLED: what is gone should not be taken for the plan (M-63)",
+        "MAVSDK continues with a copy; we have no copy and answer OPERATION_CANCELLED, because a cleared plan must not pass for "
+        "the current one (M-63)",
         is_replaced,
         is_over=True,
     ),
     Difference(
         "another item than was asked for",
-        "MAVSDK asks again at once, we at a bounded pace, so that copies of items do not double with each step (M-30)",
+        "MAVSDK requests the item again at once; we limit the rate, so that duplicate items do not double the traffic (M-30)",
         is_out_of_order,
         is_over=True,
     ),
     Difference(
         "another COUNT",
-        "MAVSDK goes on with the upload that it has; to us another number of items is another upload (M-22)",
+        "MAVSDK continues the running upload; for us another number of items starts another upload (M-22)",
         is_counted_again,
         is_over=True,
     ),
     Difference(
         "ended by its client",
-        "MAVSDK goes on asking for items when the client sends a MISSION_ACK, or clears; to us the upload is over",
+        "MAVSDK keeps requesting items after a MISSION_ACK or MISSION_CLEAR_ALL from the client; for us the upload has ended",
         is_ended,
         is_over=True,
     ),
     Difference(
         "one thing at a time",
-        "MAVSDK puts off what comes during a transfer until that ends or is given up, and may say again what it waits for; we "
-        "answer from the live plan (M-62)",
+        "MAVSDK defers requests during a transfer until it ends or times out, and may repeat its own request; we answer from the "
+        "live plan (M-62)",
         is_waiting,
         is_over=True,
     ),
@@ -283,7 +283,7 @@ ABOUT_PLANS = [
 
 @pytest.fixture
 def ours(target, request, tmp_path):
-    """A vehicle that is our own: its parameters are changed."""
+    """A separate vehicle, because the test changes its parameters."""
     if target == "qemu":
         pytest.skip("the same code as in sitl, and slower")
     vehicle = InSitl(request.config.getoption("program"), request.config.getoption("spare_port_base"), tmp_path / "plans.bin")
@@ -300,7 +300,7 @@ def test_plans_are_exchanged_as_with_mavsdks_server(ours, seed, figure):
                 mine, other = pair.say(step)
                 assert mine == other, (step, mine, other)
             difference, said = pair.compare(about_plans(rng), ABOUT_PLANS, note)
-            # An upload that its client leaves would go on for seconds.
+            # An abandoned upload would stay open for seconds.
             if (difference and difference.is_over) or transfer(said) == "upload":
                 pair.renew()
             pair.say(CANCEL)
@@ -316,7 +316,7 @@ def to_float(kind, value):
 
 
 def parameters(gcs):
-    """Those that MAVSDK can have too, with their types and values."""
+    """Returns the parameters whose types MAVSDK supports, with their types and values."""
     gcs.mav.param_request_list_send(1, 1)
     found = {}
     while message := gcs.wait("PARAM_VALUE", 1.0):
@@ -330,7 +330,7 @@ def parameters(gcs):
 
 
 def about_parameters(rng, known):
-    """Questions and changes; of what there is, and of what there is not."""
+    """Returns requests and changes, of existing and unknown parameters."""
 
     def name():
         return rng.choice([*known] * 4 + ["NO_SUCH_NAME", ""])
@@ -350,7 +350,7 @@ def about_parameters(rng, known):
 
 
 def is_refused(said, step, ours, theirs):
-    # The value as it stayed comes with it.
+    # The error comes with the unchanged value.
     errors, values = [word[3] for word in ours if word[0] == "PARAM_ERROR"], [word[0] for word in ours]
     return errors == [OUT_OF_RANGE] and "PARAM_VALUE" in values and step.name == "param_set"
 
@@ -369,17 +369,17 @@ def is_nameless(said, step, ours, theirs):
 ABOUT_PARAMETERS = [
     Difference(
         "a value refused",
-        "MAVSDK's parameters have no ranges, and take what is no number; ours stay as they were, and say so (P-14)",
+        "MAVSDK's parameters have no ranges and accept NaN; ours stay unchanged and report the error (P-14)",
         is_refused,
         is_over=True,
     ),
     Difference(
         "another type",
-        "both refuse; we send the value too, for clients that do not know PARAM_ERROR (P-14), and -1 for the index, as it was "
-        "asked for by name",
+        "both refuse; we also send the value, for clients that do not know PARAM_ERROR (P-14), and the index -1, because the "
+        "request was by name",
         is_wrong_type,
     ),
-    Difference("no name", "MAVSDK says nothing; there is no such parameter, we say (P-13)", is_nameless),
+    Difference("no name", "MAVSDK does not answer; we answer that the parameter does not exist (P-13)", is_nameless),
 ]
 
 
@@ -391,7 +391,7 @@ def test_parameters_are_asked_for_and_set_as_with_mavsdks_server(ours, seed, fig
         for _ in range(CONVERSATIONS):
             difference, said = pair.compare(about_parameters(rng, known), ABOUT_PARAMETERS, note)
             if difference and difference.is_over:
-                # The same again, for MAVSDK has taken it.
+                # Restores our value in MAVSDK, which accepted the change.
                 name, _, _ = said[-1][0].arguments
                 send(ours, Step("param_request_read", (name, -1)))
                 _, _, kind, bits = answer(ours.wait("PARAM_VALUE"))

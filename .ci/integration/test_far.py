@@ -54,7 +54,7 @@ def sitl(program):
 
 
 def upload_from_afar(program, delay):
-    """Uploads to a vehicle at this distance and returns how long that took (s)."""
+    """Uploads a plan over a link with this one-way delay. Returns the duration (s)."""
     items = plan(4)
     with sitl(program) as port, contextlib.closing(Far(port, delay)) as far, found_by_mavsdk(far.url) as system:
         began = time.monotonic()

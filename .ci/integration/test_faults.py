@@ -1,7 +1,7 @@
-"""Faults on a real line: a client that is bad at sending.
+"""Link faults on a real connection: a client that sends damaged frames.
 
-The other rows of the fault matrix are played inside the firmware (`cargo xtask faults`), with lines that stall among them: sockets
-hold too much for that. Resets in the middle of uploads and commits by the emulator's own button are in `test_power.py`.
+The other rows of the fault matrix run inside the firmware (`cargo xtask faults`). They include stalled links, which sockets cannot
+simulate because they buffer too much. `test_power.py` resets the emulated processor during uploads and commits.
 """
 
 import random
@@ -15,7 +15,7 @@ mavlink = mavutil.mavlink
 
 
 def test_an_upload_comes_through_a_bad_line(gcs, figure):
-    """GOAL-5: every tenth frame has flipped, lost or additional bytes."""
+    """S-13, M-40: every tenth frame has flipped, lost or additional bytes."""
     chance = random.Random(5)
     write, damaged = gcs.link.write, 0
 
@@ -48,9 +48,9 @@ def test_an_upload_comes_through_a_bad_line(gcs, figure):
             asked = True
             send_item(gcs, items[message.seq])
         elif asked:
-            # The last answer may be one that was never asked for.
+            # The last answer may be unsolicited.
             send_item(gcs, items[-1])
-        assert time.monotonic() < began + 60, "the upload has no end"
+        assert time.monotonic() < began + 60, "the upload does not end"
     gcs.link.write = write
     assert message.type == ACCEPTED
     took = time.monotonic() - began

@@ -1,4 +1,4 @@
-"""The vehicle as firmware on different ground: a loop of its own, RTIC, Embassy. They do the same, until flight hangs."""
+"""The firmware as a bare loop, with RTIC and with Embassy. All three behave the same, except when the flight loop hangs."""
 
 import signal
 import subprocess
@@ -13,11 +13,11 @@ from transfer import ACCEPTED, download, upload
 
 mavlink = mavutil.mavlink
 
-# The firmware is built first, which takes a moment also when it is there.
+# The time to start (s). The firmware is built first, which takes a moment even if it is up to date.
 START = 120
-# Config::max_loop_gap, and the heartbeats' period, s.
+# Config::max_loop_gap and the heartbeat period (s).
 MAX_LOOP_GAP, PERIOD = 0.5, 1.0
-# How long to wait for what is not to come, s.
+# The time to wait before a message counts as absent (s).
 SILENCE = 3.0
 
 
@@ -28,7 +28,7 @@ def app(request):
 
 @pytest.fixture(scope="module")
 def firmware(app, request, tmp_path_factory):
-    """A vehicle of its own, as `cargo qemu` starts it; a client on its telemetry link."""
+    """A client on the telemetry link of a separate vehicle, started like `cargo qemu`."""
     option = request.config.getoption
     file, port = tmp_path_factory.mktemp(app) / "output.txt", option("spare_port_base")
     with open(file, "w") as output:
@@ -40,7 +40,7 @@ def firmware(app, request, tmp_path_factory):
         )
         try:
             deadline = time.monotonic() + START
-            while "Ctrl-C ends it" not in file.read_text():
+            while "Press Ctrl-C to stop" not in file.read_text():
                 assert process.poll() is None, file.read_text()
                 assert time.monotonic() < deadline, "the vehicle does not start"
                 time.sleep(0.1)
@@ -48,7 +48,7 @@ def firmware(app, request, tmp_path_factory):
             yield gcs
             gcs.close()
         finally:
-            # It ends its emulator then, and waits for that.
+            # The program then stops its emulator and waits for it.
             process.send_signal(signal.SIGINT)
             process.wait(timeout=20)
 
@@ -65,9 +65,9 @@ def answers_ping(gcs, seq):
 
 
 def test_a_heartbeat_comes_once_a_second(gcs, app, figure):
-    """H-1; while it starts, changes of state are reported at once (H-16)."""
+    """H-1. During startup, state changes are reported at once (H-16)."""
     assert gcs.wait("HEARTBEAT", where=lambda heartbeat: heartbeat.system_status == mavlink.MAV_STATE_STANDBY)
-    # That one may have been such a report; the next one keeps the rhythm.
+    # This heartbeat may be such a report. The next one is periodic.
     assert gcs.wait("HEARTBEAT")
     times = []
     for _ in range(5):
@@ -95,12 +95,12 @@ def test_fifty_items_go_up_and_come_down(gcs, app, figure):
 
 
 def test_plans_and_parameters_outlive_a_restart(gcs):
-    """C-30: it restarts when it has answered, and when all is stored that was set."""
+    """C-30: the vehicle restarts after it has answered and stored everything."""
     items = plan(5, variant=1)
     assert upload(gcs, items).type == ACCEPTED
     assert write(gcs, "MIS_TAKEOFF_ALT", REAL32, 12.5).value == 12.5
     assert gcs.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1) == mavlink.MAV_RESULT_ACCEPTED
-    # Bytes are there before it is.
+    # Bytes arrive before the firmware has started.
     for seq in range(50):
         gcs.mav.ping_send(0, seq, 0, 0)
         time.sleep(0.01)
@@ -110,18 +110,18 @@ def test_plans_and_parameters_outlive_a_restart(gcs):
 
 
 def test_heartbeats_stop_when_the_flight_loop_hangs(gcs, app):
-    """H-5. What goes on besides shows where the framework runs the two: the heartbeat never depends on that."""
+    """H-5. With a framework, communication continues in its own task. The heartbeat never depends on that."""
     gcs.mav.param_set_send(1, 1, b"SIM_HANG", to_float(UINT8, 1), UINT8)
     if app == "loop":
-        # Bytes may be under way.
+        # Bytes may still be in flight.
         time.sleep(MAX_LOOP_GAP)
         gcs.drain()
-        assert not gcs.hear(None, SILENCE), "comms is in the loop that hangs"
+        assert not gcs.hear(None, SILENCE), "a frame was sent, although communication runs in the loop that hangs"
         return
     assert gcs.wait("PARAM_VALUE", where=lambda value: value.param_id == "SIM_HANG")
     time.sleep(MAX_LOOP_GAP + PERIOD)
     gcs.drain()
-    assert not gcs.wait("HEARTBEAT", SILENCE), "nobody flies, and the heart beats"
+    assert not gcs.wait("HEARTBEAT", SILENCE), "a heartbeat was sent, although the flight loop hangs"
     assert all(answers_ping(gcs, seq) for seq in range(10))
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_ACCEPTED
     items = plan(50, variant=2)

@@ -1,4 +1,4 @@
-"""What `--log` writes, read back with pymavlink: a session of a ground station, from both sides."""
+"""The log of `--log`, read back with pymavlink: both directions of a ground station's session."""
 
 import signal
 import subprocess
@@ -12,12 +12,12 @@ from transfer import upload
 
 mavlink = mavutil.mavlink
 
-# QEMU's firmware is built first, which takes a moment also when it is there.
+# The time to start (s). QEMU's firmware is built first, which takes a moment even if it is up to date.
 START = 120
 
 
 class Logged:
-    """A vehicle of its own that logs."""
+    """A separate vehicle that writes a log."""
 
     def __init__(self, program, port, folder):
         self.port, self.log, self.output = port, folder / "flight.tlog", folder / "output.txt"
@@ -25,13 +25,13 @@ class Logged:
         with self.output.open("w") as output:
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
         try:
-            self.says("Ctrl-C ends it", START)
+            self.says("Press Ctrl-C to stop", START)
         except AssertionError:
             self.end()
             raise
 
     def says(self, text, timeout=5):
-        """Waits until it has printed this."""
+        """Waits until the program has printed this text."""
         deadline = time.monotonic() + timeout
         while text not in self.output.read_text():
             assert self.process.poll() is None, self.output.read_text()
@@ -55,7 +55,7 @@ def logged(target, request, tmp_path):
 def test_the_log_tells_the_session_from_both_sides(logged):
     gcs = Gcs(logged.port)
     gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
-    # It has found its position.
+    # The vehicle has a position fix.
     assert gcs.wait("HEARTBEAT", 15, lambda heartbeat: heartbeat.system_status == mavlink.MAV_STATE_STANDBY)
     items = plan(5)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -65,7 +65,7 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     gcs.mav.mission_request_int_send(1, 1, 0, MISSION, force_mavlink1=True)
     assert gcs.wait("MISSION_ITEM_INT").target_component == 0
     gcs.mav.srcComponent = 190
-    # Noise, half a frame of it, and a key, which is in no log.
+    # Noise, which includes an incomplete frame, and a key, which no log may contain.
     gcs.mav.setup_signing_send(1, 1, list(range(32)), 7)
     gcs.link.write(b"\xfd\x09\x00noise")
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
@@ -75,7 +75,7 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     gcs.link.write(b"\xfd\x1c\x00\x00")
     gcs.close()
     logged.process.send_signal(signal.SIGINT)
-    assert logged.process.wait(timeout=10) == 0, "Ctrl-C is no failure"
+    assert logged.process.wait(timeout=10) == 0, "the exit code after Ctrl-C is not 0"
 
     ended = time.time()
     file = mavutil.mavlink_connection(str(logged.log))
@@ -88,7 +88,7 @@ def test_the_log_tells_the_session_from_both_sides(logged):
         return [message for message in messages if message.get_type() == kind and message.get_srcSystem() == system]
 
     assert not of("BAD_DATA", 0)
-    # Of messages that pymavlink does not know yet it does not say whose they are.
+    # pymavlink does not report the sender of a message that it does not know.
     assert {message.get_srcSystem() for message in messages if "UNKNOWN" not in message.get_type()} == {1, 255}
     assert of("HEARTBEAT", 255) and of("HEARTBEAT", 1) and any(map(is_armed, of("HEARTBEAT", 1)))
     sent = [{field: getattr(item, field) for field in items[0]} for item in of("MISSION_ITEM_INT", 255)]
@@ -104,6 +104,6 @@ def test_the_log_tells_the_session_from_both_sides(logged):
     assert times == sorted(times)
     assert ended - 60 < times[0] and times[-1] <= ended
 
-    # Frames with their times, and nothing else.
+    # The log contains frames with their times, and nothing else.
     whole = sum(8 + len(message.get_msgbuf()) for message in messages)
     assert logged.log.stat().st_size == whole

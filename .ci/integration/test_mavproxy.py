@@ -1,4 +1,4 @@
-"""The vehicle as MAVProxy's user sees it."""
+"""Plans and arming with MAVProxy."""
 
 import pathlib
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 from plans import FENCE, FIELDS, MISSION, RALLY, differences, plan, same
 from transfer import ACCEPTED, download, ids, upload
 
-# The vehicle's number of its mode when it holds: PX4's 4 and 3.
+# The mode number of Hold: PX4's main mode 4 and sub-mode 3.
 HOLD = 4 << 16 | 3 << 24
 MISSION_FILE = """\
 QGC WPL 110
@@ -34,7 +34,7 @@ QGC WPL 110
 0	0	3	5100	0	0	0	0	47.397	8.545	15	1
 1	0	0	5100	0	0	0	0	47.398	-8.546	500.5	1
 """
-# The older format of fences: the return point, the vertices, the first vertex again.
+# The older format of fences: the return point, the vertices, and the first vertex again.
 OLD_FENCE_FILE = """\
 47.397742 8.545594
 47.395 8.543
@@ -45,24 +45,24 @@ OLD_FENCE_FILE = """\
 
 
 def rows(text):
-    """The numbers in a file, row by row."""
+    """Returns the numbers in a file, row by row."""
     header, *lines = text.splitlines()
     assert header == "QGC WPL 110"
     return [[float(word) for word in line.split()] for line in lines]
 
 
 def items(text):
-    """What MAVProxy makes of a file on the wire: it cuts off the eighth decimal."""
+    """Returns the items that MAVProxy sends for a file. It truncates positions after the seventh decimal."""
     found = []
     for seq, current, frame, command, *params, x, y, z, autocontinue in rows(text):
-        # Commands without a place have numbers there.
+        # Commands without a position have plain numbers in these fields.
         x, y = (int(x * 1e7), int(y * 1e7)) if command not in (177, 178) else (int(x), int(y))
         found.append(dict(zip(FIELDS, [seq, frame, command, current, autocontinue, *params, x, y, z])))
     return found
 
 
 def is_close(a, b):
-    """As far as six decimals go."""
+    """Compares two values to six decimals."""
     return same(a, b) or abs(a - b) < 1.5e-6
 
 
@@ -100,7 +100,7 @@ class MavProxy:
         self.process.stdin.flush()
 
     def expect(self, text, timeout=15):
-        """Waits until it prints this. What it printed up to there is returned, and done with."""
+        """Waits until MAVProxy prints this text. Returns the output before it, and discards it with the text."""
         deadline = time.monotonic() + timeout
         while text not in self.output:
             assert time.monotonic() < deadline, f"no {text!r} in:\n{self.output}"
@@ -110,7 +110,7 @@ class MavProxy:
         return before
 
     def expect_all(self, *texts, timeout=15):
-        """As above, in any order."""
+        """Waits until MAVProxy has printed all texts, in any order."""
         deadline = time.monotonic() + timeout
         while missing := [text for text in texts if text not in self.output]:
             assert time.monotonic() < deadline, f"no {missing} in:\n{self.output}"
@@ -149,7 +149,7 @@ def test_connect_load_list_arm(mavproxy, tmp_path):
 
 
 def test_plans_in_files(mavproxy, other, tmp_path):
-    """Each kind: loaded, listed, saved, cleared. What was saved is what was loaded."""
+    """Loads, lists, saves and clears each kind of plan. The saved file is equal to the loaded one."""
     mavproxy.expect("Detected vehicle 1:1")
     for kind, command, name, text in [
         (MISSION, "wp", "waypoints", MISSION_FILE),
@@ -179,8 +179,8 @@ def test_plans_in_files(mavproxy, other, tmp_path):
 
 
 def test_a_long_list(mavproxy, other, figure):
-    """MAVProxy has five requests on their way at a time. The vehicle owes an answer to each: what it drops is asked for
-    again only after two seconds."""
+    """MAVProxy has five requests in flight. The vehicle must answer each: MAVProxy repeats a dropped request only after two
+    seconds."""
     mavproxy.expect("Detected vehicle 1:1")
     assert upload(other, plan(100)).type == ACCEPTED
     began = time.monotonic()
@@ -202,7 +202,7 @@ def test_a_fence_in_the_older_format(mavproxy, other, tmp_path):
 
 
 def test_a_plan_that_is_refused(mavproxy, other, tmp_path):
-    """The user sees why, and the old one is still there."""
+    """The user sees the reason, and the old plan is unchanged."""
     mavproxy.expect("Detected vehicle 1:1")
     (tmp_path / "good.txt").write_text(MISSION_FILE)
     (tmp_path / "bad.txt").write_text(MISSION_FILE.replace("3	0	3	16	", "3	0	3	82	"))
@@ -215,7 +215,7 @@ def test_a_plan_that_is_refused(mavproxy, other, tmp_path):
 
 @pytest.mark.parametrize("form", ["command", "message"])
 def test_set_the_current_item(mavproxy, other, tmp_path, form):
-    """M-92, M-93: MAVProxy knows both ways."""
+    """M-92, M-93: MAVProxy supports both forms."""
     mavproxy.expect("Detected vehicle 1:1")
     if form == "message":
         mavproxy.say("set wp_use_waypoint_set_current 1")

@@ -1,4 +1,4 @@
-"""The vehicle that MAVProxy's user flies: modes, streams, a restart."""
+"""Flight with MAVProxy: modes, radio channels, streams, a reboot."""
 
 import math
 import time
@@ -12,7 +12,7 @@ from test_messages import STREAMS, set_interval
 
 mavlink = mavutil.mavlink
 
-# PX4's numbers: main mode << 16 | sub-mode << 24. MAVProxy knows no names for them.
+# PX4's numbers: main mode << 16 | sub-mode << 24. MAVProxy has no names for them.
 HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (3, 5, 6))
 POSITION = 3 << 16
 
@@ -31,7 +31,7 @@ def mode_of(gcs, number, timeout=5):
 
 
 def test_modes(mavproxy, other):
-    """By their numbers, in the air. The names that MAVProxy knows are ArduPilot's: refused, and nothing happens."""
+    """Changes modes in flight by number. MAVProxy's names stand for ArduPilot's numbers, which are refused without any effect."""
     mavproxy.expect(f"Mode({HOLD})")
     mavproxy.say("arm throttle")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
@@ -58,7 +58,7 @@ def test_modes(mavproxy, other):
 
 
 def test_radio_channels(mavproxy, other):
-    """J-4: overrides fly it as a radio would, and are told as what the radio says; released, it holds."""
+    """J-4: overrides fly the vehicle like a radio, and RC_CHANNELS reports them. When they are released, the vehicle holds."""
     mavproxy.say("arm throttle")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
     mavproxy.say("takeoff 5")
@@ -73,7 +73,7 @@ def test_radio_channels(mavproxy, other):
     mavproxy.say(f"mode {POSITION}")
     mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
     mode_of(other, POSITION)
-    # Low is forward, wherever that is.
+    # A low pulse means forward, in whatever direction that is.
     begin = other.wait("LOCAL_POSITION_NED")
     assert other.wait("LOCAL_POSITION_NED", 30, lambda told: math.hypot(told.x - begin.x, told.y - begin.y) > 5)
     mavproxy.say("rc clear")
@@ -85,7 +85,7 @@ def test_radio_channels(mavproxy, other):
 
 
 def logged(log):
-    """How often the vehicle's messages came, from the log that MAVProxy keeps."""
+    """Measures the rates of the vehicle's messages in MAVProxy's log."""
     meter = Meter()
     messages = mavutil.mavlink_connection(str(log))
     while message := messages.recv_match():
@@ -96,13 +96,13 @@ def logged(log):
 
 
 def test_streams(mavproxy, port, tmp_path, figure):
-    """Q-7: MAVProxy asks for one rate of everything; in the log that it keeps, that is what comes."""
+    """Q-7: MAVProxy requests one rate for everything. Its log shows this rate."""
     names = [name for name in STREAMS if name != "HOME_POSITION"]
     mavproxy.say("set streamrate 10")
     (log,) = tmp_path.rglob("*.tlog")
     errors, deadline = {}, time.monotonic() + 60
     while not errors or max(map(abs, errors.values())) > 0.05:
-        assert time.monotonic() < deadline, f"the rates are not as asked for: {errors}"
+        assert time.monotonic() < deadline, f"the rates differ from the requested ones: {errors}"
         time.sleep(0.5)
         meter = logged(log)
         if meter.has_enough(names):
@@ -117,10 +117,10 @@ def test_streams(mavproxy, port, tmp_path, figure):
 
 
 def test_reboot(mavproxy, other):
-    """Answered first; a minute ago and now are different lives."""
+    """The vehicle answers first, and its clock starts again."""
     assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms > 5000)
     mavproxy.say("reboot")
     mavproxy.expect("COMMAND_ACK: PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
-    assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms < 5000), "it does not come back"
-    # What comes next is to find it ready.
+    assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms < 5000), "the vehicle does not restart"
+    # The next test needs a vehicle that is ready.
     assert other.wait("SYSTEM_TIME", 10, lambda told: told.time_boot_ms > 4000)

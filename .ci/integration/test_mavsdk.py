@@ -1,4 +1,4 @@
-"""The vehicle as MAVSDK sees it."""
+"""Plans and arming with MAVSDK."""
 
 import queue
 import time
@@ -14,7 +14,7 @@ from transfer import ACCEPTED, as_dict, clear_all, download, ids, upload
 
 @pytest.fixture
 def missions(system):
-    """The plugin, once MAVSDK knows the vehicle's capabilities: until then it refuses."""
+    """The plugin MissionRaw."""
     return MissionRaw(system)
 
 
@@ -65,7 +65,7 @@ def test_a_plan_comes_back_as_it_was_sent(missions, capacity, count, figure):
 
 
 def test_all_kinds_of_plans(missions, capacities, other):
-    """They come back as they were sent, and clearing the mission leaves the others."""
+    """Downloads are equal to uploads, and clearing the mission keeps the other plans."""
     plans = {kind: make(min(capacities[kind], 64)) for kind, make in PLANS.items()}
     for kind, items in plans.items():
         send(missions, kind, items)
@@ -91,7 +91,7 @@ def test_a_plan_that_is_too_long_is_refused_and_the_old_one_stays(missions, capa
 
 
 def test_refusals_have_their_reasons(missions, other):
-    """What MAVSDK makes of the codes."""
+    """MAVSDK's results for the vehicle's codes."""
     old = plan(8)
     send(missions, MISSION, old)
     new = plan(9, 1)
@@ -144,7 +144,7 @@ def test_a_change_by_another_client_is_noticed(missions, other):
 
 
 def test_an_upload_that_is_cancelled_midway(missions, capacity, other):
-    """The old plan stays, and nobody has to wait for the next upload."""
+    """The old plan stays, and the next upload can start at once."""
     old, new = plan(5), plan(capacity, 1)
     send(missions, MISSION, old)
     progress, results = queue.SimpleQueue(), queue.SimpleQueue()
@@ -170,7 +170,7 @@ def test_a_download_that_is_cancelled_midway(missions, capacity):
     send(missions, MISSION, items)
     results = queue.SimpleQueue()
     missions.download_mission_async(lambda result, *_: results.put(result))
-    # A few items at least are on this side then, and most of them not yet.
+    # By then some items have arrived, but not most of them.
     time.sleep(0.1)
     missions.cancel_mission_download()
     assert results.get(timeout=3) == MissionRawResult.TRANSFER_CANCELLED

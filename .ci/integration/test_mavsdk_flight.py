@@ -1,4 +1,4 @@
-"""The vehicle that an application with MAVSDK flies and watches."""
+"""Flight and telemetry with MAVSDK."""
 
 import json
 import math
@@ -24,10 +24,10 @@ from rates import Meter
 mavlink = mavutil.mavlink
 
 HOME = (47.397742, 8.545594, 488.0)
-# m of latitude in a degree.
+# The length of a degree of latitude (m).
 DEGREE = 111_319.5
 
-# What MAVSDK can be told to set the rate of, and the message that it means.
+# MAVSDK's names of telemetry with a rate, and the messages that they stand for.
 RATES = {
     "attitude_euler": "ATTITUDE",
     "attitude_quaternion": "ATTITUDE_QUATERNION",
@@ -45,7 +45,7 @@ RATES = {
 
 
 def until(condition, timeout, what):
-    """Waits for it. Only a vehicle that never gets there is to take so long as the limit."""
+    """Waits for a condition. A vehicle that meets it does so well before the time limit."""
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline, f"not within {timeout} s: {what}"
@@ -60,7 +60,7 @@ def command_long(command, *params):
 
 
 class Watched:
-    """The telemetry of a flight: what it is now, and what it has been."""
+    """The current telemetry of a flight, and its history."""
 
     def __init__(self, system):
         self.telemetry = Telemetry(system)
@@ -98,11 +98,11 @@ class Watched:
         return self.telemetry.position_velocity_ned()
 
     def north(self):
-        """m from home."""
+        """Returns the distance north of home (m)."""
         return self.now.position.north_m
 
     def way(self, begin, heading):
-        """m ahead and to the right of where it began, for a nose that points there, rad."""
+        """Returns the distances (m) ahead and to the right of `begin`, for a heading (rad)."""
         north, east = self.now.position.north_m - begin.north_m, self.now.position.east_m - begin.east_m
         sin, cos = math.sin(heading), math.cos(heading)
         return north * cos + east * sin, east * cos - north * sin
@@ -113,7 +113,7 @@ class Watched:
 
 @pytest.fixture
 def action(system, port):
-    """Ready to fly; what a test has set is the default again afterwards."""
+    """The plugin Action of a vehicle that is ready to fly. Restores the parameters and rates that a test has set."""
     telemetry, params = Telemetry(system), Param(system)
     until(telemetry.health_all_ok, 20, "the vehicle is healthy")
     yield Action(system)
@@ -131,7 +131,7 @@ def result_of(call, *arguments):
 
 
 def test_a_flight(system, action, figure):
-    """Take-off, a place, another one, a stop on the way there, and home: each to its end, seen in the telemetry."""
+    """Takes off, flies to a position, stops on the way to a second one, and returns home. The telemetry shows each step."""
     watched = Watched(system)
     Param(system).set_param_float("RTL_RETURN_ALT", 8.0)
     began = time.monotonic()
@@ -167,7 +167,7 @@ def test_a_flight(system, action, figure):
     until(lambda: not watched.telemetry.armed(), 90, "it lands at home")
     until(lambda: watched.telemetry.landed_state() == LandedState.ON_GROUND, 5, "it says that it has landed")
     assert FlightMode.RETURN_TO_LAUNCH in watched.modes
-    assert 7.7 < watched.highest < 8.5, "it flies home as high as it is told to"
+    assert 7.7 < watched.highest < 8.5, "it does not fly home at the configured altitude"
     assert math.hypot(watched.now.position.north_m, watched.now.position.east_m) < 1
     in_air = watched.states.index(LandedState.IN_AIR)
     assert LandedState.TAKING_OFF in watched.states[:in_air], watched.states
@@ -176,7 +176,7 @@ def test_a_flight(system, action, figure):
 
 
 def test_land(system, action):
-    """Where it is."""
+    """Lands at the current position."""
     watched = Watched(system)
     action.set_takeoff_altitude(3.0)
     action.arm()
@@ -191,7 +191,7 @@ def test_land(system, action):
 
 
 class Sticks:
-    """Held in somebody's hands: sent ten times a second until let go."""
+    """The pilot's sticks: sent ten times a second until they are released."""
 
     CENTRED = (0.0, 0.0, 0.5, 0.0)
 
@@ -212,7 +212,7 @@ class Sticks:
 
 
 def test_by_hand(system, action):
-    """J-3: forward, up, around; centred it stands still, and when they are let go it holds."""
+    """J-3: the vehicle flies forward, climbs and turns. With centred sticks it stands still; when they are released, it holds."""
     watched, control = Watched(system), ManualControl(system)
     action.set_takeoff_altitude(3.0)
     action.arm()
@@ -220,7 +220,7 @@ def test_by_hand(system, action):
     until(lambda: watched.height > 2.3 and watched.is_still(), 30, "it takes off")
     with pytest.raises(ManualControlError) as refusal:
         control.start_position_control()
-    assert refusal.value.result != ManualControlResult.SUCCESS, "there are no sticks"
+    assert refusal.value.result != ManualControlResult.SUCCESS, "manual control was accepted without sticks"
     sticks = Sticks(control)
     try:
         until(lambda: start(control), 10, "it takes the sticks")
@@ -237,7 +237,7 @@ def test_by_hand(system, action):
         sticks.at = (0.0, 0.0, 0.5, 1.0)
         yaw = watched.telemetry.attitude_euler
         until(lambda: math.cos(math.radians(yaw().yaw_deg) - heading) < 0.8, 30, "it turns")
-        # It goes on turning, but nobody holds the sticks any more.
+        # The vehicle is still turning when the sticks are released.
     finally:
         sticks.let_go()
     until(lambda: watched.telemetry.flight_mode() == FlightMode.HOLD, 5, "it holds")
@@ -247,7 +247,7 @@ def test_by_hand(system, action):
 
 
 def start(control):
-    """Whether it takes the sticks: the first ones may not be there yet."""
+    """Returns whether the vehicle accepts manual control. The first input may not have arrived yet."""
     try:
         control.start_position_control()
         return True
@@ -256,18 +256,18 @@ def start(control):
 
 
 def known(ask):
-    """What MAVSDK says as soon as it has asked the vehicle itself."""
+    """Returns MAVSDK's answer, as soon as it has received the information from the vehicle."""
     deadline = time.monotonic() + 20
     while True:
         try:
             return ask()
         except InfoError:
-            assert time.monotonic() < deadline, "it does not get to know"
+            assert time.monotonic() < deadline, "MAVSDK does not receive the information"
             time.sleep(0.1)
 
 
 def test_what_it_is(system):
-    """Q-9: version, product and identity as in AUTOPILOT_VERSION, what it has flown, and how fast its clock goes."""
+    """Q-9: version, product and identity as in AUTOPILOT_VERSION, the flight information, and the speed of the clock."""
     info = Info(system)
     version = known(info.get_version)
     assert (version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch) == (0, 1, 0)
@@ -279,12 +279,12 @@ def test_what_it_is(system):
     flights = queue.SimpleQueue()
     info.subscribe_flight_information(lambda told, _: flights.put(told))
     assert flights.get(timeout=10).time_boot_ms > 0
-    # Not a number until it has watched for a while.
+    # NaN until MAVSDK has observed the clock for a while.
     until(lambda: abs(known(info.get_speed_factor) - 1) < 0.2, 60, "its second is a second")
 
 
 def test_subscriptions(system):
-    """Everything that the vehicle tells, as MAVSDK hands it on; standing on the ground."""
+    """All telemetry of MAVSDK, for a vehicle on the ground."""
     telemetry = Telemetry(system)
     until(telemetry.health_all_ok, 20, "the vehicle is healthy")
     found = {}
@@ -309,7 +309,7 @@ def test_subscriptions(system):
 
 
 def test_rates(system, action, figure):
-    """Q-4, Q-5: whatever rate it sets for whatever it can show, all at once, within 5 % by the vehicle's clock."""
+    """Q-4, Q-5: all telemetry at one rate at the same time. Each rate is within 5 % by the vehicle's clock."""
     telemetry, direct = Telemetry(system), MavlinkDirect(system)
     for name in RATES:
         getattr(telemetry, f"set_rate_{name}")(8.0)
@@ -333,7 +333,7 @@ def test_a_rate_of_what_is_not_there(system):
 
 
 def test_raw_messages(system, other):
-    """mavlink_direct: messages there and back, and a command with its answer."""
+    """mavlink_direct: sent and received messages, and a command with its answer."""
     direct = MavlinkDirect(system)
     answers = queue.SimpleQueue()
     direct.subscribe_message("PARAM_VALUE", lambda message, _: answers.put(json.loads(message.fields_json)))
@@ -351,7 +351,7 @@ def test_raw_messages(system, other):
 
 
 def test_home(system, action):
-    """O-6: where it is moved to is told at once."""
+    """O-6: a new home position is reported at once."""
     telemetry = Telemetry(system)
     moved = HOME[0] + 5 / DEGREE
     try:
@@ -364,7 +364,7 @@ def test_home(system, action):
 
 
 def test_reboot(system, action):
-    """C-30: the answer comes first, and then the vehicle again, which has forgotten that its flight was terminated."""
+    """C-30: the vehicle answers first and then restarts. The restart ends a flight termination."""
     clock = queue.SimpleQueue()
     telling = lambda message, _: clock.put(json.loads(message.fields_json)["time_boot_ms"])
     MavlinkDirect(system).subscribe_message("SYSTEM_TIME", telling)
@@ -373,7 +373,7 @@ def test_reboot(system, action):
     assert result_of(action.arm) == ActionResult.FAILED
     action.reboot()
     until(lambda: clock.get(timeout=10) < 5000, 10, "it begins anew")
-    # By then it has found its position.
+    # By then the vehicle has a position fix.
     until(lambda: clock.get(timeout=5) > 4000, 20, "it is ready")
     action.arm()
     action.disarm()

@@ -1,4 +1,4 @@
-"""Messages on request and streams, as ground stations ask for them (Q-1 to Q-7)."""
+"""Messages on request and streams, as ground stations request them (Q-1 to Q-7)."""
 
 import time
 
@@ -26,7 +26,7 @@ STREAMED = [
     "RC_CHANNELS",
     "MISSION_CURRENT",
 ]
-# Those whose rates can be set.
+# The messages whose rates can be set.
 STREAMS = [name for name in STREAMED if name != "MISSION_CURRENT"]
 
 
@@ -39,15 +39,15 @@ def set_interval(gcs, name, micros):
 
 
 def interval(gcs, name):
-    """What the vehicle says its interval is, in microseconds."""
+    """Returns the interval that the vehicle reports (us)."""
     assert gcs.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, message_id(name)) == ACCEPTED
     told = gcs.wait("MESSAGE_INTERVAL", where=lambda message: message.message_id == message_id(name))
-    assert told, f"nothing said of {name}"
+    assert told, f"no MESSAGE_INTERVAL for {name}"
     return told.interval_us
 
 
 def measure(gcs, names):
-    """The mean interval of each, in microseconds."""
+    """Returns the mean interval of each message (us)."""
     gcs.drain()
     meter = Meter()
     while not meter.has_enough(names):
@@ -59,14 +59,14 @@ def measure(gcs, names):
 
 @pytest.fixture
 def client(gcs):
-    """A ground station that leaves the streams as they were."""
+    """A ground station that restores the streams after the test."""
     yield gcs
     for name in STREAMS:
         set_interval(gcs, name, 0)
 
 
 def test_a_vehicle_tells_of_itself_unasked(client):
-    """§16: nobody has to ask for what a ground station shows."""
+    """H-8: a ground station need not request the messages that it displays."""
     missing, deadline = set(STREAMED), time.monotonic() + 8
     while missing and time.monotonic() < deadline:
         message = client.wait(list(missing), 1)
@@ -85,7 +85,7 @@ def test_request_message(client, name):
 
 @pytest.mark.parametrize("number", [42_000, -1, 1.5, float("nan"), message_id("COMMAND_ACK")])
 def test_what_is_not_there_is_denied(client, number):
-    """Q-1: denied, so that nobody waits for it."""
+    """Q-1: the vehicle answers DENIED, so that the client does not wait for the message."""
     assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == DENIED
 
 
@@ -100,7 +100,7 @@ def test_the_rate_is_the_one_that_was_asked_for(client, micros, figure):
 
 
 def test_all_rates_at_once(other, figure):
-    """Q-4, Q-5: all streams on the companion's line, where there is room for them; a rate of its own for each."""
+    """Q-4, Q-5: all streams, each at a different rate, on the companion's link, which has room for them."""
     wanted = {name: 80_000 + 7_000 * n for n, name in enumerate([*STREAMS, "ATTITUDE_QUATERNION"])}
     try:
         for name, micros in wanted.items():
@@ -132,7 +132,7 @@ def test_a_stream_can_be_stopped_and_goes_back_to_its_default(client):
 
 
 def test_request_data_stream(client):
-    """Q-7: as MAVProxy and Mission Planner still do."""
+    """Q-7: MAVProxy and Mission Planner still send REQUEST_DATA_STREAM."""
     client.mav.request_data_stream_send(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 10, 1)
     client.wait("HEARTBEAT", 2)
     assert interval(client, "ATTITUDE") == 100_000

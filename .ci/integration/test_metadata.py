@@ -1,4 +1,4 @@
-"""What the parameters mean (O-1): MAVSDK follows COMPONENT_METADATA to the file, and believes a refusal."""
+"""Component metadata (O-1): MAVSDK follows COMPONENT_METADATA to the parameter file, and accepts a refusal."""
 
 import json
 import pathlib
@@ -18,7 +18,7 @@ from test_params import INT8, INT16, INT32, REAL32, UINT8, UINT16, UINT32, fetch
 
 TYPES = {"Uint8": UINT8, "Int8": INT8, "Uint16": UINT16, "Int16": INT16, "Uint32": UINT32, "Int32": INT32, "Float": REAL32}
 
-# Asks, and ends without a word, whatever MAVSDK is doing.
+# Requests the metadata and exits, without waiting for MAVSDK.
 ASK = """
 import os, sys, time
 from conftest import found_by_mavsdk
@@ -32,14 +32,14 @@ with found_by_mavsdk(sys.argv[1]) as system:
 
 @pytest.fixture
 def was_asked_before(target, port):
-    """MAVSDK 4.1 never returns where it has to fetch both files at once: a first try leaves one of them in its cache."""
+    """MAVSDK 4.1 hangs when it has to fetch both files at once. A first try leaves one of them in its cache."""
     if target == "sitl":
         command = [sys.executable, "-c", ASK, f"tcpout://127.0.0.1:{port}"]
         subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
 
 
 def test_the_parameters_are_described(target, was_asked_before, system, other):
-    """The vehicle on this machine offers the files by itself; in QEMU nobody does, and it says so."""
+    """sitl serves the files itself. In QEMU nothing serves them, and the vehicle refuses the request."""
     metadata, available = ComponentMetadata(system), queue.Queue()
     metadata.subscribe_metadata_available(lambda update, *_: available.put(update))
     metadata.request_autopilot_component()

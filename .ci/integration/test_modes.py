@@ -1,4 +1,4 @@
-"""Flight modes: which there are, which it is in, and the four ways to ask for another (C-32, Q-10)."""
+"""Flight modes: the list, the current mode, and the four ways to change it (C-32, Q-10)."""
 
 import math
 
@@ -13,7 +13,7 @@ DENIED = mavlink.MAV_RESULT_DENIED
 TEMPORARILY_REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
-# PX4's numbers: main mode and sub-mode.
+# PX4's main modes and sub-modes.
 _MODES = [(3, 0), *((4, sub) for sub in range(2, 7))]
 POSITION, TAKEOFF, HOLD, MISSION, RETURN, LAND = (main << 16 | sub << 24 for main, sub in _MODES)
 STANDARD = {
@@ -23,12 +23,12 @@ STANDARD = {
     RETURN: mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY,
     LAND: mavlink.MAV_STANDARD_MODE_LAND,
 }
-# Nobody has these: ArduPilot's GUIDED, LOITER and RTL, halves, nothing at all.
+# Invalid modes: ArduPilot's GUIDED, LOITER and RTL, an unknown sub-mode, a fraction, NaN, a value that is too large.
 NO_MODES = [(4, 0), (5, 0), (6, 0), (4, 99), (4.5, 3), (math.nan, 3), (1 << 24, 1)]
 
 
 def set_mode(gcs, mode):
-    """By the message from before there were commands, which is answered as if it were one."""
+    """Sends the old message SET_MODE, which is answered like a command. Returns the result."""
     gcs.mav.set_mode_send(1, CUSTOM, mode)
     ack = gcs.wait("COMMAND_ACK", where=lambda ack: ack.command == mavlink.MAVLINK_MSG_ID_SET_MODE)
     assert ack, "SET_MODE is not answered"
@@ -43,16 +43,16 @@ def ask_modes(gcs, index):
 
 
 def is_in(gcs, mode, timeout=3.0):
-    """Waits for a CURRENT_MODE that says so; the heartbeats say the same."""
+    """Waits for a CURRENT_MODE with this mode, and checks that the heartbeat agrees."""
     current = gcs.wait("CURRENT_MODE", timeout, lambda told: told.custom_mode == mode)
-    assert current, f"it does not say that it is in mode {mode:#x}"
+    assert current, f"no CURRENT_MODE with mode {mode:#x}"
     assert current.standard_mode == STANDARD.get(mode, mavlink.MAV_STANDARD_MODE_NON_STANDARD)
     beat = gcs.wait("HEARTBEAT", 3)
     assert beat.custom_mode == mode and beat.base_mode & CUSTOM
 
 
 def test_the_list(gcs):
-    """One by one as QGroundControl asks, all at once as others do: the same, and none beyond."""
+    """The list is the same mode by mode, as QGroundControl requests it, and all at once. An index beyond it is denied."""
     count = ask_modes(gcs, 1).number_modes
     one_by_one = [ask_modes(gcs, index).to_dict() for index in range(1, count + 1)]
     found = [ask_modes(gcs, 0).to_dict()]
@@ -70,7 +70,7 @@ def test_the_list(gcs):
 
 
 def test_the_monitor(gcs):
-    """It is there for those who ask; what cannot change has no new number."""
+    """AVAILABLE_MODES_MONITOR is sent on request. Its number stays the same, because the modes cannot change."""
     numbers = []
     for _ in range(2):
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, newer.AVAILABLE_MODES_MONITOR) == ACCEPTED
@@ -79,7 +79,7 @@ def test_the_monitor(gcs):
 
 
 def test_the_current_mode_is_told_unasked(gcs):
-    """About every 2 s; and on request."""
+    """CURRENT_MODE is sent about every 2 s, and on request."""
     is_in(gcs, HOLD, 6)
     assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, newer.CURRENT_MODE) == ACCEPTED
     assert gcs.wait("CURRENT_MODE", 0.5).custom_mode == HOLD
@@ -98,7 +98,7 @@ def test_what_is_no_mode_is_denied_in_the_other_ways_too(gcs):
     assert gcs.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4, 3) == DENIED
     for mode in (0, mavlink.MAV_STANDARD_MODE_ORBIT, 99, math.nan):
         assert gcs.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, mode) == DENIED
-    # For another vehicle: no word.
+    # A SET_MODE for another vehicle is not answered.
     gcs.drain()
     gcs.mav.set_mode_send(9, CUSTOM, HOLD)
     assert not gcs.wait("COMMAND_ACK", 1)
@@ -113,7 +113,7 @@ def test_disarmed_it_enters_no_mode_in_which_it_would_fly(gcs):
 
 
 def test_every_way_in_flight(gcs, other):
-    """Each is told to all at once: who did not ask sees it too."""
+    """Each change is reported at once to all clients, also to those that did not request it."""
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert gcs.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, STANDARD[TAKEOFF]) == ACCEPTED
     is_in(other, TAKEOFF)

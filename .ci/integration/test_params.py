@@ -1,4 +1,4 @@
-"""The parameters, as pymavlink, MAVSDK and MAVProxy see them."""
+"""Parameters with pymavlink, MAVSDK and MAVProxy."""
 
 import binascii
 import struct
@@ -14,7 +14,7 @@ from test_mavproxy import MavProxy
 
 mavlink = mavutil.mavlink
 
-# How a type's value lies in the float's four bytes.
+# The encoding of each type in the float's four bytes.
 CODES = {
     mavlink.MAV_PARAM_TYPE_UINT8: "B",
     mavlink.MAV_PARAM_TYPE_INT8: "b",
@@ -33,9 +33,9 @@ READ_ONLY = mavlink.MAV_PARAM_ERROR_READ_ONLY
 # pymavlink does not have this one yet: MAV_PARAM_ERROR_TYPE_MISMATCH.
 TYPE_MISMATCH = 7
 
-# A value as it came.
+# A received value.
 Value = namedtuple("Value", "name index count type value")
-# What the tests set, and what they leave behind.
+# The parameters that the tests change, with the values that they restore.
 DEFAULTS = {
     "MIS_TAKEOFF_ALT": (REAL32, 10.0),
     "MPC_YAW_MODE": (INT32, 0),
@@ -50,7 +50,7 @@ DEFAULTS = {
     "COM_LOW_BAT_ACT": (INT32, 0),
 }
 
-# Those that count from the start of the vehicle.
+# Volatile parameters, which the hash does not cover.
 VOLATILE = ("SIM_HANG", "STAT_HL_BYTES", "STAT_HL_CREDITS")
 
 
@@ -59,7 +59,7 @@ def to_float(kind, value):
 
 
 def param_value(message):
-    """A PARAM_VALUE, its value from the frame: in a float, what is no number would be another one."""
+    """Decodes a PARAM_VALUE. Takes the value from the frame, because a Python float does not preserve the bits of a NaN."""
     frame = bytes(message.get_msgbuf())
     raw = frame[10 : 10 + frame[1]].ljust(25, b"\0")[:4]
     (value,) = struct.unpack_from("<" + CODES[message.param_type], raw)
@@ -67,7 +67,7 @@ def param_value(message):
 
 
 def next_answer(gcs, name=None, timeout=3.0):
-    """The next PARAM_VALUE (of this name), or index, name and reason of the next PARAM_ERROR; None when there is none."""
+    """Returns the next PARAM_VALUE (of this name), or the index, name and reason of the next PARAM_ERROR, or None."""
     message = gcs.wait(["PARAM_VALUE", "PARAM_ERROR"], timeout, lambda message: name in (None, message.param_id))
     if message and message.get_type() == "PARAM_ERROR":
         assert (message.target_system, message.target_component) == gcs.address
@@ -86,7 +86,7 @@ def write(gcs, name, kind, value):
 
 
 def collect(gcs, until=lambda values: False, timeout=10.0):
-    """The values that come, by their index, until there are enough or none for a second."""
+    """Returns the received values by index. Ends when `until` holds, or after a second of silence."""
     values = {}
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not until(values):
@@ -99,7 +99,7 @@ def collect(gcs, until=lambda values: False, timeout=10.0):
 
 
 def fetch(gcs):
-    """The whole list."""
+    """Returns the whole list."""
     gcs.mav.param_request_list_send(1, 1)
     values = collect(gcs, lambda values: values and len(values) == next(iter(values.values())).count)
     return [value for _, value in sorted(values.items())]
@@ -114,7 +114,7 @@ def client(gcs):
 
 
 def test_the_list_is_complete(client, figure):
-    """P-10, P-11: each once, in the order of their names, with the same count."""
+    """P-10, P-11: each parameter is listed once, in the order of names, with the same count."""
     began = time.monotonic()
     values = fetch(client)
     figure(f"{len(values)} parameters in {time.monotonic() - began:.2f} s")
@@ -130,7 +130,7 @@ def test_the_list_is_complete(client, figure):
 
 
 def test_a_gap_is_asked_for_again_while_the_list_goes_on(client):
-    """P-12: by index, between what is listed."""
+    """P-12: values that are requested by index are sent between those of the list."""
     count = len(fetch(client))
     client.mav.param_request_list_send(1, 1)
     collect(client, lambda values: len(values) >= 5)
@@ -144,7 +144,7 @@ def test_read_by_name_and_by_index(client):
     value = read(client, "MPC_XY_CRUISE")
     assert (value.type, value.value) == (REAL32, 8.0)
     assert read(client, index=value.index) == value
-    # The index counts where there is one.
+    # The index takes precedence over the name.
     client.mav.param_request_read_send(1, 1, b"NAV_ACC_RAD", value.index)
     assert next_answer(client) == value
     assert read(client, "NO_SUCH_NAME") == (-1, "NO_SUCH_NAME", DOES_NOT_EXIST)
@@ -167,7 +167,7 @@ def test_read_by_name_and_by_index(client):
     ],
 )
 def test_set_of_every_type(client, other, name, kind, value):
-    """P-2, P-14, P-16: whoever sets it, and everybody else, is told of the new value."""
+    """P-2, P-14, P-16: the new value is sent to the client that set it, and to all others."""
     answer = write(client, name, kind, value)
     assert (answer.type, answer.value) == (kind, value)
     told = other.wait("PARAM_VALUE", where=lambda message: message.param_id == name)
@@ -186,7 +186,7 @@ def test_an_integer_may_come_as_another_type(client, name, kind):
 
 
 def test_what_is_refused(client):
-    """P-14: an error says why, and the value is what it was."""
+    """P-14: a PARAM_ERROR gives the reason, and the value stays unchanged."""
     for name, kind, value, error in [
         ("MPC_XY_CRUISE", REAL32, 99.0, OUT_OF_RANGE),
         ("MPC_XY_CRUISE", REAL32, float("nan"), OUT_OF_RANGE),
@@ -205,8 +205,8 @@ def test_what_is_refused(client):
 
 
 def test_the_hash_is_that_of_the_list(client):
-    """P-20: names and values, in the order of the list; it changes with a value, and comes back with it. What changes by
-    itself has no part in it."""
+    """P-20: the hash covers names and values in the order of the list. It follows each change of a value. Volatile parameters are
+    not included."""
 
     def expected():
         crc = 0
@@ -225,18 +225,18 @@ def test_the_hash_is_that_of_the_list(client):
 
 
 def crc32(data, crc):
-    """CRC-32 that begins with 0 and ends without a complement."""
+    """Returns the CRC-32 with an initial value of 0 and without the final complement."""
     return binascii.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
 def test_a_parameter_changes_the_flight(client):
-    """MIS_TAKEOFF_ALT, where the command leaves the altitude to the vehicle."""
+    """MIS_TAKEOFF_ALT sets the altitude if the take-off command does not."""
     write(client, "MIS_TAKEOFF_ALT", REAL32, 4.0)
     deadline = time.monotonic() + 10
     while client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) != mavlink.MAV_RESULT_ACCEPTED:
         assert time.monotonic() < deadline, "it does not arm"
         time.sleep(0.5)
-    # No system id changes in the air, or on the way there.
+    # An armed vehicle refuses a change of its system id.
     assert write(client, "MAV_SYS_ID", INT32, 2) == (-1, "MAV_SYS_ID", PERMISSION_DENIED)
     nan = float("nan")
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan) == mavlink.MAV_RESULT_ACCEPTED
@@ -249,7 +249,7 @@ def test_a_parameter_changes_the_flight(client):
 
 
 def test_parameters_survive(target, other, request, tmp_path):
-    """P-17: when the power is cut a while after they were set."""
+    """P-17: parameters survive a power cut a while after they were set."""
     option = request.config.getoption
     if target == "qemu":
         vehicle = InQemu(option("qmp_port"), other)
@@ -261,7 +261,7 @@ def test_parameters_survive(target, other, request, tmp_path):
         for name, (kind, value) in set_to.items():
             assert write_and_read(gcs, name, kind, value) == value
         assert gcs.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1, -1) == mavlink.MAV_RESULT_ACCEPTED
-        # It is written at once then, but piece by piece.
+        # The save starts at once, but takes several steps.
         time.sleep(1)
         for _ in range(2):
             vehicle.cut()
@@ -271,7 +271,7 @@ def test_parameters_survive(target, other, request, tmp_path):
         for name in set_to:
             kind, value = DEFAULTS[name]
             assert write_and_read(gcs, name, kind, value) == value
-        # Written behind, without a word.
+        # Without a command, the change is stored later.
         time.sleep(13)
         vehicle.cut()
         assert read(vehicle.gcs, "MPC_XY_CRUISE").value == 8.0
@@ -313,7 +313,7 @@ def test_mavsdk(system, other):
     everything = params.get_all_params()
     floats = {param.name: param.value for param in everything.float_params}
     ints = {param.name: param.value for param in everything.int_params}
-    # It hands out no unsigned ones, to nobody.
+    # MAVSDK does not return unsigned parameters.
     values = [value for value in fetch(other) if value.type in (INT8, INT16, INT32, REAL32)]
     assert {**floats, **ints} == {value.name: value.value for value in values}
     assert (floats["MPC_XY_CRUISE"], ints["SIH_LOC_LAT0"], ints["SIM_GEOID_SEP"]) == (8.0, 473_977_420, 47)
@@ -331,7 +331,7 @@ def test_mavsdk(system, other):
 
 
 def test_mavproxy(port, other, tmp_path):
-    """Floats: integers it takes for floats in every vehicle but PX4."""
+    """Float parameters only: MAVProxy decodes integers bytewise only for PX4."""
     mavproxy = MavProxy(port, tmp_path, "param")
     try:
         mavproxy.expect("Detected vehicle 1:1")

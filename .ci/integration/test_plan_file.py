@@ -1,4 +1,4 @@
-"""sitl starts with a plan from a text file, and keeps it."""
+"""sitl starts with a plan from a text file, and stores it."""
 
 import pathlib
 import time
@@ -14,7 +14,7 @@ SAMPLES = pathlib.Path(__file__).parents[2] / "tests" / "wpl"
 @pytest.mark.parametrize(
     "file, options, kind, commands",
     [
-        # Its jump goes to row 3 of the file, home counted, which is item 2.
+        # Its jump leads to row 3 of the file. Row 0 is home, so this is item 2.
         ("qgroundcontrol.waypoints", [], MISSION, [22, 178, 16, 16, 177, 21]),
         ("mavproxy_fence.txt", ["--no-home"], FENCE, [5000, 5001, 5001, 5001, 5004]),
     ],
@@ -31,7 +31,7 @@ def test_sitl_starts_with_a_plan_from_a_file(request, target, tmp_path, file, op
         assert [item["command"] for item in plan.items] == commands
         if kind == MISSION:
             assert (plan.items[0]["x"], plan.items[0]["y"], plan.items[4]["param1"]) == (473977420, 85455940, 2.0)
-        # Nobody waits for it to be stored but this: a record's header comes last.
+        # Waits until the plan is stored: the header of a record is written last.
         deadline = time.monotonic() + 5
         while b"MVSR" not in storage.read_bytes():
             assert time.monotonic() < deadline, "it is not stored"

@@ -1,4 +1,4 @@
-"""Missions, fences and rally points as pymavlink sees them, from one client and from two."""
+"""Missions, fences and rally points with pymavlink, from one client and from two."""
 
 import math
 import random
@@ -33,13 +33,13 @@ UNKNOWN = 77
 
 @pytest.fixture
 def client(other):
-    """Where one client is enough: the one that is connected already."""
+    """The client that is already connected, for tests that need only one."""
     return other
 
 
 @KINDS
 def test_a_full_plan_of_each_kind(client, capacities, kind):
-    """M-1, M-3, M-5, M-26: field by field; its id is the same wherever it is named, and as long as the content is."""
+    """M-1, M-3, M-5, M-26: every field comes back. The plan's id is the same in all messages, and for the same content."""
     items = PLANS[kind](capacities[kind])
     ack = upload(client, items, kind)
     assert ack.type == ACCEPTED and plan_id(ack) != 0
@@ -68,7 +68,7 @@ def test_the_kinds_are_independent(client):
 
 @KINDS
 def test_one_item_too_many(client, capacities, kind):
-    """M-21: before the first item."""
+    """M-21: the plan is refused before its first item."""
     stored = plan_id(upload(client, PLANS[kind](10), kind))
     client.mav.mission_count_send(1, 1, capacities[kind] + 1, kind)
     message = next_word(client, kind)
@@ -81,7 +81,7 @@ JUMP = dict(command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0)
 OUT_OF_RANGE = "parameter {} out of range"
 
 
-# What is wrong with an item of an otherwise good plan, the code, and the reason that a text gives.
+# The fault of one item in an otherwise valid plan, the result code, and the reason in the text.
 BAD_ITEMS = {
     MISSION: [
         (dict(command=mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT), "UNSUPPORTED", "command not supported"),
@@ -104,7 +104,7 @@ BAD_ITEMS = {
         (dict(param1=4.0), "INVALID_PARAM1", OUT_OF_RANGE.format(1)),
         (dict(param2=2.0), "INVALID_PARAM2", OUT_OF_RANGE.format(2)),
         (dict(y=2**31 - 1), "INVALID_PARAM6_Y", OUT_OF_RANGE.format(6)),
-        # A polygon with something in between.
+        # A polygon that another item interrupts.
         (dict(command=RETURN_POINT), "INVALID", "not consistent"),
         (dict(command=EXCLUSION), "INVALID", "not consistent"),
     ],
@@ -119,12 +119,12 @@ BAD_ITEMS = {
 
 @KINDS
 def test_a_bad_item_is_refused_with_its_code_and_named(client, kind):
-    """M-1, M-38, section 8.6: and the old plan stays."""
+    """M-1, M-38: the old plan stays."""
     name = ("Mission", "Fence", "Rally")[kind]
     old = PLANS[kind](11)
     assert upload(client, old, kind).type == ACCEPTED
     for case, (fields, result, reason) in enumerate(BAD_ITEMS[kind]):
-        # Another one each time: a text that is repeated is not sent twice.
+        # A different item each time, because a repeated text is not sent twice.
         seq = 1 + case % 4
         new = PLANS[kind](12, 1)
         new[seq] |= fields
@@ -136,7 +136,7 @@ def test_a_bad_item_is_refused_with_its_code_and_named(client, kind):
 
 
 def test_what_is_not_a_plan_is_refused(client):
-    """M-25: with the type that was asked for, so that the client knows what the answer is about."""
+    """M-25: the answer has the requested plan type, so that the client can match it."""
     for kind in (ALL, UNKNOWN):
         client.mav.mission_count_send(1, 1, 3, kind)
         assert next_word(client, kind).type == mavlink.MAV_MISSION_INVALID
@@ -157,7 +157,7 @@ def test_partial_lists_are_refused(client):
 
 @KINDS
 def test_items_that_are_not_there(client, kind):
-    """M-64: a download beyond the end."""
+    """M-64: requests beyond the end of the plan are refused."""
     assert upload(client, PLANS[kind](10), kind).type == ACCEPTED
     assert ask_count(client, kind).count == 10
     assert ask_item(client, 9, kind).get_type() == "MISSION_ITEM_INT"
@@ -174,7 +174,7 @@ def test_items_that_nobody_asked_for(client):
 
 
 def test_the_float_forms_are_understood(client):
-    """M-37, M-61: MISSION_ITEM for MISSION_ITEM_INT, MISSION_REQUEST for MISSION_REQUEST_INT."""
+    """M-37, M-61: MISSION_ITEM is accepted for MISSION_ITEM_INT, and MISSION_REQUEST for MISSION_REQUEST_INT."""
     items = plan(12)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
     while (word := next_word(client, MISSION)).get_type() == "MISSION_REQUEST_INT":
@@ -184,7 +184,7 @@ def test_the_float_forms_are_understood(client):
     assert word.type == ACCEPTED
     back = download(client).items
     for item, received in zip(items, back):
-        # What is left of degrees in 32 bits.
+        # The precision of degrees in a 32-bit float.
         for axis in ("x", "y"):
             assert abs(item[axis] - received[axis]) < 20
             received[axis] = item[axis]
@@ -194,7 +194,7 @@ def test_the_float_forms_are_understood(client):
 
 
 def test_a_client_that_knows_only_the_old_forms(client):
-    """M-47, M-61: a client like dronekit, which understands only MISSION_REQUEST and sends only MISSION_ITEM."""
+    """M-47, M-61: a client such as dronekit understands only MISSION_REQUEST and sends only MISSION_ITEM."""
     items = plan(6)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
     while (word := client.wait(["MISSION_REQUEST", "MISSION_ACK"])).get_type() == "MISSION_REQUEST":
@@ -211,7 +211,7 @@ def test_a_client_that_knows_only_the_old_forms(client):
 
 
 def test_a_repeated_item_is_no_reason_to_ask_again(client):
-    """M-30: two requests for the items that are sent twice would double the traffic."""
+    """M-30: a duplicate item causes no second request, which would double the traffic."""
     items = plan(20)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
     requests = 0
@@ -224,7 +224,7 @@ def test_a_repeated_item_is_no_reason_to_ask_again(client):
 
 
 def test_who_comes_second_waits_until_the_first_is_done(gcs, other):
-    """M-23, M-33, M-51, T-M6: over two links, with two ids."""
+    """M-23, M-33, M-51: two clients with two ids, on two links."""
     old, first, second = plan(6), plan(30, 1), plan(8, 2)
     assert upload(gcs, old).type == ACCEPTED
     upload_part(gcs, first, 20)
@@ -244,7 +244,7 @@ def test_who_comes_second_waits_until_the_first_is_done(gcs, other):
 
 
 def test_two_download_at_once(gcs, other):
-    """M-60: each in its own order, a different plan too, and nothing is mixed up."""
+    """M-60: two clients download in different orders, different plans or the same one, and each receives the right items."""
     plans = {gcs: (MISSION, plan(40)), other: (FENCE, PLANS[FENCE](40))}
     for kind, items in plans.values():
         assert upload(gcs, items, kind).type == ACCEPTED
@@ -281,13 +281,13 @@ def test_the_old_plan_is_served_during_an_upload(gcs, other):
 @KINDS
 @pytest.mark.parametrize("by", ["upload", "clear"])
 def test_a_plan_that_is_replaced_during_a_download(gcs, other, kind, by):
-    """M-63: the client is told; it never gets items of two plans."""
+    """M-63: the client gets OPERATION_CANCELLED, and never the items of two plans."""
     old, new = PLANS[kind](10), PLANS[kind](12, 1)
     assert upload(gcs, old, kind).type == ACCEPTED
     assert ask_count(other, kind).count == 10
     for seq in range(4):
         assert differences([old[seq]], [as_dict(ask_item(other, seq, kind))]) == []
-    # What is equal changes nothing.
+    # An equal plan changes nothing.
     assert upload(gcs, old, kind).type == ACCEPTED
     assert differences([old[4]], [as_dict(ask_item(other, 4, kind))]) == []
     if by == "upload":
@@ -300,7 +300,7 @@ def test_a_plan_that_is_replaced_during_a_download(gcs, other, kind, by):
 
 
 def test_a_client_may_cancel(gcs, other):
-    """M-35: without a word from the vehicle, and another one may upload at once."""
+    """M-35: the vehicle does not answer a cancellation, and another client may upload at once."""
     old, new = plan(10), plan(12, 1)
     assert upload(gcs, old).type == ACCEPTED
     upload_part(gcs, new, 5)
@@ -313,7 +313,7 @@ def test_a_client_may_cancel(gcs, other):
 
 @pytest.mark.parametrize("sent", [0, 19])
 def test_a_client_that_dies_does_not_block_the_others(connect, other, sent, figure):
-    """M-41: PX4/PX4-Autopilot#27132. On its own link as on the other."""
+    """M-41: PX4/PX4-Autopilot#27132, for clients on the same link and on the other."""
     gcs = connect()
     old = plan(7)
     assert upload(gcs, old).type == ACCEPTED
@@ -323,19 +323,19 @@ def test_a_client_that_dies_does_not_block_the_others(connect, other, sent, figu
     gcs.close()
     new = PLANS[FENCE](12, 2)
     while upload(other, new, FENCE).type == DENIED:
-        assert time.monotonic() - died < 10, "nobody else can upload"
+        assert time.monotonic() - died < 10, "no other client can upload"
         time.sleep(0.1)
     free = time.monotonic() - died
     assert differences(new, download(other, FENCE).items) == []
     successor = connect(system=253)
     assert differences(old, download(successor).items) == []
     assert upload(successor, plan(9, 3)).type == ACCEPTED
-    assert time.monotonic() - died < 10, "nobody else can upload"
+    assert time.monotonic() - died < 10, "no other client can upload"
     figure(f"a client that died after {sent} items: another one could upload {free:.1f} s later")
 
 
 def test_the_successor_of_a_client_that_died(connect):
-    """As above, with the next client on the same link, and for the same plan."""
+    """M-41, for the next client on the same link and the same plan."""
     gcs = connect()
     upload_part(gcs, plan(20), 11)
     assert next_word(gcs, MISSION).seq == 11
@@ -343,13 +343,13 @@ def test_the_successor_of_a_client_that_died(connect):
     gcs.close()
     successor = connect(system=253)
     while upload(successor, plan(9, 3)).type == DENIED:
-        assert time.monotonic() - died < 10, "nobody else can upload"
+        assert time.monotonic() - died < 10, "no other client can upload"
         time.sleep(0.1)
     assert differences(plan(9, 3), download(successor).items) == []
 
 
 def test_how_fast_a_long_plan_is(gcs, other, target, figure):
-    """No more than figures: the links carry 115,200 and 921,600 bits a second by their configuration, and no more."""
+    """Measures the speed. The links are configured for 115,200 and 921,600 bit/s, which limits it."""
     items = plan(500 if target == "sitl" else 250)
     for name, client in (("telemetry", gcs), ("companion", other)):
         began = time.monotonic()
@@ -362,7 +362,7 @@ def test_how_fast_a_long_plan_is(gcs, other, target, figure):
 
 
 def test_a_position_is_kept_to_the_last_digit(client):
-    """M-3: the ends of the globe, and what is beyond floats."""
+    """M-3: extreme positions, and one that a float cannot represent."""
     corners = [(900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000), (1, -1), (0, 0), (899_999_999, 16_777_217)]
     items = [dict(item, x=x, y=y) for item, (x, y) in zip(PLANS[RALLY](len(corners)), corners)]
     assert upload(client, items, RALLY).type == ACCEPTED

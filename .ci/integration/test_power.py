@@ -1,4 +1,4 @@
-"""Plans are what they were or what they were to be, wherever the power goes (SEC-11, M-1, M-44)."""
+"""After a power cut at any moment, each plan is the old one or the new one (SEC-11, M-1, M-44)."""
 
 import time
 from collections import Counter
@@ -17,16 +17,16 @@ from transfer import (
     upload_part,
 )
 
-# In how many places the power is cut.
+# The number of moments at which the power is cut.
 POSITIONS = {"qemu": 22, "sitl": 12}
-# What is there besides the plan that changes.
+# The sizes of the plans that do not change.
 RESIDENT = {MISSION: 100, FENCE: 64, RALLY: 16}
-# A plan whose commit takes long.
+# The sizes of plans whose commit takes long.
 LONG = {"qemu": {MISSION: 250, FENCE: 64, RALLY: 16}, "sitl": {MISSION: 500, FENCE: 256, RALLY: 64}}
 
 
 def store(gcs, kind, items):
-    """Uploads; returns the id and how long the last item waited for its acknowledgement, in seconds."""
+    """Uploads a plan. Returns its id, and the time from the last item to the acknowledgement (s)."""
     upload_part(gcs, items, len(items), kind)
     sent = time.monotonic()
     ack = next_word(gcs, kind, 10)
@@ -35,17 +35,17 @@ def store(gcs, kind, items):
 
 
 def is_accepted(messages):
-    """Whether an ACCEPTED is among them."""
+    """Returns whether an ACCEPTED is among the messages."""
     return any(message.get_type() == "MISSION_ACK" and message.type == ACCEPTED for message in messages)
 
 
 def spread(positions, duration):
-    """Moments from the beginning to after the end, and one long after it, in seconds."""
+    """Returns moments (s) from the start to after the end, and one long after it."""
     return [*(1.4 * duration * position / (positions - 2) for position in range(positions - 1)), 5 * duration]
 
 
 def test_all_plans_survive(vehicle):
-    """Field by field, and the ids with them; and they go from storage when they are cleared."""
+    """All fields and ids survive. Cleared plans are removed from storage."""
     plans = {kind: make(12) for kind, make in PLANS.items()}
     stored = {kind: store(vehicle.gcs, kind, items)[0] for kind, items in plans.items()}
     assert len({0, *stored.values()}) == 4
@@ -64,7 +64,7 @@ def test_all_plans_survive(vehicle):
 
 
 def test_a_cut_in_the_middle_of_an_upload_leaves_the_old_plan(vehicle, target, figure):
-    """From before the first item to the last but one."""
+    """The power is cut at moments from before the first item to after the last but one."""
     counts = {MISSION: 50, FENCE: 40, RALLY: 16}
     old = {kind: make(counts[kind]) for kind, make in PLANS.items()}
     stored = [store(vehicle.gcs, kind, items)[0] for kind, items in old.items()]
@@ -76,14 +76,14 @@ def test_a_cut_in_the_middle_of_an_upload_leaves_the_old_plan(vehicle, target, f
         assert not is_accepted(vehicle.cut())
         assert ids(vehicle.gcs) == stored, f"cut after {sent} of {counts[kind]} items"
         assert differences(old[kind], download(vehicle.gcs, kind).items) == []
-    # Nothing of it is in the way of the next.
+    # The interrupted uploads do not block the next one.
     assert upload(vehicle.gcs, PLANS[MISSION](counts[MISSION], 999)).type == ACCEPTED
     figure(f"cut in the middle of an upload: {positions} times, the old plan each time")
 
 
 @pytest.mark.parametrize("kind", PLANS, ids=["mission", "fence", "rally"])
 def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehicle, target, kind, figure):
-    """From the last item to after the acknowledgement."""
+    """The power is cut at moments from the last item to after the acknowledgement."""
     gcs, count, make = vehicle.gcs, LONG[target][kind], PLANS[kind]
     stored = {}
     for other, size in RESIDENT.items():
@@ -92,7 +92,7 @@ def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehi
     old = make(count)
     times = []
     for variant in (1001, 1002, 0):
-        # What is measured begins as what follows: with a vehicle that was just switched on.
+        # As in the runs below, the vehicle was just switched on.
         vehicle.cut()
         stored[kind], took = store(vehicle.gcs, kind, make(count, variant))
         times.append(took)
@@ -107,14 +107,14 @@ def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehi
         is_new = differences(new, back.items) == []
         where = f"cut {1000 * moment:.1f} ms after the last item"
         assert is_new or differences(old, back.items) == [], f"{where}: neither the old plan nor the new one"
-        assert is_new or not accepted, f"{where}: ACCEPTED was said, and the old plan is there"
-        assert is_new == (back.id != stored[kind]) and back.id != 0, f"{where}: the id is not the plan's"
+        assert is_new or not accepted, f"{where}: ACCEPTED was sent, but the old plan is stored"
+        assert is_new == (back.id != stored[kind]) and back.id != 0, f"{where}: the id does not belong to the plan"
         if is_new:
             old, stored[kind] = new, back.id
         assert ids(vehicle.gcs) == [stored[each] for each in PLANS], f"{where}: the other plans have changed"
         outcomes["new, and said so" if accepted else "new" if is_new else "old"] += 1
     figure(f"cut in the middle of a commit of {count} items, {1000 * duration:.1f} ms: {dict(outcomes)}")
-    assert outcomes["old"] and outcomes["new, and said so"], "the cuts are not spread over the whole of the commit"
+    assert outcomes["old"] and outcomes["new, and said so"], "the cuts do not cover the whole commit"
 
 
 @pytest.mark.parametrize("kind", [MISSION, ALL], ids=["mission", "all"])
@@ -131,7 +131,7 @@ def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind
         for each, items in plans.items():
             if not stored.get(each) or each in meant:
                 stored[each], _ = store(vehicle.gcs, each, items)
-        # What is measured begins as what follows: with a vehicle that was just switched on.
+        # As in the runs below, the vehicle was just switched on.
         vehicle.cut()
         began = time.monotonic()
         begin()
@@ -151,10 +151,10 @@ def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind
         found = ids(vehicle.gcs)
         where = f"cut {1000 * moment:.1f} ms after the request"
         assert found in (whole, cleared), f"{where}: {found} is neither {whole} nor {cleared}"
-        assert found == cleared or not accepted, f"{where}: ACCEPTED was said, and the plans are there"
+        assert found == cleared or not accepted, f"{where}: ACCEPTED was sent, but the plans are stored"
         for each, items in plans.items():
             expected = [] if found == cleared and each in meant else items
             assert differences(expected, download(vehicle.gcs, each).items) == []
         outcomes["cleared, and said so" if accepted else "cleared" if found == cleared else "whole"] += 1
     figure(f"cut in the middle of a clear, {1000 * duration:.1f} ms: {dict(outcomes)}")
-    assert outcomes["whole"] and outcomes["cleared, and said so"], "the cuts are not spread over the whole of it"
+    assert outcomes["whole"] and outcomes["cleared, and said so"], "the cuts do not cover the whole clear"

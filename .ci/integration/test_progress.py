@@ -1,4 +1,4 @@
-"""How the vehicle gets on with its mission, as pymavlink sees it."""
+"""Mission progress with pymavlink."""
 
 import math
 import time
@@ -17,7 +17,7 @@ NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = range(1, 6)
 
 @pytest.fixture
 def client(other):
-    """One is enough, and this one is connected already."""
+    """The client that is already connected, for tests that need only one."""
     return other
 
 
@@ -28,7 +28,7 @@ def current(gcs, timeout=3.0):
 
 
 def test_what_is_said_of_the_plans_each_second(client):
-    """M-90: all fields, without a plan, with one, with all."""
+    """M-90: all fields of MISSION_CURRENT, without a plan, with one plan, and with all three."""
     clear_all(client)
     empty = current(client)
     assert (empty.seq, empty.total, empty.mission_state) == (0, 65535, NO_MISSION)
@@ -37,7 +37,7 @@ def test_what_is_said_of_the_plans_each_second(client):
     for kind in (RALLY, FENCE, MISSION):
         client.drain()
         stored[kind] = plan_id(upload(client, PLANS[kind](12), kind))
-        # At once, and then each second.
+        # At once, and then every second.
         for timeout in (0.3, 1.5, 1.5):
             told = current(client, timeout)
             assert [plan_id(told, each) for each in PLANS] == list(stored.values())
@@ -78,9 +78,9 @@ def test_set_current_by_command(client):
 
 
 def test_set_current_by_message(client):
-    """M-93: the answer is MISSION_CURRENT, and a text where it fails."""
+    """M-93: the answer is MISSION_CURRENT, with a text on failure."""
     assert upload(client, plan(12)).type == ACCEPTED
-    # What the upload changed may still be on its way.
+    # Messages about the upload may still be in flight.
     client.mav.mission_set_current_send(1, 1, 7)
     assert client.wait("MISSION_CURRENT", 0.5, lambda message: message.seq == 7)
     client.mav.mission_set_current_send(1, 1, 12)
@@ -94,7 +94,7 @@ def test_set_current_by_message(client):
 
 
 def test_the_current_item_after_an_upload(client):
-    """M-39, M-94: kept when the plan is the same, else where the plan says, and never beyond its end."""
+    """M-39, M-94: the same plan keeps the current item. Another plan selects it, and it is never beyond the end."""
     items = plan(12)
     assert upload(client, items).type == ACCEPTED
     assert client.command(SET_CURRENT, 9) == mavlink.MAV_RESULT_ACCEPTED
@@ -114,7 +114,7 @@ def test_the_current_item_after_an_upload(client):
 
 
 def test_a_mission_that_cannot_be_started(client):
-    """M-95: there is none, the items are not there, it stands on the ground disarmed."""
+    """M-95: there is no mission, the items do not exist, or the vehicle is disarmed on the ground."""
     start = mavlink.MAV_CMD_MISSION_START
     assert client.command(start, 0, 0) == mavlink.MAV_RESULT_FAILED
     assert upload(client, plan(4)).type == ACCEPTED
@@ -124,14 +124,14 @@ def test_a_mission_that_cannot_be_started(client):
 
 
 def wait_until(gcs, condition, timeout):
-    """Follows the heartbeats until one fits."""
+    """Waits for a heartbeat that meets the condition."""
     heartbeat = gcs.wait("HEARTBEAT", timeout, condition)
     assert heartbeat, f"it does not happen within {timeout} s"
     return heartbeat
 
 
 def test_it_flies_a_mission_and_lands(gcs, other):
-    """Arm, take-off, plan with a detour, landing, as two ground stations see them (M-90, M-91)."""
+    """Two ground stations observe arming, take-off, a plan with a jump, and the landing (M-90, M-91)."""
     waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
     near = [(HOME[0] + 900, HOME[1]), (HOME[0] + 900, HOME[1] + 900)]
     items = [dict(waypoint, seq=seq, x=x, y=y) for seq, (x, y) in enumerate(near)]
@@ -143,7 +143,7 @@ def test_it_flies_a_mission_and_lands(gcs, other):
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     wait_until(gcs, is_armed, 3)
     assert gcs.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5) == mavlink.MAV_RESULT_ACCEPTED
-    # In the air it is not disarmed by a plain request.
+    # In the air, a normal disarm command is refused.
     time.sleep(2)
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
     for client in (gcs, other):
@@ -151,11 +151,11 @@ def test_it_flies_a_mission_and_lands(gcs, other):
     assert gcs.command(mavlink.MAV_CMD_MISSION_START, 0, 0) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("MISSION_CURRENT", 3, lambda told: (told.mission_state, told.mission_mode) == (ACTIVE, 1))
     for client in (gcs, other):
-        # Told to all; and that an item is reached before what comes after it.
+        # Both clients are informed, and MISSION_ITEM_REACHED precedes the next current item.
         log = []
         while not log or log[-1] != "Mission complete":
             message = client.wait(["MISSION_CURRENT", "MISSION_ITEM_REACHED", "STATUSTEXT"], 60)
-            assert message, f"after {log} nothing came"
+            assert message, f"no message after {log}"
             match message.get_type():
                 case "STATUSTEXT":
                     log.append(message.text)
@@ -163,10 +163,10 @@ def test_it_flies_a_mission_and_lands(gcs, other):
                     log.append(("reached", message.seq))
                 case _ if message.mission_state == ACTIVE and log[-1:] != [message.seq]:
                     log.append(message.seq)
-        # The jump is taken as soon as it is its turn: it is told or it is not.
+        # The jump is taken at once, so it may or may not be reported as the current item.
         steps = [step for step in log if step != 2 and not isinstance(step, str)]
         expected = [[seq, ("reached", seq)] for seq in (0, 1, 0, 1, 3)]
         assert steps == sum(expected, [])
     wait_until(gcs, lambda heartbeat: not is_armed(heartbeat), 3)
-    assert gcs.wait("MISSION_CURRENT", 3, lambda told: told.mission_state == COMPLETE), "it does not say COMPLETE"
+    assert gcs.wait("MISSION_CURRENT", 3, lambda told: told.mission_state == COMPLETE), "no MISSION_CURRENT with COMPLETE"
     assert clear(gcs) == ACCEPTED

@@ -1,4 +1,4 @@
-"""The vehicle as pymavlink sees it: message by message."""
+"""Basic services with pymavlink, message by message."""
 
 import socket
 import time
@@ -31,7 +31,7 @@ def test_heartbeat_says_what_it_is_once_a_second(gcs, figure):
 
 
 def test_autopilot_version_on_request(gcs):
-    """Q-1, Q-9: the message follows its ACCEPTED, with exactly the capabilities that are there."""
+    """Q-1, Q-9: the message follows its ACCEPTED, and reports exactly the existing capabilities."""
     gcs.send_command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     got = {}
     for _ in range(2):
@@ -56,7 +56,7 @@ def test_autopilot_version_on_request(gcs):
     ],
 )
 def test_a_command_gets_exactly_one_answer(gcs, command, params, result):
-    """C-3, C-4: also one that is refused, or unknown."""
+    """C-3, C-4: this includes refused and unknown commands."""
     assert gcs.command(command, *params) == getattr(mavlink, f"MAV_RESULT_{result}")
     assert gcs.wait("COMMAND_ACK", timeout=1.5) is None, "a second answer"
 
@@ -106,7 +106,7 @@ def test_a_plan_goes_up_comes_down_and_is_cleared(gcs):
 
 
 def test_a_full_plan(gcs, capacity, figure):
-    """Every place taken, over the wire one item at a time."""
+    """Fills the capacity, one item at a time."""
     items = plan(capacity)
     began = time.monotonic()
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -127,7 +127,7 @@ def test_a_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity)
 
 
 def test_an_item_that_cannot_be_flown_leaves_the_old_plan(gcs):
-    """M-1, M-38, M-73: refused with its code and a text that names it, and nothing has changed."""
+    """M-1, M-38, M-73: the plan is refused with a result code and a text that names the item, and nothing changes."""
     items = plan(3)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
     bad = plan(5)
@@ -147,7 +147,7 @@ def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(conn
         gcs.link.write(frame[: len(frame) // 2])
         gcs.close()
 
-        # Sent once: what the first client left must not cost the second one its first frame.
+        # Sent once: the rest of the first client's frame must not cost the second client its first frame.
         gcs = connect()
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
         assert gcs.wait("AUTOPILOT_VERSION")
@@ -155,7 +155,7 @@ def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(conn
 
 
 def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
-    """M-1, M-22: the old plan stays until a whole new one is there."""
+    """M-1, M-22: the old plan stays until the new one is complete."""
     gcs = connect()
     old, new = plan(4), plan(9)
     assert upload(gcs, old).type == mavlink.MAV_MISSION_ACCEPTED
@@ -172,20 +172,20 @@ def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
 
 
 def test_a_second_client_on_a_busy_port(connect, port, target):
-    """TCP to the simulator is refused; QEMU lets the second one wait. The first is served all the same."""
+    """sitl closes the second TCP connection; QEMU leaves it waiting. The first client is still served."""
     gcs = connect()
     with socket.create_connection(("127.0.0.1", port), timeout=3) as second:
         if target == "sitl":
-            assert second.recv(1) == b"", "a clear refusal is an end at once"
+            assert second.recv(1) == b"", "the second connection is not closed at once"
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
 
 
 def test_all_three_links_at_once(gcs, other, port):
-    """The companion's link beats; the satellite link does not (H-7), and neither disturbs telemetry."""
+    """The companion's link carries heartbeats, the satellite link does not (H-7). Neither disturbs telemetry."""
     satellite = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port + 2}", source_system=255, source_component=190)
     try:
         assert other.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148) == mavlink.MAV_RESULT_ACCEPTED
-        assert gcs.wait("COMMAND_ACK", timeout=0.5) is None, "the answer goes over the link of the request"
+        assert gcs.wait("COMMAND_ACK", timeout=0.5) is None, "the answer was also sent on another link"
         assert satellite.recv_match(type="HEARTBEAT", blocking=True, timeout=2.5) is None
         assert gcs.wait("HEARTBEAT") and other.wait("HEARTBEAT")
     finally:

@@ -1,4 +1,4 @@
-"""QGroundControl finds the vehicle, loads what it wants to know of it, and works with it (§16.1)."""
+"""QGroundControl's connection sequence, and its requests after that."""
 
 import math
 import time
@@ -19,25 +19,25 @@ GIMBAL_MANAGER_INFORMATION = mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
 
 @pytest.fixture
 def planned(other):
-    """There is something to load."""
+    """Plans that QGroundControl can load."""
     for kind, items in PLANS.items():
         assert upload(other, items, kind).type == ACCEPTED
 
 
 @pytest.fixture
 def line(request, gcs, other):
-    """The radio to the ground station, or the line of a companion: fast, as USB is."""
+    """The telemetry radio, or the companion's link, which is as fast as USB."""
     return {"telemetry": gcs, "companion": other}[request.param]
 
 
 @pytest.mark.parametrize("line", ["telemetry", "companion"], indirect=True)
 def test_it_connects(planned, line, figure, request):
-    """Every step is answered: with what was asked for, or by a refusal at once."""
+    """Every step is answered: with the requested message, or at once with a refusal."""
     qgc = Qgc(line)
     qgc.connect()
     assert qgc.is_ready and all(step.is_answered for step in qgc.steps), qgc.steps
     steps = ", ".join(f"{step.name} {step.duration:.2f}" for step in qgc.steps[:-1])
-    figure(f"QGroundControl on {request.node.callspec.id}: {steps} s; {qgc.retries} asked again")
+    figure(f"QGroundControl on {request.node.callspec.id}: {steps} s; {qgc.retries} retries")
     assert len(qgc.modes) == qgc.modes[0].number_modes
     for kind, items in PLANS.items():
         assert differences(items, qgc.plans[kind]) == []
@@ -48,14 +48,14 @@ def test_it_connects(planned, line, figure, request):
 
 
 def test_it_connects_over_a_bad_line(planned, other, figure):
-    """What is lost is asked for again until it is there."""
+    """Lost messages are requested again until they arrive."""
     qgc = Qgc(other, BadLine)
     qgc.connect()
-    # A mode whose message was lost is not asked for again, and the others not at all: so it is made.
+    # QGroundControl does not repeat the request for a lost mode, and does not request the remaining modes.
     missed = [step.name for step in qgc.steps if not step.is_answered]
     assert qgc.is_ready and set(missed) <= {"modes"}, qgc.steps
     duration = sum(step.duration for step in qgc.steps)
-    figure(f"QGroundControl over a bad line: {duration:.1f} s, {qgc.retries} asked again")
+    figure(f"QGroundControl over a bad line: {duration:.1f} s, {qgc.retries} retries")
     assert qgc.retries
     assert len(qgc.parameters) == qgc.parameter_count
     for kind, items in PLANS.items():
@@ -63,15 +63,15 @@ def test_it_connects_over_a_bad_line(planned, other, figure):
 
 
 def test_what_it_does_then(gcs):
-    """Once it is connected: gimbals looked for, rates, home, round trips; the vehicle answers all of it."""
+    """The vehicle answers what QGroundControl requests after connecting: gimbals, home, and rates."""
     qgc = Qgc(gcs)
     qgc.connect()
     assert qgc.is_ready
-    # There is none, and it says so: six requests less.
+    # The vehicle has no gimbal. Its refusal saves six further requests.
     assert qgc.request_message(GIMBAL_MANAGER_INFORMATION) is None
     home = qgc.request_message(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert (home.latitude, home.longitude) == (473_977_420, 85_455_940)
-    # As its MAVLink inspector does: a rate, what became of it, and the default again.
+    # The requests of the MAVLink Inspector: sets a rate, reads it back, and restores the default.
     attitude = mavlink.MAVLINK_MSG_ID_ATTITUDE
     for micros, expected in [(100_000, lambda told: told == 100_000), (0, lambda told: told > 100_000)]:
         assert qgc.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, micros) == mavlink.MAV_RESULT_ACCEPTED
@@ -80,7 +80,7 @@ def test_what_it_does_then(gcs):
 
 
 def test_ping_and_timesync(gcs, other):
-    """T-1, T-2: who asks is answered, on the line that it asked on; an answer is not answered."""
+    """T-1, T-2: a request is answered on the link that it came by. An answer is not answered."""
     gcs.mav.ping_send(123_456_789, 7, 0, 0)
     pong = gcs.wait("PING")
     assert (pong.time_usec, pong.seq) == (123_456_789, 7)
@@ -96,13 +96,13 @@ def test_ping_and_timesync(gcs, other):
         assert answer and answer.tc1 > 0
         offsets.append(answer.tc1 - (sent + time.monotonic_ns()) // 2)
     boot = gcs.wait("SYSTEM_TIME", 3)
-    # One clock: the same as in the messages, and it runs as fast as ours.
+    # TIMESYNC uses the clock of the other messages, and it runs as fast as ours.
     assert abs(answer.tc1 / 1e6 - boot.time_boot_ms) < 5000
     assert max(offsets) - min(offsets) < 1e9
 
 
 def test_its_take_off_and_landing(gcs):
-    """As for every autopilot that it does not know: armed, then all parameters NaN: the height is the vehicle's."""
+    """QGroundControl's generic sequence: it arms, and then sends only NaN parameters. The vehicle chooses the altitude."""
     write(gcs, "MIS_TAKEOFF_ALT", REAL32, 4.0)
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("HEARTBEAT", 3, is_armed)

@@ -1,4 +1,4 @@
-"""A ground station on the telemetry link and a companion computer on the other talk to each other through the vehicle."""
+"""Forwarding between a ground station on the telemetry link and a companion computer on its link."""
 
 import json
 import queue
@@ -30,7 +30,7 @@ def companion(other):
 
 @pytest.fixture
 def satellite(port):
-    """All the while nothing goes out by satellite that may not."""
+    """Checks that the vehicle forwards nothing to the satellite during the test."""
     satellite = Satellite(port + 2)
     yield satellite
     satellite.listen(0.5)
@@ -50,13 +50,13 @@ def is_from(message, address):
 
 
 def test_mavsdk_and_the_companion(system, companion, satellite):
-    """R-1, R-2, R-16: heartbeats, a command and its answer each way, texts."""
+    """R-1, R-2, R-16: heartbeats, texts, and a command with its answer in each direction."""
     beat = companion.hear("HEARTBEAT", 5, lambda beat: beat.type == mavlink.MAV_TYPE_GCS)
-    assert beat, "MAVSDK's heartbeat does not come through"
+    assert beat, "MAVSDK's heartbeat is not forwarded"
     ground = (beat.get_srcSystem(), beat.get_srcComponent())
     until(lambda: ADDRESS[1] in system.component_ids(), 5, "MAVSDK sees the companion")
 
-    # MAVSDK asks the companion.
+    # MAVSDK sends a command to the companion.
     direct = MavlinkDirect(system)
     answers = queue.SimpleQueue()
     fields = dict(target_system=1, target_component=ADDRESS[1], command=31_010, param1=7.5, param2=-1.0)
@@ -70,9 +70,9 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
     assert (answer.system_id, answer.component_id) == ADDRESS
     told = json.loads(answer.fields_json)
     assert (told["result"], told["result_param2"]) == (ACCEPTED, 42)
-    assert not companion.hear("COMMAND_LONG", 1), "it was asked again: the answer was late or lost"
+    assert not companion.hear("COMMAND_LONG", 1), "MAVSDK retransmitted the command: the answer was late or lost"
 
-    # The companion asks MAVSDK, whose user answers.
+    # The companion sends a command to MAVSDK, and the test answers it.
     asked = queue.SimpleQueue()
     direct.subscribe_message("COMMAND_LONG", lambda message, _: asked.put(message))
     companion.mav.command_long_send(*ground, 31_011, 0, 42, 0, 0, 0, 0, 0, 0)
@@ -86,7 +86,7 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
     assert ack and is_from(ack, ground) and (ack.command, ack.result) == (31_011, mavlink.MAV_RESULT_DENIED)
     assert (ack.target_system, ack.target_component) == ADDRESS
 
-    # Both ask the vehicle, and each is answered alone.
+    # Both send a command to the vehicle, and each receives only its own answer.
     companion.mav.command_long_send(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
     ack = companion.line.wait("COMMAND_ACK")
     assert (ack.result, ack.target_system, ack.target_component) == (ACCEPTED, *ADDRESS)
@@ -97,7 +97,7 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
     assert heard.get(timeout=3).component_id == 1
     assert not companion.line.wait("COMMAND_ACK", 1)
 
-    # What it says is for everybody.
+    # The companion's texts are broadcast.
     texts, messages = queue.SimpleQueue(), queue.SimpleQueue()
     Telemetry(system).subscribe_status_text(lambda text, _: texts.put(text.text))
     direct.subscribe_message("STATUSTEXT", lambda message, _: messages.put(message))
@@ -109,12 +109,12 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
 
 
 def test_addressed_and_broadcast(gcs, companion, satellite):
-    """R-1, R-2: for one, for all of a system, for everybody, for nobody."""
+    """R-1, R-2: commands to one component, to a system, to all systems, and to an unknown target."""
 
     def ask(*target):
         gcs.mav.command_long_send(*target, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
 
-    # The companion must know the way back.
+    # Teaches the vehicle the route to the ground station.
     gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
     assert companion.hear("HEARTBEAT", where=lambda beat: is_from(beat, gcs.address))
     for target, is_answered, is_forwarded in [
@@ -132,18 +132,19 @@ def test_addressed_and_broadcast(gcs, companion, satellite):
         asked = companion.hear("COMMAND_LONG", 0.3)
         assert bool(asked) == is_forwarded, target
         assert not asked or (asked.target_system, asked.target_component) == target
-    # Nobody hears himself.
+    # No frame is sent back to its sender.
     gcs.drain()
     gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
     assert not gcs.hear("HEARTBEAT", 2, lambda beat: is_from(beat, gcs.address))
 
 
 def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
-    """R-5, R-9, R-10: to the byte, whatever is in them; also where nobody here knows the message, or can check it."""
+    """R-5, R-9, R-10: forwarded frames are identical in every byte, even if the vehicle does not know the message and cannot check
+    it."""
     tunnel = mavlink.MAVLink_tunnel_message(0, 0, 40_000, 100, bytes(range(100)).ljust(128, b"\0"))
     companion.mav.seq = 200
     sent = [companion.send(tunnel)]
-    # Zeros at the end that were not cut off, a signature, a flag that nobody knows.
+    # Trailing zeros that were not trimmed, a signature, an unknown flag.
     payload = b"\x01\x02\x00\x00"
     signed = bytes([0xFD, 4, 1, 0x40, 201, *ADDRESS, 0x01, 0x81, 0x02]) + payload + b"\xaa\xbb" + bytes(range(13))
     unknown = bytes([0xFD, 4, 0, 0, 202, *ADDRESS, 0x02, 0x81, 0x02]) + payload + b"\xcc\xdd"
@@ -151,7 +152,7 @@ def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
     for frame in (signed, unknown, old):
         companion.line.link.write(frame)
         sent.append(frame)
-        # It takes silence behind it for a sign that it is one.
+        # The decoder accepts a frame that it cannot check only if silence follows.
         time.sleep(0.15)
     companion.mav.seq = 204
     found = b""
@@ -159,7 +160,7 @@ def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
     while any(frame not in found for frame in sent) and time.monotonic() < deadline:
         found += gcs.link.recv(4096) or b""
     assert [frame in found for frame in sent] == [True] * 4
-    # On their own link they are nobody's business.
+    # The frames are not sent back on the companion's link.
     assert not companion.hear("TUNNEL", 0.5)
 
 
@@ -172,13 +173,13 @@ def test_keys_stay_on_their_link(gcs, companion, satellite):
 
 
 def test_a_companion_that_talks_without_end(gcs, companion, satellite, figure):
-    """R-14: the vehicle's answers are not late for it; what the radio does not carry is dropped, whole."""
+    """R-14: forwarding does not delay the vehicle's answers. Frames that exceed the radio's rate are dropped as a whole."""
     ended = threading.Event()
 
     def talk():
         while not ended.is_set():
             companion.mav.statustext_send(mavlink.MAV_SEVERITY_DEBUG, b"a line of a log that never comes to its end")
-            # Twice of what the telemetry link carries.
+            # Twice the rate that the telemetry link carries.
             time.sleep(0.0025)
 
     talker = threading.Thread(target=talk, daemon=True)
@@ -207,11 +208,11 @@ def test_a_companion_that_talks_without_end(gcs, companion, satellite, figure):
 
 
 def test_mavproxy_sees_both(companion, satellite, port, tmp_path):
-    """R-16: and what the companion says."""
+    """R-16: MAVProxy detects the companion and shows its texts."""
     mavproxy = MavProxy(port, tmp_path)
     try:
         mavproxy.expect_all("Detected vehicle 1:1 ", f"Detected vehicle 1:{ADDRESS[1]} ")
-        # It shows the texts of one component at a time.
+        # MAVProxy shows the texts of one component at a time.
         mavproxy.say(f"vehicle 1:{ADDRESS[1]}")
         time.sleep(0.5)
         companion.mav.statustext_send(mavlink.MAV_SEVERITY_NOTICE, b"obstacle map ready")

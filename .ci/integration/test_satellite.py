@@ -1,5 +1,5 @@
-"""The high-latency link: from the radio to the satellite and back, as the protocol's document tells it, and what that
-costs. Every byte that leaves is looked at."""
+"""The high-latency link: the handover from the radio to the satellite and back, as the protocol describes it, and its cost. Every
+byte that is sent on the link is checked."""
 
 import math
 import threading
@@ -19,21 +19,21 @@ mavlink = mavutil.mavlink
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 DENIED = mavlink.MAV_RESULT_DENIED
 LATER = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-# As the vehicle has it in 16 bits: PX4's modes, main and sub.
+# The 16-bit form of the modes in HIGH_LATENCY2: PX4's main mode and sub-mode.
 HOLD, MISSION, RETURN = 4 | 3 << 8, 4 | 4 << 8, 4 | 5 << 8
-# What wp_num says while no mission is flown.
+# wp_num while no mission is flown.
 NO_ITEM = 65_535
-# Seconds from one report to the next.
+# The time between two reports (s).
 PERIOD = 2
 
 
 @pytest.fixture
 def satellite(port, other):
-    """A modem that reports often."""
+    """A satellite modem on a link with a short report period."""
     write(other, "MAV_2_HL_FREQ", REAL32, 1 / PERIOD)
     satellite = Satellite(port + 2)
     yield satellite
-    # What looks like a copy of an earlier STOP has to be said again.
+    # A STOP that looks like a duplicate of an earlier one must be sent again.
     while satellite.control(STOP) == LATER:
         pass
     satellite.listen(0.5)
@@ -44,7 +44,7 @@ def satellite(port, other):
 
 @pytest.fixture
 def beating(port):
-    """Ground stations on the radio that beat until they are lost."""
+    """Ground stations on the radio that send heartbeats until they fall silent."""
     beating = []
 
     class Beating(Gcs):
@@ -80,16 +80,16 @@ def kinds(messages):
 
 
 def count(other, name):
-    """How much the vehicle says that it was."""
+    """Returns the value of one of the vehicle's counters."""
     other.drain()
     return read(other, name).value
 
 
 def test_handover(satellite, other, beating, figure):
-    """L-3, L-10, L-11, L-15, L-23: link lost, START, HIGH_LATENCY2 and nothing else, link back, STOP."""
+    """L-3, L-10, L-11, L-15, L-23: the radio is lost, START, only HIGH_LATENCY2 is sent, the radio is back, STOP."""
     before = {name: count(other, name) for name in ("STAT_HL_BYTES", "STAT_HL_CREDITS")}
     gcs = beating()
-    assert satellite.listen(2) == [], "nothing while the radio works"
+    assert satellite.listen(2) == [], "a message was sent although the radio works"
 
     gcs.fall_silent()
     gcs.close()
@@ -104,22 +104,22 @@ def test_handover(satellite, other, beating, figure):
     stamps = [report.timestamp, *(each.timestamp for each in satellite.until("HIGH_LATENCY2", 3, timeout=4 * PERIOD))]
     gaps = [b - a for a, b in zip(stamps, stamps[1:])]
     assert all(abs(gap - 1000 * PERIOD) <= 300 for gap in gaps), gaps
-    assert satellite.listen(0.5) == [], "no heartbeat, no telemetry, no text"
-    # Again: one more at once, and the period begins anew.
+    assert satellite.listen(0.5) == [], "another message than HIGH_LATENCY2 was sent"
+    # A second START causes one more report at once, and restarts the period.
     assert satellite.control(START) == ACCEPTED
     satellite.until("HIGH_LATENCY2", timeout=1.5)
 
-    # The radio is back: both run at once, until the ground says that one is enough.
+    # The radio is back. Both links are in use until the ground station stops the reports.
     gcs = beating()
     satellite.until("HIGH_LATENCY2", 2, timeout=3 * PERIOD)
     assert gcs.wait("HEARTBEAT") and gcs.wait("ATTITUDE")
-    assert not gcs.wait("HIGH_LATENCY2", 1), "never over the radio (L-2)"
+    assert not gcs.wait("HIGH_LATENCY2", 1), "HIGH_LATENCY2 was sent on the radio (L-2)"
     assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
     assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
     satellite.listen(0.5)
     assert satellite.listen(2 * PERIOD) == []
 
-    # What the vehicle has counted is what came.
+    # The vehicle's counters agree with the received bytes.
     spent = {name: count(other, name) - was for name, was in before.items()}
     assert spent == {"STAT_HL_BYTES": len(satellite.received), "STAT_HL_CREDITS": satellite.credits()}
     sent = f"{len(satellite.frames())} messages, {len(satellite.received)} bytes, {satellite.credits()} credits"
@@ -127,8 +127,8 @@ def test_handover(satellite, other, beating, figure):
 
 
 def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
-    """What QGroundControl shows of a flight: the mode, 16 bits up where the heartbeat has it, and the item that is flown, which
-    is the one that the radio tells."""
+    """What QGroundControl shows of a flight: the mode, which it shifts by 16 bits to that of the heartbeat, and the current item,
+    which is the same as on the radio."""
     write(other, "MAV_2_HL_FREQ", REAL32, 1)
     waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
     corners = [(200, 0), (200, 200), (0, 200), (0, 0)]
@@ -150,7 +150,7 @@ def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
         told = {each.custom_mode for each in messages if each.get_type() == "HEARTBEAT" and each.get_srcComponent() == 1}
         at = [each.seq for each in messages if each.get_type() == "MISSION_CURRENT"]
         if told == {reports[-1].custom_mode << 16} and len(set(at)) == 1 and reports[-1].custom_mode == MISSION:
-            # Between two of each it may go on.
+            # The vehicle may advance to the next item between two messages.
             assert reports[-1].wp_num - at[0] in (0, 1), (reports[-1], at)
     assert sorted(set(flown)) == [0, 1, 2, 3, NO_ITEM] and flown == sorted(flown), flown
     modes = {report.custom_mode for report in reports if report.wp_num != NO_ITEM}
@@ -160,8 +160,8 @@ def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
 
 
 def test_what_has_failed_is_told(vehicle, port):
-    """As SYS_STATUS says it, in flags of its own: here the receiver that has not found its position yet."""
-    # It runs for less than a minute then.
+    """HIGH_LATENCY2 reports the failures of SYS_STATUS in its own flags: here a GPS receiver without a fix."""
+    # After this, the vehicle has been running for less than a minute.
     vehicle.cut()
     write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 60_000)
     try:
@@ -189,21 +189,21 @@ def test_what_has_failed_is_told(vehicle, port):
 
 
 def test_what_comes_late(satellite, other, beating):
-    """L-15, L-16: who was heard by radio when he said STOP there did not say START by satellite after that; who is heard by
-    the satellite only is believed."""
+    """L-15, L-16: if the sender is heard by radio and sent STOP there, its START by satellite counts as superseded. A sender that is
+    heard by satellite only is believed."""
     gcs = beating()
-    # Within three seconds his STOP would be a copy of the one by satellite with which the test before this one ended.
+    # Within three seconds this STOP would count as a duplicate of the previous test's STOP by satellite.
     satellite.listen(3.5)
     assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
     assert satellite.control(START) == LATER
     assert satellite.listen(1.5 * PERIOD) == []
-    # Over the radio he can say so.
+    # A START by radio is accepted.
     assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, START) == ACCEPTED
     satellite.until("HIGH_LATENCY2", timeout=1.5)
     assert gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP) == ACCEPTED
     gcs.fall_silent()
     gcs.close()
-    # The satellite's copies of both, and what is none.
+    # Delayed duplicates of both by satellite, and then new commands.
     satellite.listen(6)
     assert satellite.control(START) == LATER
     assert satellite.control(STOP) == ACCEPTED
@@ -213,12 +213,12 @@ def test_what_comes_late(satellite, other, beating):
 
 
 def test_it_reports_by_itself(satellite, other, beating):
-    """L-14: when the last ground station is lost, and until there is one again."""
+    """L-14: the vehicle reports from the loss of the last ground station until one is back."""
     write(other, "MAV_HL_LOSS_T", UINT16, 2)
     gcs = beating()
     assert satellite.listen(2) == []
     gcs.fall_silent()
-    # 5 s until it counts as lost, and the 2; the vehicle goes on talking to it.
+    # The station is lost after 5 s, and reports start 2 s later. The vehicle keeps sending on the radio.
     assert satellite.listen(5.5) == []
     satellite.until("HIGH_LATENCY2", 2, timeout=2 + 2 * PERIOD)
     assert gcs.wait("HEARTBEAT")
@@ -235,7 +235,7 @@ def test_neither_start_nor_stop(satellite, enable):
 
 
 def test_commands_that_may_be_old(satellite, gcs):
-    """L-16: it does not begin to fly for them; in the air it comes home."""
+    """L-16: the vehicle refuses to start a flight by satellite. In flight it accepts the command to return."""
     assert satellite.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == DENIED
     assert gcs.wait("STATUSTEXT", where=lambda text: "by satellite" in text.text)
     assert not is_armed(gcs.wait("HEARTBEAT"))
@@ -253,7 +253,7 @@ def test_commands_that_may_be_old(satellite, gcs):
 
 
 def test_nothing_else_leaves(satellite, other, gcs):
-    """L-4: whatever is asked, there or elsewhere, and whoever speaks."""
+    """L-4: no request on any link, and no other sender, causes another message on the satellite link."""
     companion = Companion(other)
     try:
         mav = satellite.mav
@@ -280,7 +280,7 @@ def test_nothing_else_leaves(satellite, other, gcs):
             satellite.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number)
             satellite.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 200_000)
         assert satellite.listen(2) == []
-        # While it reports, all of it once more.
+        # The same while the vehicle reports.
         assert satellite.control(START) == ACCEPTED
         assert satellite.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == ACCEPTED
         mav.param_request_list_send(1, 1)
@@ -290,7 +290,7 @@ def test_nothing_else_leaves(satellite, other, gcs):
 
 
 def test_a_command_for_the_companion(satellite, other):
-    """R-13: it comes by satellite, and its answer goes back."""
+    """R-13: a command by satellite is forwarded to the companion, and its answer is sent back."""
     companion = Companion(other)
     try:
         other.drain()
@@ -307,7 +307,7 @@ def test_a_command_for_the_companion(satellite, other):
 
 
 def test_mavproxy_over_the_satellite(other, port, tmp_path):
-    """L-24: its user switches it on, and sees the vehicle."""
+    """L-24: MAVProxy's user switches high latency on, and MAVProxy detects the vehicle."""
     mavproxy = MavProxy(port + 2, tmp_path)
     try:
         mavproxy.say("link hl on")

@@ -1,4 +1,4 @@
-"""Signed sessions: the companion's wire delivers the key; the radio then accepts only frames signed with it (G-1 to G-17)."""
+"""Signed sessions: the key is set on the companion's link, and the radio then accepts only frames signed with it (G-1 to G-17)."""
 
 import hashlib
 import time
@@ -14,27 +14,27 @@ ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
 VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 PASSPHRASE = "correct-horse-battery-staple"
-# As ground stations make it of a passphrase.
+# Ground stations derive the key from a passphrase in this way.
 KEY = hashlib.sha256(PASSPHRASE.encode()).digest()
 
 
 def timestamp():
-    """Now, as signatures count: 10 us since 2015."""
+    """Returns the current signing time: 10 us since 2015."""
     return int((time.time() - 1_420_070_400) * 1e5)
 
 
 def setup(client, key, stamp):
-    """SETUP_SIGNING, and what the vehicle says of it."""
+    """Sends SETUP_SIGNING, and returns the vehicle's text about it."""
     client.drain()
     client.mav.setup_signing_send(1, 1, key, stamp)
     text = client.wait("STATUSTEXT", where=lambda text: text.text.startswith("Signing"))
-    assert text, "no word of the key"
+    assert text, "no text about the key"
     return text.text
 
 
 @pytest.fixture
 def signing(other):
-    """The vehicle has a key for as long as the test goes on."""
+    """Sets a key for the duration of the test."""
     assert setup(other, KEY, timestamp()) == "Signing key set"
     yield
     other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
@@ -42,7 +42,7 @@ def signing(other):
 
 
 def is_signed(message):
-    """Whether it bears a signature; `get_signed` says whether that was verified."""
+    """Returns whether the message has a signature; `get_signed` returns whether it was verified."""
     return bool(message.get_msgbuf()[2] & mavlink.MAVLINK_IFLAG_SIGNED)
 
 
@@ -51,7 +51,7 @@ def stamp_of(frame):
 
 
 def request(client, stamp=None):
-    """The frame of a command that is always answered."""
+    """Returns the frame of a command that is always answered."""
     command = mavlink.MAVLink_command_long_message(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
     if stamp:
         client.mav.signing.timestamp = stamp
@@ -74,7 +74,7 @@ def sign(mav, key=KEY, link_id=0):
 
 
 def test_a_signed_session(gcs, other, signing):
-    """G-1 to G-6: pymavlink verifies all that comes, and is answered; what is replayed or not signed is not."""
+    """G-1 to G-6: pymavlink verifies all received frames, and its commands are answered. Replayed and unsigned frames are not."""
     unsigned = request(gcs)
     assert not is_answered(gcs, unsigned)
     sign(gcs.mav)
@@ -83,25 +83,25 @@ def test_a_signed_session(gcs, other, signing):
     while time.monotonic() < deadline:
         message = gcs.link.recv_match(blocking=True, timeout=1)
         assert message.get_type() != "BAD_DATA" and is_signed(message), message
-        # What pymavlink does not know it does not verify.
+        # pymavlink does not verify unknown messages.
         verified += message.get_signed()
     assert verified > 30
     frame = request(gcs)
     assert is_answered(gcs, frame)
-    assert not is_answered(gcs, frame), "a replayed frame"
+    assert not is_answered(gcs, frame), "a replayed frame was accepted"
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert not is_answered(gcs, unsigned)
     bad = bytearray(request(gcs))
     bad[-1] ^= 1
-    assert not is_answered(gcs, bytes(bad)), "another signature"
-    # The same moment once more, and the one before it, in other frames.
+    assert not is_answered(gcs, bytes(bad)), "a wrong signature was accepted"
+    # Other frames with the same timestamp and with the one before it.
     assert not is_answered(gcs, request(gcs, stamp_of(frame)))
     assert not is_answered(gcs, request(gcs, stamp_of(frame) - 1))
     assert is_answered(gcs, request(gcs, timestamp()))
     # MAVLink 1 cannot sign.
     old = mavlink.MAVLink_command_long_message(1, 1, REQUEST, 0, VERSION, 0, 0, 0, 0, 0, 0)
     assert not is_answered(gcs, bytes(old.pack(gcs.mav, force_mavlink1=True)))
-    # The wire within the vehicle is open as before.
+    # The companion's link still accepts unsigned frames.
     assert other.command(REQUEST, VERSION) == ACCEPTED
 
 
@@ -114,7 +114,7 @@ def test_another_key(gcs, signing):
 
 
 def test_a_stale_key_on_the_wire(other, signing):
-    """G-10, G-11: nothing is answered, but an unsigned text says why."""
+    """G-10, G-11: commands are not answered, but an unsigned text gives the reason."""
     sign(other.mav, bytes(range(32)))
     frame = request(other)
     # Otherwise pymavlink ignores unsigned frames.
@@ -129,18 +129,18 @@ def test_a_stale_key_on_the_wire(other, signing):
 
 @pytest.mark.parametrize("back, is_heard", [(59, True), (61, False)])
 def test_a_clock_that_is_behind(gcs, signing, back, is_heard):
-    """G-6: a minute, for somebody who is new. The vehicle's own frames say where it is."""
+    """G-6: a new stream may be up to a minute behind the vehicle's time, which its frames show."""
     sign(gcs.mav)
     beat = gcs.wait("HEARTBEAT")
     theirs = stamp_of(beat.get_msgbuf())
-    # Another number of the line is another stream.
+    # Another link id is another stream.
     gcs.mav.signing.link_id = 100 + back
     assert is_answered(gcs, request(gcs, theirs - back * 100_000)) == is_heard
 
 
 def test_signatures_follow_real_time(gcs, other, target):
-    """G-4, G-14: whatever time the key came with, where the vehicle has a clock; else from that one on. Nobody moves it by
-    telling the time without a signature."""
+    """G-4, G-14: timestamps follow the vehicle's clock, or, without a clock, start at the time of the key. An unsigned SYSTEM_TIME
+    does not move them."""
     has_clock = target == "sitl"
     hour = 3_600 * 100_000
     began = timestamp()
@@ -152,12 +152,12 @@ def test_signatures_follow_real_time(gcs, other, target):
         deadline = time.monotonic() + 4
         while time.monotonic() < deadline:
             beat = gcs.wait("HEARTBEAT", 2).get_msgbuf()
-            # Time may be a minute ahead of what the clock says after a start, and was what others had who signed before.
+            # After a start, the signing time may be a minute ahead of the clock, and it follows peers that signed before.
             seen.append((timestamp(), stamp_of(beat)))
         ahead = [theirs - ours for ours, theirs in seen]
         assert len(seen) >= 3 and all(-50_000 < one for one in ahead), ahead
-        assert max(ahead) - min(ahead) < 30_000, f"it follows within 0.3 s: {ahead}"
-        assert max(ahead) < hour / 2, "nobody moved it"
+        assert max(ahead) - min(ahead) < 30_000, f"it does not follow within 0.3 s: {ahead}"
+        assert max(ahead) < hour / 2, "an unsigned SYSTEM_TIME moved it"
         told = gcs.wait("SYSTEM_TIME", 3).time_unix_usec
         assert abs(told / 1e6 - time.time()) < 3 if has_clock else told == 0
     finally:
@@ -176,7 +176,7 @@ def test_a_key_that_comes_back(gcs, other, signing):
     ahead = max(before, timestamp()) + 62 * 100_000
     assert setup(other, KEY, ahead) == "Signing key set"
     assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) >= ahead
-    assert not is_answered(gcs, frame), "a replayed frame"
+    assert not is_answered(gcs, frame), "a replayed frame was accepted"
     assert is_answered(gcs, request(gcs, ahead))
 
 
@@ -189,7 +189,7 @@ def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
         assert stamp_of(gcs.wait("HEARTBEAT").get_msgbuf()) >= wrong
         assert setup(other, bytes(range(32)), timestamp()) == "Signing key set"
         assert setup(other, KEY, timestamp()) == "Signing key set"
-        # A station that has heard the wrong time has to forget it: it verifies nothing until the right one comes.
+        # A ground station must forget the wrong time: it does not verify frames with earlier timestamps.
         gcs.mav.signing.secret_key, gcs.mav.signing.sign_outgoing = None, False
         assert gcs.wait("HEARTBEAT", where=lambda heartbeat: stamp_of(heartbeat.get_msgbuf()) < wrong)
         gcs.mav.signing.stream_timestamps.clear()
@@ -198,7 +198,7 @@ def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
 
 
 def test_over_the_satellite(gcs, other, port, signing):
-    """G-9, G-16: only who has the key starts the reports, which are signed."""
+    """G-9, G-16: only a sender with the key can start the reports, which are signed."""
     satellite = Satellite(port + 2)
     try:
         satellite.send_command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, 1)
@@ -214,7 +214,7 @@ def test_over_the_satellite(gcs, other, port, signing):
 
 
 def test_the_key_comes_by_the_wire_only(gcs, other):
-    """G-11: not over the radio, not for everybody, not while armed."""
+    """G-11: a key is refused on the radio, as a broadcast, and while the vehicle is armed."""
     gcs.mav.setup_signing_send(1, 1, KEY, timestamp())
     assert gcs.wait("STATUSTEXT", 2, lambda text: "not by this link" in text.text)
     other.mav.setup_signing_send(0, 0, KEY, timestamp())
@@ -226,7 +226,7 @@ def test_the_key_comes_by_the_wire_only(gcs, other):
 
 
 def test_mavproxy_signs(signing, port, tmp_path):
-    """As its user does it: the passphrase, and all works as before."""
+    """MAVProxy works as before, once its user has entered the passphrase."""
     mavproxy = MavProxy(port, tmp_path, "arm,signing")
     try:
         mavproxy.expect("Detected vehicle 1:1")
@@ -243,20 +243,20 @@ def test_mavproxy_signs(signing, port, tmp_path):
 
 @pytest.fixture
 def vehicle(vehicle):
-    """It keeps no key."""
+    """Removes the key after the test."""
     yield vehicle
     setup(vehicle.gcs, bytes(32), 0)
 
 
 def test_the_key_survives_a_power_cut(vehicle):
-    """G-13, G-15: and no timestamp is used twice."""
+    """G-13, G-15: the key survives, and no timestamp is used twice."""
 
     def stamp():
         beat = vehicle.gcs.wait("HEARTBEAT")
         return is_signed(beat) and stamp_of(beat.get_msgbuf())
 
     assert setup(vehicle.gcs, KEY, timestamp()) == "Signing key set"
-    # It is written a moment later.
+    # The key is written a moment later.
     time.sleep(1)
     before = stamp()
     assert before

@@ -1,4 +1,4 @@
-"""The telemetry link over UDP: the vehicle sends to us, and answers us alone."""
+"""The telemetry link over UDP: the vehicle sends to its configured peer, and accepts frames from this peer only."""
 
 import socket
 import time
@@ -14,7 +14,7 @@ V2 = 0xFD
 
 
 def frame_lengths(datagram):
-    """The lengths of the MAVLink 2 frames in it, or None if it does not consist of whole ones."""
+    """Returns the lengths of the MAVLink 2 frames in a datagram, or None if it does not consist of whole frames."""
     lengths, at = [], 0
     while at < len(datagram):
         if datagram[at] != V2 or at + 12 > len(datagram):
@@ -34,7 +34,7 @@ def test_datagrams_hold_whole_frames(port):
 
 
 def test_only_the_peer_is_heard(port):
-    """A stranger's datagram to the vehicle's own port is not answered and not acted on."""
+    """A datagram from another sender to the vehicle's port is neither answered nor executed."""
     gcs = Gcs(port, "udpin")
     (vehicle,) = gcs.link.clients
     arm = gcs.mav.command_long_encode(1, 1, mavutil.mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
@@ -72,7 +72,7 @@ def test_plans_go_up_and_come_down(port, figure):
 
 
 def test_qgroundcontrol_connects(port):
-    """As it comes: over UDP, without a word about it."""
+    """QGroundControl's default: a connection over UDP without any configuration."""
     gcs = Gcs(port, "udpin")
     try:
         qgc = Qgc(gcs)
@@ -84,7 +84,7 @@ def test_qgroundcontrol_connects(port):
 
 
 def test_two_clients(port, other):
-    """One over UDP, one over TCP."""
+    """One client over UDP, one over TCP."""
     gcs = Gcs(port, "udpin")
     try:
         upload_part(gcs, plan(20), 10)
@@ -111,5 +111,5 @@ def test_a_client_that_dies(port, other):
         gcs.close()
     died = time.monotonic()
     while upload(other, plan(5, 1)).type == DENIED:
-        assert time.monotonic() - died < 10, "nobody else can upload"
+        assert time.monotonic() - died < 10, "no other client can upload"
         time.sleep(0.1)

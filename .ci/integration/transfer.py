@@ -1,4 +1,4 @@
-"""Plans up and down, message by message, as a ground station does it."""
+"""Plan transfers, message by message, as a ground station performs them."""
 
 from collections import namedtuple
 
@@ -11,15 +11,15 @@ ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
 CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
 DENIED = mavlink.MAV_MISSION_DENIED
 
-# Ids of plans, which pymavlink's definitions do not have yet: where in the payload they are.
+# The offsets of plan ids in the payload. pymavlink's definitions do not have these fields yet.
 IDS = {"MISSION_COUNT": 5, "MISSION_ACK": 4, "MISSION_CURRENT": 6}
 
-# A plan that came down.
+# A downloaded plan.
 Plan = namedtuple("Plan", "id items")
 
 
 def plan_id(message, kind=MISSION):
-    """The id of a plan in a message: `opaque_id`, or in MISSION_CURRENT that of the plan of this kind."""
+    """Returns the id of a plan in a message: `opaque_id`, or in MISSION_CURRENT the id of the plan of this kind."""
     frame = bytes(message.get_msgbuf())
     payload = frame[10 : 10 + frame[1]].ljust(255, b"\0")
     at = IDS[message.get_type()] + (4 * kind if message.get_type() == "MISSION_CURRENT" else 0)
@@ -31,7 +31,7 @@ def send_item(gcs, item, kind=MISSION):
 
 
 def next_word(gcs, kind, timeout=3.0):
-    """What the vehicle says to this client next about an upload, or None."""
+    """Returns the vehicle's next message to this client about an upload, or None."""
     kinds = ["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"]
     message = gcs.wait(kinds, timeout, lambda word: (word.target_system, word.target_component) == gcs.address)
     if message:
@@ -41,7 +41,7 @@ def next_word(gcs, kind, timeout=3.0):
 
 
 def upload(gcs, items, kind=MISSION, timeout=3.0):
-    """Uploads; returns the acknowledgement."""
+    """Uploads a plan and returns the acknowledgement."""
     gcs.mav.mission_count_send(1, 1, len(items), kind)
     while True:
         message = next_word(gcs, kind, timeout)
@@ -52,7 +52,7 @@ def upload(gcs, items, kind=MISSION, timeout=3.0):
 
 
 def upload_part(gcs, items, count, kind=MISSION):
-    """Begins an upload; returns when the first `count` items are sent."""
+    """Starts an upload and sends the first `count` items."""
     gcs.mav.mission_count_send(1, 1, len(items), kind)
     for seq in range(count):
         request = next_word(gcs, kind)
@@ -61,13 +61,13 @@ def upload_part(gcs, items, count, kind=MISSION):
 
 
 def ask_count(gcs, kind=MISSION, timeout=3.0):
-    """Asks for the length of a plan; returns the MISSION_COUNT, or None."""
+    """Requests the length of a plan. Returns the MISSION_COUNT, or None."""
     gcs.mav.mission_request_list_send(1, 1, kind)
     return gcs.wait("MISSION_COUNT", timeout, lambda count: count.mission_type == kind)
 
 
 def ask_item(gcs, seq, kind=MISSION):
-    """Asks for an item; returns it, or the MISSION_ACK instead of it."""
+    """Requests an item. Returns it, or the MISSION_ACK that is sent instead."""
     gcs.mav.mission_request_int_send(1, 1, seq, kind)
     message = gcs.wait(["MISSION_ITEM_INT", "MISSION_ACK"], where=lambda message: message.mission_type == kind)
     assert message, f"no answer to the request for item {seq}"
@@ -80,7 +80,7 @@ def as_dict(item):
 
 
 def download(gcs, kind=MISSION):
-    """The plan and its id."""
+    """Downloads a plan. Returns it with its id."""
     count = ask_count(gcs, kind)
     assert count, "no answer to MISSION_REQUEST_LIST"
     assert (count.target_system, count.target_component) == gcs.address
@@ -94,17 +94,17 @@ def download(gcs, kind=MISSION):
 
 
 def ids(gcs):
-    """The ids of the three plans, 0 where there is none."""
+    """Returns the ids of the three plans, 0 for an empty one."""
     found = []
     for kind in (MISSION, FENCE, RALLY):
         found.append(plan_id(ask_count(gcs, kind)))
-        # That was all.
+        # Ends the download.
         gcs.mav.mission_ack_send(1, 1, ACCEPTED, kind)
     return found
 
 
 def clear(gcs, kind=MISSION):
-    """Clears a plan, or all; returns the acknowledgement's type."""
+    """Clears one plan or all. Returns the type of the acknowledgement."""
     gcs.mav.mission_clear_all_send(1, 1, kind)
     ack = gcs.wait("MISSION_ACK")
     assert ack and ack.mission_type == kind

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use mavstack_dialect::{Options, generate, load};
 
-use crate::integration;
+use crate::python;
 use crate::system::{Result, cargo, root, target_dir};
 use crate::toolchain::{self, Choice, TARGET};
 
@@ -50,7 +50,7 @@ fn main() {
 
 /// Generates, compiles for this machine and the microcontroller, and compares, the whole and what is beside common.
 pub fn run(choice: Option<Choice>) -> Result {
-    let python = integration::environment()?;
+    let python = python::environment()?;
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let definition = definitions(&python)?.join(format!("{NAME}.xml"));
     let expected = expected(&python)?;

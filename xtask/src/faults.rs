@@ -9,14 +9,14 @@ use std::process::Stdio;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+use crate::emulator::{self, Ended};
 use crate::firmware;
-use crate::qemu::{self, Ended};
 use crate::system::Result;
 use crate::toolchain::{self, Choice, TARGET};
 
 /// The row of the stack that is too small, which takes one start of the emulator for each size.
 const OVERFLOW: &str = "stack-overflow";
-/// Bytes; with the last of them the work is done. What the vehicle needs is `cargo xtask stack`'s to say.
+/// Bytes; with the last of them the work is done. `cargo measure stack` prints what the vehicle needs.
 const STACKS: [u32; 10] = [64, 128, 256, 512, 768, 1_024, 1_536, 2_048, 4_096, 16_384];
 /// The others, which the firmware plays one after the other; what each has found begins with its name.
 const SCENARIOS: [&str; 13] = [
@@ -37,7 +37,7 @@ const SCENARIOS: [&str; 13] = [
 
 /// `cargo xtask faults`.
 pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
-    qemu::prepare()?;
+    emulator::prepare()?;
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let elf = firmware::build_faults(choice)?;
     let began = Instant::now();
@@ -71,8 +71,8 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
 
 /// Runs the firmware to its end, and hands on each line that it says, with how long it took for it.
 fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> Result {
-    let (mut emulator, output) = qemu::start(&mut command(elf, arguments))?;
-    let lines = qemu::Lines::of(output);
+    let (mut emulator, output) = emulator::start(&mut command(elf, arguments))?;
+    let lines = emulator::Lines::of(output);
     let mut last = Instant::now();
     while let Some(line) = lines.next()? {
         each(&line, last.elapsed());
@@ -87,10 +87,10 @@ fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> 
 }
 
 fn command(elf: &Path, arguments: &[&str]) -> std::process::Command {
-    let mut command = qemu::emulator();
+    let mut command = emulator::command();
     let arguments: String = arguments.iter().map(|argument| format!(",arg={argument}")).collect();
     command
-        .args(["-machine", qemu::BOARD, "-display", "none", "-monitor", "none", "-serial", "none"])
+        .args(["-machine", emulator::BOARD, "-display", "none", "-monitor", "none", "-serial", "none"])
         .args(["-icount", "shift=4", "-chardev", "stdio,id=log,signal=off", "-semihosting-config"])
         .arg(format!("enable=on,target=native,chardev=log,arg=faults{arguments}"))
         .arg("-kernel")

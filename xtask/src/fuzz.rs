@@ -14,7 +14,7 @@ pub const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", 
 
 /// An input that takes longer than this (s) ends the run.
 const TIMEOUT: u32 = 1;
-/// No input takes longer than this (ms), by itself, at the best of so many times: the machine has other things to do too (GOAL-4).
+/// No input takes longer than this (ms), by itself, at the best of so many times: the machine has other things to do too.
 const SLOWEST: u64 = 10;
 const TIMES: u32 = 5;
 

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
@@ -12,9 +12,11 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
+use crate::emulator::{self, Emulator};
 use crate::firmware::{self, App};
-use crate::qemu::{self, Emulator};
-use crate::system::{self, Result, apt_install, cargo, output, root, run, target_dir};
+use crate::python::{self, CLIENTS};
+use crate::qemu;
+use crate::system::{Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice};
 
 /// Where the vehicle runs.
@@ -28,8 +30,6 @@ pub enum Target {
     All,
 }
 
-/// Where the tests are, and what they need.
-const TESTS: &str = ".ci/integration";
 /// Ports in a row: the vehicle's links, the emulator's QMP or the vehicle's metadata, and the same of a vehicle that a test
 /// starts itself.
 const PORTS: u16 = 8;
@@ -81,8 +81,8 @@ const IN_QEMU: [&str; 1] = ["test_frameworks.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
-    let stop = system::stop_signal()?;
-    let python = environment()?;
+    let stop = qemu::stop_signal()?;
+    let python = python::environment()?;
     let mut programs = Vec::new();
     for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
         if target == Target::All || target == this {
@@ -114,7 +114,7 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
                 // pymavlink's message definitions: MAVLink 2 of common.
                 .env("MAVLINK20", "1")
                 .env("MAVLINK_DIALECT", "common")
-                .current_dir(root().join(TESTS))
+                .current_dir(root().join(CLIENTS))
                 .stdout(Stdio::piped());
             let mut clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
             let label = name.clone();
@@ -180,7 +180,7 @@ enum Vehicle {
 
 impl Program {
     fn for_qemu(choice: Option<Choice>) -> Result<Self> {
-        qemu::prepare()?;
+        emulator::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
         // The others are for the tests that start them.
         for app in App::ALL {
@@ -200,7 +200,7 @@ impl Program {
         match self {
             Self::Qemu { firmware } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
-                let (emulator, output) = Emulator::start(firmware, port, udp, Some(port + QMP), None)?;
+                let (emulator, output) = qemu::start(firmware, port, udp, Some(port + QMP), None)?;
                 thread::spawn(move || {
                     // Nobody reads it any more: no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});
@@ -256,41 +256,13 @@ fn wait_for(port: u16) -> Result {
     Err(format!("the vehicle does not listen on port {port}"))
 }
 
-/// A Python environment with the clients in it; returns its interpreter.
-pub fn environment() -> Result<PathBuf> {
-    let folder = target_dir().join("integration-python");
-    let python = folder.join("bin/python");
-    let requirements = root().join(TESTS).join("requirements.txt");
-    let wanted = read(&requirements)?;
-    let stamp = folder.join("installed.txt");
-    if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
-        return Ok(python);
-    }
-    println!("Installing the clients into {}", folder.display());
-    let create = || output("python3", &["-m", "venv", "--clear", &folder.to_string_lossy()]).is_some();
-    if !create() {
-        apt_install("Python with venv", &["python3", "python3-venv"], "https://www.python.org")?;
-        if !create() {
-            return Err("`python3 -m venv` fails".to_owned());
-        }
-    }
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--requirement"];
-    run(Command::new(&python).args(pip).arg(&requirements))?;
-    std::fs::write(&stamp, wanted).map_err(|error| format!("{}: {error}", stamp.display()))?;
-    Ok(python)
-}
-
-fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn every_file_of_tests_is_in_one_group() {
-        let entries = std::fs::read_dir(root().join(TESTS)).expect("the tests");
+        let entries = std::fs::read_dir(root().join(CLIENTS)).expect("the tests");
         let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
         let mut files: Vec<_> = names.filter(|name| name.starts_with("test_")).collect();
         let mut grouped: Vec<_> =

@@ -1,7 +1,8 @@
-//! `cargo xtask trace`: which rule of behaviour is proven by which test.
+//! `cargo xtask trace`: holds the statement of conformance to the code and its tests.
 //!
-//! `docs/conformance.md` lists the rules, one row each; tests name the rules that they prove. The last column of the rows
-//! is made of the second, so a rule that lost its tests, or a number that is no rule, does not go unseen.
+//! `docs/conformance.md` has a row for each rule of behaviour. Tests cite the rules that they prove, and comments cite the rules
+//! that they follow. This task fills in the last column of the rows from the tests. It fails when no test cites an implemented
+//! rule, when something cites a rule without a row, and when a row names a file that does not exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -9,12 +10,32 @@ use std::path::{Path, PathBuf};
 use crate::system::{Result, root};
 
 const STATEMENT: &str = "docs/conformance.md";
-/// Where tests are. Of files under a `src` only those in a folder `tests` count, and of others what follows `#[cfg(test)]`.
-const FOLDERS: [&str; 5] = ["tests", "src", "dialect", "examples", ".ci/integration"];
-/// What a rule says that is not implemented, in the column of its place.
+/// Where tests are: see [`tests_of`].
+const TESTS: [&str; 5] = ["tests", "src", "dialect", "examples", ".ci/integration"];
+/// Where rules are cited: see [`prose_of`].
+const CITED_IN: [&str; 15] = [
+    "src",
+    "tests",
+    "examples",
+    "fuzz",
+    "benches",
+    "xtask",
+    "dialect",
+    "docs",
+    ".ci/integration",
+    ".ci/run",
+    ".github/workflows",
+    "Cargo.toml",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "README.md",
+];
+/// Capital letters that begin the name of a standard or an algorithm, such as UTF-8 or RS-485, and no id of a rule.
+const NAMES: [&str; 9] = ["AES", "CRC", "DO", "GPL", "IEEE", "RFC", "RS", "SHA", "UTF"];
+/// What the column of files says of a rule that is not implemented.
 const LEFT_OUT: &str = "no";
 
-/// One rule and where its row stands.
+/// One rule, or several in one row, and where the row is.
 struct Row<'a> {
     line: usize,
     rule: &'a str,
@@ -22,21 +43,23 @@ struct Row<'a> {
     place: &'a str,
 }
 
-/// Compares the statement with the tests; with `write` it brings the statement up to date.
+/// Compares the statement with the code and the tests; with `write` it first updates the column of tests.
 pub fn run(write: bool) -> Result {
     let path = root().join(STATEMENT);
     let text = read(&path)?;
     let rows = rows(&text)?;
-    let proofs = proofs(&rows)?;
+    let known = known(&rows);
+    let proofs = proofs(&known)?;
 
     let mut faults = Vec::new();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     for Row { line, rule, asked, place } in &rows {
         let tests = proofs.get(*rule);
-        match (*place == LEFT_OUT, tests) {
-            (false, None) => faults.push(format!("{rule} is named by no test")),
-            (false, Some(_)) => faults.extend(missing(place).map(|file| format!("{rule}: there is no {file}"))),
-            (true, _) => {}
+        if *place != LEFT_OUT {
+            if tests.is_none() {
+                faults.push(format!("{rule}: no test cites it"));
+            }
+            faults.extend(missing(place).map(|file| format!("{rule}: there is no file {file}")));
         }
         let tests: Vec<&str> = tests.into_iter().flatten().map(String::as_str).collect();
         let tests = tests.join(", ");
@@ -47,20 +70,21 @@ pub fn run(write: bool) -> Result {
     if write && fresh != text {
         std::fs::write(&path, &fresh).map_err(|error| format!("{STATEMENT}: {error}"))?;
     } else if fresh != text {
-        faults.push(format!("{STATEMENT} is out of date: `cargo xtask trace --write` makes it new"));
+        faults.push(format!("{STATEMENT} is out of date: `cargo xtask trace --write` updates it"));
     }
+    faults.extend(unknown_citations(&known)?);
     if !faults.is_empty() {
         return Err(faults.join("\n       "));
     }
     let left_out = rows.iter().filter(|row| row.place == LEFT_OUT).count();
     let proven = rows.len() - left_out;
     println!(
-        "{proven} rules are implemented, each named by a test; {left_out} rows of {STATEMENT} say that they are not."
+        "{proven} rules are implemented, each cited by a test; {left_out} rows of {STATEMENT} say \"{LEFT_OUT}\"."
     );
     Ok(())
 }
 
-/// The rows of all tables that begin with a rule.
+/// Returns the rows of all tables whose first column is a rule.
 fn rows(text: &str) -> Result<Vec<Row<'_>>> {
     let mut rows: Vec<Row<'_>> = Vec::new();
     for (line, row) in text.lines().enumerate() {
@@ -70,65 +94,116 @@ fn rows(text: &str) -> Result<Vec<Row<'_>>> {
             continue;
         }
         if rows.iter().any(|known| known.rule == rule) {
-            return Err(format!("{STATEMENT}:{}: {rule} stands there twice", line + 1));
+            return Err(format!("{STATEMENT}:{}: {rule} has a row already: remove one", line + 1));
         }
         rows.push(Row { line, rule, asked, place });
     }
     Ok(rows)
 }
 
-/// For each rule the tests that name it.
-fn proofs(rows: &[Row<'_>]) -> Result<BTreeMap<String, BTreeSet<String>>> {
-    let letters: BTreeSet<&str> = rows.iter().filter_map(|row| row.rule.split('-').next()).collect();
-    let mut proofs: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for folder in FOLDERS {
-        let mut files = Vec::new();
-        collect(&root().join(folder), &mut files)?;
-        for file in files {
-            let text = read(&file)?;
-            let file = file.strip_prefix(root()).unwrap_or(&file);
-            let is_in = |folder: &str| file.components().any(|part| part.as_os_str() == folder);
-            let all = is_in("tests") || !is_in("src");
-            let tests = if all { &text } else { text.split_once("#[cfg(test)]").map_or("", |(_, tests)| tests) };
-            let between = ranges_in(tests).into_iter().filter(|rule| rows.iter().any(|row| row.rule == rule));
-            for rule in rules_in(tests).into_iter().map(str::to_owned).chain(between) {
-                if letters.contains(rule.split('-').next().unwrap_or_default()) {
-                    proofs.entry(rule).or_default().insert(name(file));
-                }
-            }
-        }
-    }
-    let left_out = |rule: &str| {
-        let row = rows.iter().find(|row| row.rule == rule);
-        row.is_none() && !rows.iter().any(|row| row.rule.contains(" to ") && row.rule.starts_with(&rule[..1]))
-    };
-    let unknown: Vec<_> = proofs.iter().filter(|(rule, _)| left_out(rule)).collect();
-    match unknown.first() {
-        Some((rule, files)) => Err(format!("{STATEMENT} has no rule {rule}, which {files:?} name")),
-        None => Ok(proofs),
-    }
+/// Returns the ids of all rules that have a row.
+fn known(rows: &[Row<'_>]) -> BTreeSet<String> {
+    let rules = rows.iter().map(|row| row.rule);
+    rules.flat_map(|rule| rules_in(rule).into_iter().map(str::to_owned).chain(ranges_in(rule))).collect()
 }
 
-/// What a file is called in the statement: its path, without what says nothing.
+/// Returns the tests that cite each rule.
+fn proofs(known: &BTreeSet<String>) -> Result<BTreeMap<String, BTreeSet<String>>> {
+    let mut proofs: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for file in files(&TESTS, &["rs", "py"])? {
+        let text = read(&root().join(&file))?;
+        let tests = tests_of(&file, &text);
+        let cited = rules_in(tests).into_iter().map(str::to_owned).chain(ranges_in(tests));
+        for rule in cited.filter(|rule| known.contains(rule)) {
+            proofs.entry(rule).or_default().insert(name(&file));
+        }
+    }
+    Ok(proofs)
+}
+
+/// Returns a fault for each citation of a rule that has no row.
+fn unknown_citations(known: &BTreeSet<String>) -> Result<Vec<String>> {
+    let mut faults = Vec::new();
+    for file in files(&CITED_IN, &["rs", "py", "md", "toml", "yml"])? {
+        let text = read(&root().join(&file))?;
+        for (line, prose) in prose_of(&file, &text) {
+            let unknown = words(prose).filter(|word| is_citation(word) && !known.contains(*word));
+            faults.extend(unknown.map(|word| {
+                let place = file.display();
+                format!("{place}:{line}: {word} has no row in {STATEMENT}: cite a rule that has one, or add the row")
+            }));
+        }
+    }
+    Ok(faults)
+}
+
+/// Returns the part of a source file that is tests. Outside a folder `src` that is all of it. In a folder `src` it is a file
+/// or folder called `tests`, or the module `tests` at the end of another file.
+fn tests_of<'a>(file: &Path, text: &'a str) -> &'a str {
+    let has = |name: &str| file.components().any(|part| part.as_os_str() == name);
+    if has("tests") || has("tests.rs") || !has("src") {
+        return text;
+    }
+    text.split_once("\nmod tests {").map_or("", |(_, tests)| tests)
+}
+
+/// Returns the lines of a file, counted from 1, in which a rule may be cited: the comments of a program or of a configuration
+/// file, and all of a page or a Python script, which has docstrings. Generated files cite no rules.
+fn prose_of<'a>(file: &Path, text: &'a str) -> Vec<(usize, &'a str)> {
+    let extension = file.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+    let prose = |line: &'a str| match extension {
+        "md" | "py" => Some(line),
+        "rs" => comment(line),
+        _ => line.split_once('#').map(|(_, comment)| comment),
+    };
+    let text = if text.starts_with("// @generated") { "" } else { text };
+    (1..).zip(text.lines()).filter_map(|(number, line)| Some((number, prose(line)?))).collect()
+}
+
+/// Returns the comment at the end of a line of Rust. The two slashes of a URL begin none.
+fn comment(line: &str) -> Option<&str> {
+    let begins = |at: &usize| !line[..*at].ends_with(':');
+    let at = line.match_indices("//").map(|(at, _)| at).find(begins)?;
+    line.get(at..)
+}
+
+/// Returns what a file is called in the statement: its path without the extension and the folder of all tests.
 fn name(file: &Path) -> String {
     let name = file.with_extension("").to_string_lossy().replace('\\', "/");
     let short = [".ci/integration/", "tests/"].iter().find_map(|prefix| name.strip_prefix(prefix));
     short.map_or(name.clone(), str::to_owned)
 }
 
-/// The files of `place`, a list, that do not exist.
+/// Returns the files of `place`, a list, that do not exist in `src` or in the repository.
 fn missing(place: &str) -> impl Iterator<Item = &str> {
-    let exists = |file: &str| root().join("src").join(file).exists() || root().join(file).exists();
+    let exists = |file: &str| root().join("src").join(file).is_file() || root().join(file).is_file();
     place.split(", ").filter(move |file| !exists(file))
 }
 
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) -> Result {
+/// Returns the files at `places` and below with one of these extensions, relative to the repository. A file among `places` is
+/// taken whatever its extension is.
+fn files(places: &[&str], extensions: &[&str]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for place in places {
+        let path = root().join(place);
+        if path.is_dir() {
+            collect(&path, extensions, &mut files)?;
+        } else {
+            files.push(path);
+        }
+    }
+    Ok(files.into_iter().map(|file| file.strip_prefix(root()).map_or(file.clone(), Path::to_owned)).collect())
+}
+
+fn collect(folder: &Path, extensions: &[&str], files: &mut Vec<PathBuf>) -> Result {
     let entries = std::fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     for path in entries.flatten().map(|entry| entry.path()) {
-        let is = |extension| path.extension().is_some_and(|found| found == extension);
-        if path.is_dir() && !path.ends_with("target") {
-            collect(&path, files)?;
-        } else if is("rs") || is("py") {
+        let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if path.is_dir() {
+            if !is_hidden && !path.ends_with("target") {
+                collect(&path, extensions, files)?;
+            }
+        } else if path.extension().is_some_and(|found| extensions.iter().any(|extension| found == *extension)) {
             files.push(path);
         }
     }
@@ -139,61 +214,139 @@ fn read(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// Every word of `text` that looks like a rule: one capital letter, a hyphen, a number, perhaps a small letter.
-fn rules_in(text: &str) -> BTreeSet<&str> {
-    let word = |c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '_');
-    text.split(word).filter(|word| is_rule(word)).collect()
+/// Splits a text into words, which may contain hyphens and underscores.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '_'))
 }
 
-/// The rules of `text` that "X-1 to X-4" means, but for the two that it names.
+/// Returns every word of `text` that has the form of a rule's id.
+fn rules_in(text: &str) -> BTreeSet<&str> {
+    words(text).filter(|word| is_rule(word)).collect()
+}
+
+/// Returns the rules between the first and the last one of each "M-1 to M-4" in `text`.
 fn ranges_in(text: &str) -> Vec<String> {
     let words: Vec<&str> = text.split(|c: char| c.is_whitespace() || ",:;.()".contains(c)).collect();
     let mut rules = Vec::new();
     for three in words.windows(3) {
         let &[first, "to", last] = three else { continue };
-        let (Some((letter, from)), Some((other, to))) = (first.split_once('-'), last.split_once('-')) else { continue };
+        let (Some((letters, from)), Some((other, to))) = (first.split_once('-'), last.split_once('-')) else {
+            continue;
+        };
         if let (true, true, Ok(from), Ok(to)) =
-            (is_rule(first), letter == other, from.parse::<u16>(), to.parse::<u16>())
+            (is_rule(first), letters == other, from.parse::<u16>(), to.parse::<u16>())
         {
-            rules.extend((from + 1..to).map(|number| format!("{letter}-{number}")));
+            rules.extend((from + 1..to).map(|number| format!("{letters}-{number}")));
         }
     }
     rules
 }
 
+/// Whether a word has the form of a rule's id: one to five capital letters, a hyphen, one to three digits, and perhaps a small
+/// letter.
 fn is_rule(word: &str) -> bool {
-    let Some((letter, number)) = word.split_once('-') else { return false };
-    let digits = number.trim_end_matches(|c: char| c.is_ascii_lowercase());
-    letter.len() == 1
-        && letter.chars().all(|c| c.is_ascii_uppercase())
-        && !digits.is_empty()
+    let Some((letters, number)) = word.split_once('-') else { return false };
+    let digits = number.strip_suffix(|c: char| c.is_ascii_lowercase()).unwrap_or(number);
+    (1..=5).contains(&letters.len())
+        && letters.chars().all(|c| c.is_ascii_uppercase())
+        && (1..=3).contains(&digits.len())
         && digits.chars().all(|c| c.is_ascii_digit())
-        && number.len() - digits.len() <= 1
+}
+
+/// Whether a word in prose cites a rule: it has the form of an id, perhaps with one more capital letter before the digits, and
+/// is not the name of a standard.
+fn is_citation(word: &str) -> bool {
+    let Some((letters, number)) = word.split_once('-') else { return false };
+    let number = number.strip_prefix(|c: char| c.is_ascii_uppercase()).unwrap_or(number);
+    is_rule(&format!("{letters}-{number}")) && !NAMES.contains(&letters)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn rules_are_told_from_other_words() {
-        let found = rules_in("(M-22, S-9b) UTF-8 CRC-32 x-1 A-1a-b T-M9 C-3: not C3, L-");
-        assert_eq!(found.into_iter().collect::<Vec<_>>(), ["C-3", "M-22", "S-9b"]);
+    fn citations(text: &str) -> Vec<&str> {
+        words(text).filter(|word| is_citation(word)).collect()
     }
 
     #[test]
-    fn ranges_are_what_lies_between() {
-        assert_eq!(ranges_in("/// C-20 to C-23, M-9 to S-12: x"), ["C-21", "C-22"]);
+    fn rules_differ_from_other_words() {
+        let found = rules_in("(M-22, S-9b) SEC-11; x-1 A-1a-b T-M9 C-3: not C3, L- D-1234 ABCDEF-1 M-1ab");
+        assert_eq!(found.into_iter().collect::<Vec<_>>(), ["C-3", "M-22", "S-9b", "SEC-11"]);
     }
 
     #[test]
-    fn rows_are_those_with_a_rule_and_none_stands_twice() {
-        let text = "| rule | asked | where | tests |\n|---|---|---|---|\n| S-1 | a | b.rs | c |\n| S-2 | d | no | |\n";
+    fn citations_of_every_letter_are_found() {
+        let text = "S-1, (T-G5) and GOAL-4: Z-9 (S-9b), M-22/M-45; X-1 to X-4.";
+        assert_eq!(citations(text), ["S-1", "T-G5", "GOAL-4", "Z-9", "S-9b", "M-22", "M-45", "X-1", "X-4"]);
+    }
+
+    #[test]
+    fn names_are_no_citations() {
+        for text in [
+            "UTF-8, CRC-16/MCRF4XX, CRC-32s, SHA-256, AES-128, RS-485, DO-178C",
+            "ISO-8859-1, ISO-8601, IEEE-754, RFC-793, RFC-1071, CVE-2020-10282, GPL-3.0-only",
+            "Cortex-M4, ARMv7-M, STM32F4-DISCO, thumbv7em, PX4#27132, 8-N-1, v1-only, SEC-n, M-n, 0-15",
+            "MAV_CMD_NAV_WAYPOINT, MAV_CMD-1, HIGH_LATENCY2, PARAM_VALUE-3, BSD-3-Clause, S-, -1, --1, I2C-1",
+        ] {
+            assert_eq!(citations(text), [""; 0], "{text}");
+        }
+    }
+
+    #[test]
+    fn ranges_are_the_rules_between() {
+        assert_eq!(ranges_in("C-20 to C-23, M-9 to S-12: SEC-5 to SEC-7."), ["C-21", "C-22", "SEC-6"]);
+    }
+
+    #[test]
+    fn rows_are_those_with_a_rule_and_none_is_repeated() {
+        let text =
+            "| rule | asked | where | tests |\n|---|---|---|---|\n| S-1 | a | b.rs | c |\n| F-1 to F-3 | d | no | |\n";
         let found = rows(text).expect("good rows");
         assert_eq!(
             found.iter().map(|row| (row.line, row.rule, row.place)).collect::<Vec<_>>(),
-            [(2, "S-1", "b.rs"), (3, "S-2", "no")]
+            [(2, "S-1", "b.rs"), (3, "F-1 to F-3", "no")]
         );
-        assert!(rows(&text.replace("S-2", "S-1")).is_err());
+        assert_eq!(known(&found).into_iter().collect::<Vec<_>>(), ["F-1", "F-2", "F-3", "S-1"]);
+        assert!(rows(&text.replace("F-1 to F-3", "S-1")).is_err());
+    }
+
+    #[test]
+    fn files_of_a_row_must_exist() {
+        assert_eq!(missing("lib.rs, docs/conformance.md, dialect/src/lib.rs").count(), 0);
+        assert_eq!(missing("lib.rs, service, nothing.rs").collect::<Vec<_>>(), ["service", "nothing.rs"]);
+        assert_eq!(missing("").collect::<Vec<_>>(), [""]);
+    }
+
+    #[test]
+    fn tests_are_told_from_the_code_beside_them() {
+        let code = "/// S-1\n#[cfg(test)]\nmod tests;\n/// S-2\n";
+        let both = "/// S-1\n#[cfg(test)]\nmod tests {\n/// S-2\n}\n";
+        let rules = |file: &str, text| rules_in(tests_of(Path::new(file), text)).into_iter().collect::<Vec<_>>();
+        assert_eq!(rules("src/a/mod.rs", code), [""; 0]);
+        assert_eq!(rules("src/a/mod.rs", both), ["S-2"]);
+        for file in ["src/a/tests.rs", "src/a/tests/b.rs", "tests/b.rs", ".ci/integration/b.py", "dialect/tests/b.rs"] {
+            assert_eq!(rules(file, code), ["S-1", "S-2"], "{file}");
+        }
+    }
+
+    #[test]
+    fn only_comments_and_pages_cite() {
+        let cited = |file: &str, text| {
+            let lines = prose_of(Path::new(file), text);
+            lines
+                .into_iter()
+                .flat_map(|(line, prose)| citations(prose).into_iter().map(move |word| (line, word)))
+                .collect()
+        };
+        let found: Vec<(usize, &str)> =
+            cited("src/a.rs", "let a = \"S-1\";\nlet b = \"https://S-2\"; // S-3\n/// S-4\n");
+        assert_eq!(found, [(2, "S-3"), (3, "S-4")]);
+        let found: Vec<(usize, &str)> = cited("Cargo.toml", "a = \"S-1\"\nb = 1 # S-2\n");
+        assert_eq!(found, [(2, "S-2")]);
+        let found: Vec<(usize, &str)> = cited("docs/a.md", "S-1\n\nS-2\n");
+        assert_eq!(found, [(1, "S-1"), (3, "S-2")]);
+        let found: Vec<(usize, &str)> = cited("src/common.rs", "// @generated by a tool\n/// S-1\n");
+        assert_eq!(found, []);
     }
 }

@@ -1,4 +1,4 @@
-//! A Rust toolchain that builds for the microcontroller: the user's own, or Debian's.
+//! The Rust toolchain that builds for microcontrollers: the user's own, or Debian's.
 
 use std::process::Command;
 
@@ -8,15 +8,15 @@ use crate::system::{Result, apt_install, cargo, has, output, succeeds, target_di
 
 /// The emulated processor: Cortex-M4 with FPU.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
-/// All that the library is built for, from large to small.
+/// All microcontrollers that the library is built for, large ones first.
 pub const TARGETS: [&str; 3] = [TARGET, "thumbv6m-none-eabi", "riscv32imc-unknown-none-elf"];
 
 /// Where the compiler comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Choice {
-    /// The Rust toolchain in use; the target is added through rustup when it is missing.
+    /// The Rust toolchain in use. A missing target is added through rustup.
     Rustup,
-    /// Debian's packages, which bring `core` as source; for machines where rustup can download nothing.
+    /// Debian's packages, which include the source of `core`. For machines without access to rustup's downloads.
     Debian,
 }
 
@@ -25,7 +25,7 @@ const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const LINKER: &str = "arm-none-eabi-ld";
 
-/// Finds a toolchain for `targets`, installs what it lacks if we can, and says which it is.
+/// Finds a toolchain for `targets`, installs what it lacks where possible, and prints its version.
 pub fn prepare(choice: Option<Choice>, targets: &[&str]) -> Result<Choice> {
     if choice != Some(Choice::Debian) {
         match targets.iter().try_for_each(|target| prepare_rustup(target)) {
@@ -40,6 +40,15 @@ pub fn prepare(choice: Option<Choice>, targets: &[&str]) -> Result<Choice> {
     prepare_debian()?;
     println!("Toolchain: {} from Debian's packages, with core from source", version(DEBIAN_RUSTC));
     Ok(Choice::Debian)
+}
+
+/// Returns the version number of the compiler, such as 1.95.0.
+pub fn release(choice: Choice) -> String {
+    let version = version(match choice {
+        Choice::Rustup => "rustc",
+        Choice::Debian => DEBIAN_RUSTC,
+    });
+    version.split_whitespace().nth(1).unwrap_or_default().to_owned()
 }
 
 fn version(rustc: &str) -> String {
@@ -60,7 +69,7 @@ fn prepare_rustup(target: &str) -> Result {
     Err(format!("`rustup target add {target}` failed"))
 }
 
-/// Asks the compiler and not rustup, so that distributions' toolchains count too.
+/// Asks the compiler, not rustup, so that distributions' toolchains count too.
 fn is_installed(target: &str) -> bool {
     let Some(folder) = output("rustc", &["--print", "target-libdir", "--target", target]) else { return false };
     let Ok(files) = std::fs::read_dir(folder) else { return false };
@@ -83,12 +92,12 @@ fn prepare_debian() -> Result {
     Ok(())
 }
 
-/// A `cargo build` for the microcontroller `target`; package and profile are the caller's. Output is in [`build_dir`].
+/// Returns a `cargo build` for the microcontroller `target`, into [`build_dir`]. The caller adds package and profile.
 pub fn cargo_build(choice: Choice, target: &str) -> Command {
     cargo_for(choice, "build", target, &build_dir(choice))
 }
 
-/// `cargo build` or `cargo rustc` for the microcontroller `target`, into `folder`.
+/// Returns a `cargo build` or `cargo rustc` for the microcontroller `target`, into `folder`.
 pub fn cargo_for(choice: Choice, task: &str, target: &str, folder: &std::path::Path) -> Command {
     let mut command;
     match choice {
@@ -103,7 +112,7 @@ pub fn cargo_for(choice: Choice, task: &str, target: &str, folder: &std::path::P
                 .args([task, "-Zbuild-std=core"])
                 .env("PATH", format!("/usr/bin:{path}"))
                 .env("RUSTC", DEBIAN_RUSTC)
-                // `-Zbuild-std` is for nightly, which this is not.
+                // Allows `-Zbuild-std` on a stable compiler.
                 .env("RUSTC_BOOTSTRAP", "1")
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", LINKER);
         }
@@ -112,16 +121,16 @@ pub fn cargo_for(choice: Choice, task: &str, target: &str, folder: &std::path::P
         .args(["--target", target])
         .arg("--target-dir")
         .arg(folder)
-        // They would replace the link arguments of `.cargo/config.toml`.
+        // These would replace the link arguments of `.cargo/config.toml`.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
-        // Code that is compiled bit by bit is inlined otherwise: its size and stack would not be the firmware's.
+        // Incremental builds inline differently: size and stack would not be the firmware's.
         .env_remove("CARGO_INCREMENTAL")
         .current_dir(crate::system::root());
     command
 }
 
-/// Each compiler has its own folder, or they would rebuild each other's work.
+/// Returns the build folder of a compiler. Each has its own, or they would rebuild each other's work.
 pub fn build_dir(choice: Choice) -> std::path::PathBuf {
     match choice {
         Choice::Rustup => target_dir(),

@@ -1,16 +1,17 @@
-//! `cargo xtask compare`: other MAVLink libraries beside this one, on the same frames.
+//! `cargo measure compare`: other MAVLink libraries beside this one, on the same frames.
 //!
-//! What is measured is in `benches/compare`, a workspace of its own. Each library has its own program; they run in turns, so
-//! that whatever else the machine does falls on all of them, and medians are compared. The C library is generated and compiled
-//! here; nothing of it is kept.
+//! The measured programs are in `benches/compare`, a workspace of its own: one for each library. They run in turns, so that other load
+//! on the machine affects all of them, and medians are compared. The C library is generated and compiled here; none of it is checked
+//! in.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::figures::{Figure, settle};
 use crate::system::{Result, apt_install, cargo, has, root, run, target_dir};
 use crate::toolchain::{self, Choice, TARGET};
-use crate::{compare_firmware, integration};
+use crate::{compare_firmware, python};
 
 /// A library's name, the program that measures it, and the feature of `benches/compare` that it is built with.
 struct Peer {
@@ -28,6 +29,18 @@ const PEERS: [Peer; 5] = [
     Peer { name: "C -O2", program: "c", feature: Some("c") },
 ];
 
+impl Peer {
+    /// Returns its name as a part of a figure's key.
+    fn key(&self) -> String {
+        slug(self.name)
+    }
+}
+
+/// Returns `name` as a part of a figure's key.
+pub fn slug(name: &str) -> String {
+    name.to_lowercase().split([' ', '-', '_']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+}
+
 /// The works of `benches/compare/src/lib.rs`, and what the tables call them.
 const WORKS: [(&str, &str); 5] = [
     ("whole", "framing + checksum, whole buffer"),
@@ -39,12 +52,23 @@ const WORKS: [(&str, &str); 5] = [
 /// Those whose instructions are counted.
 const COUNTED: [&str; 3] = ["whole", "decode", "encode"];
 
-/// What the tables begin with, and how wide their columns are.
+/// How many percent a figure of ours may differ from the accepted one. Times depend on the machine, and may differ by any amount.
+pub const TOLERANCE: f64 = 3.0;
+
+/// The results of all comparisons.
+#[derive(Default)]
+pub struct Results {
+    pub figures: Vec<Figure>,
+    /// Where another library is ahead.
+    pub behind: Vec<String>,
+}
+
+/// The widths of the first column and of the others.
 const LABEL: usize = 36;
 const COLUMN: usize = 16;
 
 /// Runs all, prints the tables, and fails where another library is ahead.
-pub fn run_all(rounds: u16, choice: Option<Choice>) -> Result {
+pub fn run_all(rounds: u16, choice: Option<Choice>, accepts: bool) -> Result {
     let folder = target_dir().join("compare");
     make_folder(&folder)?;
     let library = compile_c(&folder)?;
@@ -55,7 +79,7 @@ pub fn run_all(rounds: u16, choice: Option<Choice>) -> Result {
     let streams = build_program("streams", None, &folder, &library)?;
     run(Command::new(streams).arg(&folder))?;
 
-    let mut behind = Vec::new();
+    let mut results = Results::default();
     let columns: Vec<_> = PEERS.iter().map(|peer| peer.name).collect();
 
     let mut times = vec![BTreeMap::<String, Vec<f64>>::new(); programs.len()];
@@ -69,32 +93,34 @@ pub fn run_all(rounds: u16, choice: Option<Choice>) -> Result {
             }
         }
     }
-    println!("\nMedian of {rounds} rounds, ns of processor time a frame; and how often ours goes into it");
+    println!("\nProcessor time, ns a frame, median of {rounds} rounds; and as a multiple of ours");
     header(&columns);
     for (work, what) in WORKS {
         let row: Vec<_> = times.iter_mut().map(|times| median(times.entry(work.to_owned()).or_default())).collect();
-        print_row(what, &row, "ns a frame", &mut behind);
+        print_row(what, &format!("ns.{work}"), &row, "ns a frame", &mut results);
     }
 
-    println!("\nInstructions a byte, x86-64 by callgrind; and the same ratio");
+    println!("\nInstructions a byte, on x86-64 by callgrind; and as a multiple of ours");
     header(&columns);
     let bytes = std::fs::metadata(folder.join("frames.bin")).map_err(|error| format!("frames.bin: {error}"))?.len();
     for (work, what) in WORKS.into_iter().filter(|(work, _)| COUNTED.contains(work)) {
         let row =
             programs.iter().map(|program| instructions(program, &folder, work, bytes)).collect::<Result<Vec<_>>>()?;
-        print_row(what, &row, "instructions", &mut behind);
+        print_row(what, &format!("instructions.{work}"), &row, "instructions", &mut results);
     }
 
-    println!("\nRecovery: of 20,000 frames on a bad line, intact ones that are found, and false accepts");
+    println!("\nRecovery: of 20,000 frames on a bad line, the share of intact ones that are found, and false accepts");
     header(&columns);
-    recovery(&programs, &folder, &mut behind)?;
+    recovery(&programs, &folder, &mut results)?;
 
-    println!(
-        "\nFirmware, Cortex-M4F, 12 messages in and 8 out, less one that only reads; and how often ours goes into it"
-    );
+    println!("\nFirmware, Cortex-M4F, 12 messages in and 8 out, less one that only reads; and as a multiple of ours");
     let choice = toolchain::prepare(choice, &[TARGET])?;
-    compare_firmware::measure(choice, &folder, &library, &folder.join("twelve.bin"), &mut behind)?;
-    if behind.is_empty() { Ok(()) } else { Err(format!("not ahead of every library: {}", behind.join("; "))) }
+    compare_firmware::measure(choice, &folder, &library, &folder.join("twelve.bin"), &mut results)?;
+    let Results { figures, behind } = results;
+    if !behind.is_empty() {
+        return Err(format!("not ahead of every library: {}", behind.join("; ")));
+    }
+    settle("compare", &toolchain::release(choice), &figures, accepts)
 }
 
 fn make_folder(folder: &Path) -> Result {
@@ -103,7 +129,7 @@ fn make_folder(folder: &Path) -> Result {
 
 /// Generates the C library from our own definitions and returns the folder of the compiled archive.
 fn compile_c(folder: &Path) -> Result<PathBuf> {
-    let python = integration::environment()?;
+    let python = python::environment()?;
     if !has("cc") || !has("ar") {
         apt_install("a C compiler", &["gcc", "libc6-dev", "binutils"], "https://gcc.gnu.org")?;
     }
@@ -165,25 +191,29 @@ fn header(columns: &[&str]) {
     println!();
 }
 
-/// Ours, then each other's with how many times ours it is. An equal one is not behind us.
-fn print_row(what: &str, row: &[f64], unit: &str, behind: &mut Vec<String>) {
+/// Prints our number, then each other's with its multiple of ours. An equal one is not behind.
+fn print_row(what: &str, key: &str, row: &[f64], unit: &str, results: &mut Results) {
     let [ours, others @ ..] = row else { return };
     print!("{what:LABEL$}{ours:>COLUMN$.1}");
+    let own = Figure::new(format!("{key}.{}", PEERS[0].key()), format!("{ours:.1}"));
+    results.figures.push(if unit.starts_with("ns") { own } else { own.within(TOLERANCE) });
     for (other, peer) in others.iter().zip(&PEERS[1..]) {
         print!("{:>COLUMN$}", format!("{other:.1} = {:.2}x", other / ours));
+        results.figures.push(Figure::new(format!("{key}.{}", peer.key()), format!("{other:.1}")));
+        results.figures.push(Figure::new(format!("times.{key}.{}", peer.key()), format!("{:.1}", other / ours)));
         if !ahead(*ours, *other, 1.0) {
-            behind.push(format!("{what}, {}: {other:.1} {unit} against our {ours:.1}", peer.name));
+            results.behind.push(format!("{what}, {}: {other:.1} {unit} against our {ours:.1}", peer.name));
         }
     }
     println!();
 }
 
-/// Whether another's number is more than `times` ours; never of what is no number, or none that can be measured.
+/// Returns whether another's number is more than `times` ours; false for what is no number, or cannot be measured.
 pub fn ahead(ours: f64, other: f64, times: f64) -> bool {
     ours > 0.0 && other > ours * times
 }
 
-/// Those of one pass, without what comes before the first: a run with a pass less one without.
+/// Returns the instructions of one pass, without the start of the program: those of a run with a pass, less those of one without.
 fn instructions(program: &Path, folder: &Path, work: &str, bytes: u64) -> Result<f64> {
     let count = |passes: &str| {
         let mut valgrind = Command::new("valgrind");
@@ -201,14 +231,14 @@ fn instructions(program: &Path, folder: &Path, work: &str, bytes: u64) -> Result
 /// The damaged streams of `benches/compare/src/lib.rs`.
 const DAMAGED: usize = 5;
 
-/// Ours must find all and accept nothing false.
-fn recovery(programs: &[PathBuf], folder: &Path, behind: &mut Vec<String>) -> Result {
+/// Prints what each library finds in the damaged streams. Ours must find all intact frames and accept no false one.
+fn recovery(programs: &[PathBuf], folder: &Path, results: &mut Results) -> Result {
     let outputs = programs
         .iter()
         .map(|program| output(Command::new(program).arg(folder).arg("recover")))
         .collect::<Result<Vec<_>>>()?;
     let Some(ours) = outputs.first().filter(|ours| ours.lines().count() == DAMAGED) else {
-        return Err(format!("of {DAMAGED} damaged streams ours has read {:?}", outputs.first()));
+        return Err(format!("ours did not read all {DAMAGED} damaged streams: {:?}", outputs.first()));
     };
     for (row, line) in ours.lines().enumerate() {
         let name = line.split(' ').next().unwrap_or_default();
@@ -222,9 +252,11 @@ fn recovery(programs: &[PathBuf], folder: &Path, behind: &mut Vec<String>) -> Re
                 .flat_map(str::parse)
                 .collect();
             let &[intact, found, false_accepts] = &cells[..] else { return Err(format!("{}: {output}", peer.name)) };
-            print!("{:>COLUMN$}", format!("{:.2} %, {false_accepts}", f64::from(found) * 100.0 / f64::from(intact)));
+            let percent = format!("{:.2}", f64::from(found) * 100.0 / f64::from(intact));
+            print!("{:>COLUMN$}", format!("{percent} %, {false_accepts}"));
+            results.figures.push(Figure::new(format!("found.{name}.{}", peer.key()), percent));
             if peer.feature.is_none() && (intact == 0 || found != intact || false_accepts > 0) {
-                behind.push(format!("{}: {found} of {intact} found, {false_accepts} false", damage(name)));
+                results.behind.push(format!("{}: {found} of {intact} found, {false_accepts} false", damage(name)));
             }
         }
         println!();
@@ -240,5 +272,15 @@ fn damage(name: &str) -> &str {
         "all" => "all three",
         "noise" => "1 % of bytes changed, garbage between",
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_become_keys() {
+        assert_eq!(["mavlink no_std", "C -O2", "mavstack"].map(slug), ["mavlink-no-std", "c-o2", "mavstack"]);
     }
 }

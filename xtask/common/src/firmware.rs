@@ -1,4 +1,4 @@
-//! The firmware: how it is built, and how large it is.
+//! The firmwares: how they are built, and how large they are.
 
 use std::path::{Path, PathBuf};
 
@@ -9,10 +9,10 @@ use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 use crate::system::{Result, run};
 use crate::toolchain::{self, Choice, TARGET, TARGETS};
 
-/// The demo vehicle's firmwares, by what they are built on.
+/// The demo vehicle's firmwares, by framework.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum App {
-    /// A loop of its own, without a framework.
+    /// A bare loop, without a framework.
     Loop,
     /// RTIC 2: flight above comms, which polls.
     Rtic,
@@ -21,9 +21,10 @@ pub enum App {
 }
 
 impl App {
+    /// All of them.
     pub const ALL: [Self; 3] = [Self::Loop, Self::Rtic, Self::Embassy];
 
-    /// The name of its program in [`PACKAGE`], and of its choice on the command line.
+    /// Returns the name of its program, which is also its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Loop => "loop",
@@ -34,10 +35,10 @@ impl App {
 }
 
 const PACKAGE: &str = "mavstack-qemu";
-/// Firmwares that are only measured.
+/// The package of firmwares that are only measured.
 const MEASURED: &str = "mavstack-size";
 
-/// How they are linked for microcontrollers other than the emulated one, for which `.cargo/config.toml` says it.
+/// Linker flags for microcontrollers other than the emulated one, whose flags are in `.cargo/config.toml`.
 const LINKED: [(&str, &str); 2] = [
     (TARGETS[1], "'-Clink-arg=--nmagic', '-Clink-arg=-Tlink.x'"),
     (TARGETS[2], "'-Clink-arg=--nmagic', '-Clink-arg=-Texamples/size/riscv.x', '-Clink-arg=-Tlink.x'"),
@@ -47,8 +48,11 @@ const COMPACT: &str = r#"'--cfg=sha2_backend_soft="compact"'"#;
 /// One of the firmwares in `examples/size`.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured<'a> {
+    /// Its program.
     pub bin: &'a str,
+    /// Its features, separated by commas.
     pub features: &'a str,
+    /// The microcontroller.
     pub target: &'a str,
     /// `opt-level`, as in a profile.
     pub level: &'a str,
@@ -57,17 +61,19 @@ pub struct Measured<'a> {
 /// As in `memory.x`.
 const FLASH: u64 = 512 * 1024;
 const RAM: u64 = 96 * 1024;
-/// RAM begins here, flash is below.
+/// The address of RAM. Flash is below.
 pub const RAM_BASE: u64 = 0x2000_0000;
 
-/// What a firmware takes, in bytes.
+/// The size of a firmware, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Size {
+    /// All that is loaded.
     pub flash: u64,
+    /// Static RAM, loaded or zeroed.
     pub ram: u64,
 }
 
-/// Builds the firmware, with or without its log, and returns where it is.
+/// Builds the demo vehicle's firmware, with or without its log, and returns its path.
 pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
     let mut command = toolchain::cargo_build(choice, TARGET);
@@ -75,8 +81,8 @@ pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     Ok(toolchain::build_dir(choice).join(TARGET).join("firmware").join(app.name()))
 }
 
-/// Builds the firmware that links only when no panic is left in it, with overflow checks on in the library and, as always, off in
-/// what it depends on; with or without its log. `opt_level` is as in a profile. The frames of its functions are in it.
+/// Builds a firmware for proofs: it links only if it has no panic left, and it contains the stack size of each function. Overflow
+/// checks are on in the library, and off in its dependencies. `opt_level` is as in a profile.
 pub fn build_proof(choice: Choice, bin: &str, log: bool, opt_level: &str) -> Result<PathBuf> {
     let features = if log { "panic-never,defmt" } else { "panic-never" };
     let opt_level = format!("profile.firmware.opt-level={}", level(opt_level));
@@ -84,12 +90,12 @@ pub fn build_proof(choice: Choice, bin: &str, log: bool, opt_level: &str) -> Res
     build_apart(choice, bin, &["--features", features, "--config", checks, "--config", &opt_level])
 }
 
-/// Builds the firmware that measures how much work a poll is, as it is flown with.
+/// Builds the firmware that measures the cost of a poll, with the flags of the demo vehicle.
 pub fn build_work(choice: Choice) -> Result<PathBuf> {
     build_apart(choice, "work", &[])
 }
 
-/// Builds the firmware of the fault matrix, with its stack below everything else in RAM.
+/// Builds the firmware of the fault matrix. Its stack is below everything else in RAM, so an overflow faults.
 pub fn build_faults(choice: Choice) -> Result<PathBuf> {
     build_linked(choice, "faults", &["--features", "faults"], &["-Clink-arg=-Tflipped.x"])
 }
@@ -98,26 +104,26 @@ fn build_apart(choice: Choice, bin: &str, arguments: &[&str]) -> Result<PathBuf>
     build_linked(choice, bin, arguments, &[])
 }
 
-/// In a folder of its own: what is built for proofs is built by other rules.
+/// Builds into a separate folder, because proofs use other flags.
 fn build_linked(choice: Choice, bin: &str, arguments: &[&str], linker: &[&str]) -> Result<PathBuf> {
     let folder = toolchain::build_dir(choice).join("proofs");
     let mut command = toolchain::cargo_for(choice, "rustc", TARGET, &folder);
     run(command
         .args(["--package", PACKAGE, "--bin", bin, "--profile", "firmware", "--no-default-features"])
         .args(arguments)
-        // The flag behind it is for nightly, which this is not.
+        // Allows `-Zemit-stack-sizes` on a stable compiler.
         .env("RUSTC_BOOTSTRAP", "1")
         .args(["--", "-Zemit-stack-sizes"])
         .args(linker))?;
     Ok(folder.join(TARGET).join("firmware").join(bin))
 }
 
-/// Numbers are numbers, letters are strings.
+/// Formats an `opt-level` as TOML: `3`, `"s"`.
 fn level(opt_level: &str) -> String {
     if opt_level.parse::<u8>().is_ok() { opt_level.to_owned() } else { format!("\"{opt_level}\"") }
 }
 
-/// Builds a firmware that is only measured, with no default features. It links only where no panic is left.
+/// Builds a firmware that is only measured, without default features. It links only if it has no panic left.
 pub fn build_measured(choice: Choice, measured: &Measured<'_>) -> Result<Vec<u8>> {
     let Measured { bin, features, target, level: opt_level } = *measured;
     let mut command = toolchain::cargo_build(choice, target);
@@ -140,24 +146,12 @@ pub fn print_size(name: &str, elf: &[u8]) -> Result {
     Ok(())
 }
 
-/// `cargo xtask cross`: the library for each microcontroller, with no feature and with all.
-pub fn cross(choice: Option<Choice>) -> Result {
-    let choice = toolchain::prepare(choice, &TARGETS)?;
-    for target in TARGETS {
-        for features in ["--no-default-features", "--all-features"] {
-            println!("mavstack for {target} with {features}");
-            run(toolchain::cargo_build(choice, target).args(["--package", "mavstack", "--lib", features]))?;
-        }
-    }
-    Ok(())
-}
-
-/// The bytes of a built firmware.
+/// Reads a built firmware.
 pub fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// Flash holds all that is loaded; RAM holds what lies there, loaded or zeroed. The stack takes what remains.
+/// Measures the firmware `bytes`. The stack is not in it: it uses the remaining RAM.
 pub fn measure(bytes: &[u8]) -> Result<Size> {
     let file = ElfFile32::<Endianness>::parse(bytes).map_err(|error| format!("not a firmware: {error}"))?;
     let entry = u64::from(file.elf_header().e_entry(file.endian()));
@@ -170,7 +164,7 @@ pub fn measure(bytes: &[u8]) -> Result<Size> {
         if sh_flags & u64::from(elf::SHF_ALLOC) == 0 {
             continue;
         }
-        // The stack is what remains, which some linker scripts call a section.
+        // Some linker scripts call the remaining RAM a section.
         if section.name() == Ok(".stack") {
             continue;
         }

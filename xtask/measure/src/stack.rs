@@ -1,69 +1,70 @@
-//! The most stack that the firmware can ever take: the frames of its functions, added up along the deepest chain of calls.
+//! `cargo measure stack`: the most stack that the firmware can ever take, as the sum of the frames along the deepest chain of calls.
 //!
-//! That is a proof only where every call is known and no function comes back to itself: a call through a pointer and a cycle are
-//! errors here. Interrupts are masked in the firmware that is measured; one with handlers adds theirs.
+//! The sum is a proof only if every call is known and nothing recurses, so a call through a pointer and a cycle are errors here.
+//! Interrupts are masked in the measured firmware; the stack of interrupt handlers comes on top.
 //!
-//! That the sum is right the emulator confirms: the firmware `painted` paints the RAM that is free, is made to do everything that it
-//! can, and says how much of the paint is gone. That may not be more than the sum for the same firmware.
+//! Stack painting in the emulator checks the sum: the firmware `painted` fills the free RAM with a pattern, exercises all services,
+//! and reports how much of the pattern is overwritten. That must not exceed the sum for the same firmware.
 //!
-//! For the Cortex-M4 only. What is compiled for the Cortex-M0 jumps through a helper of the compiler's library wherever there is a
-//! table of cases, to an address that only shows when it runs.
+//! For the Cortex-M4 only. Code for the Cortex-M0 uses a helper of the compiler's library for jump tables, and its targets are known
+//! at run time only.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Stdio;
 
+use crate::emulator;
+use crate::figures::{Figure, Figures, grouped, number, settle};
 use crate::firmware::{build_proof, read};
-use crate::qemu;
 use crate::system::Result;
 use crate::thumb::{Function, Program};
 use crate::toolchain::{self, Choice, TARGET};
 
-/// What is measured: the function in the firmware `entries`, what it stands for, how many bytes of stack it is to take at most,
-/// and how many it takes today where that is more.
-///
-/// Flight is the demo vehicle's own.
+/// The calls that are measured. Flight is the demo vehicle's own.
 const ENTRIES: [Subject; 7] = [
-    Subject::new("poll", "Stack::poll", CALL, 0),
-    Subject::new("poll_link", "Stack::poll_link", CALL, 0),
-    Subject::new("receive", "Stack::receive", CALL, 0),
-    Subject::new("transmit", "Stack::transmit", CALL, 0),
-    Subject::new("persist", "Stack::persist_*, all three", CALL, 0),
-    Subject::new("restore", "Stack::restore_*, all three", CALL, 0),
-    Subject::new("fly", "the demo vehicle's flight", CALL, 1_208),
+    Subject { id: "poll", function: "poll", what: "Stack::poll", goal: CALL },
+    Subject { id: "poll-link", function: "poll_link", what: "Stack::poll_link", goal: CALL },
+    Subject { id: "receive", function: "receive", what: "Stack::receive", goal: CALL },
+    Subject { id: "transmit", function: "transmit", what: "Stack::transmit", goal: CALL },
+    Subject { id: "persist", function: "persist", what: "Stack::persist_*, all three", goal: CALL },
+    Subject { id: "restore", function: "restore", what: "Stack::restore_*, all three", goal: CALL },
+    Subject { id: "fly", function: "fly", what: "the demo vehicle's flight", goal: CALL },
 ];
 /// The goal for one call.
 const CALL: u32 = 1_024;
 
-/// The firmware `loop`, from reset: with the moment in which the vehicle is made, when the compiler puts its links and the queues
-/// for others on the stack before it copies them to their place, and nothing else is there yet; and from then on.
-const START: Subject = Subject::new("Reset", "the whole firmware, at its start", 2_048, 11_510);
-const WHOLE: Subject = Subject::new("Reset", "the whole firmware, from then on", 2_048, 0);
-/// The firmware that paints, in the same way, without the moment in which the vehicle is made.
+/// The firmware `loop`, from reset.
+const WHOLE: Subject = Subject { id: "whole", function: "Reset", what: "the whole firmware, from reset", goal: 2_048 };
+/// The firmware that paints its stack.
 const PAINTED: &str = "painted";
-/// So many plans it has to have accepted, and so many refused, or it has not done what it is made to do: in each of its rounds a
-/// mission, a fence and rally points.
+/// How many plans it must have accepted and refused at least, or it has not exercised all services: in each of its rounds a mission,
+/// a fence and rally points.
 const PLANS: (u32, u32) = (3, 1);
-/// What makes the vehicle.
-const MAKE: &str = "mavstack_qemu::memory::make";
 
-/// What may take so much stack.
+/// A figure that moved by more than this (%), up or down, has to be accepted.
+const TOLERANCE: f64 = 5.0;
+
+/// A part of a firmware whose stack is measured.
 struct Subject {
+    /// The key of its figure.
+    id: &'static str,
+    /// Its function in the firmware `entries`, or in the whole firmware.
     function: &'static str,
     what: &'static str,
+    /// Bytes of stack at most, as far as it is reached.
     goal: u32,
-    /// The goal, or what it is today.
-    bound: u32,
 }
 
 impl Subject {
-    const fn new(function: &'static str, what: &'static str, goal: u32, today: u32) -> Self {
-        Self { function, what, goal, bound: if today > goal { today } else { goal } }
+    /// Returns the bytes of stack that are allowed: the goal, or the accepted figure where that is larger.
+    fn bound(&self, accepted: &Figures) -> u32 {
+        let accepted = accepted.get(&format!("stack.{}", self.id)).and_then(number);
+        accepted.map_or(self.goal, |bytes| self.goal.max(bytes as u32))
     }
 }
 
-/// `cargo xtask stack`.
-pub fn prove(choice: Option<Choice>) -> Result {
+/// `cargo measure stack`.
+pub fn prove(choice: Option<Choice>, accepts: bool) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let entries = Program::read(&read(&build_proof(choice, "entries", false, "s")?)?)?;
     let whole = Program::read(&read(&build_proof(choice, "loop", false, "s")?)?)?;
@@ -73,22 +74,21 @@ pub fn prove(choice: Option<Choice>) -> Result {
         let entry = entries.find(&name, |function| function == name)?;
         rows.push((subject, Depths::of(&entries).deepest(entry)?));
     }
-    let reset = whole.find(START.function, |function| function == START.function)?;
-    rows.push((START, Depths::of(&whole).deepest(reset)?));
-    let make = whole.find(MAKE, |function| function == MAKE)?;
-    rows.push((WHOLE, Depths::of(&whole).without(make).deepest(reset)?));
+    let reset = whole.find(WHOLE.function, |function| function == WHOLE.function)?;
+    rows.push((WHOLE, Depths::of(&whole).deepest(reset)?));
 
-    qemu::prepare()?;
+    emulator::prepare()?;
     let elf = build_proof(choice, PAINTED, false, "s")?;
     let painted = Program::read(&read(&elf)?)?;
-    let reset = painted.find(START.function, |function| function == START.function)?;
-    let make = painted.find(MAKE, |function| function == MAKE)?;
-    let most = total(&Depths::of(&painted).without(make).deepest(reset)?);
+    let reset = painted.find(WHOLE.function, |function| function == WHOLE.function)?;
+    let most = total(&Depths::of(&painted).deepest(reset)?);
     let measured = Mark::of(&elf)?;
 
-    println!("\n{:32} {:>8} {:>8} {:>8}", "stack, worst case (opt-level s)", "bytes", "goal", "bound");
-    for (Subject { what, goal, bound, .. }, chain) in &rows {
-        println!("{what:32} {:>8} {goal:>8} {bound:>8}", total(chain));
+    let accepted = Figures::read()?;
+    println!("\n{:36} {:>8} {:>8} {:>8}", "stack, worst case (opt-level s)", "bytes", "goal", "bound");
+    for (subject, chain) in &rows {
+        let Subject { what, goal, .. } = subject;
+        println!("{what:36} {:>8} {goal:>8} {:>8}", total(chain), subject.bound(&accepted));
     }
     for (Subject { what, .. }, chain) in &rows {
         println!("\n{what}, the deepest chain:");
@@ -96,16 +96,27 @@ pub fn prove(choice: Option<Choice>) -> Result {
             println!("{frame:>8}  {name}");
         }
     }
-    let broken = rows.iter().filter(|(subject, chain)| total(chain) > subject.bound);
-    let mut broken: Vec<_> = broken
-        .map(|(Subject { what, bound, .. }, chain)| format!("{what}: {} bytes of stack, bound {bound}", total(chain)))
-        .collect();
-    println!("\nthe same firmware, made to do everything: at most {most}, measured {}", measured.bytes);
-    broken.extend(measured.complaint(most));
-    if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
+    println!("\nthe firmware that paints its stack: at most {most}, measured {}", measured.bytes);
+    // A goal that is missed already may be missed by more, if that is accepted. One that is reached stays.
+    let is_broken = |(subject, chain): &&(Subject, Chain)| {
+        let bound = subject.bound(&accepted);
+        total(chain) > bound && !(accepts && bound > subject.goal)
+    };
+    let broken = rows.iter().filter(is_broken);
+    let broken = broken.map(|(subject, chain)| {
+        format!("{}: {} bytes of stack, bound {}", subject.what, total(chain), subject.bound(&accepted))
+    });
+    let broken: Vec<_> = broken.chain(measured.complaint(most)).collect();
+    if !broken.is_empty() {
+        return Err(broken.join("\n"));
+    }
+    let bytes = |id: &str, bytes: u32| Figure::new(id, grouped(bytes.into())).within(TOLERANCE);
+    let mut figures: Vec<_> = rows.iter().map(|(subject, chain)| bytes(subject.id, total(chain))).collect();
+    figures.extend([bytes("painted-sum", most), bytes("painted", measured.bytes)]);
+    settle("stack", &toolchain::release(choice), &figures, accepts)
 }
 
-/// What the firmware that paints has found.
+/// What the firmware that paints its stack has found.
 #[derive(Debug, PartialEq, Eq)]
 struct Mark {
     bytes: u32,
@@ -115,14 +126,14 @@ struct Mark {
 
 impl Mark {
     fn of(elf: &Path) -> Result<Self> {
-        let mut command = qemu::emulator();
+        let mut command = emulator::command();
         command
-            .args(["-machine", qemu::BOARD, "-display", "none", "-monitor", "none", "-serial", "stdio", "-kernel"])
+            .args(["-machine", emulator::BOARD, "-display", "none", "-monitor", "none", "-serial", "stdio", "-kernel"])
             .arg(elf)
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
-        let (_emulator, output) = qemu::start(&mut command)?;
-        let line = qemu::Lines::of(output).next()?.unwrap_or_default();
+        let (_emulator, output) = emulator::start(&mut command)?;
+        let line = emulator::Lines::of(output).next()?.unwrap_or_default();
         Self::parse(&line).ok_or_else(|| format!("the firmware said: {line}"))
     }
 
@@ -133,37 +144,38 @@ impl Mark {
         words.next().is_none().then_some(mark)
     }
 
-    /// What is wrong with it, where `most` is proven.
+    /// Returns what is wrong with it, where `most` is proven.
     fn complaint(&self, most: u32) -> Option<String> {
         let Self { bytes, accepted, refused } = *self;
         if bytes > most {
-            return Some(format!("the firmware took {bytes} bytes of stack, more than the {most} that were added up"));
+            return Some(format!("the firmware took {bytes} bytes of stack, more than the sum of {most}"));
         }
         (accepted < PLANS.0 || refused < PLANS.1).then(|| {
-            format!("the firmware was to be made to do everything: {accepted} plans accepted, {refused} refused")
+            format!("the firmware has not exercised all services: {accepted} plans accepted, {refused} refused")
         })
     }
 }
 
-/// Functions and the bytes of their frames, from the first to the last that is called.
+/// Functions and the bytes of their frames, in the order of the calls.
 type Chain = Vec<(String, u32)>;
 
 fn total(chain: &Chain) -> u32 {
     chain.iter().map(|(_, frame)| frame).sum()
 }
 
-/// How deep each function's stack gets, as far as was asked.
+/// How deep each function's stack gets, as far as it was asked for.
 struct Depths<'a> {
     program: &'a Program,
-    /// Bytes, and the call that takes them, with whether the caller's frame is still there then. `None` while it is being
-    /// worked out.
+    /// `None` while it is being computed.
     known: BTreeMap<u32, Option<Depth>>,
 }
 
 #[derive(Clone, Copy)]
 struct Depth {
     bytes: u32,
+    /// The deepest call.
     next: Option<u32>,
+    /// Whether the caller's frame is still on the stack during that call.
     keeps_frame: bool,
 }
 
@@ -172,13 +184,7 @@ impl<'a> Depths<'a> {
         Self { program, known: BTreeMap::new() }
     }
 
-    /// As if the function at `address` were never called.
-    fn without(mut self, address: u32) -> Self {
-        self.known.insert(address, Some(Depth { bytes: 0, next: None, keeps_frame: false }));
-        self
-    }
-
-    /// The deepest chain from the function at `entry`.
+    /// Returns the deepest chain from the function at `entry`.
     fn deepest(mut self, entry: u32) -> Result<Chain> {
         self.visit(entry)?;
         let mut chain = Chain::new();
@@ -186,7 +192,7 @@ impl<'a> Depths<'a> {
         while let Some(function) = at {
             let Some(Some(depth)) = self.known.get(&function) else { break };
             let Function { name, frame, .. } = &self.program.0[&function];
-            // One that ends with a jump has left the stack by then.
+            // A function that ends with a jump has freed its frame.
             let frame = if depth.keeps_frame { *frame } else { 0 };
             chain.push((name.clone(), frame));
             at = depth.next;
@@ -199,14 +205,17 @@ impl<'a> Depths<'a> {
         let function = program.0.get(&at).ok_or_else(|| format!("a call to {at:#x}, where no function begins"))?;
         match self.known.get(&at) {
             Some(Some(depth)) => return Ok(depth.bytes),
-            Some(None) => return Err(format!("{} comes back to itself: its stack has no bound", function.name)),
+            Some(None) => return Err(format!("{} is recursive: its stack has no bound", function.name)),
             None => {}
         }
         if let Some(place) = function.indirect.first() {
             return Err(format!("{} calls through a pointer, at {place:#x}: its stack has no bound", function.name));
         }
         if function.is_frame_unknown {
-            return Err(format!("{} moves its stack by what only shows when it runs", function.name));
+            return Err(format!(
+                "{} changes its stack pointer by an amount that is known at run time only",
+                function.name
+            ));
         }
         self.known.insert(at, None);
         let mut depth = Depth { bytes: function.frame, next: None, keeps_frame: true };
@@ -257,15 +266,8 @@ mod tests {
     }
 
     #[test]
-    fn a_function_that_is_left_out_takes_nothing() {
-        let program = program(&[(0, 8, &[1, 2], &[]), (1, 100, &[], &[]), (2, 16, &[], &[])]);
-        let chain = Depths::of(&program).without(1).deepest(0).unwrap();
-        assert_eq!(total(&chain), 24);
-    }
-
-    #[test]
-    fn a_function_that_comes_back_to_itself_is_an_error() {
-        assert!(bytes(&program(&[(0, 8, &[1], &[]), (1, 8, &[], &[0])])).unwrap_err().contains("itself"));
+    fn a_recursive_function_is_an_error() {
+        assert!(bytes(&program(&[(0, 8, &[1], &[]), (1, 8, &[], &[0])])).unwrap_err().contains("recursive"));
         assert!(bytes(&program(&[(0, 8, &[0], &[])])).is_err());
         // Twice is not a cycle.
         assert_eq!(bytes(&program(&[(0, 8, &[1, 2], &[]), (1, 8, &[2], &[]), (2, 8, &[], &[])])), Ok(24));
@@ -276,8 +278,16 @@ mod tests {
         let mark = Mark::parse("1200 9 3 \r\n").unwrap();
         assert_eq!(mark, Mark { bytes: 1_200, accepted: 9, refused: 3 });
         assert_eq!((mark.complaint(1_200), Mark::parse("1200 9"), Mark::parse("")), (None, None, None));
-        assert!(mark.complaint(1_199).unwrap().contains("more than the 1199"));
+        assert!(mark.complaint(1_199).unwrap().contains("more than the sum of 1199"));
         assert!(Mark { accepted: 2, ..mark }.complaint(2_000).unwrap().contains("2 plans accepted"));
+    }
+
+    #[test]
+    fn a_missed_goal_is_no_permission_to_get_worse() {
+        let fly = &ENTRIES[6];
+        assert_eq!(fly.bound(&Figures::default()), CALL);
+        let accepted = |bytes| Figures::parse(&format!("[stack]\nfly = \"{bytes}\"\n")).unwrap();
+        assert_eq!((fly.bound(&accepted("1,208")), fly.bound(&accepted("900"))), (1_208, CALL));
     }
 
     #[test]

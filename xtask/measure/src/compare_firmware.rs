@@ -1,19 +1,20 @@
-//! The firmwares of `cargo xtask compare`: twelve messages in, every field of each read, eight out, with each library on an
-//! emulated Cortex-M4F.
+//! The firmwares of `cargo measure compare`, on an emulated Cortex-M4F: twelve messages are received and each of their fields is
+//! read, eight are sent, with each library.
 //!
-//! Flash and RAM are less those of a firmware that only reads the line. RAM is what is static and the peak of the stack, which the
-//! firmware has painted. Instructions are the emulator's, of each byte of the stream, and what reading the line takes is in them.
+//! Flash and RAM are less those of a firmware that only reads the line. RAM is static RAM and the peak of the stack, by stack painting.
+//! Instructions are the emulator's, for each byte of the stream; reading the line is included.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::compare::ahead;
+use crate::compare::{Results, TOLERANCE, ahead, slug};
+use crate::emulator;
+use crate::figures::{Figure, grouped};
 use crate::firmware;
-use crate::qemu;
 use crate::system::{Result, apt_install, root, run};
 use crate::toolchain::{self, Choice, TARGET};
 
-/// A library's name and its firmware. Ours is the first, with a table of the twelve messages, as all that are lean.
+/// A library's name and its firmware. Ours is the first; it and the lean ones have a table of the twelve messages.
 const PEERS: [(&str, &str); 7] = [
     ("mavstack", "ours"),
     ("mavlink enum", "mavlink-enum"),
@@ -30,27 +31,33 @@ const COLUMN: usize = 18;
 /// A row of the table.
 struct Row {
     what: &'static str,
-    /// What we aim at.
+    /// The begin of its figures' keys.
+    key: &'static str,
     goal: f64,
     of: fn(&Figures) -> f64,
 }
 
 const ROWS: [Row; 6] = [
-    Row { what: "flash, bytes", goal: 4_000.0, of: |figures| figures.flash },
-    Row { what: "RAM with peak stack, bytes", goal: 750.0, of: |figures| figures.ram },
-    Row { what: "framing, pieces of 64: instr/byte", goal: 17.0, of: |figures| figures.framing[0] },
-    Row { what: "framing, byte by byte", goal: 45.0, of: |figures| figures.framing[1] },
-    Row { what: "all of it, pieces of 64", goal: 42.0, of: |figures| figures.whole[0] },
-    Row { what: "all of it, byte by byte", goal: 75.0, of: |figures| figures.whole[1] },
+    Row { what: "flash, bytes", key: "flash", goal: 4_000.0, of: |figures| figures.flash },
+    Row { what: "RAM with peak stack, bytes", key: "ram", goal: 750.0, of: |figures| figures.ram },
+    Row {
+        what: "framing, pieces of 64: instr/byte",
+        key: "framing.pieces",
+        goal: 17.0,
+        of: |figures| figures.framing[0],
+    },
+    Row { what: "framing, byte by byte", key: "framing.bytes", goal: 45.0, of: |figures| figures.framing[1] },
+    Row { what: "all of it, pieces of 64", key: "whole.pieces", goal: 42.0, of: |figures| figures.whole[0] },
+    Row { what: "all of it, byte by byte", key: "whole.bytes", goal: 75.0, of: |figures| figures.whole[1] },
 ];
 
-/// Where another is ahead of us: the row, its name, and so many times ours its number is, rounded down.
+/// Where another library is ahead: the row, its name, and its number as a multiple of ours, rounded down.
 const BEHIND: [(&str, &str, f64); 1] = [
-    // It looks at each byte once and drops what follows a false header; all that finds it again is ours alone.
+    // It reads each byte once and loses what follows a false header. Only ours has code that finds it again.
     ("flash, bytes", "C -Os lean", 0.66),
 ];
 
-/// What was measured of a firmware: bytes, and instructions a byte in both ways of reading.
+/// The figures of a firmware: bytes, and instructions a byte for both ways of reading.
 #[derive(Debug, Default)]
 struct Figures {
     flash: f64,
@@ -60,8 +67,8 @@ struct Figures {
 }
 
 /// Prints the table. `stream` is what the firmwares read, `library` the folder of the C library.
-pub fn measure(choice: Choice, folder: &Path, library: &Path, stream: &Path, behind: &mut Vec<String>) -> Result {
-    qemu::prepare()?;
+pub fn measure(choice: Choice, folder: &Path, library: &Path, stream: &Path, results: &mut Results) -> Result {
+    emulator::prepare()?;
     archive(library)?;
     let build_dir = folder.join("build");
     let build = |framing: bool| -> Result {
@@ -99,22 +106,30 @@ pub fn measure(choice: Choice, folder: &Path, library: &Path, stream: &Path, beh
     println!("{:>COLUMN$}", "goal");
     for row in &ROWS {
         let numbers: Vec<f64> = all.iter().map(row.of).collect();
-        print_row(row, &numbers, behind);
+        print_row(row, &numbers, results);
     }
     let [pieces, bytes] = reading;
     println!("reading the line alone takes {pieces:.1} instructions a byte in pieces, {bytes:.1} byte by byte");
     Ok(())
 }
 
-fn print_row(row: &Row, numbers: &[f64], behind: &mut Vec<String>) {
+fn print_row(row: &Row, numbers: &[f64], results: &mut Results) {
     let [ours, others @ ..] = numbers else { return };
     print!("{:LABEL$}{ours:>COLUMN$.1}", row.what);
+    let is_bytes = ["flash", "ram"].contains(&row.key);
+    let value = |number: f64| if is_bytes { grouped(number as u64) } else { format!("{number:.1}") };
+    let key = |name: &str| format!("firmware.{}.{}", row.key, slug(name));
+    results.figures.push(Figure::new(key(PEERS[0].0), value(*ours)).within(TOLERANCE));
     for (other, (name, _)) in others.iter().zip(&PEERS[1..]) {
         print!("{:>COLUMN$}", format!("{other:.1} = {:.2}x", other / ours));
+        results.figures.push(Figure::new(key(name), value(*other)));
+        results.figures.push(Figure::new(format!("times.{}", key(name)), format!("{:.1}", other / ours)));
         let known = BEHIND.iter().find(|(what, whose, _)| what == &row.what && whose == name);
         let bound = known.map_or(1.0, |(.., bound)| *bound);
         if !ahead(*ours, *other, bound) {
-            behind.push(format!("{}, {name}: {other:.1} against our {ours:.1}, bound {bound:.2} times", row.what));
+            results
+                .behind
+                .push(format!("{}, {name}: {other:.1} against our {ours:.1}, bound {bound:.2} times", row.what));
         }
     }
     println!("{:>COLUMN$}", row.goal);
@@ -142,7 +157,7 @@ fn archive(library: &Path) -> Result {
     Ok(())
 }
 
-/// A firmware, and what it said.
+/// What was measured of one firmware.
 struct Measured {
     flash: f64,
     ram: f64,
@@ -154,16 +169,16 @@ struct Measured {
 impl Measured {
     fn of(elf: &Path) -> Result<Self> {
         let size = firmware::measure(&firmware::read(elf)?)?;
-        let mut command = qemu::emulator();
+        let mut command = emulator::command();
         command
-            .args(["-machine", qemu::BOARD, "-display", "none", "-monitor", "none", "-icount", "shift=0"])
+            .args(["-machine", emulator::BOARD, "-display", "none", "-monitor", "none", "-icount", "shift=0"])
             .args(["-serial", "stdio", "-kernel"])
             .arg(elf)
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
-        let (_emulator, output) = qemu::start(&mut command)?;
+        let (_emulator, output) = emulator::start(&mut command)?;
         let (mut instructions, mut frames, mut stack) = (Vec::new(), None, 0);
-        let lines = qemu::Lines::of(output);
+        let lines = emulator::Lines::of(output);
         while let Some(line) = lines.next()? {
             if line.trim() == "." {
                 break;

@@ -1,4 +1,4 @@
-//! `cargo xtask nightly`: the lane for checks that take too long for every change, in steps.
+//! `cargo measure nightly`: the lane for checks that take too long for every change, in steps.
 //!
 //! The result of each step stays in `target/nightly/`, with the tested commit and the step's output. So a run may be
 //! interrupted: the next run skips the steps that passed at the same commit, and restarts the interrupted step.
@@ -17,7 +17,7 @@ use crate::system::{Result, cargo, output, root, target_dir};
 struct Step {
     name: &'static str,
     what: &'static str,
-    /// Arguments of `cargo`, or of this program where the first one is "xtask".
+    /// Arguments of `cargo`.
     command: &'static [&'static str],
 }
 
@@ -35,13 +35,13 @@ const STEPS: [Step; 17] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
-        &["test", "--release", "--features", "signing", "--test", "signing_vectors", "--", "--include-ignored"],
+        &["test", "--release", "--features", "signing", "--test", "signing", "--", "--include-ignored", "vectors::"],
     ),
-    step("size-options", "flash and RAM of each option, and of whole vehicles", &["xtask", "size", "--options"]),
-    step("coverage", "lines and branches that the tests reach", &["xtask", "coverage"]),
-    step("compare", "the other libraries beside this one", &["xtask", "compare"]),
+    step("options", "flash and RAM of each option, and of whole vehicles", &["measure", "options"]),
+    step("coverage", "lines and branches that the tests reach", &["measure", "coverage"]),
+    step("compare", "the other libraries beside this one", &["measure", "compare"]),
     step("bench", "the benchmarks", &["bench"]),
-    step("miri", "the tests in an interpreter that sees undefined behaviour", &["xtask", "miri"]),
+    step("miri", "the tests in an interpreter that detects undefined behaviour", &["measure", "miri"]),
     fuzz("fuzz-decode", &["xtask", "fuzz", "--seconds", "1800", "decode"]),
     fuzz("fuzz-wpl", &["xtask", "fuzz", "--seconds", "1800", "wpl"]),
     fuzz("fuzz-roundtrip", &["xtask", "fuzz", "--seconds", "1800", "roundtrip"]),
@@ -49,10 +49,10 @@ const STEPS: [Step; 17] = [
     fuzz("fuzz-record", &["xtask", "fuzz", "--seconds", "1800", "record"]),
     fuzz("fuzz-dialect", &["xtask", "fuzz", "--seconds", "1800", "dialect"]),
     fuzz("fuzz-session", &["xtask", "fuzz", "--seconds", "1800", "session"]),
-    step("mutants-signing", "mutants of signing that no test catches", &["xtask", "mutants", "signing"]),
-    step("mutants-frame", "mutants of framing that no test catches", &["xtask", "mutants", "frame"]),
-    step("mutants-mission", "mutants of the plan engine that no test catches", &["xtask", "mutants", "mission"]),
-    step("mutants-storage", "mutants of storage that no test catches", &["xtask", "mutants", "storage"]),
+    step("mutants-signing", "mutants of signing that no test catches", &["measure", "mutants", "signing"]),
+    step("mutants-frame", "mutants of framing that no test catches", &["measure", "mutants", "frame"]),
+    step("mutants-mission", "mutants of the plan engine that no test catches", &["measure", "mutants", "mission"]),
+    step("mutants-storage", "mutants of storage that no test catches", &["measure", "mutants", "storage"]),
 ];
 
 /// Options of a run.
@@ -71,31 +71,26 @@ pub fn run(options: &Options) -> Result {
     let folder = target_dir().join("nightly");
     fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let here = Source::current();
-    let has_passed = |step: &Step| kept(&folder, step).is_some_and(|kept| kept.is_passed && kept.is_of(&here));
     if options.lists {
         for step in steps {
-            let state = match kept(&folder, step) {
-                Some(kept) if !kept.is_of(&here) => "other commit",
-                Some(kept) if kept.is_passed => "passed",
-                Some(_) => "FAILED",
-                None => "",
-            };
-            println!("{:16} {state:12} {}", step.name, step.what);
+            let state = kept(&folder, step).map_or(String::new(), |kept| kept.state(&here));
+            println!("{:16} {state:28} {}", step.name, step.what);
         }
         return Ok(());
     }
     if here.has_changes {
         println!("There are uncommitted changes: results are kept, but the next run will not skip these steps.");
     }
-    let this = std::env::current_exe().map_err(|error| format!("this program is not to be found: {error}"))?;
     let (mut lines, mut failed) = (Vec::new(), Vec::new());
     for step in steps {
-        if !options.again && has_passed(step) {
+        // Asked before each step, because a commit may be made while the others run.
+        let has_passed = |kept: Kept| kept.is_passed && kept.is_of(&Source::current());
+        if !options.again && kept(&folder, step).is_some_and(has_passed) {
             lines.push(format!("   -  {}: has passed at this commit", step.name));
             continue;
         }
         println!("\n==== {}: {}", step.name, step.what);
-        let kept = play(step, &this, &folder)?;
+        let kept = play(step, &folder)?;
         let verdict = if kept.is_passed { "" } else { "  FAILED" };
         lines.push(format!("{:4}  {}{verdict}", kept.seconds.div_ceil(60), step.name));
         if !kept.is_passed {
@@ -118,24 +113,14 @@ fn select(names: &[String]) -> Result<Vec<&'static Step>> {
 }
 
 /// Runs a step, prints its output, and keeps output and result.
-fn play(step: &Step, this: &Path, folder: &Path) -> Result<Kept> {
+fn play(step: &Step, folder: &Path) -> Result<Kept> {
     let result = file(folder, step);
     // An interrupted step leaves no result.
     if result.exists() {
         fs::remove_file(&result).map_err(|error| format!("{}: {error}", result.display()))?;
     }
-    let mut command = match step.command.split_first() {
-        Some((&"xtask", task)) => {
-            let mut command = Command::new(this);
-            command.args(task);
-            command
-        }
-        _ => {
-            let mut command = Command::new(cargo());
-            command.args(step.command);
-            command
-        }
-    };
+    let mut command = Command::new(cargo());
+    command.args(step.command);
     let (before, began) = (Source::current(), Instant::now());
     let is_passed = print_and_keep(command.current_dir(root()), &folder.join(format!("{}.log", step.name)))?;
     let after = Source::current();
@@ -217,6 +202,17 @@ impl Kept {
         self.source == *source && !source.has_changes
     }
 
+    /// Returns what the list says about it, where `source` is checked out.
+    fn state(&self, source: &Source) -> String {
+        let result = if self.is_passed { "passed" } else { "FAILED" };
+        let commit = self.source.commit.get(..10).unwrap_or(&self.source.commit);
+        match (self.is_of(source), self.source.has_changes) {
+            (true, _) => result.to_owned(),
+            (false, false) => format!("{result} at {commit}"),
+            (false, true) => format!("{result} with changes"),
+        }
+    }
+
     fn text(&self) -> String {
         let Self { source: Source { commit, has_changes }, is_passed, seconds } = self;
         let changes = if *has_changes { "yes" } else { "no" };
@@ -246,7 +242,12 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fuzz::TARGETS;
+
+    /// The names of the fuzz targets, by their files.
+    fn targets() -> Vec<String> {
+        let files = fs::read_dir(root().join("fuzz/fuzz_targets")).expect("the targets").flatten();
+        files.filter_map(|file| Some(file.path().file_stem()?.to_str()?.to_owned())).collect()
+    }
 
     fn source(commit: &str, has_changes: bool) -> Source {
         Source { commit: commit.to_owned(), has_changes }
@@ -271,6 +272,9 @@ mod tests {
         assert!(!kept(source("b", false)).is_of(&source("a", false)));
         assert!(!kept(source("a", true)).is_of(&source("a", false)));
         assert!(!kept(source("a", true)).is_of(&source("a", true)), "not the same changes");
+        assert_eq!(kept(source("a", false)).state(&source("a", false)), "passed");
+        assert_eq!(kept(source("a", false)).state(&source("b", false)), "passed at a");
+        assert_eq!(kept(source("a", true)).state(&source("a", false)), "passed with changes");
     }
 
     #[test]
@@ -281,14 +285,16 @@ mod tests {
         };
         assert_eq!(names(&[]).map(|steps| steps.len()), Ok(STEPS.len()));
         assert_eq!(names(&["fuzz-wpl", "mir"]), Ok(vec!["miri", "fuzz-wpl"]));
-        assert_eq!(names(&["fuzz"]).map(|steps| steps.len()), Ok(TARGETS.len()));
+        assert_eq!(names(&["fuzz"]).map(|steps| steps.len()), Ok(targets().len()));
         assert!(names(&["fuzz", "nothing"]).is_err_and(|error| error.contains("nothing") && error.contains("miri")));
     }
 
     #[test]
     fn every_fuzz_target_has_its_step() {
-        for target in TARGETS {
-            let steps: Vec<_> = STEPS.iter().filter(|step| step.command.last() == Some(&target)).collect();
+        for target in targets() {
+            let is_of =
+                |step: &&Step| step.command.starts_with(&["xtask", "fuzz"]) && step.command.last() == Some(&&*target);
+            let steps: Vec<_> = STEPS.iter().filter(is_of).collect();
             assert_eq!(steps.iter().map(|step| step.name).collect::<Vec<_>>(), [format!("fuzz-{target}")]);
         }
     }

@@ -1,15 +1,14 @@
-//! The proof that the firmware cannot panic: it links only when no call to the panic handler is left in it.
+//! `cargo measure panic-free`: the proof that the firmware cannot panic. It links only if no call to the panic handler is left.
 //!
-//! Beside it, what a firmware without panics has no use for: `core::fmt`, an allocator, and arithmetic in `f64`, which the
-//! processor does not have. A function that is not there is not called.
+//! Also refused are `core::fmt`, an allocator, and `f64` arithmetic, which the processor does not have. A function that is not linked
+//! is not called.
 
 use crate::firmware::{self, read};
 use crate::system::Result;
 use crate::thumb::Program;
 use crate::toolchain::{self, Choice, TARGET};
 
-/// Begins of the names of the compiler's functions for arithmetic in `f64`; those that convert from it and to it are among
-/// them.
+/// Begins of the names of the compiler's functions for `f64` arithmetic and conversions.
 const F64: [&str; 12] = [
     "__aeabi_d",
     "__aeabi_cd",
@@ -25,7 +24,7 @@ const F64: [&str; 12] = [
     "__extendsfdf2",
 ];
 
-/// `cargo xtask panic-free`.
+/// `cargo measure panic-free`.
 pub fn prove(choice: Option<Choice>) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let mut rows = Vec::new();
@@ -47,12 +46,12 @@ pub fn prove(choice: Option<Choice>) -> Result {
     if complaints.is_empty() { Ok(()) } else { Err(complaints.join("\n")) }
 }
 
-/// Functions that are not to be in a firmware.
+/// Functions that must not be in a firmware.
 #[derive(Debug, Default)]
 struct Found {
     fmt: Vec<String>,
     alloc: Vec<String>,
-    /// Who calls arithmetic in `f64`, without that itself.
+    /// The callers of `f64` arithmetic.
     f64: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! A firmware's machine code, as far as proofs about it need it: which function calls which, and how much stack each takes.
+//! A firmware's machine code, as far as the proofs need it: the call graph, and each function's stack.
 //!
 //! Reads Thumb-2 as it is encoded in the ARMv7-M Architecture Reference Manual, A5 to A7. Everything that is not a call, a
 //! jump or a change of the stack pointer is passed over.

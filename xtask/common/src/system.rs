@@ -1,45 +1,45 @@
-//! The machine we run on: programs, packages, the project's folders.
+//! The machine: its programs and packages, and the project's folders.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::mpsc;
 
-/// What a task ends with. Errors are sentences for the user.
+/// The result of a task. An error is a sentence for the user.
 pub type Result<T = ()> = std::result::Result<T, String>;
 
-/// The workspace's folder.
+/// Returns the workspace's folder.
 pub fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new("."))
 }
 
-/// Where builds go.
+/// Returns the folder for builds.
 pub fn target_dir() -> PathBuf {
-    // A relative path is relative to where cargo was called, which is where we are.
+    // A relative path is relative to the folder where cargo was called, which is the current one.
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// The cargo that runs us.
+/// Returns the cargo that runs this program.
 pub fn cargo() -> PathBuf {
     std::env::var_os("CARGO").map_or_else(|| "cargo".into(), PathBuf::from)
 }
 
-/// Whether `program` can be started.
+/// Returns whether `program` can be started.
 pub fn has(program: &str) -> bool {
     Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// Whether `program` with `arguments` succeeds; what it prints is dropped.
+/// Returns whether `program` with `arguments` succeeds. Its output is dropped.
 pub fn succeeds(program: &str, arguments: &[&str]) -> bool {
     output(program, arguments).is_some()
 }
 
-/// What `program` prints; `None` when it fails.
+/// Returns the output of `program`, trimmed; `None` if it fails.
 pub fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).stderr(Stdio::null()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-/// Runs `command` with our own output; what it says is for the user.
+/// Runs `command`. Its output is for the user.
 pub fn run(command: &mut Command) -> Result {
     let name = command.get_program().to_string_lossy().into_owned();
     match command.status() {
@@ -49,7 +49,7 @@ pub fn run(command: &mut Command) -> Result {
     }
 }
 
-/// Sees to it that there is a nightly toolchain with these components.
+/// Installs a nightly toolchain with these components, as far as they are missing.
 pub fn nightly(components: &[&str]) -> Result {
     if !succeeds("rustup", &["run", "nightly", "rustc", "--version"]) {
         println!("Installing a nightly toolchain: rustup toolchain install nightly");
@@ -66,19 +66,21 @@ pub fn nightly(components: &[&str]) -> Result {
     Ok(())
 }
 
-/// The library's test files by their names, without those that are left out.
-pub fn tests_of_library(left_out: &[&str]) -> Result<Vec<String>> {
-    let folder = root().join("tests");
-    let entries = std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let files =
-        entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|it| it == "rs"));
-    let names = files.filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()));
-    let mut names: Vec<_> = names.filter(|name| !left_out.contains(&name.as_str())).collect();
-    names.sort_unstable();
-    Ok(names)
+/// Returns the options of `cargo test` and the filters for its test binaries that run only these files of `tests/`. Each is named
+/// as `group/file`: `tests/group` is a binary, and the file a module of it. A file that does not exist is an error.
+pub fn test_files(files: &[&str]) -> Result<(Vec<String>, Vec<String>)> {
+    let (mut options, mut filters) = (BTreeSet::new(), Vec::new());
+    for file in files {
+        let is_there = root().join("tests").join(file).with_extension("rs").is_file();
+        let names = file.split_once('/').filter(|_| is_there);
+        let (group, name) = names.ok_or_else(|| format!("there is no tests/{file}.rs"))?;
+        options.insert(format!("--test={group}"));
+        filters.push(format!("{name}::"));
+    }
+    Ok((options.into_iter().collect(), filters))
 }
 
-/// Installs Debian packages if we may; else says how to.
+/// Installs Debian packages. Without root or apt-get it fails, and the error says what to do.
 pub fn apt_install(purpose: &str, packages: &[&str], elsewhere: &str) -> Result {
     let list = packages.join(" ");
     if !has("apt-get") {
@@ -101,11 +103,4 @@ pub fn apt_install(purpose: &str, packages: &[&str], elsewhere: &str) -> Result 
     // A fresh machine has no package lists yet; a stale one may be good enough.
     let updated = quiet(&["update"]);
     quiet(&install).and(updated.or(Ok(())))
-}
-
-/// Gets a message at Ctrl-C and SIGTERM, which from now on no longer end us by themselves. To be called once.
-pub fn stop_signal() -> Result<mpsc::Receiver<()>> {
-    let (sender, receiver) = mpsc::channel();
-    ctrlc::set_handler(move || sender.send(()).unwrap_or(())).map_err(|error| format!("signals: {error}"))?;
-    Ok(receiver)
 }
