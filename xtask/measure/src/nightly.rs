@@ -31,12 +31,13 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 17] = [
+const STEPS: [Step; 18] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
         &["test", "--release", "--features", "signing", "--test", "signing", "--", "--include-ignored", "vectors::"],
     ),
+    step("size", "flash and RAM of the library, at opt-level z too", &["measure", "size"]),
     step("options", "flash and RAM of each option, and of whole vehicles", &["measure", "options"]),
     step("coverage", "lines and branches that the tests reach", &["measure", "coverage"]),
     step("compare", "the other libraries beside this one", &["measure", "compare"]),

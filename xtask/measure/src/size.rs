@@ -118,6 +118,8 @@ const DEMOS: [(&str, &str, App, bool); 4] = [
 pub struct Options {
     /// Whether the figures become the accepted ones.
     pub accepts: bool,
+    /// Whether only `opt-level` s is measured.
+    pub only_s: bool,
     /// How many symbols of each firmware are listed.
     pub symbols: usize,
 }
@@ -141,6 +143,9 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     // Debian's toolchain links for one target only.
     let columns = if choice == Choice::Debian { 1 } else { COLUMNS.len() };
     for (column, (target, level, name, _)) in COLUMNS.into_iter().enumerate().take(columns) {
+        if options.only_s && level != "s" {
+            continue;
+        }
         println!("\n{name}");
         let build = |bin, features| {
             let elf = firmware::build_measured(choice, &Measured { bin, features, target, level })?;
@@ -166,7 +171,18 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     }
     print(&lines);
     print!("{}", goals(&lines));
-    settle("size", &toolchain::release(choice), &figures(&lines), options.accepts)
+    let mut figures = figures(&lines);
+    if options.only_s {
+        // What is not measured stays as it is.
+        let accepted = Figures::read()?;
+        for Line { id, .. } in &lines {
+            for (.., column) in COLUMNS.into_iter().filter(|(_, level, ..)| *level != "s") {
+                let key = format!("{id}.{column}");
+                figures.extend(accepted.get(&format!("size.{key}")).map(|value| Figure::new(key, value)));
+            }
+        }
+    }
+    settle("size", &toolchain::release(choice), &figures, options.accepts)
 }
 
 /// Returns the figures of the rows.
