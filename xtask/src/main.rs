@@ -73,7 +73,7 @@ enum Task {
 /// port only; after that, only this port accepts unsigned frames.
 ///
 /// What is missing (the compiler's target, the emulator) is installed first if that is possible; otherwise the command to install
-/// it is printed. Ctrl-C ends the emulator.
+/// it is printed. Press Ctrl-C to stop.
 #[derive(Args)]
 struct Qemu {
     /// The firmware: the same vehicle on different frameworks.

@@ -46,7 +46,7 @@ pub fn run(
     if let Some(port) = qmp {
         println!("The emulator itself: QMP on TCP port {port}.");
     }
-    println!("The vehicle's log follows; Ctrl-C ends it.\n");
+    println!("The vehicle's log follows. Press Ctrl-C to stop.\n");
 
     std::thread::scope(|scope| {
         let printer =

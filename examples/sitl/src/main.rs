@@ -52,7 +52,7 @@ const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 /// The companion link accepts a signing key by SETUP_SIGNING. From then on it is the only link that accepts unsigned frames.
 ///
 /// Capacities: 1,000 mission items, 256 fence items, 64 rally points. A reboot command restarts the vehicle and keeps the
-/// connections. Ctrl-C ends the program.
+/// connections. Press Ctrl-C to stop.
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {
