@@ -383,12 +383,12 @@ fn mavsdk_uploads_over_any_distance() {
 
 /// M-40: share of completed uploads of 100 items, by loss in each direction and round trip.
 ///
-/// `cargo test -p mavstack --test plans mission_lossy::shares -- --nocapture` prints the table. The clients are models: of MAVSDK's
+/// `PROPTEST_CASES=500 cargo test -p mavstack --test plans mission_lossy::shares -- --nocapture` prints the table. The clients are models: of MAVSDK's
 /// transfer client and of QGroundControl's plan manager (`tests/support/transfer.rs`). Uploads whose final MISSION_ACK is
 /// lost have a column of their own: the plan is live, but the client reports a failure (M-31).
 #[test]
 fn shares_of_uploads_that_complete() {
-    const UPLOADS: u32 = 500;
+    let uploads = cases(100).cases.max(100);
     let mut too_few = Vec::new();
     println!("| client | loss | round trip | completed | final ACK lost | failed |");
     println!("|---|---|---|---|---|---|");
@@ -404,7 +404,7 @@ fn shares_of_uploads_that_complete() {
     ] {
         let new = plan(100, 2);
         let [mut completed, mut unconfirmed] = [0; 2];
-        for seed in 1..=UPLOADS {
+        for seed in 1..=uploads {
             let mut world = world(seed.into(), LineConfig::radio(57_600, millis(round_trip / 2)));
             set_faults(&world, 0, Faults::frames(loss, 0.0));
             let is_ok = upload_within(secs(300), &mut world, 0, name, &new).is_ok();
@@ -414,8 +414,8 @@ fn shares_of_uploads_that_complete() {
                 unconfirmed += u32::from(world.stack.mission().items().len() == new.len());
             }
         }
-        let percent = |count: u32| f64::from(count) * 100.0 / f64::from(UPLOADS);
-        let failed = UPLOADS - completed - unconfirmed;
+        let percent = |count: u32| f64::from(count) * 100.0 / f64::from(uploads);
+        let failed = uploads - completed - unconfirmed;
         let [completed, unconfirmed, failed] = [completed, unconfirmed, failed].map(percent);
         println!(
             "| {name:?} | {:.0} % | {round_trip} ms | {completed:.1} % | {unconfirmed:.1} % | {failed:.1} % |",
