@@ -78,8 +78,6 @@ macro_rules! split {
             texts: TextMemory::view_mut(&mut stack.texts),
             plans: crate::types::PlanStorage::view(&mut stack.plans),
             parameters: &mut stack.parameters,
-            capabilities: Services::<D>::CAPABILITIES,
-            has_modes: D::HAS_MODES,
             vehicle: $vehicle,
         };
         (cx, &mut stack.services, &mut stack.links, &mut stack.states)
@@ -139,6 +137,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         const { <D::Vehicle as Vehicle>::MESSAGES.check() };
         let shared = &mut self.shared;
         shared.config = config;
+        let identity = &mut shared.config.identity;
+        identity.capabilities = identity.capabilities | Services::<D>::CAPABILITIES;
+        shared.has_modes = D::HAS_MODES;
         for ((id, link), config) in (0..).map(LinkId).zip(&mut self.links).zip(&links) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);

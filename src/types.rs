@@ -15,7 +15,7 @@ mod texts;
 mod vehicle;
 
 pub use command::{Command, CommandPosition, Outcome};
-pub(crate) use command::{Origin, Refusal, SignedAt, Why};
+pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
 pub(crate) use config::Allowance;
 pub use config::{Config, PollBudget, VehicleAddress};
 pub use context::Context;
@@ -31,5 +31,6 @@ pub use plans::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView,
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;
+pub(crate) use texts::ONE_FRAME;
 pub use texts::{StatusTexts, TextEntry};
 pub use vehicle::{PeerEvent, Vehicle, VehicleState};

@@ -47,6 +47,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     /// Handles requests for HEARTBEAT. A requested heartbeat is sent like one that reports a change. The request is
     /// refused while no heartbeats are sent (H-5, Q-1). A request for another interval is accepted, but the interval
     /// stays as it is.
+    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -28,6 +28,7 @@ impl<F: Firmware> Service<F> for Identification {
 
     /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the
     /// command itself is supported.
+    #[inline(never)]
     fn on_command(
         &mut self,
         _: &mut Cx<'_, F>,
@@ -59,7 +60,7 @@ impl<F: Firmware> Service<F> for Identification {
         if core::mem::take(&mut link.autopilot_version) {
             let identity = &cx.shared.config.identity;
             return port.outbox.send(&AutopilotVersion {
-                capabilities: identity.capabilities | cx.capabilities,
+                capabilities: identity.capabilities,
                 flight_sw_version: identity.flight_sw_version,
                 middleware_sw_version: identity.middleware_sw_version,
                 os_sw_version: identity.os_sw_version,

@@ -171,6 +171,8 @@ pub struct Shared {
     pub(crate) requests: Requests,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
+    /// Whether CURRENT_MODE is sent.
+    pub(crate) has_modes: bool,
 }
 
 impl Shared {
@@ -182,6 +184,7 @@ impl Shared {
         flight: Flight::new(),
         requests: Requests::NONE,
         has_acted: false,
+        has_modes: false,
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).
@@ -215,10 +218,6 @@ pub struct Cx<'a, F: Firmware> {
     pub(crate) texts: &'a mut StatusTexts,
     pub(crate) plans: Option<PlansMut<'a>>,
     pub(crate) parameters: &'a mut F::Parameters,
-    /// The capabilities of all services, for AUTOPILOT_VERSION.
-    pub(crate) capabilities: MavProtocolCapability,
-    /// Whether CURRENT_MODE is sent.
-    pub(crate) has_modes: bool,
     pub(crate) vehicle: &'a mut F::Vehicle,
 }
 

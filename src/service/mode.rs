@@ -19,7 +19,7 @@ use crate::message::{Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandPosition, Context, Firmware, LinkClass, Origin, Outcome, Peer, Refusal, Vehicle, Why,
+    Command, CommandPosition, Context, Firmware, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal, Vehicle, Why,
 };
 
 /// The maximum number of modes of a vehicle.
@@ -303,7 +303,10 @@ fn on_command<F: Firmware<Vehicle: Modes>>(
     link: &mut ModeLink,
     Request { command, set_mode, .. }: &Request,
 ) -> Option<Verdict> {
-    let refused = |mode, why| Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Mode(mode, why) });
+    let refused = |mode: Option<u32>, fault| {
+        let number = mode.and_then(|mode| i32::try_from(mode).ok()).unwrap_or(-1);
+        Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Mode(number, fault) })
+    };
     let modes = F::Vehicle::MODES;
     let [first, ..] = command.params;
     let (asked, mode) = match command.id {
@@ -313,7 +316,7 @@ fn on_command<F: Firmware<Vehicle: Modes>>(
             let is_custom =
                 num::integer(first).is_some_and(|flags| MavModeFlag(flags).contains(MavModeFlag::CUSTOM_MODE_ENABLED));
             if !is_custom {
-                return Some(refused(custom_mode, "set CUSTOM_MODE_ENABLED"));
+                return Some(refused(custom_mode, ModeFault::NotCustom));
             }
             (custom_mode, custom_mode.and_then(|mode| find(modes, mode)))
         }
@@ -326,7 +329,7 @@ fn on_command<F: Firmware<Vehicle: Modes>>(
     };
     Some(match mode {
         Some(mode) if mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE) => {
-            refused(asked, "not selectable")
+            refused(asked, ModeFault::NotSelectable)
         }
         Some(mode) => {
             let Command { from, class, age, is_broadcast, .. } = *command;
@@ -335,7 +338,7 @@ fn on_command<F: Firmware<Vehicle: Modes>>(
         }
         // MAVLink's guide answers an unknown standard mode with FAILED. DENIED is clearer: asking again never helps
         // (C-4).
-        None => refused(asked, "not in AVAILABLE_MODES"),
+        None => refused(asked, ModeFault::Unknown),
     })
 }
 

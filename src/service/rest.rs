@@ -3,7 +3,6 @@
 use heapless::Vec;
 
 use super::{Cx, Shared};
-use crate::dialect::MavProtocolCapability;
 use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{Firmware, LinkId, LinkMask, NoPlans, StatusTexts, TextEntry};
@@ -35,8 +34,6 @@ impl Rest {
             texts: &mut self.texts,
             plans: None,
             parameters,
-            capabilities: MavProtocolCapability::EMPTY,
-            has_modes: false,
             vehicle,
         }
     }

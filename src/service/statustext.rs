@@ -13,10 +13,7 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::Text;
 use crate::time::Instant;
-use crate::types::{Firmware, LinkMask, StatusTexts};
-
-/// Bytes of text in a message.
-const CHUNK: usize = 50;
+use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts};
 
 /// A link's position in the text that it sends.
 #[derive(Clone, Copy, Debug)]
@@ -71,16 +68,16 @@ impl StatusTexts {
         }
         let bytes = entry.text.as_bytes();
         let mut message = Statustext { severity: entry.severity, ..Default::default() };
-        if tx.version() == Version::V1 || bytes.len() <= CHUNK {
+        if tx.version() == Version::V1 || bytes.len() <= ONE_FRAME {
             // MAVLink 1 has no chunks: send what fits, cut between code points.
             message.text = entry.text.front();
             entry.pending = entry.pending.without(link);
         } else {
             let rest = bytes.get(usize::from(cursor.sent)..).unwrap_or_default();
-            let front = rest.get(..crate::message::cut(rest, CHUNK)).unwrap_or_default();
+            let front = rest.get(..crate::message::cut(rest, ONE_FRAME)).unwrap_or_default();
             // A chunk without a NUL announces another one, so the last chunk may be empty.
-            let is_last = rest.len() < CHUNK;
-            let mut chunk = [0; CHUNK];
+            let is_last = rest.len() < ONE_FRAME;
+            let mut chunk = [0; ONE_FRAME];
             // At most 3 bytes of a code point are cut off.
             if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {
                 *end = [b' '; 3];

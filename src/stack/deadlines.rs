@@ -13,7 +13,7 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
-use super::{Declares, PeerMemory, Services, Stack, TextMemory, split};
+use super::{Declares, PeerMemory, Stack, TextMemory, split};
 use crate::dialect::command_rules;
 use crate::dialect::*;
 use crate::frame::{Version, encode};

@@ -3,13 +3,14 @@
 use super::services::{Services, States};
 use super::{Declares, report};
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, Heartbeat, MavComponent, MavSeverity, SetMode};
-use crate::frame::Frame;
+use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
-use crate::message::{Message, Text};
+use crate::message::{Address, Message, Text};
 use crate::network::{self, Booking, Passage, Reception};
 use crate::service::mission::Missions;
 use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, Verdict, command, count, mode};
-use crate::types::{Allowance, Context, MAX_TEXT_LEN, Origin, Outcome, Peer, Values, Vehicle, Why};
+use crate::time::Instant;
+use crate::types::{Allowance, Context, MAX_TEXT_LEN, Origin, Peer, Refusal, Values, Vehicle, Why};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -26,25 +27,32 @@ impl<D: Declares> Services<D> {
         let mut own_frame = None;
         let Link { decoder, port } = link;
         while allowance.may_handle() {
-            let is_known = |address| network::is_known(cx.peers, address);
-            let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
-            let messages = <D::Vehicle as Vehicle>::MESSAGES;
-            let next = decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches);
-            let Some(frame) = next else { break };
+            let next = self.next_frame(cx, decoder, allowance);
+            // By reference: it is large.
+            let Some(frame) = &next else { break };
             allowance.handle();
-            allowance.spend(self.signing.cost(&frame));
+            allowance.spend(self.signing.cost(frame));
             let id = frame.id();
-            let (copied, is_served) = self.learn(cx, port, state, &frame, &mut own_frame);
+            let (copied, is_served) = self.learn(cx, port, state, frame, &mut own_frame);
             allowance.spend(copied);
             if is_served
-                && let Some(received) = self.receive(cx, port, &frame)
-                && !self.command(cx, port, state, &received)
+                && let Some(target) = filter(cx, port, frame)
+                && !self.command(cx, port, state, frame)
             {
-                self.serve(cx, port, state, &received);
+                self.serve(cx, port, state, frame, target);
             }
             self.signing.wipe(id, decoder);
         }
         own_frame
+    }
+
+    /// Returns the next frame that the decoder finds. Not inlined: the services need the stack space.
+    #[inline(never)]
+    fn next_frame<'a>(&self, cx: &Cx<'_, D>, decoder: &'a mut Decoder, allowance: &mut Allowance) -> Option<Frame<'a>> {
+        let is_known = |address| network::is_known(cx.peers, address);
+        let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
+        let messages = <D::Vehicle as Vehicle>::MESSAGES;
+        decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
     }
 
     /// Learns from a received frame, and forwards it. Returns the cost of forwarding, in cost units, and whether the
@@ -101,30 +109,23 @@ impl<D: Declares> Services<D> {
         (copied, passage != Passage::Again)
     }
 
-    /// Returns the frame with the data that services need, if it is addressed to us or to all.
-    fn receive<'a>(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &'a Frame<'a>) -> Option<Received<'a>> {
-        let own = cx.shared.config.address.get();
-        let target = network::target_of(frame);
-        // Old ground stations address plans to component 190 (M-10).
-        let is_our_component = target.component.0 == 0
-            || target.component == own.component
-            || (Missions::handles(frame.id()) && target.component.0 == MavComponent::MISSIONPLANNER.0);
-        if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
-            count(&mut port.counters.not_ours);
-            return None;
-        }
-        let from = Peer { address: frame.source(), link: port.id };
-        Some(Received { frame, from, target, age: self.signing.age(cx.now, frame) })
-    }
-
     /// Hands a frame that is not a command to its service, or to the vehicle.
     #[inline(never)]
-    fn serve(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, received: &Received<'_>) {
-        let id = received.frame.id();
+    fn serve(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        port: &mut Port,
+        state: &mut States<D>,
+        frame: &Frame<'_>,
+        target: Address,
+    ) {
+        let from = Peer { address: frame.source(), link: port.id };
+        let received = Received { frame, from, target, age: self.signing.age(cx.now, frame) };
+        let id = frame.id();
         let handled = match id {
             Heartbeat::ID => Handled::Yes,
             _ if port.config.class.is_high_latency() && id != CommandCancel::ID => Handled::OutOfPlace,
-            _ => self.on_frame(cx, port, state, received),
+            _ => self.on_frame(cx, port, state, &received),
         };
         match handled {
             Handled::Yes => {}
@@ -133,80 +134,96 @@ impl<D: Declares> Services<D> {
             Handled::No if port.config.class.is_high_latency() => count(&mut port.counters.out_of_place),
             Handled::No => {
                 let (vehicle, mut context) = cx.hook();
-                let is_handled = vehicle.message(&mut context, received.frame, port.id);
+                let is_handled = vehicle.message(&mut context, frame, port.id);
                 // Broadcasts are not counted: no component has to handle them.
-                if !is_handled && received.target.system == cx.shared.config.address.get().system {
+                if !is_handled && target.system == cx.shared.config.address.get().system {
                     count(&mut port.counters.unhandled);
                 }
             }
         }
     }
 
+    /// Returns the command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE if that is handled as a command. Not
+    /// inlined: the message is no longer needed when the command is executed.
+    #[inline(never)]
+    fn request_of(&self, now: Instant, port: &Port, frame: &Frame<'_>, has_set_mode: bool) -> Option<Request> {
+        let origin = || Origin {
+            from: Peer { address: frame.source(), link: port.id },
+            class: port.config.class,
+            age: self.signing.age(now, frame),
+        };
+        let request = |command| Request { command, set_mode: None, signed_at: self.signing.signed_at(frame) };
+        if let Some(message) = frame.decode::<CommandLong>() {
+            return Some(request(command::from_long(&message, origin())));
+        }
+        if let Some(message) = frame.decode::<CommandInt>() {
+            return Some(request(command::from_int(&message, origin())));
+        }
+        let message = frame.decode::<SetMode>().filter(|_| has_set_mode)?;
+        let set_mode = Some(message.custom_mode);
+        Some(Request { set_mode, ..request(mode::from_set_mode(&message, origin())) })
+    }
+
     /// Executes the command in a frame, and queues its answer. Returns false if the frame contains no command.
     #[inline(never)]
-    fn command(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, received: &Received<'_>) -> bool {
+    fn command(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, frame: &Frame<'_>) -> bool {
         let has_set_mode = D::HAS_MODES && !port.config.class.is_high_latency();
-        let mut request = request_of(received.frame, received.origin(port), has_set_mode);
+        let request = self.request_of(cx.now, port, frame, has_set_mode);
         // By reference: it is large.
-        let Some(request) = &mut request else { return false };
+        let Some(request) = &request else { return false };
         let id = if request.set_mode.is_some() { mode::SET_MODE } else { request.command.id };
         if state.command.acks.is_full() {
             count(&mut port.counters.no_answer_slot);
             return true;
         }
-        request.signed_at = self.signing.signed_at(received.frame);
-        let outcome = match self.command.admit(cx, id, request) {
-            Some(verdict) => explained(cx, port, state, request, verdict),
-            None => {
-                let outcome = match self.on_command(cx, port, state, request) {
-                    Some(verdict) => explained(cx, port, state, request, verdict),
-                    None => self.command.execute(cx, &request.command),
-                };
-                self.command.settle(cx, request, outcome);
-                outcome
+        let mut verdict = self.command.admit(cx, id, request);
+        let is_admitted = verdict.is_none();
+        if is_admitted {
+            verdict = self.on_command(cx, port, state, request);
+        }
+        let outcome = match verdict {
+            None => self.command.execute(cx, &request.command),
+            Some(Verdict::Done(outcome)) => outcome,
+            Some(Verdict::Refused(refusal)) => {
+                explain(cx, port, state, request, refusal);
+                refusal.result.into()
             }
         };
-        state.command.acks.push(received.from.address, id, outcome);
+        if is_admitted {
+            self.command.settle(cx, request, outcome);
+        }
+        state.command.acks.push(request.command.from.address, id, outcome);
         true
     }
 }
 
-/// Returns the outcome of a verdict. A text on the sender's link explains a refusal.
-fn explained<D: Declares>(
-    cx: &mut Cx<'_, D>,
-    port: &Port,
-    state: &mut States<D>,
-    request: &Request,
-    verdict: Verdict,
-) -> Outcome {
-    match verdict {
-        Verdict::Done(outcome) => outcome,
-        Verdict::Refused(refusal) => {
-            let own = cx.shared.config.address.get().system;
-            let link = &mut state.command;
-            match refusal.why {
-                Why::Mode(mode, why) if D::HAS_MODES => command::explain_mode(cx.now, port, link, cx.texts, mode, why),
-                _ => command::explain(cx.now, own, port, link, cx.texts, &request.command, refusal),
-            }
-            refusal.result.into()
+/// Explains a refusal by a text on the sender's link.
+#[inline(never)]
+fn explain<D: Declares>(cx: &mut Cx<'_, D>, port: &Port, state: &mut States<D>, request: &Request, refusal: Refusal) {
+    let own = cx.shared.config.address.get().system;
+    let link = &mut state.command;
+    match refusal.why {
+        Why::Mode(number, fault) if D::HAS_MODES => {
+            command::explain_mode(cx.now, port, link, cx.texts, number, fault);
         }
+        _ => command::explain(cx.now, own, port, link, cx.texts, &request.command, refusal),
     }
 }
 
-/// Returns the command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE if that is handled as a command. Not inlined:
-/// the message is no longer needed when the command is executed.
+/// Returns the address to which the frame is sent, if it is ours or everybody's.
 #[inline(never)]
-fn request_of(frame: &Frame<'_>, origin: Origin, has_set_mode: bool) -> Option<Request> {
-    let request = |command| Request { command, set_mode: None, signed_at: None };
-    if let Some(message) = frame.decode::<CommandLong>() {
-        return Some(request(command::from_long(&message, origin)));
+fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
+    let own = cx.shared.config.address.get();
+    let target = network::target_of(frame);
+    // Old ground stations address plans to component 190 (M-10).
+    let is_our_component = target.component.0 == 0
+        || target.component == own.component
+        || (Missions::handles(frame.id()) && target.component.0 == MavComponent::MISSIONPLANNER.0);
+    if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
+        count(&mut port.counters.not_ours);
+        return None;
     }
-    if let Some(message) = frame.decode::<CommandInt>() {
-        return Some(request(command::from_int(&message, origin)));
-    }
-    let message = frame.decode::<SetMode>().filter(|_| has_set_mode)?;
-    let set_mode = Some(message.custom_mode);
-    Some(Request { set_mode, ..request(mode::from_set_mode(&message, origin)) })
+    Some(target)
 }
 
 /// Reports that another vehicle has our address. Not inlined, because it is rare.

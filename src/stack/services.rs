@@ -72,6 +72,7 @@ macro_rules! define {
                 Handled::No
             }
 
+            #[inline(never)]
             pub(crate) fn on_command(
                 &mut self,
                 cx: &mut Cx<'_, D>,
@@ -79,13 +80,14 @@ macro_rules! define {
                 state: &mut States<D>,
                 request: &Request,
             ) -> Option<Verdict> {
+                // One value for all of them keeps the stack frame small.
+                let mut verdict = None;
                 $(
-                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
-                    if verdict.is_some() {
-                        return verdict;
+                    if verdict.is_none() {
+                        verdict = self.$name.on_command(cx, port, &mut state.$name, request);
                     }
                 )*
-                None
+                verdict
             }
 
             pub(crate) fn on_heard(&mut self, now: Instant, from: Peer) {

@@ -8,7 +8,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::{Cx, Declares, PeerMemory, Stack, TextMemory, services::Services, split};
+use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::command::Commands;
 use crate::service::mission::{self, Durability, Missions, Plans};

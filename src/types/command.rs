@@ -135,8 +135,19 @@ pub enum Why {
     Broadcast,
     /// This parameter is out of range.
     Param(u8),
-    /// The mode cannot be entered: its number if known, and why.
-    Mode(Option<u32>, &'static str),
+    /// The mode cannot be entered. The text names it by this number; a negative one is not known.
+    Mode(i32, ModeFault),
+}
+
+/// Why a mode cannot be entered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModeFault {
+    /// The command does not say that it has the number of a custom mode.
+    NotCustom,
+    /// It cannot be selected.
+    NotSelectable,
+    /// The vehicle does not have it.
+    Unknown,
 }
 
 impl Refusal {

@@ -82,12 +82,14 @@ impl Command {
             let is_good = (1..).zip(&params.values).all(|(index, value)| rule.admits(index, *value));
             return if is_good { Ok(()) } else { Err(MavResult::DENIED) };
         }
-        let item = self.located_item(MavFrame::GLOBAL)?;
-        rule.check(&item).map_err(|fault| match fault {
+        let item = self.located_item(MavFrame::GLOBAL);
+        // By reference: it is large.
+        let item = item.as_ref().map_err(|result| *result)?;
+        rule.check(item).map_err(|fault| match fault {
             MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
             _ => MavResult::DENIED,
         })?;
-        params.location = Location::new(&item);
+        params.location = Location::new(item);
         if matches!(self.position, CommandPosition::Long { .. }) {
             params.location.frame = None;
         }

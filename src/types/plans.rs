@@ -247,19 +247,7 @@ struct Live<'a> {
     id: &'a mut u32,
 }
 
-impl Live<'_> {
-    fn reborrow(&mut self) -> Live<'_> {
-        Live { items: self.items, id: self.id }
-    }
-}
-
 impl PlansMut<'_> {
-    /// Returns the same plans with a shorter lifetime.
-    pub(crate) fn reborrow(&mut self) -> PlansMut<'_> {
-        let Self { mission, fence, rally, staging } = self;
-        PlansMut { mission: mission.reborrow(), fence: fence.reborrow(), rally: rally.reborrow(), staging }
-    }
-
     fn of(&self, plan: PlanType) -> &Live<'_> {
         match plan {
             PlanType::Mission => &self.mission,

@@ -8,6 +8,10 @@ use crate::time::{Duration, Instant};
 /// The maximum length of a text in bytes. A longer text is cut off between code points.
 pub const MAX_TEXT_LEN: usize = 120;
 
+/// The length of a text that one STATUSTEXT holds, in bytes: older ground stations show no more (T-5). The stack's own texts about
+/// refusals are no longer.
+pub(crate) const ONE_FRAME: usize = 50;
+
 /// The same text is dropped if it is repeated within this time, on links that it was for before.
 const REPEAT_AFTER: Duration = Duration::from_secs(5);
 

@@ -146,9 +146,9 @@ pub fn action(item: &Item, now: &Situation) -> Action {
     }
 }
 
-/// Returns the shorter turn to the heading `to` (rad).
-pub fn turn_to(to: f32, now: &Situation) -> Nose {
-    Nose::Turn { remaining: wrap_pi(to - now.yaw), rate: now.turn }
+/// Returns the shorter turn from the heading `yaw` to the heading `to` (rad), at `rate` (rad/s).
+pub fn turn_to(to: f32, yaw: f32, rate: f32) -> Nose {
+    Nose::Turn { remaining: wrap_pi(to - yaw), rate }
 }
 
 /// Wraps an angle to -π..π.

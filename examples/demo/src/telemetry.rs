@@ -49,30 +49,36 @@ impl Telemetry for Quadrotor {
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         let now = out.now();
         match id {
-            SysStatus::ID => out.put(&self.sys_status()),
-            SystemTime::ID => out.put(&self.system_time(now)),
-            GpsRawInt::ID => out.put(&self.gps_raw(now)),
-            Attitude::ID => out.put(&self.attitude_angles(now)),
-            AttitudeQuaternion::ID => out.put(&self.attitude_quaternion(now)),
-            LocalPositionNed::ID => out.put(&self.local_position_ned(now)),
+            SysStatus::ID => put(out, || self.sys_status()),
+            SystemTime::ID => put(out, || self.system_time(now)),
+            GpsRawInt::ID => put(out, || self.gps_raw(now)),
+            Attitude::ID => put(out, || self.attitude_angles(now)),
+            AttitudeQuaternion::ID => put(out, || self.attitude_quaternion(now)),
+            LocalPositionNed::ID => put(out, || self.local_position_ned(now)),
             GlobalPositionInt::ID => match self.global_position_int(now) {
                 Some(message) => out.put(&message),
                 None => false,
             },
-            VfrHud::ID => out.put(&self.vfr_hud()),
+            VfrHud::ID => put(out, || self.vfr_hud()),
             // The vehicle has one battery.
-            BatteryStatus::ID if out.index() == 0 => out.put(&self.battery_status()),
-            GpsGlobalOrigin::ID if self.has_fix() => out.put(&self.origin(now)),
-            HomePosition::ID if self.has_fix() => out.put(&self.home_position(now)),
-            FlightInformation::ID => out.put(&self.flight_information(now)),
+            BatteryStatus::ID if out.index() == 0 => put(out, || self.battery_status()),
+            GpsGlobalOrigin::ID if self.has_fix() => put(out, || self.origin(now)),
+            HomePosition::ID if self.has_fix() => put(out, || self.home_position(now)),
+            FlightInformation::ID => put(out, || self.flight_information(now)),
             ComponentMetadata::ID => self.put_metadata(out),
-            RcChannels::ID => out.put(&self.rc_channels(now)),
+            RcChannels::ID => put(out, || self.rc_channels(now)),
             ExtendedSysState::ID => {
                 out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::UNKNOWN })
             }
             _ => false,
         }
     }
+}
+
+/// Puts a message. Not inlined, so that only the message that is sent takes stack.
+#[inline(never)]
+fn put<M: Message>(out: &mut Fill<'_>, message: impl FnOnce() -> M) -> bool {
+    out.put(&message())
 }
 
 impl Quadrotor {

@@ -196,6 +196,7 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandStore> Service<F> for CommandServ
 impl<S: CommandStore> CommandService<S> {
     /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
+    #[inline(never)]
     pub(crate) fn admit<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -217,6 +218,7 @@ impl<S: CommandStore> CommandService<S> {
     }
 
     /// Passes a command that no service handles to the vehicle.
+    #[inline(never)]
     pub(crate) fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
         let can_start = self.store.memory().is_some_and(|memory| memory.can_start());
         let (vehicle, mut context) = cx.hook();
@@ -225,6 +227,7 @@ impl<S: CommandStore> CommandService<S> {
     }
 
     /// Records the outcome of a command that was carried out.
+    #[inline(never)]
     pub(crate) fn settle<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,

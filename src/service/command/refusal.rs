@@ -9,7 +9,7 @@ use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::link::Port;
 use crate::message::{SystemId, Text};
 use crate::time::Instant;
-use crate::types::{Command, LinkClass, LinkMask, Refusal, StatusTexts, Why};
+use crate::types::{Command, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, StatusTexts, Why};
 
 /// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
 /// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
@@ -45,17 +45,21 @@ pub(crate) fn explain(
     push(now, port, link, texts, "Command ", Some(command.id.0.into()), reason);
 }
 
-/// Like [`explain`], for a mode; `mode` is its number, if it has one.
+/// Like [`explain`], for a mode. A negative `number` is not named.
 pub(crate) fn explain_mode(
     now: Instant,
     port: &Port,
     link: &mut CommandLink,
     texts: &mut StatusTexts,
-    mode: Option<u32>,
-    why: &'static str,
+    number: i32,
+    fault: ModeFault,
 ) {
-    let number = mode.and_then(|mode| i32::try_from(mode).ok());
-    push(now, port, link, texts, "Mode ", number, Reason::new(why));
+    let reason = match fault {
+        ModeFault::NotCustom => "set CUSTOM_MODE_ENABLED",
+        ModeFault::NotSelectable => "not selectable",
+        ModeFault::Unknown => "not in AVAILABLE_MODES",
+    };
+    push(now, port, link, texts, "Mode ", Some(number).filter(|&number| number >= 0), Reason::new(reason));
 }
 
 /// The part of a text after the colon.
@@ -74,7 +78,7 @@ impl Reason {
     }
 }
 
-/// Queues the text. Not inlined, so that its 120 bytes of stack are free again when it returns.
+/// Queues the text. Not inlined, so that its stack is free again when it returns.
 #[inline(never)]
 fn push(
     now: Instant,
@@ -91,7 +95,7 @@ fn push(
         return;
     }
     link.refusal = period;
-    let mut text = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+    let mut text = Text::<ONE_FRAME>::EMPTY;
     text.push_str(what);
     if let Some(number) = number {
         text.push_signed(number);

@@ -191,18 +191,18 @@ impl Missions {
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
-    pub(super) fn has_tokens(&self, cx: &Work<'_>, count: u16) -> bool {
+    pub(super) fn has_tokens(&self, cx: &Work<'_, '_>, count: u16) -> bool {
         self.policy().is_none() || self.saving.bucket.has(cx.now, tokens(cx, count))
     }
 
     /// Whether a clear would change nothing, in RAM or in storage (M-52).
-    pub(super) fn is_clear(&self, cx: &Work<'_>, only: Option<PlanType>) -> bool {
+    pub(super) fn is_clear(&self, cx: &Work<'_, '_>, only: Option<PlanType>) -> bool {
         let is_empty = |plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0;
         PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
     }
 
     /// Whether `change` would change nothing, in RAM or in storage.
-    pub(super) fn changes_nothing(&self, cx: &Work<'_>, change: Change) -> bool {
+    pub(super) fn changes_nothing(&self, cx: &Work<'_, '_>, change: Change) -> bool {
         match change {
             // M-39, SEC-11: even while the plan is being flown, and without wearing the flash.
             Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
@@ -228,7 +228,7 @@ impl Missions {
     /// Makes `change` live, or starts to write it first. Returns the answer if it is known at once.
     pub(super) fn change<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         from: Peer,
         mission_type: MavMissionType,
@@ -255,7 +255,7 @@ impl Missions {
     }
 
     /// Makes `change` live in one step.
-    fn make_live<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, change: Change) {
+    fn make_live<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, change: Change) {
         match change {
             // Live already; only storage lacked it.
             Change::Upload { plan, id, .. } if cx.plans.is_live(plan, id) => {}
@@ -273,7 +273,7 @@ impl Missions {
     }
 
     /// Replaces a live plan with the staged one.
-    fn replace<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
+    fn replace<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
         cx.plans.commit(plan, id);
         self.sessions.invalidate(plan);
         if plan == PlanType::Mission {
@@ -285,7 +285,7 @@ impl Missions {
     }
 
     /// Ends a change with this result. Returns the answer to its client.
-    fn end_change(&mut self, cx: &mut Work<'_>, commit: &Commit, result: MavMissionResult) -> Reply {
+    fn end_change(&mut self, cx: &mut Work<'_, '_>, commit: &Commit, result: MavMissionResult) -> Reply {
         let &Commit { client, mission_type, change, .. } = commit;
         self.current.announce(cx.normal);
         let id = match change {
@@ -314,7 +314,7 @@ impl Missions {
     #[inline(never)]
     pub(crate) fn load<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         plan: PlanType,
         expected: Option<(u16, u32)>,
@@ -347,7 +347,7 @@ impl Missions {
     /// whole plan is checked.
     #[inline(never)]
     fn stage<V: Plans>(
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         plan: PlanType,
         item: &mut impl FnMut(u16) -> Option<Item>,
@@ -369,7 +369,7 @@ impl Missions {
     }
 
     /// Abandons the change that is being written if it takes too long.
-    pub(super) fn poll_commit(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
+    pub(super) fn poll_commit(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
         if cx.now.since(commit.since) < TIMEOUT { None } else { self.not_saved(cx) }
     }
@@ -382,7 +382,7 @@ impl Missions {
 
 /// Returns the first plan of `commit` that the vehicle no longer permits to change, and its refusal.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
-fn refusal<V: Plans>(cx: &Work<'_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+fn refusal<V: Plans>(cx: &Work<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
     PlanType::ALL.into_iter().find_map(|plan| {
         let is_affected = match commit.change {
             Change::Upload { plan: only, .. } => only == plan,
@@ -394,7 +394,7 @@ fn refusal<V: Plans>(cx: &Work<'_>, vehicle: &mut V, commit: &Commit) -> Option<
 }
 
 /// Checks the staged plan as a whole: first the rules for all vehicles, then the vehicle's own.
-pub(super) fn check_plan<V: Plans>(cx: &Work<'_>, vehicle: &mut V, plan: PlanType) -> Result<(), Problem<'static>> {
+pub(super) fn check_plan<V: Plans>(cx: &Work<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), Problem<'static>> {
     let items = cx.plans.staging.as_slice();
     let refused = |fault| Problem::Refused(plan, fault);
     validate::check_plan(plan, items).map_err(refused)?;
@@ -408,7 +408,7 @@ pub(super) fn check_plan<V: Plans>(cx: &Work<'_>, vehicle: &mut V, plan: PlanTyp
 }
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
-fn tokens(cx: &Work<'_>, count: u16) -> u8 {
+fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
     let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
     let quarters = u32::from(count).saturating_mul(4);
     let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
@@ -419,7 +419,7 @@ fn tokens(cx: &Work<'_>, count: u16) -> u8 {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
     /// Reports by a text that a plan was not restored from storage.
-    pub(crate) fn tell_refused(&mut self, cx: &mut Work<'_>, plan: PlanType, fault: PlanFault) {
+    pub(crate) fn tell_refused(&mut self, cx: &mut Work<'_, '_>, plan: PlanType, fault: PlanFault) {
         cx.report(&Problem::Refused(plan, fault));
     }
 
@@ -468,7 +468,7 @@ impl Missions {
     }
 
     /// Handles a completed write of [`unsaved`](Self::unsaved): the change goes live. Returns the answer and its link.
-    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
         let Saving { policy, job, bucket, .. } = self.saving;
         self.saving = Saving { policy, job, bucket, paused_until: cx.now.after(GRACE), ..Saving::new() };
         let commit = self.commit.take()?;
@@ -490,7 +490,7 @@ impl Missions {
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
     /// that the record is never completed; the part that was written is erased. Returns the answer and its link.
-    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
         let (plan, result) = refusal(cx, vehicle, self.commit.as_ref()?)?;
         let commit = self.commit.take()?;
         self.saving.next_job();
@@ -500,7 +500,7 @@ impl Missions {
 
     /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
     /// answer and its link.
-    pub(crate) fn not_saved(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
+    pub(crate) fn not_saved(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
         self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
         let was_reported = core::mem::replace(&mut self.saving.failure_reported, true);
         let Some(commit) = self.commit.take() else {

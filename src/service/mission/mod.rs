@@ -52,7 +52,8 @@ use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Firmware, LinkId, LinkMask, Peer, PlanStorage, PlanType, PlansMut, Requests, StatusTexts, Values,
+    Config, Context, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanStorage, PlanType, PlansMut, Requests,
+    StatusTexts, Values,
 };
 
 /// Counters of the plan service. They wrap.
@@ -80,9 +81,9 @@ impl PlanCounters {
 }
 
 /// What a handler needs besides the engine and the vehicle.
-pub(crate) struct Work<'a> {
+pub(crate) struct Work<'a, 'p> {
     pub(crate) now: Instant,
-    pub(crate) plans: PlansMut<'a>,
+    pub(crate) plans: &'a mut PlansMut<'p>,
     pub(crate) texts: &'a mut StatusTexts,
     /// The links for texts and MISSION_CURRENT.
     pub(crate) normal: LinkMask,
@@ -94,7 +95,7 @@ pub(crate) struct Work<'a> {
     pub(crate) values: &'a [u32],
 }
 
-impl Work<'_> {
+impl Work<'_, '_> {
     /// Returns the context for the vehicle's hooks.
     fn hook(&mut self) -> Context<'_> {
         Context {
@@ -108,12 +109,12 @@ impl Work<'_> {
         }
     }
 
-    /// Sends a text to the operators. Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes 120
-    /// bytes of stack, and the callers are deep in the call graph.
+    /// Sends a text to the operators. Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes
+    /// stack, and the callers are deep in the call graph.
     #[inline(never)]
     fn report(&mut self, problem: &Problem<'_>) {
         if cfg!(feature = "plan-texts") {
-            let mut words = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+            let mut words = Text::<ONE_FRAME>::EMPTY;
             problem.write(&mut words);
             self.texts.push(self.now, self.normal, MavSeverity::WARNING, words.as_bytes());
         }
@@ -131,7 +132,7 @@ pub(crate) struct Caller<'a> {
 impl Caller<'_> {
     /// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
     /// (V-7).
-    fn plan(&self, cx: &Work<'_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
+    fn plan(&self, cx: &Work<'_, '_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
         let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
         if can_name(self.version, mission_type) && cx.plans.capacity(plan) > 0 {
             Ok(plan)
@@ -170,7 +171,7 @@ impl Caller<'_> {
     }
 
     /// Handles a request for the count or an item of a live plan (M-60).
-    fn ask(&mut self, cx: &Work<'_>, mission_type: MavMissionType, answer: Answer) {
+    fn ask(&mut self, cx: &Work<'_, '_>, mission_type: MavMissionType, answer: Answer) {
         match self.plan(cx, mission_type) {
             Ok(_) => self.queue(mission_type, answer),
             Err(result) => self.ack(mission_type, result, 0),
@@ -251,7 +252,7 @@ impl Missions {
     #[inline(never)]
     pub(crate) fn receive<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
@@ -302,7 +303,7 @@ impl Missions {
     /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
     /// upload or clear that this ended, and the link to send it on ([`Replies::set_result`]).
     #[must_use]
-    pub(crate) fn tick<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn tick<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
         self.reached.poll(cx.now, cx.normal);
         // At most one of the three is active.
@@ -338,10 +339,10 @@ impl Missions {
 }
 
 /// Returns what a handler needs, and the vehicle; `None` for a firmware without plans.
-pub(crate) fn work<'a, F: Firmware>(cx: &'a mut Cx<'_, F>) -> Option<(Work<'a>, &'a mut F::Vehicle)> {
+pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'a, 'p>, &'a mut F::Vehicle)> {
     let work = Work {
         now: cx.now,
-        plans: cx.plans.as_mut()?.reborrow(),
+        plans: cx.plans.as_mut()?,
         texts: cx.texts,
         normal: cx.shared.normal,
         second_ack: cx.shared.config.second_mission_ack,
@@ -415,6 +416,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         Handled::Yes
     }
 
+    #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Replies, request: &Request) -> Option<Verdict> {
         let (mut work, vehicle) = work(cx)?;
         Some(match self.command(&mut work, vehicle, &request.command)? {

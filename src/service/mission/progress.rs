@@ -98,7 +98,7 @@ impl Missions {
 
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a
     /// failure (M-93).
-    pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, seq: u16) {
+    pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
         if is_there && vehicle.set_current(&mut cx.hook(), seq, false) == MavResult::ACCEPTED {
             self.current.announce_progress(vehicle.progress(), cx.normal);
@@ -108,7 +108,7 @@ impl Missions {
     }
 
     /// Refuses to make the item current: sends a text, and the unchanged MISSION_CURRENT (M-93).
-    pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &V, seq: u16) {
+    pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V, seq: u16) {
         event!("current item {=u16}: refused", seq);
         cx.report(&Problem::NotCurrent(seq));
         self.current.announce_progress(vehicle.progress(), cx.normal);
@@ -116,10 +116,9 @@ impl Missions {
 
     /// Handles a command about the mission's progress; returns `None` for all other commands. `Err` is a refusal by the stack,
     /// not by the vehicle.
-    #[inline(never)]
     pub(crate) fn command<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         command: &Command,
     ) -> Option<Result<MavResult, MavResult>> {
@@ -166,7 +165,7 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
 /// Handles MAV_CMD_DO_SET_MISSION_CURRENT: parameter 1 is the item, or -1 for the current one; parameter 2 is 1 to restart the
 /// jump counters (M-92).
 fn set_current<V: Plans>(
-    cx: &mut Work<'_>,
+    cx: &mut Work<'_, '_>,
     vehicle: &mut V,
     command: &Command,
     count: u16,
@@ -193,7 +192,12 @@ fn set_current<V: Plans>(
 
 /// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so does 0 for
 /// the last item, because clients that leave it out send 0 (M-95).
-fn start<V: Plans>(cx: &mut Work<'_>, vehicle: &mut V, command: &Command, count: u16) -> Result<MavResult, MavResult> {
+fn start<V: Plans>(
+    cx: &mut Work<'_, '_>,
+    vehicle: &mut V,
+    command: &Command,
+    count: u16,
+) -> Result<MavResult, MavResult> {
     if count == 0 {
         return Err(MavResult::FAILED);
     }

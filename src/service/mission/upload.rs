@@ -137,7 +137,7 @@ impl Missions {
     #[inline(never)]
     pub(super) fn on_count<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -262,7 +262,7 @@ impl Missions {
 
     /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item. A
     /// refusal would end the upload of a client that sends everything on two links.
-    fn is_duplicate_count(&self, cx: &Work<'_>, plan: PlanType, count: u16, number: Number) -> bool {
+    fn is_duplicate_count(&self, cx: &Work<'_, '_>, plan: PlanType, count: u16, number: Number) -> bool {
         if let Some(upload) = &self.upload {
             let is_alike = (upload.plan, upload.count) == (plan, count);
             return is_alike && (cx.plans.staged() == 0 || upload.counts.contains(number.1));
@@ -275,7 +275,7 @@ impl Missions {
     #[inline(never)]
     pub(super) fn on_item<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         frame: &Frame<'_>,
@@ -374,7 +374,13 @@ impl Missions {
 
     /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a whole (M-39).
     #[inline(never)]
-    pub(super) fn complete<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &mut V, caller: &mut Caller<'_>, seq: u16) {
+    pub(super) fn complete<V: Plans>(
+        &mut self,
+        cx: &mut Work<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        seq: u16,
+    ) {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, seq, first, id, last };
@@ -395,7 +401,7 @@ impl Missions {
     }
 
     /// Ends the upload at item `seq` with a refusal.
-    fn finish(&mut self, cx: &mut Work<'_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
+    fn finish(&mut self, cx: &mut Work<'_, '_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
         let Some(Upload { plan, last, .. }) = self.upload.take() else { return };
         cx.plans.staging.clear();
         self.record_end(cx, Done { client: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
@@ -403,7 +409,7 @@ impl Missions {
     }
 
     /// Records how an upload ended.
-    pub(super) fn record_end(&mut self, cx: &Work<'_>, done: Done) {
+    pub(super) fn record_end(&mut self, cx: &Work<'_, '_>, done: Done) {
         event!("{} upload by {}: {=u8} at item {=u16}", done.plan, done.client, done.result.0, done.seq);
         let _ = cx;
         let counter = match done.result {
@@ -416,7 +422,7 @@ impl Missions {
 
     /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have replaced
     /// these (M-34). Sends at most one answer a second, as for stray items (M-36).
-    fn refuse_guided(&mut self, cx: &mut Work<'_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
+    fn refuse_guided(&mut self, cx: &mut Work<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
         self.out_of_place();
         if caller.replies.may_answer_stray(cx.now) {
             cx.report(&Problem::Guided);
@@ -426,7 +432,7 @@ impl Missions {
 
     /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or the item is
     /// stray (M-36).
-    fn on_stray_item(&mut self, cx: &Work<'_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
+    fn on_stray_item(&mut self, cx: &Work<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
         let is_last = |done: &&Done| {
             done.client == caller.from.address
                 && done.plan.mission_type() == mission_type
@@ -446,7 +452,7 @@ impl Missions {
     /// Handles MISSION_ACK, which ends a download or cancels an upload. It is never answered.
     pub(super) fn on_ack(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         from: Peer,
         mission_type: MavMissionType,
         result: MavMissionResult,
@@ -481,7 +487,7 @@ impl Missions {
     #[inline(never)]
     pub(super) fn on_clear<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -526,7 +532,7 @@ impl Missions {
     /// Clears one plan, or all (M-50, M-53).
     fn clear<V: Plans>(
         &mut self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         mission_type: MavMissionType,
@@ -545,7 +551,7 @@ impl Missions {
     }
 
     /// Drops the upload in progress.
-    fn abandon(&mut self, cx: &mut Work<'_>) {
+    fn abandon(&mut self, cx: &mut Work<'_, '_>) {
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
         }
@@ -553,7 +559,7 @@ impl Missions {
     }
 
     /// Runs the retry timer (M-40) and the timeout (M-41). Returns the final answer after a timeout, and its link.
-    pub(super) fn poll_upload(&mut self, cx: &mut Work<'_>) -> Option<(LinkId, Reply)> {
+    pub(super) fn poll_upload(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
         let upload = self.upload.as_mut()?;
         if cx.now < upload.pace.deadline() {
             return None;
@@ -596,7 +602,7 @@ impl Missions {
     /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
     fn is_rate_limited(
         &self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         caller: &mut Caller<'_>,
         plan: PlanType,
         mission_type: MavMissionType,
@@ -614,7 +620,7 @@ impl Missions {
     /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
     fn may_change<V: Plans>(
         &self,
-        cx: &mut Work<'_>,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
         plan: PlanType,

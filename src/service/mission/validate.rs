@@ -11,8 +11,7 @@ use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
 use crate::message::Item;
 use crate::message::Text;
 use crate::message::{CommandRule, ParamRule};
-use crate::types::MAX_TEXT_LEN;
-use crate::types::{MAX_ITEMS, PlanType};
+use crate::types::{MAX_ITEMS, ONE_FRAME, PlanType};
 
 /// Only the return point of a fence has a meaningful altitude, and ground stations send relative ones. Altitudes above terrain
 /// are refused (M-80).
@@ -98,7 +97,7 @@ impl Problem<'_> {
     /// Writes the text into `text`, which is empty, so that only one text is on the stack. Not inlined, so that this stack frame
     /// is free when the text is queued.
     #[inline(never)]
-    pub(super) fn write(&self, text: &mut Text<MAX_TEXT_LEN>) {
+    pub(super) fn write(&self, text: &mut Text<ONE_FRAME>) {
         let name = |plan| match plan {
             PlanType::Mission => "Mission",
             PlanType::Fence => "Fence",
@@ -138,7 +137,7 @@ impl Problem<'_> {
     }
 }
 
-fn push_reason(text: &mut Text<MAX_TEXT_LEN>, result: MavMissionResult) {
+fn push_reason(text: &mut Text<ONE_FRAME>, result: MavMissionResult) {
     text.push_str(": ");
     let reason = match result {
         MavMissionResult::UNSUPPORTED_FRAME => "frame not supported",
@@ -351,6 +350,33 @@ mod tests {
         assert_eq!(whole(None), "Fence refused: not consistent");
         assert_eq!(whole(Some(12)), "Fence item 12: not consistent");
         // No text is truncated.
-        assert!((0..=u8::MAX).all(|code| item(MavMissionResult(code)).len() < MAX_TEXT_LEN));
+        assert!((0..=u8::MAX).all(|code| item(MavMissionResult(code)).len() < ONE_FRAME));
+    }
+
+    /// M-38, T-5: each text fits into one STATUSTEXT, and none is cut off.
+    #[test]
+    fn each_text_fits_into_one_frame() {
+        let change = |plan| Change::Clear(plan);
+        let changes = [change(None), change(Some(PlanType::Mission))];
+        let mission = PlanType::Mission;
+        let mut problems: Vec<_> = (0..=16)
+            .flat_map(|result| [None, Some(u16::MAX)].map(|seq| PlanFault { seq, result: MavMissionResult(result) }))
+            .map(|fault| Problem::Refused(mission, fault))
+            .collect();
+        problems.extend([
+            Problem::NoPosition(mission, u16::MAX),
+            Problem::TooFar(u16::MAX, u32::MAX),
+            Problem::RateLimited(mission),
+            Problem::TimedOut(mission, u16::MAX),
+            Problem::NotCurrent(u16::MAX),
+            Problem::Guided,
+            Problem::NotSaved(None),
+        ]);
+        problems.extend(changes.iter().map(|change| Problem::NotSaved(Some(change))));
+        for problem in problems {
+            let mut text = Text::EMPTY;
+            problem.write(&mut text);
+            assert!(!text.as_bytes().is_empty() && text.as_bytes().len() < ONE_FRAME, "{:?}", text.as_str());
+        }
     }
 }

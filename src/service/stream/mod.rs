@@ -21,14 +21,14 @@ use self::requests::Fixed;
 use self::schedule::Streams;
 use super::{Cx, Handled, Received, Request, Service, Shared, Turn, Verdict, View};
 use crate::dialect::{
-    AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MavProtocolCapability,
-    MessageInterval, MissionCurrent, ProtocolVersion,
+    AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
+    ProtocolVersion,
 };
 use crate::link::{Outbox, Port};
 use crate::message::Message;
 use crate::network::PeerInfo;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId, StreamProfile};
+use crate::types::{Context, Firmware, LinkId, PlanStorage, StreamProfile};
 
 /// The maximum number of messages that a vehicle declares.
 pub const MAX_STREAMS: usize = 32;
@@ -205,10 +205,11 @@ pub struct StreamService<const N: usize>;
 
 impl<const N: usize> StreamService<N> {
     fn fixed<F: Firmware>(cx: &Cx<'_, F>) -> Fixed {
+        let [missions, ..] = F::Plans::CAPACITIES;
         Fixed {
             heartbeat: cx.shared.config.heartbeat_period,
-            has_missions: cx.capabilities.contains(MavProtocolCapability::MISSION_INT),
-            has_modes: cx.has_modes,
+            has_missions: missions > 0,
+            has_modes: cx.shared.has_modes,
         }
     }
 
@@ -259,6 +260,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
+    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -44,7 +44,6 @@ impl Fixed {
 }
 
 /// Handles a command about messages; `None` for all other commands, and for messages that the vehicle does not declare.
-#[inline(never)]
 pub(super) fn on_command<V: Telemetry>(
     now: Instant,
     fixed: Fixed,
@@ -85,6 +84,7 @@ struct Asked {
 }
 
 impl Asked {
+    #[inline(never)]
     fn of(command: &Command) -> Option<Self> {
         match command.id {
             MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL => {}
@@ -103,6 +103,7 @@ impl Asked {
 }
 
 /// Handles a command about intervals. Not generic, so that it is compiled once.
+#[inline(never)]
 fn on_interval(
     now: Instant,
     fixed: Fixed,

@@ -16,7 +16,7 @@ use mavstack::{
 use super::plans::FRAMES;
 use super::{Mode, Quadrotor};
 use crate::battery::Charge;
-use crate::body::Vector;
+use crate::body::{Nose, Vector};
 use crate::plan::{self, Action, Condition, MIN_HEIGHT, Maneuver};
 use crate::tuning::Tuning;
 
@@ -202,7 +202,9 @@ impl Quadrotor {
 
     #[inline(never)]
     fn take_off(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let command: NavTakeoff = command.decode()?;
+        let command = command.decode::<NavTakeoff>();
+        // By reference: it is large.
+        let command = command.as_ref().map_err(|result| *result)?;
         let location = &command.location;
         // Some clients send 0 for the default altitude (C-8).
         let to = match location.altitude.filter(|&altitude| altitude != 0.0) {
@@ -211,37 +213,42 @@ impl Quadrotor {
         };
         let to = to.map_err(|result| refuse(cx, result, "Takeoff refused: below ground"))?;
         let result = self.start(cx, Mode::Takeoff, Maneuver::Climb(to));
-        Ok(self.point(cx, result, command.yaw.map(f32::to_radians)))
+        Ok(self.point(result, command.yaw.map(f32::to_radians)))
     }
 
     #[inline(never)]
     fn land(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let command: NavLand = command.decode()?;
+        let command = command.decode::<NavLand>();
+        // By reference: it is large.
+        let NavLand { location, yaw_angle, .. } = command.as_ref().map_err(|result| *result)?;
         // The altitude is ignored: the vehicle descends until it touches the ground.
-        let to = self.destination(&command.location, ABOVE_HOME, None)?;
+        let to = self.destination(location, ABOVE_HOME, None)?;
         let result = self.start(cx, Mode::Land, Maneuver::Land(to));
-        Ok(self.point(cx, result, command.yaw_angle.map(f32::to_radians)))
+        Ok(self.point(result, yaw_angle.map(f32::to_radians)))
     }
 
     /// MAV_CMD_DO_REPOSITION: flies to a position and holds there. Position, altitude and speed are optional.
     #[inline(never)]
     fn reposition(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let DoReposition { speed, bitmask, yaw, location, .. } = command.decode()?;
-        let to = self.destination(&location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
+        let command = command.decode::<DoReposition>();
+        // By reference: it is large.
+        let command = command.as_ref().map_err(|result| *result)?;
+        let location = &command.location;
+        let to = self.destination(location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
         let to = to.map_err(|result| refuse(cx, result, "Goto refused: below ground"))?;
         if self.armed && self.is_landed() {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Goto refused: on the ground"));
         }
-        if self.mode != Mode::Hold && !bitmask.contains(MavDoRepositionFlags::CHANGE_MODE) {
+        if self.mode != Mode::Hold && !command.bitmask.contains(MavDoRepositionFlags::CHANGE_MODE) {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Goto refused: not in Hold mode"));
         }
         let radius = cx.parameter(Tuning::NAV_ACC_RAD);
         let result = self.start(cx, Mode::Hold, Maneuver::Reach { to, radius });
         if result == MavResult::ACCEPTED {
             // 0 or less keeps the speed.
-            self.speed = speed.filter(|&speed| speed > 0.0).or(self.speed);
+            self.speed = command.speed.filter(|&speed| speed > 0.0).or(self.speed);
         }
-        Ok(self.point(cx, result, yaw))
+        Ok(self.point(result, command.yaw))
     }
 
     /// MAV_CMD_DO_CHANGE_SPEED: sets the speed until landing or the next mission.
@@ -310,6 +317,7 @@ impl Quadrotor {
         Ok(MavResult::ACCEPTED)
     }
 
+    #[inline(never)]
     pub(super) fn start(&mut self, cx: &mut Context<'_>, mode: Mode, maneuver: Maneuver) -> MavResult {
         // On the ground it lands in place, and disarms as after any landing.
         let maneuver = match mode == Mode::Land && self.is_landed() {
@@ -334,6 +342,7 @@ impl Quadrotor {
     /// # Errors
     ///
     /// DENIED when the position is below ground.
+    #[inline(never)]
     fn destination(&self, location: &Location, frame: MavFrame, altitude: Option<f32>) -> Result<Vector, MavResult> {
         let here = self.body.rest();
         let down = match altitude.map(|altitude| self.home.to_height(frame, altitude)) {
@@ -352,13 +361,19 @@ impl Quadrotor {
     }
 
     /// Turns the nose to `yaw` (rad from north) if the command was accepted; `None` leaves the heading to the vehicle.
-    fn point(&mut self, cx: &Context<'_>, result: MavResult, yaw: Option<f32>) -> MavResult {
+    #[inline(never)]
+    fn point(&mut self, result: MavResult, yaw: Option<f32>) -> MavResult {
         if let Some(yaw) = yaw
             && result == MavResult::ACCEPTED
         {
-            self.body.nose = plan::turn_to(yaw, &self.situation(cx));
+            self.body.nose = self.turn_to(yaw);
         }
         result
+    }
+
+    /// Returns the turn to the heading `yaw` (rad from north).
+    pub(super) fn turn_to(&self, yaw: f32) -> Nose {
+        plan::turn_to(yaw, self.body.yaw(), self.body.limits.turn)
     }
 }
 

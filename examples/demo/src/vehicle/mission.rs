@@ -110,9 +110,18 @@ impl Mission {
         Self { count, last: count.saturating_sub(1), current: first, ..Self::NONE }
     }
 
+    /// Starts the same plan again, at `first`.
+    fn restart(&mut self, first: u16) {
+        self.go_to(first);
+        self.last = self.count.saturating_sub(1);
+        self.jumps = Jumps::NONE;
+        self.state = MissionState::NOT_STARTED;
+    }
+
     /// Continues at `seq`, with the jump counters unchanged.
     fn go_to(&mut self, seq: u16) {
-        *self = Self { current: seq, leg: None, waiting: None, is_reported: false, is_complete: false, ..*self };
+        (self.current, self.leg, self.waiting) = (seq, None, None);
+        (self.is_reported, self.is_complete) = (false, false);
     }
 
     /// Returns the current maneuver.
@@ -193,7 +202,7 @@ impl Quadrotor {
         let result = self.start(cx, Mode::Mission, self.maneuver);
         if result == MavResult::ACCEPTED {
             if self.mission.is_complete || first.is_some() {
-                self.mission = Mission::of(self.mission.count, first.unwrap_or(0));
+                self.mission.restart(first.unwrap_or(0));
             }
             if self.mission.state == MissionState::NOT_STARTED {
                 self.speed = None;
@@ -284,7 +293,7 @@ impl Quadrotor {
             leg = Leg { maneuver, stay, yaw, ..leg };
         }
         self.body.nose = match (leg.maneuver, leg.yaw) {
-            (Maneuver::Land(_), Some(yaw)) => plan::turn_to(yaw, &self.situation(cx)),
+            (Maneuver::Land(_), Some(yaw)) => self.turn_to(yaw),
             _ => Nose::Course,
         };
         self.mission.leg = Some(leg);
@@ -373,7 +382,7 @@ impl Quadrotor {
         if let Some(yaw) = leg.yaw
             && self.mission.is_reported
         {
-            self.body.nose = plan::turn_to(yaw, &self.situation(cx));
+            self.body.nose = self.turn_to(yaw);
         }
         self.mission.is_reported
     }

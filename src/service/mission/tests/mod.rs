@@ -202,11 +202,14 @@ impl Bench {
     }
 
     /// Calls `act` with the engine and everything it needs.
-    fn with<R>(&mut self, act: impl FnOnce(&mut Missions, &mut Work<'_>, &mut Vehicle, &mut [Replies; 2]) -> R) -> R {
+    fn with<R>(
+        &mut self,
+        act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
+    ) -> R {
         let mut requests = Requests::NONE;
         let mut cx = Work {
             now: self.now,
-            plans: self.memory.view().expect("there are plans"),
+            plans: &mut self.memory.view().expect("there are plans"),
             texts: &mut self.texts,
             normal: both_links(),
             second_ack: self.second_ack,
@@ -217,7 +220,10 @@ impl Bench {
     }
 
     /// The same for an event that is not a frame, but may have an answer.
-    fn with_answer(&mut self, act: impl FnOnce(&mut Missions, &mut Work<'_>, &mut Vehicle) -> Option<(LinkId, Reply)>) {
+    fn with_answer(
+        &mut self,
+        act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
+    ) {
         self.with(|missions, cx, vehicle, replies| {
             if let Some((link, reply)) = act(missions, cx, vehicle) {
                 replies[usize::from(link.0)].set_result(reply);
