@@ -205,7 +205,7 @@ pub use service::high_latency::{
     HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample,
 };
 pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
-pub use service::mission::{Durability, PlanChange, PlanCounters, PlanFault, Plans, Progress};
+pub use service::mission::{PlanChange, PlanCounters, PlanFault, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, MAX_MODES, ModeRequest, Modes};
 pub use service::param::{
     MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType, Parameters,
@@ -217,19 +217,17 @@ pub use service::signing::{Signing, SigningCounters, SigningStream};
 pub use service::stream::{Fill, MAX_STREAMS, Stream, Telemetry};
 pub use service::time::{ClockFilter, Time, TimeSample, WallClock};
 pub use stack::Stack;
-#[cfg(all(feature = "storage", feature = "signing"))]
-pub use storage::SigningStore;
 #[cfg(feature = "storage")]
-pub use storage::{Fram, FramError, ParamStore, PlanStore, RestoreError};
+pub use storage::{Fram, FramError, RestoreError, RestoreErrors, Store};
 pub use time::{Duration, Instant};
 #[doc(hidden)]
 pub use types::{__largest, Values as __Values};
 #[cfg(feature = "signing")]
 pub use types::{Accept, LinkSigning};
 pub use types::{
-    Command, CommandPosition, Config, Context, Identity, LinkClass, LinkConfig, LinkId, MAX_ITEMS, MAX_LINKS,
-    MAX_TEXT_LEN, NoPlans, Outcome, Peer, PeerEvent, PlanMemory, PlanStorage, PlanType, PlanView, PollBudget,
-    StreamProfile, TxVersion, Vehicle, VehicleAddress, VehicleState,
+    Command, CommandPosition, Config, Context, Durability, Identity, LinkClass, LinkConfig, LinkId, MAX_ITEMS,
+    MAX_LINKS, MAX_TEXT_LEN, NoPlans, Outcome, Peer, PeerEvent, PlanMemory, PlanStorage, PlanType, PlanView,
+    PollBudget, StreamProfile, TxVersion, Vehicle, VehicleAddress, VehicleState,
 };
 
 #[cfg(feature = "defmt")]
@@ -247,7 +245,7 @@ pub mod __private {
     pub use crate::service::param::{NoParams, ParamMemory, ParamService};
     pub use crate::service::stream::StreamService;
     pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
-    pub use crate::stack::Declares;
+    pub use crate::stack::{Declares, Persistent};
     pub use crate::types::{Firmware, NoPlans, StatusTexts, TextEntry, Values};
 
     /// The peer table.

@@ -8,8 +8,6 @@ mod deadlines;
 mod declare;
 #[cfg(feature = "defmt")]
 mod drops;
-#[cfg(all(feature = "storage", feature = "signing"))]
-mod key;
 mod parts;
 mod plans;
 mod receive;
@@ -18,7 +16,7 @@ mod services;
 mod storage;
 mod transmit;
 
-pub use declare::{Declares, PeerMemory, TextMemory};
+pub use declare::{Declares, PeerMemory, Persistent, TextMemory};
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
@@ -62,9 +60,6 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     /// The drop counters that all links share, as last logged.
     #[cfg(feature = "defmt")]
     drops: DropLog,
-    /// The store that may write.
-    #[cfg(feature = "storage")]
-    turn: storage::Turn,
 }
 
 /// Splits the stack into the context of a call, the services, the links and their states.
@@ -124,8 +119,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         parameters: D::Parameters::VACANT,
         #[cfg(feature = "defmt")]
         drops: DropLog::NEW,
-        #[cfg(feature = "storage")]
-        turn: storage::Turn::FREE,
     };
 
     /// Starts the stack in place. Call it once, before all other methods. A stack that is not started has no address,
@@ -156,10 +149,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Runs the timers of silent peers and stalled transfers, and checks whether the vehicle's state has changed. It
     /// does a bounded amount of work. Call it in every pass of the loop.
     pub fn poll(&mut self, now: Instant, vehicle: &mut D::Vehicle) {
-        #[cfg(feature = "storage")]
-        {
-            self.turn = storage::Turn::FREE;
-        }
         let (mut cx, services, _, states) = split!(&mut *self, now, vehicle);
         cx.shared.has_acted = false;
         let timeout = cx.shared.config.peer_timeout;

@@ -17,7 +17,7 @@ mod vehicle;
 pub use command::{Command, CommandPosition, Outcome};
 pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
 pub(crate) use config::Allowance;
-pub use config::{Config, PollBudget, VehicleAddress};
+pub use config::{Config, Durability, PollBudget, VehicleAddress};
 pub use context::Context;
 pub(crate) use context::Requests;
 pub use firmware::{Firmware, Values};

@@ -2,7 +2,7 @@
 //! M-5, M-44, P-17, SEC-11).
 //!
 //! ```text
-//!   0  an image     bytes for both slots of all three stores
+//!   0  an image     bytes for both slots of a record of each kind
 //!   1  a record     sequence number, body; the header and checksums are valid
 //!   2  changes      effect of a power cut; then for each change: length, variant, steps until the cut (2 bytes)
 //! ```
@@ -12,18 +12,16 @@ use crate::support::{TestVehicle, Tuning};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::{MavCmd, MavFrame};
 use mavstack::{
-    Address, Config, Durability, Instant, Item, LinkConfig, ParamStore, ParamTable, PlanStore, PlanType, PlanView,
-    Pulse, RestoreError, SigningKey, SigningStore,
+    Address, Config, Instant, Item, LinkConfig, ParamTable, PlanType, PlanView, Pulse, RestoreError, RestoreErrors,
+    SigningKey, Store,
 };
 
 mavstack::stack! {
-    struct TestStack for TestVehicle {
-        links: 1,
-        plans: { mission: 6, fence: 2, rally: 2 },
-        parameters: Tuning,
-        streams,
-        commands: { slots: 3 },
-    }
+    struct PlanStack for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }
+}
+
+mavstack::stack! {
+    struct ParamStack for TestVehicle { links: 1, parameters: Tuning }
 }
 
 mavstack::stack! {
@@ -106,12 +104,12 @@ fn bytes_of(items: &[Item]) -> Vec<u8> {
     bytes
 }
 
-fn new_stack() -> Box<TestStack> {
-    Box::new(TestStack::new(CONFIG, LINKS))
+fn new_stack() -> Box<PlanStack> {
+    Box::new(PlanStack::new(CONFIG, LINKS))
 }
 
 /// Returns the live plans in their stored form.
-fn live(stack: &TestStack) -> [Vec<u8>; 3] {
+fn live(stack: &PlanStack) -> [Vec<u8>; 3] {
     [stack.mission(), stack.fence(), stack.rally()].map(|plan: PlanView| {
         let items = bytes_of(plan.items());
         // M-5: the id is computed from the items; 0 for an empty plan.
@@ -121,24 +119,25 @@ fn live(stack: &TestStack) -> [Vec<u8>; 3] {
     })
 }
 
-fn restored(store: &mut PlanStore<&mut Flash>, vehicle: &mut TestVehicle) -> Box<TestStack> {
+fn restored(store: &mut Store<&mut Flash>, vehicle: &mut TestVehicle) -> Box<PlanStack> {
     let mut stack = new_stack();
-    let result = stack.restore_plans(Instant::ZERO, store, Durability::Durable, vehicle);
+    let result = stack.restore(Instant::ZERO, store, vehicle);
     assert!(store.flash().torn == Torn::Unreadable || is_readable(&result), "{result:?}");
     if !is_readable(&result) {
         // The header of an interrupted write cannot be read. It is read again once a second, and then ignored.
         for seconds in 1..=10 {
             let now = Instant::from_millis(seconds * 1_000);
             stack.poll(now, vehicle);
-            stack.persist_plans(now, store, vehicle);
+            stack.persist(now, store, vehicle);
         }
     }
     stack
 }
 
 /// Whether the flash was readable. It then has a complete record, is empty, or is reported as damaged or foreign (G-18).
-fn is_readable<E>(result: &core::result::Result<(), RestoreError<E>>) -> bool {
-    !matches!(result, Err(RestoreError::Storage(_)))
+fn is_readable<E>(result: &core::result::Result<(), RestoreErrors<E>>) -> bool {
+    let Err(RestoreErrors { signing, parameters, plans, .. }) = result else { return true };
+    [signing, parameters, plans].into_iter().flatten().all(|error| !matches!(error, RestoreError::Storage(_)))
 }
 
 /// Returns a mission. Missions of different `variant` differ.
@@ -158,7 +157,7 @@ fn mission(len: u8, variant: u8) -> Vec<Item> {
 
 fn start_plans(mut flash: Flash) {
     let mut vehicle = TestVehicle::new();
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = Store::new(&mut flash, 0..REGION);
     let mut stack = restored(&mut store, &mut vehicle);
     let [_, fence, rally] = live(&stack);
     // Restored plans are checked like uploads, so the same plan is accepted again.
@@ -169,7 +168,7 @@ fn start_plans(mut flash: Flash) {
     let plan = mission(3, 7);
     assert_eq!(stack.load_plan(Instant::ZERO, PlanType::Mission, plan.iter().copied(), &mut vehicle), Ok(()));
     let mut steps = 0;
-    while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {
+    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {
         steps += 1;
         assert!(steps < 1_000, "persisting does not end");
     }
@@ -179,9 +178,9 @@ fn start_plans(mut flash: Flash) {
 
 fn start_params(mut flash: Flash) {
     let mut vehicle = TestVehicle::new();
-    let mut store = ParamStore::new(&mut flash, 0..REGION);
-    let mut stack = new_stack();
-    let result = stack.restore_parameters(Instant::ZERO, &mut store, &mut vehicle);
+    let mut store = Store::new(&mut flash, 0..REGION);
+    let mut stack = ParamStack::new(CONFIG, LINKS);
+    let result = stack.restore(Instant::ZERO, &mut store, &mut vehicle);
     assert!(is_readable(&result), "{result:?}");
     assert_in_range(stack.parameters());
     // A change is stored, whatever the flash contained.
@@ -191,10 +190,10 @@ fn start_params(mut flash: Flash) {
     for _ in 0..200 {
         now = now.after(crate::support::millis(100));
         stack.poll(now, &mut vehicle);
-        stack.persist_parameters(now, &mut store, &mut vehicle);
+        stack.persist(now, &mut store, &mut vehicle);
     }
-    let (mut again, mut vehicle) = (new_stack(), TestVehicle::new());
-    again.restore_parameters(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
+    let (mut again, mut vehicle) = (ParamStack::new(CONFIG, LINKS), TestVehicle::new());
+    again.restore(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
     assert_in_range(again.parameters());
     assert_eq!(again.parameters().get(Tuning::TRIM_ROLL), 11);
 }
@@ -213,10 +212,10 @@ fn assert_in_range(tuning: &Tuning) {
 }
 
 fn start_signing(mut flash: Flash) {
-    let vehicle = TestVehicle::new();
-    let mut store = SigningStore::new(&mut flash, 0..REGION);
+    let mut vehicle = TestVehicle::new();
+    let mut store = Store::new(&mut flash, 0..REGION);
     let mut stack = SigningStack::new(CONFIG, LINKS);
-    let result = stack.restore_signing(Instant::ZERO, &mut store);
+    let result = stack.restore(Instant::ZERO, &mut store, &mut vehicle);
     assert!(is_readable(&result), "{result:?}");
     let signing = stack.signing_mut();
     let time = signing.timestamp(Instant::ZERO);
@@ -225,12 +224,12 @@ fn start_signing(mut flash: Flash) {
     // A new key starts with its own timestamp (G-17).
     let time = signing.timestamp(Instant::ZERO);
     let mut steps = 0;
-    while stack.persist_signing(Instant::ZERO, &mut store, &vehicle) {
+    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {
         steps += 1;
         assert!(steps < 1_000, "persisting does not end");
     }
     let mut again = SigningStack::new(CONFIG, LINKS);
-    again.restore_signing(Instant::ZERO, &mut store).expect("readable flash");
+    again.restore(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
     let signing = again.signing();
     assert!(signing.is_active(), "the key is restored");
     assert!(signing.timestamp(Instant::ZERO) >= time, "G-15: the timestamp does not go back");
@@ -250,7 +249,7 @@ fn changes(mut u: Unstructured<'_>) -> Result<()> {
         let mut vehicle = TestVehicle::new();
         // No power cut while restoring.
         let fuel = flash.fuel.take();
-        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut store = Store::new(&mut flash, 0..REGION);
         let mut stack = restored(&mut store, &mut vehicle);
         assert_eq!(live(&stack), old, "the same plan is found again");
         store.flash_mut().fuel = fuel;
@@ -262,7 +261,7 @@ fn changes(mut u: Unstructured<'_>) -> Result<()> {
         for _ in 0..100 {
             now = now.after(crate::support::millis(50));
             stack.poll(now, &mut vehicle);
-            stack.persist_plans(now, &mut store, &mut vehicle);
+            stack.persist(now, &mut store, &mut vehicle);
         }
         let is_complete = !store.flash().is_off();
         store.flash_mut().power_on();

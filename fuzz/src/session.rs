@@ -16,8 +16,7 @@ use line::Uart;
 use mavstack::dialect::*;
 use mavstack::{
     Address, Config, ControlSource, Durability, Duration, Instant, Item, LinkClass, LinkConfig, LinkId, LinkSigning,
-    MAX_FRAME_LEN, Message, ParamStore, PlanStore, Pulse, SigningKey, SigningStore, Stack, StreamProfile, SystemId,
-    TxVersion, Version, encode,
+    MAX_FRAME_LEN, Message, Pulse, SigningKey, Stack, Store, StreamProfile, SystemId, TxVersion, Version, encode,
 };
 
 /// Number of links of the vehicle.
@@ -25,10 +24,6 @@ const LINKS: usize = 4;
 const SATELLITE: usize = 2;
 
 type Flash = RamFlash<8, 512>;
-
-const PLANS: u32 = PlanStore::<Flash>::region_len(8, 4, 4);
-const PARAMS: u32 = ParamStore::<Flash>::region_len(9);
-const SIGNING: u32 = SigningStore::<Flash>::REGION_LEN;
 
 const MAX_STEPS: usize = 64;
 /// Maximum number of polls per script.
@@ -40,9 +35,7 @@ struct Session<D: Declared> {
     setup: [u8; 2],
     stack: Box<Stack<D, LINKS>>,
     vehicle: TestVehicle,
-    plans: PlanStore<Flash>,
-    params: ParamStore<Flash>,
-    signing: SigningStore<Flash>,
+    store: Store<Flash>,
     lines: [Uart; LINKS],
     now: Instant,
     loop_runs: bool,
@@ -117,13 +110,12 @@ impl<D: Declared> Session<D> {
     fn new(setup: [u8; 2]) -> Self {
         // Times at which 32 bits of microseconds or milliseconds wrap.
         let start = [0, (1 << 32) - 2_000_000, ((1 << 32) - 3_000) * 1_000, 5_000_000][usize::from(setup[1] & 3)];
+        let len = Store::<Flash>::region_len::<D>();
         let mut new = Self {
             setup,
             stack: stack(setup),
             vehicle: vehicle(setup),
-            plans: PlanStore::new(Flash::new(PLANS), 0..PLANS),
-            params: ParamStore::new(Flash::new(PARAMS), 0..PARAMS),
-            signing: SigningStore::new(Flash::new(SIGNING), 0..SIGNING),
+            store: Store::new(Flash::new(len), 0..len),
             lines: Default::default(),
             now: Instant::from_micros(start),
             loop_runs: true,
@@ -144,19 +136,13 @@ impl<D: Declared> Session<D> {
 
     /// Restores everything from flash, as at boot.
     fn restore(&mut self) {
-        let durability = if self.setup[1] & 4 == 0 { Durability::Durable } else { Durability::Deferred };
-        let Self { stack, vehicle, now, .. } = self;
         // Unreadable contents are reported, and otherwise treated as missing.
-        let _ = stack.restore_plans(*now, &mut self.plans, durability, vehicle);
-        let _ = stack.restore_parameters(*now, &mut self.params, vehicle);
-        let _ = stack.restore_signing(*now, &mut self.signing);
+        let _ = self.stack.restore(self.now, &mut self.store, &mut self.vehicle);
     }
 
     /// Cuts the power and boots again.
     fn reboot(&mut self) {
-        for flash in [self.plans.flash_mut(), self.params.flash_mut(), self.signing.flash_mut()] {
-            flash.power_on();
-        }
+        self.store.flash_mut().power_on();
         self.stack = stack(self.setup);
         self.vehicle = vehicle(self.setup);
         self.lines.iter_mut().for_each(Uart::cut);
@@ -187,9 +173,7 @@ impl<D: Declared> Session<D> {
             // Line errors are counted and have no other effect.
             let _ = stack.poll_link(now, LinkId(link as u8), line, vehicle);
         }
-        stack.persist_plans(now, &mut self.plans, vehicle);
-        stack.persist_parameters(now, &mut self.params, vehicle);
-        stack.persist_signing(now, &mut self.signing, vehicle);
+        stack.persist(now, &mut self.store, vehicle);
         assert!(stack.next_deadline(now) >= now);
 
         let calls = std::mem::take(&mut self.vehicle.calls);
@@ -206,8 +190,7 @@ impl<D: Declared> Session<D> {
             let is_free = self.lines[link].is_free();
             self.checks.passed(self.now, link, dt, is_healthy && is_free);
         }
-        let flashes = [self.plans.flash(), self.params.flash(), self.signing.flash()];
-        if flashes.iter().any(|flash| flash.is_off()) {
+        if self.store.flash().is_off() {
             self.reboot();
         }
     }
@@ -259,9 +242,7 @@ impl<D: Declared> Session<D> {
         self.loop_runs = true;
         self.vehicle.state = vehicle(self.setup).state;
         self.lines.iter_mut().for_each(Uart::repair);
-        for flash in [self.plans.flash_mut(), self.params.flash_mut(), self.signing.flash_mut()] {
-            flash.fuel = None;
-        }
+        self.store.flash_mut().fuel = None;
         if !self.checks.has_commands() {
             return;
         }
@@ -280,6 +261,7 @@ fn stack<D: Declared>(setup: [u8; 2]) -> Box<Stack<D, LINKS>> {
         float_mission_items: setup[1] & 0x10 != 0,
         streams_wait_for_peer: setup[1] & 0x20 != 0,
         accepts_component_0: setup[1] & 0x40 == 0,
+        durability: if setup[1] & 4 == 0 { Durability::Durable } else { Durability::Deferred },
         item_reached_repeats: setup[1] >> 6,
         ..Config::new(VEHICLE, &PULSE)
     };

@@ -6,6 +6,8 @@
 //! `stack/services.rs`; [`Turn`] is the order in which they send.
 
 mod gate;
+mod schedule;
+mod token_bucket;
 mod turn;
 
 pub mod command;
@@ -26,7 +28,6 @@ pub mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
-mod wear;
 
 pub use gate::{Absent, ForwardingGate, SigningGate, WithoutSigning};
 #[cfg(test)]

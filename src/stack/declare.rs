@@ -6,20 +6,31 @@ use crate::service::param::ParamMemory;
 use crate::service::{ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
 
+#[cfg(feature = "storage")]
+pub use crate::storage::Persistent;
+
+/// A service whose content is stored, if there is storage.
+#[cfg(not(feature = "storage"))]
+#[doc(hidden)]
+pub trait Persistent<F: Firmware>: Service<F> {}
+
+#[cfg(not(feature = "storage"))]
+impl<F: Firmware, S: Service<F>> Persistent<F> for S {}
+
 /// The services of a firmware, and their memory. [`stack!`](crate::stack) implements it.
 #[doc(hidden)]
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     type Peers: PeerMemory;
     type Texts: TextMemory;
     type Commands: CommandStore;
-    type Mission: Service<Self>;
-    type Param: Service<Self>;
+    type Mission: Persistent<Self>;
+    type Param: Persistent<Self>;
     type Stream: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
     type HighLatency: Service<Self>;
-    type Signing: Service<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
+    type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
     /// Whether `modes` is declared.
     const HAS_MODES: bool;

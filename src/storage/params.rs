@@ -4,20 +4,17 @@
 //! with another table keeps the parameters that both tables have. If you change the row, increment the schema version,
 //! and keep reading the old one.
 
-use core::ops::Range;
-
 use embedded_storage::nor_flash::NorFlash;
 
-use super::record::{Job, ROW, Record, RestoreError, Step};
+use super::record::{Format, Job, ROW, RestoreError};
+use super::store::{Body, Found, Persistent, Texts, is_disarmed};
 use crate::dialect::MavParamType;
-use crate::service::param::{Stored, TableMut};
-use crate::time::Instant;
-
-const KIND: u8 = 2;
-const SCHEMA: u16 = 1;
+use crate::service::Cx;
+use crate::service::param::{ParamService, ParamTable, Parameters, Stored, Work};
+use crate::types::{Firmware, Vehicle};
 
 impl Stored {
-    fn to_row(self) -> [u8; ROW] {
+    pub(super) fn to_row(self) -> [u8; ROW] {
         let mut row = [0; ROW];
         let [name0, name1, name2, name3, value, flags, ..] = row.as_chunks_mut().0 else { return row };
         let (name, _) = self.name.as_chunks();
@@ -30,7 +27,7 @@ impl Stored {
     }
 
     /// Decodes a row. All bytes are valid.
-    fn from_row(row: &[u8; ROW]) -> Self {
+    pub(super) fn from_row(row: &[u8; ROW]) -> Self {
         let (words, _) = row.as_chunks();
         let word = |index: usize| -> [u8; 4] { words.get(index).copied().unwrap_or_default() };
         let [r#type, is_default, ..] = word(5);
@@ -43,95 +40,85 @@ impl Stored {
     }
 }
 
-/// Stores the parameters in two slots, of which one always has a complete record.
-///
-/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
-/// [`PlanStore`](super::PlanStore). Each store needs a region of its own. It writes in steps of at most one erase unit
-/// or 256 bytes: about a second after a change, and at most every ten seconds (SEC-12). In the long run it writes at
-/// most once every [`storage_refill`](crate::Config::storage_refill) (C-15).
-///
-/// ```text
-///            a value changes           after 1 s, and 10 s after the last write     complete
-///   stored ──────────────────▶ changed ─────────────────────────────────────▶ writing ─────▶ stored
-///                                 ▲       PREFLIGHT_STORAGE: immediately         │
-///                                 └─── failed: text, and a retry after 10 s ─────┘
-/// ```
-///
-/// A value that changes while it is written may or may not be in the record; the parameters are then written again.
-///
-#[doc = include_str!("params.md")]
-#[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ParamStore<F> {
-    record: Record<F>,
-}
+/// Parameters survive a restart (P-17).
+impl<F> Persistent<F> for ParamService
+where
+    F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
+{
+    const FORMAT: Format = Format { kind: 2, schema: 1 };
+    #[allow(clippy::as_conversions, reason = "`from` is not const; a table has fewer than 65,536 parameters")]
+    const MAX_LEN: u32 = F::Parameters::INFO.len() as u32 * 32;
+    const TEXTS: Texts = Texts {
+        unreadable: "Stored parameters cannot be read",
+        damaged: "Stored parameters are damaged",
+        readable: "Stored parameters can be read again",
+    };
 
-impl<F: NorFlash> ParamStore<F> {
-    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
-    pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { record: Record::new(flash, region, KIND) }
+    /// Late, it takes only the parameters that still have their defaults: a value that was set since is newer.
+    fn load<N: NorFlash>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        body: &mut Body<'_, N>,
+        found: Found<N::Error>,
+        is_late: bool,
+    ) -> Result<(), RestoreError<N::Error>> {
+        let refill = cx.shared.config.storage_refill;
+        self.set_refill(cx.parameters, refill);
+        let result = load_rows(self, cx, body, found, is_late);
+        if is_late {
+            self.reread(cx.now, cx.parameters, result.is_ok());
+        } else {
+            self.loaded(cx.parameters, !matches!(result, Err(RestoreError::Storage(_))));
+        }
+        result
     }
 
-    /// Returns the length of the region for `count` parameters, in bytes: a multiple of two erase units. The region
-    /// must begin at an erase unit.
-    #[allow(clippy::as_conversions, reason = "`try_from` is not const; the value is bounded")]
-    pub const fn region_len(count: usize) -> u32 {
-        let rows = if count < 0x0400_0000 { count as u32 } else { 0x0400_0000 };
-        Record::<F>::slot_len(rows.saturating_mul(32)).saturating_mul(2)
+    fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {
+        self.is_reload_requested(cx.parameters)
     }
 
-    /// Returns the storage.
-    pub const fn flash(&self) -> &F {
-        &self.record.flash
+    fn may_load_late(&self, cx: &Cx<'_, F>) -> bool {
+        is_disarmed(cx.vehicle)
     }
 
-    /// Returns the storage. Do not write to the store's region: that may damage the parameters.
-    pub const fn flash_mut(&mut self) -> &mut F {
-        &mut self.record.flash
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
+        let id = self.pending_write(cx.now, cx.parameters)?;
+        Some(Job { id, len: <Self as Persistent<F>>::MAX_LEN })
     }
 
-    /// Returns the storage and drops the store.
-    pub fn into_inner(self) -> F {
-        self.record.flash
+    fn row(&self, cx: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
+        Some(cx.parameters.table_mut().stored(u16::try_from(index).ok()?)?.to_row())
     }
 
-    /// Finds the newest record, and returns its number of rows. Reads all of it.
-    ///
-    /// # Errors
-    ///
-    /// Neither slot has a whole record of this version, and the storage is not empty; or it cannot be read.
-    pub(crate) fn open(&mut self) -> Result<u32, RestoreError<F::Error>> {
-        match self.record.open()? {
-            Some(header) if header.schema != SCHEMA => Err(RestoreError::Foreign),
-            header => Ok(header.map_or(0, |header| header.len / 32)),
+    fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
+    where
+        Self::Link: 'l,
+    {
+        if is_saved {
+            self.on_saved(cx.now, cx.parameters);
+        } else {
+            let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
+            self.on_save_failed(&mut work, cx.parameters);
         }
     }
+}
 
-    /// Returns whether a slot is damaged, besides the record that was found.
-    pub(crate) const fn is_damaged(&self) -> bool {
-        self.record.is_damaged()
+/// Restores all parameters, or only those that have their defaults.
+fn load_rows<F, N: NorFlash>(
+    params: &mut ParamService,
+    cx: &mut Cx<'_, F>,
+    body: &mut Body<'_, N>,
+    found: Found<N::Error>,
+    is_late: bool,
+) -> Result<(), RestoreError<N::Error>>
+where
+    F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
+{
+    for index in 0..found?.unwrap_or(0) / 32 {
+        let mut row = [0; ROW];
+        if body.row(index, &mut row)? {
+            params.load(cx, &Stored::from_row(&row), is_late);
+        }
     }
-
-    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
-    pub(crate) const fn is_unread(&self) -> bool {
-        self.record.is_unread()
-    }
-
-    /// Reads a row of the record that [`open`](Self::open) has found.
-    #[inline(never)]
-    pub(crate) fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
-        Ok(self.record.row(index)?.map(|row| Stored::from_row(&row)))
-    }
-
-    /// Erases at most one unit or writes at most 256 bytes.
-    ///
-    /// With a `job`, it is a step towards storing the table; the job's number stands for the table's content. A value
-    /// that changes between two steps may or may not be in the record. Without a job, it is a step towards an erased
-    /// spare slot.
-    #[inline(never)]
-    pub(crate) fn step(&mut self, now: Instant, table: &TableMut<'_>, job: Option<u32>) -> Step {
-        let len = u32::from(table.count()).saturating_mul(32);
-        let job = job.map(|id| Job { id, schema: SCHEMA, len });
-        self.record.step(now, job, |index| Some(table.stored(u16::try_from(index).ok()?)?.to_row()))
-    }
+    if body.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
 }

@@ -3,20 +3,21 @@
 //! `layout.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
 //! fixed width. If you change a struct, increment the schema version, and keep reading the old one.
 
-use core::ops::Range;
-
 use embedded_storage::nor_flash::NorFlash;
 use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Job, ROW, Record, RestoreError, Step};
+use super::record::{Format, Job, ROW, RestoreError};
+use super::store::{Body, Found, Persistent, Texts, is_disarmed};
 use crate::dialect::{MavCmd, MavFrame};
 use crate::message::Item;
+use crate::service::Cx;
+use crate::service::command::Commands;
+use crate::service::mission::{self, Missions, Plans};
 use crate::time::Instant;
-use crate::types::{PlanType, PlanView};
+use crate::types::{Firmware, PlanStorage, PlanType, PlanView, Vehicle};
 
-const KIND: u8 = 1;
-const SCHEMA: u16 = 1;
+pub(super) const FORMAT: Format = Format { kind: 1, schema: 1 };
 
 /// The first row of the body.
 #[derive(Serialize, Deserialize)]
@@ -67,7 +68,7 @@ pub(crate) struct Stored {
 }
 
 impl Stored {
-    fn of(content: &[PlanView<'_>; 3]) -> Self {
+    pub(super) fn of(content: &[PlanView<'_>; 3]) -> Self {
         Self {
             counts: content.map(|plan| u16::try_from(plan.items().len()).unwrap_or(u16::MAX)),
             ids: content.map(|plan| plan.id()),
@@ -75,7 +76,7 @@ impl Stored {
     }
 
     /// Returns the length of the body in bytes.
-    fn len(&self) -> u32 {
+    pub(super) fn len(&self) -> u32 {
         self.counts.iter().fold(1u32, |rows, count| rows.saturating_add(u32::from(*count))).saturating_mul(32)
     }
 
@@ -142,7 +143,7 @@ fn item_from_row(row: &[u8; ROW]) -> Option<Item> {
 }
 
 /// Returns a row of the body; `None` if the content has fewer rows.
-fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
+pub(super) fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
     let Some(index) = row.checked_sub(1) else { return Stored::of(content).to_row() };
     let mut index = usize::try_from(index).ok()?;
     for plan in content {
@@ -154,135 +155,140 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
     None
 }
 
-/// Stores the three plans in two slots, of which one always has a complete record.
+/// Reads the head of the record that was found.
 ///
-/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32.
-/// [`Stack::persist_plans`](crate::Stack::persist_plans) writes in steps of at most one erase unit or 256 bytes. If
-/// power fails at any step, either the old or the new plans are complete:
+/// # Errors
 ///
-/// ```text
-///                 older record, or torn ── erased in advance, header first ──▶ erased
-///   spare slot:      ▲                                                           │ there are plans to store
-///                    │                                                           ▼
-///                 the new record is valid, ◀── header ── read back ◀── body, 256 bytes per step
-///                 and the other slot is the spare
-/// ```
-///
-/// [`Durability`](crate::Durability) determines when an upload is acknowledged and goes live.
-///
-/// ```
-/// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-/// # struct Flash;
-/// # impl ErrorType for Flash { type Error = NorFlashErrorKind; }
-/// # impl ReadNorFlash for Flash {
-/// #     const READ_SIZE: usize = 1;
-/// #     fn read(&mut self, _: u32, _: &mut [u8]) -> Result<(), NorFlashErrorKind> { Ok(()) }
-/// #     fn capacity(&self) -> usize { 65_536 }
-/// # }
-/// # impl NorFlash for Flash {
-/// #     const WRITE_SIZE: usize = 8;
-/// #     const ERASE_SIZE: usize = 2_048;
-/// #     fn erase(&mut self, _: u32, _: u32) -> Result<(), NorFlashErrorKind> { Ok(()) }
-/// #     fn write(&mut self, _: u32, _: &[u8]) -> Result<(), NorFlashErrorKind> { Ok(()) }
-/// # }
-/// use mavstack::PlanStore;
-///
-/// type Store = PlanStore<Flash>;
-/// const START: u32 = 0x8000;
-/// const LEN: u32 = Store::region_len(250, 64, 16);
-/// const _: () = assert!(LEN == 24_576);
-/// let store = Store::new(Flash, START..START + LEN);
-/// ```
-///
-#[doc = include_str!("layout.md")]
-#[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct PlanStore<F> {
-    record: Record<F>,
-    stored: Stored,
+/// There is no whole record of this version, and the storage is not empty; or it cannot be read.
+#[inline(never)]
+pub(super) fn open<N: NorFlash>(
+    body: &mut Body<'_, N>,
+    found: Found<N::Error>,
+) -> Result<Option<Stored>, RestoreError<N::Error>> {
+    let Some(len) = found? else { return Ok(None) };
+    let mut row = [0; ROW];
+    let is_read = body.row(0, &mut row)?;
+    let stored = Stored::from_row(&row).filter(|stored| is_read && stored.len() == len);
+    stored.ok_or(RestoreError::Damaged).map(Some)
 }
 
-impl<F: NorFlash> PlanStore<F> {
-    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
-    pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { record: Record::new(flash, region, KIND), stored: Stored { counts: [0; 3], ids: [0; 3] } }
-    }
+/// Reads an item of the record that [`open`] has found.
+pub(super) fn item<N: NorFlash>(
+    body: &mut Body<'_, N>,
+    stored: &Stored,
+    plan: PlanType,
+    seq: u16,
+) -> Result<Option<Item>, N::Error> {
+    let Some(row) = stored.row_of(plan, seq) else { return Ok(None) };
+    let mut bytes = [0; ROW];
+    Ok(if body.row(row, &mut bytes)? { item_from_row(&bytes) } else { None })
+}
 
-    /// Returns the length of the region for plans with these numbers of items, in bytes: a multiple of two erase units.
-    /// The region must begin at an erase unit.
-    #[allow(clippy::as_conversions, reason = "`try_from` is not const; the value is bounded")]
-    pub const fn region_len(mission: usize, fence: usize, rally: usize) -> u32 {
-        let items = mission.saturating_add(fence).saturating_add(rally);
-        let rows = if items < 0x0400_0000 { items as u32 } else { 0x0400_0000 };
-        Record::<F>::slot_len(rows.saturating_add(1).saturating_mul(32)).saturating_mul(2)
-    }
+/// Plans survive a restart (M-44, SEC-11).
+impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Missions {
+    const FORMAT: Format = FORMAT;
+    #[allow(clippy::as_conversions, reason = "`from` is not const; the value is bounded")]
+    const MAX_LEN: u32 = {
+        let [mission, fence, rally] = F::Plans::CAPACITIES;
+        (1 + mission as u32 + fence as u32 + rally as u32) * 32
+    };
+    const TEXTS: Texts = Texts {
+        unreadable: "Stored plans cannot all be read",
+        damaged: "Stored plans are damaged",
+        readable: "Stored plans can be read again",
+    };
 
-    /// Returns the storage.
-    pub const fn flash(&self) -> &F {
-        &self.record.flash
-    }
-
-    /// Returns the storage. Do not write to the store's region: that may damage the plans.
-    pub const fn flash_mut(&mut self) -> &mut F {
-        &mut self.record.flash
-    }
-
-    /// Returns the storage and drops the store.
-    pub fn into_inner(self) -> F {
-        self.record.flash
-    }
-
-    /// Finds the newest record. Reads all of it.
-    ///
-    /// # Errors
-    ///
-    /// Neither slot has a whole record of this version, and the storage is not empty; or it cannot be read.
-    pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
-        self.stored = Stored::default();
-        let Some(header) = self.record.open()? else { return Ok(None) };
-        if header.schema != SCHEMA {
-            return Err(RestoreError::Foreign);
+    /// Late, it takes only the plans whose live plan is empty.
+    #[inline(never)]
+    fn load<N: NorFlash>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        body: &mut Body<'_, N>,
+        found: Found<N::Error>,
+        is_late: bool,
+    ) -> Result<(), RestoreError<N::Error>> {
+        self.attach_storage(cx.shared.config.durability);
+        self.set_refill(cx.shared.config.storage_refill);
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return Ok(()) };
+        self.set_stored_differs(true);
+        let Some(stored) = open(body, found)? else {
+            self.set_stored_differs(body.is_impaired());
+            return Ok(());
+        };
+        let mut differs = body.is_impaired() || body.is_damaged();
+        for ((&plan, &count), &id) in PlanType::ALL.iter().zip(&stored.counts).zip(&stored.ids) {
+            // A plan that was uploaded in the meantime is newer.
+            if is_late && cx.plans.count(plan) > 0 {
+                continue;
+            }
+            let mut failure = Ok(());
+            let item = |seq| {
+                item(body, &stored, plan, seq).unwrap_or_else(|error| {
+                    failure = Err(error);
+                    None
+                })
+            };
+            let loaded = self.load_plan(&mut cx, vehicle, plan, Some((count, id)), item);
+            failure?;
+            if let Err(fault) = loaded {
+                differs = true;
+                self.report_refused(&mut cx, plan, fault);
+            }
         }
-        let row = self.record.row(0)?;
-        let stored = row.and_then(|row| Stored::from_row(&row)).filter(|stored| stored.len() == header.len);
-        self.stored = stored.ok_or(RestoreError::Damaged)?;
-        Ok(stored)
+        self.set_stored_differs(differs);
+        if body.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
     }
 
-    /// Returns whether a slot is damaged, besides the record that was found.
-    pub(crate) const fn is_damaged(&self) -> bool {
-        self.record.is_damaged()
+    /// A running upload uses the memory that reading needs. In flight, only the operator changes plans.
+    fn may_load_late(&self, cx: &Cx<'_, F>) -> bool {
+        is_disarmed(cx.vehicle) && !self.is_receiving()
     }
 
-    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
-    pub(crate) const fn is_unread(&self) -> bool {
-        self.record.is_unread()
+    fn is_paused(&self, now: Instant) -> bool {
+        self.is_storage_paused(now)
     }
 
-    /// Returns whether a slot could not be read.
-    pub(crate) const fn is_impaired(&self) -> bool {
-        self.record.is_impaired()
+    #[inline(never)]
+    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    where
+        Self::Link: 'l,
+    {
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return false };
+        let answer = self.refuse_commit(&mut cx, vehicle);
+        let is_refused = answer.is_some();
+        mission::owe(links, answer);
+        is_refused
     }
 
-    /// Reads an item of the record that [`open`](Self::open) has found, or that was written since.
-    pub(crate) fn item(&mut self, plan: PlanType, seq: u16) -> Result<Option<Item>, F::Error> {
-        let Some(row) = self.stored.row_of(plan, seq) else { return Ok(None) };
-        let row = self.record.row(row)?;
-        Ok(row.and_then(|row| item_from_row(&row)))
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
+        let (id, content) = self.content(cx.plans.as_ref()?)?;
+        Some(Job { id, len: Stored::of(&content).len() })
     }
 
-    /// Erases at most one unit or writes at most 256 bytes.
-    ///
-    /// With `content`, it is a step towards storing it. The content has a number; another number starts again. Without
-    /// content, it is a step towards an erased spare slot.
-    pub(crate) fn step(&mut self, now: Instant, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
-        let Some((id, content)) = content else { return self.record.step(now, None, |_| None) };
-        let stored = Stored::of(&content);
-        let step =
-            self.record.step(now, Some(Job { id, schema: SCHEMA, len: stored.len() }), |index| row(&content, index));
-        if step == Step::Done {
-            self.stored = stored;
+    #[inline(never)]
+    fn row(&self, cx: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
+        let (_, content) = self.content(cx.plans.as_ref()?)?;
+        row(&content, index)
+    }
+
+    #[inline(never)]
+    fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
+    where
+        Self::Link: 'l,
+    {
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return };
+        let answer = if is_saved { self.on_saved(&mut cx, vehicle) } else { self.on_save_failed(&mut cx) };
+        mission::owe(links, answer);
+    }
+
+    /// Stored content comes first: a client that waits gets ERROR, and tries again.
+    fn on_readable<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    where
+        Self::Link: 'l,
+    {
+        if self.is_committing() {
+            Persistent::<F>::on_written(self, cx, links, false);
         }
-        step
+        true
     }
 }

@@ -1,6 +1,8 @@
 //! A record that is replaced as a whole: two slots, of which one always has a complete record.
 //!
-//! `layout.md` in this folder, a part of the documentation of [`PlanStore`](super::PlanStore), documents the format.
+//! `layout.md` in this folder, a part of the documentation of [`Store`](super::Store), documents the format. The log of
+//! records that replaces the two slots needs no more of this file's interface than [`open`](Record::open),
+//! [`row`](Record::row), [`step`](Record::step) and [`write`](Record::write).
 //!
 //! Of two whole records the newer one is valid. The other slot is the spare. It is erased in advance, its header first;
 //! then it is written, its header last. So if power fails at any moment, one slot has a whole record:
@@ -61,6 +63,8 @@ pub(crate) enum Step {
     /// A slot that could not be read can be read now, or is given up: the owner must read the record. Nothing was
     /// written.
     Unread,
+    /// The part of the body that begins at this row is next: the owner must call [`write`](Record::write) with it.
+    Write(u32),
 }
 
 /// Why stored data was not restored, or not completely. A STATUSTEXT reports it, too.
@@ -70,7 +74,7 @@ pub(crate) enum Step {
 pub enum RestoreError<E> {
     /// The storage, or a part of it that may have the newest record, could not be read. No stored data is in use.
     ///
-    /// `persist_…` reads again, at most once a second, before it writes: data that can be read then is restored late.
+    /// `persist` reads again, at most once a second, before it writes: data that can be read then is restored late.
     /// If only one of the two slots remains unreadable, the other one is restored after three seconds.
     Storage(E),
     /// The newest record is damaged. Plans and parameters are restored from the older record if it is whole. The
@@ -104,12 +108,19 @@ impl<E: core::fmt::Debug> core::error::Error for RestoreError<E> {}
 /// The content that is to be stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct Job {
+pub struct Job {
     /// Stands for the content: other content has another number.
     pub(crate) id: u32,
-    pub(crate) schema: u16,
     /// Length in bytes: a multiple of [`ROW`].
     pub(crate) len: u32,
+}
+
+/// The kind of a record, and the version of its body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Format {
+    pub(crate) kind: u8,
+    pub(crate) schema: u16,
 }
 
 /// The newest whole record.
@@ -270,11 +281,10 @@ enum Spare {
 /// The two slots of a record, and the progress of writing the next one.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct Record<F> {
-    pub(crate) flash: F,
+pub(crate) struct Record {
     start: u32,
     slot_len: u32,
-    kind: u8,
+    format: Format,
     newest: Option<Newest>,
     /// The sequence number of the newest header, even if its record is damaged.
     sequence: Option<u32>,
@@ -294,51 +304,60 @@ pub(crate) struct Record<F> {
     retry_from: Instant,
 }
 
-impl<F: NorFlash> Record<F> {
+/// The erase unit of a storage.
+struct Units<F>(core::marker::PhantomData<F>);
+
+impl<F: NorFlash> Units<F> {
     #[allow(clippy::as_conversions, reason = "const-evaluated; checked below")]
-    pub(crate) const ERASE: u32 = {
+    const ERASE: u32 = {
         assert!(F::WRITE_SIZE > 0 && CHUNK.is_multiple_of(F::WRITE_SIZE), "WRITE_SIZE must divide 256");
         assert!(F::READ_SIZE > 0 && ROW.is_multiple_of(F::READ_SIZE), "READ_SIZE must divide 32");
         assert!(F::ERASE_SIZE > 0 && F::ERASE_SIZE <= 1 << 30, "ERASE_SIZE must be 1 to 2^30");
         assert!(F::ERASE_SIZE.is_multiple_of(F::WRITE_SIZE), "ERASE_SIZE must be a multiple of WRITE_SIZE");
         F::ERASE_SIZE as u32
     };
+}
+
+/// Returns the address of the first erase unit that begins at or after this one.
+const fn aligned<F: NorFlash>(at: u32) -> u32 {
+    match at.checked_next_multiple_of(Units::<F>::ERASE) {
+        Some(at) => at,
+        None => u32::MAX,
+    }
+}
+
+impl Record {
+    /// A record without storage: nothing is read or written.
+    pub(crate) const NONE: Self = Self {
+        start: 0,
+        slot_len: 0,
+        format: Format { kind: 0, schema: 0 },
+        newest: None,
+        sequence: None,
+        spare_slot: 0,
+        spare: Spare::Unknown,
+        done: None,
+        unreadable: 0,
+        is_unread: false,
+        is_damaged: false,
+        attempts_left: READ_ATTEMPTS,
+        retry_from: Instant::ZERO,
+    };
 
     /// Divides the region into two slots. The rest that does not fill whole erase units is not used.
-    pub(crate) const fn new(flash: F, region: Range<u32>, kind: u8) -> Self {
-        let start = match region.start.checked_next_multiple_of(Self::ERASE) {
-            Some(start) => start,
-            None => u32::MAX,
-        };
+    pub(crate) const fn new<F: NorFlash>(region: Range<u32>, format: Format) -> Self {
+        let start = aligned::<F>(region.start);
         let half = region.end.saturating_sub(start) / 2;
-        let slot_len = match half.checked_rem(Self::ERASE) {
+        let slot_len = match half.checked_rem(Units::<F>::ERASE) {
             Some(rest) => half.saturating_sub(rest),
             None => 0,
         };
-        Self {
-            flash,
-            start,
-            slot_len,
-            kind,
-            newest: None,
-            sequence: None,
-            spare_slot: start,
-            spare: Spare::Unknown,
-            done: None,
-            unreadable: 0,
-            is_unread: false,
-            is_damaged: false,
-            attempts_left: READ_ATTEMPTS,
-            retry_from: Instant::ZERO,
-        }
+        Self { start, slot_len, format, spare_slot: start, ..Self::NONE }
     }
 
-    /// Returns the length of a slot with a body of `len` bytes.
-    pub(crate) const fn slot_len(len: u32) -> u32 {
-        match BODY.saturating_add(len).checked_next_multiple_of(Self::ERASE) {
-            Some(len) => len,
-            None => u32::MAX,
-        }
+    /// Returns the length of the region for a body of up to `len` bytes: a multiple of two erase units, or nothing.
+    pub(crate) const fn region_len<F: NorFlash>(len: u32) -> u32 {
+        if len == 0 { 0 } else { aligned::<F>(BODY.saturating_add(len)).saturating_mul(2) }
     }
 
     /// Finds the newest whole record.
@@ -350,11 +369,15 @@ impl<F: NorFlash> Record<F> {
     ///   read what a power cut has left.
     /// - [`Damaged`](RestoreError::Damaged): neither slot has a whole record, and one is damaged. If there is a whole
     ///   record beside the damage, [`is_damaged`](Self::is_damaged) returns true instead.
-    pub(crate) fn open(&mut self) -> Result<Option<Header>, RestoreError<F::Error>> {
+    /// - [`Foreign`](RestoreError::Foreign): the newest record has another schema version.
+    pub(crate) fn open<F: NorFlash>(&mut self, flash: &mut F) -> Result<Option<Header>, RestoreError<F::Error>> {
         let mut error = None;
-        let first = self.examine(self.start, &mut error);
-        let second = self.examine(self.second_slot(), &mut error);
-        self.judge([first, second], error)
+        let first = self.examine(flash, self.start, &mut error);
+        let second = self.examine(flash, self.second_slot(), &mut error);
+        match self.judge([first, second], error)? {
+            Some(header) if header.schema != self.format.schema => Err(RestoreError::Foreign),
+            header => Ok(header),
+        }
     }
 
     /// Returns the address of the second slot.
@@ -364,7 +387,7 @@ impl<F: NorFlash> Record<F> {
 
     /// Determines the newest record from both slots. Not inlined: its stack is not needed while slots are read.
     #[inline(never)]
-    fn judge(&mut self, slots: [Slot; 2], error: Option<F::Error>) -> Result<Option<Header>, RestoreError<F::Error>> {
+    fn judge<E>(&mut self, slots: [Slot; 2], error: Option<E>) -> Result<Option<Header>, RestoreError<E>> {
         let second_slot = self.second_slot();
         let newer = |a: Option<u32>, b: Option<u32>| match (a, b) {
             (Some(a), Some(b)) => Some(if is_newer(b, a) { b } else { a }),
@@ -409,38 +432,38 @@ impl<F: NorFlash> Record<F> {
     }
 
     /// Returns the content of a slot.
-    fn examine(&mut self, slot: u32, error: &mut Option<F::Error>) -> Slot {
+    fn examine<F: NorFlash>(&self, flash: &mut F, slot: u32, error: &mut Option<F::Error>) -> Slot {
         if self.slot_len < BODY {
             return Slot::Blank;
         }
-        match self.header_at(slot, error) {
-            Ok(header) => self.check_body(slot, header, error),
+        match self.header_at(flash, slot, error) {
+            Ok(header) => self.check_body(flash, slot, header, error),
             Err(content) => content,
         }
     }
 
     /// Reads the header of a slot. Not inlined, so that its stack is free when the body is read.
     #[inline(never)]
-    fn header_at(&mut self, slot: u32, error: &mut Option<F::Error>) -> Result<Header, Slot> {
+    fn header_at<F: NorFlash>(&self, flash: &mut F, slot: u32, error: &mut Option<F::Error>) -> Result<Header, Slot> {
         let mut row = [0; ROW];
-        if let Err(failure) = self.flash.read(slot, &mut row) {
+        if let Err(failure) = flash.read(slot, &mut row) {
             *error = Some(failure);
             return Err(Slot::Unreadable(None));
         }
-        let is_damage = was_header(&row, self.kind);
-        Header::decode(&row, self.kind).ok_or(if is_damage { Slot::Damaged(None) } else { Slot::Blank })
+        let is_damage = was_header(&row, self.format.kind);
+        Header::decode(&row, self.format.kind).ok_or(if is_damage { Slot::Damaged(None) } else { Slot::Blank })
     }
 
     /// Returns the content of a slot with this header.
     #[inline(never)]
-    fn check_body(&mut self, slot: u32, header: Header, error: &mut Option<F::Error>) -> Slot {
+    fn check_body<F: NorFlash>(&self, flash: &mut F, slot: u32, header: Header, error: &mut Option<F::Error>) -> Slot {
         let mut crc = Crc32::new();
         let add = |bytes: &[u8]| {
             crc.add(bytes);
             true
         };
         if self.is_len(header.len)
-            && let Err(failure) = self.scan(slot.saturating_add(BODY), header.len, add)
+            && let Err(failure) = scan(flash, slot.saturating_add(BODY), header.len, add)
         {
             *error = Some(failure);
             return Slot::Unreadable(Some(header.sequence));
@@ -458,21 +481,6 @@ impl<F: NorFlash> Record<F> {
         len >= MIN && len.is_multiple_of(MIN) && len <= self.slot_len.saturating_sub(BODY)
     }
 
-    /// Reads `len` bytes in pieces, until `each` returns false.
-    fn scan(&mut self, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
-        let mut piece = [0; PIECE];
-        let mut done = 0;
-        let mut result = Ok(true);
-        while done < len && matches!(result, Ok(true)) {
-            let part = clamped(len.saturating_sub(done), PIECE);
-            let bytes = piece.get_mut(..part).unwrap_or_default();
-            result = self.flash.read(at.saturating_add(done), bytes).map(|()| each(bytes));
-            done = done.saturating_add(u32::try_from(part).unwrap_or(u32::MAX));
-        }
-        wipe(&mut piece);
-        result
-    }
-
     /// Returns whether a slot could not be read.
     pub(crate) const fn is_impaired(&self) -> bool {
         self.unreadable > 0
@@ -488,24 +496,29 @@ impl<F: NorFlash> Record<F> {
         self.is_damaged
     }
 
-    /// Reads a row of the newest record's body.
-    pub(crate) fn row(&mut self, index: u32) -> Result<Option<[u8; ROW]>, F::Error> {
-        let Some(Newest { slot, header }) = self.newest else { return Ok(None) };
+    /// Reads a row of the newest record's body. Returns false if it has fewer rows.
+    pub(crate) fn row<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        index: u32,
+        row: &mut [u8; ROW],
+    ) -> Result<bool, F::Error> {
+        let Some(Newest { slot, header }) = self.newest else { return Ok(false) };
         if index >= header.len / 32 {
-            return Ok(None);
+            return Ok(false);
         }
-        let mut row = [0; ROW];
-        let read = self.flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), &mut row);
+        let read = flash.read(slot.saturating_add(BODY).saturating_add(index.saturating_mul(32)), row);
         if read.is_err() {
             // Reading must be repeated before anything else.
             (self.is_unread, self.spare) = (true, Spare::Failing);
         }
-        read.map(|()| Some(row))
+        read.map(|()| true)
     }
 
-    /// Erases at most one unit or writes at most [`CHUNK`] bytes. With a `job`, it is a step towards its record;
-    /// without one, towards a blank spare slot. `row` returns a row of the body; `None` aborts the job.
-    pub(crate) fn step(&mut self, now: Instant, job: Option<Job>, row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
+    /// Erases at most one unit, or writes the header. With a `job`, it is a step towards its record; without one,
+    /// towards a blank spare slot.
+    #[inline(never)]
+    pub(crate) fn step<F: NorFlash>(&mut self, flash: &mut F, now: Instant, job: Option<Job>) -> Step {
         if job.is_none() || self.done != job.map(|job| job.id) {
             self.done = None;
         }
@@ -517,39 +530,42 @@ impl<F: NorFlash> Record<F> {
         match (self.spare, job) {
             (Spare::Unknown, _) => {
                 // Without a record the first one is written. An error occurs again in one of the next steps.
-                let _ = self.open();
+                let _ = self.open(flash);
                 Step::Busy
             }
-            (Spare::Failing, job) if self.is_unread => self.retry_reading(now, job.is_some()),
+            (Spare::Failing, job) if self.is_unread => self.retry_reading(flash, now, job.is_some()),
             (Spare::Failing | Spare::Blank, None) => Step::Idle,
             (Spare::Failing, Some(_)) => {
                 self.spare = Spare::Dirty(0);
                 Step::Busy
             }
-            (Spare::Dirty(done), _) => self.clear(done),
-            (Spare::Blank, Some(job)) => self.write(job, 0, Crc32::new(), row),
+            (Spare::Dirty(done), _) => self.clear(flash, done),
+            (Spare::Blank, Some(job)) => {
+                self.spare = Spare::Writing { job, written: 0, crc: Crc32::new() };
+                Step::Write(0)
+            }
             (Spare::Writing { job: begun, written, crc }, Some(job)) if begun == job => {
                 if written < job.len {
-                    self.write(job, written, crc, row)
+                    Step::Write(written / 32)
                 } else {
-                    self.finish(job, crc)
+                    self.finish(flash, job, crc)
                 }
             }
             // The job has changed.
-            (Spare::Writing { .. }, _) => self.clear(0),
+            (Spare::Writing { .. }, _) => self.clear(flash, 0),
         }
     }
 
     /// Repeats a failed read, at most once a second. After [`READ_ATTEMPTS`], if there is something to write, it gives
     /// up a slot that still cannot be read, but not both: one of them has the complete record.
     #[inline(never)]
-    fn retry_reading(&mut self, now: Instant, has_job: bool) -> Step {
+    fn retry_reading<F: NorFlash>(&mut self, flash: &mut F, now: Instant, has_job: bool) -> Step {
         if now < self.retry_from {
             return Step::Idle;
         }
         self.attempts_left = self.attempts_left.saturating_sub(1);
         self.retry_from = now.after(if self.attempts_left > 0 { RETRY_PAUSE } else { LONG_RETRY_PAUSE });
-        let _ = self.open();
+        let _ = self.open(flash);
         if !self.is_unread {
             // The owner also needs to know that there is no record.
             return if self.newest.is_some() || !has_job { Step::Unread } else { Step::Busy };
@@ -564,12 +580,13 @@ impl<F: NorFlash> Record<F> {
     }
 
     /// Erases the next unit of the spare slot, unless it is blank.
-    fn clear(&mut self, offset: u32) -> Step {
+    fn clear<F: NorFlash>(&mut self, flash: &mut F, offset: u32) -> Step {
         let at = self.spare_slot.saturating_add(offset);
-        let next = offset.saturating_add(Self::ERASE);
+        let next = offset.saturating_add(Units::<F>::ERASE);
         // A unit that cannot be read is not blank.
-        let is_blank = self.scan(at, Self::ERASE, |bytes| bytes.iter().all(|byte| *byte == 0xFF)).unwrap_or(false);
-        if !is_blank && self.flash.erase(at, at.saturating_add(Self::ERASE)).is_err() {
+        let is_blank =
+            scan(flash, at, Units::<F>::ERASE, |bytes| bytes.iter().all(|byte| *byte == 0xFF)).unwrap_or(false);
+        if !is_blank && flash.erase(at, at.saturating_add(Units::<F>::ERASE)).is_err() {
             self.spare = Spare::Failing;
             return Step::Failed;
         }
@@ -577,30 +594,20 @@ impl<F: NorFlash> Record<F> {
         Step::Busy
     }
 
-    /// Writes the next chunk of the body.
-    fn write(&mut self, job: Job, written: u32, mut crc: Crc32, mut row: impl FnMut(u32) -> Option<[u8; ROW]>) -> Step {
+    /// Writes the next part of the body, which [`step`](Self::step) has asked for: its rows, then 0xFF. `None` aborts
+    /// the job.
+    #[inline(never)]
+    pub(crate) fn write<F: NorFlash>(&mut self, flash: &mut F, chunk: Option<&[u8; CHUNK]>) -> Step {
         // If anything fails, the slot must be erased again.
-        self.spare = Spare::Dirty(0);
-        let mut chunk = [0xFF; CHUNK];
-        let mut is_whole = true;
-        for (index, place) in (written / 32..job.len / 32).zip(chunk.as_chunks_mut::<ROW>().0) {
-            let Some(bytes) = row(index) else {
-                is_whole = false;
-                break;
-            };
-            *place = bytes;
-            crc.add(place);
-        }
-        let step = if is_whole { self.write_chunk(job, written, crc, &chunk) } else { Step::Failed };
-        wipe(&mut chunk);
-        step
-    }
-
-    fn write_chunk(&mut self, job: Job, written: u32, crc: Crc32, chunk: &[u8; CHUNK]) -> Step {
+        let Spare::Writing { job, written, mut crc } = core::mem::replace(&mut self.spare, Spare::Dirty(0)) else {
+            return Step::Failed;
+        };
         let len = clamped(job.len.saturating_sub(written), CHUNK);
-        let bytes = chunk.get(..len.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
+        let part = |len| chunk.and_then(|chunk| chunk.get(..len)).unwrap_or_default();
+        crc.add(part(len));
+        let bytes = part(len.next_multiple_of(F::WRITE_SIZE));
         let at = self.spare_slot.saturating_add(BODY).saturating_add(written);
-        if self.flash.write(at, bytes).is_err() || !self.reads_back(at, bytes) {
+        if bytes.is_empty() || flash.write(at, bytes).is_err() || !reads_back(flash, at, bytes) {
             return Step::Failed;
         }
         self.spare = Spare::Writing { job, written: written.saturating_add(BODY), crc };
@@ -609,20 +616,20 @@ impl<F: NorFlash> Record<F> {
 
     /// Writes the header, which makes the spare slot the newest record.
     #[inline(never)]
-    fn finish(&mut self, job: Job, crc: Crc32) -> Step {
+    fn finish<F: NorFlash>(&mut self, flash: &mut F, job: Job, crc: Crc32) -> Step {
         // If anything fails, the slot must be erased again.
         self.spare = Spare::Dirty(0);
         let mut chunk = [0xFF; CHUNK];
         let slot = self.spare_slot;
         let sequence = self.sequence.map_or(1, |sequence| sequence.wrapping_add(1));
-        let header = Header { schema: job.schema, sequence, len: job.len, body_crc: crc.sum() };
+        let header = Header { schema: self.format.schema, sequence, len: job.len, body_crc: crc.sum() };
         if let Some(place) = chunk.first_chunk_mut::<ROW>() {
-            *place = header.encode(self.kind);
+            *place = header.encode(self.format.kind);
         }
         let bytes = chunk.get(..ROW.next_multiple_of(F::WRITE_SIZE)).unwrap_or_default();
         // Ignore the driver's result: what can be read back is valid after a restart.
-        let _ = self.flash.write(slot, bytes);
-        if !self.reads_back(slot, bytes) {
+        let _ = flash.write(slot, bytes);
+        if !reads_back(flash, slot, bytes) {
             return Step::Failed;
         }
         self.spare_slot = match self.newest {
@@ -637,19 +644,35 @@ impl<F: NorFlash> Record<F> {
         self.done = Some(job.id);
         Step::Done
     }
+}
 
-    fn reads_back(&mut self, at: u32, bytes: &[u8]) -> bool {
-        let mut at = at;
-        let mut row = [0; ROW];
-        let (rows, _) = bytes.as_chunks::<ROW>();
-        let is_same = rows.iter().all(|expected| {
-            let is_same = self.flash.read(at, &mut row).is_ok() && row == *expected;
-            at = at.saturating_add(32);
-            is_same
-        });
-        wipe(&mut row);
-        is_same
+/// Reads `len` bytes in pieces, until `each` returns false.
+fn scan<F: NorFlash>(flash: &mut F, at: u32, len: u32, mut each: impl FnMut(&[u8]) -> bool) -> Result<bool, F::Error> {
+    let mut piece = [0; PIECE];
+    let mut done = 0;
+    let mut result = Ok(true);
+    while done < len && matches!(result, Ok(true)) {
+        let part = clamped(len.saturating_sub(done), PIECE);
+        let bytes = piece.get_mut(..part).unwrap_or_default();
+        result = flash.read(at.saturating_add(done), bytes).map(|()| each(bytes));
+        done = done.saturating_add(u32::try_from(part).unwrap_or(u32::MAX));
     }
+    wipe(&mut piece);
+    result
+}
+
+/// Returns whether the storage has these bytes.
+fn reads_back<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> bool {
+    let mut at = at;
+    let mut row = [0; ROW];
+    let (rows, _) = bytes.as_chunks::<ROW>();
+    let is_same = rows.iter().all(|expected| {
+        let is_same = flash.read(at, &mut row).is_ok() && row == *expected;
+        at = at.saturating_add(32);
+        is_same
+    });
+    wipe(&mut row);
+    is_same
 }
 
 fn clamped(len: u32, most: usize) -> usize {

@@ -2,111 +2,117 @@
 //!
 //! `signing.md` in this folder documents the format.
 
-use core::ops::Range;
-
 use embedded_storage::nor_flash::NorFlash;
 use zeroize::Zeroize;
 
-use super::record::{Job, ROW, Record, RestoreError, Step};
+use super::record::{Format, Job, ROW, RestoreError};
+use super::store::{Body, Found, Persistent, Texts};
 use crate::frame::SigningKey;
-use crate::service::signing::Signing;
-use crate::time::Instant;
+use crate::service::Cx;
+use crate::service::signing::{Signing, SigningStream};
+use crate::time::{Duration, Instant};
+use crate::types::{Firmware, Vehicle};
 
-const KIND: u8 = 3;
-const SCHEMA: u16 = 1;
+pub(super) const FORMAT: Format = Format { kind: 3, schema: 1 };
 const LEN: u32 = 64;
 
 /// The key, if there is one, and the timestamp to start from.
 type Stored = (Option<SigningKey>, u64);
 
-/// Stores the signing key and its timestamp in two slots, of which one always has a complete record. So a key and a
-/// timestamp always belong together (G-13).
+/// Reads the record that was found: the key, if there is one, and the timestamp to start from.
 ///
-/// The storage is a [`NorFlash`] with a `WRITE_SIZE` that divides 256 and a `READ_SIZE` that divides 32, as for
-/// [`PlanStore`](super::PlanStore). Each store needs a region of its own. It writes in steps of at most one erase unit
-/// or 256 bytes, when the key was changed, and every 55 s while there is one.
+/// # Errors
 ///
-/// Each slot is erased every 110 s. FRAM endures that, but flash rated for 10,000 cycles lasts twelve days of powered
-/// and disarmed time. Peers can hardly increase this rate: see [`storage_refill`](crate::Config::storage_refill).
-///
-/// The key is stored unencrypted.
-///
-#[doc = include_str!("signing.md")]
-pub struct SigningStore<F> {
-    record: Record<F>,
+/// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may
+/// have been replaced because it was compromised.
+pub(super) fn open<N: NorFlash>(
+    body: &mut Body<'_, N>,
+    found: Found<N::Error>,
+) -> Result<Option<Stored>, RestoreError<N::Error>> {
+    if found?.is_none() {
+        return Ok(None);
+    }
+    if body.is_damaged() {
+        return Err(RestoreError::Damaged);
+    }
+    let mut row = [0; ROW];
+    let has_key = body.row(0, &mut row)?;
+    let key = SigningKey::new(row);
+    row.zeroize();
+    if !has_key || !body.row(1, &mut row)? {
+        return Err(RestoreError::Damaged);
+    }
+    let [timestamp, [is_set, ..], ..] = row.as_chunks::<8>().0 else { return Err(RestoreError::Damaged) };
+    Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
 }
 
-/// Omits the storage, whose `Debug` may show its bytes (SEC-15).
-impl<F> core::fmt::Debug for SigningStore<F> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("SigningStore")
+/// The key and the time survive a restart (G-13, G-15).
+impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Signing<[SigningStream; STREAMS]> {
+    const FORMAT: Format = FORMAT;
+    const MAX_LEN: u32 = LEN;
+    const TEXTS: Texts = Texts {
+        unreadable: "The signing key cannot be read",
+        damaged: "The signing key is damaged: links are closed",
+        readable: "The signing key can be read again",
+    };
+
+    fn load<N: NorFlash>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        body: &mut Body<'_, N>,
+        found: Found<N::Error>,
+        _: bool,
+    ) -> Result<(), RestoreError<N::Error>> {
+        load(self, cx.now, cx.shared.config.storage_refill, open(body, found))
+    }
+
+    /// Even in flight: without the key, links are closed.
+    fn may_load_late(&self, _: &Cx<'_, F>) -> bool {
+        true
+    }
+
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
+        let id = Signing::pending_write(self, cx.now)?;
+        Some(Job { id, len: LEN })
+    }
+
+    fn row(&self, _: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
+        row(self, index)
+    }
+
+    fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
+    where
+        Self::Link: 'l,
+    {
+        if is_saved { self.on_saved(cx.now) } else { self.on_save_failed(cx.now) }
+    }
+
+    /// A key that was set in the meantime takes precedence.
+    fn on_readable<'l>(&mut self, _: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    where
+        Self::Link: 'l,
+    {
+        self.is_lost()
     }
 }
 
-#[cfg(feature = "defmt")]
-impl<F> defmt::Format for SigningStore<F> {
-    fn format(&self, f: defmt::Formatter<'_>) {
-        defmt::write!(f, "SigningStore");
-    }
-}
-
-impl<F: NorFlash> SigningStore<F> {
-    /// Length of the region in bytes: a multiple of two erase units. The region must begin at an erase unit.
-    pub const REGION_LEN: u32 = Record::<F>::slot_len(LEN).saturating_mul(2);
-
-    /// Returns a store in this region of the storage. It uses two halves of whole erase units. Reads nothing yet.
-    pub const fn new(flash: F, region: Range<u32>) -> Self {
-        Self { record: Record::new(flash, region, KIND) }
-    }
-
-    /// Returns the storage.
-    pub const fn flash(&self) -> &F {
-        &self.record.flash
-    }
-
-    /// Returns the storage. Do not write to the store's region: that may damage the record.
-    pub const fn flash_mut(&mut self) -> &mut F {
-        &mut self.record.flash
-    }
-
-    /// Returns the storage and drops the store.
-    pub fn into_inner(self) -> F {
-        self.record.flash
-    }
-
-    /// Reads the newest record: the key, if there is one, and the timestamp to start from.
-    ///
-    /// # Errors
-    ///
-    /// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may
-    /// have been replaced because it was compromised.
-    pub(crate) fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
-        let Some(header) = self.record.open()? else { return Ok(None) };
-        if header.schema != SCHEMA {
-            return Err(RestoreError::Foreign);
+/// Restores the stored key, or records it as lost.
+fn load<E>(
+    signing: &mut Signing,
+    now: Instant,
+    refill: Duration,
+    stored: Result<Option<Stored>, RestoreError<E>>,
+) -> Result<(), RestoreError<E>> {
+    signing.set_refill(refill);
+    match stored {
+        Ok(None) => signing.nothing_stored(),
+        Ok(Some((key, timestamp))) => signing.restore(now, key, timestamp),
+        Err(error) => {
+            signing.lost(matches!(error, RestoreError::Storage(_)));
+            return Err(error);
         }
-        if self.record.is_damaged() {
-            return Err(RestoreError::Damaged);
-        }
-        let Some(mut secret) = self.record.row(0)? else { return Err(RestoreError::Damaged) };
-        let key = SigningKey::new(secret);
-        secret.zeroize();
-        let Some(rest) = self.record.row(1)? else { return Err(RestoreError::Damaged) };
-        let [timestamp, [is_set, ..], ..] = rest.as_chunks::<8>().0 else { return Err(RestoreError::Damaged) };
-        Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
     }
-
-    /// Returns whether the next [`step`](Self::step) only repeats a failed read.
-    pub(crate) const fn is_unread(&self) -> bool {
-        self.record.is_unread()
-    }
-
-    /// Erases at most one unit or writes at most 256 bytes. With a `job`, it is a step towards storing the key and
-    /// timestamp; the job's number stands for this content. Without a job, it is a step towards an erased spare slot.
-    pub(crate) fn step(&mut self, now: Instant, signing: &Signing, job: Option<u32>) -> Step {
-        let job = job.map(|id| Job { id, schema: SCHEMA, len: LEN });
-        self.record.step(now, job, |index| row(signing, index))
-    }
+    Ok(())
 }
 
 /// Returns a row of the record.

@@ -150,6 +150,25 @@ impl Allowance {
     }
 }
 
+/// Whether an accepted upload or clear is stored before or after it is answered (M-44).
+///
+/// ```text
+///                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
+///   last item, or clear ─┤                 └─── write failed, or refused ───▶ old plan stays, ACK ERROR or DENIED
+///                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
+///                        └─ no storage: live, ACK ACCEPTED
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Durability {
+    /// ACCEPTED means that the change survives a power cut: it is written first, and then goes live. While
+    /// [`may_persist`](crate::Vehicle::may_persist) returns false, as it does by default while armed, changes are DENIED when
+    /// they begin, and uploads also at their last item.
+    Durable,
+    /// The change goes live and is answered at once. It is written when the vehicle permits; a text reports a failure.
+    Deferred,
+}
+
 /// The configuration of a [`Stack`](crate::Stack). Make it a `const`: then the compiler refuses invalid values.
 ///
 /// ```
@@ -232,6 +251,9 @@ pub struct Config {
     /// takes 80 tokens; 100 single parameter changes take 100 tokens of another bucket. A restart refills the buckets,
     /// so a peer that may restart the vehicle may cause more writes.
     pub storage_refill: Duration,
+    /// Whether plans are stored before or after an upload is answered, if there is storage: [`Durability::Durable`] by
+    /// default.
+    pub durability: Durability,
 }
 
 /// An address that a vehicle may have. No other can be configured.
@@ -274,6 +296,7 @@ impl Config {
         second_mission_ack: false,
         item_reached_repeats: 0,
         storage_refill: Duration::ZERO,
+        durability: Durability::Durable,
     };
 
     /// Returns the default configuration of a vehicle with this address and pulse. Change other fields by struct
@@ -310,6 +333,7 @@ impl Config {
             second_mission_ack: false,
             item_reached_repeats: 0,
             storage_refill: Duration::from_secs(15 * 60),
+            durability: Durability::Durable,
         }
     }
 }

@@ -5,21 +5,25 @@ mod unread;
 use crate::support::flash::{Fault, FlashError, RamFlash};
 use crate::support::signer::*;
 use crate::support::*;
+use crate::{OnlyKey, of_key, of_parameters, of_plans};
 use mavstack::dialect::*;
 use mavstack::{
-    Durability, LinkConfig, LinkSigning, ParamStore, ParamTable, PlanStore, RestoreError, Secret, SigningKey,
-    SigningStore, Text, Version, plan_memory,
+    Durability, LinkConfig, LinkSigning, ParamTable, RestoreError, Secret, SigningKey, Store, Text, Version,
 };
 
-type Flash = RamFlash<8, 512>;
-type Keys<'a> = SigningStore<&'a mut Flash>;
-type Params<'a> = ParamStore<&'a mut Flash>;
-type Plans<'a> = PlanStore<&'a mut Flash>;
-type PlanWorld = World<1, Tested<plan_memory!(mission: 12, fence: 4, rally: 2)>>;
+mavstack::stack! {
+    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 } }
+}
 
-const KEYS: u32 = Keys::REGION_LEN;
-const PARAMS: u32 = Params::region_len(Tuning::INFO.len());
-const PLANS: u32 = Plans::region_len(12, 4, 2);
+type Flash = RamFlash<8, 512>;
+type Keys<'a> = Store<&'a mut Flash>;
+type Params<'a> = Store<&'a mut Flash>;
+type Plans<'a> = Store<&'a mut Flash>;
+type PlanWorld = World<1, OnlyPlans>;
+
+const KEYS: u32 = Store::<Flash>::region_len::<OnlyKey>();
+const PARAMS: u32 = Store::<Flash>::region_len::<Tested>();
+const PLANS: u32 = Store::<Flash>::region_len::<OnlyPlans>();
 
 /// Returns the bits of the only record in this flash: those of its header, and of the first `body` bytes of its body.
 fn bits(flash: &Flash, body: usize) -> impl Iterator<Item = usize> + use<> {
@@ -48,7 +52,7 @@ fn signing_rig() -> Rig<3> {
 
 fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
     for _ in 0..100 {
-        if !rig.stack.persist_signing(rig.now, store, &rig.vehicle) {
+        if !rig.stack.persist(rig.now, store, &mut rig.vehicle) {
             return;
         }
     }
@@ -60,7 +64,7 @@ fn with_key() -> Flash {
     let mut flash = Flash::new(KEYS);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     rig.set_key(KEY);
     settle(&mut rig, &mut store);
     flash
@@ -93,7 +97,7 @@ fn a_damaged_key_opens_no_link() {
         for restart in 0..2 {
             let mut store = Keys::new(&mut flash, 0..KEYS);
             let mut rig = signing_rig();
-            let result = rig.stack.restore_signing(rig.now, &mut store);
+            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}, restart {restart}");
             assert_eq!(armed_by(&mut rig), [false, false, true], "bit {bit}");
             let sent = rig.transmit(0);
@@ -112,7 +116,7 @@ fn a_damaged_key_opens_no_link() {
         }
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
-        assert!(rig.stack.restore_signing(rig.now, &mut store).is_err());
+        assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
         rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
         assert!(rig.sent::<Heartbeat>(1)[0].is_signed_with(OTHER_KEY));
         assert_eq!(armed_by(&mut rig), [false, true, true], "as they are configured");
@@ -120,7 +124,7 @@ fn a_damaged_key_opens_no_link() {
         assert_eq!(rig.vehicle.commands().len(), 3);
         settle(&mut rig, &mut store);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
     }
 }
@@ -134,13 +138,13 @@ fn a_damaged_key_is_taken_away() {
     let mut flash = flipped(&whole, bit);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert!(rig.stack.restore_signing(rig.now, &mut store).is_err());
+    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
     let off = SetupSigning { initial_timestamp: 0, secret_key: Secret([0; 32]), ..setup(KEY) };
     rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &off));
     assert_eq!(armed_by(&mut rig), [true; 3]);
     settle(&mut rig, &mut store);
     let mut rig = signing_rig();
-    assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     assert_eq!(armed_by(&mut rig), [true; 3]);
 }
 
@@ -150,19 +154,19 @@ fn an_older_key_does_not_stand_in() {
     let mut flash = with_key();
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     rig.set_key(OTHER_KEY);
     // Stop when the new key is written, before the older one is erased.
     let count = |flash: &Flash| [0, 512].into_iter().filter(|slot| flash.bytes[*slot..].starts_with(b"MVSR")).count();
     while count(store.flash()) < 2 {
-        assert!(rig.stack.persist_signing(rig.now, &mut store, &rig.vehicle));
+        assert!(rig.stack.persist(rig.now, &mut store, &mut rig.vehicle));
     }
     let at = flash.bytes.windows(32).position(|bytes| bytes == OTHER_KEY).expect("it is written");
     flash.bytes[at] ^= 1;
     for _ in 0..2 {
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
-        let result = rig.stack.restore_signing(rig.now, &mut store);
+        let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
         assert_eq!(result, Err(RestoreError::Damaged));
         rig.receive(0, &Signer::new(KEY).frame(&arm()));
         assert_eq!(armed_by(&mut rig), [false, false, true]);
@@ -183,7 +187,7 @@ fn a_key_that_cannot_be_read_comes_back() {
             // The stored key replaces a factory key.
             rig.set_key(OTHER_KEY);
         }
-        match rig.stack.restore_signing(rig.now, &mut store) {
+        match of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)) {
             Ok(()) => {}
             Err(error) => {
                 assert_eq!(error, RestoreError::Storage(FlashError::Fault));
@@ -209,7 +213,7 @@ fn no_key_that_cannot_be_read_is_none() {
         if has_key {
             rig.set_key(KEY);
         }
-        assert!(rig.stack.restore_signing(rig.now, &mut store).is_err());
+        assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
         assert_eq!(armed_by(&mut rig), [false, has_key, true]);
         for _ in 0..3 {
             settle(&mut rig, &mut store);
@@ -217,7 +221,7 @@ fn no_key_that_cannot_be_read_is_none() {
         }
         assert_eq!(armed_by(&mut rig), [!has_key, true, true]);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         assert_eq!(rig.transmit(0)[0].is_signed(), has_key);
     }
 }
@@ -229,7 +233,7 @@ fn a_new_key_replaces_what_cannot_be_read() {
     (flash.reads, flash.fault) = (0, Fault::Reads(0..8));
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert!(rig.stack.restore_signing(rig.now, &mut store).is_err());
+    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
     rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
     for _ in 0..30 {
         settle(&mut rig, &mut store);
@@ -237,7 +241,7 @@ fn a_new_key_replaces_what_cannot_be_read() {
     }
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
     let mut rig = signing_rig();
-    assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     rig.signing().set_key(mavstack::Instant::ZERO, SigningKey::new(OTHER_KEY), NOW);
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
 }
@@ -247,7 +251,7 @@ fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end && !store.flash().is_off() {
         world.step();
-        world.stack.persist_parameters(world.now(), store, &mut world.vehicle);
+        world.stack.persist(world.now(), store, &mut world.vehicle);
     }
 }
 
@@ -261,7 +265,7 @@ fn with_params() -> Flash {
     let mut flash = Flash::new(PARAMS);
     let mut store = Params::new(&mut flash, 0..PARAMS);
     let mut world = World::new(Setup::<1>::new());
-    assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     world.gcs[0].send(&set("CRUISE", 7.0));
     world.gcs[0].send(&set("RTL_ALT", 99.0));
     run(&mut world, &mut store, secs(3));
@@ -281,7 +285,7 @@ fn damaged_parameters_are_told() {
         for _ in 0..2 {
             let mut store = Params::new(&mut flash, 0..PARAMS);
             let mut world = World::new(Setup::<1>::new());
-            let result = world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle);
+            let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
             assert_eq!(cruise_and_altitude(&world), (5.0, 30.0));
             run(&mut world, &mut store, millis(50));
@@ -300,7 +304,7 @@ fn a_read_that_fails_costs_no_parameter() {
     counted.reads = 0;
     let mut world = World::new(Setup::<1>::new());
     let mut store = Params::new(&mut counted, 0..PARAMS);
-    world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle).expect("readable");
+    of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).expect("readable");
     let reads = counted.reads;
     assert!(reads > 12, "{reads}");
     for (read, len) in (0..reads).flat_map(|read| [(read, 1), (read, 8)]) {
@@ -308,14 +312,14 @@ fn a_read_that_fails_costs_no_parameter() {
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));
             let mut store = Params::new(flash, 0..PARAMS);
             let mut world = World::new(Setup { step: millis(20), ..Setup::<1>::new() });
-            let _ = world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle);
+            let _ = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             world.gcs[0].send(&set("CRUISE", 8.0));
             run(&mut world, &mut store, secs(25));
             flash.power_on();
             flash.fault = Fault::None;
             let mut store = Params::new(flash, 0..PARAMS);
             let mut world = World::new(Setup::<1>::new());
-            assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+            assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
             cruise_and_altitude(&world)
         };
         let mut uncut = whole.clone();
@@ -335,7 +339,7 @@ fn run_plans(world: &mut PlanWorld, store: &mut Plans<'_>, time: mavstack::Durat
     let end = world.now().after(time);
     while world.now() < end {
         world.step();
-        world.stack.persist_plans(world.now(), store, &mut world.vehicle);
+        world.stack.persist(world.now(), store, &mut world.vehicle);
     }
 }
 
@@ -367,7 +371,7 @@ fn with_fence() -> Flash {
     let mut flash = Flash::new(PLANS);
     let mut store = Plans::new(&mut flash, 0..PLANS);
     let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle), Ok(()));
+    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
     run_plans(&mut world, &mut store, secs(1));
     flash
@@ -383,7 +387,7 @@ fn a_damaged_fence_is_no_empty_fence() {
         for _ in 0..2 {
             let mut store = Plans::new(&mut flash, 0..PLANS);
             let mut world = PlanWorld::of(Setup::new());
-            let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+            let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
             assert_eq!(world.stack.fence().items(), []);
             run_plans(&mut world, &mut store, millis(300));
@@ -392,11 +396,11 @@ fn a_damaged_fence_is_no_empty_fence() {
         }
         let mut store = Plans::new(&mut flash, 0..PLANS);
         let mut world = PlanWorld::of(Setup::new());
-        let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
         assert!(result.is_err());
         assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
         let mut world = PlanWorld::of(Setup::new());
-        let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
         assert_eq!((result, world.stack.fence().items().len()), (Ok(()), 2));
     }
 }
@@ -412,8 +416,8 @@ fn a_read_that_fails_costs_no_fence() {
             let mut flash = whole.clone();
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + 1));
             let mut store = Plans::new(&mut flash, 0..PLANS);
-            let mut world = PlanWorld::of(Setup::new());
-            let result = world.stack.restore_plans(world.now(), &mut store, durability, &mut world.vehicle);
+            let mut world = PlanWorld::of(crate::setup(durability));
+            let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             late += u32::from(result.is_err());
             // Storage can be read again only when the upload is over.
             world.vehicle.may_persist = !is_slow;
@@ -432,8 +436,8 @@ fn a_read_that_fails_costs_no_fence() {
             let fences =
                 world.vehicle.plan_changes().into_iter().filter(|(plan, ..)| *plan == mavstack::PlanType::Fence);
             assert_eq!(fences.count(), 1, "the vehicle is told once");
-            let mut world = PlanWorld::of(Setup::new());
-            let result = world.stack.restore_plans(world.now(), &mut store, durability, &mut world.vehicle);
+            let mut world = PlanWorld::of(crate::setup(durability));
+            let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             assert_eq!(result, Ok(()));
             assert_eq!((world.stack.mission().items().len(), world.stack.fence().items().len()), (5, 2), "read {read}");
         }

@@ -1,11 +1,15 @@
 //! Whatever lies in the flash, a vehicle starts: with plans that are whole and can be flown, or with none (G-18).
 
+use crate::of_plans;
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::{MavCmd, MavFrame};
-use mavstack::{Durability, Instant, Item, PlanStore, PlanType, PlanView, RestoreError, plan_memory};
+use mavstack::{Instant, Item, PlanType, PlanView, RestoreError, Store};
 
-type Plans = Tested<plan_memory!(mission: 6, fence: 2, rally: 2)>;
+mavstack::stack! {
+    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }
+}
+
 type Flash = RamFlash<4, 256>;
 
 const SLOT: usize = 768;
@@ -34,9 +38,9 @@ fn slot(sequence: u32, body: &[u8]) -> Vec<u8> {
 fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
     let setup = Setup::<1>::new();
     let mut stack = begun::<Plans, 1>(setup.config, setup.links);
-    let mut store = PlanStore::new(Flash::of(bytes), 0..2 * SLOT as u32);
+    let mut store = Store::new(Flash::of(bytes), 0..2 * SLOT as u32);
     let mut vehicle = TestVehicle::new();
-    let result = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle);
+    let result = of_plans(stack.restore(Instant::ZERO, &mut store, &mut vehicle));
     assert!(matches!(result, Ok(()) | Err(RestoreError::Damaged)), "flash that can be read: {result:?}");
     let plans = [stack.mission(), stack.fence(), stack.rally()];
     let found = (plans.map(|plan: PlanView| plan.items().to_vec()).to_vec(), plans.map(|plan| plan.id()).to_vec());
@@ -50,9 +54,9 @@ fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
         Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, x: 1, ..Item::default() };
     let loaded = stack.load_plan(Instant::ZERO, PlanType::Mission, [waypoint], &mut vehicle);
     assert_eq!(loaded, Ok(()));
-    while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
+    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {}
     let mut again = begun::<Plans, 1>(setup.config, setup.links);
-    again.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).expect("flash that can be read");
+    of_plans(again.restore(Instant::ZERO, &mut store, &mut vehicle)).expect("flash that can be read");
     assert_eq!(again.mission().items(), [waypoint]);
     found
 }

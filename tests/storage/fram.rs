@@ -2,13 +2,12 @@
 
 use crate::support::{Setup, TestVehicle, Tuning, World, millis};
 use crate::support::{Tested, begun};
+use crate::{of_parameters, of_plans};
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::dialect::{MavCmd, MavParamType, ParamSet, Statustext};
-use mavstack::{
-    Durability, Fram, FramError, Instant, Item, ParamStore, ParamTable, PlanStore, PlanType, Text, plan_memory,
-};
+use mavstack::{Fram, FramError, Instant, Item, PlanType, Store, Text, plan_memory};
 
 type Bus = Vec<Transaction<u8>>;
 
@@ -218,8 +217,7 @@ fn errors_of_the_bus_come_through() {
 #[test]
 fn plans_are_kept() {
     type Plans = Tested<plan_memory!(mission: 250, fence: 64, rally: 16)>;
-    type Store<'a> = PlanStore<Fram<&'a mut Chip>>;
-    const REGION: u32 = Store::region_len(250, 64, 16);
+    const REGION: u32 = Store::<Fram<&mut Chip>>::region_len::<Plans>();
     const { assert!(REGION <= 0x8000) };
 
     let mut chip = chip(None);
@@ -229,12 +227,12 @@ fn plans_are_kept() {
         let mut store = Store::new(Fram::new(&mut chip).unwrap(), 0..REGION);
         let mut stack = begun::<Plans, 1>(setup.config, setup.links);
         let mut vehicle = TestVehicle::new();
-        stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, &mut vehicle).unwrap();
+        of_plans(stack.restore(Instant::ZERO, &mut store, &mut vehicle)).unwrap();
         assert_eq!(stack.mission().items(), before);
         let item = |x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() };
         before = (0..count).map(item).collect();
         stack.load_plan(Instant::ZERO, PlanType::Mission, before.iter().copied(), &mut vehicle).unwrap();
-        while stack.persist_plans(Instant::ZERO, &mut store, &mut vehicle) {}
+        while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {}
     }
     assert!(chip.memory[REGION as usize..].iter().all(|byte| *byte == 0x55), "the rest is left alone");
 }
@@ -243,20 +241,19 @@ fn plans_are_kept() {
 #[test]
 fn plans_that_cannot_be_read_are_empty() {
     type Plans = Tested<plan_memory!(mission: 5, fence: 0, rally: 0)>;
-    type Store<'a> = PlanStore<Fram<&'a mut Chip>>;
-    const REGION: u32 = Store::region_len(5, 0, 0);
+    const REGION: u32 = Store::<Fram<&mut Chip>>::region_len::<Plans>();
 
     let setup = Setup::<1>::new();
     let mut vehicle = TestVehicle::new();
     let start = |chip: &mut Chip, vehicle: &mut TestVehicle| {
         let mut store = Store::new(Fram::new(chip).unwrap(), 0..REGION);
         let mut stack = begun::<Plans, 1>(setup.config, setup.links);
-        let restored = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, vehicle);
+        let restored = of_plans(stack.restore(Instant::ZERO, &mut store, vehicle));
         if restored == Ok(()) && stack.mission().items().is_empty() {
             let items =
                 (0..5).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() });
             stack.load_plan(Instant::ZERO, PlanType::Mission, items, vehicle).unwrap();
-            while stack.persist_plans(Instant::ZERO, &mut store, vehicle) {}
+            while stack.persist(Instant::ZERO, &mut store, vehicle) {}
         }
         (restored.is_ok(), stack.mission().items().len())
     };
@@ -281,21 +278,20 @@ fn plans_that_cannot_be_read_are_empty() {
 /// The same of parameters: each has the stored value or its default, and others are told.
 #[test]
 fn parameters_that_cannot_be_read_have_their_defaults() {
-    type Store<'a> = ParamStore<Fram<&'a mut Chip>>;
-    const REGION: u32 = Store::region_len(Tuning::INFO.len());
+    const REGION: u32 = Store::<Fram<&mut Chip>>::region_len::<Tested>();
 
     let cruise = |world: &World<1>| world.stack.parameters().get(Tuning::CRUISE);
     let default = cruise(&World::new(Setup::new()));
     let mut whole = chip(None);
     let mut world = World::<1>::new(Setup::new());
     let mut store = Store::new(Fram::new(&mut whole).unwrap(), 0..REGION);
-    world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle).unwrap();
+    of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).unwrap();
     let param_id = Text::new("CRUISE");
     let (param_value, param_type) = (default + 1.0, MavParamType::REAL32);
     world.gcs[0].send(&ParamSet { param_value, target_system: 1, target_component: 1, param_id, param_type });
     for _ in 0..20_000 {
         world.step();
-        world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+        world.stack.persist(world.now(), &mut store, &mut world.vehicle);
     }
     let mut failures = 0;
     loop {
@@ -303,7 +299,7 @@ fn parameters_that_cannot_be_read_have_their_defaults() {
         let mut chip = Chip { memory: whole.memory.clone(), enabled: false, good_for: Some(good_for) };
         let mut world = World::<1>::new(Setup::new());
         let mut store = Store::new(Fram::new(&mut chip).unwrap(), 0..REGION);
-        if world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle).is_ok() {
+        if of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).is_ok() {
             assert_eq!(cruise(&world), default + 1.0);
             break;
         }

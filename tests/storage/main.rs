@@ -14,3 +14,33 @@ mod pace;
 mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;
+
+use mavstack::{Config, Durability, RestoreError, RestoreErrors};
+use support::{Setup, TestVehicle};
+
+mavstack::stack! {
+    /// The signing key only: a store that is as long as it needs has no room for anything else.
+    #[cfg(feature = "signing")]
+    struct OnlyKey for TestVehicle { links: 1, signing }
+}
+
+/// Returns what was read of the key.
+fn of_key<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+    restored.or_else(|errors| errors.signing.map_or(Ok(()), Err))
+}
+
+/// Returns what was read of the parameters.
+fn of_parameters<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+    restored.or_else(|errors| errors.parameters.map_or(Ok(()), Err))
+}
+
+/// Returns what was read of the plans.
+fn of_plans<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+    restored.or_else(|errors| errors.plans.map_or(Ok(()), Err))
+}
+
+/// A world with this durability.
+fn setup(durability: Durability) -> Setup<1> {
+    let setup = Setup::new();
+    Setup { config: Config { durability, ..setup.config }, ..setup }
+}

@@ -4,15 +4,23 @@
 
 use crate::support::flash::{Fault, FlashError, RamFlash, Torn};
 use crate::support::*;
+use crate::{of_plans, setup};
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
 };
-use mavstack::{Durability, Duration, Item, PlanStore, PlanView, RestoreError, plan_memory};
+use mavstack::{Durability, Duration, Item, PlanView, RestoreError};
 
-type Plans = Tested<plan_memory!(mission: 250, fence: 64, rally: 16)>;
+mavstack::stack! {
+    struct Plans for TestVehicle { links: 1, plans: { mission: 250, fence: 64, rally: 16 } }
+}
+
+mavstack::stack! {
+    struct Small for TestVehicle { links: 1, plans: { mission: 12, fence: 2, rally: 2 } }
+}
+
 type TestWorld = World<1, Plans>;
 type Flash = RamFlash<8, 512>;
-type Store<'a> = PlanStore<&'a mut Flash>;
+type Store<'a> = mavstack::Store<&'a mut Flash>;
 
 const MISSION: MavMissionType = MavMissionType::MISSION;
 const FENCE: MavMissionType = MavMissionType::FENCE;
@@ -20,7 +28,8 @@ const RALLY: MavMissionType = MavMissionType::RALLY;
 const ALL: MavMissionType = MavMissionType::ALL;
 const ACCEPTED: MavMissionResult = MavMissionResult::ACCEPTED;
 
-const REGION: u32 = PlanStore::<Flash>::region_len(12, 2, 2);
+/// Shorter than for all plans, so that each is cut everywhere.
+const REGION: u32 = mavstack::Store::<Flash>::region_len::<Small>();
 
 /// What a ground station does.
 #[derive(Clone, Copy, Debug)]
@@ -57,8 +66,8 @@ fn live(world: &TestWorld) -> Live {
 
 /// A vehicle that starts with this flash.
 fn start(store: &mut Store<'_>, durability: Durability) -> TestWorld {
-    let mut world = World::of(Setup::new());
-    world.stack.restore_plans(world.now(), store, durability, &mut world.vehicle).expect("flash that can be read");
+    let mut world = World::of(setup(durability));
+    of_plans(world.stack.restore(world.now(), store, &mut world.vehicle)).expect("flash that can be read");
     world
 }
 
@@ -66,9 +75,9 @@ fn start(store: &mut Store<'_>, durability: Durability) -> TestWorld {
 fn restarted(flash: &Flash) -> Live {
     let mut flash = flash.clone();
     flash.power_on();
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     let mut world = World::of(Setup::new());
-    let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
     if result == Err(RestoreError::Storage(FlashError::Fault)) {
         // A header that was cut off and cannot be read: after some looks, it does not count.
         for _ in 0..5 {
@@ -96,7 +105,7 @@ fn change(world: &mut TestWorld, store: &mut Store<'_>, change: Change) -> Optio
     for _ in 0..10_000 {
         world.step();
         let now = world.now();
-        let is_busy = world.stack.persist_plans(now, store, &mut world.vehicle);
+        let is_busy = world.stack.persist(now, store, &mut world.vehicle);
         if store.flash().is_off() {
             break;
         }
@@ -121,20 +130,20 @@ fn settle(world: &mut TestWorld, store: &mut Store<'_>) {
     let mut quiet = 0;
     while quiet < 250 && !store.flash().is_off() {
         world.step();
-        quiet = if world.stack.persist_plans(world.now(), store, &mut world.vehicle) { 0 } else { quiet + 1 };
+        quiet = if world.stack.persist(world.now(), store, &mut world.vehicle) { 0 } else { quiet + 1 };
     }
 }
 
 /// Flash of a vehicle with three plans.
 fn with_plans() -> Flash {
     let mut flash = Flash::new(REGION);
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     let mut world = start(&mut store, Durability::Durable);
     for (plan, len) in [(MISSION, 9), (FENCE, 2), (RALLY, 2)] {
         let mut upload = Upload::new(&world.gcs[0], &items(plan, len, 3));
         while upload.result().is_none() {
             world.step();
-            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             upload.poll(world.now(), &mut world.gcs[0]);
         }
         settle(&mut world, &mut store);
@@ -148,7 +157,7 @@ fn every_cut(durability: Durability, torn: Torn, commit: Change) {
     before.torn = torn;
     let old = restarted(&before);
     let mut uncut = before.clone();
-    let mut store = PlanStore::new(&mut uncut, 0..REGION);
+    let mut store = mavstack::Store::new(&mut uncut, 0..REGION);
     let mut world = start(&mut store, durability);
     assert_eq!(change(&mut world, &mut store, commit), Some(ACCEPTED), "{commit:?}");
     let new = live(&world);
@@ -159,7 +168,7 @@ fn every_cut(durability: Durability, torn: Torn, commit: Change) {
     for fuel in 1..=uncut.cost() - before.cost() {
         let mut flash = before.clone();
         flash.fuel = Some(fuel);
-        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, durability);
         let answer = change(&mut world, &mut store, commit);
         let found = restarted(&flash);
@@ -212,14 +221,14 @@ fn failing_storage_is_told_once() {
         let old = restarted(&flash);
         flash.writes = 0;
         flash.fault = fault.clone();
-        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         let answer = change(&mut world, &mut store, Change::Upload(MISSION, 4));
         assert_eq!(answer, Some(MavMissionResult::ERROR), "{fault:?}");
         assert_eq!(live(&world), old, "{fault:?}");
         for _ in 0..30_000 {
             world.step();
-            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
         }
         let texts = world.gcs[0].received.iter().filter_map(Received::decode::<Statustext>);
         let texts: Vec<_> = texts.filter(|text| text.severity.0 <= MavSeverity::WARNING.0).collect();
@@ -233,21 +242,18 @@ fn failing_storage_is_told_once() {
 #[test]
 fn the_answer_comes_within_a_second() {
     type SlowFlash = RamFlash<8, 4096>;
-    const REGION: u32 = PlanStore::<SlowFlash>::region_len(250, 64, 16);
+    const REGION: u32 = mavstack::Store::<SlowFlash>::region_len::<Plans>();
     let mut flash = SlowFlash::new(REGION);
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     let mut world = TestWorld::of(Setup::new());
-    world
-        .stack
-        .restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle)
-        .expect("flash that can be read");
+    of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).expect("flash that can be read");
     for variant in 0..4 {
         let mut upload = Upload::new(&world.gcs[0], &items(MISSION, 250, variant));
         let mut last_item = None;
         while upload.result().is_none() {
             world.step();
             let before = (store.flash().erases, store.flash().writes);
-            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             let erases = u64::from(store.flash().erases - before.0);
             let writes = u64::from(store.flash().writes - before.1);
             assert!(erases + writes <= 1, "one step");
@@ -269,7 +275,7 @@ fn the_answer_comes_within_a_second() {
 #[test]
 fn nothing_is_written_without_permission() {
     let mut flash = with_plans();
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     let mut world = start(&mut store, Durability::Durable);
     world.vehicle.may_persist = false;
     let bytes = store.flash().bytes.clone();
@@ -288,7 +294,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
     let writes = {
         let mut flash = with_plans();
         flash.writes = 0;
-        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 12)), Some(ACCEPTED));
         flash.writes
@@ -298,7 +304,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
         let mut flash = with_plans();
         let old = restarted(&flash);
         flash.writes = 0;
-        let mut store = PlanStore::new(&mut flash, 0..REGION);
+        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         let mut upload = Upload::new(&world.gcs[0], &items(MISSION, 12, 7));
         while upload.result().is_none() {
@@ -308,7 +314,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
                 world.vehicle.may_change = Err(MavMissionResult::DENIED);
                 world.vehicle.may_persist = after % 2 == 0;
             }
-            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             assert_eq!(restarted(store.flash()), old, "armed after {after} writes");
             upload.poll(world.now(), &mut world.gcs[0]);
         }
@@ -330,7 +336,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
 #[test]
 fn what_is_there_is_not_written_again() {
     let mut flash = with_plans();
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     for _ in 0..3 {
         let mut world = start(&mut store, Durability::Durable);
         let same = items(MISSION, 9, 3);
@@ -338,7 +344,7 @@ fn what_is_there_is_not_written_again() {
         let used = (store.flash().writes, store.flash().erases);
         while upload.result().is_none() {
             world.step();
-            world.stack.persist_plans(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             upload.poll(world.now(), &mut world.gcs[0]);
         }
         assert_eq!(upload.result().map(|result| result.is_ok()), Some(true));
@@ -353,9 +359,9 @@ fn unreadable_flash_is_told() {
     let mut flash = with_plans();
     let old = restarted(&flash);
     flash.fault = Fault::Read(0..REGION);
-    let mut store = PlanStore::new(&mut flash, 0..REGION);
+    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
     let mut world = TestWorld::of(Setup::new());
-    let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
     assert_eq!(result, Err(RestoreError::Storage(FlashError::Fault)));
     assert!(live(&world).iter().all(|(items, id)| items.is_empty() && *id == 0));
     assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 4)), Some(MavMissionResult::ERROR));

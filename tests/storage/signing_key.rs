@@ -3,18 +3,19 @@
 use crate::support::flash::{Fault, FlashError, RamFlash, Torn};
 use crate::support::signer::*;
 use crate::support::*;
+use crate::{OnlyKey, of_key};
 use mavstack::dialect::*;
-use mavstack::{LinkConfig, LinkSigning, RestoreError, Secret, SigningKey, SigningStore, Version};
+use mavstack::{LinkConfig, LinkSigning, RestoreError, Secret, SigningKey, Version};
 
 type Flash = RamFlash<8, 512>;
-type Store<'a> = SigningStore<&'a mut Flash>;
+type Store<'a> = mavstack::Store<&'a mut Flash>;
 
-const REGION: u32 = SigningStore::<Flash>::REGION_LEN;
+const REGION: u32 = mavstack::Store::<Flash>::region_len::<OnlyKey>();
 /// A minute, in timestamps.
 const MINUTE: u64 = 6_000_000;
 
 fn store(flash: &mut Flash) -> Store<'_> {
-    SigningStore::new(flash, 0..REGION)
+    Store::new(flash, 0..REGION)
 }
 
 fn new_rig() -> Rig {
@@ -24,14 +25,14 @@ fn new_rig() -> Rig {
 /// A vehicle that starts with this flash.
 fn start(store: &mut Store<'_>) -> Rig {
     let mut rig = new_rig();
-    rig.stack.restore_signing(rig.now, store).expect("flash that can be read");
+    of_key(rig.stack.restore(rig.now, store, &mut rig.vehicle)).expect("flash that can be read");
     rig
 }
 
 /// Until all is written, or the power goes; how many steps that took.
 fn settle(rig: &mut Rig, store: &mut Store<'_>) -> u32 {
     let mut steps = 0;
-    while rig.stack.persist_signing(rig.now, store, &rig.vehicle) && !store.flash().is_off() {
+    while rig.stack.persist(rig.now, store, &mut rig.vehicle) && !store.flash().is_off() {
         steps += 1;
         assert!(steps < 100, "it never ends");
     }
@@ -59,11 +60,11 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     flash.power_on();
     let mut store = store(&mut flash);
     let mut rig = new_rig();
-    let result = rig.stack.restore_signing(rig.now, &mut store);
+    let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
     let mut now = rig.now;
     if result == Err(RestoreError::Storage(FlashError::Fault)) {
         // A header that was cut off and cannot be read: after some looks, it does not count.
-        while !rig.stack.persist_signing(now, &mut store, &rig.vehicle) {
+        while !rig.stack.persist(now, &mut store, &mut rig.vehicle) {
             now = now.after(secs(1));
             assert!(now < rig.now.after(secs(5)));
         }
@@ -82,7 +83,7 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
 fn a_store_does_not_show_the_key() {
     let mut flash = with_key([0xA5; 32]);
     assert!(format!("{flash:?}").contains("165, 165"), "it does");
-    assert_eq!(format!("{:?}", store(&mut flash)), "SigningStore");
+    assert_eq!(format!("{:?}", store(&mut flash)), "Store");
 }
 
 #[test]
@@ -289,7 +290,7 @@ fn a_restored_time_does_not_go_back() {
     let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
     let (now, unix) = (rig.now, 1_420_070_400_000_000);
     assert!(rig.signing().set_time(now, unix + 10 * (NOW + 99 * MINUTE), mavstack::Duration::MAX));
-    rig.stack.restore_signing(now, &mut store).expect("flash that can be read");
+    of_key(rig.stack.restore(now, &mut store, &mut rig.vehicle)).expect("flash that can be read");
     assert!((NOW + 99 * MINUTE..NOW + 99 * MINUTE + 1_000).contains(&rig.timestamp()));
     // And it is stored, for it is beyond what was reserved.
     settle(&mut rig, &mut store);
@@ -363,7 +364,7 @@ fn what_cannot_be_read() {
     let mut flash = with_key(KEY);
     flash.fault = Fault::Read(0..REGION);
     let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
-    let result = rig.stack.restore_signing(rig.now, &mut store(&mut flash));
+    let result = of_key(rig.stack.restore(rig.now, &mut store(&mut flash), &mut rig.vehicle));
     assert_eq!(result, Err(RestoreError::Storage(FlashError::Fault)));
     let text = rig.sent::<Statustext>(0)[0].decode::<Statustext>().unwrap();
     assert_eq!((text.text.as_bytes(), text.severity), (&b"The signing key cannot be read"[..], MavSeverity::ERROR));
@@ -373,7 +374,7 @@ fn what_cannot_be_read() {
         let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
         let now = rig.now;
         rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
-        assert_eq!(rig.stack.restore_signing(now, &mut store(&mut flash)), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(now, &mut store(&mut flash), &mut rig.vehicle)), Ok(()));
         assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
     }
 }

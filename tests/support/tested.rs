@@ -3,7 +3,8 @@
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
     Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, Missions, ModeService, ParamMemory,
-    ParamService, PeerTable, Service, SigningGate, StreamService, TextQueue, Values, WithoutPlans, WithoutSigning,
+    ParamService, PeerTable, Persistent, Service, SigningGate, StreamService, TextQueue, Values, WithoutPlans,
+    WithoutSigning,
 };
 use mavstack::{
     Commands, Config, FlightMode, HighLatency, LinkConfig, ManualInput, Modes, NoPlans, PlanMemory, PlanStorage, Plans,
@@ -56,7 +57,7 @@ pub fn begun<D: Declares, const N: usize>(config: Config, links: [LinkConfig; N]
 
 /// The service for a plan memory.
 pub trait Planned<D: Firmware>: PlanStorage {
-    type Mission: Service<D>;
+    type Mission: Persistent<D>;
 }
 
 impl<D: Firmware> Planned<D> for NoPlans {
@@ -65,7 +66,7 @@ impl<D: Firmware> Planned<D> for NoPlans {
 
 impl<D, const M: usize, const F: usize, const R: usize, const S: usize> Planned<D> for PlanMemory<M, F, R, S>
 where
-    D: Firmware<Vehicle: Plans + Commands>,
+    D: Firmware<Vehicle: Vehicle + Plans + Commands>,
 {
     type Mission = Missions;
 }
@@ -75,7 +76,7 @@ pub trait Options<D: Firmware> {
     type Time: Service<D>;
     type ManualControl: Service<D>;
     type HighLatency: Service<D>;
-    type Signing: Service<D> + SigningGate<<Self::Signing as Service<D>>::Link>;
+    type Signing: Persistent<D> + SigningGate<<Self::Signing as Service<D>>::Link>;
     type Forwarding: Service<D> + ForwardingGate<D>;
 }
 
@@ -138,7 +139,7 @@ pub trait Hooks: Vehicle + Commands {
 
 /// The services for that.
 pub trait HookServices<D: Firmware>: Hooks {
-    type Param: Service<D>;
+    type Param: Persistent<D>;
     type Stream: Service<D>;
     type Mode: Service<D>;
 }

@@ -272,24 +272,24 @@ mod stored {
     use super::*;
     use crate::support::flash::{Fault, RamFlash};
     use mavstack::dialect::{MavResult, Statustext};
-    use mavstack::{Duration, ParamStore};
+    use mavstack::{Duration, Store};
 
     type Flash = RamFlash<8, 512>;
-    const REGION: u32 = ParamStore::<Flash>::region_len(COUNT);
+    const REGION: u32 = Store::<Flash>::region_len::<Tested>();
 
-    fn start(store: &mut ParamStore<&mut Flash>) -> World<1> {
+    fn start(store: &mut Store<&mut Flash>) -> World<1> {
         let mut world = World::new(Setup::<1>::new());
-        world.stack.restore_parameters(world.now(), store, &mut world.vehicle).expect("readable");
+        world.stack.restore(world.now(), store, &mut world.vehicle).expect("readable");
         world
     }
 
     /// Runs with storage; how many steps wrote or erased.
-    fn run(world: &mut World<1>, store: &mut ParamStore<&mut Flash>, time: Duration) -> usize {
+    fn run(world: &mut World<1>, store: &mut Store<&mut Flash>, time: Duration) -> usize {
         let end = world.now().after(time);
         let mut steps = 0;
         while world.now() < end {
             world.step();
-            steps += usize::from(world.stack.persist_parameters(world.now(), store, &mut world.vehicle));
+            steps += usize::from(world.stack.persist(world.now(), store, &mut world.vehicle));
         }
         steps
     }
@@ -298,7 +298,7 @@ mod stored {
     #[test]
     fn what_is_set_outlives_a_restart() {
         let mut flash = Flash::new(REGION);
-        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
         world.gcs[0].send(&set("TRIM_ROLL", MavParamType::INT8, f32::from_bits(0xF0)));
         run(&mut world, &mut store, secs(2));
@@ -325,7 +325,7 @@ mod stored {
     #[test]
     fn what_may_not_be_written_wakes_nobody() {
         let mut flash = Flash::new(REGION);
-        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
         world.vehicle.may_persist = false;
         world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 8.0));
@@ -334,7 +334,7 @@ mod stored {
         let end = world.now().after(secs(10));
         while world.now() < end {
             world.skip_to(end);
-            world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
             passes += 1;
         }
         assert!(passes < 200, "{passes} passes in 10 s");
@@ -348,7 +348,7 @@ mod stored {
     #[test]
     fn writes_are_few() {
         let mut flash = Flash::new(REGION);
-        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
         run(&mut world, &mut store, secs(1));
         let before = store.flash().writes;
@@ -370,7 +370,7 @@ mod stored {
     fn flash_that_fails_is_told_of() {
         let mut flash = Flash::new(REGION);
         flash.fault = Fault::Write(0);
-        let mut store = ParamStore::new(&mut flash, 0..REGION);
+        let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
         world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 7.0));
         run(&mut world, &mut store, secs(60));

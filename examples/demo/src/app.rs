@@ -5,8 +5,8 @@ use core::ops::DerefMut;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::{
-    Address, Config, Durability, Duration, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning,
-    ParamStore, PlanStore, Pulse, RestoreError, SigningStore, StreamProfile, Vehicle, VehicleAddress,
+    Address, Config, Duration, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, Pulse,
+    RestoreErrors, Store, StreamProfile, Vehicle, VehicleAddress,
 };
 
 use crate::status::Status;
@@ -165,38 +165,16 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         self.saving != Saving::Busy && self.vehicle.wants_reboot(|link| self.stack.has_answered(link))
     }
 
-    /// Restores the plans from storage. Call it once after boot; see [`Stack::restore_plans`](mavstack::Stack::restore_plans).
+    /// Restores the signing key, the parameters and the plans from storage; see
+    /// [`Stack::restore`](mavstack::Stack::restore). Call it once after boot and before anything else, because some
+    /// parameters take effect only at boot.
     ///
     /// # Errors
     ///
-    /// The stored plans are damaged or cannot be read. A STATUSTEXT reports it too.
-    pub fn restore<F: NorFlash>(
-        &mut self,
-        now: Instant,
-        store: &mut PlanStore<F>,
-        durability: Durability,
-    ) -> Result<(), RestoreError<F::Error>> {
-        self.stack.restore_plans(now, store, durability, &mut self.vehicle)
-    }
-
-    /// Writes one step of the pending plans to storage; see [`Stack::persist_plans`](mavstack::Stack::persist_plans). Returns
-    /// true when more work is pending.
-    pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut PlanStore<F>) -> bool {
-        self.stack.persist_plans(now, store, &mut self.vehicle)
-    }
-
-    /// Restores the parameters from storage; see [`Stack::restore_parameters`](mavstack::Stack::restore_parameters). Call it
-    /// once after boot and before anything else, because some parameters take effect only at boot.
-    ///
-    /// # Errors
-    ///
-    /// The stored parameters are damaged or cannot be read. A STATUSTEXT reports it too.
-    pub fn restore_parameters<F: NorFlash>(
-        &mut self,
-        now: Instant,
-        store: &mut ParamStore<F>,
-    ) -> Result<(), RestoreError<F::Error>> {
-        let result = self.stack.restore_parameters(now, store, &mut self.vehicle);
+    /// Something that is stored is damaged or cannot be read. A STATUSTEXT reports it too. The vehicle then uses default
+    /// parameters, and has no plans. Without its key, links that require signatures stay closed.
+    pub fn restore<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> Result<(), RestoreErrors<F::Error>> {
+        let result = self.stack.restore(now, store, &mut self.vehicle);
         self.saving = Saving::Idle;
         let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));
         if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
@@ -205,34 +183,14 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         result
     }
 
-    /// Writes one step of the changed parameters to storage; see
-    /// [`Stack::persist_parameters`](mavstack::Stack::persist_parameters). Returns true when more work is pending.
-    pub fn persist_parameters<F: NorFlash>(&mut self, now: Instant, store: &mut ParamStore<F>) -> bool {
-        let is_busy = self.stack.persist_parameters(now, store, &mut self.vehicle);
+    /// Writes one step of what has changed to storage; see [`Stack::persist`](mavstack::Stack::persist). Returns true when
+    /// more work is pending.
+    pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> bool {
+        let is_busy = self.stack.persist(now, store, &mut self.vehicle);
         if !is_busy && self.saving == Saving::Busy {
             self.saving = Saving::Done;
         }
         is_busy
-    }
-
-    /// Restores the signing key from storage. Call it once after boot; see
-    /// [`Stack::restore_signing`](mavstack::Stack::restore_signing).
-    ///
-    /// # Errors
-    ///
-    /// The stored key is damaged or cannot be read. A STATUSTEXT reports it too.
-    pub fn restore_signing<F: NorFlash>(
-        &mut self,
-        now: Instant,
-        store: &mut SigningStore<F>,
-    ) -> Result<(), RestoreError<F::Error>> {
-        self.stack.restore_signing(now, store)
-    }
-
-    /// Writes one step of the signing key and its timestamp to storage; see
-    /// [`Stack::persist_signing`](mavstack::Stack::persist_signing). Returns true when more work is pending.
-    pub fn persist_signing<F: NorFlash>(&mut self, now: Instant, store: &mut SigningStore<F>) -> bool {
-        self.stack.persist_signing(now, store, &self.vehicle)
     }
 
     /// Moves bytes between a link and its transport. Never blocks.

@@ -7,8 +7,8 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 use mavstack::dialect::*;
-use mavstack::{Instant, ParamStore, ParamTable};
-use mavstack_demo::{TELEMETRY, Tuning};
+use mavstack::{Instant, Store};
+use mavstack_demo::{Mavlink, TELEMETRY, Tuning};
 use wire::Wire;
 
 struct RamFlash(Vec<u8>);
@@ -51,11 +51,11 @@ impl NorFlash for RamFlash {
 /// C-30, P-17: parameters set just before a reboot are written before it, without the usual delay.
 #[test]
 fn parameters_set_before_a_reboot_survive_it() {
-    let len = ParamStore::<RamFlash>::region_len(Tuning::INFO.len());
-    let mut store = ParamStore::new(RamFlash(vec![0xFF; len as usize]), 0..len);
+    let len = Store::<RamFlash>::region_len::<Mavlink>();
+    let mut store = Store::new(RamFlash(vec![0xFF; len as usize]), 0..len);
     for speed in [5.0, 6.0, 7.0] {
         let mut wire = Wire::new();
-        wire.app.restore_parameters(Instant::ZERO, &mut store).unwrap();
+        wire.app.restore(Instant::ZERO, &mut store).unwrap();
         wire.run(100);
         let set = ParamSet {
             target_system: 1,
@@ -70,12 +70,12 @@ fn parameters_set_before_a_reboot_survive_it() {
         while !wire.app.wants_reboot() {
             assert!(wire.millis < requested + 500, "no reboot");
             wire.run(1);
-            wire.app.persist_parameters(Instant::from_millis(wire.millis), &mut store);
+            wire.app.persist(Instant::from_millis(wire.millis), &mut store);
         }
-        store = ParamStore::new(store.into_inner(), 0..len);
+        store = Store::new(store.into_inner(), 0..len);
         let mut wire = Wire::new();
-        wire.app.restore_parameters(Instant::ZERO, &mut store).unwrap();
+        wire.app.restore(Instant::ZERO, &mut store).unwrap();
         assert_eq!(wire.app.stack().parameters().get(Tuning::MPC_XY_CRUISE), speed);
-        store = ParamStore::new(store.into_inner(), 0..len);
+        store = Store::new(store.into_inner(), 0..len);
     }
 }

@@ -223,7 +223,7 @@ pub struct Board {
     /// Timer 1.
     pub alarm: Alarm,
     /// The three partitions of the flash.
-    pub flash: [PsramFlash; 3],
+    pub flash: PsramFlash,
 }
 
 impl Board {
@@ -242,7 +242,7 @@ impl Board {
         free(|cs| CLOCK.borrow(cs).set(Some(Clock::start(clock))));
         #[cfg(feature = "defmt")]
         defmt::info!("the vehicle boots");
-        Some(Self { uarts, alarm: Alarm(alarm), flash: [0, 1, 2].map(PsramFlash::new) })
+        Some(Self { uarts, alarm: Alarm(alarm), flash: PsramFlash::new() })
     }
 
     /// Resets the processor and the board. The flash keeps its contents.

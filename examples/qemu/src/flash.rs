@@ -9,24 +9,21 @@ use embedded_storage::nor_flash::{
 /// Start of the PSRAM. Nothing else uses it: `memory.x` does not contain it.
 const BASE: usize = 0x2100_0000;
 
-/// A partition of the flash: 64 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.
-pub struct PsramFlash {
-    /// Index of the partition. Partitions are contiguous.
-    part: usize,
-}
+/// The flash: 192 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.
+pub struct PsramFlash(());
 
 impl PsramFlash {
-    /// Size of a partition, in bytes.
-    pub const LEN: u32 = 64 * 1024;
+    /// Its size, in bytes.
+    pub const LEN: u32 = 192 * 1024;
 
-    /// Returns partition 0, 1 or 2. The value owns that memory; [`Board::take`](crate::board::Board::take) creates each once.
-    pub(crate) const fn new(part: u8) -> Self {
-        Self { part: part as usize }
+    /// Returns the flash. The value owns that memory; [`Board::take`](crate::board::Board::take) creates it once.
+    pub(crate) const fn new() -> Self {
+        Self(())
     }
 
     /// Returns the address of the byte at `offset`, which must be less than [`LEN`](Self::LEN).
-    fn byte(&self, offset: u32) -> *mut u8 {
-        core::ptr::with_exposed_provenance_mut(BASE + self.part * Self::LEN as usize + offset as usize)
+    fn byte(offset: u32) -> *mut u8 {
+        core::ptr::with_exposed_provenance_mut(BASE + offset as usize)
     }
 }
 
@@ -41,7 +38,7 @@ impl ReadNorFlash for PsramFlash {
         check_read(self, offset, bytes.len())?;
         for (offset, byte) in (offset..).zip(bytes) {
             // SAFETY: within the PSRAM, as checked above.
-            *byte = unsafe { self.byte(offset).read_volatile() };
+            *byte = unsafe { Self::byte(offset).read_volatile() };
         }
         Ok(())
     }
@@ -59,7 +56,7 @@ impl NorFlash for PsramFlash {
         check_erase(self, from, to)?;
         for offset in from..to {
             // SAFETY: within the PSRAM, as checked above; `&mut self` is exclusive.
-            unsafe { self.byte(offset).write_volatile(0xFF) };
+            unsafe { Self::byte(offset).write_volatile(0xFF) };
         }
         Ok(())
     }
@@ -67,7 +64,7 @@ impl NorFlash for PsramFlash {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         check_write(self, offset, bytes.len())?;
         for (offset, byte) in (offset..).zip(bytes) {
-            let cell = self.byte(offset);
+            let cell = Self::byte(offset);
             // SAFETY: as for `erase`. Writing only clears bits.
             unsafe { cell.write_volatile(cell.read_volatile() & byte) };
         }

@@ -1,7 +1,7 @@
 //! The capacities of the vehicle, and its storage in flash.
 
-use mavstack::{Durability, Instant, ParamStore, ParamTable, PlanStore, SigningStore};
-use mavstack_demo::{App, FENCE, MISSION, Mavlink, RALLY, Tuning};
+use mavstack::{Instant, Store};
+use mavstack_demo::{App, Mavlink};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::Board;
@@ -19,44 +19,23 @@ pub fn start() -> &'static mut App {
     app.unwrap_or_else(|| Board::reset())
 }
 
-/// The plans' partition: two slots, each of which holds all plans.
-type Store = PlanStore<PsramFlash>;
-const STORE_LEN: u32 = Store::region_len(MISSION, FENCE, RALLY);
-const _: () = assert!(STORE_LEN <= PsramFlash::LEN);
+/// The storage of the signing key, the parameters and the plans.
+pub struct Memory(Store<PsramFlash>);
 
-/// The parameters' partition.
-type Settings = ParamStore<PsramFlash>;
-const SETTINGS_LEN: u32 = Settings::region_len(Tuning::INFO.len());
-const _: () = assert!(SETTINGS_LEN <= PsramFlash::LEN);
-
-/// The signing key's partition.
-type Key = SigningStore<PsramFlash>;
-const _: () = assert!(Key::REGION_LEN <= PsramFlash::LEN);
-
-/// The storage of plans, parameters and key.
-pub struct Memory {
-    settings: Settings,
-    key: Key,
-    store: Store,
-}
+/// The length of its region, from the start of the flash.
+pub const LEN: u32 = Store::<PsramFlash>::region_len::<Mavlink>();
+const _: () = assert!(LEN <= PsramFlash::LEN);
 
 impl Memory {
-    /// Creates the storage in these partitions.
-    pub fn new([plans, settings, key]: [PsramFlash; 3]) -> Self {
-        Self {
-            settings: Settings::new(settings, 0..SETTINGS_LEN),
-            key: Key::new(key, 0..Key::REGION_LEN),
-            store: Store::new(plans, 0..STORE_LEN),
-        }
+    /// Creates the storage in this flash.
+    pub fn new(flash: PsramFlash) -> Self {
+        Self(Store::new(flash, 0..LEN))
     }
 
     /// Restores everything. Call it once, before anything else.
     pub fn restore(&mut self, app: &mut App, now: Instant) {
-        // The stack has already reported errors by STATUSTEXT. The vehicle then uses default parameters and has no plans. Without
-        // its key, links that require signatures stay closed.
-        let _ = app.restore_parameters(now, &mut self.settings);
-        let _ = app.restore_signing(now, &mut self.key);
-        let _ = app.restore(now, &mut self.store, Durability::Durable);
+        // The stack has already reported errors by STATUSTEXT.
+        let _ = app.restore(now, &mut self.0);
     }
 
     /// Writes pending data, one step per call. Returns true when more work is pending.
@@ -64,8 +43,6 @@ impl Memory {
     /// The simulated flash writes within microseconds, so the vehicle always permits it. If an erase stalls the processor, keep
     /// the default `may_persist`, which permits nothing while armed.
     pub fn persist(&mut self, app: &mut App, now: Instant) -> bool {
-        let is_busy = app.persist(now, &mut self.store);
-        let is_busy = app.persist_parameters(now, &mut self.settings) | is_busy;
-        app.persist_signing(now, &mut self.key) | is_busy
+        app.persist(now, &mut self.0)
     }
 }

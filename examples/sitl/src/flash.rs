@@ -1,4 +1,4 @@
-//! Simulates flash with a file, for plans, parameters or the signing key. Writes are not buffered, so the contents survive a kill
+//! Simulates flash with a file. Writes are not buffered, so the contents survive a kill
 //! of this program.
 //!
 //! A file with other content is never overwritten: a mistyped path must not destroy data.
@@ -23,18 +23,9 @@ const MAGIC: &[u8] = b"MVSR";
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// Whether one of the two slots in a file of this size starts with a record.
-fn has_record(path: &Path, size: u64) -> std::io::Result<bool> {
-    let mut file = File::open(path)?;
-    for slot in [0, size / 2] {
-        let mut start = Vec::new();
-        file.seek(SeekFrom::Start(slot))?;
-        Read::by_ref(&mut file).take(MAGIC.len() as u64).read_to_end(&mut start)?;
-        if start == MAGIC {
-            return Ok(true);
-        }
-    }
-    Ok(false)
+/// Whether one of the units of these bytes starts with a record.
+fn has_record(bytes: &[u8]) -> bool {
+    bytes.chunks(FileFlash::ERASE_SIZE).any(|unit| unit.starts_with(MAGIC))
 }
 
 impl FileFlash {
@@ -53,17 +44,20 @@ impl FileFlash {
             return refused("it is not a regular file".into());
         }
         let size = metadata.len();
-        if size != u64::from(len) && has_record(path, size).map_err(failed)? {
+        let mut bytes = Vec::new();
+        // No more than needed of a file that may be large.
+        let file = File::open(path).map_err(failed)?;
+        file.take(2 * u64::from(len)).read_to_end(&mut bytes).map_err(failed)?;
+        if size != u64::from(len) && has_record(&bytes) {
             return Err(format!(
-                "{} is a storage file of {size} bytes instead of {len}: it was created by another version of this program, \
-                 or for other data (plans, parameters and the key have separate files); run that version, {what_to_do}",
+                "{} is a storage file of {size} bytes instead of {len}: it was created by another version of this program; \
+                 run that version, {what_to_do}",
                 path.display()
             ));
         }
         if size > u64::from(len) {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
-        let bytes = std::fs::read(path).map_err(failed)?;
         // An empty or incompletely created file has no data to lose.
         if bytes.iter().all(|&byte| byte == ERASED) {
             return Ok(());
@@ -71,33 +65,26 @@ impl FileFlash {
         if size < u64::from(len) {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
-        // A damaged file may still have one valid slot.
-        let (first, second) = bytes.split_at(bytes.len() / 2);
-        let is_known = |slot: &[u8]| slot.starts_with(MAGIC);
-        let is_erased = |slot: &[u8]| slot.iter().take(MAGIC.len()).all(|&byte| byte == ERASED);
-        if is_known(first) || is_known(second) || (is_erased(first) && is_erased(second)) {
+        // A damaged file may still have a valid record, or be erased up to one.
+        let is_erased = |unit: &[u8]| unit.iter().take(MAGIC.len()).all(|&byte| byte == ERASED);
+        if has_record(&bytes) || bytes.chunks(Self::ERASE_SIZE).all(is_erased) {
             return Ok(());
         }
         refused("it contains other data".into())
     }
 
-    /// Opens a storage file, or creates an erased one. A `private` file is readable by its owner only.
-    pub fn open(path: &Path, len: u32, private: bool) -> Result<Self, String> {
+    /// Opens a storage file, or creates an erased one. Only its owner can read it, because it contains the signing key.
+    pub fn open(path: &Path, len: u32) -> Result<Self, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", path.display());
         Self::check(path, len)?;
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         #[cfg(unix)]
-        if private {
-            std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        }
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let mut file = options.open(path).map_err(failed)?;
         // Also restricts a file that an older version of this program created.
         #[cfg(unix)]
-        if private {
-            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
-            file.set_permissions(mode).map_err(failed)?;
-        }
+        file.set_permissions(std::os::unix::fs::PermissionsExt::from_mode(0o600)).map_err(failed)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(failed)?;
         let expected = usize::try_from(len).map_err(|error| error.to_string())?;
@@ -207,13 +194,11 @@ mod tests {
             ("half-erased", slots(b"", b"nope")),
         ] {
             let path = folder.file(name, &bytes);
-            for private in [false, true] {
-                let error = FileFlash::open(&path, LEN, private).err().expect(name);
-                assert!(error.contains(name) && error.contains("give --storage another name"), "{error}");
-            }
+            let error = FileFlash::open(&path, LEN).err().expect(name);
+            assert!(error.contains(name) && error.contains("give --storage another name"), "{error}");
             assert!(fs::read(&path).unwrap() == bytes, "{name}");
         }
-        let error = FileFlash::open(&folder.0, LEN, false).err().expect("a folder");
+        let error = FileFlash::open(&folder.0, LEN).err().expect("a folder");
         assert!(error.contains("not a regular file"), "{error}");
     }
 
@@ -234,7 +219,7 @@ mod tests {
             let parts = ["another version", "8192 bytes", &len.to_string(), "give --storage another name"];
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
             assert!(!error.contains("not a storage file"), "{error}");
-            assert!(FileFlash::open(&path, len, true).is_err() && fs::read(&path).unwrap() == *bytes, "{name}");
+            assert!(FileFlash::open(&path, len).is_err() && fs::read(&path).unwrap() == *bytes, "{name}");
         }
     }
 
@@ -250,35 +235,35 @@ mod tests {
             ("body-without-header", slots(&[[ERASED; 256], [7; 256]].concat(), b"")),
         ] {
             let path = folder.file(name, &bytes);
-            let flash = FileFlash::open(&path, LEN, false).expect(name);
+            let flash = FileFlash::open(&path, LEN).expect(name);
             assert!(flash.bytes == bytes && fs::read(&path).unwrap() == bytes, "{name}");
         }
         for (name, bytes) in [("empty", &[][..]), ("unfinished", &[ERASED; 100])] {
             let path = folder.file(name, bytes);
-            FileFlash::open(&path, LEN, false).expect(name);
+            FileFlash::open(&path, LEN).expect(name);
             assert!(fs::read(&path).unwrap() == slots(b"", b""), "{name}");
         }
         let path = folder.0.join("new");
         FileFlash::check(&path, LEN).expect("no file is valid");
         assert!(!path.exists(), "the check creates no file");
-        FileFlash::open(&path, LEN, false).expect("created");
+        FileFlash::open(&path, LEN).expect("created");
         assert!(fs::read(&path).unwrap() == slots(b"", b""));
     }
 
     /// SEC-15: only the owner can read the signing key, even if the file was readable by everyone before.
     #[cfg(unix)]
     #[test]
-    fn the_key_file_is_readable_by_its_owner_only() {
+    fn the_file_is_readable_by_its_owner_only() {
         use std::os::unix::fs::PermissionsExt as _;
 
         let folder = Folder::new("key");
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
-        let path = folder.0.join("new.key");
-        FileFlash::open(&path, LEN, true).expect("created");
+        let path = folder.0.join("new");
+        FileFlash::open(&path, LEN).expect("created");
         assert_eq!(mode(&path), 0o600);
-        let path = folder.file("old.key", &slots(b"MVSR", b""));
+        let path = folder.file("old", &slots(b"MVSR", b""));
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
-        FileFlash::open(&path, LEN, true).expect("opened");
+        FileFlash::open(&path, LEN).expect("opened");
         assert_eq!(mode(&path), 0o600);
     }
 }

@@ -17,10 +17,10 @@ use std::time::{self, Duration};
 use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
 use mavstack::wpl::HomeRow;
-use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore};
+use mavstack::{Instant, LinkError, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
-use mavstack_demo::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY, Tuning};
+use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
 
 use flash::FileFlash;
 use tcp::Port;
@@ -29,9 +29,7 @@ use udp::Datagrams;
 /// The vehicle. Its stack is boxed because it is large for a stack frame.
 type SitlApp = App<Box<Mavlink>>;
 
-type Store = PlanStore<FileFlash>;
-type Settings = ParamStore<FileFlash>;
-type Key = SigningStore<FileFlash>;
+type Store = mavstack::Store<FileFlash>;
 
 /// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -62,9 +60,9 @@ struct Arguments {
     /// Send telemetry over UDP to this address instead of listening on TCP. QGroundControl listens on the default address.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
-    /// Store the plans in this file, as a flight controller does in flash. Two files beside it store the parameters
-    /// (FILE.params) and the signing key (FILE.key, readable by its owner only). All are restored at the next start. An
-    /// existing file with other content is refused. Without this option nothing is stored.
+    /// Store the signing key, the parameters and the plans in this file, as a flight controller does in flash. They are
+    /// restored at the next start. Only its owner can read the file. An existing file with other content is refused.
+    /// Without this option nothing is stored.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Load this plan at the start: a mission, geofence or rally points in the text format of QGroundControl, Mission Planner
@@ -128,12 +126,10 @@ fn main() -> ExitCode {
     }
 }
 
-/// The vehicle, and the storage of its plans, parameters and key.
+/// The vehicle and its storage.
 struct Device {
     app: SitlApp,
-    settings: Option<Settings>,
     store: Option<Store>,
-    key: Option<Key>,
 }
 
 impl Device {
@@ -143,39 +139,16 @@ impl Device {
         console: &Console,
         metadata: Option<&'static ComponentMetadata>,
     ) -> Result<Self, String> {
-        let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), settings: None, store: None, key: None };
+        let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), store: None };
         let app = &mut device.app;
         if let Some(metadata) = metadata {
             app.parts().1.set_metadata(metadata);
         }
         if let Some(path) = &arguments.storage {
-            let with_suffix = |suffix| {
-                let mut name = path.clone().into_os_string();
-                name.push(suffix);
-                PathBuf::from(name)
-            };
-            let (params, signing) = (with_suffix(".params"), with_suffix(".key"));
-            let params_len = Settings::region_len(Tuning::INFO.len());
-            let plans_len = Store::region_len(MISSION, FENCE, RALLY);
-            // Check all files before creating any.
-            FileFlash::check(path, plans_len)?;
-            FileFlash::check(&params, params_len)?;
-            FileFlash::check(&signing, Key::REGION_LEN)?;
-            let flash = FileFlash::open(&params, params_len, false)?;
-            let settings = device.settings.insert(Settings::new(flash, 0..params_len));
-            if let Err(error) = app.restore_parameters(Instant::ZERO, settings) {
-                console.print_error(format_args!("{}: not all parameters could be read ({error:?})", params.display()));
-            }
-            let flash = FileFlash::open(&signing, Key::REGION_LEN, true)?;
-            let key = device.key.insert(Key::new(flash, 0..Key::REGION_LEN));
-            if let Err(error) = app.restore_signing(Instant::ZERO, key) {
-                console
-                    .print_error(format_args!("{}: the signing key could not be read ({error:?})", signing.display()));
-            }
-            let flash = FileFlash::open(path, plans_len, false)?;
-            let store = device.store.insert(Store::new(flash, 0..plans_len));
-            if let Err(error) = app.restore(Instant::ZERO, store, Durability::Durable) {
-                console.print_error(format_args!("{}: not all plans could be read ({error:?})", path.display()));
+            let len = Store::region_len::<Mavlink>();
+            let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
+            if let Err(errors) = app.restore(Instant::ZERO, store) {
+                console.print_error(format_args!("{}: not all could be read: {errors}", path.display()));
             }
         }
         if let Some(path) = &arguments.plan {
@@ -213,12 +186,6 @@ impl Device {
             }
             if let Some(store) = &mut self.store {
                 app.persist(now, store);
-            }
-            if let Some(settings) = &mut self.settings {
-                app.persist_parameters(now, settings);
-            }
-            if let Some(key) = &mut self.key {
-                app.persist_signing(now, key);
             }
             if now >= shown.after(STATUS_PERIOD) {
                 shown = now;

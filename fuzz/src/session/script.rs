@@ -90,7 +90,7 @@ impl<D: Declared> Session<D> {
             }
             7 => {
                 let (which, fuel): (u8, u16) = (u.arbitrary()?, u.arbitrary()?);
-                let flash = if which & 1 == 0 { self.plans.flash_mut() } else { self.params.flash_mut() };
+                let flash = self.store.flash_mut();
                 // One kind of flash per script, or unreadable contents would never be repaired.
                 flash.torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(self.setup[0] >> 6) % 3];
                 match which >> 3 & 7 {

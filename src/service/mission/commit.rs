@@ -2,8 +2,8 @@
 //!
 //! [`Durability`] has a diagram of the variants.
 //!
-//! The stack gets the content to write from [`unsaved`](Missions::unsaved), and reports the result to
-//! [`saved`](Missions::saved) or [`not_saved`](Missions::not_saved). Until then no other upload may begin, because the staging
+//! [`content`](Missions::content) returns the content to write. The result is reported to
+//! [`on_saved`](Missions::on_saved) or [`on_save_failed`](Missions::on_save_failed). Until then no other upload may begin, because the staging
 //! area holds the plan that is being written.
 
 use super::distance::first_too_far;
@@ -15,35 +15,11 @@ use super::{Caller, Missions, Work};
 use super::{PlanChange, PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::message::{Address, Digest, Item};
-use crate::service::wear::Wear;
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, Peer};
-use crate::types::{PlanType, PlanView, PlansMut};
-
-/// Whether an accepted upload or clear is stored before or after it is answered (M-44).
-///
-/// ```text
-///                        ┌─ Durable:  committing ── written and read back ──▶ live, ACK ACCEPTED
-///   last item, or clear ─┤                 └─── write failed, or refused ───▶ old plan stays, ACK ERROR or DENIED
-///                        ├─ Deferred: live, ACK ACCEPTED; written when the vehicle permits
-///                        └─ no storage: live, ACK ACCEPTED
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Durability {
-    /// ACCEPTED means that the change survives a power cut: it is written first, and then goes live. While
-    /// [`may_persist`](crate::Vehicle::may_persist) returns false, as it does by default while armed, changes are DENIED when
-    /// they begin, and uploads also at their last item.
-    Durable,
-    /// The change goes live and is answered at once. It is written when the vehicle permits; a text reports a failure.
-    Deferred,
-}
+use crate::types::{Durability, LinkId, Peer, PlanType, PlanView, PlansMut};
 
 /// A change that is not durable after this time is abandoned.
 const TIMEOUT: Duration = Duration::from_secs(5);
-
-/// Wait after a failed write before the live plans are written again.
-const RETRY: Duration = Duration::from_secs(10);
 
 /// Wait after a successful write before flash is erased ahead, so that the answer is sent first.
 const GRACE: Duration = Duration::from_millis(200);
@@ -111,51 +87,6 @@ impl Commit {
     }
 }
 
-/// How the content of storage differs from the live plans, and when it is written.
-#[derive(Clone, Debug)]
-pub(super) struct Saving {
-    policy: Option<Durability>,
-    /// The number of the current write job. It changes with the content.
-    job: u32,
-    /// Whether the live plans must be written, though no client waits for it.
-    pending: bool,
-    /// Whether storage may hold something other than the live plans, because it could not be read or cannot be flown. That alone
-    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
-    differs: bool,
-    /// No access to storage before this time: the last attempt failed, or an erase would delay a pending answer.
-    paused_until: Instant,
-    /// Whether a text has reported that the last attempt failed.
-    failure_reported: bool,
-    bucket: Wear,
-}
-
-impl Saving {
-    /// All zero bits; see [`Missions`].
-    pub(super) const VACANT: Self = Self { policy: Some(Durability::Durable), ..Self::new() };
-
-    /// Sets the field whose initial value is not all zero bits.
-    pub(super) fn begin(&mut self) {
-        self.policy = None;
-    }
-
-    pub(super) const fn new() -> Self {
-        Self {
-            policy: None,
-            job: 0,
-            pending: false,
-            differs: false,
-            paused_until: Instant::ZERO,
-            failure_reported: false,
-            bucket: Wear::NONE,
-        }
-    }
-
-    /// Starts a new write job, because the content has changed.
-    fn next_job(&mut self) {
-        self.job = self.job.wrapping_add(1);
-    }
-}
-
 impl Missions {
     /// Returns the change that is being written. Without the feature `storage` the compiler knows that there is none.
     pub(super) fn committing(&self) -> Option<&Commit> {
@@ -167,32 +98,31 @@ impl Missions {
         if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
-    /// Returns the policy, if storage is attached.
-    fn policy(&self) -> Option<Durability> {
-        if cfg!(any(feature = "storage", test)) { self.saving.policy } else { None }
+    /// Whether storage is attached. Without the feature `storage` the compiler knows that it is not.
+    const fn is_attached(&self) -> bool {
+        cfg!(any(feature = "storage", test)) && self.schedule.is_attached()
     }
 
     /// Whether changes are stored before they are accepted.
     pub(super) fn is_durable(&self) -> bool {
-        self.policy() == Some(Durability::Durable)
+        self.is_attached() && self.durability == Durability::Durable
     }
 
     /// Requests a write of the live plans, if storage is attached.
-    fn request_save(&mut self) {
-        if self.policy().is_some() {
-            self.saving.pending = true;
-            self.saving.next_job();
+    const fn request_save(&mut self) {
+        if self.is_attached() {
+            self.schedule.request();
         }
     }
 
     /// Whether storage holds the live plans, or is not attached.
-    fn is_saved(&self) -> bool {
-        self.policy().is_none() || !(self.saving.pending || self.saving.differs)
+    const fn is_saved(&self) -> bool {
+        !self.is_attached() || !(self.schedule.is_dirty() || self.stored_differs)
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
     pub(super) fn has_tokens(&self, cx: &Work<'_, '_>, count: u16) -> bool {
-        self.policy().is_none() || self.saving.bucket.has(cx.now, tokens(cx, count))
+        !self.is_attached() || self.schedule.bucket.has(cx.now, tokens(cx, count))
     }
 
     /// Whether a clear would change nothing, in RAM or in storage (M-52).
@@ -236,13 +166,13 @@ impl Missions {
     ) -> Option<Reply> {
         let changes_nothing = self.changes_nothing(cx, change);
         let commit = Commit { client: from, mission_type, change, since: cx.now };
-        if self.policy().is_some() && !changes_nothing {
+        if self.is_attached() && !changes_nothing {
             let tokens = tokens(cx, cx.plans.staged());
-            self.saving.bucket.spend(cx.now, tokens);
+            self.schedule.bucket.spend(cx.now, tokens);
         }
         if self.is_durable() && !changes_nothing {
             event!("plans: change by {}: writing", from);
-            self.saving.next_job();
+            self.schedule.restart();
             self.commit = Some(commit);
             self.heard_at = cx.now;
             return None;
@@ -312,7 +242,7 @@ impl Missions {
     /// Loads a plan from storage, with its `expected` count and id, or from the firmware. `item` returns the items in order. The
     /// plan is checked like an upload, and goes live at once.
     #[inline(never)]
-    pub(crate) fn load<V: Plans>(
+    pub(crate) fn load_plan<V: Plans>(
         &mut self,
         cx: &mut Work<'_, '_>,
         vehicle: &mut V,
@@ -371,7 +301,7 @@ impl Missions {
     /// Abandons the change that is being written if it takes too long.
     pub(super) fn poll_commit(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
-        if cx.now.since(commit.since) < TIMEOUT { None } else { self.not_saved(cx) }
+        if cx.now.since(commit.since) < TIMEOUT { None } else { self.on_save_failed(cx) }
     }
 
     /// When [`poll_commit`](Self::poll_commit) is due.
@@ -419,23 +349,25 @@ fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
     /// Reports by a text that a plan was not restored from storage.
-    pub(crate) fn tell_refused(&mut self, cx: &mut Work<'_, '_>, plan: PlanType, fault: PlanFault) {
+    #[inline(never)]
+    pub(crate) fn report_refused(&mut self, cx: &mut Work<'_, '_>, plan: PlanType, fault: PlanFault) {
         cx.report(&Problem::Refused(plan, fault));
     }
 
     /// Attaches storage.
-    pub(crate) fn attach_storage(&mut self, policy: Durability) {
-        self.saving.policy = Some(policy);
+    pub(crate) const fn attach_storage(&mut self, durability: Durability) {
+        self.durability = durability;
+        self.schedule.attach();
     }
 
     /// Sets the time in which the bucket regains one token (C-15).
-    pub(crate) fn limit_storage(&mut self, refill: Duration) {
-        self.saving.bucket.limit(refill);
+    pub(crate) const fn set_refill(&mut self, refill: Duration) {
+        self.schedule.bucket.set_refill(refill);
     }
 
     /// Records whether storage differs from the live plans, because it could not be read or cannot be flown.
-    pub(crate) fn stored_differs(&mut self, differs: bool) {
-        self.saving.differs = differs;
+    pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
+        self.stored_differs = differs;
     }
 
     /// Whether an upload uses the staging area.
@@ -444,18 +376,18 @@ impl Missions {
     }
 
     /// Whether a client waits for storage.
-    pub(crate) const fn awaits_storage(&self) -> bool {
+    pub(crate) const fn is_committing(&self) -> bool {
         self.commit.is_some()
     }
 
     /// Whether access to storage is paused: never while a client waits for an answer.
-    pub(crate) fn storage_rests(&self, now: Instant) -> bool {
-        self.commit.is_none() && now < self.saving.paused_until
+    pub(crate) fn is_storage_paused(&self, now: Instant) -> bool {
+        self.commit.is_none() && self.schedule.is_resting(now)
     }
 
     /// Returns the content to write, if there is any: the job number, which changes with the content, and the three plans.
-    pub(crate) fn unsaved<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        if self.commit.is_none() && !self.saving.pending {
+    pub(crate) fn content<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
+        if self.commit.is_none() && !self.schedule.is_dirty() {
             return None;
         }
         let change = self.commit.as_ref().map(|commit| commit.change);
@@ -464,13 +396,13 @@ impl Missions {
             Some(Change::Clear(only)) if only.is_none_or(|only| only == plan) => PlanView::EMPTY,
             _ => plans.live(plan),
         };
-        Some((self.saving.job, PlanType::ALL.map(view)))
+        Some((self.schedule.version(), PlanType::ALL.map(view)))
     }
 
-    /// Handles a completed write of [`unsaved`](Self::unsaved): the change goes live. Returns the answer and its link.
-    pub(crate) fn saved<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
-        let Saving { policy, job, bucket, .. } = self.saving;
-        self.saving = Saving { policy, job, bucket, paused_until: cx.now.after(GRACE), ..Saving::new() };
+    /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer and its link.
+    pub(crate) fn on_saved<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+        self.stored_differs = false;
+        self.schedule.on_saved(cx.now, GRACE);
         let commit = self.commit.take()?;
         let result = match refusal(cx, vehicle, &commit) {
             None => {
@@ -490,27 +422,31 @@ impl Missions {
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
     /// that the record is never completed; the part that was written is erased. Returns the answer and its link.
-    pub(crate) fn refused<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn refuse_commit<V: Plans>(
+        &mut self,
+        cx: &mut Work<'_, '_>,
+        vehicle: &mut V,
+    ) -> Option<(LinkId, Reply)> {
         let (plan, result) = refusal(cx, vehicle, self.commit.as_ref()?)?;
         let commit = self.commit.take()?;
-        self.saving.next_job();
+        self.schedule.restart();
         cx.report(&Problem::Refused(plan, result.into()));
         Some((commit.client.link, self.end_change(cx, &commit, result)))
     }
 
     /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
     /// answer and its link.
-    pub(crate) fn not_saved(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
+    pub(crate) fn on_save_failed(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
         self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
-        let was_reported = core::mem::replace(&mut self.saving.failure_reported, true);
+        let is_new = self.schedule.has_newly_failed();
         let Some(commit) = self.commit.take() else {
-            self.saving.paused_until = cx.now.after(RETRY);
-            if !was_reported {
+            self.schedule.pause(cx.now);
+            if is_new {
                 cx.report(&Problem::NotSaved(None));
             }
             return None;
         };
-        self.saving.next_job();
+        self.schedule.restart();
         event!("plans: change by {}: write failed", commit.client);
         cx.report(&Problem::NotSaved(Some(&commit.change)));
         Some((commit.client.link, self.end_change(cx, &commit, MavMissionResult::ERROR)))

@@ -28,12 +28,11 @@ mod whole;
 #[cfg(test)]
 mod tests;
 
-pub use commit::Durability;
 pub use replies::Replies;
 pub(crate) use replies::Reply;
 pub use vehicle::{PlanChange, PlanFault, Plans, Progress};
 
-use self::commit::{Commit, Saving};
+use self::commit::Commit;
 use self::current::Current;
 use self::download::Sessions;
 use self::progress::Reached;
@@ -41,6 +40,7 @@ use self::replies::Answer;
 use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
+use super::schedule::Schedule;
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
     MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll, MissionCount,
@@ -52,8 +52,8 @@ use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanStorage, PlanType, PlansMut, Requests,
-    StatusTexts, Values,
+    Config, Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanStorage, PlanType, PlansMut,
+    Requests, StatusTexts, Values,
 };
 
 /// Counters of the plan service. They wrap.
@@ -198,7 +198,12 @@ pub struct Missions {
     commit: Option<Commit>,
     /// When a frame of the client of the upload or commit was last received on its link.
     heard_at: Instant,
-    saving: Saving,
+    /// When plans are written. It is dirty if the live plans must be, though no client waits for it.
+    schedule: Schedule,
+    durability: Durability,
+    /// Whether storage may hold something other than the live plans, because it could not be read or cannot be flown. That alone
+    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
+    stored_differs: bool,
     done: Option<Done>,
     /// The second final answer of an upload: when and on which link to send it (M-31).
     second_answer: Option<(Instant, LinkId, Reply)>,
@@ -215,7 +220,9 @@ impl Missions {
             upload: None,
             commit: None,
             heard_at: Instant::ZERO,
-            saving: Saving::new(),
+            schedule: Schedule::NEW,
+            durability: Durability::Durable,
+            stored_differs: false,
             done: None,
             second_answer: None,
             sessions: Sessions::new(),
@@ -359,7 +366,9 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         commit: Some(Commit::VACANT),
         done: Some(Done::VACANT),
         second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
-        saving: Saving::VACANT,
+        schedule: Schedule::NEW,
+        durability: Durability::Durable,
+        stored_differs: false,
         current: Current::VACANT,
         heard_at: Instant::ZERO,
         sessions: Sessions::new(),
@@ -372,7 +381,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
 
     fn begin(&mut self, _: &Config) {
         (self.upload, self.commit, self.done, self.second_answer) = (None, None, None, None);
-        self.saving.begin();
         self.current.begin();
     }
 

@@ -135,10 +135,10 @@ impl ParamService {
     }
 
     /// Makes a write of all changes due now.
-    pub(crate) fn hurry<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
+    pub(crate) fn write_now<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
         let mut table = self.table(table);
         table.notice(now);
-        table.state.saving.hurry(now);
+        table.state.saving.schedule.write_now(now);
         self.cache(&table);
     }
 
@@ -230,7 +230,7 @@ where
         }
         let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
         let mut table = self.table(cx.parameters);
-        let (count, is_stored) = (table.count(), table.state.saving.is_attached());
+        let (count, is_stored) = (table.count(), table.state.saving.schedule.is_attached());
         let [parameters, missions, ..] = command.params;
         let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
         let (parameters, missions) = (action(parameters), action(missions));
@@ -252,7 +252,7 @@ where
             return refused(MavResult::TEMPORARILY_REJECTED);
         }
         if parameters == Some(0) {
-            table.state.saving.reload();
+            table.state.saving.is_reload_requested = true;
             self.cache(&table);
         }
         if will_change {
@@ -268,7 +268,7 @@ where
             }
         }
         if matches!(parameters, Some(1 | 2 | 4)) {
-            self.hurry(cx.now, cx.parameters);
+            self.write_now(cx.now, cx.parameters);
         }
         Some(Verdict::done(MavResult::ACCEPTED))
     }
@@ -374,8 +374,8 @@ impl ParamService {
     }
 
     /// Sets the time in which storage regains one token for a write that peers cause (C-15).
-    pub(crate) fn limit<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
-        self.saving(table, |saving, _| saving.limit(refill));
+    pub(crate) fn set_refill<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
+        self.saving(table, |saving, _| saving.schedule.bucket.set_refill(refill));
     }
 
     /// Records whether the stored values were read. From now on, changes are stored.
@@ -391,24 +391,24 @@ impl ParamService {
 
     /// Whether the operator has requested the stored values: the caller [loads](Self::load) them and calls
     /// [`loaded`](Self::loaded).
-    pub(crate) fn wants_reload<T: ParamTable>(&mut self, table: &mut T) -> bool {
-        self.saving(table, |saving, _| saving.wants_reload())
+    pub(crate) fn is_reload_requested<T: ParamTable>(&self, table: &mut T) -> bool {
+        table.table_mut().state.saving.is_reload_requested
     }
 
     /// Returns the number of the write that is in progress or begins now; `None` if there is nothing to write.
-    pub(crate) fn unsaved<T: ParamTable>(&mut self, now: Instant, table: &mut T) -> Option<u32> {
-        self.saving(table, |saving, generation| saving.job(now, generation))
+    pub(crate) fn pending_write<T: ParamTable>(&mut self, now: Instant, table: &mut T) -> Option<u32> {
+        self.saving(table, |saving, generation| saving.pending_write(now, generation))
     }
 
     /// Records that the write is complete.
-    pub(crate) fn saved<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
-        self.saving(table, |saving, _| saving.saved(now));
+    pub(crate) fn on_saved<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
+        self.saving(table, |saving, _| saving.on_saved(now));
     }
 
     /// Records that the write failed; it is retried (P-14, last row).
     #[inline(never)]
-    pub(crate) fn not_saved<T: ParamTable>(&mut self, work: &mut Work<'_>, table: &mut T) {
-        if self.saving(table, |saving, _| saving.not_saved(work.now)) {
+    pub(crate) fn on_save_failed<T: ParamTable>(&mut self, work: &mut Work<'_>, table: &mut T) {
+        if self.saving(table, |saving, _| saving.schedule.on_failed(work.now)) {
             work.texts.push(work.now, work.normal, MavSeverity::ERROR, b"Parameters not saved");
         }
     }

@@ -31,7 +31,7 @@ impl State {
             hash_pending: LinkMask::NONE,
             hash: Hash::new(),
             refusals: Refusals::new(),
-            saving: Saving::new(),
+            saving: Saving::NEW,
             texts_from: Instant::ZERO,
         }
     }

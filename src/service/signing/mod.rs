@@ -200,7 +200,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
                 refused_setups: 0,
             },
             #[cfg(feature = "storage")]
-            saving: Saving::new(),
+            saving: Saving::NEW,
             streams: [SigningStream::NONE; STREAMS],
         }
     }
@@ -482,7 +482,7 @@ impl Signing {
     /// Whether a peer may cause another key to be stored (C-15).
     fn bears_key(&self, now: Instant) -> bool {
         #[cfg(feature = "storage")]
-        return self.saving.keys.has(now, 1);
+        return self.saving.schedule.bucket.has(now, 1);
         #[cfg(not(feature = "storage"))]
         {
             let _ = (self, now);
@@ -493,7 +493,7 @@ impl Signing {
     /// Counts a key that a peer causes to be stored.
     fn wear_key(&mut self, now: Instant) {
         #[cfg(feature = "storage")]
-        self.saving.keys.spend(now, 1);
+        self.saving.schedule.bucket.spend(now, 1);
         #[cfg(not(feature = "storage"))]
         let _ = (self, now);
     }
@@ -514,7 +514,8 @@ impl Signing {
     const fn is_to_be_stored(&mut self) {
         #[cfg(feature = "storage")]
         {
-            (self.saving.is_new, self.saving.next, self.saving.is_lost) = (true, None, false);
+            self.saving.schedule.request();
+            self.saving.is_lost = false;
         }
     }
 }

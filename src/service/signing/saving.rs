@@ -1,8 +1,9 @@
-//! The schedule for storing the key and the time, and the state of a key that could not be read (G-13, G-15, G-18).
+//! When the key and the time are stored, and the state of a key that could not be read (G-13, G-15, G-18).
 
 use super::{MINUTE, Signing};
 use crate::frame::SigningKey;
-use crate::service::wear::Wear;
+use crate::service::schedule::Schedule;
+use crate::service::token_bucket::TokenBucket;
 use crate::time::{Duration, Instant};
 
 /// How far ahead the timestamp is stored (10 µs): the most that a restart skips (G-15).
@@ -14,59 +15,40 @@ const AHEAD: u64 = 500_000;
 /// The minimum average time between stored timestamps, whatever peers send: a little less than without peers (C-15).
 const TIME_REFILL: Duration = Duration::from_secs(50);
 
-/// The pause after a failed write.
-const RETRY: Duration = Duration::from_secs(10);
-
 /// The state of persistence.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Saving {
+    /// Its bucket limits the writes that SETUP_SIGNING causes.
+    pub(super) schedule: Schedule,
     /// The stored timestamp: no later one is in use, if storage keeps up.
     pub(super) reserved: u64,
     /// The timestamp that is being stored.
-    pub(super) next: Option<u64>,
-    /// Counts the versions to be stored.
-    pub(super) job: u32,
-    /// Whether the key is not stored yet.
-    pub(super) is_new: bool,
-    /// Nothing is stored before this moment.
-    pub(super) rests_until: Instant,
+    pub(super) next: u64,
     /// Whether there may be a stored key that cannot be read.
     pub(super) is_lost: bool,
-    /// Limits the writes that SETUP_SIGNING causes.
-    pub(super) keys: Wear,
     /// Limits the writes that the progress of time causes: a peer's frames can advance it.
-    pub(super) times: Wear,
+    pub(super) times: TokenBucket,
 }
 
 impl Saving {
-    pub(super) const fn new() -> Self {
-        Self {
-            reserved: 0,
-            next: None,
-            job: 0,
-            is_new: false,
-            rests_until: Instant::ZERO,
-            is_lost: false,
-            keys: Wear::NONE,
-            times: Wear::NONE,
-        }
-    }
+    pub(super) const NEW: Self =
+        Self { schedule: Schedule::NEW, reserved: 0, next: 0, is_lost: false, times: TokenBucket::NONE };
 }
 
-/// The interface to the store (G-13, G-15).
+/// The interface to storage (G-13, G-15).
 impl Signing {
     /// Restores the stored key and time. Time starts there, unless it is later already.
     pub(crate) fn restore(&mut self, now: Instant, key: Option<SigningKey>, timestamp: u64) {
         self.key = key;
         self.advance(now, timestamp);
-        (self.saving.is_new, self.saving.next, self.saving.reserved) = (false, None, timestamp);
-        self.saving.is_lost = false;
+        self.saving.schedule.clear();
+        (self.saving.reserved, self.saving.is_lost) = (timestamp, false);
     }
 
-    /// Limits writes: the storage permits one more key in this time (C-15).
-    pub(crate) fn limit(&mut self, refill: Duration) {
-        self.saving.keys.limit(refill);
-        self.saving.times.limit(if refill == Duration::ZERO { refill } else { TIME_REFILL });
+    /// Sets the time in which storage regains a token for one more key (C-15).
+    pub(crate) fn set_refill(&mut self, refill: Duration) {
+        self.saving.schedule.bucket.set_refill(refill);
+        self.saving.times.set_refill(if refill == Duration::ZERO { refill } else { TIME_REFILL });
     }
 
     /// Records that the stored key cannot be read. Until a key is set or removed, links that need one stay closed
@@ -74,15 +56,15 @@ impl Signing {
     /// readable.
     pub(crate) const fn lost(&mut self, may_come_back: bool) {
         if may_come_back {
-            (self.saving.is_new, self.saving.next) = (false, None);
+            self.saving.schedule.clear();
         }
         self.saving.is_lost = may_come_back || !self.is_active();
     }
 
     /// Records that no stored key can become readable: the key that the vehicle has set is to be stored.
     pub(crate) const fn nothing_stored(&mut self) {
-        if self.saving.is_lost {
-            (self.saving.is_lost, self.saving.is_new) = (false, self.is_active());
+        if core::mem::replace(&mut self.saving.is_lost, false) && self.is_active() {
+            self.saving.schedule.request();
         }
     }
 
@@ -92,41 +74,37 @@ impl Signing {
     }
 
     /// Returns the number of the version that is to be stored now, if any. The same number means the same content.
-    pub(crate) fn unsaved(&mut self, now: Instant) -> Option<u32> {
-        if now < self.saving.rests_until || self.saving.is_lost {
+    pub(crate) fn pending_write(&mut self, now: Instant) -> Option<u32> {
+        let time = self.time(now);
+        let is_active = self.is_active();
+        let Saving { schedule, reserved, next, is_lost, times } = &mut self.saving;
+        if *is_lost || schedule.is_resting(now) {
             return None;
         }
-        let time = self.time(now);
-        if self.saving.next.is_none() {
-            let is_due = self.is_active() && time.saturating_add(AHEAD) >= self.saving.reserved;
-            if !self.saving.is_new {
-                if !is_due || !self.saving.times.has(now, 1) {
-                    return None;
-                }
-                self.saving.times.spend(now, 1);
-            }
-            self.saving.next = Some(time.saturating_add(RESERVATION));
-            self.saving.is_new = false;
-            self.saving.job = self.saving.job.wrapping_add(1);
+        let is_due = is_active && time.saturating_add(AHEAD) >= *reserved;
+        if is_due && !schedule.is_pending() && times.has(now, 1) {
+            times.spend(now, 1);
+            schedule.request();
         }
-        Some(self.saving.job)
+        if schedule.is_dirty() {
+            *next = time.saturating_add(RESERVATION);
+        }
+        schedule.begin(now, 0)
     }
 
     /// Returns the content to be stored: the key, and the timestamp to start with.
     pub(crate) fn content(&self) -> (Option<&SigningKey>, u64) {
-        (self.key.as_ref(), self.saving.next.unwrap_or(0))
+        (self.key.as_ref(), self.saving.next)
     }
 
     /// Records that the version is stored.
-    pub(crate) const fn saved(&mut self) {
-        if let Some(timestamp) = self.saving.next.take() {
-            self.saving.reserved = timestamp;
-        }
+    pub(crate) fn on_saved(&mut self, now: Instant) {
+        self.saving.schedule.on_saved(now, Duration::ZERO);
+        self.saving.reserved = self.saving.next;
     }
 
     /// Records that storing failed. It is tried again later.
-    pub(crate) fn not_saved(&mut self, now: Instant) {
-        (self.saving.is_new, self.saving.next) = (true, None);
-        self.saving.rests_until = now.after(RETRY);
+    pub(crate) fn on_save_failed(&mut self, now: Instant) {
+        self.saving.schedule.on_failed(now);
     }
 }

@@ -19,9 +19,9 @@ const TIME: u64 = 33_000_000_000_000;
 fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
     let mut signing = SigningMemory::new();
     signing.restore(NOW, key.map(SigningKey::new), TIME);
-    assert_eq!(signing.unsaved(NOW).is_some(), key.is_some(), "the time, for the next start");
-    signing.saved();
-    assert_eq!(signing.unsaved(NOW), None);
+    assert_eq!(signing.pending_write(NOW).is_some(), key.is_some(), "the time, for the next start");
+    signing.on_saved(NOW);
+    assert_eq!(signing.pending_write(NOW), None);
     signing
 }
 
@@ -30,10 +30,10 @@ fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
 fn a_changed_key_is_stored_at_once() {
     let mut signing = stored(Some(KEY));
     signing.clear_key();
-    assert!(signing.unsaved(NOW).is_some() && signing.content().0.is_none());
+    assert!(signing.pending_write(NOW).is_some() && signing.content().0.is_none());
     let mut signing = stored(None);
     signing.set_key(NOW, SigningKey::new(KEY), 0);
-    assert!(signing.unsaved(NOW).is_some() && signing.content().0.is_some());
+    assert!(signing.pending_write(NOW).is_some() && signing.content().0.is_some());
 }
 
 /// G-15: a failed write is tried again after ten seconds.
@@ -41,10 +41,10 @@ fn a_changed_key_is_stored_at_once() {
 fn a_failed_write_is_retried_after_ten_seconds() {
     let mut signing = stored(Some(KEY));
     signing.clear_key();
-    signing.not_saved(NOW);
+    signing.on_save_failed(NOW);
     let again = NOW.after(Duration::from_secs(10));
-    assert_eq!(signing.unsaved(Instant::from_micros(again.as_micros() - 1)), None);
-    assert!(signing.unsaved(again).is_some());
+    assert_eq!(signing.pending_write(Instant::from_micros(again.as_micros() - 1)), None);
+    assert!(signing.pending_write(again).is_some());
 }
 
 /// G-3, G-14, G-17: the last 48-bit timestamp, in 2104, has no successor and is refused; the one before is accepted.
@@ -73,7 +73,7 @@ fn a_stored_time_at_the_end_is_not_used_again() {
         assert_eq!(signing.stamp(NOW), None, "the same key");
         signing.set_key(NOW, SigningKey::new([8; 32]), TIME);
         assert_eq!((signing.stamp(NOW), signing.stamp(NOW)), (Some(TIME), Some(TIME + 1)));
-        assert!(signing.unsaved(NOW).is_some());
+        assert!(signing.pending_write(NOW).is_some());
         assert_eq!(signing.content().1, TIME + 1 + MINUTE, "stored a minute ahead");
     }
 }

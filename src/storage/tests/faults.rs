@@ -247,22 +247,23 @@ fn buffers_are_overwritten() {
 /// A job with fewer rows than its length is aborted. The old record remains, and the next job succeeds.
 #[test]
 fn an_aborted_job_keeps_the_old_record() {
-    use super::super::record::{Job, ROW, Record};
-
-    let finish = |record: &mut Record<Flash>, id, rows| {
-        let job = Job { id, schema: 1, len: 20 * ROW as u32 };
+    let mut flash = Flash::new(4096);
+    let finish = |record: &mut Record, flash: &mut Flash, id, rows| {
+        let job = Job { id, len: 20 * ROW as u32 };
         let row = |index: u32| (index < rows).then_some([id as u8; ROW]);
-        (0..100).map(|_| record.step(later(), Some(job), row)).find(|step| *step != Step::Busy)
+        (0..100).map(|_| step(record, flash, later(), Some(job), row)).find(|step| *step != Step::Busy)
     };
     for rows in [0, 7, 8, 19] {
-        let mut record = Record::new(Flash::new(4096), 0..4096, 1);
-        assert_eq!(finish(&mut record, 1, 20), Some(Step::Done));
-        assert_eq!(finish(&mut record, 2, rows), Some(Step::Failed), "{rows} rows");
-        let mut restarted = Record::new(record.flash.clone(), 0..4096, 1);
-        assert!(restarted.open().unwrap().is_some());
-        assert_eq!(restarted.row(19), Ok(Some([1; ROW])), "{rows} rows");
-        assert_eq!(finish(&mut record, 3, 20), Some(Step::Done));
-        assert_eq!(record.row(19), Ok(Some([3; ROW])), "{rows} rows");
+        flash.bytes.fill(0xFF);
+        let mut record = Record::new::<Flash>(0..4096, FORMAT);
+        assert_eq!(finish(&mut record, &mut flash, 1, 20), Some(Step::Done));
+        assert_eq!(finish(&mut record, &mut flash, 2, rows), Some(Step::Failed), "{rows} rows");
+        let mut restarted = Record::new::<Flash>(0..4096, FORMAT);
+        assert!(restarted.open(&mut flash).unwrap().is_some());
+        let mut row = [0; ROW];
+        assert_eq!((restarted.row(&mut flash, 19, &mut row), row), (Ok(true), [1; ROW]), "{rows} rows");
+        assert_eq!(finish(&mut record, &mut flash, 3, 20), Some(Step::Done));
+        assert_eq!((record.row(&mut flash, 19, &mut row), row), (Ok(true), [3; ROW]), "{rows} rows");
     }
 }
 

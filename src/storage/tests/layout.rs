@@ -110,8 +110,12 @@ fn a_short_key_record_is_damaged() {
     let mut crc = crc_any::CRCu32::crc32();
     crc.digest(&short[..28]);
     short[28..32].copy_from_slice(&crc.get_crc().to_le_bytes());
-    let mut store = crate::SigningStore::new(flash([&short, &[]]), 0..4096);
-    assert!(matches!(store.open(), Err(RestoreError::Damaged)));
+    let mut record = Record::new::<Flash>(0..4096, crate::storage::signing::FORMAT);
+    let mut flash = flash([&short, &[]]);
+    let mut body = Body::new(&mut record, &mut flash);
+    let found = body.open();
+    let stored = crate::storage::signing::open(&mut body, found);
+    assert!(matches!(stored, Err(RestoreError::Damaged)));
 }
 
 /// The bytes of version 1: all later versions must read them in the same way.
@@ -242,5 +246,6 @@ fn region_lengths() {
     assert_eq!(PlanStore::<RamFlash<1, 64>>::region_len(1, 1, 1), 2 * (256 + 128));
     assert_eq!(PlanStore::<RamFlash<32, 4096>>::region_len(250, 64, 16), 2 * 3 * 4096);
     assert_eq!(PlanStore::<RamFlash<32, 131_072>>::region_len(250, 64, 16), 2 * 131_072);
-    assert_eq!(PlanStore::<Flash>::region_len(usize::MAX, 1, 1), u32::MAX);
+    assert_eq!(Record::region_len::<Flash>(u32::MAX), u32::MAX);
+    assert_eq!(Record::region_len::<Flash>(0), 0);
 }

@@ -11,13 +11,15 @@ mod params;
 #[path = "../../../tests/support/flash.rs"]
 mod flash;
 
+use core::ops::Range;
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::vec::Vec;
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::plans::{PlanStore, Stored};
-use super::record::{RestoreError, Step};
+use super::plans::{self, FORMAT, Stored};
+use super::record::{CHUNK, Format, Job, ROW, Record, RestoreError, Step};
+use super::store::Body;
 use crate::dialect::{MavCmd, MavFrame};
 use crate::message::Item;
 use crate::time::Instant;
@@ -71,6 +73,92 @@ fn item(n: u32) -> Item {
         x: mix(4) as i32,
         y: mix(5) as i32,
         z: f32::from_bits(mix(6)),
+    }
+}
+
+/// Does a step towards a record, and writes its content if that is next.
+fn step<F: NorFlash>(
+    record: &mut Record,
+    flash: &mut F,
+    now: Instant,
+    job: Option<Job>,
+    mut row: impl FnMut(u32) -> Option<[u8; ROW]>,
+) -> Step {
+    match record.step(flash, now, job) {
+        Step::Write(first) => {
+            let mut chunk = [0xFF; CHUNK];
+            let mut is_whole = true;
+            let rows = first..job.expect("a job").len / 32;
+            for (index, place) in rows.zip(chunk.as_chunks_mut::<ROW>().0) {
+                match row(index) {
+                    Some(row) => *place = row,
+                    None => is_whole = false,
+                }
+            }
+            record.write(flash, is_whole.then_some(&chunk))
+        }
+        step => step,
+    }
+}
+
+/// A record of plans in a region of a flash.
+struct PlanStore<F> {
+    flash: F,
+    record: Record,
+    stored: Stored,
+}
+
+impl<F: NorFlash> PlanStore<F> {
+    fn new(flash: F, region: Range<u32>) -> Self {
+        Self { flash, record: Record::new::<F>(region, FORMAT), stored: Stored::default() }
+    }
+
+    fn region_len(mission: usize, fence: usize, rally: usize) -> u32 {
+        Record::region_len::<F>(32 * (1 + mission + fence + rally) as u32)
+    }
+
+    fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
+        self.stored = Stored::default();
+        let mut body = Body::new(&mut self.record, &mut self.flash);
+        let found = body.open();
+        let stored = plans::open(&mut body, found)?;
+        self.stored = stored.unwrap_or_default();
+        Ok(stored)
+    }
+
+    fn item(&mut self, plan: PlanType, seq: u16) -> Result<Option<Item>, F::Error> {
+        plans::item(&mut Body::new(&mut self.record, &mut self.flash), &self.stored, plan, seq)
+    }
+
+    fn step(&mut self, now: Instant, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
+        let Some((id, content)) = content else { return step(&mut self.record, &mut self.flash, now, None, |_| None) };
+        let stored = Stored::of(&content);
+        let job = Job { id, len: stored.len() };
+        let step = step(&mut self.record, &mut self.flash, now, Some(job), |index| plans::row(&content, index));
+        if step == Step::Done {
+            self.stored = stored;
+        }
+        step
+    }
+
+    fn is_damaged(&self) -> bool {
+        self.record.is_damaged()
+    }
+
+    fn is_impaired(&self) -> bool {
+        self.record.is_impaired()
+    }
+
+    fn flash(&self) -> &F {
+        &self.flash
+    }
+
+    fn flash_mut(&mut self) -> &mut F {
+        &mut self.flash
+    }
+
+    fn into_inner(self) -> F {
+        self.flash
     }
 }
 

@@ -4,9 +4,9 @@ use super::flash::{Fault, FlashError, RamFlash, Torn};
 use super::*;
 use crate::dialect::MavParamType;
 use crate::service::Service;
-use crate::service::param::{ParamChange, ParamService, Parameters, Stored};
+use crate::service::param::{ParamChange, ParamService, Parameters, Stored, TableMut};
 use crate::service::rest::Rest;
-use crate::storage::params::ParamStore;
+use crate::storage::Persistent;
 use crate::time::Instant;
 use crate::types::{Context, Firmware, NoPlans};
 use crate::{Param, ParamTable, ParamType, Vehicle, VehicleState};
@@ -111,10 +111,43 @@ fn service() -> ParamService {
     <ParamService as Service<Board<Today>>>::NEW
 }
 
+const FORMAT: Format = <ParamService as Persistent<Board<Today>>>::FORMAT;
+
+/// A record of parameters in all of a flash.
+struct ParamStore<F> {
+    flash: F,
+    record: Record,
+}
+
+impl<F: NorFlash> ParamStore<F> {
+    fn region_len(count: usize) -> u32 {
+        Record::region_len::<F>(32 * count as u32)
+    }
+
+    /// Returns the number of rows.
+    fn open(&mut self) -> Result<u32, RestoreError<F::Error>> {
+        Ok(self.record.open(&mut self.flash)?.map_or(0, |header| header.len / 32))
+    }
+
+    fn row(&mut self, index: u32) -> Result<Option<Stored>, F::Error> {
+        let mut row = [0; ROW];
+        Ok(self.record.row(&mut self.flash, index, &mut row)?.then(|| Stored::from_row(&row)))
+    }
+
+    fn step(&mut self, now: Instant, table: &TableMut<'_>, job: Option<u32>) -> Step {
+        let job = job.map(|id| Job { id, len: u32::from(table.count()) * 32 });
+        step(&mut self.record, &mut self.flash, now, job, |index| Some(table.stored(index as u16)?.to_row()))
+    }
+
+    fn into_inner(self) -> F {
+        self.flash
+    }
+}
+
 /// A store whose region is the whole flash.
 fn param_store<F: NorFlash>(flash: F) -> ParamStore<F> {
     let len = flash.capacity() as u32;
-    ParamStore::new(flash, 0..len)
+    ParamStore { flash, record: Record::new::<F>(0..len, FORMAT) }
 }
 
 /// Starts a vehicle with the stored parameters.
@@ -133,7 +166,7 @@ fn start<T: ParamTable + Default + 'static, F: NorFlash>(flash: F) -> Result<Tun
         vehicle.load(&mut params, &stored);
     }
     params.loaded(&mut vehicle.table, true);
-    assert_eq!(params.unsaved(Instant::NEVER, &mut vehicle.table), None, "all parameters are stored");
+    assert_eq!(params.pending_write(Instant::NEVER, &mut vehicle.table), None, "all parameters are stored");
     Ok(vehicle)
 }
 

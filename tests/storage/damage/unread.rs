@@ -23,21 +23,21 @@ fn a_replaced_key_does_not_come_back() {
         let mut flash = with_key();
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         if is_off {
             rig.signing().clear_key();
         } else {
             rig.set_key(OTHER_KEY);
         }
         while !both_slots(store.flash()) {
-            assert!(rig.stack.persist_signing(rig.now, &mut store, &rig.vehicle));
+            assert!(rig.stack.persist(rig.now, &mut store, &mut rig.vehicle));
         }
         for (read, len) in (0..8).flat_map(|read| [(read, 1), (read, 3)]) {
             let mut flash = flash.clone();
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));
             let mut store = Keys::new(&mut flash, 0..KEYS);
             let mut rig = signing_rig();
-            let result = rig.stack.restore_signing(rig.now, &mut store);
+            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
             if result.is_err() {
                 assert_eq!(armed_by(&mut rig), [false, false, true], "read {read}");
             }
@@ -52,7 +52,7 @@ fn a_replaced_key_does_not_come_back() {
             run_key(&mut rig, &mut store, 2);
             store.flash_mut().fault = Fault::None;
             let mut rig = signing_rig();
-            assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+            assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
             assert_eq!(rig.signing().is_active(), !is_off, "read {read}, after a restart");
         }
     }
@@ -65,12 +65,12 @@ fn a_key_comes_back_after_an_outage() {
     flash.fault = Fault::Read(0..KEYS);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert!(rig.stack.restore_signing(rig.now, &mut store).is_err());
+    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
     rig.vehicle.may_persist = false;
     let reads = store.flash().reads;
     for _ in 0..60_000 {
         rig.run_for(millis(1));
-        rig.stack.persist_signing(rig.now, &mut store, &rig.vehicle);
+        rig.stack.persist(rig.now, &mut store, &mut rig.vehicle);
     }
     assert_eq!(armed_by(&mut rig), [false, false, true]);
     assert!(store.flash().reads - reads <= 20, "{} reads", store.flash().reads - reads);
@@ -89,12 +89,12 @@ fn a_region_that_never_was_ours_is_empty() {
         flash.bytes[..4].copy_from_slice(b"\x7FELF");
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         assert_eq!(armed_by(&mut rig), [true; 3]);
         rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(KEY)));
         settle(&mut rig, &mut store);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()));
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         assert!(rig.transmit(0)[0].is_signed_with(KEY));
     }
 }
@@ -108,7 +108,7 @@ fn a_first_header_that_is_cut_off_is_no_damage() {
         flash.bytes[slot + len..slot + 32].fill(0xFF);
         let mut store = Keys::new(&mut flash, 0..KEYS);
         let mut rig = signing_rig();
-        assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Ok(()), "{len} bytes");
+        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()), "{len} bytes");
         assert_eq!(rig.signing().is_active(), len > 28, "{len} bytes");
     }
 }
@@ -121,7 +121,7 @@ fn a_lost_key_is_told_where_it_can_be_set() {
     let mut flash = flipped(&whole, bit);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
-    assert_eq!(rig.stack.restore_signing(rig.now, &mut store), Err(RestoreError::Damaged));
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Err(RestoreError::Damaged));
     rig.run_for(secs(60));
     for link in 0..3 {
         rig.transmit(link);
@@ -147,18 +147,18 @@ fn older_parameters_do_not_replace_newer_ones() {
     let mut flash = with_params();
     let mut store = Params::new(&mut flash, 0..PARAMS);
     let mut world = World::new(Setup::<1>::new());
-    assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     world.gcs[0].send(&set("RTL_ALT", 55.0));
     while !both_slots(store.flash()) {
         world.step();
-        world.stack.persist_parameters(world.now(), &mut store, &mut world.vehicle);
+        world.stack.persist(world.now(), &mut store, &mut world.vehicle);
     }
     for (read, len) in (0..16).flat_map(|read| [(read, 1), (read, 3)]) {
         let mut flash = flash.clone();
         (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));
         let mut store = Params::new(&mut flash, 0..PARAMS);
         let mut world = World::new(Setup { step: millis(20), ..Setup::<1>::new() });
-        let result = world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle);
+        let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
         assert!(result.is_err() || cruise_and_altitude(&world) == (7.0, 55.0), "read {read}");
         world.gcs[0].send(&set("CRUISE", 8.0));
         run(&mut world, &mut store, secs(25));
@@ -167,7 +167,7 @@ fn older_parameters_do_not_replace_newer_ones() {
         let texts: Vec<_> = texts.iter().filter_map(|text| text.text.as_str()).collect();
         assert_eq!(texts, if result.is_err() { &expected[..] } else { &[] }, "read {read}");
         let mut world = World::new(Setup::<1>::new());
-        assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+        assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
         assert_eq!(cruise_and_altitude(&world), (8.0, 55.0), "read {read}");
     }
 }
@@ -178,7 +178,7 @@ fn a_reload_that_fails_loses_nothing() {
     let mut flash = with_params();
     let mut store = Params::new(&mut flash, 0..PARAMS);
     let mut world = World::new(Setup::<1>::new());
-    assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     world.gcs[0].send(&set("CRUISE", 8.0));
     run(&mut world, &mut store, millis(500));
     let (first, read_all) = (
@@ -189,7 +189,7 @@ fn a_reload_that_fails_loses_nothing() {
     world.gcs[0].send(&read_all);
     run(&mut world, &mut store, secs(25));
     let mut world = World::new(Setup::<1>::new());
-    assert_eq!(world.stack.restore_parameters(world.now(), &mut store, &mut world.vehicle), Ok(()));
+    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     assert_eq!(cruise_and_altitude(&world), (8.0, 99.0));
 }
 
@@ -200,7 +200,7 @@ fn an_older_fence_does_not_stand_in() {
     let mut flash = with_fence();
     let mut store = Plans::new(&mut flash, 0..PLANS);
     let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle), Ok(()));
+    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
     assert_eq!(upload(&mut world, &mut store, &fence()[..1]), MavMissionResult::ACCEPTED);
     assert!(both_slots(store.flash()));
     for (read, len) in (0..10).flat_map(|read| [(read, 1), (read, 3)]) {
@@ -210,7 +210,7 @@ fn an_older_fence_does_not_stand_in() {
         let mut late = flash.clone();
         let mut store = Plans::new(&mut late, 0..PLANS);
         let mut world = PlanWorld::of(Setup::new());
-        let result = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
         assert_eq!(live(&world), usize::from(result.is_ok()), "read {read}");
         let state = world.vehicle.state;
         if let Some(state) = &mut world.vehicle.state {
@@ -230,13 +230,13 @@ fn an_older_fence_does_not_stand_in() {
         let mut flash = flash.clone();
         let mut store = Plans::new(&mut flash, 0..PLANS);
         let mut world = PlanWorld::of(Setup::new());
-        let _ = world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle);
+        let _ = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
         let is_accepted = upload(&mut world, &mut store, &fence()) == MavMissionResult::ACCEPTED;
         let expected = if is_accepted { 2 } else { 1 };
         run_plans(&mut world, &mut store, secs(6));
         assert_eq!(live(&world), expected, "read {read}");
         let mut world = PlanWorld::of(Setup::new());
-        assert_eq!(world.stack.restore_plans(world.now(), &mut store, Durability::Durable, &mut world.vehicle), Ok(()));
+        assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
         assert_eq!(live(&world), expected, "read {read}, after a restart");
     }
 }

@@ -101,22 +101,22 @@ const GROUPS: [(&str, &[Row]); 9] = [
     (
         "storage (feature `storage`)",
         &[
-            Row("store-missions", "missions in NOR flash", "store-plans", "mission", 1),
-            Row("store-missions-fram", "missions in FRAM, driver included", "store-plans-fram", "mission", 1),
-            Row("store-parameters", "parameters in NOR flash, alone", "store-parameters", "parameters", 1),
+            Row("store-missions", "missions in NOR flash", "store,mission", "mission", 1),
+            Row("store-missions-fram", "missions in FRAM, driver included", "store-fram,mission", "mission", 1),
+            Row("store-parameters", "parameters in NOR flash", "store,parameters", "parameters", 1),
+            Row("store-key", "the signing key in NOR flash", "store,signing", "signing", 1),
             Row(
-                "store-parameters-beside",
-                "parameters in NOR flash, beside missions there",
-                "store-plans,store-parameters",
-                "store-plans,parameters",
+                "store-missions-parameters",
+                "missions and parameters in NOR flash",
+                "store,mission,parameters",
+                "mission,parameters",
                 1,
             ),
-            Row("store-key", "the signing key in NOR flash, alone", "store-key", "signing", 1),
             Row(
-                "store-key-beside",
-                "the signing key in NOR flash, beside missions there",
-                "store-plans,store-key",
-                "store-plans,signing",
+                "store-all",
+                "missions, parameters and the key in NOR flash",
+                "store,mission,parameters,signing",
+                "mission,parameters,signing",
                 1,
             ),
         ],
@@ -143,20 +143,20 @@ const VEHICLES: [(&str, &str, &str); 4] = [
         "copter",
         "copter: two links, 100 + 40 + 10 items and 16 parameters in flash, 4 streams, texts, modes, long commands, manual \
          control, time",
-        "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,link-2,store-plans,\
-         store-parameters,typed",
+        "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,link-2,store,\
+         typed",
     ),
     (
         "everything",
         "everything: that and forwarding, high latency, signing, the key in flash",
         "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,forwarding,\
-         high-latency,signing,store-plans,store-parameters,store-key,typed",
+         high-latency,signing,store,typed",
     ),
     (
         "everything-few-messages",
         "everything, with a table of 8 messages",
         "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,forwarding,\
-         high-latency,signing,store-plans,store-parameters,store-key,typed,messages-few",
+         high-latency,signing,store,typed,messages-few",
     ),
 ];
 

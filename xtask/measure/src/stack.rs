@@ -26,8 +26,8 @@ const ENTRIES: [Subject; 7] = [
     Subject { id: "poll-link", function: "poll_link", what: "Stack::poll_link", goal: CALL },
     Subject { id: "receive", function: "receive", what: "Stack::receive", goal: CALL },
     Subject { id: "transmit", function: "transmit", what: "Stack::transmit", goal: CALL },
-    Subject { id: "persist", function: "persist", what: "Stack::persist_*, all three", goal: CALL },
-    Subject { id: "restore", function: "restore", what: "Stack::restore_*, all three", goal: CALL },
+    Subject { id: "persist", function: "persist", what: "Stack::persist", goal: CALL },
+    Subject { id: "restore", function: "restore", what: "Stack::restore", goal: CALL },
     Subject { id: "fly", function: "fly", what: "the demo vehicle's flight", goal: CALL },
 ];
 /// The goal for one call.

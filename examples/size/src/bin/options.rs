@@ -288,39 +288,23 @@ fn main() -> ! {
     stack.begin(CONFIG, CONFIGS);
     #[cfg(feature = "manual")]
     stack.manual_input_mut().set_source(ControlSource::GroundStation);
-    #[cfg(feature = "store-plans")]
-    let mut plans = {
+    #[cfg(feature = "store")]
+    let mut store = {
         use mavstack_size::storage::Flash;
-        let mut store = PlanStore::new(Flash, 0..PlanStore::<Flash>::region_len(100, 0, 0));
-        let _ = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, rover);
-        store
+        Store::new(Flash, 0..Store::<Flash>::region_len::<Mavlink>())
     };
-    #[cfg(feature = "store-plans-fram")]
-    let mut plans = {
+    #[cfg(feature = "store-fram")]
+    let mut store = {
         use mavstack_size::storage::Spi;
         let Ok(fram) = Fram::new(Spi) else {
             loop {
                 core::hint::spin_loop();
             }
         };
-        let mut store = PlanStore::new(fram, 0..PlanStore::<Fram<Spi>>::region_len(100, 0, 0));
-        let _ = stack.restore_plans(Instant::ZERO, &mut store, Durability::Durable, rover);
-        store
+        Store::new(fram, 0..Store::<Fram<Spi>>::region_len::<Mavlink>())
     };
-    #[cfg(feature = "store-parameters")]
-    let mut parameters = {
-        use mavstack_size::storage::Flash;
-        let mut store = ParamStore::new(Flash, 0x8000..0x8000 + ParamStore::<Flash>::region_len(8));
-        let _ = stack.restore_parameters(Instant::ZERO, &mut store, rover);
-        store
-    };
-    #[cfg(feature = "store-key")]
-    let mut key = {
-        use mavstack_size::storage::Flash;
-        let mut store = SigningStore::new(Flash, 0xc000..0xc000 + SigningStore::<Flash>::REGION_LEN);
-        let _ = stack.restore_signing(Instant::ZERO, &mut store);
-        store
-    };
+    #[cfg(feature = "storage")]
+    let _ = stack.restore(Instant::ZERO, &mut store, rover);
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
@@ -339,11 +323,7 @@ fn main() -> ! {
         for link in 0..LINKS as u8 {
             let _ = stack.poll_link(now, LinkId(link), &mut uart, rover);
         }
-        #[cfg(any(feature = "store-plans", feature = "store-plans-fram"))]
-        stack.persist_plans(now, &mut plans, rover);
-        #[cfg(feature = "store-parameters")]
-        stack.persist_parameters(now, &mut parameters, rover);
-        #[cfg(feature = "store-key")]
-        stack.persist_signing(now, &mut key, rover);
+        #[cfg(feature = "storage")]
+        stack.persist(now, &mut store, rover);
     }
 }

@@ -174,9 +174,9 @@ fn deferred_plans_are_live_first() {
     assert_ne!(bench.unsaved().unwrap().0, job);
 
     for _ in 0..3 {
-        assert!(!bench.missions.storage_rests(bench.now));
+        assert!(!bench.missions.is_storage_paused(bench.now));
         bench.not_saved();
-        assert!(bench.missions.storage_rests(bench.now));
+        assert!(bench.missions.is_storage_paused(bench.now));
         bench.wait(10_000);
     }
     assert_eq!(bench.texts(), ["Plan storage failed"]);
@@ -190,7 +190,7 @@ impl Bench {
     /// Loads a plan of the firmware.
     fn load(&mut self, plan: PlanType, items: &[Item]) {
         let read = |seq| items.get(usize::from(seq)).copied();
-        let loaded = self.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, plan, None, read));
+        let loaded = self.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, None, read));
         loaded.expect("a good plan");
     }
 }
@@ -226,7 +226,7 @@ fn accepted_means_stored_even_if_the_plan_is_live() {
 
     // Nothing is live, but something may be stored; after a clear it must be erased.
     let mut bench = durable();
-    bench.missions.stored_differs(true);
+    bench.missions.set_stored_differs(true);
     assert_eq!(bench.unsaved(), None, "no write without a change");
     assert_eq!(bench.ask(A, &clear(MISSION)), []);
     assert!(bench.unsaved().is_some());
@@ -277,7 +277,7 @@ fn an_empty_plan_may_always_be_cleared() {
 #[test]
 fn an_empty_plan_may_be_cleared_without_tokens() {
     let mut bench = durable();
-    bench.missions.limit_storage(Duration::from_secs(900));
+    bench.missions.set_refill(Duration::from_secs(900));
     for _ in 0..64 {
         upload_to_storage(&mut bench, A, MISSION, &plan(1, 1));
         bench.saved();
@@ -348,7 +348,7 @@ fn plans_come_back_from_storage() {
         bench.vehicle.bad_item = bad;
         let read = |seq| items.get(usize::from(seq)).copied();
         let (plan, expected) = (PlanType::Mission, Some((count, id)));
-        let loaded = bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, plan, expected, read));
+        let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, expected, read));
         assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
         let (live, live_id) = bench.live(PlanType::Mission);
         (live.to_vec(), live_id, bench.vehicle.changes.len(), loaded)
@@ -433,7 +433,7 @@ fn nothing_is_loaded_during_an_upload() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     let none = |_| None;
-    let loaded = bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, PlanType::Mission, None, none));
+    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, None, none));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
@@ -442,7 +442,7 @@ fn nothing_is_loaded_during_an_upload() {
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
     let read = |_| Some(item(3, 0));
     let loaded =
-        bench.with(|missions, cx, vehicle, _| missions.load(cx, vehicle, PlanType::Mission, Some((1, 7)), read));
+        bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, Some((1, 7)), read));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
 }
@@ -480,7 +480,7 @@ fn a_written_plan_does_not_go_live_once_armed() {
 /// reset. The partial record is abandoned; nothing has to be written again.
 #[test]
 fn a_write_is_abandoned_once_armed() {
-    let refused = |bench: &mut Bench| bench.with_answer(Missions::refused);
+    let refused = |bench: &mut Bench| bench.with_answer(Missions::refuse_commit);
     for is_clear in [false, true] {
         let mut bench = durable();
         bench.load(PlanType::Mission, &plan(1, 2));

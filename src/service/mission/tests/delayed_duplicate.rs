@@ -171,7 +171,7 @@ fn a_duplicate_does_not_prevent_loading_a_plan() {
     let items = plan(5, 2);
     let load = |bench: &mut Bench| {
         bench.with(|missions, cx, vehicle, _| {
-            missions.load(cx, vehicle, PlanType::Mission, None, |seq| items.get(usize::from(seq)).copied())
+            missions.load_plan(cx, vehicle, PlanType::Mission, None, |seq| items.get(usize::from(seq)).copied())
         })
     };
     assert_eq!(load(&mut bench), Ok(()));

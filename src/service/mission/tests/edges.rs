@@ -112,10 +112,10 @@ fn storage_pauses_after_a_record() {
     let mut bench = Bench::new();
     bench.missions.attach_storage(Durability::Deferred);
     bench.upload(A, MISSION, &plan(1, 2));
-    assert!(!bench.missions.storage_rests(bench.now));
+    assert!(!bench.missions.is_storage_paused(bench.now));
     bench.saved();
-    assert!(bench.missions.storage_rests(bench.now));
-    assert!(!bench.missions.storage_rests(bench.now.after(Duration::from_millis(200))));
+    assert!(bench.missions.is_storage_paused(bench.now));
+    assert!(!bench.missions.is_storage_paused(bench.now.after(Duration::from_millis(200))));
 }
 
 /// M-22, M-44: frames that do not fit the state are counted.
@@ -158,7 +158,7 @@ fn a_refusal_has_a_reason() {
         (ERROR, "refused by the vehicle"),
     ] {
         let fault = PlanFault { seq: Some(2), result };
-        bench.with(|missions, cx, _, _| missions.tell_refused(cx, PlanType::Rally, fault));
+        bench.with(|missions, cx, _, _| missions.report_refused(cx, PlanType::Rally, fault));
         assert_eq!(bench.texts().pop(), Some(std::format!("Rally item 2: {reason}")));
     }
 }

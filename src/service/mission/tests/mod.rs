@@ -21,7 +21,7 @@ use crate::message::{Address, CommandRule, Dialect, Item};
 use crate::service::param::NoParams;
 use crate::service::statustext::TextCursor;
 use crate::time::Duration;
-use crate::types::{Command, Outcome, TextEntry};
+use crate::types::{Command, Durability, Outcome, TextEntry};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -243,18 +243,18 @@ impl Bench {
     /// Returns the content to write: the job number, and each plan with its id.
     fn unsaved(&mut self) -> Option<(u32, [OwnedPlan; 3])> {
         let plans = self.memory.view().expect("there are plans");
-        let (job, content) = self.missions.unsaved(&plans)?;
+        let (job, content) = self.missions.content(&plans)?;
         Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))
     }
 
     /// Reports that storage holds the content.
     fn saved(&mut self) {
-        self.with_answer(Missions::saved);
+        self.with_answer(Missions::on_saved);
     }
 
     /// Reports that storage failed.
     fn not_saved(&mut self) {
-        self.with_answer(|missions, cx, _| missions.not_saved(cx));
+        self.with_answer(|missions, cx, _| missions.on_save_failed(cx));
     }
 
     /// Advances the time by `millis` ms in steps of 10 ms. Returns what is sent meanwhile, and after how many ms.

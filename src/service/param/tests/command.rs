@@ -16,7 +16,7 @@ impl Bench {
     /// Returns after how many ms a write begins, within two minutes.
     fn begins(&mut self) -> Option<u64> {
         (0..120_000 / 100).find_map(|step| {
-            let job = self.params.unsaved(self.now, &mut self.table);
+            let job = self.params.pending_write(self.now, &mut self.table);
             if job.is_none() {
                 self.wait(100);
             }
@@ -25,13 +25,13 @@ impl Bench {
     }
 
     fn is_due(&mut self) -> bool {
-        self.params.unsaved(self.now, &mut self.table).is_some()
+        self.params.pending_write(self.now, &mut self.table).is_some()
     }
 
     /// Reports that storage failed.
     fn not_saved(&mut self) {
         let Rest { shared, texts, .. } = &mut self.rest;
-        self.params.not_saved(&mut Work { now: self.now, texts, normal: shared.normal }, &mut self.table);
+        self.params.on_save_failed(&mut Work { now: self.now, texts, normal: shared.normal }, &mut self.table);
     }
 
     fn set_byte(&mut self, value: u32) {
@@ -81,7 +81,7 @@ fn unknown_actions_are_denied() {
         assert_eq!(bench.command(params), result, "{params:?}");
     }
     assert_eq!(bench.table.get(Table::SMALL), 3);
-    assert!(!bench.params.wants_reload(&mut bench.table) && !bench.is_due());
+    assert!(!bench.params.is_reload_requested(&mut bench.table) && !bench.is_due());
     assert_eq!(bench.command_of(MavCmd::PREFLIGHT_CALIBRATION, [2.0, 0.0, 0.0, 0.0]), None);
 }
 
@@ -122,7 +122,7 @@ fn changes_are_collected() {
     bench.wait(500);
     bench.set_byte(10);
     assert_eq!(bench.begins(), Some(500));
-    bench.params.saved(bench.now, &mut bench.table);
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert!(!bench.is_due());
     bench.wait(2_000);
     bench.table.set(Table::SMALL, 3);
@@ -144,13 +144,13 @@ fn a_change_during_a_write_is_written_later() {
     let mut bench = with_storage();
     bench.set_byte(9);
     assert_eq!(bench.begins(), Some(1_000));
-    let job = bench.params.unsaved(bench.now, &mut bench.table);
+    let job = bench.params.pending_write(bench.now, &mut bench.table);
     bench.set_byte(10);
     bench.wait(100);
-    assert_eq!(bench.params.unsaved(bench.now, &mut bench.table), job);
-    bench.params.saved(bench.now, &mut bench.table);
+    assert_eq!(bench.params.pending_write(bench.now, &mut bench.table), job);
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.begins(), Some(10_000));
-    assert_ne!(bench.params.unsaved(bench.now, &mut bench.table), job);
+    assert_ne!(bench.params.pending_write(bench.now, &mut bench.table), job);
 }
 
 /// P-17: the operator does not have to wait.
@@ -160,15 +160,15 @@ fn a_requested_write_begins_at_once() {
     bench.set_byte(9);
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due());
-    bench.params.saved(bench.now, &mut bench.table);
+    bench.params.on_saved(bench.now, &mut bench.table);
     bench.set_byte(10);
     assert!(!bench.is_due());
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due());
-    bench.params.saved(bench.now, &mut bench.table);
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.is_due(), "nor after a reset");
-    bench.params.saved(bench.now, &mut bench.table);
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(!bench.is_due(), "there is nothing to write");
 }
@@ -185,7 +185,7 @@ fn a_failure_is_reported_once_and_retried() {
         assert_eq!(bench.texts(0), texts);
     }
     assert_eq!(bench.begins(), Some(10_000));
-    bench.params.saved(bench.now, &mut bench.table);
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!((bench.begins(), bench.table.get(Table::BYTE)), (None, 9));
     // After a success, the next failure is reported.
     bench.set_byte(10);
@@ -202,11 +202,11 @@ fn the_stored_values_are_loaded_again() {
     bench.set_byte(9);
     bench.drain();
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
-    assert!(bench.params.wants_reload(&mut bench.table));
+    assert!(bench.params.is_reload_requested(&mut bench.table));
     let (params, mut cx, _) = bench.parts();
     params.load(&mut cx, &stored, false);
     bench.params.loaded(&mut bench.table, true);
-    assert!(!bench.params.wants_reload(&mut bench.table) && !bench.is_due());
+    assert!(!bench.params.is_reload_requested(&mut bench.table) && !bench.is_due());
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);
     assert_eq!(bench.vehicle.changed, [(1, 9), (1, 7)]);

@@ -144,7 +144,7 @@ const RETAINED: usize = 0x2110_0000;
 const SNAPSHOT: usize = RETAINED + 4096;
 const FLASH: usize = 0x2100_0000;
 /// Size of the flash, in words.
-const WORDS: usize = 3 * Flash::LEN as usize / 4;
+const WORDS: usize = Flash::LEN as usize / 4;
 
 fn word(base: usize, index: usize) -> *mut u32 {
     core::ptr::with_exposed_provenance_mut::<u32>(base).wrapping_add(index)
@@ -165,7 +165,7 @@ pub fn retain(index: usize, value: u32) {
 }
 
 /// Takes a snapshot of the flash, or restores it. No store may be open meanwhile, because stores cache what they have read.
-pub fn snapshot(_: &mut [Flash; 3], restores: bool) {
+pub fn snapshot(_: &mut Flash, restores: bool) {
     let (from, to) = if restores { (SNAPSHOT, FLASH) } else { (FLASH, SNAPSHOT) };
     for index in 0..WORDS {
         // SAFETY: PSRAM of this board; the flash in it is borrowed, and nothing else uses the snapshot.

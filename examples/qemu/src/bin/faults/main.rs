@@ -60,7 +60,7 @@ fn main() -> ! {
 
     overflow::guard();
     let Some(board) = Board::take() else { Board::reset() };
-    let mut parts = Parts { stack: STACK.take(), lines: LINES_MEMORY, flash: board.flash.map(Flash) };
+    let mut parts = Parts { stack: STACK.take(), lines: LINES_MEMORY, flash: Flash(board.flash) };
     let arguments = env::args::<128>().expect("arguments from the emulator");
     let mut arguments = (&arguments).flatten().skip(1);
     let wanted = arguments.next();

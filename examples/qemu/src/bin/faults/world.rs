@@ -2,10 +2,10 @@
 
 use mavstack::dialect::{Common, Heartbeat, MavCmd, MavFrame, MavMissionType, MissionItemInt, Statustext};
 use mavstack::{
-    Address, Decoder, Dialect, Durability, Duration, Instant, LinkId, Message, ParamStore, ParamTable, PlanStore,
-    SigningKey, SigningStore, Version, encode, encode_signed,
+    Address, Decoder, Dialect, Duration, Instant, LinkId, Message, SigningKey, Store, Version, encode, encode_signed,
 };
-use mavstack_demo::{App, FENCE, LINKS, MISSION, Mavlink, RALLY, Tuning};
+use mavstack_demo::{App, LINKS, Mavlink};
+use mavstack_qemu::memory::LEN;
 
 use crate::flash::{self, Flash};
 use crate::line::{Line, Random};
@@ -14,15 +14,11 @@ pub const VEHICLE: Address = Address::new(1, 1);
 pub const STATION: Address = Address::new(255, 190);
 pub const OTHER: Address = Address::new(254, 190);
 
-type Plans = PlanStore<Flash>;
-type Settings = ParamStore<Flash>;
-type Key = SigningStore<Flash>;
-
 /// The resources of a scenario: memory for the vehicle's stack and its lines, and the flash.
 pub struct Parts {
     pub stack: &'static mut Mavlink,
     pub lines: &'static mut [Line; LINKS],
-    pub flash: [Flash; 3],
+    pub flash: Flash,
 }
 
 impl Parts {
@@ -30,9 +26,7 @@ impl Parts {
     pub fn erase(&mut self) {
         use embedded_storage::nor_flash::NorFlash;
         flash::clear_faults();
-        for part in &mut self.flash {
-            part.erase(0, Flash::LEN).expect("faults are disabled");
-        }
+        self.flash.erase(0, Flash::LEN).expect("faults are disabled");
     }
 }
 
@@ -125,9 +119,7 @@ impl Tally {
 /// The vehicle, its lines and the simulated time.
 pub struct World {
     app: App,
-    settings: Settings,
-    key: Key,
-    plans: Plans,
+    store: Store<Flash>,
     pub now: Instant,
     /// Simulated time per pass.
     pub step: Duration,
@@ -141,14 +133,12 @@ pub struct World {
 impl World {
     /// Boots the vehicle at `now`, with the contents of its flash.
     pub fn start(parts: Parts, now: Instant) -> Self {
-        let Parts { stack, lines, flash: [plans, settings, key] } = parts;
+        let Parts { stack, lines, flash } = parts;
         *stack = Mavlink::VACANT;
         *lines = LINES;
         let mut world = Self {
             app: App::new(stack),
-            settings: Settings::new(settings, 0..Settings::region_len(Tuning::INFO.len())),
-            key: Key::new(key, 0..Key::REGION_LEN),
-            plans: Plans::new(plans, 0..Plans::region_len(MISSION, FENCE, RALLY)),
+            store: Store::new(flash, 0..LEN),
             now,
             step: Duration::from_millis(10),
             network: Network { lines, random: Random::new(0x2545_F491), signer: None, tape: None, seq: 0 },
@@ -156,9 +146,7 @@ impl World {
             tally: [Tally::ZERO; LINKS],
             is_writing: false,
         };
-        world.app.restore_parameters(now, &mut world.settings).expect("the flash can be read");
-        world.app.restore_signing(now, &mut world.key).expect("the flash can be read");
-        world.app.restore(now, &mut world.plans, Durability::Durable).expect("the flash can be read");
+        world.app.restore(now, &mut world.store).expect("the flash can be read");
         world
     }
 
@@ -170,8 +158,7 @@ impl World {
 
     /// Ends the simulation and returns the resources.
     pub fn end(self) -> Parts {
-        let flash = [self.plans.into_inner(), self.settings.into_inner(), self.key.into_inner()];
-        Parts { stack: self.app.into_stack(), lines: self.network.lines, flash }
+        Parts { stack: self.app.into_stack(), lines: self.network.lines, flash: self.store.into_inner() }
     }
 
     /// Restores the power and reboots the vehicle.
@@ -193,7 +180,7 @@ impl World {
 
     /// Runs one pass of communication and the clients, without flight.
     pub fn serve(&mut self, now: Instant, clients: &mut [&mut dyn Client]) {
-        let Self { app, settings, key, plans, network, decoders, tally, .. } = self;
+        let Self { app, store, network, decoders, tally, .. } = self;
         app.poll(now);
         for (link, line) in (0..).map(LinkId).zip(network.lines.iter_mut()) {
             line.pass(self.step);
@@ -202,9 +189,7 @@ impl World {
                 app.serve(now, link, line).expect("lines report no errors");
             }
         }
-        self.is_writing = app.persist(now, plans);
-        self.is_writing |= app.persist_parameters(now, settings);
-        self.is_writing |= app.persist_signing(now, key);
+        self.is_writing = app.persist(now, store);
         self.now = now;
         for (link, decoder) in (0..).map(LinkId).zip(decoders) {
             let at = usize::from(link.0);

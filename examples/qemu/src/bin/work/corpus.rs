@@ -6,14 +6,14 @@ use mavstack_qemu::flash::PsramFlash;
 
 /// An iterator over the bytes of all streams.
 pub struct Corpus {
-    parts: [PsramFlash; 3],
+    flash: PsramFlash,
     pub at: u32,
     left: u32,
 }
 
 impl Corpus {
-    pub const fn new(parts: [PsramFlash; 3]) -> Self {
-        Self { parts, at: 0, left: 0 }
+    pub const fn new(flash: PsramFlash) -> Self {
+        Self { flash, at: 0, left: 0 }
     }
 
     /// Restarts at the first stream.
@@ -45,10 +45,8 @@ impl Corpus {
 
     fn byte(&mut self) -> u8 {
         let mut byte = [0xFF];
-        if let Some(part) = self.parts.get_mut((self.at / PsramFlash::LEN) as usize) {
-            // An error leaves 0xFF, which marks the end.
-            let _ = part.read(self.at % PsramFlash::LEN, &mut byte);
-        }
+        // An error leaves 0xFF, which marks the end.
+        let _ = self.flash.read(self.at, &mut byte);
         self.at += 1;
         byte[0]
     }

@@ -9,10 +9,10 @@ use crate::time::{Duration, Instant};
 /// Number of tokens in a full bucket: enough for 32 of the largest plans.
 const CAPACITY: u64 = 128;
 
-/// The bucket of one store. It stores when it will be full again instead of a number of tokens, so that refilling needs no
+/// The bucket of one kind of content. It stores when it will be full again instead of a number of tokens, so that refilling needs no
 /// arithmetic.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wear {
+pub(crate) struct TokenBucket {
     /// The time in which one token is refilled; zero disables the limit.
     refill: Duration,
     /// When the bucket will be full.
@@ -20,12 +20,12 @@ pub(crate) struct Wear {
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "nothing is stored"))]
-impl Wear {
+impl TokenBucket {
     /// No limit: no storage is attached.
     pub(crate) const NONE: Self = Self { refill: Duration::ZERO, full_at: Instant::ZERO };
 
     /// Sets the time in which one token is refilled.
-    pub(crate) const fn limit(&mut self, refill: Duration) {
+    pub(crate) const fn set_refill(&mut self, refill: Duration) {
         self.refill = refill;
     }
 
@@ -61,22 +61,22 @@ mod tests {
     /// there are never more than the capacity.
     #[test]
     fn tokens_are_spent_and_refilled() {
-        let mut wear = Wear::NONE;
-        wear.limit(Duration::from_secs(900));
+        let mut bucket = TokenBucket::NONE;
+        bucket.set_refill(Duration::from_secs(900));
         let mut now = Instant::from_millis(1);
         for tokens in [1, 2, 4] {
             for _ in 0..128 / tokens {
-                assert!(wear.has(now, tokens));
-                wear.spend(now, tokens);
+                assert!(bucket.has(now, tokens));
+                bucket.spend(now, tokens);
             }
-            assert!(!wear.has(now, 1));
-            let ready = wear.ready_at();
-            assert!(!wear.has(Instant::from_micros(ready.as_micros() - 1), 1));
-            assert!(wear.has(ready, 1) && !wear.has(ready, 2));
+            assert!(!bucket.has(now, 1));
+            let ready = bucket.ready_at();
+            assert!(!bucket.has(Instant::from_micros(ready.as_micros() - 1), 1));
+            assert!(bucket.has(ready, 1) && !bucket.has(ready, 2));
             assert_eq!(ready.since(now), Duration::from_secs(900));
             // Spending from an empty bucket, as for the vehicle's own writes, leaves no debt.
-            wear.spend(now, 4);
-            assert_eq!(wear.ready_at(), ready);
+            bucket.spend(now, 4);
+            assert_eq!(bucket.ready_at(), ready);
             now = now.after(Duration::from_secs(1_000_000_000));
         }
     }
@@ -84,11 +84,11 @@ mod tests {
     /// C-15: nothing is limited if no storage is attached.
     #[test]
     fn without_storage_there_is_no_limit() {
-        let mut wear = Wear::NONE;
+        let mut bucket = TokenBucket::NONE;
         for _ in 0..1_000 {
-            assert!(wear.has(Instant::ZERO, 4));
-            wear.spend(Instant::ZERO, 4);
+            assert!(bucket.has(Instant::ZERO, 4));
+            bucket.spend(Instant::ZERO, 4);
         }
-        assert_eq!(wear.ready_at(), Instant::ZERO);
+        assert_eq!(bucket.ready_at(), Instant::ZERO);
     }
 }
