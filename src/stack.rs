@@ -131,7 +131,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let shared = &mut self.shared;
         shared.config = config;
         let identity = &mut shared.config.identity;
-        identity.capabilities = identity.capabilities | Services::<D>::CAPABILITIES;
+        identity.capabilities |= Services::<D>::CAPABILITIES;
         shared.has_modes = D::HAS_MODES;
         for ((id, link), config) in (0..).map(LinkId).zip(&mut self.links).zip(&links) {
             link.configure(id, *config, &shared.config);

@@ -103,7 +103,7 @@ impl Work<'_, '_> {
             texts: self.texts,
             requests: self.requests,
             normal: self.normal,
-            plans: Some(&self.plans),
+            plans: Some(self.plans),
             values: self.values,
             can_start: false,
         }
@@ -449,9 +449,9 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let progress = vehicle.progress();
         match turn {
             Turn::MissionTransfer => {
-                self.transfer(work.now, link, &work.plans, &progress, float_form, &mut port.outbox)
+                self.transfer(work.now, link, work.plans, &progress, float_form, &mut port.outbox)
             }
-            _ => self.next_progress(&work.plans, &progress, &mut port.outbox),
+            _ => self.next_progress(work.plans, &progress, &mut port.outbox),
         }
     }
 
