@@ -309,7 +309,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Returns free space in the link's own buffer, to receive bytes without a copy; then call
     /// [`received`](Self::received). It is empty while frames wait for more budget. If no bytes are pending, it has
-    /// room for a frame of maximum length: see [`Decoder::spare`](crate::Decoder::spare).
+    /// room for a frame of maximum length: see [`Decoder::spare`](crate::frame::Decoder::spare).
     pub fn receive_buffer(&mut self, link: LinkId) -> &mut [u8] {
         self.link_mut(link).map(|link| link.decoder.spare()).unwrap_or_default()
     }
@@ -371,7 +371,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Sends a text to the operators: a STATUSTEXT on every normal link (T-5). Takes any text: a `&str`, or a
-    /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN)
+    /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN)
     /// bytes. The same text is dropped if it is repeated within five seconds. A full queue evicts the least severe
     /// text; `texts` in [`stack!`](crate::stack) declares its length.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
@@ -380,10 +380,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Sends a text that `core::fmt` formats, which takes some kilobytes of flash: `stack.send_fmt(now,
     /// MavSeverity::INFO, format_args!("Wind {wind:.1} m/s"))`. A text is cut off after
-    /// [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes.
+    /// [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN) bytes.
     #[cfg(feature = "fmt")]
     pub fn send_fmt(&mut self, now: Instant, severity: MavSeverity, text: core::fmt::Arguments<'_>) {
-        let mut built = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+        let mut built = Text::<{ crate::limits::MAX_TEXT_LEN }>::EMPTY;
         // An error means that the text was cut off.
         let _ = core::fmt::Write::write_fmt(&mut built, text);
         self.push_text(now, severity, built.as_bytes());

@@ -75,7 +75,7 @@ pub(crate) fn write(
     out.push_str("#[allow(dead_code, reason = \"a firmware decodes only some commands\")]\npub mod commands {\n");
     out.push_str("    use super::command_rules;\n");
     if written.iter().any(|(command, _)| is_located(command.entry)) {
-        let _ = writeln!(out, "    use {crate_path}::Location;");
+        let _ = writeln!(out, "    use {crate_path}::message::Location;");
     }
     for (command, params) in written {
         out.push('\n');

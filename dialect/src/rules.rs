@@ -104,9 +104,9 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
             all.phrase(format!("{constant},"));
         }
     }
-    let _ = writeln!(out, "    use {crate_path}::CommandRule;");
+    let _ = writeln!(out, "    use {crate_path}::message::CommandRule;");
     if rules.contains("ParamRule::") {
-        let _ = writeln!(out, "    use {crate_path}::ParamRule;");
+        let _ = writeln!(out, "    use {crate_path}::message::ParamRule;");
     }
     let _ =
         write!(out, "\n{rules}\n    /// All rules, for tools. A vehicle lists only the commands that it supports.\n");

@@ -5,8 +5,9 @@ mod support;
 #[allow(dead_code, reason = "only the commands are tested here")]
 mod tricky;
 
+use mavstack::Item;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult};
-use mavstack::{Item, LatLon, Location, TypedCommand};
+use mavstack::message::{LatLon, Location, TypedCommand};
 use mavstack_dialect::{Options, generate, load};
 use support::path;
 use tricky::{OptionEnum, Signed, commands};
@@ -107,7 +108,7 @@ fn selection_has_the_selected_commands_and_their_enums() {
     assert!(!few.contains("MavBool"), "a bool needs no type");
     // `Location` is imported only if a command has one.
     let one = text("definitions/common.xml", Some(&["MAV_CMD_NAV_GUIDED_ENABLE"]));
-    assert!(!one.contains("use mavstack::Location;"));
+    assert!(!one.contains("use mavstack::message::Location;"));
     for none in [&["MAV_CMD"][..], &["MAV_CMD_NAV_RETURN_TO_LAUNCH"], &["MISSION_ITEM_INT"], &["HEARTBEAT"]] {
         assert!(!text("definitions/common.xml", Some(none)).contains("pub mod commands"), "{none:?}");
     }

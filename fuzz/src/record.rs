@@ -11,10 +11,11 @@ use crate::flash::{RamFlash, Torn};
 use crate::support::{TestVehicle, Tuning};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::{MavCmd, MavFrame};
-use mavstack::{
-    Address, Config, Durability, Instant, Item, LinkConfig, ParamStore, ParamTable, PlanStore, PlanType, PlanView,
-    Pulse, RestoreError, SigningKey, SigningStore,
-};
+use mavstack::param::ParamTable;
+use mavstack::plan::{Durability, PlanView};
+use mavstack::signing::SigningKey;
+use mavstack::storage::{ParamStore, PlanStore, RestoreError, SigningStore};
+use mavstack::{Address, Config, Instant, Item, LinkConfig, PlanType, Pulse};
 
 mavstack::stack! {
     struct TestStack for TestVehicle {

@@ -3,8 +3,8 @@
 
 #![allow(non_snake_case, reason = "fields have MAVLink's names")]
 
-use crate::Secret;
-use crate::Text;
+use crate::message::Secret;
+use crate::message::Text;
 
 crate::wire_enum! {
     /// `ACTUATOR_CONFIGURATION`.
@@ -2939,8 +2939,8 @@ crate::wire_enum! {
 #[rustfmt::skip]
 #[allow(missing_docs, dead_code, reason = "each command has a rule, with the name of the command")]
 pub mod command_rules {
-    use crate::CommandRule;
-    use crate::ParamRule;
+    use crate::message::CommandRule;
+    use crate::message::ParamRule;
 
     pub const NAV_WAYPOINT: CommandRule = CommandRule::at_position(16, &[
         ParamRule::at_least(1, 0.0),
@@ -3534,7 +3534,7 @@ pub mod command_rules {
 #[allow(dead_code, reason = "a firmware decodes only some commands")]
 pub mod commands {
     use super::command_rules;
-    use crate::Location;
+    use crate::message::Location;
 
     crate::command! {
         /// Fly to a position.

@@ -86,8 +86,11 @@ impl RxCounters {
 /// (SEC-2).
 ///
 /// ```
-/// use mavstack::{Decoder, Dialect, Instant, dialect::{Common, Heartbeat}};
-/// # use mavstack::{Address, Version, encode};
+/// use mavstack::frame::Decoder;
+/// use mavstack::message::Dialect;
+/// use mavstack::{Instant, dialect::{Common, Heartbeat}};
+/// # use mavstack::Address;
+/// # use mavstack::frame::{Version, encode};
 /// # let mut bytes = [0; 64];
 /// # let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
 /// # let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 7, &mut bytes).unwrap();

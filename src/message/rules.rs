@@ -196,7 +196,8 @@ pub(crate) const fn is_zero_here(command: MavCmd) -> bool {
 /// ```
 /// use mavstack::dialect::command_rules::{DO_JUMP, NAV_LAND, NAV_TAKEOFF, NAV_WAYPOINT};
 /// use mavstack::dialect::{MavCmd, MavFrame};
-/// use mavstack::{CommandRule, ParamRule};
+/// use mavstack::CommandRule;
+/// use mavstack::message::ParamRule;
 ///
 /// /// What our copter flies. It has no model of the terrain, passes no waypoint at a distance, and takes off where it
 /// /// stands; its winch has a command of its own.

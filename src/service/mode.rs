@@ -158,7 +158,7 @@ pub struct ModeRequest {
 )]
 pub trait Modes: Vehicle {
     /// The flight modes, including those that the vehicle only enters by itself. At most
-    /// [`MAX_MODES`](crate::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
+    /// [`MAX_MODES`](crate::limits::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
     /// otherwise it does not compile.
     ///
     /// The stack lists them on request (AVAILABLE_MODES). It reports the current mode with every second HEARTBEAT and

@@ -14,16 +14,19 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
 use super::{Declares, PeerMemory, Services, Stack, TextMemory, split};
+use crate::command::CommandPolicy;
+use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::command_rules;
 use crate::dialect::*;
 use crate::frame::{Version, encode};
+use crate::high_latency::{HighLatencyConfig, HighLatencySample};
+use crate::manual_control::ControlSource;
 use crate::message::{Address, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandPolicy, CommandRule, Commands, Config, Context, ControlSource, Fill, FlightMode, HighLatencyConfig,
-    HighLatencySample, LinkClass, LinkConfig, LinkId, ModeRequest, Modes, Outcome, Parameters, Peer, PlanChange,
-    PlanType, Plans, Progress, Pulse, Stream, StreamProfile, Telemetry, TxVersion, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Config, Context, Fill, FlightMode, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
+    Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -321,7 +324,7 @@ impl World {
             Config { streams_wait_for_peer, item_reached_repeats: 2, ..Config::new(Address::new(1, 1), pulse) };
         let onboard = LinkConfig::unlimited().with_streams(StreamProfile::Onboard);
         #[cfg(feature = "signing")]
-        let onboard = onboard.with_signing(crate::LinkSigning::OPEN.with_provisioning());
+        let onboard = onboard.with_signing(crate::signing::LinkSigning::OPEN.with_provisioning());
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
         let mut stack =
             Everything::new(config, [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite]);

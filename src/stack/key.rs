@@ -18,15 +18,15 @@ const KEY_TEXTS: RestoreTexts = RestoreTexts {
 /// With `signing`.
 impl<D: Declares<Signing = Signing<[SigningStream; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
     /// Reads the signing key and its timestamp at startup. Call it once, before the loop. If nothing is stored, as in a
-    /// new vehicle, [`Signing`](crate::Signing) is unchanged.
+    /// new vehicle, [`Signing`](crate::signing::Signing) is unchanged.
     ///
     /// # Errors
     ///
     /// Returns an error if the record is damaged or cannot be read. There is no key then, unless the firmware has set
     /// one, but the links are not open (G-18). Links that would sign, or refuse unsigned frames, accept nothing until
-    /// there is a key. Only links for [provisioning](crate::LinkSigning::provisioning) accept SETUP_SIGNING, which ends
-    /// this state by setting a key or by removing it. [`Signing::set_key`](crate::Signing::set_key) and
-    /// [`clear_key`](crate::Signing::clear_key) end it too. An unsigned text reports it. The text is repeated, at most
+    /// there is a key. Only links for [provisioning](crate::signing::LinkSigning::provisioning) accept SETUP_SIGNING, which ends
+    /// this state by setting a key or by removing it. [`Signing::set_key`](crate::signing::Signing::set_key) and
+    /// [`clear_key`](crate::signing::Signing::clear_key) end it too. An unsigned text reports it. The text is repeated, at most
     /// every 10 s, when a frame is refused on a link for provisioning.
     ///
     /// While the newest record cannot be read, an older key does not replace it.
@@ -48,7 +48,7 @@ impl<D: Declares<Signing = Signing<[SigningStream; N]>>, const LINKS: usize, con
     /// [permits](crate::Vehicle::may_persist) it. Returns true if more is to be done at once.
     ///
     /// If the vehicle does not permit writing in flight, a restart in flight begins with the time of take-off, until
-    /// the first signed frame provides a later time. See also [`set_time`](crate::Signing::set_time).
+    /// the first signed frame provides a later time. See also [`set_time`](crate::signing::Signing::set_time).
     pub fn persist_signing<F: NorFlash>(
         &mut self,
         now: Instant,

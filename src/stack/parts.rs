@@ -49,7 +49,7 @@ impl<D: Declares<Time = Time>, const LINKS: usize> Stack<D, LINKS> {
         self.services.time.ask(link);
     }
 
-    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::ClockFilter) estimates the peer's clock
+    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::clock::ClockFilter) estimates the peer's clock
     /// from many.
     #[must_use = "the sample is taken out"]
     pub fn take_time_sample(&mut self) -> Option<TimeSample> {

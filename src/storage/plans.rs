@@ -168,7 +168,7 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 ///                 and the other slot is the spare
 /// ```
 ///
-/// [`Durability`](crate::Durability) determines when an upload is acknowledged and goes live.
+/// [`Durability`](crate::plan::Durability) determines when an upload is acknowledged and goes live.
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -185,7 +185,7 @@ fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
 /// #     fn erase(&mut self, _: u32, _: u32) -> Result<(), NorFlashErrorKind> { Ok(()) }
 /// #     fn write(&mut self, _: u32, _: &[u8]) -> Result<(), NorFlashErrorKind> { Ok(()) }
 /// # }
-/// use mavstack::PlanStore;
+/// use mavstack::storage::PlanStore;
 ///
 /// type Store = PlanStore<Flash>;
 /// const START: u32 = 0x8000;

@@ -146,11 +146,11 @@ macro_rules! plan_memory {
         $crate::plan_memory!(mission: $mission, fence: $fence, rally: 0)
     };
     (mission: $mission:expr, fence: $fence:expr, rally: $rally:expr $(,)?) => {
-        $crate::PlanMemory<
+        $crate::plan::PlanMemory<
             { $mission },
             { $fence },
             { $rally },
-            { $crate::__largest($mission, $fence, $rally) },
+            { $crate::__private::largest($mission, $fence, $rally) },
         >
     };
     ($($anything:tt)*) => {

@@ -24,7 +24,7 @@ impl VehicleState {
         Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
 }
 
-/// A change of a peer's state (H-11, H-14). [`PeerInfo`](crate::PeerInfo) shows the states.
+/// A change of a peer's state (H-11, H-14). [`PeerInfo`](crate::network::PeerInfo) shows the states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -46,13 +46,14 @@ pub enum PeerEvent {
 )]
 pub trait Vehicle {
     /// The messages whose frames can be checked: all of common by default. A vehicle with messages of its own names a
-    /// table that has these too. Otherwise they are [unknown](crate::LinkCounters::unknown) and never reach
+    /// table that has these too. Otherwise they are [unknown](crate::network::LinkCounters::unknown) and never reach
     /// [`message`](Self::message). Such a table comes from [`dialect!`](crate::dialect!), or from XML by
     /// `mavstack-dialect`. A smaller table saves flash.
     ///
     /// ```
     /// use mavstack::dialect::Common;
-    /// use mavstack::{Context, Dialect, Frame, LinkId, MessageTable, Vehicle, VehicleState};
+    /// use mavstack::message::{Dialect, MessageTable};
+    /// use mavstack::{Context, Frame, LinkId, Vehicle, VehicleState};
     ///
     /// mavstack::message! {
     ///     /// Controls our winch.
@@ -98,7 +99,7 @@ pub trait Vehicle {
 
     /// Handles a frame with a correct checksum, addressed to us or to all, whose message the stack does not handle
     /// itself. Returns whether the vehicle handles that message. By default it returns false: a frame addressed to our
-    /// system is then counted as [`unhandled`](crate::LinkCounters::unhandled).
+    /// system is then counted as [`unhandled`](crate::network::LinkCounters::unhandled).
     ///
     /// With the feature `signing`, only frames that their link accepts (`LinkSigning`) are passed on. Without it,
     /// signatures are not verified. Frames from a high-latency link are never passed on (L-4), nor is SETUP_SIGNING,

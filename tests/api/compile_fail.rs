@@ -8,7 +8,10 @@ use std::process::Command;
 /// What every firmware has in front.
 const FRONT: &str = "
 #![allow(dead_code, unused)]
+use mavstack::config::PollBudget;
 use mavstack::dialect::*;
+use mavstack::message::{Dialect, MessageTable};
+use mavstack::plan::PlanMemory;
 use mavstack::*;
 static PULSE: Pulse = Pulse::new();
 ";
@@ -273,7 +276,7 @@ fn cases() -> Vec<Case> {
         ("no_table", implements("struct Tuning;", "links: 1, parameters: Tuning"), "declare it with `parameters!`"),
         ("calls_commands", calls("stack.commands_mut();"), "Declares>::Commands = "),
         ("calls_plans", calls("stack.mission_item_reached(Instant::ZERO, 0);"), "Declares>::Mission = "),
-        ("calls_parameters", calls("stack.parameters_mut();"), "`NoParams: ParamTable`"),
+        ("calls_parameters", calls("stack.parameters_mut();"), "NoParams: ParamTable`"),
         ("calls_time", calls("stack.ask_time(LinkId(0));"), "Declares>::Time = "),
         ("calls_manual_control", calls("stack.manual_input_mut();"), "Declares>::ManualControl = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),

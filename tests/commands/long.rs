@@ -2,8 +2,9 @@
 //! and the property that no sequence of frames makes an answer missing or doubled.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Outcome, Peer};
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Outcome, Peer};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,12 +1,12 @@
 //! Commands and items as types: every kind of parameter, both message forms, and what is refused. Rules C-4, C-6 to C-9,
 //! M-4, M-70.
 
+use mavstack::command::CommandPosition;
+use mavstack::config::LinkClass;
 use mavstack::dialect::commands::*;
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LatLon, LinkClass, LinkId, Location, ParamRule, Peer,
-    TypedCommand, command,
-};
+use mavstack::message::{LatLon, Location, ParamRule, TypedCommand};
+use mavstack::{Address, Command, CommandRule, Item, LinkId, Peer, command};
 use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;

@@ -2,8 +2,10 @@
 //! twice. L-10 to L-16, C-12, C-24.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, HighLatency2, MavCmd, MavResult};
-use mavstack::{Address, Duration, HighLatency, HighLatencyConfig, LinkClass, LinkConfig, Outcome};
+use mavstack::high_latency::{HighLatency, HighLatencyConfig};
+use mavstack::{Address, Duration, LinkConfig, Outcome};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
@@ -20,7 +22,7 @@ const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::plan::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio and a satellite modem, one ground station at both.
 fn world() -> World<2> {

@@ -2,14 +2,15 @@
 
 use crate::support::tested::Planned;
 use crate::support::*;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
 };
-use mavstack::{
-    LatLon, LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version,
-    plan_memory,
-};
+use mavstack::frame::Version;
+use mavstack::message::LatLon;
+use mavstack::plan::{PlanCounters, PlanStorage};
+use mavstack::{LinkConfig, LinkId, Message, Peer, PlanType, plan_memory};
 
 const CAPACITY: u16 = 60;
 

@@ -3,11 +3,12 @@
 use crate::support::signer::*;
 use crate::support::*;
 use mavstack::__private::SigningMemory;
+use mavstack::config::{LinkClass, PollBudget, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{
-    Accept, Address, Config, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, PollBudget, Pulse, Secret,
-    SigningCounters, SigningKey, TxVersion, Version,
-};
+use mavstack::frame::{Decoder, Version};
+use mavstack::message::{Dialect, Secret};
+use mavstack::signing::{Accept, LinkSigning, SigningCounters, SigningKey};
+use mavstack::{Address, Config, LinkConfig, Message, Pulse};
 
 /// A minute, in timestamps.
 const MINUTE: u64 = 6_000_000;

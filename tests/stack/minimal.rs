@@ -2,10 +2,12 @@
 //! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
 
 use crate::support::*;
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::{
-    Command, CommandPolicy, Commands, Context, FlightMode, Instant, LinkId, MAX_FRAME_LEN, Message, ModeRequest, Modes,
-    Outcome, Stream, Telemetry, Vehicle, VehicleState, Version, encode,
+    Command, Commands, Context, FlightMode, Instant, LinkId, Message, ModeRequest, Modes, Outcome, Stream, Telemetry,
+    Vehicle, VehicleState,
 };
 
 mavstack::stack! {
@@ -171,7 +173,7 @@ fn defaults_are_new() {
     }
     shown(mavstack::Pulse::default(), mavstack::Pulse::new());
     shown(CommandSlots::<2>::default(), CommandSlots::new());
-    shown(mavstack::ForwardQueues::<2>::default(), mavstack::ForwardQueues::new());
+    shown(mavstack::network::ForwardQueues::<2>::default(), mavstack::network::ForwardQueues::new());
     shown(mavstack::Text::<8>::default(), mavstack::Text::new(""));
     shown(mavstack::io::SerialQueues::<8, 8>::default(), mavstack::io::SerialQueues::new());
     #[cfg(feature = "signing")]

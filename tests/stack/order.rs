@@ -2,11 +2,13 @@
 //! `docs/architecture.md` shows it as a table.
 
 use crate::support::*;
+use mavstack::command::CommandPolicy;
+use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
+use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandPolicy, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
-    LinkId, Message, ModeRequest, Modes, Outcome, ParamTable, Parameters, PlanChange, Plans, Progress, Stream,
-    StreamProfile, Telemetry, Vehicle, VehicleState,
+    Address, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig, LinkId, Message,
+    ModeRequest, Modes, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// Another vehicle, behind the second link.

@@ -10,10 +10,10 @@ mod client;
 use crate::support::*;
 use client::{Act, Books, Client, Habits, Transfers};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Duration, Instant, LinkConfig, LinkCounters, LinkId, MAX_FRAME_LEN, Message, PlanCounters, RxCounters,
-    plan_memory,
-};
+use mavstack::frame::{MAX_FRAME_LEN, RxCounters};
+use mavstack::network::LinkCounters;
+use mavstack::plan::PlanCounters;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, plan_memory};
 use std::collections::BTreeMap;
 
 type Served = Tested<plan_memory!(mission: 60), 8, Timed>;

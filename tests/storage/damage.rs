@@ -6,10 +6,13 @@ use crate::support::flash::{Fault, FlashError, RamFlash};
 use crate::support::signer::*;
 use crate::support::*;
 use mavstack::dialect::*;
-use mavstack::{
-    Durability, LinkConfig, LinkSigning, ParamStore, ParamTable, PlanStore, RestoreError, Secret, SigningKey,
-    SigningStore, Text, Version, plan_memory,
-};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::{ParamStore, PlanStore, RestoreError, SigningStore};
+use mavstack::{LinkConfig, Text, plan_memory};
 
 type Flash = RamFlash<8, 512>;
 type Keys<'a> = SigningStore<&'a mut Flash>;

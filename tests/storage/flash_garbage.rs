@@ -3,7 +3,9 @@
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::{MavCmd, MavFrame};
-use mavstack::{Durability, Instant, Item, PlanStore, PlanType, PlanView, RestoreError, plan_memory};
+use mavstack::plan::{Durability, PlanView};
+use mavstack::storage::{PlanStore, RestoreError};
+use mavstack::{Instant, Item, PlanType, plan_memory};
 
 type Plans = Tested<plan_memory!(mission: 6, fence: 2, rally: 2)>;
 type Flash = RamFlash<4, 256>;

@@ -6,9 +6,10 @@ use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::dialect::{MavCmd, MavParamType, ParamSet, Statustext};
-use mavstack::{
-    Durability, Fram, FramError, Instant, Item, ParamStore, ParamTable, PlanStore, PlanType, Text, plan_memory,
-};
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::storage::{Fram, FramError, ParamStore, PlanStore};
+use mavstack::{Instant, Item, PlanType, Text, plan_memory};
 
 type Bus = Vec<Transaction<u8>>;
 

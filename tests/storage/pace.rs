@@ -4,10 +4,14 @@
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::*;
+use mavstack::message::Secret;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::{ParamStore, PlanStore, SigningStore};
 use mavstack::{
-    Command, CommandRule, Commands, Config, Context, Durability, Duration, LinkConfig, LinkSigning, Outcome,
-    ParamStore, ParamTable, Parameters, PlanChange, PlanStore, Plans, Progress, Secret, SigningKey, SigningStore, Text,
-    Vehicle, VehicleState,
+    Command, CommandRule, Commands, Config, Context, Duration, LinkConfig, Outcome, Parameters, PlanChange, Plans,
+    Progress, Text, Vehicle, VehicleState,
 };
 
 /// A slot is one erase unit, so that one erase means one write of a record.

@@ -7,7 +7,9 @@ use crate::support::*;
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
 };
-use mavstack::{Durability, Duration, Item, PlanStore, PlanView, RestoreError, plan_memory};
+use mavstack::plan::{Durability, PlanView};
+use mavstack::storage::{PlanStore, RestoreError};
+use mavstack::{Duration, Item, plan_memory};
 
 type Plans = Tested<plan_memory!(mission: 250, fence: 64, rally: 16)>;
 type TestWorld = World<1, Plans>;

@@ -3,8 +3,12 @@
 use crate::support::flash::{Fault, FlashError, RamFlash, Torn};
 use crate::support::signer::*;
 use crate::support::*;
+use mavstack::LinkConfig;
 use mavstack::dialect::*;
-use mavstack::{LinkConfig, LinkSigning, RestoreError, Secret, SigningKey, SigningStore, Version};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::{RestoreError, SigningStore};
 
 type Flash = RamFlash<8, 512>;
 type Store<'a> = SigningStore<&'a mut Flash>;

@@ -2,11 +2,13 @@
 
 use super::tested::{HookServices, Hooks, Plain, Tested, WithModes, check_modes};
 use super::{Setup, World, secs};
-use mavstack::__private::{Absent, Firmware, StreamService};
+use mavstack::__private::{Absent, Firmware, NoParams, StreamService};
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
+use mavstack::plan::NoPlans;
 use mavstack::{
-    Address, Command, CommandPolicy, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId,
-    ModeRequest, Modes, NoParams, NoPlans, Outcome, Stream, Telemetry, Vehicle, VehicleState,
+    Address, Command, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId, ModeRequest, Modes,
+    Outcome, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 pub const POSITION: u32 = 3 << 16;

@@ -6,10 +6,11 @@ use crate::support::tested::Options;
 use crate::support::{STATION, Signed, TestVehicle, Tested, VEHICLE, begun, millis};
 use mavstack::__private::SigningMemory;
 use mavstack::dialect::Common;
-use mavstack::{
-    Address, Config, Decoder, Dialect, Duration, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, NoPlans, Pulse,
-    Signature, Signing, SigningCounters, SigningKey, Stack, Version, encode, encode_signed,
-};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Signature, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::plan::NoPlans;
+use mavstack::signing::{Signing, SigningCounters, SigningKey};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Message, Pulse, Stack};
 use sha2::{Digest, Sha256};
 
 pub const KEY: [u8; 32] = *b"a key for tests, and nothing els";

@@ -5,10 +5,11 @@ use mavstack::__private::{
     Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, Missions, ModeService, ParamMemory,
     ParamService, PeerTable, Service, SigningGate, StreamService, TextQueue, Values, WithoutPlans, WithoutSigning,
 };
-use mavstack::{
-    Commands, Config, FlightMode, HighLatency, LinkConfig, ManualInput, Modes, NoPlans, PlanMemory, PlanStorage, Plans,
-    Stack, Stream, Telemetry, Time, Vehicle,
-};
+use mavstack::clock::Time;
+use mavstack::high_latency::HighLatency;
+use mavstack::manual_control::ManualInput;
+use mavstack::plan::{NoPlans, PlanMemory, PlanStorage};
+use mavstack::{Commands, Config, FlightMode, LinkConfig, Modes, Plans, Stack, Stream, Telemetry, Vehicle};
 use std::marker::PhantomData;
 
 /// A stack of the vehicle `V` with plan memory `P`, `PEERS` places in the peer table, and the services of `O`.

@@ -1,11 +1,15 @@
 //! A vehicle that returns configured answers and records all calls.
 
+use mavstack::clock::WallClock;
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
 };
+use mavstack::message::LatLon;
+use mavstack::plan::PlanFault;
 use mavstack::{
-    Address, Command, CommandPolicy, CommandRule, Commands, Context, Frame, Item, LatLon, LinkId, Outcome, ParamChange,
-    Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, Vehicle, VehicleState, WallClock,
+    Address, Command, CommandRule, Commands, Context, Frame, Item, LinkId, Outcome, ParamChange, Parameters, Peer,
+    PeerEvent, PlanChange, PlanType, Plans, Progress, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,12 +1,12 @@
 //! HEARTBEAT: rules H-1 to H-7, H-16, V-5.
 
 use crate::support::*;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     CommandAck, Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavSeverity, MavState, MavType, Statustext,
 };
-use mavstack::{
-    Config, Duration, Instant, LinkClass, LinkConfig, LinkId, Pulse, Stack, TxVersion, VehicleState, Version,
-};
+use mavstack::frame::Version;
+use mavstack::{Config, Duration, Instant, LinkConfig, LinkId, Pulse, Stack, VehicleState};
 
 /// When each heartbeat came to the ground station of `link`.
 fn times<const N: usize>(world: &World<N>, link: usize) -> Vec<Instant> {
@@ -55,7 +55,8 @@ fn heartbeat_goes_out_on_every_normal_link() {
 /// H-2: an address that no vehicle can have cannot be configured.
 #[test]
 fn impossible_addresses_are_refused() {
-    use mavstack::{Address, VehicleAddress};
+    use mavstack::Address;
+    use mavstack::config::VehicleAddress;
     for (system, component, possible) in
         [(0, 1, false), (255, 1, false), (1, 0, false), (1, 1, true), (254, 1, true), (7, 255, true)]
     {

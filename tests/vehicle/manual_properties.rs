@@ -3,9 +3,10 @@
 
 use crate::support::*;
 use mavstack::dialect::{ManualControl, RcChannelsOverride};
-use mavstack::{
-    Address, ControlSource, Duration, Instant, LinkId, ManualCounters, Message, NoPlans, Peer, Stack, SystemId,
-};
+use mavstack::manual_control::{ControlSource, ManualCounters};
+use mavstack::message::SystemId;
+use mavstack::plan::NoPlans;
+use mavstack::{Address, Duration, Instant, LinkId, Message, Peer, Stack};
 use proptest::prelude::*;
 
 /// Who sends: two stations, another program of the first one, the companion computer, and a stranger.

@@ -5,7 +5,9 @@ use crate::support::damage::{Damage, damage};
 use crate::support::reference::{self, Found};
 use crate::support::{Receiver, Rng, cases, decode, millis, stream};
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, MessageTable, Version, encode};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::{Dialect, MessageTable};
+use mavstack::{Address, Instant, Message};
 use proptest::{collection::vec, prelude::*};
 
 const TABLE: MessageTable = Common::MESSAGES;

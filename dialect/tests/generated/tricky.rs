@@ -3,8 +3,8 @@
 
 #![allow(non_snake_case, reason = "fields have MAVLink's names")]
 
-use mavstack::Char;
-use mavstack::Text;
+use mavstack::message::Char;
+use mavstack::message::Text;
 
 mavstack::wire_bitmask! {
     /// `BITS`.
@@ -107,8 +107,8 @@ mavstack::wire_enum! {
 #[rustfmt::skip]
 #[allow(missing_docs, dead_code, reason = "each command has a rule, with the name of the command")]
 pub mod command_rules {
-    use mavstack::CommandRule;
-    use mavstack::ParamRule;
+    use mavstack::message::CommandRule;
+    use mavstack::message::ParamRule;
 
     pub const ALL_: CommandRule = CommandRule::without_position(1, &[
         ParamRule::at_least(1, -0.5),
@@ -156,7 +156,7 @@ pub mod command_rules {
 #[allow(dead_code, reason = "a firmware decodes only some commands")]
 pub mod commands {
     use super::command_rules;
-    use mavstack::Location;
+    use mavstack::message::Location;
 
     mavstack::command! {
         /// `MAV_CMD_ALL`.

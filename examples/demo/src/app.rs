@@ -4,10 +4,12 @@ use core::ops::DerefMut;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
-use mavstack::{
-    Address, Config, Durability, Duration, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning,
-    ParamStore, PlanStore, Pulse, RestoreError, SigningStore, StreamProfile, Vehicle, VehicleAddress,
-};
+use mavstack::config::{Identity, LinkClass, StreamProfile, VehicleAddress};
+use mavstack::network::LinkError;
+use mavstack::plan::Durability;
+use mavstack::signing::LinkSigning;
+use mavstack::storage::{ParamStore, PlanStore, RestoreError, SigningStore};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Vehicle};
 
 use crate::status::Status;
 use crate::tuning::Tuning;

@@ -6,8 +6,10 @@ mod wire;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use mavstack::Instant;
 use mavstack::dialect::*;
-use mavstack::{Instant, ParamStore, ParamTable};
+use mavstack::param::ParamTable;
+use mavstack::storage::ParamStore;
 use mavstack_demo::{TELEMETRY, Tuning};
 use wire::Wire;
 

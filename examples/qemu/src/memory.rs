@@ -1,6 +1,9 @@
 //! The capacities of the vehicle, and its storage in flash.
 
-use mavstack::{Durability, Instant, ParamStore, ParamTable, PlanStore, SigningStore};
+use mavstack::Instant;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::storage::{ParamStore, PlanStore, SigningStore};
 use mavstack_demo::{App, FENCE, MISSION, Mavlink, RALLY, Tuning};
 use static_cell::{ConstStaticCell, StaticCell};
 

@@ -16,8 +16,12 @@ use std::time::{self, Duration};
 
 use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
+use mavstack::network::LinkError;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::storage::{ParamStore, PlanStore, SigningStore};
 use mavstack::wpl::HomeRow;
-use mavstack::{Durability, Instant, LinkError, LinkId, ParamStore, ParamTable, PlanStore, SigningStore};
+use mavstack::{Instant, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 use mavstack_demo::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY, Tuning};

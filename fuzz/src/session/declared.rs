@@ -3,7 +3,9 @@
 use super::LINKS;
 use crate::support::{TestVehicle, Tuning};
 use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningMemory};
-use mavstack::{Duration, HighLatencyConfig, ManualInput, Stack};
+use mavstack::high_latency::HighLatencyConfig;
+use mavstack::manual_control::ManualInput;
+use mavstack::{Duration, Stack};
 
 /// A declaration with all that every session has.
 pub trait Declared:

@@ -25,7 +25,9 @@ use crate::signer::KEY;
 use crate::support::{Tuning, reference};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::*;
-use mavstack::{Address, Dialect, Duration, LinkId, Message, ParamTable, Text};
+use mavstack::message::Dialect;
+use mavstack::param::ParamTable;
+use mavstack::{Address, Duration, LinkId, Message, Text};
 
 /// Commands that the stack or the vehicle handles.
 const COMMANDS: [u16; 20] =
@@ -246,7 +248,7 @@ impl<D: Declared> Session<D> {
             }
             20 => {
                 self.loses = [true; LINKS];
-                let secret_key = mavstack::Secret(if a == 0 { [0; 32] } else { KEY });
+                let secret_key = mavstack::message::Secret(if a == 0 { [0; 32] } else { KEY });
                 let initial_timestamp = self.timestamp + (u64::from(b) << 20);
                 let setup = SetupSigning { target_system, target_component, initial_timestamp, secret_key };
                 self.send(link, from, signed, &setup);

@@ -271,8 +271,8 @@ impl CommandSlot {
 /// (C-22). A slot takes 88 bytes.
 ///
 /// A duplicate by satellite may arrive half a minute after its original. So a command that must be carried out only
-/// [once](crate::CommandPolicy::once) is remembered for a minute, for duplicates on a
-/// [high-latency](crate::LinkClass::HighLatency) link only, in a slot that no other command needs. With `N` slots, these are at
+/// [once](crate::command::CommandPolicy::once) is remembered for a minute, for duplicates on a
+/// [high-latency](crate::config::LinkClass::HighLatency) link only, in a slot that no other command needs. With `N` slots, these are at
 /// least the last `N` commands, less those that are running. Other ended commands may be given again after three seconds on any
 /// link.
 ///

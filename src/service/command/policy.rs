@@ -25,7 +25,8 @@ const PER_PRESS: u8 = 16;
 /// use mavstack::dialect::command_rules::{
 ///     COMPONENT_ARM_DISARM, DO_REPEAT_SERVO, DO_SET_ROI_LOCATION, NAV_TAKEOFF,
 /// };
-/// use mavstack::{CommandPolicy, ParamRule};
+/// use mavstack::command::CommandPolicy;
+/// use mavstack::message::ParamRule;
 ///
 /// const COMMANDS: &[CommandPolicy] = &[
 ///     // Not as a broadcast to every vehicle in range.

@@ -91,7 +91,7 @@ fn push(
         return;
     }
     link.refusal = period;
-    let mut text = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+    let mut text = Text::<{ crate::limits::MAX_TEXT_LEN }>::EMPTY;
     text.push_str(what);
     if let Some(number) = number {
         text.push_signed(number);

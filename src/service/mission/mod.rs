@@ -113,7 +113,7 @@ impl Work<'_> {
     #[inline(never)]
     fn report(&mut self, problem: &Problem<'_>) {
         if cfg!(feature = "plan-texts") {
-            let mut words = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+            let mut words = Text::<{ crate::limits::MAX_TEXT_LEN }>::EMPTY;
             problem.write(&mut words);
             self.texts.push(self.now, self.normal, MavSeverity::WARNING, words.as_bytes());
         }

@@ -76,7 +76,7 @@ impl From<MavMissionResult> for PlanFault {
 ///     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
 /// ```
 ///
-/// [`Durability`](crate::Durability) describes that step with storage.
+/// [`Durability`](crate::plan::Durability) describes that step with storage.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Plans`",
     note = "`plans` in `stack!` needs `impl Plans for {Self}`: write it, or leave `plans` out"

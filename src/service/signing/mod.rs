@@ -64,13 +64,14 @@ pub struct SigningCounters {
 }
 
 /// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`stack!`](crate::stack),
-/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::LinkSigning) configures each
+/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::signing::LinkSigning) configures each
 /// link. Without a key, nothing is signed or verified.
 ///
 /// Key and time survive a restart in a `SigningStore` (feature `storage`), or in the firmware's own storage. The
 /// firmware then stores [`timestamp`](Self::timestamp) plus a minute, at least once a minute.
 ///
 /// ```
+/// use mavstack::signing::SigningKey;
 /// # use mavstack::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }

@@ -5,10 +5,11 @@
 
 use super::*;
 use crate::__private::SigningMemory;
+use crate::Address;
 use crate::dialect::Common;
 use crate::frame::{Decoder, encode};
 use crate::message::Dialect;
-use crate::{Address, Secret};
+use crate::message::Secret;
 
 const KEY: [u8; 32] = [7; 32];
 const NOW: Instant = Instant::from_millis(1_000);

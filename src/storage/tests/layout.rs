@@ -110,7 +110,7 @@ fn a_short_key_record_is_damaged() {
     let mut crc = crc_any::CRCu32::crc32();
     crc.digest(&short[..28]);
     short[28..32].copy_from_slice(&crc.get_crc().to_le_bytes());
-    let mut store = crate::SigningStore::new(flash([&short, &[]]), 0..4096);
+    let mut store = crate::storage::SigningStore::new(flash([&short, &[]]), 0..4096);
     assert!(matches!(store.open(), Err(RestoreError::Damaged)));
 }
 

@@ -4,14 +4,14 @@
 //! this file sends a text with the reason too (C-31). The stack drops a text that repeats within five seconds, so refusals
 //! cannot flood the operator.
 
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{
     ComponentArmDisarm, DoFlighttermination, DoReposition, DoSetHome, NavLand, NavTakeoff,
 };
 use mavstack::dialect::{HomePosition, MavCmd, MavDoRepositionFlags, MavFrame, MavResult, MavSeverity};
-use mavstack::{
-    Command, CommandPolicy, CommandRule, Commands, Context, Item, LatLon, Location, Outcome, ParamRule, Peer,
-};
+use mavstack::message::{LatLon, Location, ParamRule};
+use mavstack::{Command, CommandRule, Commands, Context, Item, Outcome, Peer};
 
 use super::plans::FRAMES;
 use super::{Mode, Quadrotor};

@@ -1,9 +1,11 @@
 //! Commands for the ground: calibration and reboot.
 
+use mavstack::command::CommandMemory;
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{PreflightCalibration, PreflightRebootShutdown};
 use mavstack::dialect::{MavCmd, MavResult, MavSeverity, RebootShutdownAction, RebootShutdownConditions};
-use mavstack::{Command, CommandMemory, CommandRule, Context, Duration, Instant, LinkId, Outcome, ParamRule};
+use mavstack::message::ParamRule;
+use mavstack::{Command, CommandRule, Context, Duration, Instant, LinkId, Outcome};
 
 use super::Quadrotor;
 use super::commands::refuse;

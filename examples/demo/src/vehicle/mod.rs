@@ -10,8 +10,10 @@ mod params;
 mod plans;
 mod satellite;
 
+use mavstack::clock::WallClock;
 use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
-use mavstack::{Context, Duration, Instant, RcOverride, Vehicle, VehicleState, WallClock};
+use mavstack::manual_control::RcOverride;
+use mavstack::{Context, Duration, Instant, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};

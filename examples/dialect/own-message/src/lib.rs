@@ -8,9 +8,10 @@
 #![no_std]
 
 use mavstack::dialect::{Common, MavModeFlag, MavResult, MavState};
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::{
-    Command, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome, Stream,
-    Telemetry, Vehicle, VehicleState,
+    Command, Commands, Context, Duration, Fill, Frame, LinkId, Message, Outcome, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 mavstack::wire_enum! {

@@ -13,9 +13,10 @@ include!(concat!(env!("OUT_DIR"), "/crane.rs"));
 
 use crane::{CraneControl, CraneHook, CraneReport, commands};
 use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::{
-    Command, CommandRule, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome,
-    PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Context, Duration, Fill, Frame, LinkId, Message, Outcome, PlanChange, Plans,
+    Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 mavstack::stack! {

@@ -3,6 +3,8 @@
 #![no_main]
 #![allow(unused_imports, unused_variables, dead_code, reason = "each option uses other names")]
 
+use mavstack::command::CommandPolicy;
+use mavstack::config::LinkClass;
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
@@ -11,6 +13,15 @@ use mavstack::dialect::{
     NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
     Timesync, VfrHud, Vibration, WindCov, command_rules,
 };
+use mavstack::high_latency::HighLatencySample;
+use mavstack::manual_control::ControlSource;
+use mavstack::message::MessageTable;
+use mavstack::network::ForwardQueues;
+use mavstack::plan::Durability;
+#[cfg(feature = "signing")]
+use mavstack::signing::LinkSigning;
+#[cfg(feature = "storage")]
+use mavstack::storage::*;
 use mavstack::*;
 use mavstack_size::{CONFIG, PULSE, Place, Uart, Vacant, entry, now_micros};
 

@@ -10,7 +10,9 @@ use mavstack::dialect::{
     MavSeverity, MavState, MavType, MissionAck, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt,
     MissionRequestList, ParamRequestList, ParamRequestRead, ParamSet, ParamValue, Statustext,
 };
-use mavstack::{Address, Decoder, Dialect, Frame, Instant, Message, Text, Version, encode};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Frame, Instant, Message, Text};
 use mavstack_compare_firmware::{Uart, measure};
 
 mavstack::dialect! {

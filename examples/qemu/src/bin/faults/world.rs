@@ -1,10 +1,13 @@
 //! The simulated world: the demo vehicle, its flash, its lines, and the clients at their other ends.
 
 use mavstack::dialect::{Common, Heartbeat, MavCmd, MavFrame, MavMissionType, MissionItemInt, Statustext};
-use mavstack::{
-    Address, Decoder, Dialect, Durability, Duration, Instant, LinkId, Message, ParamStore, ParamTable, PlanStore,
-    SigningKey, SigningStore, Version, encode, encode_signed,
-};
+use mavstack::frame::{Decoder, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::signing::SigningKey;
+use mavstack::storage::{ParamStore, PlanStore, SigningStore};
+use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, FENCE, LINKS, MISSION, Mavlink, RALLY, Tuning};
 
 use crate::flash::{self, Flash};
