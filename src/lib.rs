@@ -225,14 +225,14 @@ pub mod limits {
 
 /// Commands: which ones a vehicle accepts, and those that run for long. [`Commands`] has the hooks.
 pub mod command {
-    pub use crate::service::command::{CommandMemory, CommandPolicy};
+    pub use crate::service::command::{CommandPolicy, LongCommands};
     pub use crate::types::CommandPosition;
 }
 
 /// Plans: missions, fences and rally points. [`Plans`] has the hooks.
 pub mod plan {
     pub use crate::service::mission::{Durability, PlanCounters, PlanFault};
-    pub use crate::types::{NoPlans, PlanMemory, PlanStorage, PlanView};
+    pub use crate::types::PlanView;
 }
 
 /// The tables of parameters that [`parameters!`](crate::parameters) declares. [`Parameters`] has the hooks.
@@ -283,7 +283,7 @@ pub mod __private {
     pub use crate::service::stream::StreamService;
     pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
     pub use crate::stack::Declares;
-    pub use crate::types::{Firmware, NoPlans, StatusTexts, TextEntry, Values, largest};
+    pub use crate::types::{Firmware, NoPlans, PlanBuffers, PlanMemory, StatusTexts, TextEntry, Values, largest};
 
     /// The peer table.
     pub type PeerTable<const N: usize> = heapless::Vec<PeerInfo, N>;
@@ -291,5 +291,5 @@ pub mod __private {
     pub type TextQueue<const N: usize> = StatusTexts<[TextEntry; N]>;
     /// Signing with `N` streams at a time.
     #[cfg(feature = "signing")]
-    pub type SigningMemory<const N: usize> = crate::signing::Signing<[crate::signing::SigningStream; N]>;
+    pub type SigningStreams<const N: usize> = crate::signing::Signing<[crate::signing::SigningStream; N]>;
 }

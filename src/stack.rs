@@ -31,12 +31,12 @@ use crate::log::DropLog;
 #[cfg(feature = "fmt")]
 use crate::message::Text;
 use crate::network::{self, PeerInfo};
-use crate::service::command::CommandStore;
+use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanStorage, Requests, StatusTexts,
+    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, Requests, StatusTexts,
     Values, Vehicle, VehicleAddress,
 };
 
@@ -76,7 +76,7 @@ macro_rules! split {
             shared: &mut stack.shared,
             peers: PeerMemory::view_mut(&mut stack.peers),
             texts: TextMemory::view_mut(&mut stack.texts),
-            plans: crate::types::PlanStorage::view(&mut stack.plans),
+            plans: crate::types::PlanMemory::view(&mut stack.plans),
             parameters: &mut stack.parameters,
             capabilities: Services::<D>::CAPABILITIES,
             has_modes: D::HAS_MODES,
@@ -403,9 +403,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             texts: self.texts.view_mut(),
             requests: &mut self.shared.requests,
             normal: self.shared.normal,
-            plans: PlanStorage::view(&mut self.plans).as_ref(),
+            plans: PlanMemory::view(&mut self.plans).as_ref(),
             values: self.parameters.values(),
-            can_start: self.services.command.store.memory().is_some_and(|memory| memory.can_start()),
+            can_start: self.services.command.slots.view_mut().is_some_and(|long| long.can_start()),
         })
     }
 

@@ -399,12 +399,12 @@ impl World {
             2 => stack.announce::<BatteryStatus>(),
             3 => stack.with_context(now, |cx| cx.announce::<VfrHud, Rover>()),
             4 => stack.ask_time(LinkId(link)),
-            5 => stack.commands_mut().progress(MavCmd::DO_MOTOR_TEST, self.seq % 100),
+            5 => stack.long_commands_mut().progress(MavCmd::DO_MOTOR_TEST, self.seq % 100),
             6 => {
-                stack.commands_mut().finish(MavCmd::DO_MOTOR_TEST, MavResult::ACCEPTED);
+                stack.long_commands_mut().finish(MavCmd::DO_MOTOR_TEST, MavResult::ACCEPTED);
             }
             7 => {
-                stack.commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::FAILED);
+                stack.long_commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::FAILED);
             }
             8 => {
                 stack.parameters_mut().set(Tuning::TRIM, link.cast_signed());

@@ -1,7 +1,7 @@
 //! The declaration of a stack.
 
 use crate::network::{PeerInfo, Peers};
-use crate::service::command::{CommandStore, Commands};
+use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ParamMemory;
 use crate::service::{ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
@@ -11,7 +11,7 @@ use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     type Peers: PeerMemory;
     type Texts: TextMemory;
-    type Commands: CommandStore;
+    type Commands: CommandMemory;
     type Mission: Service<Self>;
     type Param: Service<Self>;
     type Stream: Service<Self>;
@@ -124,7 +124,7 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// | `parameters: T` | a table made by [`parameters!`](crate::parameters) | none | [`Parameters`](crate::Parameters) |
 /// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
-/// | `commands: { slots: N }` | slots for long-running [commands](crate::command::CommandMemory), and for those that must not run twice | none | |
+/// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
@@ -343,7 +343,7 @@ macro_rules! __declared {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __signing {
-    ($n:expr) => { $crate::__private::SigningMemory<{ $n }> };
+    ($n:expr) => { $crate::__private::SigningStreams<{ $n }> };
 }
 
 /// Signing without the feature.

@@ -295,8 +295,8 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
             90 => stack.save_parameters(now),
             91 => stack.ask_time(id),
             92 => {
-                stack.commands_mut().progress(MavCmd::DO_SET_SERVO, rng.byte());
-                stack.commands_mut().finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
+                stack.long_commands_mut().progress(MavCmd::DO_SET_SERVO, rng.byte());
+                stack.long_commands_mut().finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
             }
             93 => vehicle.0.state = if rng.chance(0.1) { None } else { state },
             94 => vehicle.0.state.iter_mut().for_each(|state| state.custom_mode = rng.byte().into()),

@@ -14,7 +14,7 @@ const CONFIG: HighLatencyConfig =
     HighLatencyConfig { period: PERIOD, on_link_loss_after: Some(secs(3)), ..HighLatencyConfig::DEFAULT };
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::plan::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio with a ground station, and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {

@@ -16,7 +16,7 @@ const CONFIG: HighLatencyConfig = HighLatencyConfig { period: PERIOD, ..HighLate
 const SATELLITE: LinkConfig = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::plan::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {

@@ -2,12 +2,12 @@
 
 use crate::support::*;
 use embedded_io::{Write, WriteReady};
+use mavstack::__private::NoPlans;
 use mavstack::config::{PollBudget, TxVersion};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
 use mavstack::message::Dialect;
 use mavstack::network::LinkError;
-use mavstack::plan::NoPlans;
 use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Stack};
 
 const LINK: LinkId = LinkId(0);

@@ -3,11 +3,11 @@
 
 use crate::Forwarder;
 use crate::support::*;
+use mavstack::__private::NoPlans;
 use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::network::ForwardCounters;
-use mavstack::plan::NoPlans;
 use mavstack::{Address, LinkConfig, LinkId, Message, Text};
 
 /// A companion computer, of the vehicle's own system.

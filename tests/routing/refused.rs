@@ -3,11 +3,11 @@
 use crate::support::signer::{KEY, NOW, OTHER_KEY, Signer};
 use crate::support::tested::{Forwards, Options};
 use crate::support::*;
+use mavstack::__private::NoPlans;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::network::ForwardCounters;
-use mavstack::plan::NoPlans;
 use mavstack::signing::{Accept, LinkSigning};
 use mavstack::{Address, LinkConfig, LinkId, Message};
 

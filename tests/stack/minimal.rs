@@ -145,9 +145,9 @@ fn a_command_that_cannot_be_cancelled_goes_on() {
     let command = MavCmd::PREFLIGHT_CALIBRATION;
     world.gcs[0].send(&CommandCancel { command, target_system: 1, target_component: 1 });
     world.run_for(secs(3));
-    assert!(world.stack.commands_mut().is_running(command));
+    assert!(world.stack.long_commands_mut().is_running(command));
     assert!(world.gcs[0].all::<CommandAck>().iter().all(|(_, ack)| ack.result == MavResult::IN_PROGRESS));
-    world.stack.commands_mut().finish(command, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(command, MavResult::ACCEPTED);
     world.gcs[0].forget();
     assert_eq!(world.expect::<CommandAck>(0, secs(1)).result, MavResult::ACCEPTED);
 }
@@ -167,7 +167,7 @@ fn sticks_move_nothing() {
 fn defaults_are_new() {
     use mavstack::__private::CommandSlots;
     #[cfg(feature = "signing")]
-    use mavstack::__private::SigningMemory;
+    use mavstack::__private::SigningStreams;
     fn shown<T: std::fmt::Debug>(default: T, new: T) {
         assert_eq!(format!("{default:?}"), format!("{new:?}"));
     }
@@ -177,7 +177,7 @@ fn defaults_are_new() {
     shown(mavstack::Text::<8>::default(), mavstack::Text::new(""));
     shown(mavstack::io::SerialQueues::<8, 8>::default(), mavstack::io::SerialQueues::new());
     #[cfg(feature = "signing")]
-    shown(SigningMemory::<4>::default(), SigningMemory::new());
+    shown(SigningStreams::<4>::default(), SigningStreams::new());
 }
 
 /// Without plans no item is reached, whatever a hook says. That storage for what is not declared does not compile, `tests/api`

@@ -1,7 +1,7 @@
 //! Several vehicles that forward, the lines between them, and leaves at these lines, in simulated time.
 
 use super::{Forwarded, Rng, TestVehicle, Tested, millis};
-use mavstack::plan::NoPlans;
+use mavstack::__private::NoPlans;
 use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Stack};
 use std::collections::{BTreeMap, VecDeque};
 

@@ -2,10 +2,10 @@
 
 use super::tested::{HookServices, Hooks, Plain, Tested, WithModes, check_modes};
 use super::{Setup, World, secs};
+use mavstack::__private::NoPlans;
 use mavstack::__private::{Absent, Firmware, NoParams, StreamService};
 use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
-use mavstack::plan::NoPlans;
 use mavstack::{
     Address, Command, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId, ModeRequest, Modes,
     Outcome, Stream, Telemetry, Vehicle, VehicleState,

@@ -2,12 +2,12 @@
 
 use crate::support::*;
 use mavstack::__private::Declares;
+use mavstack::__private::NoPlans;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
 use mavstack::message::SystemId;
-use mavstack::plan::NoPlans;
 use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, Peer, PeerEvent};
 
 const ONLY_STATION: ControlSource = ControlSource::System(SystemId(255));

@@ -1,10 +1,10 @@
 //! PING, TIMESYNC and SYSTEM_TIME: rules T-1 to T-4.
 
 use crate::support::*;
+use mavstack::__private::NoPlans;
 use mavstack::clock::WallClock;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::plan::NoPlans;
 use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Peer};
 use proptest::prelude::*;
 

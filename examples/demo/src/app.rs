@@ -129,7 +129,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.take_sticks(now, stack);
         stack.with_context(now, |cx| vehicle.control_step(cx));
         PULSE.tick();
-        vehicle.report_calibration(stack.commands_mut());
+        vehicle.report_calibration(stack.long_commands_mut());
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || stack.next_deadline(now) <= now

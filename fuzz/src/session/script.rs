@@ -287,9 +287,9 @@ impl<D: Declared> Session<D> {
             3 => self.vehicle.may_change = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::DENIED) },
             4 => self.vehicle.plan_verdict = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::INVALID) },
             5 => {
-                self.stack.commands_mut().finish(MavCmd::NAV_LAND, MavResult(number % 7));
+                self.stack.long_commands_mut().finish(MavCmd::NAV_LAND, MavResult(number % 7));
             }
-            6 => self.stack.commands_mut().progress(MavCmd::NAV_LAND, number),
+            6 => self.stack.long_commands_mut().progress(MavCmd::NAV_LAND, number),
             7 => {
                 self.stack.parameters_mut().set(Tuning::YAW_NOW, f32::from(number) / 2.0);
             }

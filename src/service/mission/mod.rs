@@ -52,7 +52,7 @@ use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Firmware, LinkId, LinkMask, Peer, PlanStorage, PlanType, PlansMut, Requests, StatusTexts, Values,
+    Config, Context, Firmware, LinkId, LinkMask, Peer, PlanMemory, PlanType, PlansMut, Requests, StatusTexts, Values,
 };
 
 /// Counters of the plan service. They wrap.

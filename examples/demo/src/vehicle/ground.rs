@@ -1,6 +1,6 @@
 //! Commands for the ground: calibration and reboot.
 
-use mavstack::command::CommandMemory;
+use mavstack::command::LongCommands;
 use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{PreflightCalibration, PreflightRebootShutdown};
 use mavstack::dialect::{MavCmd, MavResult, MavSeverity, RebootShutdownAction, RebootShutdownConditions};
@@ -76,7 +76,7 @@ impl Quadrotor {
     }
 
     /// Reports the progress and the end of the calibration. Does nothing if no command is in progress.
-    pub(crate) fn report_calibration(&self, commands: &mut CommandMemory) {
+    pub(crate) fn report_calibration(&self, commands: &mut LongCommands) {
         const COMMAND: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 
         if let Some(since) = self.calibration {

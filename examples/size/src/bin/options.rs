@@ -343,7 +343,7 @@ fn main() -> ! {
             rover.armed ^= stack.take_time_sample().is_some();
         }
         #[cfg(feature = "commands-long")]
-        stack.commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
+        stack.long_commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
         #[cfg(feature = "high-latency")]
         stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN);
         stack.poll(now, rover);

@@ -1,7 +1,7 @@
 //! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
 //! Rules C-12 and C-20 to C-24. One fixed table serves both. It is part of the stack only if `commands` in
-//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`CommandMemory`] has the state diagram of a slot.
+//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};
 
@@ -27,10 +27,10 @@ const DROP_AFTER: Duration = Duration::from_secs(10);
 pub(super) const NO_PROGRESS: u8 = 255;
 
 /// Slots for `N` commands that are running, ended within the last three seconds, or must not be carried out twice; see
-/// [`CommandMemory`].
-pub type CommandSlots<const N: usize> = CommandMemory<[CommandSlot; N]>;
+/// [`LongCommands`].
+pub type CommandSlots<const N: usize> = LongCommands<[CommandSlot; N]>;
 
-/// A slot of a [`CommandMemory`].
+/// A slot of a [`LongCommands`].
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -213,8 +213,8 @@ impl CommandSlot {
 }
 
 /// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`stack!`](crate::stack)
-/// declares their number. [`Stack::commands`](crate::Stack::commands) and
-/// [`Stack::commands_mut`](crate::Stack::commands_mut) give access.
+/// declares their number. [`Stack::long_commands`](crate::Stack::long_commands) and
+/// [`Stack::long_commands_mut`](crate::Stack::long_commands_mut) give access.
 ///
 /// A long-running command is [started](Context::start) in [`Commands::command`](crate::Commands::command), and
 /// [finished](Self::finish) by the flight loop:
@@ -248,7 +248,7 @@ impl CommandSlot {
 ///
 /// /// Called by the flight loop.
 /// fn calibrate(copter: &mut Copter, stack: &mut Mavlink) {
-///     let commands = stack.commands_mut();
+///     let commands = stack.long_commands_mut();
 ///     if !commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
 ///         return;
 ///     }
@@ -291,11 +291,11 @@ impl CommandSlot {
 /// An evictable slot becomes free after a minute, or when another command evicts it, the oldest first. Until then it recognises
 /// duplicates that arrive by satellite (L-16).
 #[derive(Clone, Debug)]
-pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
+pub struct LongCommands<S: ?Sized = [CommandSlot]> {
     slots: S,
 }
 
-impl<const N: usize> CommandMemory<[CommandSlot; N]> {
+impl<const N: usize> LongCommands<[CommandSlot; N]> {
     /// All slots free. All zero bits.
     pub const fn new() -> Self {
         const { assert!(N > 0, "command memory needs a place: `commands: {{ slots: 2 }}`, or leave `commands` out") };
@@ -303,28 +303,28 @@ impl<const N: usize> CommandMemory<[CommandSlot; N]> {
     }
 }
 
-impl<const N: usize> Default for CommandMemory<[CommandSlot; N]> {
+impl<const N: usize> Default for LongCommands<[CommandSlot; N]> {
     fn default() -> Self {
         Self::new()
     }
 }
 
 /// The logic works on the unsized form, so it is compiled once for any number of slots.
-impl<const N: usize> Deref for CommandMemory<[CommandSlot; N]> {
-    type Target = CommandMemory;
+impl<const N: usize> Deref for LongCommands<[CommandSlot; N]> {
+    type Target = LongCommands;
 
-    fn deref(&self) -> &CommandMemory {
+    fn deref(&self) -> &LongCommands {
         self
     }
 }
 
-impl<const N: usize> DerefMut for CommandMemory<[CommandSlot; N]> {
-    fn deref_mut(&mut self) -> &mut CommandMemory {
+impl<const N: usize> DerefMut for LongCommands<[CommandSlot; N]> {
+    fn deref_mut(&mut self) -> &mut LongCommands {
         self
     }
 }
 
-impl CommandMemory {
+impl LongCommands {
     /// Whether there is a free slot for another long-running command.
     pub(crate) fn can_start(&self) -> bool {
         self.free_slot().is_some()
@@ -501,7 +501,7 @@ impl CommandMemory {
 
 impl Context<'_> {
     /// Starts a long-running command: returns IN_PROGRESS, which the hook must return unchanged. If no slot is free, returns
-    /// `TEMPORARILY_REJECTED` (C-22); then the command must not be started. [`CommandMemory`] has an example.
+    /// `TEMPORARILY_REJECTED` (C-22); then the command must not be started. [`LongCommands`] has an example.
     pub fn start(&mut self) -> Outcome {
         let result = if self.can_start { MavResult::IN_PROGRESS } else { MavResult::TEMPORARILY_REJECTED };
         result.into()
