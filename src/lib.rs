@@ -5,7 +5,7 @@
 //! input at the same time gives the same output.
 //!
 //! ```
-//! use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+//! use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 //! use mavstack::dialect::commands::ComponentArmDisarm;
 //! use mavstack::dialect::{MavModeFlag, MavResult, MavSeverity, MavState, MissionState};
 //! use mavstack::*;

@@ -94,7 +94,7 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
     out.push_str(
         "#[allow(missing_docs, dead_code, reason = \"each command has a rule, with the name of the command\")]\n",
     );
-    out.push_str("pub mod command_rules {\n");
+    out.push_str("pub mod rules {\n");
     let mut rules = String::new();
     let mut all = Doc::new();
     for (entry, constant) in commands.entries.iter().zip(names::constants(commands)) {

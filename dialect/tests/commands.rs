@@ -55,7 +55,7 @@ fn labels_become_field_names() {
         location,
     };
     assert_eq!(item.decode(), Ok(command));
-    assert_eq!(commands::OptionCommand::RULE, tricky::command_rules::OPTION);
+    assert_eq!(commands::OptionCommand::RULE, tricky::rules::OPTION);
 }
 
 #[test]

@@ -180,7 +180,7 @@ pub trait Modes: Vehicle {
     /// fraction, flags without [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
     /// in ArduPilot: clients send back the flags of the last heartbeat, and do not mean to arm or disarm.
     ///
-    /// If MAV_CMD_DO_SET_MODE is one of [`COMMANDS`](crate::Commands::COMMANDS), its policy applies to SET_MODE too
+    /// If MAV_CMD_DO_SET_MODE is one of [`POLICIES`](crate::Commands::POLICIES), its policy applies to SET_MODE too
     /// (C-5). MAV_CMD_DO_SET_STANDARD_MODE has its own policy. SET_MODE is answered by a COMMAND_ACK for command 11
     /// (C-32); it is not accepted from a high-latency link.
     fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, request: &ModeRequest) -> Outcome;

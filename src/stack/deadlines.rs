@@ -16,7 +16,7 @@ use proptest::test_runner::TestRunner;
 use super::{Declares, PeerMemory, Services, Stack, TextMemory, split};
 use crate::command::CommandPolicy;
 use crate::config::{LinkClass, StreamProfile, TxVersion};
-use crate::dialect::command_rules;
+use crate::dialect::rules;
 use crate::dialect::*;
 use crate::frame::{Version, encode};
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
@@ -82,7 +82,7 @@ impl Vehicle for Rover {
 }
 
 impl Commands for Rover {
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once()];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::DO_REPEAT_SERVO).once()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         match command.id {
@@ -113,7 +113,7 @@ impl Parameters for Rover {
 }
 
 impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 

@@ -219,9 +219,8 @@ fn another_command_is_not_decoded() {
 /// M-74: the vehicle's own rule is the whole rule.
 #[test]
 fn vehicle_narrows_and_widens() {
-    const OWN: CommandRule = command_rules::NAV_WAYPOINT
-        .with_params(&[ParamRule::at_least(1, -1.0).or_nan()])
-        .with_frames(&[MavFrame::GLOBAL]);
+    const OWN: CommandRule =
+        rules::NAV_WAYPOINT.with_params(&[ParamRule::at_least(1, -1.0).or_nan()]).with_frames(&[MavFrame::GLOBAL]);
     let at = |frame, hold| int(MavCmd::NAV_WAYPOINT, frame, [hold, 0.0, 0.0, NAN], 0, 1, 10.0);
     let hold = |command: Command| command.decode_by::<NavWaypoint>(&OWN).map(|waypoint| waypoint.hold);
     assert_eq!(at(MavFrame::GLOBAL, -1.0).decode::<NavWaypoint>(), Err(MavResult::DENIED));

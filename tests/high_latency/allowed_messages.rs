@@ -25,7 +25,7 @@ impl Vehicle for Everything {
 }
 
 impl Commands for Everything {
-    const COMMANDS: &'static [mavstack::command::CommandPolicy] = TestVehicle::COMMANDS;
+    const POLICIES: &'static [mavstack::command::CommandPolicy] = TestVehicle::POLICIES;
 
     fn cancel_command(&mut self, cx: &mut Context<'_>, command: MavCmd, from: Peer) -> bool {
         self.0.cancel_command(cx, command, from)

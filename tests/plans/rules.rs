@@ -2,7 +2,7 @@
 //! code and a text, without a trace in the live plan.
 
 use crate::support::*;
-use mavstack::dialect::command_rules::*;
+use mavstack::dialect::rules::*;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItemInt, Statustext};
 use mavstack::message::ParamRule;
 use mavstack::{CommandRule, Item, plan_memory};

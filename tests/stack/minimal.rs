@@ -30,7 +30,7 @@ impl Vehicle for Minimal {
 }
 
 impl Commands for Minimal {
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::PREFLIGHT_CALIBRATION)];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::PREFLIGHT_CALIBRATION)];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         match command.id {

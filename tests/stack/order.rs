@@ -42,7 +42,7 @@ impl Vehicle for Moded {
 }
 
 impl Commands for Moded {
-    const COMMANDS: &'static [CommandPolicy] = TestVehicle::COMMANDS;
+    const POLICIES: &'static [CommandPolicy] = TestVehicle::POLICIES;
 
     fn command(&mut self, cx: &mut Context<'_>, command: &mavstack::Command) -> Outcome {
         self.0.command(cx, command)

@@ -101,8 +101,8 @@ impl<const W: u8> Vehicle for Pilot<W> {
 }
 
 impl<const W: u8> Commands for Pilot<W> {
-    const COMMANDS: &'static [CommandPolicy] =
-        if W == DECLARED { &[CommandPolicy::new(command_rules::DO_SET_MODE).no_broadcast()] } else { &[] };
+    const POLICIES: &'static [CommandPolicy] =
+        if W == DECLARED { &[CommandPolicy::new(rules::DO_SET_MODE).no_broadcast()] } else { &[] };
 
     fn is_in_control(&self, command: &Command) -> bool {
         self.controller.is_none_or(|controller| controller == command.from.address)

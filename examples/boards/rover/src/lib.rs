@@ -3,8 +3,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::commands::ComponentArmDisarm;
+use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::{MavModeFlag, MavResult, MavState, MavType, MissionState};
 use mavstack::*;
 

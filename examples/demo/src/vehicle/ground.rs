@@ -1,8 +1,8 @@
 //! Commands for the ground: calibration and reboot.
 
 use mavstack::command::LongCommands;
-use mavstack::dialect::command_rules as rules;
 use mavstack::dialect::commands::{PreflightCalibration, PreflightRebootShutdown};
+use mavstack::dialect::rules;
 use mavstack::dialect::{MavCmd, MavResult, MavSeverity, RebootShutdownAction, RebootShutdownConditions};
 use mavstack::message::ParamRule;
 use mavstack::{Command, CommandRule, Context, Duration, Instant, LinkId, Outcome};

@@ -1,6 +1,6 @@
 //! Uploaded plans: which items the vehicle accepts, and how it uses new plans.
 
-use mavstack::dialect::command_rules as rules;
+use mavstack::dialect::rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use mavstack::message::{LatLon, ParamRule};
 use mavstack::plan::PlanFault;

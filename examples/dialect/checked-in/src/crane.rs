@@ -23,7 +23,7 @@ pub mod mav_cmd {
 /// The rules for items with the commands of `MAV_CMD`. A rule takes flash only if the firmware uses it.
 #[rustfmt::skip]
 #[allow(missing_docs, dead_code, reason = "each command has a rule, with the name of the command")]
-pub mod command_rules {
+pub mod rules {
     use mavstack::message::CommandRule;
     use mavstack::message::ParamRule;
 
@@ -42,11 +42,11 @@ pub mod command_rules {
 /// decodes it.
 #[allow(dead_code, reason = "a firmware decodes only some commands")]
 pub mod commands {
-    use super::command_rules;
+    use super::rules;
 
     mavstack::command! {
         /// Opens or closes the hook.
-        pub struct CraneHook = command_rules::CRANE_HOOK {
+        pub struct CraneHook = rules::CRANE_HOOK {
             /// The state to set.
             hook: super::CraneHook = 1,
             /// Delay before the action. (s) Range: ≥ 0.

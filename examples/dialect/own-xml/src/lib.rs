@@ -80,7 +80,7 @@ impl Commands for Vessel {
 }
 
 impl Plans for Vessel {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[crane::command_rules::CRANE_HOOK];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[crane::rules::CRANE_HOOK];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 

@@ -11,7 +11,7 @@ use mavstack::dialect::{
     ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
     MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
     NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
-    Timesync, VfrHud, Vibration, WindCov, command_rules,
+    Timesync, VfrHud, Vibration, WindCov, rules,
 };
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
@@ -146,7 +146,7 @@ impl Vehicle for Rover {
 
 impl Commands for Rover {
     #[cfg(feature = "commands-rules")]
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::NAV_TAKEOFF).no_broadcast().once()];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::NAV_TAKEOFF).no_broadcast().once()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         if cfg!(feature = "typed-2")
@@ -238,7 +238,7 @@ impl Telemetry for Rover {
 
 #[cfg(feature = "mission")]
 impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
