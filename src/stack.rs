@@ -217,7 +217,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Ok(0) => break Err(LinkError::Closed),
                 Ok(len) => {
                     left = left.saturating_sub(len);
-                    self.commit(now, link, len, vehicle, allowance);
+                    self.handle_received(now, link, len, vehicle, allowance);
                 }
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
@@ -229,7 +229,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         };
         // Bytes in the decoder from before: they wait for silence, or for more budget.
-        self.commit(now, link, 0, vehicle, allowance);
+        self.handle_received(now, link, 0, vehicle, allowance);
         result
     }
 
@@ -300,7 +300,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             let len = if rest.is_empty() { 0 } else { state.decoder.push(rest, now) };
             taken = taken.saturating_add(len);
             // Also without room: the bytes that fill the buffer wait for this call's budget.
-            self.commit(now, link, 0, vehicle, &mut allowance);
+            self.handle_received(now, link, 0, vehicle, &mut allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;
             }
@@ -318,7 +318,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// in them, up to the budget of one poll.
     pub fn received(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle) {
         let mut allowance = self.shared.config.budget.allowance();
-        self.commit(now, link, len, vehicle, &mut allowance);
+        self.handle_received(now, link, len, vehicle, &mut allowance);
     }
 
     /// Returns the bytes to be sent next on a link, at most the rest of one frame; then call
@@ -454,12 +454,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Handles the frames in the decoder after `len` more bytes were received, as far as the allowance permits.
-    fn commit(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle, allowance: &mut Allowance) {
+    fn handle_received(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        len: usize,
+        vehicle: &mut D::Vehicle,
+        allowance: &mut Allowance,
+    ) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
         if len > 0 {
-            link_state.decoder.commit(len, now);
+            link_state.decoder.filled(len, now);
         }
         let own_frame = services.drain(&mut cx, link_state, state, allowance);
         if let Some(own_frame) = own_frame

@@ -6,7 +6,7 @@
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 
-use super::{Cx, Handled, Received, Service};
+use super::{Cx, Handled, Received, Service, count};
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
@@ -403,10 +403,6 @@ const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
 fn millis(now: Instant) -> u32 {
     let [a, b, c, d, ..] = now.as_millis().to_le_bytes();
     u32::from_le_bytes([a, b, c, d])
-}
-
-fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
 }
 
 impl<F: Firmware> Service<F> for ManualInput {

@@ -168,7 +168,7 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
         let Some((mut cx, hooks)) = mission::work(&mut cx) else { return Step::Idle };
         let refused = missions.refused(&mut cx, hooks);
         if refused.is_some() {
-            mission::owe(states.iter_mut().map(|state| &mut state.mission), refused);
+            mission::queue_result(states.iter_mut().map(|state| &mut state.mission), refused);
             return Step::Busy;
         }
         // A running upload uses the memory that reading needs. In flight, only the operator changes plans.
@@ -194,7 +194,7 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
             Step::Unread if !missions.awaits_storage() => None,
             Step::Failed | Step::Unread => missions.not_saved(&mut cx),
         };
-        mission::owe(states.iter_mut().map(|state| &mut state.mission), owed);
+        mission::queue_result(states.iter_mut().map(|state| &mut state.mission), owed);
         self.turn.took(Turn::PLANS, step);
         step
     }

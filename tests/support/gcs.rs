@@ -194,7 +194,7 @@ impl Gcs {
         while self.end.read_ready() == Ok(true) {
             match self.end.read(self.decoder.spare()) {
                 Ok(0) => break,
-                Ok(len) => self.decoder.commit(len, now),
+                Ok(len) => self.decoder.filled(len, now),
                 Err(_) => continue,
             }
             self.decode(now);

@@ -5,8 +5,8 @@
 
 use core::ops::{Deref, DerefMut};
 
-use super::copies::REPEATED_WITHIN;
-use super::{Copies, LATE, Once, SOON, is_well_after};
+use super::duplicates::REPEATED_WITHIN;
+use super::{Duplicates, LATE, Once, SOON, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
 use crate::message::Address;
@@ -49,7 +49,7 @@ pub struct CommandSlot {
     has_changed: bool,
     /// The links on which it was received.
     links: LinkMask,
-    copies: Copies,
+    duplicates: Duplicates,
     /// The links on which the next ACK is pending.
     pending: LinkMask,
     outcome: Outcome,
@@ -102,7 +102,7 @@ impl CommandSlot {
         progress: 0,
         has_changed: false,
         links: LinkMask::NONE,
-        copies: Copies::NONE,
+        duplicates: Duplicates::NONE,
         pending: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
@@ -146,13 +146,13 @@ impl CommandSlot {
     }
 
     /// Records a duplicate that was [answered](Self::answer).
-    fn count(&mut self, now: Instant, command: &Command) {
+    fn note(&mut self, now: Instant, command: &Command) {
         let link = command.from.link;
-        if !self.copies.lacks(link) && self.is_repeated_by(now, command) {
+        if !self.duplicates.lacks(link) && self.is_repeated_by(now, command) {
             // Every other link may deliver this retransmission too.
-            self.copies.run(link);
+            self.duplicates.run(link);
         } else {
-            self.copies.count(link);
+            self.duplicates.note(link);
         }
         self.repeated_after = millis(now.since(self.at));
     }
@@ -170,7 +170,7 @@ impl CommandSlot {
         let is_later = signed.is_some_and(|(known, sent)| is_well_after(sent, known));
         let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
         // A command that is given twice is received twice on each link, with the same confirmation.
-        let lacks = self.copies.lacks(command.from.link);
+        let lacks = self.duplicates.lacks(command.from.link);
         // After TEMPORARILY_REJECTED the client tries again, and the vehicle may accept now.
         let is_final = self.outcome.result != MavResult::TEMPORARILY_REJECTED;
         let is_repeated = once == Once::Yes && is_final && self.is_repeated_by(now, command);
@@ -386,12 +386,12 @@ impl LongCommands {
                 return Some(MavResult::TEMPORARILY_REJECTED.into());
             }
             slot.links = slot.links.with(LinkMask::of(command.from.link));
-            slot.copies.count(command.from.link);
+            slot.duplicates.note(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
         for slot in &mut self.slots {
             if let Some(answer) = slot.answer(now, command, signed_at, once) {
-                slot.count(now, command);
+                slot.note(now, command);
                 return Some(answer);
             }
         }
@@ -419,7 +419,7 @@ impl LongCommands {
             if let Some(slot) = self.free_slot().and_then(|index| self.slots.get_mut(index)) {
                 let started = CommandSlot::new(command, State::Running);
                 *slot = CommandSlot { is_long: true, progress: NO_PROGRESS, at: now, signed_at, ..started };
-                slot.copies.run(command.from.link);
+                slot.duplicates.run(command.from.link);
             }
             return;
         }
@@ -429,9 +429,9 @@ impl LongCommands {
         let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };
         let known = self.slots.iter().position(|slot| slot.is_run_of(command));
         if let Some(slot) = known.or_else(|| self.free_slot()).and_then(|index| self.slots.get_mut(index)) {
-            let copies = if known.is_some() { slot.copies } else { Copies::NONE };
-            *slot = CommandSlot { copies, ..done };
-            slot.copies.run(command.from.link);
+            let duplicates = if known.is_some() { slot.duplicates } else { Duplicates::NONE };
+            *slot = CommandSlot { duplicates, ..done };
+            slot.duplicates.run(command.from.link);
         }
     }
 

@@ -7,14 +7,14 @@
 //! [`Commands`] has a diagram of a command's path.
 
 mod acks;
-mod copies;
+mod duplicates;
 mod long;
 mod policy;
 mod refusal;
 mod vehicle;
 
 pub(crate) use acks::Acks;
-pub(crate) use copies::{Copies, LATE, Once, SOON, is_well_after};
+pub(crate) use duplicates::{Duplicates, LATE, Once, SOON, is_well_after};
 pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
 pub(crate) use refusal::{explain, explain_mode};

@@ -302,7 +302,7 @@ impl Missions {
     /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
     /// upload or clear that this ended, and the link to send it on ([`Replies::set_result`]).
     #[must_use]
-    pub(crate) fn tick<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn run_timers<V: Plans>(&mut self, cx: &mut Work<'_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
         self.reached.poll(cx.now, cx.normal);
         // At most one of the three is active.
@@ -381,7 +381,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let reached = core::mem::take(&mut cx.shared.requests.reached);
         let Some((mut work, vehicle)) = work(cx) else { return };
         reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
-        owe(links, self.tick(&mut work, vehicle));
+        queue_result(links, self.run_timers(&mut work, vehicle));
     }
 
     fn deadline(&self) -> Instant {
@@ -489,7 +489,7 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
 }
 
 /// Queues a final answer on the given link.
-pub(crate) fn owe<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
+pub(crate) fn queue_result<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
     let Some((link, reply)) = owed else { return };
     if let Some(replies) = links.nth(usize::from(link.0)) {
         replies.set_result(reply);

@@ -127,7 +127,7 @@ fn main() -> ! {
         let now = Instant::from_micros(now_micros());
         if uart.read_ready() == Ok(true) {
             let len = uart.read(decoder.spare()).unwrap_or(0);
-            decoder.commit(len, now);
+            decoder.filled(len, now);
         }
         let mut budget = Decoder::MIN_BUDGET;
         while let Some(frame) = decoder.next(now, Twelve::MESSAGES, &mut budget, |_| false) {

@@ -226,7 +226,7 @@ impl Bench {
     }
 
     fn poll(&mut self) {
-        self.with_answer(|missions, cx, vehicle| missions.tick(cx, vehicle));
+        self.with_answer(|missions, cx, vehicle| missions.run_timers(cx, vehicle));
     }
 
     /// When the engine's next timer is due.

@@ -117,7 +117,7 @@ fn app(mut uart: Uart) -> u32 {
         if len == 0 {
             return frames;
         }
-        decoder.commit(len, Instant::ZERO);
+        decoder.filled(len, Instant::ZERO);
         let mut budget = Decoder::MIN_BUDGET;
         while let Some(frame) = decoder.next(Instant::ZERO, Twelve::MESSAGES, &mut budget, |_| false) {
             frames += 1;
