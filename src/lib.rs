@@ -5,9 +5,9 @@
 //! input at the same time gives the same output.
 //!
 //! ```
-//! use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 //! use mavstack::dialect::commands::ComponentArmDisarm;
-//! use mavstack::dialect::{MavModeFlag, MavResult, MavSeverity, MavState, MissionState};
+//! use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+//! use mavstack::dialect::{MavResult, MavSeverity, MissionState};
 //! use mavstack::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
@@ -36,8 +36,7 @@
 //!
 //! impl Vehicle for Rover {
 //!     fn state(&self) -> Option<VehicleState> {
-//!         let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
-//!         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+//!         Some(VehicleState::new(self.armed))
 //!     }
 //! }
 //!

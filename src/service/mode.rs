@@ -165,9 +165,7 @@ pub trait Modes: Vehicle {
     /// at once after a change (CURRENT_MODE, Q-10). It turns MAV_CMD_DO_SET_MODE, the older message SET_MODE, and
     /// MAV_CMD_DO_SET_STANDARD_MODE into [`set_mode`](Self::set_mode).
     ///
-    /// [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is the current mode. Set
-    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED) in `base_mode` then, or ground stations ignore the
-    /// number.
+    /// [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is the current mode.
     const MODES: &'static [FlightMode];
 
     /// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE encode a `custom_mode`.

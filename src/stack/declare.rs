@@ -114,6 +114,9 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// stack.poll(Instant::ZERO, &mut Quadrotor);
 /// ```
 ///
+/// The vehicle must be as visible as the struct: `pub struct Mavlink for Rover` needs a `pub struct Rover`, or the compiler
+/// reports a private type in a public interface (E0446).
+///
 /// The struct derefs to [`Stack`](crate::Stack), which has the methods. A service that is not declared is not linked
 /// and takes no memory, and its hook need not be implemented.
 ///

@@ -7,18 +7,71 @@ use crate::frame::Frame;
 use crate::message::{Dialect, MessageTable};
 
 /// The vehicle's state, as HEARTBEAT reports it (H-4).
+///
+/// ```
+/// use mavstack::VehicleState;
+/// use mavstack::dialect::{MavModeFlag, MavState};
+///
+/// let is_armed = true;
+/// let state = VehicleState::new(is_armed).with_mode(4);
+/// assert_eq!((state.base_mode, state.system_status), (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VehicleState {
-    /// The mode flags. [`MavModeFlag::SAFETY_ARMED`] must be set exactly while the vehicle is armed.
+    /// The mode flags. [`MavModeFlag::SAFETY_ARMED`] must be set exactly while the vehicle is armed. The stack adds
+    /// [`MavModeFlag::CUSTOM_MODE_ENABLED`] if it declares `modes`, or if [`custom_mode`](Self::custom_mode) is not 0. A
+    /// vehicle without `modes` whose mode 0 has a meaning sets it itself. Ground stations that know the flag ignore
+    /// most others.
     pub base_mode: MavModeFlag,
-    /// The firmware's number of the mode. Set [`MavModeFlag::CUSTOM_MODE_ENABLED`] if it has a meaning.
+    /// The firmware's number of the mode; 0 if it has no modes.
     pub custom_mode: u32,
     /// [`MavState::BOOT`], then [`MavState::STANDBY`], then [`MavState::ACTIVE`], or a state of failure.
     pub system_status: MavState,
 }
 
 impl VehicleState {
+    /// Returns the state of a vehicle in mode 0: [`ACTIVE`](MavState::ACTIVE) if it is armed, and
+    /// [`STANDBY`](MavState::STANDBY) if not.
+    pub const fn new(is_armed: bool) -> Self {
+        let (base_mode, system_status) = match is_armed {
+            true => (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE),
+            false => (MavModeFlag::EMPTY, MavState::STANDBY),
+        };
+        Self { base_mode, custom_mode: 0, system_status }
+    }
+
+    /// Returns the same state in another mode.
+    #[must_use]
+    pub const fn with_mode(self, custom_mode: u32) -> Self {
+        Self { custom_mode, ..self }
+    }
+
+    /// Returns the same state with another status, such as [`CRITICAL`](MavState::CRITICAL).
+    #[must_use]
+    pub const fn with_status(self, system_status: MavState) -> Self {
+        Self { system_status, ..self }
+    }
+
+    /// Returns the same state with these mode flags added.
+    #[must_use]
+    pub const fn with_flags(self, flags: MavModeFlag) -> Self {
+        Self { base_mode: self.base_mode.with(flags), ..self }
+    }
+
+    /// Returns whether the vehicle is armed.
+    pub const fn is_armed(&self) -> bool {
+        self.base_mode.contains(MavModeFlag::SAFETY_ARMED)
+    }
+
+    /// Returns HEARTBEAT.base_mode (H-4).
+    pub(crate) const fn flags(&self, has_modes: bool) -> MavModeFlag {
+        match has_modes || self.custom_mode != 0 {
+            true => self.base_mode.with(MavModeFlag::CUSTOM_MODE_ENABLED),
+            false => self.base_mode,
+        }
+    }
+
     /// No state reported yet; all bits are zero.
     pub(crate) const ZERO: Self =
         Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
@@ -121,6 +174,6 @@ pub trait Vehicle {
     /// `None`, it is false, because the vehicle may be flying. A vehicle whose storage does not stop the processor, FRAM for
     /// example, can always return true.
     fn may_persist(&self) -> bool {
-        self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
+        self.state().is_some_and(|state| !state.is_armed())
     }
 }

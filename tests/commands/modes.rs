@@ -5,7 +5,7 @@ use crate::support::pilot::*;
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{LinkConfig, LinkId, Message};
+use mavstack::{LinkConfig, LinkId, Message, VehicleState};
 use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;
@@ -38,6 +38,15 @@ fn all_modes_are_told() {
     }
     assert_eq!(told[2].mode_name.wire()[34], 0, "QGroundControl cuts the last byte off");
     assert!(indices(&world, 0).is_empty(), "only where they were asked for");
+}
+
+/// H-4: with declared modes, the number of each is a mode, also 0.
+#[test]
+fn mode_0_is_a_mode_too() {
+    let mut world = world::<1, MANY>();
+    assert_eq!(world.vehicle.state, Some(VehicleState::new(false)));
+    let heartbeat = world.expect::<Heartbeat>(0, secs(1));
+    assert_eq!((heartbeat.base_mode, heartbeat.custom_mode), (MavModeFlag::CUSTOM_MODE_ENABLED, 0));
 }
 
 /// one mode; not given is all; beyond the table there is none.

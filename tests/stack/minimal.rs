@@ -24,8 +24,7 @@ struct Minimal;
 
 impl Vehicle for Minimal {
     fn state(&self) -> Option<VehicleState> {
-        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
-        Some(VehicleState { base_mode, custom_mode: 4, system_status: MavState::STANDBY })
+        Some(VehicleState::new(false).with_mode(4))
     }
 }
 

@@ -70,9 +70,8 @@ pub struct Pilot<const W: u8> {
 
 impl<const W: u8> Default for Pilot<W> {
     fn default() -> Self {
-        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
         Self {
-            state: Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY }),
+            state: Some(VehicleState::new(false)),
             intended: 0,
             verdict: MavResult::ACCEPTED.into(),
             controller: None,

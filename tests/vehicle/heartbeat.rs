@@ -243,11 +243,33 @@ fn three_links() -> World<3> {
     world
 }
 
+/// H-4: a number other than 0 is a mode, also for a vehicle that does not declare its modes. Flags of its own are sent too.
+#[test]
+fn custom_mode_enabled_is_set_with_a_mode() {
+    let custom = MavModeFlag::CUSTOM_MODE_ENABLED;
+    let (armed, auto) = (MavModeFlag::SAFETY_ARMED, MavModeFlag::AUTO_ENABLED);
+    for (state, expected) in [
+        (VehicleState::new(false), MavModeFlag::EMPTY),
+        (VehicleState::new(true), armed),
+        (VehicleState::new(false).with_mode(7), custom),
+        (VehicleState::new(true).with_mode(7).with_flags(auto), armed | auto | custom),
+        (VehicleState::new(false).with_flags(custom), custom),
+    ] {
+        let mut world = World::<1>::new(Setup::new());
+        world.vehicle.state = Some(state);
+        world.run_for(millis(10));
+        let (_, heartbeat) = world.gcs[0].take::<Heartbeat>().unwrap();
+        let told = (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status);
+        assert_eq!(told, (expected, state.custom_mode, state.system_status));
+        assert_eq!(state.is_armed(), expected.contains(armed));
+    }
+}
+
 /// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the periodic
 /// schedule is unchanged.
 #[test]
 fn change_is_reported_at_once() {
-    let armed = |state: &mut VehicleState| state.base_mode = MavModeFlag::SAFETY_ARMED;
+    let armed = |state: &mut VehicleState| state.base_mode |= MavModeFlag::SAFETY_ARMED;
     let changes: [fn(&mut VehicleState); 3] =
         [armed, |state| state.custom_mode = 7, |state| state.system_status = MavState::CRITICAL];
     for change in changes {

@@ -12,7 +12,7 @@
 include!(concat!(env!("OUT_DIR"), "/crane.rs"));
 
 use crane::{CraneControl, CraneHook, CraneReport, commands};
-use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::dialect::{MavResult, MissionState};
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::{
     Command, CommandRule, Commands, Context, Duration, Fill, Frame, LinkId, Message, Outcome, PlanChange, Plans,
@@ -39,7 +39,7 @@ impl Vehicle for Vessel {
     const MESSAGES: MessageTable = crane::Crane::MESSAGES;
 
     fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
+        Some(VehicleState::new(false))
     }
 
     fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {

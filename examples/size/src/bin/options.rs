@@ -139,8 +139,7 @@ impl Vehicle for Rover {
     const MESSAGES: MessageTable = Few::MESSAGES;
 
     fn state(&self) -> Option<VehicleState> {
-        let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
-        Some(VehicleState { base_mode, custom_mode: self.mode, system_status: MavState::STANDBY })
+        Some(VehicleState::new(self.armed).with_mode(self.mode))
     }
 }
 
