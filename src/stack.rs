@@ -67,7 +67,7 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     turn: storage::Turn,
 }
 
-/// Splits the stack into the context of a call, the services, the links and their states.
+/// Splits the stack into what a call uses: the data that services share, the services, the links and their states.
 macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr) => {{
         let stack = $stack;
