@@ -4,7 +4,9 @@
 //! stream, so 1 ms means 10 ns per frame. The throughput column shows frames per second.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use mavstack::{Address, Decoder, Dialect, Frame, Instant, MAX_FRAME_LEN, dialect::Common};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN};
+use mavstack::message::Dialect;
+use mavstack::{Address, Frame, Instant, dialect::Common};
 use std::hint::black_box;
 
 #[allow(dead_code, reason = "shared with the tests")]

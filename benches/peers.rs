@@ -5,7 +5,9 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mavstack::__private::Declares;
+use mavstack::config::StreamProfile;
 use mavstack::dialect::{Attitude, Heartbeat, MavResult, PlayTune};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::*;
 use std::hint::black_box;
 

@@ -5,9 +5,9 @@
 //! input at the same time gives the same output.
 //!
 //! ```
-//! use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 //! use mavstack::dialect::commands::ComponentArmDisarm;
-//! use mavstack::dialect::{MavModeFlag, MavResult, MavSeverity, MavState, MissionState};
+//! use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+//! use mavstack::dialect::{MavResult, MavSeverity, MissionState};
 //! use mavstack::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
@@ -36,8 +36,7 @@
 //!
 //! impl Vehicle for Rover {
 //!     fn state(&self) -> Option<VehicleState> {
-//!         let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
-//!         Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY })
+//!         Some(VehicleState::new(self.armed))
 //!     }
 //! }
 //!
@@ -85,12 +84,12 @@
 //!
 //! | layer | contents |
 //! |---|---|
-//! | [`Decoder`], [`Frame`], [`encode`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
-//! | [`Message`], [`message!`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
-//! | [`LinkConfig`], [`PeerInfo`], [`ForwardQueues`] | the links, the peers on them, and forwarding between links |
-//! | the services | heartbeat, commands, modes, plans, parameters, streams, texts, identity, time, manual control, signing, high latency |
+//! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
+//! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
+//! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
-//! | [`mod@io`] | transports between the stack and a UART |
+//! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
 //! [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
 //! units and ranges of parameters.
@@ -131,7 +130,8 @@
 //! # Guarantees
 //!
 //! - No `unsafe`, no allocation, no recursion. Received bytes cannot cause a panic.
-//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within [`PollBudget`].
+//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within its
+//!   [budget](config::PollBudget).
 //! - A request that is carried out is answered: a full transmit buffer delays the answer, and never loses it. A request is dropped
 //!   unexecuted, and counted, when there is no memory for its answer.
 //! - Heartbeats stop when the flight loop stops ticking its [`Pulse`], whatever else still runs.
@@ -173,68 +173,104 @@ mod log;
 mod crc;
 mod crc32;
 pub mod dialect;
-mod frame;
+pub mod frame;
 pub mod io;
 mod link;
 mod list;
-mod message;
+pub mod message;
 #[cfg(feature = "fmt")]
 pub mod metadata;
-mod network;
+pub mod network;
 mod num;
 mod pulse;
 mod service;
 mod stack;
 #[cfg(feature = "storage")]
-mod storage;
+pub mod storage;
 mod time;
 mod types;
 pub mod wpl;
 
-pub use frame::{Decoder, EncodeError, Frame, Header, MAX_FRAME_LEN, RxCounters, Signature, Version, encode};
-#[cfg(feature = "signing")]
-pub use frame::{SigningKey, encode_signed};
-pub use link::{LinkCounters, LinkError};
-pub use message::*;
-pub use network::{ForwardCounters, ForwardQueues, PeerInfo};
+#[doc(inline)]
+pub use frame::Frame;
+#[doc(inline)]
+pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
-pub use service::command::{CommandMemory, CommandPolicy, Commands};
+pub use service::command::Commands;
 #[cfg(test)]
 pub use service::example::Tunes;
-pub use service::high_latency::{
-    HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample,
-};
-pub use service::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
-pub use service::mission::{PlanChange, PlanCounters, PlanFault, Plans, Progress};
-pub use service::mode::{CustomMode, FlightMode, MAX_MODES, ModeRequest, Modes};
-pub use service::param::{
-    MAX_PARAMS, NoParams, Param, ParamChange, ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType, Parameters,
-};
-#[doc(hidden)]
-pub use service::param::{ParamMemory as __ParamMemory, ParamValues as __ParamValues, TableMut as __ParamTableMut};
-#[cfg(feature = "signing")]
-pub use service::signing::{Signing, SigningCounters, SigningStream};
-pub use service::stream::{Fill, MAX_STREAMS, Stream, Telemetry};
-pub use service::time::{ClockFilter, Time, TimeSample, WallClock};
+pub use service::mission::{PlanChange, Plans, Progress};
+pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
+pub use service::param::{Param, ParamChange, Parameters};
+pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
-#[cfg(feature = "storage")]
-pub use storage::{Fram, FramError, RestoreError, RestoreErrors, Store};
 pub use time::{Duration, Instant};
-#[doc(hidden)]
-pub use types::{__largest, Values as __Values};
-#[cfg(feature = "signing")]
-pub use types::{Accept, LinkSigning};
 pub use types::{
-    Command, CommandPosition, Config, Context, Durability, Identity, LinkClass, LinkConfig, LinkId, MAX_ITEMS,
-    MAX_LINKS, MAX_TEXT_LEN, NoPlans, Outcome, Peer, PeerEvent, PlanMemory, PlanStorage, PlanType, PlanView,
-    PollBudget, StreamProfile, TxVersion, Vehicle, VehicleAddress, VehicleState,
+    Command, Config, Context, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Vehicle, VehicleState,
 };
+
+/// What [`Config`] and [`LinkConfig`] consist of.
+pub mod config {
+    pub use crate::types::{Identity, LinkClass, PollBudget, StreamProfile, TxVersion, VehicleAddress};
+}
+
+/// The largest numbers of links, items, parameters, modes and streams, and the longest text.
+pub mod limits {
+    pub use crate::service::mode::MAX_MODES;
+    pub use crate::service::param::MAX_PARAMS;
+    pub use crate::service::stream::MAX_STREAMS;
+    pub use crate::types::{MAX_ITEMS, MAX_LINKS, MAX_TEXT_LEN};
+}
+
+/// Commands: which ones a vehicle accepts, and those that run for long. [`Commands`] has the hooks.
+pub mod command {
+    pub use crate::service::command::{CommandPolicy, LongCommands};
+    pub use crate::types::CommandPosition;
+}
+
+/// Plans: missions, fences and rally points. [`Plans`] has the hooks.
+pub mod plan {
+    pub use crate::service::mission::{PlanCounters, PlanFault};
+    pub use crate::types::{Durability, PlanView};
+}
+
+/// The tables of parameters that [`parameters!`](crate::parameters) declares. [`Parameters`] has the hooks.
+pub mod param {
+    pub use crate::service::param::{ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType};
+}
+
+/// Message signing: the key, and what each link accepts.
+#[cfg(feature = "signing")]
+pub mod signing {
+    pub use crate::frame::SigningKey;
+    pub use crate::service::signing::{Signing, SigningCounters, SigningStream};
+    pub use crate::types::{Accept, LinkSigning};
+}
+
+/// Satellite modems and other links where each byte costs money: HIGH_LATENCY2.
+pub mod high_latency {
+    pub use crate::service::high_latency::{
+        HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample,
+    };
+}
+
+/// Manual control: the sticks and channels of a pilot on the ground.
+pub mod manual_control {
+    pub use crate::service::manual_control::{
+        ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride,
+    };
+}
+
+/// Clocks: those of peers, by PING and TIMESYNC, and the time of day.
+pub mod clock {
+    pub use crate::service::time::{ClockFilter, Time, TimeSample, WallClock};
+}
 
 #[cfg(feature = "defmt")]
 #[doc(hidden)]
 pub use defmt as __defmt;
 
-/// The names that [`stack!`] expands to.
+/// The names that the crate's macros expand to.
 #[doc(hidden)]
 pub mod __private {
     pub use crate::network::PeerInfo;
@@ -242,11 +278,11 @@ pub mod __private {
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
-    pub use crate::service::param::{NoParams, ParamMemory, ParamService};
+    pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
     pub use crate::service::stream::StreamService;
     pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
     pub use crate::stack::{Declares, Persistent};
-    pub use crate::types::{Firmware, NoPlans, StatusTexts, TextEntry, Values};
+    pub use crate::types::{Firmware, NoPlans, PlanBuffers, PlanMemory, StatusTexts, TextEntry, Values, largest};
 
     /// The peer table.
     pub type PeerTable<const N: usize> = heapless::Vec<PeerInfo, N>;
@@ -254,5 +290,5 @@ pub mod __private {
     pub type TextQueue<const N: usize> = StatusTexts<[TextEntry; N]>;
     /// Signing with `N` streams at a time.
     #[cfg(feature = "signing")]
-    pub type SigningMemory<const N: usize> = crate::Signing<[crate::SigningStream; N]>;
+    pub type SigningStreams<const N: usize> = crate::signing::Signing<[crate::signing::SigningStream; N]>;
 }

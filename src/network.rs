@@ -1,4 +1,4 @@
-//! The network: the peers on each link, routes, and forwarding between links.
+//! The network: counters of links, the peers on them, routes, and forwarding between links.
 //!
 //! ```text
 //!   frame ──▶ peers: source and link ──▶ routes: links that reach the target ──▶ forward: the queues of these links
@@ -13,9 +13,13 @@ mod peers;
 mod queue;
 mod routes;
 
+// For firmwares, whose names of links and peers are here.
+pub use crate::link::{LinkCounters, LinkError};
+#[doc(hidden)]
 pub use forward::Passage;
 pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
+#[doc(hidden)]
 pub use peers::{Booking, Peers};
 pub(crate) use peers::{Reception, deadline, is_heard, is_known, on_frame, on_unchecked, poll};
 pub(crate) use routes::{forget_rebooted, routes, target_of};

@@ -25,20 +25,20 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 /// ```
 #[derive(Debug)]
 pub struct Pulse {
-    count: AtomicU32,
+    ticks: AtomicU32,
     fault: AtomicBool,
 }
 
 impl Pulse {
     /// Returns a pulse without a tick. No heartbeat is sent before the first.
     pub const fn new() -> Self {
-        Self { count: AtomicU32::new(0), fault: AtomicBool::new(false) }
+        Self { ticks: AtomicU32::new(0), fault: AtomicBool::new(false) }
     }
 
     /// Reports that the flight loop has completed a pass and is healthy. Call it from one place only.
     #[inline]
     pub fn tick(&self) {
-        self.count.store(self.count.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        self.ticks.store(self.ticks.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
 
     /// Stops the heartbeats until the next reset, even if ticks follow. For fault handlers.
@@ -49,8 +49,8 @@ impl Pulse {
 
     /// Returns the number of ticks, which wraps.
     #[inline]
-    pub(crate) fn count(&self) -> u32 {
-        self.count.load(Ordering::Relaxed)
+    pub(crate) fn ticks(&self) -> u32 {
+        self.ticks.load(Ordering::Relaxed)
     }
 
     #[inline]

@@ -29,12 +29,12 @@ use crate::log::DropLog;
 #[cfg(feature = "fmt")]
 use crate::message::Text;
 use crate::network::{self, PeerInfo};
-use crate::service::command::CommandStore;
+use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanStorage, Requests, StatusTexts,
+    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, Requests, StatusTexts,
     Values, Vehicle, VehicleAddress,
 };
 
@@ -62,7 +62,7 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     drops: DropLog,
 }
 
-/// Splits the stack into the context of a call, the services, the links and their states.
+/// Splits the stack into what a call uses: the data that services share, the services, the links and their states.
 macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr) => {{
         let stack = $stack;
@@ -71,7 +71,7 @@ macro_rules! split {
             shared: &mut stack.shared,
             peers: PeerMemory::view_mut(&mut stack.peers),
             texts: TextMemory::view_mut(&mut stack.texts),
-            plans: crate::types::PlanStorage::view(&mut stack.plans),
+            plans: crate::types::PlanMemory::view(&mut stack.plans),
             parameters: &mut stack.parameters,
             vehicle: $vehicle,
         };
@@ -207,7 +207,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Ok(0) => break Err(LinkError::Closed),
                 Ok(len) => {
                     left = left.saturating_sub(len);
-                    self.commit(now, link, len, vehicle, allowance);
+                    self.handle_received(now, link, len, vehicle, allowance);
                 }
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
@@ -219,7 +219,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         };
         // Bytes in the decoder from before: they wait for silence, or for more budget.
-        self.commit(now, link, 0, vehicle, allowance);
+        self.handle_received(now, link, 0, vehicle, allowance);
         result
     }
 
@@ -290,7 +290,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             let len = if rest.is_empty() { 0 } else { state.decoder.push(rest, now) };
             taken = taken.saturating_add(len);
             // Also without room: the bytes that fill the buffer wait for this call's budget.
-            self.commit(now, link, 0, vehicle, &mut allowance);
+            self.handle_received(now, link, 0, vehicle, &mut allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;
             }
@@ -299,7 +299,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Returns free space in the link's own buffer, to receive bytes without a copy; then call
     /// [`received`](Self::received). It is empty while frames wait for more budget. If no bytes are pending, it has
-    /// room for a frame of maximum length: see [`Decoder::spare`](crate::Decoder::spare).
+    /// room for a frame of maximum length: see [`Decoder::spare`](crate::frame::Decoder::spare).
     pub fn receive_buffer(&mut self, link: LinkId) -> &mut [u8] {
         self.link_mut(link).map(|link| link.decoder.spare()).unwrap_or_default()
     }
@@ -308,7 +308,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// in them, up to the budget of one poll.
     pub fn received(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle) {
         let mut allowance = self.shared.config.budget.allowance();
-        self.commit(now, link, len, vehicle, &mut allowance);
+        self.handle_received(now, link, len, vehicle, &mut allowance);
     }
 
     /// Returns the bytes to be sent next on a link, at most the rest of one frame; then call
@@ -361,7 +361,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Sends a text to the operators: a STATUSTEXT on every normal link (T-5). Takes any text: a `&str`, or a
-    /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN)
+    /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN)
     /// bytes. The same text is dropped if it is repeated within five seconds. A full queue evicts the least severe
     /// text; `texts` in [`stack!`](crate::stack) declares its length.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
@@ -370,10 +370,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Sends a text that `core::fmt` formats, which takes some kilobytes of flash: `stack.send_fmt(now,
     /// MavSeverity::INFO, format_args!("Wind {wind:.1} m/s"))`. A text is cut off after
-    /// [`MAX_TEXT_LEN`](crate::MAX_TEXT_LEN) bytes.
+    /// [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN) bytes.
     #[cfg(feature = "fmt")]
     pub fn send_fmt(&mut self, now: Instant, severity: MavSeverity, text: core::fmt::Arguments<'_>) {
-        let mut built = Text::<{ crate::MAX_TEXT_LEN }>::EMPTY;
+        let mut built = Text::<{ crate::limits::MAX_TEXT_LEN }>::EMPTY;
         // An error means that the text was cut off.
         let _ = core::fmt::Write::write_fmt(&mut built, text);
         self.push_text(now, severity, built.as_bytes());
@@ -393,9 +393,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             texts: self.texts.view_mut(),
             requests: &mut self.shared.requests,
             normal: self.shared.normal,
-            plans: PlanStorage::view(&mut self.plans).as_ref(),
+            plans: PlanMemory::view(&mut self.plans).as_ref(),
             values: self.parameters.values(),
-            can_start: self.services.command.store.memory().is_some_and(|memory| memory.can_start()),
+            can_start: self.services.command.slots.view_mut().is_some_and(|long| long.can_start()),
         })
     }
 
@@ -444,12 +444,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Handles the frames in the decoder after `len` more bytes were received, as far as the allowance permits.
-    fn commit(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle, allowance: &mut Allowance) {
+    fn handle_received(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        len: usize,
+        vehicle: &mut D::Vehicle,
+        allowance: &mut Allowance,
+    ) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
         if len > 0 {
-            link_state.decoder.commit(len, now);
+            link_state.decoder.filled(len, now);
         }
         let own_frame = services.drain(&mut cx, link_state, state, allowance);
         if let Some(own_frame) = own_frame

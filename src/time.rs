@@ -47,7 +47,7 @@ impl Instant {
     /// Returns the time in units of 1,024 µs. It wraps after 50 days: compare by wrapping difference. It saves memory
     /// where a comparison may be wrong once in 50 days.
     #[inline]
-    pub(crate) const fn ticks(self) -> u32 {
+    pub(crate) const fn coarse(self) -> u32 {
         let [.., b3, b2, b1, b0] = (self.0 >> 10).to_be_bytes();
         u32::from_be_bytes([b3, b2, b1, b0])
     }

@@ -25,9 +25,7 @@ pub(crate) use flight::Flight;
 pub use identity::Identity;
 pub(crate) use link::LinkMask;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
-#[doc(hidden)]
-pub use plans::largest as __largest;
-pub use plans::{MAX_ITEMS, NoPlans, PlanMemory, PlanStorage, PlanType, PlanView, PlansMut};
+pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanType, PlanView, PlansMut, largest};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;

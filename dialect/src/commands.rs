@@ -73,9 +73,9 @@ pub(crate) fn write(
     out.push('\n');
     doc.write(out, "/// ");
     out.push_str("#[allow(dead_code, reason = \"a firmware decodes only some commands\")]\npub mod commands {\n");
-    out.push_str("    use super::command_rules;\n");
+    out.push_str("    use super::rules;\n");
     if written.iter().any(|(command, _)| is_located(command.entry)) {
-        let _ = writeln!(out, "    use {crate_path}::Location;");
+        let _ = writeln!(out, "    use {crate_path}::message::Location;");
     }
     for (command, params) in written {
         out.push('\n');
@@ -102,7 +102,7 @@ fn declaration(
     }
     doc.lifecycle(entry.lifecycle.as_ref());
     doc.write(out, "        /// ");
-    let _ = writeln!(out, "        pub struct {name} = command_rules::{constant} {{");
+    let _ = writeln!(out, "        pub struct {name} = rules::{constant} {{");
     let mut taken = HashSet::from(["location".to_owned()]);
     for param in params {
         let field = names::unique(&mut taken, &field_name(param), &format!("_{}", param.index));

@@ -164,7 +164,7 @@ fn header(dialect: &Dialect, options: &Options, selection: &Selection) -> String
     let has_secret = selection.messages.iter().any(is_secret);
     for (name, is_used) in [("Char", has_char(false)), ("Secret", has_secret), ("Text", has_char(true))] {
         if is_used {
-            let _ = writeln!(out, "use {}::{name};", options.crate_path);
+            let _ = writeln!(out, "use {}::message::{name};", options.crate_path);
         }
     }
     out

@@ -33,7 +33,7 @@
 //!
 //! # Commands
 //!
-//! The generated module `command_rules` has a constant for each command, with the rules for its parameters. The module
+//! The generated module `rules` has a constant for each command, with the rules for its parameters. The module
 //! `commands` has a type for each command with parameters; its fields are named by the parameters' labels.
 
 mod beside;

@@ -94,7 +94,7 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
     out.push_str(
         "#[allow(missing_docs, dead_code, reason = \"each command has a rule, with the name of the command\")]\n",
     );
-    out.push_str("pub mod command_rules {\n");
+    out.push_str("pub mod rules {\n");
     let mut rules = String::new();
     let mut all = Doc::new();
     for (entry, constant) in commands.entries.iter().zip(names::constants(commands)) {
@@ -104,9 +104,9 @@ pub(crate) fn write(out: &mut String, dialect: &Dialect, commands: &Enum, crate_
             all.phrase(format!("{constant},"));
         }
     }
-    let _ = writeln!(out, "    use {crate_path}::CommandRule;");
+    let _ = writeln!(out, "    use {crate_path}::message::CommandRule;");
     if rules.contains("ParamRule::") {
-        let _ = writeln!(out, "    use {crate_path}::ParamRule;");
+        let _ = writeln!(out, "    use {crate_path}::message::ParamRule;");
     }
     let _ =
         write!(out, "\n{rules}\n    /// All rules, for tools. A vehicle lists only the commands that it supports.\n");

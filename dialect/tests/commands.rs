@@ -5,8 +5,9 @@ mod support;
 #[allow(dead_code, reason = "only the commands are tested here")]
 mod tricky;
 
+use mavstack::Item;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult};
-use mavstack::{Item, LatLon, Location, TypedCommand};
+use mavstack::message::{LatLon, Location, TypedCommand};
 use mavstack_dialect::{Options, generate, load};
 use support::path;
 use tricky::{OptionEnum, Signed, commands};
@@ -54,7 +55,7 @@ fn labels_become_field_names() {
         location,
     };
     assert_eq!(item.decode(), Ok(command));
-    assert_eq!(commands::OptionCommand::RULE, tricky::command_rules::OPTION);
+    assert_eq!(commands::OptionCommand::RULE, tricky::rules::OPTION);
 }
 
 #[test]
@@ -107,7 +108,7 @@ fn selection_has_the_selected_commands_and_their_enums() {
     assert!(!few.contains("MavBool"), "a bool needs no type");
     // `Location` is imported only if a command has one.
     let one = text("definitions/common.xml", Some(&["MAV_CMD_NAV_GUIDED_ENABLE"]));
-    assert!(!one.contains("use mavstack::Location;"));
+    assert!(!one.contains("use mavstack::message::Location;"));
     for none in [&["MAV_CMD"][..], &["MAV_CMD_NAV_RETURN_TO_LAUNCH"], &["MISSION_ITEM_INT"], &["HEARTBEAT"]] {
         assert!(!text("definitions/common.xml", Some(none)).contains("pub mod commands"), "{none:?}");
     }

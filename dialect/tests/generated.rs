@@ -5,7 +5,8 @@ mod support;
 #[path = "generated/tricky.rs"]
 mod tricky;
 
-use mavstack::{Char, Dialect, Field, Message, Text};
+use mavstack::message::{Char, Dialect, Field};
+use mavstack::{Message, Text};
 use mavstack_dialect::{Options, generate, load};
 use std::{
     io::Write,
@@ -59,7 +60,7 @@ fn keys_and_passwords_are_secrets() {
         "puk: Secret<Text<16>>,",
     ];
     assert_eq!(secrets, expected);
-    assert!(text(Some("SETUP_SIGNING")).contains("use mavstack::Secret;\n"));
+    assert!(text(Some("SETUP_SIGNING")).contains("use mavstack::message::Secret;\n"));
     assert!(!text(Some("STATUSTEXT")).contains("Secret"));
 }
 

@@ -6,7 +6,7 @@ mod support;
 #[allow(dead_code, reason = "only the rules are tested here")]
 mod tricky;
 
-use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, command_rules};
+use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, rules};
 use mavstack::{CommandRule, Item};
 use mavstack_dialect::{
     Dialect, Options, generate, load,
@@ -126,7 +126,7 @@ fn item(command: u16, frame: u8, params: [f32; 7]) -> Item {
 }
 
 fn rule_of(entry: &Entry) -> Option<&'static CommandRule> {
-    command_rules::ALL.iter().find(|rule| i128::from(rule.command().0) == entry.value)
+    rules::ALL.iter().find(|rule| i128::from(rule.command().0) == entry.value)
 }
 
 fn common() -> Dialect {
@@ -138,7 +138,7 @@ fn common() -> Dialect {
 fn all_rules_agree_with_the_attributes() {
     let dialect = common();
     let commands = dialect.enumeration("MAV_CMD").expect("commands");
-    assert_eq!(command_rules::ALL.len(), commands.entries.len());
+    assert_eq!(rules::ALL.len(), commands.entries.len());
     let (mut passed, mut refused) = (0, 0);
     for entry in &commands.entries {
         let rule = rule_of(entry).unwrap_or_else(|| panic!("{} has no rule", entry.name));
@@ -294,10 +294,10 @@ fn rules_are_written_as_constants() {
 
 #[test]
 fn private_dialects_have_rules() {
-    let rules: Vec<_> = tricky::command_rules::ALL.iter().map(|rule| rule.command().0).collect();
+    let rules: Vec<_> = tricky::rules::ALL.iter().map(|rule| rule.command().0).collect();
     assert_eq!(rules, [1, 2, 3, 4, 5, 6, 7, 8, 65_535], "an item's command has 16 bits");
-    let [rule, ..] = tricky::command_rules::ALL else { panic!("no rules") };
-    assert_eq!(*rule, tricky::command_rules::ALL_);
+    let [rule, ..] = tricky::rules::ALL else { panic!("no rules") };
+    assert_eq!(*rule, tricky::rules::ALL_);
     let check = |params| rule.check(&item(1, 2, params));
     assert_eq!(check([-0.5, 0.0, f32::NAN, 7.0, 1.0, 2.0, -3.0]), Ok(()));
     assert_eq!(check([-0.5, 0.0, 0.2, 7.0, 1.0, 2.0, -3.0]), Err(MavMissionResult::INVALID_PARAM3));
@@ -310,6 +310,6 @@ fn selections_without_commands_have_no_rules() {
     let input = path("definitions/common.xml");
     let only = |name: &str| Options { only: Some(vec![name.to_owned()]), ..Options::for_file(&input) };
     let text = |name| generate(&common(), &only(name)).expect("declarations");
-    assert!(!text("HEARTBEAT").contains("command_rules"));
-    assert!(text("MISSION_ITEM_INT").contains("pub mod command_rules {"));
+    assert!(!text("HEARTBEAT").contains("mod rules"));
+    assert!(text("MISSION_ITEM_INT").contains("pub mod rules {"));
 }

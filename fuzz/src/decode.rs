@@ -10,8 +10,10 @@
 
 use crate::support::{Receiver, reference};
 use arbitrary::Unstructured;
+use mavstack::Address;
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect, MAX_FRAME_LEN};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN};
+use mavstack::message::Dialect;
 
 /// Maximum stream length. Longer streams find nothing new and take time.
 const MAX_LEN: usize = 2_048;

@@ -19,7 +19,9 @@ pub mod wpl;
 #[allow(unused_imports)]
 use all::{command, dialect, message, wire_bitmask, wire_enum};
 #[allow(unused_imports)]
-use mavstack::{CommandRule, Location, ParamRule, Secret, Text};
+mod message {
+    pub use mavstack::message::{CommandRule, Location, ParamRule, Secret, Text};
+}
 
 #[path = "../../tests/golden/all.rs"]
 mod all;

@@ -11,10 +11,11 @@ use crate::flash::{RamFlash, Torn};
 use crate::support::{TestVehicle, Tuning};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::{MavCmd, MavFrame};
-use mavstack::{
-    Address, Config, Instant, Item, LinkConfig, ParamTable, PlanType, PlanView, Pulse, RestoreError, RestoreErrors,
-    SigningKey, Store,
-};
+use mavstack::param::ParamTable;
+use mavstack::plan::PlanView;
+use mavstack::signing::SigningKey;
+use mavstack::storage::{RestoreError, RestoreErrors, Store};
+use mavstack::{Address, Config, Instant, Item, LinkConfig, PlanType, Pulse};
 
 mavstack::stack! {
     struct PlanStack for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }

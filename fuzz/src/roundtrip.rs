@@ -8,7 +8,9 @@
 use crate::all::{self, Declared, Visit};
 use arbitrary::Unstructured;
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect, EncodeError, Instant, MAX_FRAME_LEN, Message, Version, encode};
+use mavstack::frame::{Decoder, EncodeError, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Instant, Message};
 use std::fmt::Debug;
 
 struct RoundTrip<'a> {

@@ -13,11 +13,15 @@ use arbitrary::Unstructured;
 use checks::Checks;
 use declared::Declared;
 use line::Uart;
+use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Config, ControlSource, Durability, Duration, Instant, Item, LinkClass, LinkConfig, LinkId, LinkSigning,
-    MAX_FRAME_LEN, Message, Pulse, SigningKey, Stack, Store, StreamProfile, SystemId, TxVersion, Version, encode,
-};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
+use mavstack::manual_control::ControlSource;
+use mavstack::message::SystemId;
+use mavstack::plan::Durability;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::Store;
+use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, Stack};
 
 /// Number of links of the vehicle.
 const LINKS: usize = 4;

@@ -18,7 +18,9 @@ use crate::signer::{KEY, OTHER_KEY, Rig, Signer, repair};
 use crate::support::millis;
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::{CommandLong, MavCmd};
-use mavstack::{Address, LinkConfig, LinkSigning, Version};
+use mavstack::frame::Version;
+use mavstack::signing::LinkSigning;
+use mavstack::{Address, LinkConfig};
 
 const MAX_STEPS: usize = 48;
 const LINKS: [LinkConfig; 2] = [
@@ -111,7 +113,7 @@ impl Case {
             5 => {
                 let stored = self.rig.timestamp() + 6_000_000;
                 let now = self.rig.now;
-                self.rig.signing().set_key(now, mavstack::SigningKey::new(self.signers[0].key), stored);
+                self.rig.signing().set_key(now, mavstack::signing::SigningKey::new(self.signers[0].key), stored);
             }
             6 => {
                 let mut other = self.signers[0].clone();

@@ -3,8 +3,8 @@
 
 #![allow(non_snake_case, reason = "fields have MAVLink's names")]
 
-use crate::Secret;
-use crate::Text;
+use crate::message::Secret;
+use crate::message::Text;
 
 crate::wire_enum! {
     /// `ACTUATOR_CONFIGURATION`.
@@ -2938,9 +2938,9 @@ crate::wire_enum! {
 /// The rules for items with the commands of `MAV_CMD`. A rule takes flash only if the firmware uses it.
 #[rustfmt::skip]
 #[allow(missing_docs, dead_code, reason = "each command has a rule, with the name of the command")]
-pub mod command_rules {
-    use crate::CommandRule;
-    use crate::ParamRule;
+pub mod rules {
+    use crate::message::CommandRule;
+    use crate::message::ParamRule;
 
     pub const NAV_WAYPOINT: CommandRule = CommandRule::at_position(16, &[
         ParamRule::at_least(1, 0.0),
@@ -3533,12 +3533,12 @@ pub mod command_rules {
 /// decodes it.
 #[allow(dead_code, reason = "a firmware decodes only some commands")]
 pub mod commands {
-    use super::command_rules;
-    use crate::Location;
+    use super::rules;
+    use crate::message::Location;
 
     crate::command! {
         /// Fly to a position.
-        pub struct NavWaypoint = command_rules::NAV_WAYPOINT {
+        pub struct NavWaypoint = rules::NAV_WAYPOINT {
             /// (s) Range: ≥ 0.
             hold: f32 = 1,
             /// (m) Range: ≥ 0.
@@ -3553,7 +3553,7 @@ pub mod commands {
 
     crate::command! {
         /// Circle or hover at a position for an unlimited time.
-        pub struct NavLoiterUnlim = command_rules::NAV_LOITER_UNLIM {
+        pub struct NavLoiterUnlim = rules::NAV_LOITER_UNLIM {
             /// (m)
             radius: Option<f32> = 3,
             /// (deg)
@@ -3564,7 +3564,7 @@ pub mod commands {
 
     crate::command! {
         /// Circle at a position for a number of turns.
-        pub struct NavLoiterTurns = command_rules::NAV_LOITER_TURNS {
+        pub struct NavLoiterTurns = rules::NAV_LOITER_TURNS {
             /// Range: ≥ 0.
             turns: f32 = 1,
             heading_required: bool = 2,
@@ -3577,7 +3577,7 @@ pub mod commands {
 
     crate::command! {
         /// Circle or hover at a position for a time.
-        pub struct NavLoiterTime = command_rules::NAV_LOITER_TIME {
+        pub struct NavLoiterTime = rules::NAV_LOITER_TIME {
             /// (s) Range: ≥ 0.
             time: f32 = 1,
             heading_required: bool = 2,
@@ -3590,7 +3590,7 @@ pub mod commands {
 
     crate::command! {
         /// Land at a position.
-        pub struct NavLand = command_rules::NAV_LAND {
+        pub struct NavLand = rules::NAV_LAND {
             /// (m)
             abort_alt: Option<f32> = 1,
             land_mode: Option<super::PrecisionLandMode> = 2,
@@ -3602,7 +3602,7 @@ pub mod commands {
 
     crate::command! {
         /// Take off.
-        pub struct NavTakeoff = command_rules::NAV_TAKEOFF {
+        pub struct NavTakeoff = rules::NAV_TAKEOFF {
             /// (deg)
             pitch: Option<f32> = 1,
             flags: Option<super::NavTakeoffFlags> = 3,
@@ -3614,7 +3614,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_NAV_FOLLOW`.
-        pub struct NavFollow = command_rules::NAV_FOLLOW {
+        pub struct NavFollow = rules::NAV_FOLLOW {
             following: i32 = 1,
             /// (m/s)
             ground_speed: Option<f32> = 2,
@@ -3628,7 +3628,7 @@ pub mod commands {
 
     crate::command! {
         /// Change altitude and keep the course.
-        pub struct NavContinueAndChangeAlt = command_rules::NAV_CONTINUE_AND_CHANGE_ALT {
+        pub struct NavContinueAndChangeAlt = rules::NAV_CONTINUE_AND_CHANGE_ALT {
             /// Range: 0 to 2.
             action: u8 = 1,
             /// (m)
@@ -3638,7 +3638,7 @@ pub mod commands {
 
     crate::command! {
         /// Circle at a position until an altitude is reached.
-        pub struct NavLoiterToAlt = command_rules::NAV_LOITER_TO_ALT {
+        pub struct NavLoiterToAlt = rules::NAV_LOITER_TO_ALT {
             heading_required: bool = 1,
             /// (m)
             radius: Option<f32> = 2,
@@ -3650,7 +3650,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_FOLLOW`.
-        pub struct DoFollow = command_rules::DO_FOLLOW {
+        pub struct DoFollow = rules::DO_FOLLOW {
             /// Range: 0 to 255.
             system_id: u8 = 1,
             /// Range: 0 to 2.
@@ -3664,7 +3664,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_FOLLOW_REPOSITION`.
-        pub struct DoFollowReposition = command_rules::DO_FOLLOW_REPOSITION {
+        pub struct DoFollowReposition = rules::DO_FOLLOW_REPOSITION {
             camera_q1: Option<f32> = 1,
             camera_q2: Option<f32> = 2,
             camera_q3: Option<f32> = 3,
@@ -3680,7 +3680,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_ORBIT`.
-        pub struct DoOrbit = command_rules::DO_ORBIT {
+        pub struct DoOrbit = rules::DO_ORBIT {
             /// (m)
             radius: Option<f32> = 1,
             /// (m/s)
@@ -3694,7 +3694,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_FIGURE_EIGHT`.
-        pub struct DoFigureEight = command_rules::DO_FIGURE_EIGHT {
+        pub struct DoFigureEight = rules::DO_FIGURE_EIGHT {
             /// (m)
             major_radius: Option<f32> = 1,
             /// (m)
@@ -3707,7 +3707,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_NAV_ARC_WAYPOINT`.
-        pub struct NavArcWaypoint = command_rules::NAV_ARC_WAYPOINT {
+        pub struct NavArcWaypoint = rules::NAV_ARC_WAYPOINT {
             /// (deg) Range: -359 to 359.
             arc_angle: f32 = 1,
             location: Location = 5,
@@ -3716,7 +3716,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_NAV_ROI`. Superseded since 2018-01: \`MAV_CMD_DO_SET_ROI_\*\`.
-        pub struct NavRoi = command_rules::NAV_ROI {
+        pub struct NavRoi = rules::NAV_ROI {
             roi_mode: super::MavRoi = 1,
             /// Range: ≥ 0.
             wp_index: u32 = 2,
@@ -3728,7 +3728,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_NAV_PATHPLANNING`.
-        pub struct NavPathplanning = command_rules::NAV_PATHPLANNING {
+        pub struct NavPathplanning = rules::NAV_PATHPLANNING {
             /// Range: 0 to 2.
             local_ctrl: u8 = 1,
             /// Range: 0 to 3.
@@ -3741,7 +3741,7 @@ pub mod commands {
 
     crate::command! {
         /// Fly to a position along a spline.
-        pub struct NavSplineWaypoint = command_rules::NAV_SPLINE_WAYPOINT {
+        pub struct NavSplineWaypoint = rules::NAV_SPLINE_WAYPOINT {
             /// (s) Range: ≥ 0.
             hold: f32 = 1,
             location: Location = 5,
@@ -3750,7 +3750,7 @@ pub mod commands {
 
     crate::command! {
         /// Take off vertically, then transition to fixed-wing flight.
-        pub struct NavVtolTakeoff = command_rules::NAV_VTOL_TAKEOFF {
+        pub struct NavVtolTakeoff = rules::NAV_VTOL_TAKEOFF {
             transition_heading: super::VtolTransitionHeading = 2,
             /// (deg)
             yaw_angle: Option<f32> = 4,
@@ -3760,7 +3760,7 @@ pub mod commands {
 
     crate::command! {
         /// Transition to hover, then land vertically.
-        pub struct NavVtolLand = command_rules::NAV_VTOL_LAND {
+        pub struct NavVtolLand = rules::NAV_VTOL_LAND {
             land_options: super::NavVtolLandOptions = 1,
             /// (m)
             approach_altitude: Option<f32> = 3,
@@ -3772,14 +3772,14 @@ pub mod commands {
 
     crate::command! {
         /// Give control to a companion computer, or take it back.
-        pub struct NavGuidedEnable = command_rules::NAV_GUIDED_ENABLE {
+        pub struct NavGuidedEnable = rules::NAV_GUIDED_ENABLE {
             enable: bool = 1,
         }
     }
 
     crate::command! {
         /// Wait for a time, or until a time of day.
-        pub struct NavDelay = command_rules::NAV_DELAY {
+        pub struct NavDelay = rules::NAV_DELAY {
             /// (s) Range: ≥ -1.
             delay: f32 = 1,
             /// Range: -1 to 23.
@@ -3793,7 +3793,7 @@ pub mod commands {
 
     crate::command! {
         /// Descend and place the payload on the ground.
-        pub struct NavPayloadPlace = command_rules::NAV_PAYLOAD_PLACE {
+        pub struct NavPayloadPlace = rules::NAV_PAYLOAD_PLACE {
             /// (m) Range: ≥ 0.
             max_descent: f32 = 1,
             location: Location = 5,
@@ -3802,7 +3802,7 @@ pub mod commands {
 
     crate::command! {
         /// Delay the next DO commands for a time.
-        pub struct ConditionDelay = command_rules::CONDITION_DELAY {
+        pub struct ConditionDelay = rules::CONDITION_DELAY {
             /// (s) Range: ≥ 0.
             delay: f32 = 1,
         }
@@ -3810,7 +3810,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CONDITION_CHANGE_ALT`.
-        pub struct ConditionChangeAlt = command_rules::CONDITION_CHANGE_ALT {
+        pub struct ConditionChangeAlt = rules::CONDITION_CHANGE_ALT {
             /// (m/s)
             rate: Option<f32> = 1,
             /// (m)
@@ -3820,7 +3820,7 @@ pub mod commands {
 
     crate::command! {
         /// Delay the next DO commands until the vehicle is close to the next position.
-        pub struct ConditionDistance = command_rules::CONDITION_DISTANCE {
+        pub struct ConditionDistance = rules::CONDITION_DISTANCE {
             /// (m) Range: ≥ 0.
             distance: f32 = 1,
         }
@@ -3828,7 +3828,7 @@ pub mod commands {
 
     crate::command! {
         /// Turn to a heading.
-        pub struct ConditionYaw = command_rules::CONDITION_YAW {
+        pub struct ConditionYaw = rules::CONDITION_YAW {
             /// (deg) Range: 0 to 360.
             angle: f32 = 1,
             /// (deg/s) Range: ≥ 0.
@@ -3841,7 +3841,7 @@ pub mod commands {
 
     crate::command! {
         /// Change the flight mode.
-        pub struct DoSetMode = command_rules::DO_SET_MODE {
+        pub struct DoSetMode = rules::DO_SET_MODE {
             mode: super::MavModeFlag = 1,
             custom_mode: Option<f32> = 2,
             custom_submode: Option<f32> = 3,
@@ -3850,7 +3850,7 @@ pub mod commands {
 
     crate::command! {
         /// Jump to another item of the plan, a number of times.
-        pub struct DoJump = command_rules::DO_JUMP {
+        pub struct DoJump = rules::DO_JUMP {
             /// Range: ≥ 0.
             number: u32 = 1,
             /// Range: ≥ 0.
@@ -3860,7 +3860,7 @@ pub mod commands {
 
     crate::command! {
         /// Change speed or throttle.
-        pub struct DoChangeSpeed = command_rules::DO_CHANGE_SPEED {
+        pub struct DoChangeSpeed = rules::DO_CHANGE_SPEED {
             speed_type: super::SpeedType = 1,
             /// (m/s) Range: ≥ -2.
             speed: f32 = 2,
@@ -3871,7 +3871,7 @@ pub mod commands {
 
     crate::command! {
         /// Set home to the current position or to a given one.
-        pub struct DoSetHome = command_rules::DO_SET_HOME {
+        pub struct DoSetHome = rules::DO_SET_HOME {
             use_current: bool = 1,
             /// (deg) Range: -180 to 180.
             roll: Option<f32> = 2,
@@ -3885,7 +3885,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_PARAMETER`. Deprecated since 2024-04: PARAM_SET.
-        pub struct DoSetParameter = command_rules::DO_SET_PARAMETER {
+        pub struct DoSetParameter = rules::DO_SET_PARAMETER {
             /// Range: ≥ 0.
             number: u32 = 1,
             value: Option<f32> = 2,
@@ -3894,7 +3894,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_RELAY`.
-        pub struct DoSetRelay = command_rules::DO_SET_RELAY {
+        pub struct DoSetRelay = rules::DO_SET_RELAY {
             /// Range: ≥ 0.
             instance: u32 = 1,
             /// Range: ≥ 0.
@@ -3904,7 +3904,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_REPEAT_RELAY`.
-        pub struct DoRepeatRelay = command_rules::DO_REPEAT_RELAY {
+        pub struct DoRepeatRelay = rules::DO_REPEAT_RELAY {
             /// Range: ≥ 0.
             instance: u32 = 1,
             /// Range: ≥ 1.
@@ -3916,7 +3916,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_SERVO`.
-        pub struct DoSetServo = command_rules::DO_SET_SERVO {
+        pub struct DoSetServo = rules::DO_SET_SERVO {
             /// Range: ≥ 0.
             instance: u32 = 1,
             /// (us) Range: ≥ 0.
@@ -3926,7 +3926,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_REPEAT_SERVO`.
-        pub struct DoRepeatServo = command_rules::DO_REPEAT_SERVO {
+        pub struct DoRepeatServo = rules::DO_REPEAT_SERVO {
             /// Range: ≥ 0.
             instance: u32 = 1,
             /// (us) Range: ≥ 0.
@@ -3940,7 +3940,7 @@ pub mod commands {
 
     crate::command! {
         /// Terminate the flight immediately.
-        pub struct DoFlighttermination = command_rules::DO_FLIGHTTERMINATION {
+        pub struct DoFlighttermination = rules::DO_FLIGHTTERMINATION {
             /// Range: 0 to 1.
             terminate: u8 = 1,
         }
@@ -3948,7 +3948,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_CHANGE_ALTITUDE`.
-        pub struct DoChangeAltitude = command_rules::DO_CHANGE_ALTITUDE {
+        pub struct DoChangeAltitude = rules::DO_CHANGE_ALTITUDE {
             /// (m)
             altitude: Option<f32> = 1,
             frame: super::MavFrame = 2,
@@ -3957,7 +3957,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ACTUATOR`.
-        pub struct DoSetActuator = command_rules::DO_SET_ACTUATOR {
+        pub struct DoSetActuator = rules::DO_SET_ACTUATOR {
             /// Range: -1 to 1.
             actuator_1: Option<f32> = 1,
             /// Range: -1 to 1.
@@ -3975,21 +3975,21 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_RETURN_PATH_START`.
-        pub struct DoReturnPathStart = command_rules::DO_RETURN_PATH_START {
+        pub struct DoReturnPathStart = rules::DO_RETURN_PATH_START {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// Mark the start of a landing sequence in a plan.
-        pub struct DoLandStart = command_rules::DO_LAND_START {
+        pub struct DoLandStart = rules::DO_LAND_START {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_RALLY_LAND`.
-        pub struct DoRallyLand = command_rules::DO_RALLY_LAND {
+        pub struct DoRallyLand = rules::DO_RALLY_LAND {
             /// (m)
             altitude: Option<f32> = 1,
             /// (m/s)
@@ -3999,7 +3999,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_GO_AROUND`.
-        pub struct DoGoAround = command_rules::DO_GO_AROUND {
+        pub struct DoGoAround = rules::DO_GO_AROUND {
             /// (m)
             altitude: Option<f32> = 1,
         }
@@ -4007,7 +4007,7 @@ pub mod commands {
 
     crate::command! {
         /// Fly to a position immediately.
-        pub struct DoReposition = command_rules::DO_REPOSITION {
+        pub struct DoReposition = rules::DO_REPOSITION {
             /// (m/s) Range: ≥ -1.
             speed: Option<f32> = 1,
             bitmask: super::MavDoRepositionFlags = 2,
@@ -4021,21 +4021,21 @@ pub mod commands {
 
     crate::command! {
         /// Pause or resume the mission.
-        pub struct DoPauseContinue = command_rules::DO_PAUSE_CONTINUE {
+        pub struct DoPauseContinue = rules::DO_PAUSE_CONTINUE {
             r#continue: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_SET_REVERSE`.
-        pub struct DoSetReverse = command_rules::DO_SET_REVERSE {
+        pub struct DoSetReverse = rules::DO_SET_REVERSE {
             reverse: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ROI_LOCATION`.
-        pub struct DoSetRoiLocation = command_rules::DO_SET_ROI_LOCATION {
+        pub struct DoSetRoiLocation = rules::DO_SET_ROI_LOCATION {
             gimbal_device_id: Option<f32> = 1,
             location: Location = 5,
         }
@@ -4043,7 +4043,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET`.
-        pub struct DoSetRoiWpnextOffset = command_rules::DO_SET_ROI_WPNEXT_OFFSET {
+        pub struct DoSetRoiWpnextOffset = rules::DO_SET_ROI_WPNEXT_OFFSET {
             gimbal_device_id: Option<f32> = 1,
             /// (deg)
             pitch_offset: Option<f32> = 5,
@@ -4056,14 +4056,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ROI_NONE`.
-        pub struct DoSetRoiNone = command_rules::DO_SET_ROI_NONE {
+        pub struct DoSetRoiNone = rules::DO_SET_ROI_NONE {
             gimbal_device_id: Option<f32> = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ROI_SYSID`.
-        pub struct DoSetRoiSysid = command_rules::DO_SET_ROI_SYSID {
+        pub struct DoSetRoiSysid = rules::DO_SET_ROI_SYSID {
             /// Range: 1 to 255.
             system_id: u8 = 1,
             gimbal_device_id: Option<f32> = 2,
@@ -4072,7 +4072,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_CONTROL_VIDEO`.
-        pub struct DoControlVideo = command_rules::DO_CONTROL_VIDEO {
+        pub struct DoControlVideo = rules::DO_CONTROL_VIDEO {
             /// Range: ≥ -1.
             id: i32 = 1,
             /// Range: 0 to 2.
@@ -4086,7 +4086,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_ROI`. Superseded since 2018-01: \`MAV_CMD_DO_SET_ROI_\*\`.
-        pub struct DoSetRoi = command_rules::DO_SET_ROI {
+        pub struct DoSetRoi = rules::DO_SET_ROI {
             roi_mode: super::MavRoi = 1,
             /// Range: ≥ 0.
             wp_index: u32 = 2,
@@ -4098,7 +4098,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_DIGICAM_CONFIGURE`.
-        pub struct DoDigicamConfigure = command_rules::DO_DIGICAM_CONFIGURE {
+        pub struct DoDigicamConfigure = rules::DO_DIGICAM_CONFIGURE {
             /// Range: ≥ 0.
             mode: u32 = 1,
             /// Range: ≥ 0.
@@ -4116,7 +4116,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_DIGICAM_CONTROL`.
-        pub struct DoDigicamControl = command_rules::DO_DIGICAM_CONTROL {
+        pub struct DoDigicamControl = rules::DO_DIGICAM_CONTROL {
             session_control: Option<f32> = 1,
             zoom_absolute: Option<f32> = 2,
             zoom_relative: Option<f32> = 3,
@@ -4129,7 +4129,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_MOUNT_CONFIGURE`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE.
-        pub struct DoMountConfigure = command_rules::DO_MOUNT_CONFIGURE {
+        pub struct DoMountConfigure = rules::DO_MOUNT_CONFIGURE {
             mode: super::MavMountMode = 1,
             stabilize_roll: bool = 2,
             stabilize_pitch: bool = 3,
@@ -4142,7 +4142,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_MOUNT_CONTROL`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
-        pub struct DoMountControl = command_rules::DO_MOUNT_CONTROL {
+        pub struct DoMountControl = rules::DO_MOUNT_CONTROL {
             pitch: Option<f32> = 1,
             roll: Option<f32> = 2,
             yaw: Option<f32> = 3,
@@ -4156,7 +4156,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_CAM_TRIGG_DIST`.
-        pub struct DoSetCamTriggDist = command_rules::DO_SET_CAM_TRIGG_DIST {
+        pub struct DoSetCamTriggDist = rules::DO_SET_CAM_TRIGG_DIST {
             /// (m) Range: ≥ 0.
             distance: f32 = 1,
             /// (ms) Range: ≥ -1.
@@ -4169,7 +4169,7 @@ pub mod commands {
 
     crate::command! {
         /// Enable or disable the fence.
-        pub struct DoFenceEnable = command_rules::DO_FENCE_ENABLE {
+        pub struct DoFenceEnable = rules::DO_FENCE_ENABLE {
             /// Range: 0 to 2.
             enable: u8 = 1,
             types: super::FenceType = 2,
@@ -4178,14 +4178,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_PARACHUTE`.
-        pub struct DoParachute = command_rules::DO_PARACHUTE {
+        pub struct DoParachute = rules::DO_PARACHUTE {
             action: super::ParachuteAction = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_MOTOR_TEST`.
-        pub struct DoMotorTest = command_rules::DO_MOTOR_TEST {
+        pub struct DoMotorTest = rules::DO_MOTOR_TEST {
             /// Range: ≥ 1.
             instance: u32 = 1,
             throttle_type: super::MotorTestThrottleType = 2,
@@ -4200,14 +4200,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_INVERTED_FLIGHT`.
-        pub struct DoInvertedFlight = command_rules::DO_INVERTED_FLIGHT {
+        pub struct DoInvertedFlight = rules::DO_INVERTED_FLIGHT {
             inverted: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_GRIPPER`.
-        pub struct DoGripper = command_rules::DO_GRIPPER {
+        pub struct DoGripper = rules::DO_GRIPPER {
             /// Range: ≥ 0.
             gripper_id: u32 = 1,
             action: super::GripperActions = 2,
@@ -4216,7 +4216,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_AUTOTUNE_ENABLE`.
-        pub struct DoAutotuneEnable = command_rules::DO_AUTOTUNE_ENABLE {
+        pub struct DoAutotuneEnable = rules::DO_AUTOTUNE_ENABLE {
             enable: bool = 1,
             axis: super::AutotuneAxis = 2,
         }
@@ -4224,7 +4224,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_NAV_SET_YAW_SPEED`.
-        pub struct NavSetYawSpeed = command_rules::NAV_SET_YAW_SPEED {
+        pub struct NavSetYawSpeed = rules::NAV_SET_YAW_SPEED {
             /// (deg)
             yaw: Option<f32> = 1,
             /// (m/s)
@@ -4235,7 +4235,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL`.
-        pub struct DoSetCamTriggInterval = command_rules::DO_SET_CAM_TRIGG_INTERVAL {
+        pub struct DoSetCamTriggInterval = rules::DO_SET_CAM_TRIGG_INTERVAL {
             /// (ms) Range: ≥ -1.
             trigger_cycle: f32 = 1,
             /// (ms) Range: ≥ -1.
@@ -4247,7 +4247,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_MOUNT_CONTROL_QUAT`. Superseded since 2020-01: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
-        pub struct DoMountControlQuat = command_rules::DO_MOUNT_CONTROL_QUAT {
+        pub struct DoMountControlQuat = rules::DO_MOUNT_CONTROL_QUAT {
             q1: Option<f32> = 1,
             q2: Option<f32> = 2,
             q3: Option<f32> = 3,
@@ -4257,7 +4257,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_GUIDED_MASTER`.
-        pub struct DoGuidedMaster = command_rules::DO_GUIDED_MASTER {
+        pub struct DoGuidedMaster = rules::DO_GUIDED_MASTER {
             /// Range: 0 to 255.
             system_id: u8 = 1,
             /// Range: 0 to 255.
@@ -4267,7 +4267,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_GUIDED_LIMITS`.
-        pub struct DoGuidedLimits = command_rules::DO_GUIDED_LIMITS {
+        pub struct DoGuidedLimits = rules::DO_GUIDED_LIMITS {
             /// (s) Range: ≥ 0.
             timeout: f32 = 1,
             /// (m)
@@ -4281,7 +4281,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_ENGINE_CONTROL`.
-        pub struct DoEngineControl = command_rules::DO_ENGINE_CONTROL {
+        pub struct DoEngineControl = rules::DO_ENGINE_CONTROL {
             start_engine: bool = 1,
             cold_start: bool = 2,
             /// (m) Range: ≥ 0.
@@ -4292,7 +4292,7 @@ pub mod commands {
 
     crate::command! {
         /// Jump to an item of the mission, or restart the mission.
-        pub struct DoSetMissionCurrent = command_rules::DO_SET_MISSION_CURRENT {
+        pub struct DoSetMissionCurrent = rules::DO_SET_MISSION_CURRENT {
             /// Range: ≥ -1.
             number: i32 = 1,
             reset_mission: bool = 2,
@@ -4301,7 +4301,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_PREFLIGHT_CALIBRATION`.
-        pub struct PreflightCalibration = command_rules::PREFLIGHT_CALIBRATION {
+        pub struct PreflightCalibration = rules::PREFLIGHT_CALIBRATION {
             /// Range: 0 to 3.
             gyro_temperature: u8 = 1,
             magnetometer: super::PreflightCalibrationMagnetometer = 2,
@@ -4318,7 +4318,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_PREFLIGHT_SET_SENSOR_OFFSETS`.
-        pub struct PreflightSetSensorOffsets = command_rules::PREFLIGHT_SET_SENSOR_OFFSETS {
+        pub struct PreflightSetSensorOffsets = rules::PREFLIGHT_SET_SENSOR_OFFSETS {
             /// Range: 0 to 6.
             sensor_type: u8 = 1,
             x_offset: Option<f32> = 2,
@@ -4332,14 +4332,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_PREFLIGHT_UAVCAN`.
-        pub struct PreflightUavcan = command_rules::PREFLIGHT_UAVCAN {
+        pub struct PreflightUavcan = rules::PREFLIGHT_UAVCAN {
             actuator_id: Option<f32> = 1,
         }
     }
 
     crate::command! {
         /// Load, save or reset stored parameters; only on the ground.
-        pub struct PreflightStorage = command_rules::PREFLIGHT_STORAGE {
+        pub struct PreflightStorage = rules::PREFLIGHT_STORAGE {
             parameter_storage: super::PreflightStorageParameterAction = 1,
             mission_storage: super::PreflightStorageMissionAction = 2,
             /// (Hz) Range: ≥ -1.
@@ -4349,7 +4349,7 @@ pub mod commands {
 
     crate::command! {
         /// Restart or shut down the autopilot or its components; only on the ground.
-        pub struct PreflightRebootShutdown = command_rules::PREFLIGHT_REBOOT_SHUTDOWN {
+        pub struct PreflightRebootShutdown = rules::PREFLIGHT_REBOOT_SHUTDOWN {
             autopilot: super::RebootShutdownAction = 1,
             companion: Option<super::RebootShutdownAction> = 2,
             component_action: Option<super::RebootShutdownAction> = 3,
@@ -4361,7 +4361,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_OVERRIDE_GOTO`.
-        pub struct OverrideGoto = command_rules::OVERRIDE_GOTO {
+        pub struct OverrideGoto = rules::OVERRIDE_GOTO {
             r#continue: super::MavGoto = 1,
             position: super::MavGoto = 2,
             frame: super::MavFrame = 3,
@@ -4373,7 +4373,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_OBLIQUE_SURVEY`.
-        pub struct ObliqueSurvey = command_rules::OBLIQUE_SURVEY {
+        pub struct ObliqueSurvey = rules::OBLIQUE_SURVEY {
             /// (m) Range: ≥ 0.
             distance: f32 = 1,
             /// (ms) Range: ≥ 0. Default: 0.
@@ -4391,14 +4391,14 @@ pub mod commands {
 
     crate::command! {
         /// Change to a standard mode.
-        pub struct DoSetStandardMode = command_rules::DO_SET_STANDARD_MODE {
+        pub struct DoSetStandardMode = rules::DO_SET_STANDARD_MODE {
             standard_mode: super::MavStandardMode = 1,
         }
     }
 
     crate::command! {
         /// Start the mission.
-        pub struct MissionStart = command_rules::MISSION_START {
+        pub struct MissionStart = rules::MISSION_START {
             /// Range: ≥ 0.
             first_item: u32 = 1,
             /// Range: ≥ 0.
@@ -4408,7 +4408,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_ACTUATOR_TEST`.
-        pub struct ActuatorTest = command_rules::ACTUATOR_TEST {
+        pub struct ActuatorTest = rules::ACTUATOR_TEST {
             /// Range: -1 to 1.
             value: Option<f32> = 1,
             /// (s) Range: 0 to 3.
@@ -4419,7 +4419,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CONFIGURE_ACTUATOR`.
-        pub struct ConfigureActuator = command_rules::CONFIGURE_ACTUATOR {
+        pub struct ConfigureActuator = rules::CONFIGURE_ACTUATOR {
             configuration: super::ActuatorConfiguration = 1,
             output_function: super::ActuatorOutputFunction = 5,
         }
@@ -4427,7 +4427,7 @@ pub mod commands {
 
     crate::command! {
         /// Arm or disarm the motors.
-        pub struct ComponentArmDisarm = command_rules::COMPONENT_ARM_DISARM {
+        pub struct ComponentArmDisarm = rules::COMPONENT_ARM_DISARM {
             arm: bool = 1,
             /// Range: 0 to 21196.
             force: Option<u16> = 2,
@@ -4436,14 +4436,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_ILLUMINATOR_ON_OFF`.
-        pub struct IlluminatorOnOff = command_rules::ILLUMINATOR_ON_OFF {
+        pub struct IlluminatorOnOff = rules::ILLUMINATOR_ON_OFF {
             enable: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_ILLUMINATOR_CONFIGURE`.
-        pub struct DoIlluminatorConfigure = command_rules::DO_ILLUMINATOR_CONFIGURE {
+        pub struct DoIlluminatorConfigure = rules::DO_ILLUMINATOR_CONFIGURE {
             mode: super::IlluminatorMode = 1,
             /// (%) Range: 0 to 100.
             brightness: f32 = 2,
@@ -4456,7 +4456,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_INJECT_FAILURE`.
-        pub struct InjectFailure = command_rules::INJECT_FAILURE {
+        pub struct InjectFailure = rules::INJECT_FAILURE {
             failure_unit: super::FailureUnit = 1,
             failure_type: super::FailureType = 2,
             /// Range: ≥ 0.
@@ -4468,7 +4468,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_START_RX_PAIR`.
-        pub struct StartRxPair = command_rules::START_RX_PAIR {
+        pub struct StartRxPair = rules::START_RX_PAIR {
             rc_type: super::RcType = 1,
             rc_sub_type: super::RcSubType = 2,
         }
@@ -4477,7 +4477,7 @@ pub mod commands {
     crate::command! {
         /// Request MESSAGE_INTERVAL; predecessor of MAV_CMD_REQUEST_MESSAGE. Superseded since 2022-04:
         /// MAV_CMD_REQUEST_MESSAGE.
-        pub struct GetMessageInterval = command_rules::GET_MESSAGE_INTERVAL {
+        pub struct GetMessageInterval = rules::GET_MESSAGE_INTERVAL {
             /// Range: 0 to 16777215.
             message_id: u32 = 1,
         }
@@ -4485,7 +4485,7 @@ pub mod commands {
 
     crate::command! {
         /// Set the interval of a message on this link.
-        pub struct SetMessageInterval = command_rules::SET_MESSAGE_INTERVAL {
+        pub struct SetMessageInterval = rules::SET_MESSAGE_INTERVAL {
             /// Range: 0 to 16777215.
             message_id: u32 = 1,
             /// (us) Range: ≥ -1.
@@ -4501,7 +4501,7 @@ pub mod commands {
 
     crate::command! {
         /// Request a message once.
-        pub struct RequestMessage = command_rules::REQUEST_MESSAGE {
+        pub struct RequestMessage = rules::REQUEST_MESSAGE {
             /// Range: 0 to 16777215.
             message_id: u32 = 1,
             req_param_1: Option<f32> = 2,
@@ -4517,7 +4517,7 @@ pub mod commands {
     crate::command! {
         /// Request PROTOCOL_VERSION; predecessor of MAV_CMD_REQUEST_MESSAGE. Deprecated since 2025-11:
         /// MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestProtocolVersion = command_rules::REQUEST_PROTOCOL_VERSION {
+        pub struct RequestProtocolVersion = rules::REQUEST_PROTOCOL_VERSION {
             protocol: bool = 1,
         }
     }
@@ -4525,28 +4525,28 @@ pub mod commands {
     crate::command! {
         /// Request AUTOPILOT_VERSION; predecessor of MAV_CMD_REQUEST_MESSAGE. Superseded since 2019-08:
         /// MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestAutopilotCapabilities = command_rules::REQUEST_AUTOPILOT_CAPABILITIES {
+        pub struct RequestAutopilotCapabilities = rules::REQUEST_AUTOPILOT_CAPABILITIES {
             version: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_REQUEST_CAMERA_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestCameraInformation = command_rules::REQUEST_CAMERA_INFORMATION {
+        pub struct RequestCameraInformation = rules::REQUEST_CAMERA_INFORMATION {
             capabilities: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_REQUEST_CAMERA_SETTINGS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestCameraSettings = command_rules::REQUEST_CAMERA_SETTINGS {
+        pub struct RequestCameraSettings = rules::REQUEST_CAMERA_SETTINGS {
             settings: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_REQUEST_STORAGE_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestStorageInformation = command_rules::REQUEST_STORAGE_INFORMATION {
+        pub struct RequestStorageInformation = rules::REQUEST_STORAGE_INFORMATION {
             /// Range: ≥ 0.
             storage_id: u32 = 1,
             information: bool = 2,
@@ -4555,7 +4555,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_STORAGE_FORMAT`.
-        pub struct StorageFormat = command_rules::STORAGE_FORMAT {
+        pub struct StorageFormat = rules::STORAGE_FORMAT {
             /// Range: ≥ 0.
             storage_id: u32 = 1,
             format: bool = 2,
@@ -4565,21 +4565,21 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestCameraCaptureStatus = command_rules::REQUEST_CAMERA_CAPTURE_STATUS {
+        pub struct RequestCameraCaptureStatus = rules::REQUEST_CAMERA_CAPTURE_STATUS {
             capture_status: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_REQUEST_FLIGHT_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestFlightInformation = command_rules::REQUEST_FLIGHT_INFORMATION {
+        pub struct RequestFlightInformation = rules::REQUEST_FLIGHT_INFORMATION {
             flight_information: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_RESET_CAMERA_SETTINGS`.
-        pub struct ResetCameraSettings = command_rules::RESET_CAMERA_SETTINGS {
+        pub struct ResetCameraSettings = rules::RESET_CAMERA_SETTINGS {
             reset: bool = 1,
             /// Range: 0 to 255.
             target_camera_id: Option<u8> = 2,
@@ -4588,7 +4588,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_CAMERA_MODE`.
-        pub struct SetCameraMode = command_rules::SET_CAMERA_MODE {
+        pub struct SetCameraMode = rules::SET_CAMERA_MODE {
             /// Range: 0 to 255.
             id: u8 = 1,
             camera_mode: super::CameraMode = 2,
@@ -4597,7 +4597,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_CAMERA_ZOOM`.
-        pub struct SetCameraZoom = command_rules::SET_CAMERA_ZOOM {
+        pub struct SetCameraZoom = rules::SET_CAMERA_ZOOM {
             zoom_type: super::CameraZoomType = 1,
             zoom_value: Option<f32> = 2,
             /// Range: 0 to 255.
@@ -4607,7 +4607,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_CAMERA_FOCUS`.
-        pub struct SetCameraFocus = command_rules::SET_CAMERA_FOCUS {
+        pub struct SetCameraFocus = rules::SET_CAMERA_FOCUS {
             focus_type: super::SetFocusType = 1,
             focus_value: Option<f32> = 2,
             /// Range: 0 to 255.
@@ -4617,7 +4617,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_STORAGE_USAGE`.
-        pub struct SetStorageUsage = command_rules::SET_STORAGE_USAGE {
+        pub struct SetStorageUsage = rules::SET_STORAGE_USAGE {
             /// Range: ≥ 0.
             storage_id: u32 = 1,
             usage: super::StorageUsageFlag = 2,
@@ -4626,7 +4626,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_CAMERA_SOURCE`.
-        pub struct SetCameraSource = command_rules::SET_CAMERA_SOURCE {
+        pub struct SetCameraSource = rules::SET_CAMERA_SOURCE {
             device_id: Option<f32> = 1,
             primary_source: super::CameraSource = 2,
             secondary_source: super::CameraSource = 3,
@@ -4635,7 +4635,7 @@ pub mod commands {
 
     crate::command! {
         /// A tag in a plan, as target of jumps.
-        pub struct JumpTag = command_rules::JUMP_TAG {
+        pub struct JumpTag = rules::JUMP_TAG {
             /// Range: ≥ 0.
             tag: u32 = 1,
         }
@@ -4643,7 +4643,7 @@ pub mod commands {
 
     crate::command! {
         /// Jump to a tag in the plan, a number of times.
-        pub struct DoJumpTag = command_rules::DO_JUMP_TAG {
+        pub struct DoJumpTag = rules::DO_JUMP_TAG {
             /// Range: ≥ 0.
             tag: u32 = 1,
             /// Range: ≥ 0.
@@ -4653,14 +4653,14 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_SET_GLOBAL_ORIGIN`.
-        pub struct DoSetGlobalOrigin = command_rules::DO_SET_GLOBAL_ORIGIN {
+        pub struct DoSetGlobalOrigin = rules::DO_SET_GLOBAL_ORIGIN {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW`.
-        pub struct DoGimbalManagerPitchyaw = command_rules::DO_GIMBAL_MANAGER_PITCHYAW {
+        pub struct DoGimbalManagerPitchyaw = rules::DO_GIMBAL_MANAGER_PITCHYAW {
             /// (deg) Range: -180 to 180.
             pitch_angle: Option<f32> = 1,
             /// (deg) Range: -180 to 180.
@@ -4676,7 +4676,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE`.
-        pub struct DoGimbalManagerConfigure = command_rules::DO_GIMBAL_MANAGER_CONFIGURE {
+        pub struct DoGimbalManagerConfigure = rules::DO_GIMBAL_MANAGER_CONFIGURE {
             sysid_primary_control: Option<f32> = 1,
             compid_primary_control: Option<f32> = 2,
             sysid_secondary_control: Option<f32> = 3,
@@ -4687,7 +4687,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_IMAGE_START_CAPTURE`.
-        pub struct ImageStartCapture = command_rules::IMAGE_START_CAPTURE {
+        pub struct ImageStartCapture = rules::IMAGE_START_CAPTURE {
             /// Range: 0 to 255.
             target_camera_id: Option<u8> = 1,
             /// (s) Range: ≥ 0.
@@ -4701,7 +4701,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_IMAGE_STOP_CAPTURE`.
-        pub struct ImageStopCapture = command_rules::IMAGE_STOP_CAPTURE {
+        pub struct ImageStopCapture = rules::IMAGE_STOP_CAPTURE {
             /// Range: 0 to 255.
             target_camera_id: Option<u8> = 1,
         }
@@ -4709,7 +4709,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestCameraImageCapture = command_rules::REQUEST_CAMERA_IMAGE_CAPTURE {
+        pub struct RequestCameraImageCapture = rules::REQUEST_CAMERA_IMAGE_CAPTURE {
             /// Range: ≥ 0.
             number: u32 = 1,
         }
@@ -4717,7 +4717,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_TRIGGER_CONTROL`.
-        pub struct DoTriggerControl = command_rules::DO_TRIGGER_CONTROL {
+        pub struct DoTriggerControl = rules::DO_TRIGGER_CONTROL {
             /// Range: -1 to 1.
             enable: i8 = 1,
             /// Range: -1 to 1.
@@ -4731,7 +4731,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CAMERA_TRACK_POINT`.
-        pub struct CameraTrackPoint = command_rules::CAMERA_TRACK_POINT {
+        pub struct CameraTrackPoint = rules::CAMERA_TRACK_POINT {
             /// Range: 0 to 1.
             point_x: f32 = 1,
             /// Range: 0 to 1.
@@ -4745,7 +4745,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CAMERA_TRACK_RECTANGLE`.
-        pub struct CameraTrackRectangle = command_rules::CAMERA_TRACK_RECTANGLE {
+        pub struct CameraTrackRectangle = rules::CAMERA_TRACK_RECTANGLE {
             /// Range: 0 to 1.
             top_left_corner_x: f32 = 1,
             /// Range: 0 to 1.
@@ -4761,7 +4761,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CAMERA_STOP_TRACKING`.
-        pub struct CameraStopTracking = command_rules::CAMERA_STOP_TRACKING {
+        pub struct CameraStopTracking = rules::CAMERA_STOP_TRACKING {
             /// Range: 0 to 255.
             target_camera_id: Option<u8> = 1,
         }
@@ -4769,7 +4769,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_VIDEO_START_CAPTURE`.
-        pub struct VideoStartCapture = command_rules::VIDEO_START_CAPTURE {
+        pub struct VideoStartCapture = rules::VIDEO_START_CAPTURE {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
             /// (Hz) Range: ≥ 0.
@@ -4781,7 +4781,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_VIDEO_STOP_CAPTURE`.
-        pub struct VideoStopCapture = command_rules::VIDEO_STOP_CAPTURE {
+        pub struct VideoStopCapture = rules::VIDEO_STOP_CAPTURE {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
             /// Range: 0 to 255.
@@ -4791,7 +4791,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_VIDEO_START_STREAMING`.
-        pub struct VideoStartStreaming = command_rules::VIDEO_START_STREAMING {
+        pub struct VideoStartStreaming = rules::VIDEO_START_STREAMING {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
             /// Range: 0 to 255.
@@ -4801,7 +4801,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_VIDEO_STOP_STREAMING`.
-        pub struct VideoStopStreaming = command_rules::VIDEO_STOP_STREAMING {
+        pub struct VideoStopStreaming = rules::VIDEO_STOP_STREAMING {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
             /// Range: 0 to 255.
@@ -4811,7 +4811,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestVideoStreamInformation = command_rules::REQUEST_VIDEO_STREAM_INFORMATION {
+        pub struct RequestVideoStreamInformation = rules::REQUEST_VIDEO_STREAM_INFORMATION {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
         }
@@ -4819,7 +4819,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_REQUEST_VIDEO_STREAM_STATUS`. Superseded since 2019-08: MAV_CMD_REQUEST_MESSAGE.
-        pub struct RequestVideoStreamStatus = command_rules::REQUEST_VIDEO_STREAM_STATUS {
+        pub struct RequestVideoStreamStatus = rules::REQUEST_VIDEO_STREAM_STATUS {
             /// Range: ≥ 0.
             stream_id: u32 = 1,
         }
@@ -4827,7 +4827,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_LOGGING_START`.
-        pub struct LoggingStart = command_rules::LOGGING_START {
+        pub struct LoggingStart = rules::LOGGING_START {
             /// Range: ≥ 0.
             format: u32 = 1,
         }
@@ -4835,7 +4835,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_AIRFRAME_CONFIGURATION`.
-        pub struct AirframeConfiguration = command_rules::AIRFRAME_CONFIGURATION {
+        pub struct AirframeConfiguration = rules::AIRFRAME_CONFIGURATION {
             /// Range: ≥ -1.
             landing_gear_id: i32 = 1,
             landing_gear_position: Option<f32> = 2,
@@ -4844,14 +4844,14 @@ pub mod commands {
 
     crate::command! {
         /// Start or stop sending HIGH_LATENCY2 on high-latency links.
-        pub struct ControlHighLatency = command_rules::CONTROL_HIGH_LATENCY {
+        pub struct ControlHighLatency = rules::CONTROL_HIGH_LATENCY {
             enable: bool = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_PANORAMA_CREATE`.
-        pub struct PanoramaCreate = command_rules::PANORAMA_CREATE {
+        pub struct PanoramaCreate = rules::PANORAMA_CREATE {
             /// (deg)
             horizontal_angle: Option<f32> = 1,
             /// (deg)
@@ -4865,7 +4865,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_VTOL_TRANSITION`.
-        pub struct DoVtolTransition = command_rules::DO_VTOL_TRANSITION {
+        pub struct DoVtolTransition = rules::DO_VTOL_TRANSITION {
             state: super::MavVtolState = 1,
             immediate: Option<f32> = 2,
         }
@@ -4873,7 +4873,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_ARM_AUTHORIZATION_REQUEST`.
-        pub struct ArmAuthorizationRequest = command_rules::ARM_AUTHORIZATION_REQUEST {
+        pub struct ArmAuthorizationRequest = rules::ARM_AUTHORIZATION_REQUEST {
             /// Range: 0 to 255.
             system_id: u8 = 1,
         }
@@ -4881,7 +4881,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_SET_GUIDED_SUBMODE_CIRCLE`.
-        pub struct SetGuidedSubmodeCircle = command_rules::SET_GUIDED_SUBMODE_CIRCLE {
+        pub struct SetGuidedSubmodeCircle = rules::SET_GUIDED_SUBMODE_CIRCLE {
             /// (m)
             radius: Option<f32> = 1,
             location: Location = 5,
@@ -4890,7 +4890,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_CONDITION_GATE`. Work in progress.
-        pub struct ConditionGate = command_rules::CONDITION_GATE {
+        pub struct ConditionGate = rules::CONDITION_GATE {
             /// Range: ≥ 0.
             geometry: u32 = 1,
             use_altitude: bool = 2,
@@ -4900,14 +4900,14 @@ pub mod commands {
 
     crate::command! {
         /// The position to fly to after a fence breach.
-        pub struct NavFenceReturnPoint = command_rules::NAV_FENCE_RETURN_POINT {
+        pub struct NavFenceReturnPoint = rules::NAV_FENCE_RETURN_POINT {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// A vertex of an inclusion polygon.
-        pub struct NavFencePolygonVertexInclusion = command_rules::NAV_FENCE_POLYGON_VERTEX_INCLUSION {
+        pub struct NavFencePolygonVertexInclusion = rules::NAV_FENCE_POLYGON_VERTEX_INCLUSION {
             /// Range: ≥ 3.
             vertex_count: u32 = 1,
             /// Range: ≥ 0.
@@ -4918,7 +4918,7 @@ pub mod commands {
 
     crate::command! {
         /// A vertex of an exclusion polygon.
-        pub struct NavFencePolygonVertexExclusion = command_rules::NAV_FENCE_POLYGON_VERTEX_EXCLUSION {
+        pub struct NavFencePolygonVertexExclusion = rules::NAV_FENCE_POLYGON_VERTEX_EXCLUSION {
             /// Range: ≥ 3.
             vertex_count: u32 = 1,
             location: Location = 5,
@@ -4927,7 +4927,7 @@ pub mod commands {
 
     crate::command! {
         /// An inclusion circle.
-        pub struct NavFenceCircleInclusion = command_rules::NAV_FENCE_CIRCLE_INCLUSION {
+        pub struct NavFenceCircleInclusion = rules::NAV_FENCE_CIRCLE_INCLUSION {
             /// (m)
             radius: Option<f32> = 1,
             /// Range: ≥ 0.
@@ -4938,7 +4938,7 @@ pub mod commands {
 
     crate::command! {
         /// An exclusion circle.
-        pub struct NavFenceCircleExclusion = command_rules::NAV_FENCE_CIRCLE_EXCLUSION {
+        pub struct NavFenceCircleExclusion = rules::NAV_FENCE_CIRCLE_EXCLUSION {
             /// (m)
             radius: Option<f32> = 1,
             location: Location = 5,
@@ -4947,21 +4947,21 @@ pub mod commands {
 
     crate::command! {
         /// A rally point: an alternative to home.
-        pub struct NavRallyPoint = command_rules::NAV_RALLY_POINT {
+        pub struct NavRallyPoint = rules::NAV_RALLY_POINT {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_DO_SET_SAFETY_SWITCH_STATE`.
-        pub struct DoSetSafetySwitchState = command_rules::DO_SET_SAFETY_SWITCH_STATE {
+        pub struct DoSetSafetySwitchState = rules::DO_SET_SAFETY_SWITCH_STATE {
             desired_state: super::SafetySwitchState = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_PAYLOAD_PREPARE_DEPLOY`. Superseded since 2021-06.
-        pub struct PayloadPrepareDeploy = command_rules::PAYLOAD_PREPARE_DEPLOY {
+        pub struct PayloadPrepareDeploy = rules::PAYLOAD_PREPARE_DEPLOY {
             /// Range: 0 to 2.
             operation_mode: u8 = 1,
             /// (deg) Range: -1 to 360.
@@ -4976,7 +4976,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_PAYLOAD_CONTROL_DEPLOY`. Superseded since 2021-06.
-        pub struct PayloadControlDeploy = command_rules::PAYLOAD_CONTROL_DEPLOY {
+        pub struct PayloadControlDeploy = rules::PAYLOAD_CONTROL_DEPLOY {
             /// Range: 0 to 101.
             operation_mode: u8 = 1,
         }
@@ -4984,84 +4984,84 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_WAYPOINT_USER_1`.
-        pub struct WaypointUser1 = command_rules::WAYPOINT_USER_1 {
+        pub struct WaypointUser1 = rules::WAYPOINT_USER_1 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_WAYPOINT_USER_2`.
-        pub struct WaypointUser2 = command_rules::WAYPOINT_USER_2 {
+        pub struct WaypointUser2 = rules::WAYPOINT_USER_2 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_WAYPOINT_USER_3`.
-        pub struct WaypointUser3 = command_rules::WAYPOINT_USER_3 {
+        pub struct WaypointUser3 = rules::WAYPOINT_USER_3 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_WAYPOINT_USER_4`.
-        pub struct WaypointUser4 = command_rules::WAYPOINT_USER_4 {
+        pub struct WaypointUser4 = rules::WAYPOINT_USER_4 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_WAYPOINT_USER_5`.
-        pub struct WaypointUser5 = command_rules::WAYPOINT_USER_5 {
+        pub struct WaypointUser5 = rules::WAYPOINT_USER_5 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_SPATIAL_USER_1`.
-        pub struct SpatialUser1 = command_rules::SPATIAL_USER_1 {
+        pub struct SpatialUser1 = rules::SPATIAL_USER_1 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_SPATIAL_USER_2`.
-        pub struct SpatialUser2 = command_rules::SPATIAL_USER_2 {
+        pub struct SpatialUser2 = rules::SPATIAL_USER_2 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_SPATIAL_USER_3`.
-        pub struct SpatialUser3 = command_rules::SPATIAL_USER_3 {
+        pub struct SpatialUser3 = rules::SPATIAL_USER_3 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_SPATIAL_USER_4`.
-        pub struct SpatialUser4 = command_rules::SPATIAL_USER_4 {
+        pub struct SpatialUser4 = rules::SPATIAL_USER_4 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_SPATIAL_USER_5`.
-        pub struct SpatialUser5 = command_rules::SPATIAL_USER_5 {
+        pub struct SpatialUser5 = rules::SPATIAL_USER_5 {
             location: Location = 5,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_CAN_FORWARD`.
-        pub struct CanForward = command_rules::CAN_FORWARD {
+        pub struct CanForward = rules::CAN_FORWARD {
             bus: Option<f32> = 1,
         }
     }
 
     crate::command! {
         /// `MAV_CMD_FIXED_MAG_CAL_YAW`.
-        pub struct FixedMagCalYaw = command_rules::FIXED_MAG_CAL_YAW {
+        pub struct FixedMagCalYaw = rules::FIXED_MAG_CAL_YAW {
             /// (deg)
             yaw: Option<f32> = 1,
             compass_mask: Option<f32> = 2,
@@ -5074,7 +5074,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_DO_WINCH`.
-        pub struct DoWinch = command_rules::DO_WINCH {
+        pub struct DoWinch = rules::DO_WINCH {
             /// Range: ≥ 1.
             instance: u32 = 1,
             action: super::WinchActions = 2,
@@ -5087,7 +5087,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_GUIDED_CHANGE_SPEED`.
-        pub struct GuidedChangeSpeed = command_rules::GUIDED_CHANGE_SPEED {
+        pub struct GuidedChangeSpeed = rules::GUIDED_CHANGE_SPEED {
             speed_type: super::SpeedType = 1,
             /// (m/s)
             speed_target: Option<f32> = 2,
@@ -5098,7 +5098,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_GUIDED_CHANGE_ALTITUDE`.
-        pub struct GuidedChangeAltitude = command_rules::GUIDED_CHANGE_ALTITUDE {
+        pub struct GuidedChangeAltitude = rules::GUIDED_CHANGE_ALTITUDE {
             /// (m/s) Range: ≥ 0.
             alt_rate_of_change: f32 = 3,
             /// (m)
@@ -5108,7 +5108,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_GUIDED_CHANGE_HEADING`.
-        pub struct GuidedChangeHeading = command_rules::GUIDED_CHANGE_HEADING {
+        pub struct GuidedChangeHeading = rules::GUIDED_CHANGE_HEADING {
             heading_type: super::HeadingType = 1,
             /// (deg) Range: 0 to 359.99.
             heading_target: f32 = 2,
@@ -5119,7 +5119,7 @@ pub mod commands {
 
     crate::command! {
         /// `MAV_CMD_EXTERNAL_POSITION_ESTIMATE`.
-        pub struct ExternalPositionEstimate = command_rules::EXTERNAL_POSITION_ESTIMATE {
+        pub struct ExternalPositionEstimate = rules::EXTERNAL_POSITION_ESTIMATE {
             /// (s)
             transmission_time: Option<f32> = 1,
             /// (s)

@@ -9,7 +9,7 @@
 //!   field is an integer, and its documentation links to the enumeration.
 //! - **Units** are in brackets in the documentation of a field.
 //! - **Commands** have ids and seven parameters on the wire. [`commands`] has types with named fields for them, and
-//!   [`command_rules`] the rules for their parameters.
+//!   [`rules`] the rules for their parameters.
 //!
 //! Each message has a constant `UNKNOWN`: all fields have the value for "not known" from the definitions (`invalid`),
 //! or zero if there is none. Start from it to fill in a message partly. `Default` is zero in all fields, which often is

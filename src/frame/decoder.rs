@@ -65,7 +65,7 @@ impl RxCounters {
 /// Finds frames in a stream of bytes.
 ///
 /// It owns one buffer. [`push`](Decoder::push) copies bytes into it; [`spare`](Decoder::spare) and
-/// [`commit`](Decoder::commit) let a driver write into it directly. [`next`](Decoder::next) examines the *candidate*,
+/// [`filled`](Decoder::filled) let a driver write into it directly. [`next`](Decoder::next) examines the *candidate*,
 /// the oldest bytes that are not yet consumed:
 ///
 /// ```text
@@ -86,8 +86,11 @@ impl RxCounters {
 /// (SEC-2).
 ///
 /// ```
-/// use mavstack::{Decoder, Dialect, Instant, dialect::{Common, Heartbeat}};
-/// # use mavstack::{Address, Version, encode};
+/// use mavstack::frame::Decoder;
+/// use mavstack::message::Dialect;
+/// use mavstack::{Instant, dialect::{Common, Heartbeat}};
+/// # use mavstack::Address;
+/// # use mavstack::frame::{Version, encode};
 /// # let mut bytes = [0; 64];
 /// # let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
 /// # let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 7, &mut bytes).unwrap();
@@ -252,7 +255,7 @@ impl Decoder {
         self.buffer.get_mut(index(self.window.end)..).unwrap_or_default().iter_mut().zeroize();
     }
 
-    /// Returns the free space for received bytes: read into its front, then call [`commit`](Self::commit).
+    /// Returns the free space for received bytes: read into its front, then call [`filled`](Self::filled).
     ///
     /// When no byte is pending it is the whole buffer, 281 bytes, so that a packet transport can deliver the longest
     /// frame in one read. It is empty only while frames, or a search that ran out of budget, wait for
@@ -296,7 +299,7 @@ impl Decoder {
 
     /// Marks the first `len` bytes of [`spare`](Self::spare) as received at `now`. A larger `len` means all of it.
     #[inline]
-    pub fn commit(&mut self, len: usize, now: Instant) {
+    pub fn filled(&mut self, len: usize, now: Instant) {
         self.window.end = position(index(self.window.end).saturating_add(len).min(BUFFER_LEN));
         self.grown = now;
     }

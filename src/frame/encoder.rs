@@ -40,12 +40,13 @@ impl core::error::Error for EncodeError {}
 /// `out` is too small, or the message needs MAVLink 2. `out` may then be partly overwritten.
 ///
 /// ```
-/// use mavstack::{Address, Version, dialect::Heartbeat, encode};
+/// use mavstack::frame::{Version, encode};
+/// use mavstack::{Address, dialect::Heartbeat};
 /// let mut frame = [0; 32];
 /// let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
 /// let len = encode(&heartbeat, Version::V2, Address::new(1, 1), 0, &mut frame)?;
 /// assert_eq!(len, 21);
-/// # Ok::<(), mavstack::EncodeError>(())
+/// # Ok::<(), mavstack::frame::EncodeError>(())
 /// ```
 #[inline]
 pub fn encode<M: Message>(

@@ -1,7 +1,7 @@
 //! Signatures of frames: signing and verifying.
 //!
 //! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7.
-//! [`Signing`](crate::Signing) decides whether a signed frame is a replay, and what happens to unsigned frames.
+//! [`Signing`](crate::signing::Signing) decides whether a signed frame is a replay, and what happens to unsigned frames.
 //!
 //! SHA-256 is from the crate `sha2`. Its compact implementation has a third of the size and is somewhat slower. Only
 //! the firmware can select it: add `--cfg sha2_backend_soft="compact"` to the `rustflags` in its `.cargo/config.toml`.
@@ -133,7 +133,7 @@ impl Frame<'_> {
 
 /// Writes `message` as one signed MAVLink 2 frame to the front of `out` and returns the frame's length in bytes.
 ///
-/// `out` must hold 13 bytes more than for [`encode`](crate::encode). `link_id` is the sender's own id of the link.
+/// `out` must hold 13 bytes more than for [`encode`](crate::frame::encode). `link_id` is the sender's own id of the link.
 /// `timestamp` is in units of 10 µs since 2015-01-01 00:00 UTC. It must be greater than in every other frame that the
 /// sender has signed for this link (G-4, G-5). Only its low 48 bits are sent.
 ///
@@ -142,13 +142,15 @@ impl Frame<'_> {
 /// [`EncodeError::BufferTooSmall`]; `out` may then be partly overwritten.
 ///
 /// ```
-/// use mavstack::{Address, SigningKey, dialect::Heartbeat, encode_signed};
+/// use mavstack::frame::encode_signed;
+/// use mavstack::signing::SigningKey;
+/// use mavstack::{Address, dialect::Heartbeat};
 /// let key = SigningKey::new([7; 32]);
 /// let mut frame = [0; 48];
 /// let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
 /// let len = encode_signed(&heartbeat, Address::new(1, 1), 0, &key, 0, 33_000_000_000_000, &mut frame)?;
 /// assert_eq!(len, 34);
-/// # Ok::<(), mavstack::EncodeError>(())
+/// # Ok::<(), mavstack::frame::EncodeError>(())
 /// ```
 pub fn encode_signed<M: Message>(
     message: &M,

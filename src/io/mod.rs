@@ -19,11 +19,11 @@
 //! A link receives baud × poll period / 10 bytes between two polls. The receive queue should hold twice as many, so
 //! that a poll may be late. [`queue_len`] computes its length:
 //!
-//! | baud | polled every | bytes between two polls | queue | [`PollBudget`](crate::PollBudget) |
+//! | baud | polled every | bytes between two polls | queue | [`PollBudget`](crate::config::PollBudget) |
 //! |---:|---:|---:|---:|---|
 //! | 57,600 | 4 ms | 24 | 64 | the default |
 //! | 115,200 | 4 ms | 47 | 128 | the default |
-//! | 115,200 | 20 ms | 231 | 512 | [`for_line`](crate::PollBudget::for_line) |
+//! | 115,200 | 20 ms | 231 | 512 | [`for_line`](crate::config::PollBudget::for_line) |
 //! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_line` |
 //! | 921,600 | 4 ms | 369 | 1,024 | `for_line` |
 //!
@@ -37,8 +37,8 @@
 //!
 //! [`LoopEnd::counters`] counts the bytes for which the queue had no room and the errors that the UART reported to the
 //! interrupt. The next read reports them once, as a [`SerialError`]. The stack counts it in
-//! [`LinkCounters::read_errors`](crate::LinkCounters::read_errors), and `poll_link` returns it as
-//! [`LinkError::Read`](crate::LinkError::Read) (S-20).
+//! [`LinkCounters::read_errors`](crate::network::LinkCounters::read_errors), and `poll_link` returns it as
+//! [`LinkError::Read`](crate::network::LinkError::Read) (S-20).
 
 mod dma;
 #[cfg(any(feature = "embedded-hal-nb", feature = "embedded-io-06", feature = "embedded-io-async"))]

@@ -13,7 +13,8 @@ use super::ring::Ring;
 ///
 /// ```
 /// use mavstack::io::{SerialError, SerialQueues};
-/// # use mavstack::{Command, Commands, Context, Instant, LinkError, LinkId, Outcome, Vehicle, VehicleState};
+/// # use mavstack::network::LinkError;
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -14,7 +14,7 @@ use crate::frame::{Decoder, Version};
 use crate::log::DropLog;
 use crate::types::{Config, LinkConfig, LinkId, TxVersion};
 
-/// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::RxCounters) counts what the decoder
+/// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
 /// dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -37,7 +37,7 @@ pub struct LinkCounters {
     pub evicted_peers: u32,
     /// Commands that were not executed, and requests for plans that are not served, because there was no room for their
     /// answer; the sender retransmits them. See also
-    /// [`PlanCounters::no_answer_slot`](crate::PlanCounters::no_answer_slot).
+    /// [`PlanCounters::no_answer_slot`](crate::plan::PlanCounters::no_answer_slot).
     pub no_answer_slot: u32,
     /// Messages that are not allowed on a link of this class (L-4), or not to a broadcast address (M-10). If the stack
     /// does not declare `signing`, also SETUP_SIGNING (G-11), and all frames on a link that is not open to unsigned

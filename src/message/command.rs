@@ -1,13 +1,14 @@
 //! `command!` generates a typed command from a declaration with one line per parameter.
 
-/// Declares a [`TypedCommand`](crate::TypedCommand): a plain struct with the command's parameters under their names.
+/// Declares a [`TypedCommand`](crate::message::TypedCommand): a plain struct with the command's parameters under their names.
 ///
 /// The name is followed by the command's [`CommandRule`](crate::CommandRule), each field by the number of its parameter. A
-/// field's type implements [`CommandParam`](crate::CommandParam). It is an `Option` if NaN means "default" and the rule admits
-/// NaN. A command with a location has one field of type [`Location`](crate::Location), as parameter 5.
+/// field's type implements [`CommandParam`](crate::message::CommandParam). It is an `Option` if NaN means "default" and the rule admits
+/// NaN. A command with a location has one field of type [`Location`](crate::message::Location), as parameter 5.
 ///
 /// ```
-/// use mavstack::{CommandRule, ParamRule};
+/// use mavstack::CommandRule;
+/// use mavstack::message::ParamRule;
 ///
 /// mavstack::wire_enum! {
 ///     /// An action of the winch.
@@ -51,11 +52,11 @@ macro_rules! command {
             $( $(#[$field_meta])* pub $field: $ty, )+
         }
 
-        impl $crate::TypedCommand for $name {
+        impl $crate::message::TypedCommand for $name {
             const RULE: $crate::CommandRule = $rule;
 
             #[inline]
-            fn take(params: &mut $crate::CommandParams) -> Self {
+            fn take(params: &mut $crate::message::CommandParams) -> Self {
                 Self { $( $field: params.take($index), )+ }
             }
         }

@@ -8,7 +8,7 @@
 /// - **Extension fields** follow in an `extensions` block, in the order of the definition.
 /// - **The name after the colon** is MAVLink's name of the message. It is a part of `CRC_EXTRA`, like the names and
 ///   types of the base fields (S-3). A field whose name is a Rust keyword is written raw (`r#type`).
-/// - **Field types** implement [`Field`](crate::Field): integers, floats, arrays of them, [`Text<N>`](crate::Text) for
+/// - **Field types** implement [`Field`](crate::message::Field): integers, floats, arrays of them, [`Text<N>`](crate::Text) for
 ///   `char[N]`, and types declared by [`wire_enum!`](crate::wire_enum) and [`wire_bitmask!`](crate::wire_bitmask).
 /// - **`= value` after a type** is the value that means "not known". The constant `UNKNOWN` has this value in that
 ///   field, and zero in fields without one. `Default` is zero in all fields. Start from `UNKNOWN` to fill in a part of
@@ -71,9 +71,9 @@ macro_rules! message {
 
         #[allow(non_snake_case, reason = "a field's name is its definition's")]
         const _: () = {
-            const BASE: &[$crate::FieldInfo] = &[ $( $crate::FieldInfo::of::<$ty>(stringify!($field)), )+ ];
-            const EXTENSIONS: &[$crate::FieldInfo] = &[
-                $($( $crate::FieldInfo::of::<$ext_ty>(stringify!($ext)), )+)?
+            const BASE: &[$crate::message::FieldInfo] = &[ $( $crate::message::FieldInfo::of::<$ty>(stringify!($field)), )+ ];
+            const EXTENSIONS: &[$crate::message::FieldInfo] = &[
+                $($( $crate::message::FieldInfo::of::<$ext_ty>(stringify!($ext)), )+)?
             ];
 
             impl $crate::Message for $name {
@@ -81,15 +81,15 @@ macro_rules! message {
                 const NAME: &'static str = stringify!($wire);
                 const CRC_EXTRA: u8 = $crate::__crc_extra!($wire $($crc_extra)?);
                 #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
-                const BASE_LEN: usize = $crate::FieldInfo::total(BASE);
-                const MAX_LEN: usize = Self::BASE_LEN + $crate::FieldInfo::total(EXTENSIONS);
-                const INFO: $crate::MessageInfo = $crate::MessageInfo::new::<Self>(BASE, EXTENSIONS);
+                const BASE_LEN: usize = $crate::message::FieldInfo::total(BASE);
+                const MAX_LEN: usize = Self::BASE_LEN + $crate::message::FieldInfo::total(EXTENSIONS);
+                const INFO: $crate::message::MessageInfo = $crate::message::MessageInfo::new::<Self>(BASE, EXTENSIONS);
 
                 #[inline]
                 fn decode(payload: &[u8]) -> Self {
                     let mut bytes = [0; <Self as $crate::Message>::MAX_LEN];
-                    $crate::zero_extend(payload, &mut bytes);
-                    let mut fields = $crate::FieldReader::new(&bytes);
+                    $crate::message::zero_extend(payload, &mut bytes);
+                    let mut fields = $crate::message::FieldReader::new(&bytes);
                     Self {
                         $( $field: fields.take(), )+
                         $($( $ext: fields.take(), )+)?
@@ -99,7 +99,7 @@ macro_rules! message {
                 #[inline]
                 fn encode(&self, payload: &mut [u8]) -> Option<usize> {
                     let bytes = payload.get_mut(..Self::MAX_LEN)?;
-                    let mut fields = $crate::FieldWriter::new(bytes);
+                    let mut fields = $crate::message::FieldWriter::new(bytes);
                     $( fields.push(self.$field); )+
                     $($( fields.push(self.$ext); )+)?
                     Some(Self::MAX_LEN)
@@ -107,12 +107,12 @@ macro_rules! message {
             }
 
             // Evaluates the checks where the message is declared, not where it is first used.
-            const _: $crate::MessageInfo = <$name as $crate::Message>::INFO;
+            const _: $crate::message::MessageInfo = <$name as $crate::Message>::INFO;
 
             /// All bytes zero.
             const __ZERO: $name = $name {
-                $( $field: <$ty as $crate::Field>::ZERO, )+
-                $($( $ext: <$ext_ty as $crate::Field>::ZERO, )+)?
+                $( $field: <$ty as $crate::message::Field>::ZERO, )+
+                $($( $ext: <$ext_ty as $crate::message::Field>::ZERO, )+)?
             };
 
             impl $name {
@@ -140,7 +140,7 @@ macro_rules! message {
 #[macro_export]
 macro_rules! __crc_extra {
     ($wire:ident) => {
-        $crate::FieldInfo::crc_extra(stringify!($wire), BASE)
+        $crate::message::FieldInfo::crc_extra(stringify!($wire), BASE)
     };
     ($wire:ident $crc_extra:literal) => {
         $crc_extra
@@ -155,8 +155,8 @@ macro_rules! __message_format {
     ($name:ident: $wire:ident { $( $field:ident, )+ }) => {
         impl $crate::__defmt::Format for $name {
             fn format(&self, f: $crate::__defmt::Formatter<'_>) {
-                $crate::__format_name(f, stringify!($wire));
-                $( $crate::__format_field(f, stringify!($field), &self.$field); )+
+                $crate::message::__format_name(f, stringify!($wire));
+                $( $crate::message::__format_field(f, stringify!($field), &self.$field); )+
             }
         }
     };
@@ -289,20 +289,20 @@ macro_rules! wire_bitmask {
 #[macro_export]
 macro_rules! __wire_newtype {
     ($name:ident: $repr:ident) => {
-        impl $crate::Field for $name {
-            const SIZE: usize = <$repr as $crate::Field>::SIZE;
-            const ELEMENT: usize = <$repr as $crate::Field>::ELEMENT;
-            const WIRE_TYPE: &'static str = <$repr as $crate::Field>::WIRE_TYPE;
+        impl $crate::message::Field for $name {
+            const SIZE: usize = <$repr as $crate::message::Field>::SIZE;
+            const ELEMENT: usize = <$repr as $crate::message::Field>::ELEMENT;
+            const WIRE_TYPE: &'static str = <$repr as $crate::message::Field>::WIRE_TYPE;
             const ZERO: Self = Self(0);
 
             #[inline(always)]
             fn read(payload: &[u8], at: usize) -> Self {
-                Self($crate::Field::read(payload, at))
+                Self($crate::message::Field::read(payload, at))
             }
 
             #[inline(always)]
             fn write(&self, payload: &mut [u8], at: usize) {
-                $crate::Field::write(&self.0, payload, at);
+                $crate::message::Field::write(&self.0, payload, at);
             }
         }
 
@@ -332,7 +332,7 @@ macro_rules! __newtype_format {
     ($name:ident) => {};
 }
 
-/// Declares a [`Dialect`](crate::Dialect), a set of messages that replaces [`Common`](crate::dialect::Common) as
+/// Declares a [`Dialect`](crate::message::Dialect), a set of messages that replaces [`Common`](crate::dialect::Common) as
 /// [`Vehicle::MESSAGES`](crate::Vehicle::MESSAGES).
 ///
 /// List only a few messages to save flash, or list your own and add all messages of another dialect after a `+`. The
@@ -346,7 +346,7 @@ macro_rules! __newtype_format {
 ///     /// The messages that a winch receives.
 ///     pub struct Winch: [CommandLong, Heartbeat];
 /// }
-/// use mavstack::Dialect;
+/// use mavstack::message::Dialect;
 /// assert_eq!(Winch::MESSAGES.get(76).map(|info| info.crc_extra()), Some(152));
 ///
 /// mavstack::message! {
@@ -366,11 +366,11 @@ macro_rules! dialect {
         #[derive(Clone, Copy, Debug)]
         $vis struct $name;
 
-        impl $crate::Dialect for $name {
-            const MESSAGES: $crate::MessageTable = {
-                const ROWS: &[$crate::MessageInfo] =
-                    &$crate::MessageTable::sorted([ $( <$message as $crate::Message>::INFO ),* ]);
-                $crate::MessageTable::new(ROWS, const { &$crate::MessageTable::index(ROWS) })
+        impl $crate::message::Dialect for $name {
+            const MESSAGES: $crate::message::MessageTable = {
+                const ROWS: &[$crate::message::MessageInfo] =
+                    &$crate::message::MessageTable::sorted([ $( <$message as $crate::Message>::INFO ),* ]);
+                $crate::message::MessageTable::new(ROWS, const { &$crate::message::MessageTable::index(ROWS) })
             };
         }
     };
@@ -379,12 +379,13 @@ macro_rules! dialect {
         #[derive(Clone, Copy, Debug)]
         $vis struct $name;
 
-        impl $crate::Dialect for $name {
-            const MESSAGES: $crate::MessageTable = {
-                const BASE: &[$crate::MessageInfo] = <$base as $crate::Dialect>::MESSAGES.rows();
-                const OWN: &[$crate::MessageInfo] = &[ $( <$message as $crate::Message>::INFO ),* ];
-                const ROWS: &[$crate::MessageInfo] = &$crate::MessageTable::joined::<{ BASE.len() + OWN.len() }>(BASE, OWN);
-                $crate::MessageTable::new(ROWS, const { &$crate::MessageTable::index(ROWS) })
+        impl $crate::message::Dialect for $name {
+            const MESSAGES: $crate::message::MessageTable = {
+                const BASE: &[$crate::message::MessageInfo] = <$base as $crate::message::Dialect>::MESSAGES.rows();
+                const OWN: &[$crate::message::MessageInfo] = &[ $( <$message as $crate::Message>::INFO ),* ];
+                const ROWS: &[$crate::message::MessageInfo] =
+                    &$crate::message::MessageTable::joined::<{ BASE.len() + OWN.len() }>(BASE, OWN);
+                $crate::message::MessageTable::new(ROWS, const { &$crate::message::MessageTable::index(ROWS) })
             };
         }
     };

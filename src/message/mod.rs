@@ -1,7 +1,7 @@
 //! Messages: the types of payloads, with their encoding and the table of their ids.
 //!
 //! Implements <https://mavlink.io/en/guide/serialization.html>: field order, zero extension, `CRC_EXTRA`. A message is
-//! a plain struct that [`message!`](crate::message) generates from a declaration. There is no enum of all messages: a
+//! a plain struct that [`message!`](crate::message!) generates from a declaration. There is no enum of all messages: a
 //! service matches on a frame's id and decodes the messages that it uses, and the linker removes the rest.
 
 mod address;
@@ -30,7 +30,7 @@ pub use typed::{CommandParam, CommandParams, Location, TypedCommand};
 
 /// A MAVLink message: its id, name and lengths, and how it is encoded.
 ///
-/// Implemented by [`message!`](crate::message).
+/// Implemented by [`message!`](crate::message!).
 pub trait Message: Sized {
     /// The message id, 24 bits.
     const ID: u32;

@@ -1,7 +1,7 @@
 //! What a command's parameters may be: one rule a command, as data.
 //!
 //! Implements the checks of one item (M-38, M-74). The rules of all commands are made from the
-//! definitions (see [`mod@crate::dialect::command_rules`]); a vehicle names those of the commands that it flies in
+//! definitions (see [`mod@crate::dialect::rules`]); a vehicle names those of the commands that it flies in
 //! [`Plans::MISSION_COMMANDS`](crate::Plans::MISSION_COMMANDS), narrowed or widened as it needs, and only what it names
 //! costs flash.
 
@@ -194,9 +194,10 @@ pub(crate) const fn is_zero_here(command: MavCmd) -> bool {
 /// What the items of one command may be.
 ///
 /// ```
-/// use mavstack::dialect::command_rules::{DO_JUMP, NAV_LAND, NAV_TAKEOFF, NAV_WAYPOINT};
+/// use mavstack::dialect::rules::{DO_JUMP, NAV_LAND, NAV_TAKEOFF, NAV_WAYPOINT};
 /// use mavstack::dialect::{MavCmd, MavFrame};
-/// use mavstack::{CommandRule, ParamRule};
+/// use mavstack::CommandRule;
+/// use mavstack::message::ParamRule;
 ///
 /// /// What our copter flies. It has no model of the terrain, passes no waypoint at a distance, and takes off where it
 /// /// stands; its winch has a command of its own.
@@ -369,7 +370,7 @@ fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::command_rules::{self, DO_GIMBAL_MANAGER_PITCHYAW, NAV_TAKEOFF, NAV_WAYPOINT};
+    use crate::dialect::rules::{self, DO_GIMBAL_MANAGER_PITCHYAW, NAV_TAKEOFF, NAV_WAYPOINT};
     use proptest::prelude::*;
 
     const NAN: f32 = f32::NAN;
@@ -466,7 +467,7 @@ mod tests {
         let zero = |frame| Item { frame, x: 0, y: 0, ..HERE };
         let refused = Err(MavMissionResult::INVALID_PARAM5_X);
         let above_home = MavFrame::GLOBAL_RELATIVE_ALT;
-        for rule in command_rules::ALL.iter().filter(|rule| rule.is_located()) {
+        for rule in rules::ALL.iter().filter(|rule| rule.is_located()) {
             let is_waypoint = matches!(rule.command().0, 16 | 36 | 82 | 31_000..=31_004);
             let item = Item { command: rule.command(), params: [0.0; 4], ..zero(above_home) };
             let near = Item { x: -1, ..item };
@@ -503,8 +504,8 @@ mod tests {
     proptest! {
         /// Whatever comes, nothing panics; what passes has no infinite number and a frame that plans know.
         #[test]
-        fn any_item_is_checked(item in any_item(), which in 0..command_rules::ALL.len(), frame in 0u8..12) {
-            let rule = command_rules::ALL[which];
+        fn any_item_is_checked(item in any_item(), which in 0..rules::ALL.len(), frame in 0u8..12) {
+            let rule = rules::ALL[which];
             for rule in [rule, CommandRule::any(rule.command())] {
                 for item in [item, Item { frame: MavFrame(frame), ..item }] {
                     let is_finite = !item.params.iter().chain([&item.z]).any(|value| value.is_infinite());

@@ -10,7 +10,7 @@ use super::Field;
 /// `==` stops at the first difference, so it is for tests only: do not verify passwords with it.
 ///
 /// ```
-/// use mavstack::Secret;
+/// use mavstack::message::Secret;
 ///
 /// mavstack::message! {
 ///     pub struct Unlock: UNLOCK = 52_003 {

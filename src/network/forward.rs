@@ -158,6 +158,8 @@ fn is_command(id: u32) -> bool {
 ///
 /// ```
 /// use mavstack::dialect::{Heartbeat, MavResult, MavType};
+/// use mavstack::config::LinkClass;
+/// use mavstack::frame::{Version, encode};
 /// use mavstack::*;
 ///
 /// static PULSE: Pulse = Pulse::new();
@@ -188,7 +190,7 @@ fn is_command(id: u32) -> bool {
 /// let len = encode(&heartbeat, Version::V2, Address::new(255, 190), 0, &mut frame)?;
 /// stack.receive(now, radio, &frame[..len], &mut rover);
 /// assert_eq!(stack.transmit(now, companion, &mut rover), &frame[..len]);
-/// # Ok::<(), mavstack::EncodeError>(())
+/// # Ok::<(), mavstack::frame::EncodeError>(())
 /// ```
 ///
 /// # The path of a frame
@@ -203,7 +205,7 @@ fn is_command(id: u32) -> bool {
 ///         handled only                       dropped                 handled only    no_route   transmit
 /// ```
 ///
-/// - **Routes are learned.** The [peer table](crate::PeerInfo) is the route table. A broadcast is sent on all other
+/// - **Routes are learned.** The [peer table](crate::network::PeerInfo) is the route table. A broadcast is sent on all other
 ///   links. An addressed frame is sent on the links on which its target was heard, also if the target is a component of
 ///   the vehicle's own system (R-2, R-3).
 /// - **Frames are not changed**, not in a single byte: sequence number, signature, flags, untrimmed zeros (R-5). A
@@ -220,7 +222,7 @@ fn is_command(id: u32) -> bool {
 ///
 /// ## Link classes
 ///
-/// A [private](crate::LinkClass::Private) link gets only frames for a component that was heard there (R-12). A
+/// A [private](crate::config::LinkClass::Private) link gets only frames for a component that was heard there (R-12). A
 /// high-latency link gets only commands for a peer there, and their answers (R-13), and only while no other link
 /// reaches that peer. A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
 /// received there within the last 5 s (R-7). A frame for all components of a system is sent on every link on which one
@@ -260,7 +262,7 @@ fn is_command(id: u32) -> bool {
 /// **No frame is forgotten early.** A frame that finds no place in the memory is handled locally only, and counted. It
 /// is not remembered, so each duplicate is handled again: twice, for example, if it is received on two links during a
 /// flood. The same is true for frames that are for no other link, which are not forwarded at all. So services must
-/// detect duplicates of commands that must not be executed twice: [`CommandPolicy::once`](crate::CommandPolicy::once).
+/// detect duplicates of commands that must not be executed twice: [`CommandPolicy::once`](crate::command::CommandPolicy::once).
 ///
 /// **Links share the places.** 256 places suffice for 320 frames a second. A link may take three places for each free
 /// one: 240 broadcasts a second if the other links are silent. For addressed frames it may take seven. So a flood on

@@ -42,7 +42,7 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 /// - On a high-latency link, which has no heartbeats, any frame counts as a heartbeat.
 ///
 /// A sender without an entry is still served, and its broadcasts are forwarded. Addressed frames from it or to it are
-/// not forwarded: see [`no_peer_slot`](crate::ForwardCounters::no_peer_slot).
+/// not forwarded: see [`no_peer_slot`](crate::network::ForwardCounters::no_peer_slot).
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeerInfo {

@@ -36,7 +36,7 @@ impl Ring {
             return false;
         }
         let [len_low, len_high] = len.to_le_bytes();
-        let [t0, t1, t2, t3] = now.ticks().to_le_bytes();
+        let [t0, t1, t2, t3] = now.coarse().to_le_bytes();
         let end = wrapped(self.start.saturating_add(self.used), size);
         put(bytes, end, &[len_low, len_high, t0, t1, t2, t3]);
         put(bytes, wrapped(end.saturating_add(PREFIX), size), frame);
@@ -63,7 +63,7 @@ impl Ring {
         let second = bytes.get(..len.saturating_sub(first.len()))?;
         self.start = wrapped(begin.saturating_add(len), bytes.len());
         self.used = self.used.saturating_sub(PREFIX.saturating_add(len));
-        let waited = now.ticks().wrapping_sub(at);
+        let waited = now.coarse().wrapping_sub(at);
         Some((Duration::from_micros(u64::from(waited) << 10), [first, second]))
     }
 }

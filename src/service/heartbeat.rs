@@ -110,7 +110,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
             custom_mode: state.custom_mode,
             r#type: config.r#type,
             autopilot: config.autopilot,
-            base_mode: state.base_mode,
+            base_mode: state.flags(cx.shared.has_modes),
             system_status: state.system_status,
             mavlink_version: MAVLINK_VERSION,
         })

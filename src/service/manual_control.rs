@@ -6,7 +6,7 @@
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 
-use super::{Cx, Handled, Received, Service};
+use super::{Cx, Handled, Received, Service, count};
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
@@ -125,7 +125,8 @@ impl RcOverride {
     /// `received` (µs; empty for a vehicle without a receiver). The signal strength is unknown.
     ///
     /// ```
-    /// use mavstack::{Instant, RcOverride};
+    /// use mavstack::Instant;
+    /// use mavstack::manual_control::RcOverride;
     ///
     /// let nothing = RcOverride::default();
     /// let message = nothing.to_message(Instant::from_millis(7), &[1500, 1100]);
@@ -168,8 +169,8 @@ impl RcOverride {
 }
 
 /// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
-/// [`LinkCounters::not_ours`](crate::LinkCounters::not_ours), those on a high-latency link in
-/// [`out_of_place`](crate::LinkCounters::out_of_place).
+/// [`LinkCounters::not_ours`](crate::network::LinkCounters::not_ours), those on a high-latency link in
+/// [`out_of_place`](crate::network::LinkCounters::out_of_place).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -209,6 +210,7 @@ pub struct ManualCounters {
 /// timeout (J-3). Input from a high-latency link is not accepted (J-5).
 ///
 /// ```
+/// use mavstack::manual_control::ControlSource;
 /// # use mavstack::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
@@ -401,10 +403,6 @@ const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
 fn millis(now: Instant) -> u32 {
     let [a, b, c, d, ..] = now.as_millis().to_le_bytes();
     u32::from_le_bytes([a, b, c, d])
-}
-
-fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
 }
 
 impl<F: Firmware> Service<F> for ManualInput {

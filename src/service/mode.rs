@@ -158,16 +158,14 @@ pub struct ModeRequest {
 )]
 pub trait Modes: Vehicle {
     /// The flight modes, including those that the vehicle only enters by itself. At most
-    /// [`MAX_MODES`](crate::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
+    /// [`MAX_MODES`](crate::limits::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
     /// otherwise it does not compile.
     ///
     /// The stack lists them on request (AVAILABLE_MODES). It reports the current mode with every second HEARTBEAT and
     /// at once after a change (CURRENT_MODE, Q-10). It turns MAV_CMD_DO_SET_MODE, the older message SET_MODE, and
     /// MAV_CMD_DO_SET_STANDARD_MODE into [`set_mode`](Self::set_mode).
     ///
-    /// [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is the current mode. Set
-    /// [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED) in `base_mode` then, or ground stations ignore the
-    /// number.
+    /// [`VehicleState::custom_mode`](crate::VehicleState::custom_mode) is the current mode.
     const MODES: &'static [FlightMode];
 
     /// How parameters 2 and 3 of MAV_CMD_DO_SET_MODE encode a `custom_mode`.
@@ -180,7 +178,7 @@ pub trait Modes: Vehicle {
     /// fraction, flags without [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
     /// in ArduPilot: clients send back the flags of the last heartbeat, and do not mean to arm or disarm.
     ///
-    /// If MAV_CMD_DO_SET_MODE is one of [`COMMANDS`](crate::Commands::COMMANDS), its policy applies to SET_MODE too
+    /// If MAV_CMD_DO_SET_MODE is one of [`POLICIES`](crate::Commands::POLICIES), its policy applies to SET_MODE too
     /// (C-5). MAV_CMD_DO_SET_STANDARD_MODE has its own policy. SET_MODE is answered by a COMMAND_ACK for command 11
     /// (C-32); it is not accepted from a high-latency link.
     fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, request: &ModeRequest) -> Outcome;

@@ -14,16 +14,19 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
 use super::{Declares, PeerMemory, Stack, TextMemory, split};
-use crate::dialect::command_rules;
+use crate::command::CommandPolicy;
+use crate::config::{LinkClass, StreamProfile, TxVersion};
+use crate::dialect::rules;
 use crate::dialect::*;
 use crate::frame::{Version, encode};
+use crate::high_latency::{HighLatencyConfig, HighLatencySample};
+use crate::manual_control::ControlSource;
 use crate::message::{Address, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandPolicy, CommandRule, Commands, Config, Context, ControlSource, Fill, FlightMode, HighLatencyConfig,
-    HighLatencySample, LinkClass, LinkConfig, LinkId, ModeRequest, Modes, Outcome, Parameters, Peer, PlanChange,
-    PlanType, Plans, Progress, Pulse, Stream, StreamProfile, Telemetry, TxVersion, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Config, Context, Fill, FlightMode, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
+    Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -79,7 +82,7 @@ impl Vehicle for Rover {
 }
 
 impl Commands for Rover {
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once()];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::DO_REPEAT_SERVO).once()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         match command.id {
@@ -110,7 +113,7 @@ impl Parameters for Rover {
 }
 
 impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
@@ -321,7 +324,7 @@ impl World {
             Config { streams_wait_for_peer, item_reached_repeats: 2, ..Config::new(Address::new(1, 1), pulse) };
         let onboard = LinkConfig::unlimited().with_streams(StreamProfile::Onboard);
         #[cfg(feature = "signing")]
-        let onboard = onboard.with_signing(crate::LinkSigning::OPEN.with_provisioning());
+        let onboard = onboard.with_signing(crate::signing::LinkSigning::OPEN.with_provisioning());
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
         let mut stack =
             Everything::new(config, [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite]);
@@ -396,12 +399,12 @@ impl World {
             2 => stack.announce::<BatteryStatus>(),
             3 => stack.with_context(now, |cx| cx.announce::<VfrHud, Rover>()),
             4 => stack.ask_time(LinkId(link)),
-            5 => stack.commands_mut().progress(MavCmd::DO_MOTOR_TEST, self.seq % 100),
+            5 => stack.long_commands_mut().progress(MavCmd::DO_MOTOR_TEST, self.seq % 100),
             6 => {
-                stack.commands_mut().finish(MavCmd::DO_MOTOR_TEST, MavResult::ACCEPTED);
+                stack.long_commands_mut().finish(MavCmd::DO_MOTOR_TEST, MavResult::ACCEPTED);
             }
             7 => {
-                stack.commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::FAILED);
+                stack.long_commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::FAILED);
             }
             8 => {
                 stack.parameters_mut().set(Tuning::TRIM, link.cast_signed());

@@ -1,7 +1,7 @@
 //! The declaration of a stack.
 
 use crate::network::{PeerInfo, Peers};
-use crate::service::command::{CommandStore, Commands};
+use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ParamMemory;
 use crate::service::{ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
@@ -22,7 +22,7 @@ impl<F: Firmware, S: Service<F>> Persistent<F> for S {}
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     type Peers: PeerMemory;
     type Texts: TextMemory;
-    type Commands: CommandStore;
+    type Commands: CommandMemory;
     type Mission: Persistent<Self>;
     type Param: Persistent<Self>;
     type Stream: Service<Self>;
@@ -125,6 +125,9 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// stack.poll(Instant::ZERO, &mut Quadrotor);
 /// ```
 ///
+/// The vehicle must be as visible as the struct: `pub struct Mavlink for Rover` needs a `pub struct Rover`, or the compiler
+/// reports a private type in a public interface (E0446).
+///
 /// The struct derefs to [`Stack`](crate::Stack), which has the methods. A service that is not declared is not linked
 /// and takes no memory, and its hook need not be implemented.
 ///
@@ -135,13 +138,13 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// | `parameters: T` | a table made by [`parameters!`](crate::parameters) | none | [`Parameters`](crate::Parameters) |
 /// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
-/// | `commands: { slots: N }` | slots for long-running [commands](crate::CommandMemory), and for those that must not run twice | none | |
-/// | `time` | [PING and TIMESYNC](crate::Time) | none | |
-/// | `manual_control` | [manual control](crate::ManualInput) | none | |
-/// | `high_latency` | [HIGH_LATENCY2](crate::HighLatency) | none | |
-/// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
+/// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
+/// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
+/// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
+/// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
+/// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
-/// | `peers: N` | entries of the table of [peers](crate::PeerInfo) | 8 | |
+/// | `peers: N` | entries of the table of [peers](crate::network::PeerInfo) | 8 | |
 /// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
 ///
 /// # In a static
@@ -296,13 +299,13 @@ macro_rules! __declared {
     (commands commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::CommandSlots<{ $n }> };
     (commands) => { $crate::__private::NoSlots };
 
-    (time time, $($rest:tt)*) => { $crate::Time };
+    (time time, $($rest:tt)*) => { $crate::clock::Time };
     (time) => { $crate::__private::Absent };
 
-    (manual_control manual_control, $($rest:tt)*) => { $crate::ManualInput };
+    (manual_control manual_control, $($rest:tt)*) => { $crate::manual_control::ManualInput };
     (manual_control) => { $crate::__private::Absent };
 
-    (high_latency high_latency, $($rest:tt)*) => { $crate::HighLatency };
+    (high_latency high_latency, $($rest:tt)*) => { $crate::high_latency::HighLatency };
     (high_latency) => { $crate::__private::Absent };
 
     (signing signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__signing!($n) };
@@ -354,7 +357,7 @@ macro_rules! __declared {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __signing {
-    ($n:expr) => { $crate::__private::SigningMemory<{ $n }> };
+    ($n:expr) => { $crate::__private::SigningStreams<{ $n }> };
 }
 
 /// Signing without the feature.

@@ -5,7 +5,7 @@ use super::{Declares, Stack};
 use crate::message::Message;
 use crate::network::ForwardCounters;
 use crate::service::Service;
-use crate::service::command::{CommandMemory, CommandSlots};
+use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
@@ -19,13 +19,13 @@ use crate::types::LinkId;
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
     /// Returns the long-running commands.
-    pub fn commands(&self) -> &CommandMemory {
-        &self.services.command.store
+    pub fn long_commands(&self) -> &LongCommands {
+        &self.services.command.slots
     }
 
     /// Returns the long-running commands, to report their progress and their end.
-    pub fn commands_mut(&mut self) -> &mut CommandMemory {
-        &mut self.services.command.store
+    pub fn long_commands_mut(&mut self) -> &mut LongCommands {
+        &mut self.services.command.slots
     }
 }
 
@@ -49,7 +49,7 @@ impl<D: Declares<Time = Time>, const LINKS: usize> Stack<D, LINKS> {
         self.services.time.ask(link);
     }
 
-    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::ClockFilter) estimates the peer's clock
+    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::clock::ClockFilter) estimates the peer's clock
     /// from many.
     #[must_use = "the sample is taken out"]
     pub fn take_time_sample(&mut self) -> Option<TimeSample> {

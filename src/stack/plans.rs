@@ -5,7 +5,7 @@ use crate::message::Item;
 use crate::service::command::Commands;
 use crate::service::mission::{self, Missions, PlanCounters, PlanFault, Plans};
 use crate::time::Instant;
-use crate::types::{PlanStorage, PlanType, PlanView};
+use crate::types::{PlanMemory, PlanType, PlanView};
 
 /// The live plans.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {

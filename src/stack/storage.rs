@@ -126,7 +126,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// the vehicle [permits](crate::Vehicle::may_persist) it. It may block for as long as that takes. Returns true if
     /// more is to be done at once.
     ///
-    /// Plans are written when they were uploaded. With [`Durability::Durable`](crate::Durability::Durable) the final
+    /// Plans are written when they were uploaded. With [`Durability::Durable`](crate::plan::Durability::Durable) the final
     /// answer to an upload waits for this: call it in every pass of the loop, or from an idle task. Between uploads it
     /// erases in advance, so that a plan is stored within a second of its last item even if an erase takes 100 ms.
     ///

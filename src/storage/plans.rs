@@ -15,7 +15,7 @@ use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::mission::{self, Missions, Plans};
 use crate::time::Instant;
-use crate::types::{Firmware, PlanStorage, PlanType, PlanView, Vehicle};
+use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 
 pub(super) const FORMAT: Format = Format { kind: 1, schema: 1 };
 
@@ -256,7 +256,7 @@ impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Mission
         let Some((mut cx, vehicle)) = mission::work(cx) else { return false };
         let answer = self.refuse_commit(&mut cx, vehicle);
         let is_refused = answer.is_some();
-        mission::owe(links, answer);
+        mission::queue_result(links, answer);
         is_refused
     }
 
@@ -278,7 +278,7 @@ impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Mission
     {
         let Some((mut cx, vehicle)) = mission::work(cx) else { return };
         let answer = if is_saved { self.on_saved(&mut cx, vehicle) } else { self.on_save_failed(&mut cx) };
-        mission::owe(links, answer);
+        mission::queue_result(links, answer);
     }
 
     /// Stored content comes first: a client that waits gets ERROR, and tries again.

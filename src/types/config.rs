@@ -48,7 +48,8 @@ impl PollBudget {
     /// [`DEFAULT`](Self::DEFAULT).
     ///
     /// ```
-    /// use mavstack::{Duration, PollBudget};
+    /// use mavstack::Duration;
+    /// use mavstack::config::PollBudget;
     /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
     /// assert_eq!(BUDGET.rx_bytes, 288);
     /// ```
@@ -215,7 +216,7 @@ pub struct Config {
     /// Whether frames with source component 0 are accepted: true by default (S-11). MAVLink does not allow them, but
     /// pymavlink's `mavlink_connection` sends them unless `source_component` is given. PX4 and ArduPilot answer them.
     /// Answers are addressed to component 0 of that system. If false, such frames are dropped and counted in
-    /// [`zero_source`](crate::RxCounters::zero_source).
+    /// [`zero_source`](crate::frame::RxCounters::zero_source).
     pub accepts_component_0: bool,
     /// The budget of one [`poll_link`](crate::Stack::poll_link).
     pub budget: PollBudget,

@@ -8,7 +8,7 @@ impl Command {
     /// Returns the command with named parameters, checked against the definition's rule.
     ///
     /// A field is an `Option` if that rule admits NaN, which means "default" (C-8). Position and altitude are optional: a vehicle
-    /// that needs them requires them in its [`CommandPolicy`](crate::CommandPolicy), or refuses `None`.
+    /// that needs them requires them in its [`CommandPolicy`](crate::command::CommandPolicy), or refuses `None`.
     ///
     /// ```
     /// use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};

@@ -1,6 +1,6 @@
 //! The types of a firmware that every service may use.
 
-use super::plans::PlanStorage;
+use super::plans::PlanMemory;
 
 /// A firmware: its vehicle, and the data that several services use. [`stack!`](crate::stack) implements it.
 #[doc(hidden)]
@@ -8,7 +8,7 @@ pub trait Firmware: Sized + 'static {
     /// The type that implements the hooks.
     type Vehicle;
     /// The memory of the plans.
-    type Plans: PlanStorage;
+    type Plans: PlanMemory;
     /// The table of the parameters.
     type Parameters: Values;
 }

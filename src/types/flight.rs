@@ -23,7 +23,7 @@ impl Flight {
 /// What was observed of the pulse.
 #[derive(Clone, Debug)]
 pub(crate) struct Credit {
-    count: u32,
+    ticks: u32,
     observed: Option<Instant>,
     /// The last observed tick came after this moment.
     renewed: Option<Instant>,
@@ -33,14 +33,14 @@ pub(crate) struct Credit {
 
 impl Credit {
     pub(crate) const fn new() -> Self {
-        Self { count: 0, observed: None, renewed: None, is_faulted: false, was_good: false }
+        Self { ticks: 0, observed: None, renewed: None, is_faulted: false, was_good: false }
     }
 
     /// Samples the pulse, and returns whether heartbeats may be sent.
     pub(crate) fn sample(&mut self, now: Instant, pulse: &Pulse, max_loop_gap: Duration) -> bool {
-        let count = pulse.count();
-        if count != self.count {
-            self.count = count;
+        let ticks = pulse.ticks();
+        if ticks != self.ticks {
+            self.ticks = ticks;
             // The time of the tick is unknown, except that it came after the previous sample.
             self.renewed = self.observed.or(Some(now));
         }

@@ -1,6 +1,6 @@
 //! The memory of the plans: three live plans and one staging area that they share (M-1, M-2).
 //!
-//! Only the outermost type, [`PlanMemory`], has capacities. The logic works on [`PlansMut`] and is compiled once. An
+//! Only the outermost type, [`PlanBuffers`], has capacities. The logic works on [`PlansMut`] and is compiled once. An
 //! upload fills the staging area and never touches a live plan. The live plan changes in one step when the upload is
 //! complete.
 
@@ -26,7 +26,7 @@ impl PlanType {
     /// Every kind.
     pub const ALL: [Self; 3] = [Self::Mission, Self::Fence, Self::Rally];
 
-    /// Whether plan memory with these [capacities](PlanStorage::CAPACITIES) has room for items of this plan.
+    /// Whether plan memory with these capacities, in the order of [`ALL`](Self::ALL), has room for items of this plan.
     pub const fn is_served(self, capacities: &[u16; 3]) -> bool {
         let [mission, fence, rally] = *capacities;
         0 < match self {
@@ -90,20 +90,20 @@ impl<'a> PlanView<'a> {
 ///
 /// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest.
 #[derive(Clone, Debug)]
-pub struct PlanMemory<const M: usize, const F: usize, const R: usize, const S: usize> {
-    mission: Store<M>,
-    fence: Store<F>,
-    rally: Store<R>,
+pub struct PlanBuffers<const M: usize, const F: usize, const R: usize, const S: usize> {
+    mission: Buffer<M>,
+    fence: Buffer<F>,
+    rally: Buffer<R>,
     staging: Vec<Item, S>,
 }
 
 #[derive(Clone, Debug)]
-struct Store<const N: usize> {
+struct Buffer<const N: usize> {
     items: Vec<Item, N>,
     id: u32,
 }
 
-impl<const N: usize> Store<N> {
+impl<const N: usize> Buffer<N> {
     const EMPTY: Self = Self { items: Vec::new(), id: 0 };
 
     fn view(&mut self) -> Live<'_> {
@@ -130,13 +130,14 @@ pub const fn largest(mission: usize, fence: usize, rally: usize) -> usize {
     if two > rally { two } else { rally }
 }
 
-/// Spells a [`PlanMemory`] type from the capacities, in items. A plan that is left out is not served.
+/// The type of a stack's plan memory, from the capacities in items. A plan that is left out is not served.
 ///
 /// ```
 /// type Plans = mavstack::plan_memory!(mission: 250, fence: 64, rally: 16);
 /// assert!(size_of::<Plans>() <= (250 + 64 + 16 + 250) * 32 + 256);
 /// type OnlyMission = mavstack::plan_memory!(mission: 100);
 /// ```
+#[doc(hidden)]
 #[macro_export]
 macro_rules! plan_memory {
     (mission: $mission:expr $(,)?) => {
@@ -146,11 +147,11 @@ macro_rules! plan_memory {
         $crate::plan_memory!(mission: $mission, fence: $fence, rally: 0)
     };
     (mission: $mission:expr, fence: $fence:expr, rally: $rally:expr $(,)?) => {
-        $crate::PlanMemory<
+        $crate::__private::PlanBuffers<
             { $mission },
             { $fence },
             { $rally },
-            { $crate::__largest($mission, $fence, $rally) },
+            { $crate::__private::largest($mission, $fence, $rally) },
         >
     };
     ($($anything:tt)*) => {
@@ -158,7 +159,7 @@ macro_rules! plan_memory {
     };
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanBuffers<M, F, R, S> {
     #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
     const CHECKED: () = {
         assert!(S == largest(M, F, R), "the staging area is as large as the largest plan: use plan_memory!");
@@ -170,18 +171,18 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory<
     /// Three empty plans.
     pub const fn new() -> Self {
         const { Self::CHECKED };
-        Self { mission: Store::EMPTY, fence: Store::EMPTY, rally: Store::EMPTY, staging: Vec::new() }
+        Self { mission: Buffer::EMPTY, fence: Buffer::EMPTY, rally: Buffer::EMPTY, staging: Vec::new() }
     }
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> Default for PlanMemory<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize> Default for PlanBuffers<M, F, R, S> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-/// The plan memory of a stack: a [`PlanMemory`] of any capacities, or [`NoPlans`]. Nothing else implements it.
-pub trait PlanStorage {
+/// The plan memory of a stack: a [`PlanBuffers`] of any capacities, or [`NoPlans`]. Nothing else implements it.
+pub trait PlanMemory {
     /// Three empty plans.
     #[doc(hidden)]
     const EMPTY: Self;
@@ -196,7 +197,7 @@ pub trait PlanStorage {
     fn view(&mut self) -> Option<PlansMut<'_>>;
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanStorage for PlanMemory<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory for PlanBuffers<M, F, R, S> {
     const EMPTY: Self = Self::new();
     #[allow(clippy::as_conversions, reason = "const-evaluated; checked by `new` to be at most MAX_ITEMS")]
     const CAPACITIES: [u16; 3] = [M as u16, F as u16, R as u16];
@@ -219,7 +220,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanStorage
     }
 }
 
-impl PlanStorage for NoPlans {
+impl PlanMemory for NoPlans {
     const EMPTY: Self = Self;
     const CAPACITIES: [u16; 3] = [0; 3];
 

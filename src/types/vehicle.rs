@@ -7,24 +7,77 @@ use crate::frame::Frame;
 use crate::message::{Dialect, MessageTable};
 
 /// The vehicle's state, as HEARTBEAT reports it (H-4).
+///
+/// ```
+/// use mavstack::VehicleState;
+/// use mavstack::dialect::{MavModeFlag, MavState};
+///
+/// let is_armed = true;
+/// let state = VehicleState::new(is_armed).with_mode(4);
+/// assert_eq!((state.base_mode, state.system_status), (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VehicleState {
-    /// The mode flags. [`MavModeFlag::SAFETY_ARMED`] must be set exactly while the vehicle is armed.
+    /// The mode flags. [`MavModeFlag::SAFETY_ARMED`] must be set exactly while the vehicle is armed. The stack adds
+    /// [`MavModeFlag::CUSTOM_MODE_ENABLED`] if it declares `modes`, or if [`custom_mode`](Self::custom_mode) is not 0. A
+    /// vehicle without `modes` whose mode 0 has a meaning sets it itself. Ground stations that know the flag ignore
+    /// most others.
     pub base_mode: MavModeFlag,
-    /// The firmware's number of the mode. Set [`MavModeFlag::CUSTOM_MODE_ENABLED`] if it has a meaning.
+    /// The firmware's number of the mode; 0 if it has no modes.
     pub custom_mode: u32,
     /// [`MavState::BOOT`], then [`MavState::STANDBY`], then [`MavState::ACTIVE`], or a state of failure.
     pub system_status: MavState,
 }
 
 impl VehicleState {
+    /// Returns the state of a vehicle in mode 0: [`ACTIVE`](MavState::ACTIVE) if it is armed, and
+    /// [`STANDBY`](MavState::STANDBY) if not.
+    pub const fn new(is_armed: bool) -> Self {
+        let (base_mode, system_status) = match is_armed {
+            true => (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE),
+            false => (MavModeFlag::EMPTY, MavState::STANDBY),
+        };
+        Self { base_mode, custom_mode: 0, system_status }
+    }
+
+    /// Returns the same state in another mode.
+    #[must_use]
+    pub const fn with_mode(self, custom_mode: u32) -> Self {
+        Self { custom_mode, ..self }
+    }
+
+    /// Returns the same state with another status, such as [`CRITICAL`](MavState::CRITICAL).
+    #[must_use]
+    pub const fn with_status(self, system_status: MavState) -> Self {
+        Self { system_status, ..self }
+    }
+
+    /// Returns the same state with these mode flags added.
+    #[must_use]
+    pub const fn with_flags(self, flags: MavModeFlag) -> Self {
+        Self { base_mode: self.base_mode.with(flags), ..self }
+    }
+
+    /// Returns whether the vehicle is armed.
+    pub const fn is_armed(&self) -> bool {
+        self.base_mode.contains(MavModeFlag::SAFETY_ARMED)
+    }
+
+    /// Returns HEARTBEAT.base_mode (H-4).
+    pub(crate) const fn flags(&self, has_modes: bool) -> MavModeFlag {
+        match has_modes || self.custom_mode != 0 {
+            true => self.base_mode.with(MavModeFlag::CUSTOM_MODE_ENABLED),
+            false => self.base_mode,
+        }
+    }
+
     /// No state reported yet; all bits are zero.
     pub(crate) const ZERO: Self =
         Self { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::UNINIT };
 }
 
-/// A change of a peer's state (H-11, H-14). [`PeerInfo`](crate::PeerInfo) shows the states.
+/// A change of a peer's state (H-11, H-14). [`PeerInfo`](crate::network::PeerInfo) shows the states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -46,13 +99,14 @@ pub enum PeerEvent {
 )]
 pub trait Vehicle {
     /// The messages whose frames can be checked: all of common by default. A vehicle with messages of its own names a
-    /// table that has these too. Otherwise they are [unknown](crate::LinkCounters::unknown) and never reach
+    /// table that has these too. Otherwise they are [unknown](crate::network::LinkCounters::unknown) and never reach
     /// [`message`](Self::message). Such a table comes from [`dialect!`](crate::dialect!), or from XML by
     /// `mavstack-dialect`. A smaller table saves flash.
     ///
     /// ```
     /// use mavstack::dialect::Common;
-    /// use mavstack::{Context, Dialect, Frame, LinkId, MessageTable, Vehicle, VehicleState};
+    /// use mavstack::message::{Dialect, MessageTable};
+    /// use mavstack::{Context, Frame, LinkId, Vehicle, VehicleState};
     ///
     /// mavstack::message! {
     ///     /// Controls our winch.
@@ -98,7 +152,7 @@ pub trait Vehicle {
 
     /// Handles a frame with a correct checksum, addressed to us or to all, whose message the stack does not handle
     /// itself. Returns whether the vehicle handles that message. By default it returns false: a frame addressed to our
-    /// system is then counted as [`unhandled`](crate::LinkCounters::unhandled).
+    /// system is then counted as [`unhandled`](crate::network::LinkCounters::unhandled).
     ///
     /// With the feature `signing`, only frames that their link accepts (`LinkSigning`) are passed on. Without it,
     /// signatures are not verified. Frames from a high-latency link are never passed on (L-4), nor is SETUP_SIGNING,
@@ -120,6 +174,6 @@ pub trait Vehicle {
     /// `None`, it is false, because the vehicle may be flying. A vehicle whose storage does not stop the processor, FRAM for
     /// example, can always return true.
     fn may_persist(&self) -> bool {
-        self.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
+        self.state().is_some_and(|state| !state.is_armed())
     }
 }

@@ -8,7 +8,10 @@ use std::process::Command;
 /// What every firmware has in front.
 const FRONT: &str = "
 #![allow(dead_code, unused)]
+use mavstack::config::PollBudget;
 use mavstack::dialect::*;
+use mavstack::message::{Dialect, MessageTable};
+use mavstack::__private::PlanBuffers;
 use mavstack::*;
 static PULSE: Pulse = Pulse::new();
 ";
@@ -169,7 +172,7 @@ fn cases() -> Vec<Case> {
         ("items_order", implements(PLANS, "links: 1, plans: { rally: 16 }"), "fence and rally may be left out"),
         (
             "staging",
-            constant("const PLANS: PlanMemory<9, 0, 0, 8> = PlanMemory::new();"),
+            constant("const PLANS: PlanBuffers<9, 0, 0, 8> = PlanBuffers::new();"),
             "the staging area is as large as the largest plan: use plan_memory!",
         ),
         (
@@ -271,9 +274,9 @@ fn cases() -> Vec<Case> {
             "<Rover as Parameters>::Table == Other",
         ),
         ("no_table", implements("struct Tuning;", "links: 1, parameters: Tuning"), "declare it with `parameters!`"),
-        ("calls_commands", calls("stack.commands_mut();"), "Declares>::Commands = "),
+        ("calls_commands", calls("stack.long_commands_mut();"), "Declares>::Commands = "),
         ("calls_plans", calls("stack.mission_item_reached(Instant::ZERO, 0);"), "Declares>::Mission = "),
-        ("calls_parameters", calls("stack.parameters_mut();"), "`NoParams: ParamTable`"),
+        ("calls_parameters", calls("stack.parameters_mut();"), "NoParams: ParamTable`"),
         ("calls_time", calls("stack.ask_time(LinkId(0));"), "Declares>::Time = "),
         ("calls_manual_control", calls("stack.manual_input_mut();"), "Declares>::ManualControl = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
@@ -366,7 +369,7 @@ fn what_cannot_work_is_refused_with_words() {
     let hooks =
         [PLANS, PARAMETERS, &telemetry("Stream::of::<Attitude>()"), &modes("FlightMode::new(1, \"A\")")].concat();
     let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
-                stack.commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.high_latency_mut();
+                stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.high_latency_mut();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let right = Firmware { hooks: &hooks, entries: everything, main, ..Firmware::default() };
     let signs = || declares("links: 1, signing");

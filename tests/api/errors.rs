@@ -1,9 +1,11 @@
 //! What errors say: what failed, and what to do about it.
 
 use mavstack::dialect::MavMissionResult;
+use mavstack::frame::EncodeError;
 use mavstack::io::SerialError;
+use mavstack::network::LinkError;
+use mavstack::plan::PlanFault;
 use mavstack::wpl::{Fault, HomeRow, Reader};
-use mavstack::{EncodeError, LinkError, PlanFault};
 
 #[test]
 fn encoding() {
@@ -51,7 +53,7 @@ fn adapters() {
 #[test]
 fn fram() {
     use embedded_hal::spi::ErrorKind;
-    use mavstack::FramError;
+    use mavstack::storage::FramError;
     let id = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, 0xFF, 0x08];
     for (error, word) in [
         (FramError::Bus(ErrorKind::Overrun), "the bus failed: Overrun"),

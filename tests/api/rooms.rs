@@ -44,6 +44,8 @@ struct Module {
     imports: BTreeMap<String, Vec<String>>,
     /// The paths that it imports with `*`.
     globs: Vec<Vec<String>>,
+    /// Whether it is a part of its parent's file.
+    is_inline: bool,
 }
 
 impl Module {
@@ -228,6 +230,7 @@ impl Modules {
                     if next(2) == "{" {
                         let end = behind_group(code, i + 2);
                         self.read(&child, &code[i + 3..end - 1], file);
+                        self.modules.entry(child).and_modify(|module| module.is_inline = true);
                         i = end;
                     } else {
                         self.read(&child, &tokens(&file(&child)), file);
@@ -261,8 +264,18 @@ impl Modules {
         self.modules.insert(path.to_vec(), module);
     }
 
-    /// Returns the module that a path in `module` leads to; `None` for a path to another crate. A name that the crate's root exports
-    /// leads to the module that defines it.
+    /// Whether a module is in `lib.rs` itself: it only groups names that rooms define, for the crate's users.
+    fn is_facade(&self, path: &[String]) -> bool {
+        path.len() == 1 && self.modules.get(path).is_some_and(|module| module.is_inline)
+    }
+
+    /// Whether a module is in a room: all but those in `lib.rs`.
+    fn is_in_a_room(&self, path: &[String]) -> bool {
+        !path.is_empty() && !self.is_facade(path)
+    }
+
+    /// Returns the module that a path in `module` leads to; `None` for a path to another crate. A name that `lib.rs` exports leads to
+    /// the module that defines it.
     fn resolve(&self, module: &[String], path: &[String]) -> Option<ModulePath> {
         let (mut at, mut rest): (ModulePath, _) = match path.first()?.as_str() {
             "crate" => (Vec::new(), &path[1..]),
@@ -276,7 +289,7 @@ impl Modules {
                 "self" => {}
                 "super" => drop(at.pop()),
                 _ if self.modules.contains_key(&child) => at = child,
-                _ if at.is_empty() || at == ["__private"] => return self.exported(&at, name),
+                _ if !self.is_in_a_room(&at) => return self.exported(&at, name),
                 _ => break,
             }
             rest = behind;
@@ -284,7 +297,7 @@ impl Modules {
         Some(at)
     }
 
-    /// Returns the module that defines a name which the crate's root, or its module `__private`, exports.
+    /// Returns the module that defines a name which the crate's root, or a module in `lib.rs`, exports.
     fn exported(&self, at: &[String], name: &str) -> Option<ModulePath> {
         let module = &self.modules[at];
         match (module.imports.get(name), self.macros.get(name), &module.globs) {
@@ -300,7 +313,7 @@ impl Modules {
     /// Returns the arrows between rooms.
     fn arrows(&self) -> Arrows {
         let mut arrows = Arrows::new();
-        for (path, module) in self.modules.iter().filter(|(path, _)| is_in_a_room(path)) {
+        for (path, module) in self.modules.iter().filter(|(path, _)| self.is_in_a_room(path)) {
             let mut paths = Vec::new();
             let code = &module.code;
             let mut i = 0;
@@ -334,11 +347,6 @@ impl Modules {
     }
 }
 
-/// Whether a module is in a room: all but `lib.rs`.
-fn is_in_a_room(path: &[String]) -> bool {
-    !path.is_empty() && path != ["__private"]
-}
-
 /// The room of a module.
 fn room(path: &[String]) -> String {
     match path {
@@ -357,7 +365,8 @@ fn row(room: &str) -> Option<usize> {
 /// What is wrong with the rooms and their arrows, in sentences.
 fn faults(modules: &Modules) -> Vec<String> {
     let arrows = &modules.arrows();
-    let rooms: BTreeSet<_> = modules.modules.keys().filter(|path| is_in_a_room(path)).map(|path| room(path)).collect();
+    let paths = modules.modules.keys().filter(|path| modules.is_in_a_room(path));
+    let rooms: BTreeSet<_> = paths.map(|path| room(path)).collect();
     let strays = rooms.iter().filter(|room| row(room).is_none());
     let mut faults: Vec<_> = strays.map(|room| format!("`{room}` is not in the list of rooms")).collect();
     for ((from, to), module) in arrows {
@@ -445,7 +454,8 @@ fn faults_of(files: &[(&str, &str)]) -> Vec<String> {
 /// Wrong arrows are found however they are written.
 #[test]
 fn a_wrong_arrow_is_found() {
-    let root = "pub use stack::{Stack, Other as Renamed}; pub use message::*; use stack::Quiet; mod types; mod message; mod stack; mod num;";
+    let root = "pub use stack::{Stack, Other as Renamed}; pub use message::*; use stack::Quiet; mod types; mod message; mod stack; mod num;
+        pub mod facade { pub use crate::stack::Behind; }";
     for wrong in [
         "use crate::stack::Stack;",
         "use crate::{num, stack};",
@@ -454,6 +464,8 @@ fn a_wrong_arrow_is_found() {
         "use crate::Stack;",
         "use crate::Renamed as Mine;",
         "use crate::Quiet;",
+        "use crate::facade::Behind;",
+        "fn f(_: crate::facade::Behind) {}",
         "use crate::declare;",
         "fn f() -> Option<crate::stack::Stack> { None }",
         "fn f() { super::stack::f::<u8>(); }",

@@ -2,8 +2,9 @@
 //! commands with special answers: C-30.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{LinkClass, LinkConfig, LinkId};
+use mavstack::{LinkConfig, LinkId};
 
 const NAN: f32 = f32::NAN;
 /// Of both forms, at a position; its frame is GLOBAL_RELATIVE_ALT.

@@ -3,11 +3,11 @@
 
 #![allow(unused_imports, dead_code, reason = "what the generated text imports and declares")]
 
+use mavstack::command::CommandPosition;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{MavFrame, MavMissionResult, MavResult};
-use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LinkClass, LinkId, Location, ParamRule, Peer, Secret, Text,
-    TypedCommand,
-};
+use mavstack::message::{Location, ParamRule, Secret, TypedCommand};
+use mavstack::{Address, Command, CommandRule, Item, LinkId, Peer, Text};
 use std::fmt::Debug;
 
 macro_rules! tested {

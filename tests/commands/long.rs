@@ -2,8 +2,9 @@
 //! and the property that no sequence of frames makes an answer missing or doubled.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Outcome, Peer};
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Outcome, Peer};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -62,19 +63,19 @@ fn a_long_command_tells_how_far_it_is() {
     }
     assert_eq!(results(&mut world, 0), [running(255); 3]);
     for percent in [0, 40, 40, 40, 100] {
-        world.stack.commands_mut().progress(CALIBRATE, percent);
+        world.stack.long_commands_mut().progress(CALIBRATE, percent);
         world.run_for(millis(120));
     }
     assert_eq!(results(&mut world, 0), [running(0), running(40), running(100)]);
     // More than all is not known.
-    world.stack.commands_mut().progress(CALIBRATE, 101);
+    world.stack.long_commands_mut().progress(CALIBRATE, 101);
     world.run_for(millis(120));
     assert_eq!(results(&mut world, 0), [running(255)]);
-    assert!(world.stack.commands_mut().is_running(CALIBRATE));
-    assert!(!world.stack.commands_mut().finish(CALIBRATE, MavResult::IN_PROGRESS), "no end");
+    assert!(world.stack.long_commands_mut().is_running(CALIBRATE));
+    assert!(!world.stack.long_commands_mut().finish(CALIBRATE, MavResult::IN_PROGRESS), "no end");
     let outcome = Outcome { result: MavResult::FAILED, result_param2: -5 };
-    assert!(world.stack.commands_mut().finish(CALIBRATE, outcome));
-    assert!(!world.stack.commands_mut().finish(CALIBRATE, outcome), "it ends once");
+    assert!(world.stack.long_commands_mut().finish(CALIBRATE, outcome));
+    assert!(!world.stack.long_commands_mut().finish(CALIBRATE, outcome), "it ends once");
     world.run_for(secs(20));
     let (_, last) = world.gcs[0].all::<CommandAck>().pop().unwrap();
     assert_eq!((last.result_param2, last.target_system, last.target_component), (-5, 255, 190));
@@ -90,10 +91,10 @@ fn progress_leaves_room_for_others() {
         send(&mut world, link, CALIBRATE, PARAMS, 0);
     }
     for pass in 0..10_000u32 {
-        world.stack.commands_mut().progress(CALIBRATE, (pass % 100) as u8);
+        world.stack.long_commands_mut().progress(CALIBRATE, (pass % 100) as u8);
         world.run_for(millis(1));
     }
-    world.stack.commands_mut().progress(CALIBRATE, 77);
+    world.stack.long_commands_mut().progress(CALIBRATE, 77);
     world.run_for(millis(200));
     for link in [0, 1] {
         let told = results(&mut world, link);
@@ -108,8 +109,8 @@ fn an_end_at_once_comes_after_the_beginning() {
     let mut world = world::<1>();
     world.uarts[0].stall_writes_until(Instant::from_millis(500));
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
-    world.stack.commands_mut().progress(CALIBRATE, 70);
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().progress(CALIBRATE, 70);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
     world.run_for(secs(1));
     assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::ACCEPTED)]);
 }
@@ -119,7 +120,7 @@ fn an_end_at_once_comes_after_the_beginning() {
 fn a_running_command_is_busy() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
-    world.stack.commands_mut().progress(CALIBRATE, 30);
+    world.stack.long_commands_mut().progress(CALIBRATE, 30);
     world.run_for(millis(120));
     acks(&mut world, 0);
     for confirmation in [0, 0, 1, 7] {
@@ -141,7 +142,7 @@ fn a_running_command_is_busy() {
     send(&mut world, 1, MavCmd::NAV_LAND, [0.0; 7], 0);
     assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
     assert_eq!(world.vehicle.commands().len(), 2);
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
     world.run_for(millis(50));
     assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
     assert_eq!(results(&mut world, 1), []);
@@ -156,7 +157,7 @@ fn the_end_comes_by_every_link_it_was_asked_by() {
         assert_eq!(results(&mut world, link), [running(255)]);
     }
     assert_eq!(world.vehicle.commands().len(), 1);
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
     world.run_for(secs(5));
     for link in [0, 1] {
         assert_eq!(results(&mut world, link), [ended(MavResult::ACCEPTED)]);
@@ -178,7 +179,7 @@ fn no_place_is_busy() {
     assert_eq!(results(&mut world, 0), [rejected], "what must not be done twice has to be remembered");
     let calls = world.vehicle.commands().len();
     assert_eq!(calls, 4, "and so is not done");
-    world.stack.commands_mut().finish(commands[1], MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(commands[1], MavResult::ACCEPTED);
     world.run_for(millis(2_900));
     acks(&mut world, 0);
     send(&mut world, 0, ONCE, PARAMS, 0);
@@ -229,7 +230,7 @@ fn a_running_command_can_be_cancelled() {
 fn a_lost_final_ack_comes_again() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::FAILED);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::FAILED);
     world.run_for(millis(10));
     assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::FAILED)]);
     for (link, wait) in [(0, 1_000), (0, 1_000), (1, 900)] {
@@ -243,7 +244,7 @@ fn a_lost_final_ack_comes_again() {
     other[0] = 0.0;
     send(&mut world, 0, CALIBRATE, other, 0);
     assert_eq!(results(&mut world, 0), [running(255)]);
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
     world.run_for(millis(3_100));
     acks(&mut world, 0);
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
@@ -259,7 +260,7 @@ fn a_start_can_be_taken_back() {
     for _ in 0..5 {
         send(&mut world, 0, CALIBRATE, PARAMS, 0);
         assert_eq!(results(&mut world, 0), [ended(MavResult::DENIED)]);
-        assert!(!world.stack.commands_mut().is_running(CALIBRATE));
+        assert!(!world.stack.long_commands_mut().is_running(CALIBRATE));
     }
     assert_eq!(world.vehicle.commands().len(), 5);
     world.vehicle.outcomes.remove(&CALIBRATE.0);
@@ -275,7 +276,7 @@ fn a_final_ack_that_is_owed_is_kept() {
     world.vehicle.long.insert(ONCE.0);
     send(&mut world, 0, ONCE, PARAMS, 0);
     world.uarts[0].stall_writes_until(world.now().after(secs(6)));
-    world.stack.commands_mut().finish(ONCE, MavResult::FAILED);
+    world.stack.long_commands_mut().finish(ONCE, MavResult::FAILED);
     world.run_for(secs(4));
     world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
     world.vehicle.long.clear();
@@ -295,7 +296,7 @@ fn a_dead_link_gives_its_place_back() {
         world.vehicle.long.insert(command.0);
         send(&mut world, 1, command, PARAMS, 0);
     }
-    world.stack.commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED);
     world.run_for(secs(9));
     send(&mut world, 1, CALIBRATE, [0.0; 7], 0);
     assert_eq!(results(&mut world, 1).pop(), Some(ended(MavResult::TEMPORARILY_REJECTED)));
@@ -393,7 +394,7 @@ fn no_progress_by_satellite() {
     world.vehicle.long.insert(CALIBRATE.0);
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     for percent in 0..50 {
-        world.stack.commands_mut().progress(CALIBRATE, percent);
+        world.stack.long_commands_mut().progress(CALIBRATE, percent);
         world.run_for(millis(100));
     }
     world.gcs[0].send(&CommandCancel { command: CALIBRATE, target_system: 1, target_component: 1 });
@@ -500,7 +501,7 @@ proptest! {
                         finals => prop_assert_eq!(finals, 1),
                     }
                     if let Some((station, _)) = promises.get(&command.0) {
-                        prop_assert!(world.stack.commands_mut().is_running(command));
+                        prop_assert!(world.stack.long_commands_mut().is_running(command));
                         prop_assert!(came.iter().all(|(_, _, result)| *result != MavResult::IN_PROGRESS) || *station == from || came.len() > 1);
                     }
                 }
@@ -510,11 +511,11 @@ proptest! {
                     let finals = take_promise(&mut promises, command);
                     expect_only(&mut world, &before, millis(3), &finals, false);
                 }
-                Step::Progress { command, percent } => world.stack.commands_mut().progress(MavCmd(command), percent),
+                Step::Progress { command, percent } => world.stack.long_commands_mut().progress(MavCmd(command), percent),
                 Step::Finish { command } => {
                     let before = promises.clone();
                     let finals = take_promise(&mut promises, command);
-                    let was_running = world.stack.commands_mut().finish(MavCmd(command), MavResult::ACCEPTED);
+                    let was_running = world.stack.long_commands_mut().finish(MavCmd(command), MavResult::ACCEPTED);
                     prop_assert_eq!(was_running, !finals.is_empty());
                     let came = expect_only(&mut world, &before, millis(3), &finals, false);
                     let of_it = came.iter().filter(|(_, id, result)| *id == command && *result != MavResult::IN_PROGRESS);

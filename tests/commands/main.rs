@@ -16,4 +16,6 @@ mod typed;
 
 // What the generated dialect, which `every_command` compiles once more, expects in the root of its crate.
 use every_command::{command, dialect, message, wire_bitmask, wire_enum};
-use mavstack::{CommandRule, Location, ParamRule, Secret, Text};
+mod message {
+    pub use mavstack::message::{CommandRule, Location, ParamRule, Secret, Text};
+}

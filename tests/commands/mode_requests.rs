@@ -2,8 +2,9 @@
 
 use crate::support::pilot::*;
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, LinkClass, LinkId, ModeRequest, Outcome, Peer};
+use mavstack::{Address, LinkId, ModeRequest, Outcome, Peer};
 
 const NAN: f32 = f32::NAN;
 const INF: f32 = f32::INFINITY;

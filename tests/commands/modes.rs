@@ -3,8 +3,9 @@
 
 use crate::support::pilot::*;
 use crate::support::*;
+use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{LinkClass, LinkConfig, LinkId, Message, StreamProfile, TxVersion};
+use mavstack::{LinkConfig, LinkId, Message, VehicleState};
 use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;
@@ -37,6 +38,15 @@ fn all_modes_are_told() {
     }
     assert_eq!(told[2].mode_name.wire()[34], 0, "QGroundControl cuts the last byte off");
     assert!(indices(&world, 0).is_empty(), "only where they were asked for");
+}
+
+/// H-4: with declared modes, the number of each is a mode, also 0.
+#[test]
+fn mode_0_is_a_mode_too() {
+    let mut world = world::<1, MANY>();
+    assert_eq!(world.vehicle.state, Some(VehicleState::new(false)));
+    let heartbeat = world.expect::<Heartbeat>(0, secs(1));
+    assert_eq!((heartbeat.base_mode, heartbeat.custom_mode), (MavModeFlag::CUSTOM_MODE_ENABLED, 0));
 }
 
 /// one mode; not given is all; beyond the table there is none.
@@ -216,7 +226,7 @@ fn nothing_of_it_goes_over_mavlink_1() {
     let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
     let links = [v1, v1.with_version(TxVersion::Auto)];
     let mut world = Piloted::<2>::of(Setup { links, ..Setup::new() });
-    world.gcs.iter_mut().for_each(|gcs| gcs.version = mavstack::Version::V1);
+    world.gcs.iter_mut().for_each(|gcs| gcs.version = mavstack::frame::Version::V1);
     for link in [0, 1] {
         for id in [AVAILABLE, CURRENT, MONITOR] {
             assert_eq!(request(&mut world, link, id, 0.0), DENIED, "{id}");
@@ -235,7 +245,7 @@ fn nothing_of_it_goes_over_mavlink_1() {
         assert!(gcs.received.iter().all(|frame| [Heartbeat::ID, CommandAck::ID].contains(&frame.header.id)));
         assert!(gcs.count_of::<Heartbeat>() >= 10);
     }
-    world.gcs[1].version = mavstack::Version::V2;
+    world.gcs[1].version = mavstack::frame::Version::V2;
     assert_eq!(request(&mut world, 1, AVAILABLE, 0.0), ACCEPTED);
     world.run_for(secs(10));
     assert_eq!(indices(&world, 1), [1, 2, 3, 4, 5, 6, 7]);

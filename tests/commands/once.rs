@@ -129,7 +129,7 @@ fn what_runs_is_still_in_progress() {
         world.run_for(millis(400));
     }
     assert!(answers(&mut world, 0).iter().all(|answer| *answer == MavResult::IN_PROGRESS));
-    world.stack.commands_mut().finish(ONCE, MavResult::FAILED);
+    world.stack.long_commands_mut().finish(ONCE, MavResult::FAILED);
     for _ in 0..2 {
         world.gcs[0].command_long(ONCE, PARAMS);
         world.run_for(millis(600));

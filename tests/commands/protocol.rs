@@ -2,11 +2,11 @@
 
 use crate::support::*;
 use mavstack::__private::Declares;
+use mavstack::command::CommandPosition;
+use mavstack::config::{Identity, LinkClass, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, CommandPosition, Identity, LinkClass, LinkConfig, LinkId, Message, Outcome, Peer, TxVersion, Version,
-    plan_memory,
-};
+use mavstack::frame::Version;
+use mavstack::{Address, LinkConfig, LinkId, Message, Outcome, Peer, plan_memory};
 use proptest::prelude::*;
 
 const LINK: LinkId = LinkId(0);
@@ -362,7 +362,7 @@ proptest! {
         let mut world = World::<2, Plans>::of(setup);
         let mut commands = [0, 0];
         for ((id, mut payload), link, target) in inputs {
-            let row = <Common as mavstack::Dialect>::MESSAGES.get(id).unwrap();
+            let row = <Common as mavstack::message::Dialect>::MESSAGES.get(id).unwrap();
             payload.resize(usize::from(row.max_len()), 0);
             for at in [row.target_system(), row.target_component()].into_iter().flatten() {
                 payload[usize::from(at)] = target.min(1);

@@ -3,8 +3,9 @@
 use crate::support::pilot::{self, ARDUPILOT, PX4};
 use crate::support::*;
 use mavstack::__private::Declares;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, LinkClass, LinkConfig};
+use mavstack::{Address, LinkConfig};
 
 const NAN: f32 = f32::NAN;
 /// Declared in `support/vehicle.rs`: at a position above home; COMMAND_LONG only and no broadcast; COMMAND_INT only.

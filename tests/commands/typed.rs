@@ -1,12 +1,12 @@
 //! Commands and items as types: every kind of parameter, both message forms, and what is refused. Rules C-4, C-6 to C-9,
 //! M-4, M-70.
 
+use mavstack::command::CommandPosition;
+use mavstack::config::LinkClass;
 use mavstack::dialect::commands::*;
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Command, CommandPosition, CommandRule, Item, LatLon, LinkClass, LinkId, Location, ParamRule, Peer,
-    TypedCommand, command,
-};
+use mavstack::message::{LatLon, Location, ParamRule, TypedCommand};
+use mavstack::{Address, Command, CommandRule, Item, LinkId, Peer, command};
 use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;
@@ -219,9 +219,8 @@ fn another_command_is_not_decoded() {
 /// M-74: the vehicle's own rule is the whole rule.
 #[test]
 fn vehicle_narrows_and_widens() {
-    const OWN: CommandRule = command_rules::NAV_WAYPOINT
-        .with_params(&[ParamRule::at_least(1, -1.0).or_nan()])
-        .with_frames(&[MavFrame::GLOBAL]);
+    const OWN: CommandRule =
+        rules::NAV_WAYPOINT.with_params(&[ParamRule::at_least(1, -1.0).or_nan()]).with_frames(&[MavFrame::GLOBAL]);
     let at = |frame, hold| int(MavCmd::NAV_WAYPOINT, frame, [hold, 0.0, 0.0, NAN], 0, 1, 10.0);
     let hold = |command: Command| command.decode_by::<NavWaypoint>(&OWN).map(|waypoint| waypoint.hold);
     assert_eq!(at(MavFrame::GLOBAL, -1.0).decode::<NavWaypoint>(), Err(MavResult::DENIED));

@@ -33,7 +33,7 @@ macro_rules! declared {
 
             impl crate::all::Declared for $name {
                 fn crc_extra() -> u8 {
-                    use mavstack::FieldInfo;
+                    use mavstack::message::FieldInfo;
                     FieldInfo::crc_extra(stringify!($wire), &[ $( FieldInfo::of::<$ty>(stringify!($field)), )+ ])
                 }
 

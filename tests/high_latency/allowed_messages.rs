@@ -4,11 +4,14 @@
 use std::collections::BTreeSet;
 
 use crate::support::*;
+use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
+use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
+use mavstack::message::Dialect;
 use mavstack::{
-    Command, CommandRule, Commands, Context, CustomMode, Dialect, Fill, FlightMode, HighLatencyConfig,
-    HighLatencySample, Instant, LinkClass, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, Parameters, Peer,
-    PlanChange, PlanType, Plans, Progress, Stream, StreamProfile, Telemetry, TxVersion, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Context, CustomMode, Fill, FlightMode, Instant, LinkConfig, LinkId, Message,
+    ModeRequest, Modes, Outcome, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 /// A vehicle that has everything: [`TestVehicle`], and modes.
@@ -22,7 +25,7 @@ impl Vehicle for Everything {
 }
 
 impl Commands for Everything {
-    const COMMANDS: &'static [mavstack::CommandPolicy] = TestVehicle::COMMANDS;
+    const POLICIES: &'static [mavstack::command::CommandPolicy] = TestVehicle::POLICIES;
 
     fn cancel_command(&mut self, cx: &mut Context<'_>, command: MavCmd, from: Peer) -> bool {
         self.0.cancel_command(cx, command, from)
@@ -218,12 +221,12 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     // Whoever sets a key is answered at once by a heartbeat and a text, but not here (G-11).
     #[cfg(feature = "signing")]
     for link in &mut setup.links {
-        *link = link.with_signing(mavstack::LinkSigning::OPEN.with_provisioning());
+        *link = link.with_signing(mavstack::signing::LinkSigning::OPEN.with_provisioning());
     }
     let is_satellite = |link: usize| setup.links[link].class == LinkClass::HighLatency;
     let mut stack = Box::new(Mavlink::new(setup.config, setup.links));
     let mut vehicle = Everything(TestVehicle::new());
-    stack.manual_input_mut().set_source(mavstack::ControlSource::GroundStation);
+    stack.manual_input_mut().set_source(mavstack::manual_control::ControlSource::GroundStation);
     vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);
     let config = HighLatencyConfig { period: secs(5), on_link_loss_after: Some(secs(2)), ..HighLatencyConfig::DEFAULT };
     stack.high_latency_mut().set_config(config);
@@ -292,8 +295,8 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
             90 => stack.save_parameters(now),
             91 => stack.ask_time(id),
             92 => {
-                stack.commands_mut().progress(MavCmd::DO_SET_SERVO, rng.byte());
-                stack.commands_mut().finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
+                stack.long_commands_mut().progress(MavCmd::DO_SET_SERVO, rng.byte());
+                stack.long_commands_mut().finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
             }
             93 => vehicle.0.state = if rng.chance(0.1) { None } else { state },
             94 => vehicle.0.state.iter_mut().for_each(|state| state.custom_mode = rng.byte().into()),

@@ -1,8 +1,10 @@
 //! The high-latency link that goes on by itself: L-14, what stops it, and what it costs at most.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, Heartbeat, HighLatency2, MavCmd, MavResult, MavType};
-use mavstack::{Address, Duration, HighLatency, HighLatencyConfig, HighLatencySample, LinkClass, LinkConfig};
+use mavstack::high_latency::{HighLatency, HighLatencyConfig, HighLatencySample};
+use mavstack::{Address, Duration, LinkConfig};
 use proptest::prelude::*;
 
 const TELEM: usize = 0;
@@ -12,7 +14,7 @@ const CONFIG: HighLatencyConfig =
     HighLatencyConfig { period: PERIOD, on_link_loss_after: Some(secs(3)), ..HighLatencyConfig::DEFAULT };
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio with a ground station, and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {

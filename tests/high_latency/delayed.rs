@@ -2,8 +2,10 @@
 //! twice. L-10 to L-16, C-12, C-24.
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, HighLatency2, MavCmd, MavResult};
-use mavstack::{Address, Duration, HighLatency, HighLatencyConfig, LinkClass, LinkConfig, Outcome};
+use mavstack::high_latency::{HighLatency, HighLatencyConfig};
+use mavstack::{Address, Duration, LinkConfig, Outcome};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
@@ -20,7 +22,7 @@ const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio and a satellite modem, one ground station at both.
 fn world() -> World<2> {
@@ -434,12 +436,12 @@ fn a_late_copy_of_what_has_ended_does_not_begin_it_again() {
     world.vehicle.long.insert(ONCE.0);
     assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::IN_PROGRESS);
     run(&mut world, secs(2));
-    world.stack.commands_mut().finish(ONCE, MavResult::FAILED);
+    world.stack.long_commands_mut().finish(ONCE, MavResult::FAILED);
     run(&mut world, secs(30));
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
-    assert!(!world.stack.commands_mut().is_running(ONCE));
+    assert!(!world.stack.long_commands_mut().is_running(ONCE));
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::IN_PROGRESS, "who means it");
-    world.stack.commands_mut().finish(ONCE, DONE);
+    world.stack.long_commands_mut().finish(ONCE, DONE);
     run(&mut world, secs(5));
     // By radio that is too late for a copy.
     assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::IN_PROGRESS);
@@ -456,7 +458,7 @@ fn home_again_by_satellite() {
         world.vehicle.outcomes.insert(MavCmd::NAV_TAKEOFF.0, DONE.into());
         assert_eq!(send(&mut world, RADIO, RTL, [0.0; 7], 0), MavResult::IN_PROGRESS);
         run(&mut world, secs(5));
-        world.stack.commands_mut().finish(RTL, DONE);
+        world.stack.long_commands_mut().finish(RTL, DONE);
         run(&mut world, secs(2));
         assert_eq!(send(&mut world, SAT, RTL, [0.0; 7], 0), DONE, "its copy");
         assert_eq!(send(&mut world, RADIO, MavCmd::NAV_TAKEOFF, [0.0; 7], 0), DONE);

@@ -3,8 +3,11 @@
 
 use crate::support::signer::{KEY, NOW, Signer};
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, CommandLong, Heartbeat, HighLatency2, MavCmd, MavResult, SetMode};
-use mavstack::{Address, Duration, HighLatencyConfig, Instant, LinkClass, LinkConfig, LinkSigning, SigningKey};
+use mavstack::high_latency::HighLatencyConfig;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::{Address, Duration, Instant, LinkConfig};
 
 const RADIO: usize = 0;
 const SAT: usize = 1;

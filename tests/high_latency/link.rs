@@ -1,13 +1,12 @@
 //! The high-latency link: rules L-1 to L-23, C-12 over two links, H-5.
 
 use crate::support::*;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     AutopilotVersion, CommandAck, Heartbeat, HighLatency2, MavAutopilot, MavCmd, MavResult, MavType, ProtocolVersion,
 };
-use mavstack::{
-    Duration, HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample, Instant,
-    LinkClass, LinkConfig, LinkId, Message, PeerEvent, TxVersion,
-};
+use mavstack::high_latency::{HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample};
+use mavstack::{Duration, Instant, LinkConfig, LinkId, Message, PeerEvent};
 
 const TELEM: usize = 0;
 const SAT: usize = 1;
@@ -17,7 +16,7 @@ const CONFIG: HighLatencyConfig = HighLatencyConfig { period: PERIOD, ..HighLate
 const SATELLITE: LinkConfig = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
 
 /// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::NoPlans, 8, Satellite>>;
+type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {

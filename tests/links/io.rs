@@ -6,12 +6,12 @@ use std::convert::Infallible;
 use crate::support::*;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use mavstack::__private::Declares;
+use mavstack::config::PollBudget;
 use mavstack::dialect::*;
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::io::{CircularReader, LoopEnd, SerialCounters, SerialError, SerialQueues, queue_len};
-use mavstack::{
-    Address, Duration, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, PollBudget, Stack, Version, encode,
-    plan_memory,
-};
+use mavstack::network::LinkError;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Stack, plan_memory};
 
 const LINK: LinkId = LinkId(0);
 

@@ -1,12 +1,14 @@
 //! Who is out there: rules H-10 to H-14, R-8, S-15, S-16.
 
 use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::config::{LinkClass, StreamProfile};
 use mavstack::dialect::{
     Attitude, CommandAck, Heartbeat, MavAutopilot, MavCmd, MavSeverity, MavType, RadioStatus, Statustext,
 };
-use mavstack::{
-    Address, Duration, LinkClass, LinkConfig, LinkId, NoPlans, Peer, PeerEvent, PeerInfo, StreamProfile, Version,
-};
+use mavstack::frame::Version;
+use mavstack::network::PeerInfo;
+use mavstack::{Address, Duration, LinkConfig, LinkId, Peer, PeerEvent};
 
 const ANTENNA: Address = Address::new(255, 197);
 const CAMERA: Address = Address::new(1, 100);

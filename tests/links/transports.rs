@@ -2,11 +2,13 @@
 
 use crate::support::*;
 use embedded_io::{Write, WriteReady};
+use mavstack::__private::NoPlans;
+use mavstack::config::{PollBudget, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkError, LinkId, MAX_FRAME_LEN, Message, NoPlans,
-    PollBudget, Stack, TxVersion, Version, encode,
-};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::network::LinkError;
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Stack};
 
 const LINK: LinkId = LinkId(0);
 

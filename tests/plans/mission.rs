@@ -2,14 +2,16 @@
 
 use crate::support::tested::Planned;
 use crate::support::*;
+use mavstack::__private::PlanMemory;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
     MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
 };
-use mavstack::{
-    LatLon, LinkClass, LinkConfig, LinkId, Message, Peer, PlanCounters, PlanStorage, PlanType, TxVersion, Version,
-    plan_memory,
-};
+use mavstack::frame::Version;
+use mavstack::message::LatLon;
+use mavstack::plan::PlanCounters;
+use mavstack::{LinkConfig, LinkId, Message, Peer, PlanType, plan_memory};
 
 const CAPACITY: u16 = 60;
 
@@ -63,7 +65,7 @@ fn what_was_uploaded_is_downloaded() {
 /// M-2, M-21: each plan takes as many items as there is room for, whichever has the most, and not one more.
 #[test]
 fn each_plan_may_be_full() {
-    fn fills<P: PlanStorage + Planned<Tested<P>> + 'static>() {
+    fn fills<P: PlanMemory + Planned<Tested<P>> + 'static>() {
         let mut world = World::<1, Tested<P>>::of(Setup::new());
         for (kind, capacity) in PlanType::ALL.into_iter().zip(P::CAPACITIES) {
             let mission_type = kind.mission_type();

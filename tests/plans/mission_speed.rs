@@ -7,7 +7,8 @@
 
 use crate::support::*;
 use mavstack::dialect::{MavMissionType, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList};
-use mavstack::{Duration, LinkConfig, MAX_FRAME_LEN, Message, Version, encode, plan_memory};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
+use mavstack::{Duration, LinkConfig, Message, plan_memory};
 
 type Plans = Tested<plan_memory!(mission: 500)>;
 type TestWorld = World<1, Plans>;

@@ -1,11 +1,13 @@
 //! Where the mission goes on from: commands, MISSION_SET_CURRENT, MISSION_CURRENT, MISSION_ITEM_REACHED (M-90 to M-95).
 
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{
     CommandAck, CommandLong, MavCmd, MavMissionType, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent,
     MissionState, Statustext,
 };
-use mavstack::{Item, LinkClass, LinkConfig, Message, PlanFault, PlanType, plan_memory};
+use mavstack::plan::PlanFault;
+use mavstack::{Item, LinkConfig, Message, PlanType, plan_memory};
 
 type Plans = Tested<plan_memory!(mission: 20)>;
 

@@ -2,9 +2,10 @@
 //! code and a text, without a trace in the live plan.
 
 use crate::support::*;
-use mavstack::dialect::command_rules::*;
+use mavstack::dialect::rules::*;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItemInt, Statustext};
-use mavstack::{CommandRule, Item, ParamRule, plan_memory};
+use mavstack::message::ParamRule;
+use mavstack::{CommandRule, Item, plan_memory};
 
 const NAN: f32 = f32::NAN;
 /// Not given.

@@ -3,8 +3,12 @@
 
 use crate::Forwarder;
 use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{Address, ForwardCounters, LinkClass, LinkConfig, LinkId, Message, NoPlans, Text, TxVersion, Version};
+use mavstack::frame::Version;
+use mavstack::network::ForwardCounters;
+use mavstack::{Address, LinkConfig, LinkId, Message, Text};
 
 /// A companion computer, of the vehicle's own system.
 const COMPANION: Address = Address::new(1, 191);
@@ -369,7 +373,7 @@ fn keys_and_radio_reports_stay() {
     let key = |target: Address| SetupSigning {
         target_system: target.system.0,
         target_component: target.component.0,
-        secret_key: mavstack::Secret([7; 32]),
+        secret_key: mavstack::message::Secret([7; 32]),
         ..SetupSigning::default()
     };
     for target in [Address::new(0, 0), WINGMAN, Address::new(1, 0), VEHICLE] {

@@ -10,7 +10,7 @@ mod queues;
 #[cfg(feature = "signing")]
 mod refused;
 
-use mavstack::NoPlans;
+use mavstack::__private::NoPlans;
 use support::{Forwarded, Tested, World};
 
 /// A world whose vehicle forwards between its `N` links.

@@ -2,7 +2,8 @@
 
 use crate::support::*;
 use mavstack::dialect::PlayTune;
-use mavstack::{Address, MAX_FRAME_LEN, Text, Version, encode};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
+use mavstack::{Address, Text};
 use proptest::prelude::*;
 
 /// A frame unlike any other, since its text is `number`.

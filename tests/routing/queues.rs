@@ -2,10 +2,10 @@
 
 use crate::Forwarder;
 use crate::support::*;
+use mavstack::config::{PollBudget, StreamProfile};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Duration, ForwardCounters, Instant, LinkConfig, LinkId, Message, PollBudget, StreamProfile, plan_memory,
-};
+use mavstack::network::ForwardCounters;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, plan_memory};
 
 /// The links of the tests: a radio, and a companion computer that is much faster.
 const RADIO: usize = 0;

@@ -3,10 +3,13 @@
 use crate::support::signer::{KEY, NOW, OTHER_KEY, Signer};
 use crate::support::tested::{Forwards, Options};
 use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{
-    Accept, Address, ForwardCounters, LinkClass, LinkConfig, LinkId, LinkSigning, Message, NoPlans, Version,
-};
+use mavstack::frame::Version;
+use mavstack::network::ForwardCounters;
+use mavstack::signing::{Accept, LinkSigning};
+use mavstack::{Address, LinkConfig, LinkId, Message};
 
 /// A rig whose vehicle forwards.
 type Rig<O = SignedForwarded> = crate::support::signer::Rig<4, O>;

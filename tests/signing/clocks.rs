@@ -3,8 +3,12 @@
 
 use crate::support::signer::*;
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningKey, Version};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::{Address, Duration, LinkConfig, Message};
 
 /// A minute, a day and a year, in timestamps.
 const MINUTE: u64 = 6_000_000;

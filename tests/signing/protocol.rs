@@ -2,12 +2,13 @@
 
 use crate::support::signer::*;
 use crate::support::*;
-use mavstack::__private::SigningMemory;
+use mavstack::__private::SigningStreams;
+use mavstack::config::{LinkClass, PollBudget, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{
-    Accept, Address, Config, Decoder, Dialect, LinkClass, LinkConfig, LinkSigning, Message, PollBudget, Pulse, Secret,
-    SigningCounters, SigningKey, TxVersion, Version,
-};
+use mavstack::frame::{Decoder, Version};
+use mavstack::message::{Dialect, Secret};
+use mavstack::signing::{Accept, LinkSigning, SigningCounters, SigningKey};
+use mavstack::{Address, Config, LinkConfig, Message, Pulse};
 
 /// A minute, in timestamps.
 const MINUTE: u64 = 6_000_000;
@@ -474,7 +475,7 @@ fn a_satellite_link_signs() {
 #[test]
 fn the_key_is_never_shown() {
     let secret = *b"0123456789abcdef_ABCDEFGHIJKLMN!";
-    let mut signing = SigningMemory::<2>::new();
+    let mut signing = SigningStreams::<2>::new();
     signing.set_key(mavstack::Instant::ZERO, SigningKey::new(secret), 77);
     let text = format!("{signing:?} {signing:#?}");
     assert!(text.contains("is_active: true"));

@@ -6,7 +6,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use crate::support::signer::*;
 use crate::support::*;
 use mavstack::dialect::*;
-use mavstack::{Address, LinkConfig, LinkSigning, Message};
+use mavstack::signing::LinkSigning;
+use mavstack::{Address, LinkConfig, Message};
 
 /// The ground station.
 struct Peer {

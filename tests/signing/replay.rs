@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use crate::support::signer::*;
 use crate::support::*;
 use mavstack::dialect::*;
-use mavstack::{Address, LinkConfig, LinkSigning, SigningKey, Version};
+use mavstack::frame::Version;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::{Address, LinkConfig};
 
 /// A command like no other.
 fn command(number: u32) -> CommandLong {

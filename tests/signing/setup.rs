@@ -2,8 +2,12 @@
 
 use crate::support::signer::*;
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Accept, Address, LinkClass, LinkConfig, LinkSigning, Message, Secret, SigningKey, Version};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::signing::{Accept, LinkSigning, SigningKey};
+use mavstack::{Address, LinkConfig, Message};
 
 const WIRE: LinkSigning = LinkSigning::OPEN.with_provisioning();
 /// A minute and a day, in timestamps.

@@ -3,10 +3,10 @@
 
 use crate::support::Rng;
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Decoder, Dialect, EncodeError, Frame, Instant, MAX_FRAME_LEN, Message, SigningKey, Version, encode,
-    encode_signed,
-};
+use mavstack::frame::{Decoder, EncodeError, MAX_FRAME_LEN, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::signing::SigningKey;
+use mavstack::{Address, Frame, Instant, Message};
 
 const VECTORS: &str = include_str!("../golden/signed.txt");
 /// As in make_vectors.py.

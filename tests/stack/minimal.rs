@@ -2,10 +2,12 @@
 //! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
 
 use crate::support::*;
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::{
-    Command, CommandPolicy, Commands, Context, FlightMode, Instant, LinkId, MAX_FRAME_LEN, Message, ModeRequest, Modes,
-    Outcome, Stream, Telemetry, Vehicle, VehicleState, Version, encode,
+    Command, Commands, Context, FlightMode, Instant, LinkId, Message, ModeRequest, Modes, Outcome, Stream, Telemetry,
+    Vehicle, VehicleState,
 };
 
 mavstack::stack! {
@@ -22,13 +24,12 @@ struct Minimal;
 
 impl Vehicle for Minimal {
     fn state(&self) -> Option<VehicleState> {
-        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
-        Some(VehicleState { base_mode, custom_mode: 4, system_status: MavState::STANDBY })
+        Some(VehicleState::new(false).with_mode(4))
     }
 }
 
 impl Commands for Minimal {
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::PREFLIGHT_CALIBRATION)];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::PREFLIGHT_CALIBRATION)];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         match command.id {
@@ -143,9 +144,9 @@ fn a_command_that_cannot_be_cancelled_goes_on() {
     let command = MavCmd::PREFLIGHT_CALIBRATION;
     world.gcs[0].send(&CommandCancel { command, target_system: 1, target_component: 1 });
     world.run_for(secs(3));
-    assert!(world.stack.commands_mut().is_running(command));
+    assert!(world.stack.long_commands_mut().is_running(command));
     assert!(world.gcs[0].all::<CommandAck>().iter().all(|(_, ack)| ack.result == MavResult::IN_PROGRESS));
-    world.stack.commands_mut().finish(command, MavResult::ACCEPTED);
+    world.stack.long_commands_mut().finish(command, MavResult::ACCEPTED);
     world.gcs[0].forget();
     assert_eq!(world.expect::<CommandAck>(0, secs(1)).result, MavResult::ACCEPTED);
 }
@@ -165,17 +166,17 @@ fn sticks_move_nothing() {
 fn defaults_are_new() {
     use mavstack::__private::CommandSlots;
     #[cfg(feature = "signing")]
-    use mavstack::__private::SigningMemory;
+    use mavstack::__private::SigningStreams;
     fn shown<T: std::fmt::Debug>(default: T, new: T) {
         assert_eq!(format!("{default:?}"), format!("{new:?}"));
     }
     shown(mavstack::Pulse::default(), mavstack::Pulse::new());
     shown(CommandSlots::<2>::default(), CommandSlots::new());
-    shown(mavstack::ForwardQueues::<2>::default(), mavstack::ForwardQueues::new());
+    shown(mavstack::network::ForwardQueues::<2>::default(), mavstack::network::ForwardQueues::new());
     shown(mavstack::Text::<8>::default(), mavstack::Text::new(""));
     shown(mavstack::io::SerialQueues::<8, 8>::default(), mavstack::io::SerialQueues::new());
     #[cfg(feature = "signing")]
-    shown(SigningMemory::<4>::default(), SigningMemory::new());
+    shown(SigningStreams::<4>::default(), SigningStreams::new());
 }
 
 /// Without plans no item is reached, whatever a hook says. That storage for what is not declared does not compile, `tests/api`

@@ -192,7 +192,7 @@ fn nothing_panics() {
             let link = rng.below(2) as usize;
             let ids = [0, 11, 39, 40, 41, 43, 44, 45, 47, 51, 73, 75, 76, 77, 110, 253, 300];
             let id = ids[rng.below(ids.len() as u64) as usize];
-            let extra = <Common as mavstack::Dialect>::MESSAGES.get(id).map_or(0, |row| row.crc_extra());
+            let extra = <Common as mavstack::message::Dialect>::MESSAGES.get(id).map_or(0, |row| row.crc_extra());
             let payload: Vec<u8> = (0..rng.below(60)).map(|_| rng.byte() & rng.byte() & rng.byte()).collect();
             world.gcs[link].send_raw(&reference::v2(id, [0, 0], [rng.byte() | 1, 190], &payload, extra));
             if rng.chance(0.05) {

@@ -2,11 +2,13 @@
 //! `docs/architecture.md` shows it as a table.
 
 use crate::support::*;
+use mavstack::command::CommandPolicy;
+use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
+use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandPolicy, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
-    LinkId, Message, ModeRequest, Modes, Outcome, ParamTable, Parameters, PlanChange, Plans, Progress, Stream,
-    StreamProfile, Telemetry, Vehicle, VehicleState,
+    Address, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig, LinkId, Message,
+    ModeRequest, Modes, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// Another vehicle, behind the second link.
@@ -40,7 +42,7 @@ impl Vehicle for Moded {
 }
 
 impl Commands for Moded {
-    const COMMANDS: &'static [CommandPolicy] = TestVehicle::COMMANDS;
+    const POLICIES: &'static [CommandPolicy] = TestVehicle::POLICIES;
 
     fn command(&mut self, cx: &mut Context<'_>, command: &mavstack::Command) -> Outcome {
         self.0.command(cx, command)

@@ -4,11 +4,12 @@
 //! The stack is driven by its byte-level calls, so that each frame is seen at the moment when it is made.
 
 use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::config::{LinkClass, StreamProfile};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Duration, Instant, LinkClass, LinkConfig, LinkId, Message, NoPlans, ParamTable, Stack, StreamProfile,
-    Text, Version, encode,
-};
+use mavstack::frame::{Version, encode};
+use mavstack::param::ParamTable;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, Stack, Text};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 

@@ -2,6 +2,7 @@
 
 use crate::support::*;
 use mavstack::dialect::*;
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::*;
 
 type Plans60 = Tested<plan_memory!(mission: 60, fence: 8, rally: 8)>;

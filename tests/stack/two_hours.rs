@@ -10,10 +10,10 @@ mod client;
 use crate::support::*;
 use client::{Act, Books, Client, Habits, Transfers};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Duration, Instant, LinkConfig, LinkCounters, LinkId, MAX_FRAME_LEN, Message, PlanCounters, RxCounters,
-    plan_memory,
-};
+use mavstack::frame::{MAX_FRAME_LEN, RxCounters};
+use mavstack::network::LinkCounters;
+use mavstack::plan::PlanCounters;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, plan_memory};
 use std::collections::BTreeMap;
 
 type Served = Tested<plan_memory!(mission: 60), 8, Timed>;
@@ -212,11 +212,11 @@ struct Flight {
 impl Flight {
     fn step(&mut self, now: Instant, world: &mut World<1, Served>) {
         const CALIBRATION: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
-        if world.stack.commands_mut().is_running(CALIBRATION) {
+        if world.stack.long_commands_mut().is_running(CALIBRATION) {
             let ran = now.since(*self.calibration.get_or_insert(now)).as_millis();
-            world.stack.commands_mut().progress(CALIBRATION, (ran / 50) as u8);
+            world.stack.long_commands_mut().progress(CALIBRATION, (ran / 50) as u8);
             if ran >= 5_000 {
-                world.stack.commands_mut().finish(CALIBRATION, MavResult::ACCEPTED);
+                world.stack.long_commands_mut().finish(CALIBRATION, MavResult::ACCEPTED);
                 self.calibration = None;
             }
         }
@@ -293,7 +293,7 @@ fn two_hours_of_three_ground_stations() {
         if !is_over {
             flight.step(now, &mut world);
         } else {
-            world.stack.commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
+            world.stack.long_commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
         }
         // What a minute begins with takes a while to settle.
         let is_judged = weather == Weather::Calm && second >= 10 && !is_over;

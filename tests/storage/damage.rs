@@ -7,9 +7,13 @@ use crate::support::signer::*;
 use crate::support::*;
 use crate::{OnlyKey, of_key, of_parameters, of_plans};
 use mavstack::dialect::*;
-use mavstack::{
-    Durability, LinkConfig, LinkSigning, ParamTable, RestoreError, Secret, SigningKey, Store, Text, Version,
-};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::param::ParamTable;
+use mavstack::plan::Durability;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::{RestoreError, Store};
+use mavstack::{LinkConfig, Text};
 
 mavstack::stack! {
     struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 } }

@@ -4,7 +4,9 @@ use crate::of_plans;
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::{MavCmd, MavFrame};
-use mavstack::{Instant, Item, PlanType, PlanView, RestoreError, Store};
+use mavstack::plan::PlanView;
+use mavstack::storage::{RestoreError, Store};
+use mavstack::{Instant, Item, PlanType};
 
 mavstack::stack! {
     struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }

@@ -7,7 +7,8 @@ use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::dialect::{MavCmd, MavParamType, ParamSet, Statustext};
-use mavstack::{Fram, FramError, Instant, Item, PlanType, Store, Text, plan_memory};
+use mavstack::storage::{Fram, FramError, Store};
+use mavstack::{Instant, Item, PlanType, Text, plan_memory};
 
 type Bus = Vec<Transaction<u8>>;
 

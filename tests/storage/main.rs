@@ -15,7 +15,9 @@ mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;
 
-use mavstack::{Config, Durability, RestoreError, RestoreErrors};
+use mavstack::Config;
+use mavstack::plan::Durability;
+use mavstack::storage::{RestoreError, RestoreErrors};
 use support::{Setup, TestVehicle};
 
 mavstack::stack! {

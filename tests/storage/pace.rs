@@ -4,9 +4,12 @@
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::*;
+use mavstack::message::Secret;
+use mavstack::plan::Durability;
+use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{
-    Command, CommandRule, Commands, Config, Context, Durability, Duration, LinkConfig, LinkSigning, Outcome,
-    Parameters, PlanChange, Plans, Progress, Secret, SigningKey, Text, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Config, Context, Duration, LinkConfig, Outcome, Parameters, PlanChange, Plans,
+    Progress, Text, Vehicle, VehicleState,
 };
 
 /// A slot is one erase unit, so that one erase means one write of a record.
@@ -22,7 +25,7 @@ mavstack::stack! {
 
 type PaceWorld = World<2, Mavlink>;
 
-const LEN: u32 = mavstack::Store::<Flash>::region_len::<Mavlink>();
+const LEN: u32 = mavstack::storage::Store::<Flash>::region_len::<Mavlink>();
 /// Each part has two slots.
 const PART: u32 = 2 * 1024;
 const _: () = assert!(LEN == 3 * PART);
@@ -67,11 +70,11 @@ impl Plans for Rover {
 }
 
 /// The store of a vehicle.
-struct Store(mavstack::Store<Flash>);
+struct Store(mavstack::storage::Store<Flash>);
 
 impl Store {
     fn new() -> Self {
-        Self(mavstack::Store::new(Flash::new(LEN), 0..LEN))
+        Self(mavstack::storage::Store::new(Flash::new(LEN), 0..LEN))
     }
 
     fn restore(&mut self, world: &mut PaceWorld) {

@@ -8,7 +8,10 @@ use crate::{of_plans, setup};
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
 };
-use mavstack::{Durability, Duration, Item, PlanView, RestoreError};
+use mavstack::plan::Durability;
+use mavstack::plan::PlanView;
+use mavstack::storage::RestoreError;
+use mavstack::{Duration, Item};
 
 mavstack::stack! {
     struct Plans for TestVehicle { links: 1, plans: { mission: 250, fence: 64, rally: 16 } }
@@ -20,7 +23,7 @@ mavstack::stack! {
 
 type TestWorld = World<1, Plans>;
 type Flash = RamFlash<8, 512>;
-type Store<'a> = mavstack::Store<&'a mut Flash>;
+type Store<'a> = mavstack::storage::Store<&'a mut Flash>;
 
 const MISSION: MavMissionType = MavMissionType::MISSION;
 const FENCE: MavMissionType = MavMissionType::FENCE;
@@ -29,7 +32,7 @@ const ALL: MavMissionType = MavMissionType::ALL;
 const ACCEPTED: MavMissionResult = MavMissionResult::ACCEPTED;
 
 /// Shorter than for all plans, so that each is cut everywhere.
-const REGION: u32 = mavstack::Store::<Flash>::region_len::<Small>();
+const REGION: u32 = mavstack::storage::Store::<Flash>::region_len::<Small>();
 
 /// What a ground station does.
 #[derive(Clone, Copy, Debug)]
@@ -75,7 +78,7 @@ fn start(store: &mut Store<'_>, durability: Durability) -> TestWorld {
 fn restarted(flash: &Flash) -> Live {
     let mut flash = flash.clone();
     flash.power_on();
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = World::of(Setup::new());
     let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
     if result == Err(RestoreError::Storage(FlashError::Fault)) {
@@ -137,7 +140,7 @@ fn settle(world: &mut TestWorld, store: &mut Store<'_>) {
 /// Flash of a vehicle with three plans.
 fn with_plans() -> Flash {
     let mut flash = Flash::new(REGION);
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = start(&mut store, Durability::Durable);
     for (plan, len) in [(MISSION, 9), (FENCE, 2), (RALLY, 2)] {
         let mut upload = Upload::new(&world.gcs[0], &items(plan, len, 3));
@@ -157,7 +160,7 @@ fn every_cut(durability: Durability, torn: Torn, commit: Change) {
     before.torn = torn;
     let old = restarted(&before);
     let mut uncut = before.clone();
-    let mut store = mavstack::Store::new(&mut uncut, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut uncut, 0..REGION);
     let mut world = start(&mut store, durability);
     assert_eq!(change(&mut world, &mut store, commit), Some(ACCEPTED), "{commit:?}");
     let new = live(&world);
@@ -168,7 +171,7 @@ fn every_cut(durability: Durability, torn: Torn, commit: Change) {
     for fuel in 1..=uncut.cost() - before.cost() {
         let mut flash = before.clone();
         flash.fuel = Some(fuel);
-        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+        let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, durability);
         let answer = change(&mut world, &mut store, commit);
         let found = restarted(&flash);
@@ -221,7 +224,7 @@ fn failing_storage_is_told_once() {
         let old = restarted(&flash);
         flash.writes = 0;
         flash.fault = fault.clone();
-        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+        let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         let answer = change(&mut world, &mut store, Change::Upload(MISSION, 4));
         assert_eq!(answer, Some(MavMissionResult::ERROR), "{fault:?}");
@@ -242,9 +245,9 @@ fn failing_storage_is_told_once() {
 #[test]
 fn the_answer_comes_within_a_second() {
     type SlowFlash = RamFlash<8, 4096>;
-    const REGION: u32 = mavstack::Store::<SlowFlash>::region_len::<Plans>();
+    const REGION: u32 = mavstack::storage::Store::<SlowFlash>::region_len::<Plans>();
     let mut flash = SlowFlash::new(REGION);
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = TestWorld::of(Setup::new());
     of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).expect("flash that can be read");
     for variant in 0..4 {
@@ -275,7 +278,7 @@ fn the_answer_comes_within_a_second() {
 #[test]
 fn nothing_is_written_without_permission() {
     let mut flash = with_plans();
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = start(&mut store, Durability::Durable);
     world.vehicle.may_persist = false;
     let bytes = store.flash().bytes.clone();
@@ -294,7 +297,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
     let writes = {
         let mut flash = with_plans();
         flash.writes = 0;
-        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+        let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         assert_eq!(change(&mut world, &mut store, Change::Upload(MISSION, 12)), Some(ACCEPTED));
         flash.writes
@@ -304,7 +307,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
         let mut flash = with_plans();
         let old = restarted(&flash);
         flash.writes = 0;
-        let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+        let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store, Durability::Durable);
         let mut upload = Upload::new(&world.gcs[0], &items(MISSION, 12, 7));
         while upload.result().is_none() {
@@ -336,7 +339,7 @@ fn a_plan_that_was_refused_while_it_was_written_is_never_restored() {
 #[test]
 fn what_is_there_is_not_written_again() {
     let mut flash = with_plans();
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     for _ in 0..3 {
         let mut world = start(&mut store, Durability::Durable);
         let same = items(MISSION, 9, 3);
@@ -359,7 +362,7 @@ fn unreadable_flash_is_told() {
     let mut flash = with_plans();
     let old = restarted(&flash);
     flash.fault = Fault::Read(0..REGION);
-    let mut store = mavstack::Store::new(&mut flash, 0..REGION);
+    let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = TestWorld::of(Setup::new());
     let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
     assert_eq!(result, Err(RestoreError::Storage(FlashError::Fault)));

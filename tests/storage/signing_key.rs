@@ -4,13 +4,17 @@ use crate::support::flash::{Fault, FlashError, RamFlash, Torn};
 use crate::support::signer::*;
 use crate::support::*;
 use crate::{OnlyKey, of_key};
+use mavstack::LinkConfig;
 use mavstack::dialect::*;
-use mavstack::{LinkConfig, LinkSigning, RestoreError, Secret, SigningKey, Version};
+use mavstack::frame::Version;
+use mavstack::message::Secret;
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::storage::RestoreError;
 
 type Flash = RamFlash<8, 512>;
-type Store<'a> = mavstack::Store<&'a mut Flash>;
+type Store<'a> = mavstack::storage::Store<&'a mut Flash>;
 
-const REGION: u32 = mavstack::Store::<Flash>::region_len::<OnlyKey>();
+const REGION: u32 = mavstack::storage::Store::<Flash>::region_len::<OnlyKey>();
 /// A minute, in timestamps.
 const MINUTE: u64 = 6_000_000;
 

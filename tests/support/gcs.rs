@@ -3,7 +3,9 @@
 use super::{STATION, SerialEnd, VEHICLE};
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::{CommandInt, CommandLong, Common, Heartbeat, MavAutopilot, MavCmd, MavState, MavType};
-use mavstack::{Address, Decoder, Dialect, Duration, Header, Instant, MAX_FRAME_LEN, Message, Version, encode};
+use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Duration, Instant, Message};
 use std::collections::{BTreeMap, VecDeque};
 
 /// A frame received from the vehicle.
@@ -192,7 +194,7 @@ impl Gcs {
         while self.end.read_ready() == Ok(true) {
             match self.end.read(self.decoder.spare()) {
                 Ok(0) => break,
-                Ok(len) => self.decoder.commit(len, now),
+                Ok(len) => self.decoder.filled(len, now),
                 Err(_) => continue,
             }
             self.decode(now);
@@ -209,7 +211,7 @@ impl Gcs {
     }
 
     /// Returns the counters of this end's decoder.
-    pub fn counters(&self) -> mavstack::RxCounters {
+    pub fn counters(&self) -> mavstack::frame::RxCounters {
         self.decoder.counters()
     }
 }

@@ -1,7 +1,8 @@
 //! Several vehicles that forward, the lines between them, and leaves at these lines, in simulated time.
 
 use super::{Forwarded, Rng, TestVehicle, Tested, millis};
-use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, NoPlans, Pulse, Stack};
+use mavstack::__private::NoPlans;
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Stack};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Number of links of every vehicle, used or not.

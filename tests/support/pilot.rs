@@ -2,11 +2,13 @@
 
 use super::tested::{HookServices, Hooks, Plain, Tested, WithModes, check_modes};
 use super::{Setup, World, secs};
-use mavstack::__private::{Absent, Firmware, StreamService};
+use mavstack::__private::NoPlans;
+use mavstack::__private::{Absent, Firmware, NoParams, StreamService};
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandPolicy, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId,
-    ModeRequest, Modes, NoParams, NoPlans, Outcome, Stream, Telemetry, Vehicle, VehicleState,
+    Address, Command, Commands, Context, CustomMode, Duration, Fill, FlightMode, Frame, LinkId, ModeRequest, Modes,
+    Outcome, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 pub const POSITION: u32 = 3 << 16;
@@ -68,9 +70,8 @@ pub struct Pilot<const W: u8> {
 
 impl<const W: u8> Default for Pilot<W> {
     fn default() -> Self {
-        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
         Self {
-            state: Some(VehicleState { base_mode, custom_mode: 0, system_status: MavState::STANDBY }),
+            state: Some(VehicleState::new(false)),
             intended: 0,
             verdict: MavResult::ACCEPTED.into(),
             controller: None,
@@ -99,8 +100,8 @@ impl<const W: u8> Vehicle for Pilot<W> {
 }
 
 impl<const W: u8> Commands for Pilot<W> {
-    const COMMANDS: &'static [CommandPolicy] =
-        if W == DECLARED { &[CommandPolicy::new(command_rules::DO_SET_MODE).no_broadcast()] } else { &[] };
+    const POLICIES: &'static [CommandPolicy] =
+        if W == DECLARED { &[CommandPolicy::new(rules::DO_SET_MODE).no_broadcast()] } else { &[] };
 
     fn is_in_control(&self, command: &Command) -> bool {
         self.controller.is_none_or(|controller| controller == command.from.address)

@@ -2,7 +2,9 @@
 
 use super::reference::Found;
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant};
+use mavstack::frame::Decoder;
+use mavstack::message::Dialect;
+use mavstack::{Address, Duration, Instant};
 
 /// A decoder and the frames it has found.
 #[derive(Default)]

@@ -2,7 +2,7 @@
 //! library's encoder would refuse.
 
 use crc::{CRC_16_MCRF4XX, Crc, Table};
-use mavstack::MessageTable;
+use mavstack::message::MessageTable;
 
 /// MAVLink's checksum by slicing-by-16, from a host crate. A slower one would dominate the time of the fuzzer.
 static CRC: Crc<u16, Table<16>> = Crc::<u16, Table<16>>::new(&CRC_16_MCRF4XX);

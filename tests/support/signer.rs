@@ -4,12 +4,13 @@
 
 use crate::support::tested::Options;
 use crate::support::{STATION, Signed, TestVehicle, Tested, VEHICLE, begun, millis};
-use mavstack::__private::SigningMemory;
+use mavstack::__private::NoPlans;
+use mavstack::__private::SigningStreams;
 use mavstack::dialect::Common;
-use mavstack::{
-    Address, Config, Decoder, Dialect, Duration, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, NoPlans, Pulse,
-    Signature, Signing, SigningCounters, SigningKey, Stack, Version, encode, encode_signed,
-};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Signature, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::signing::{Signing, SigningCounters, SigningKey};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Message, Pulse, Stack};
 use sha2::{Digest, Sha256};
 
 pub const KEY: [u8; 32] = *b"a key for tests, and nothing els";
@@ -189,7 +190,7 @@ impl<const N: usize, O: Options<Tested<NoPlans, 8, O>>> Rig<N, O> {
     }
 }
 
-impl<const N: usize, O: Options<Tested<NoPlans, 8, O>, Signing = SigningMemory<16>>> Rig<N, O> {
+impl<const N: usize, O: Options<Tested<NoPlans, 8, O>, Signing = SigningStreams<16>>> Rig<N, O> {
     /// Sets a key and the time [`NOW`].
     pub fn set_key(&mut self, key: [u8; 32]) {
         let now = self.now;

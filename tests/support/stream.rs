@@ -4,7 +4,8 @@
 
 use super::Rng;
 use mavstack::dialect::*;
-use mavstack::{Address, EncodeError, Frame, MAX_FRAME_LEN, Message, Version, encode};
+use mavstack::frame::{EncodeError, MAX_FRAME_LEN, Version, encode};
+use mavstack::{Address, Frame, Message};
 
 macro_rules! mixed {
     ($($message:ident),+ $(,)?) => {

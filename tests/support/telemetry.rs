@@ -6,7 +6,7 @@ use mavstack::dialect::{
 };
 use mavstack::{Duration, Fill, Message, Stream, Telemetry};
 
-/// By default the streams are sent only on links with [`StreamProfile::Onboard`](mavstack::StreamProfile::Onboard).
+/// By default the streams are sent only on links with [`StreamProfile::Onboard`](mavstack::config::StreamProfile::Onboard).
 impl Telemetry for TestVehicle {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().onboard(Duration::from_millis(20)).in_group(MavDataStream::EXTRA1),

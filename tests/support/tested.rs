@@ -6,10 +6,11 @@ use mavstack::__private::{
     ParamService, PeerTable, Persistent, Service, SigningGate, StreamService, TextQueue, Values, WithoutPlans,
     WithoutSigning,
 };
-use mavstack::{
-    Commands, Config, FlightMode, HighLatency, LinkConfig, ManualInput, Modes, NoPlans, PlanMemory, PlanStorage, Plans,
-    Stack, Stream, Telemetry, Time, Vehicle,
-};
+use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
+use mavstack::clock::Time;
+use mavstack::high_latency::HighLatency;
+use mavstack::manual_control::ManualInput;
+use mavstack::{Commands, Config, FlightMode, LinkConfig, Modes, Plans, Stack, Stream, Telemetry, Vehicle};
 use std::marker::PhantomData;
 
 /// A stack of the vehicle `V` with plan memory `P`, `PEERS` places in the peer table, and the services of `O`.
@@ -17,7 +18,7 @@ pub struct Tested<P = NoPlans, const PEERS: usize = 8, O = Plain, V = TestVehicl
 
 impl<P, const PEERS: usize, O, V> Firmware for Tested<P, PEERS, O, V>
 where
-    P: PlanStorage + 'static,
+    P: PlanMemory + 'static,
     O: 'static,
     V: Hooks + 'static,
 {
@@ -56,7 +57,7 @@ pub fn begun<D: Declares, const N: usize>(config: Config, links: [LinkConfig; N]
 }
 
 /// The service for a plan memory.
-pub trait Planned<D: Firmware>: PlanStorage {
+pub trait Planned<D: Firmware>: PlanMemory {
     type Mission: Persistent<D>;
 }
 
@@ -64,7 +65,7 @@ impl<D: Firmware> Planned<D> for NoPlans {
     type Mission = WithoutPlans;
 }
 
-impl<D, const M: usize, const F: usize, const R: usize, const S: usize> Planned<D> for PlanMemory<M, F, R, S>
+impl<D, const M: usize, const F: usize, const R: usize, const S: usize> Planned<D> for PlanBuffers<M, F, R, S>
 where
     D: Firmware<Vehicle: Vehicle + Plans + Commands>,
 {
@@ -98,7 +99,7 @@ macro_rules! options {
 
 /// The signing of the tests, or none without the feature.
 #[cfg(feature = "signing")]
-type Signs = mavstack::__private::SigningMemory<16>;
+type Signs = mavstack::__private::SigningStreams<16>;
 #[cfg(not(feature = "signing"))]
 type Signs = WithoutSigning;
 

@@ -1,11 +1,13 @@
 //! A vehicle that returns configured answers and records all calls.
 
-use mavstack::dialect::{
-    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, command_rules,
-};
+use mavstack::clock::WallClock;
+use mavstack::command::CommandPolicy;
+use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, rules};
+use mavstack::message::LatLon;
+use mavstack::plan::PlanFault;
 use mavstack::{
-    Address, Command, CommandPolicy, CommandRule, Commands, Context, Frame, Item, LatLon, LinkId, Outcome, ParamChange,
-    Parameters, Peer, PeerEvent, PlanChange, PlanFault, PlanType, Plans, Progress, Vehicle, VehicleState, WallClock,
+    Address, Command, CommandRule, Commands, Context, Frame, Item, LinkId, Outcome, ParamChange, Parameters, Peer,
+    PeerEvent, PlanChange, PlanType, Plans, Progress, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -160,14 +162,14 @@ impl Vehicle for TestVehicle {
 }
 
 impl Commands for TestVehicle {
-    const COMMANDS: &'static [CommandPolicy] = &[
-        CommandPolicy::new(command_rules::DO_REPEAT_SERVO).once(),
-        CommandPolicy::new(command_rules::DO_REPEAT_RELAY).once_per_press(),
-        CommandPolicy::new(command_rules::DO_REPOSITION).int_only(),
+    const POLICIES: &'static [CommandPolicy] = &[
+        CommandPolicy::new(rules::DO_REPEAT_SERVO).once(),
+        CommandPolicy::new(rules::DO_REPEAT_RELAY).once_per_press(),
+        CommandPolicy::new(rules::DO_REPOSITION).int_only(),
         // Only for senders in control. The stack checks the parameters.
         CommandPolicy::new(CommandRule::any(MavCmd::DO_SET_MISSION_CURRENT)),
-        CommandPolicy::new(command_rules::DO_MOTOR_TEST).long_only().no_broadcast(),
-        CommandPolicy::new(command_rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))
+        CommandPolicy::new(rules::DO_MOTOR_TEST).long_only().no_broadcast(),
+        CommandPolicy::new(rules::NAV_VTOL_TAKEOFF.with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT]))
             .long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
     ];
 
@@ -207,13 +209,8 @@ impl Parameters for TestVehicle {
 }
 
 impl Plans for TestVehicle {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[
-        command_rules::NAV_TAKEOFF,
-        command_rules::NAV_WAYPOINT,
-        command_rules::NAV_LAND,
-        command_rules::DO_JUMP,
-        command_rules::DO_CHANGE_SPEED,
-    ];
+    const MISSION_COMMANDS: &'static [CommandRule] =
+        &[rules::NAV_TAKEOFF, rules::NAV_WAYPOINT, rules::NAV_LAND, rules::DO_JUMP, rules::DO_CHANGE_SPEED];
 
     fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
         self.calls.push(Call::MayChange(plan, from));

@@ -6,7 +6,8 @@ use super::{
 };
 use mavstack::__private::{Declares, Firmware};
 use mavstack::dialect::{MavMissionType, MissionAck, MissionItemInt};
-use mavstack::{Config, Duration, Instant, LinkConfig, LinkError, LinkId, Message, Pulse, Stack};
+use mavstack::network::LinkError;
+use mavstack::{Config, Duration, Instant, LinkConfig, LinkId, Message, Pulse, Stack};
 
 /// The configuration of a [`World`]. Change single fields with struct update syntax.
 #[derive(Clone, Copy, Debug)]

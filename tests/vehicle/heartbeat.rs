@@ -1,12 +1,12 @@
 //! HEARTBEAT: rules H-1 to H-7, H-16, V-5.
 
 use crate::support::*;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     CommandAck, Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavSeverity, MavState, MavType, Statustext,
 };
-use mavstack::{
-    Config, Duration, Instant, LinkClass, LinkConfig, LinkId, Pulse, Stack, TxVersion, VehicleState, Version,
-};
+use mavstack::frame::Version;
+use mavstack::{Config, Duration, Instant, LinkConfig, LinkId, Pulse, Stack, VehicleState};
 
 /// When each heartbeat came to the ground station of `link`.
 fn times<const N: usize>(world: &World<N>, link: usize) -> Vec<Instant> {
@@ -55,7 +55,8 @@ fn heartbeat_goes_out_on_every_normal_link() {
 /// H-2: an address that no vehicle can have cannot be configured.
 #[test]
 fn impossible_addresses_are_refused() {
-    use mavstack::{Address, VehicleAddress};
+    use mavstack::Address;
+    use mavstack::config::VehicleAddress;
     for (system, component, possible) in
         [(0, 1, false), (255, 1, false), (1, 0, false), (1, 1, true), (254, 1, true), (7, 255, true)]
     {
@@ -242,11 +243,33 @@ fn three_links() -> World<3> {
     world
 }
 
+/// H-4: a number other than 0 is a mode, also for a vehicle that does not declare its modes. Flags of its own are sent too.
+#[test]
+fn custom_mode_enabled_is_set_with_a_mode() {
+    let custom = MavModeFlag::CUSTOM_MODE_ENABLED;
+    let (armed, auto) = (MavModeFlag::SAFETY_ARMED, MavModeFlag::AUTO_ENABLED);
+    for (state, expected) in [
+        (VehicleState::new(false), MavModeFlag::EMPTY),
+        (VehicleState::new(true), armed),
+        (VehicleState::new(false).with_mode(7), custom),
+        (VehicleState::new(true).with_mode(7).with_flags(auto), armed | auto | custom),
+        (VehicleState::new(false).with_flags(custom), custom),
+    ] {
+        let mut world = World::<1>::new(Setup::new());
+        world.vehicle.state = Some(state);
+        world.run_for(millis(10));
+        let (_, heartbeat) = world.gcs[0].take::<Heartbeat>().unwrap();
+        let told = (heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status);
+        assert_eq!(told, (expected, state.custom_mode, state.system_status));
+        assert_eq!(state.is_armed(), expected.contains(armed));
+    }
+}
+
 /// H-16, H-6, H-7: a change of mode, arming or status is reported at once on every normal link, and the periodic
 /// schedule is unchanged.
 #[test]
 fn change_is_reported_at_once() {
-    let armed = |state: &mut VehicleState| state.base_mode = MavModeFlag::SAFETY_ARMED;
+    let armed = |state: &mut VehicleState| state.base_mode |= MavModeFlag::SAFETY_ARMED;
     let changes: [fn(&mut VehicleState); 3] =
         [armed, |state| state.custom_mode = 7, |state| state.system_status = MavState::CRITICAL];
     for change in changes {

@@ -2,11 +2,13 @@
 
 use crate::support::*;
 use mavstack::__private::Declares;
+use mavstack::__private::NoPlans;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{
-    Address, ControlSource, Duration, Instant, LinkClass, LinkConfig, LinkId, ManualControlInput, ManualCounters,
-    ManualInput, Message, NoPlans, Peer, PeerEvent, RcOverride, SystemId, Version,
-};
+use mavstack::frame::Version;
+use mavstack::manual_control::{ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride};
+use mavstack::message::SystemId;
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, Peer, PeerEvent};
 
 const ONLY_STATION: ControlSource = ControlSource::System(SystemId(255));
 const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId(254), last: SystemId(255) };

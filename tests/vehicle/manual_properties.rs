@@ -2,10 +2,11 @@
 //! from whomever and whenever, no stick is older than the timeout, out of range, or from somebody who does not steer.
 
 use crate::support::*;
+use mavstack::__private::NoPlans;
 use mavstack::dialect::{ManualControl, RcChannelsOverride};
-use mavstack::{
-    Address, ControlSource, Duration, Instant, LinkId, ManualCounters, Message, NoPlans, Peer, Stack, SystemId,
-};
+use mavstack::manual_control::{ControlSource, ManualCounters};
+use mavstack::message::SystemId;
+use mavstack::{Address, Duration, Instant, LinkId, Message, Peer, Stack};
 use proptest::prelude::*;
 
 /// Who sends: two stations, another program of the first one, the companion computer, and a stranger.

@@ -2,8 +2,9 @@
 
 use crate::support::*;
 use mavstack::__private::Declares;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::*;
-use mavstack::{LinkClass, LinkConfig, Message, TxVersion, plan_memory};
+use mavstack::{LinkConfig, Message, plan_memory};
 
 /// What MAV_CMD_REQUEST_MESSAGE, MAV_CMD_SET_MESSAGE_INTERVAL or MAV_CMD_GET_MESSAGE_INTERVAL is answered.
 fn ask<const N: usize, D: Declares<Vehicle: Default>>(
@@ -270,7 +271,7 @@ fn what_is_announced_comes_once_on_every_normal_link() {
 /// the interval that is told is the real one: longer while a radio's buffer is full.
 #[test]
 fn interval_that_is_told_is_the_real_one() {
-    let links = [LinkConfig::uart(115_200).with_streams(mavstack::StreamProfile::Onboard)];
+    let links = [LinkConfig::uart(115_200).with_streams(mavstack::config::StreamProfile::Onboard)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     let radio = mavstack::Address::new(51, 68);
     for (txbuf, slower) in [(10, 60_000), (40, 80_000), (70, 80_000), (95, 60_000), (99, 20_000)] {

@@ -1,11 +1,13 @@
 //! Parameters over a line, through the whole stack: rules P-3, P-10 to P-32.
 
 use crate::support::*;
+use mavstack::config::{TxVersion, VehicleAddress};
 use mavstack::dialect::{
     AutopilotVersion, CommandAck, Heartbeat, MavCmd, MavParamError, MavParamType, MavProtocolCapability, ParamError,
     ParamRequestList, ParamRequestRead, ParamSet, ParamValue,
 };
-use mavstack::{Address, LinkConfig, LinkId, ParamTable, Text, TxVersion, VehicleAddress};
+use mavstack::param::ParamTable;
+use mavstack::{Address, LinkConfig, LinkId, Text};
 use std::collections::BTreeMap;
 
 const COUNT: usize = Tuning::INFO.len();
@@ -271,8 +273,9 @@ fn what_a_log_shows_of_parameters() {
 mod stored {
     use super::*;
     use crate::support::flash::{Fault, RamFlash};
+    use mavstack::Duration;
     use mavstack::dialect::{MavResult, Statustext};
-    use mavstack::{Duration, Store};
+    use mavstack::storage::Store;
 
     type Flash = RamFlash<8, 512>;
     const REGION: u32 = Store::<Flash>::region_len::<Tested>();

@@ -1,8 +1,10 @@
 //! STATUSTEXT: rule T-5, D-4, L-4.
 
 use crate::support::*;
+use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{Heartbeat, MavSeverity, Statustext};
-use mavstack::{LinkClass, LinkConfig, LinkId, MAX_TEXT_LEN, Text, TxVersion};
+use mavstack::limits::MAX_TEXT_LEN;
+use mavstack::{LinkConfig, LinkId, Text};
 use proptest::prelude::*;
 
 /// A text of `len` bytes in which every place can be told from every other within 50.

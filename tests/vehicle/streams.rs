@@ -1,10 +1,11 @@
 //! Streams: rules, D-4, H-8, L-4, D-1.
 
 use crate::support::*;
+use mavstack::config::{LinkClass, StreamProfile};
 use mavstack::dialect::*;
 use mavstack::{
-    Command, Commands, Context, Duration, Fill, Instant, LinkClass, LinkConfig, Message, Outcome, Stream,
-    StreamProfile, Telemetry, Vehicle, VehicleState,
+    Command, Commands, Context, Duration, Fill, Instant, LinkConfig, Message, Outcome, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 use proptest::prelude::*;
 

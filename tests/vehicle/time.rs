@@ -1,8 +1,11 @@
 //! PING, TIMESYNC and SYSTEM_TIME: rules T-1 to T-4.
 
 use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::clock::WallClock;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, Instant, LinkClass, LinkConfig, LinkId, NoPlans, Peer, WallClock};
+use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Peer};
 use proptest::prelude::*;
 
 const LINK: LinkId = LinkId(0);

@@ -5,7 +5,9 @@ use crate::support::damage::{Damage, damage};
 use crate::support::reference::{self, Found};
 use crate::support::{Receiver, Rng, cases, decode, millis, stream};
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, MessageTable, Version, encode};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::{Dialect, MessageTable};
+use mavstack::{Address, Instant, Message};
 use proptest::{collection::vec, prelude::*};
 
 const TABLE: MessageTable = Common::MESSAGES;
@@ -57,7 +59,7 @@ fn read_into(receiver: &mut Receiver, bytes: &[u8]) {
         let (now, behind) = rest.split_at(rest.len().min(room.len()));
         assert!(!now.is_empty(), "no frame waits, and there is no room");
         room[..now.len()].copy_from_slice(now);
-        receiver.decoder.commit(now.len(), receiver.now);
+        receiver.decoder.filled(now.len(), receiver.now);
         receiver.drain();
         rest = behind;
     }
@@ -72,7 +74,7 @@ fn a_packet_of_any_length_has_room() {
         assert!(room.len() >= MAX_FRAME_LEN, "{}", room.len());
         let frame = heartbeat();
         room[..frame.len()].copy_from_slice(&frame);
-        receiver.decoder.commit(frame.len(), receiver.now);
+        receiver.decoder.filled(frame.len(), receiver.now);
         receiver.drain();
     }
     assert_eq!(receiver.found.len(), 40);

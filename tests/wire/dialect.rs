@@ -2,10 +2,11 @@
 //! `CRC_EXTRA` (S-3), wire order (S-4), lengths and target offsets of every message.
 
 use crate::all::{self, Declared, Visit};
+use mavstack::Message;
 use mavstack::dialect::{
     Common, Heartbeat, HighLatency2, MavCmd, MavMissionResult, MavModeFlag, MavResult, MavType, MissionItemInt,
 };
-use mavstack::{Dialect, Message};
+use mavstack::message::Dialect;
 use std::fmt::Debug;
 
 const TABLE: &str = include_str!("../../dialect/tests/definitions/wire.csv");

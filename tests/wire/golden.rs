@@ -3,7 +3,9 @@
 
 use crate::all::{self, Declared, Visit};
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect, Instant, MAX_FRAME_LEN, Message, Version, encode};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Instant, Message};
 use std::{collections::BTreeMap, fmt::Debug};
 
 const STREAM: &[u8] = include_bytes!("../golden/common.bin");

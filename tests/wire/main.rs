@@ -13,4 +13,6 @@ mod single_frame;
 
 // What the generated dialect, which `all` compiles once more, expects in the root of its crate.
 use all::{command, dialect, message, wire_bitmask, wire_enum};
-use mavstack::{CommandRule, Location, ParamRule, Secret, Text};
+mod message {
+    pub use mavstack::message::{CommandRule, Location, ParamRule, Secret, Text};
+}

@@ -3,10 +3,9 @@
 
 use crate::support::*;
 use mavstack::dialect::*;
-use mavstack::{
-    Config, Decoder, Dialect, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, Pulse, Secret, Stack, Text, Version,
-    encode,
-};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::{Dialect, Secret};
+use mavstack::{Config, Instant, LinkConfig, LinkId, Message, Pulse, Stack, Text};
 
 const KEY: [u8; 32] = *b"0123456789abcdef_ABCDEFGHIJKLMN!";
 

@@ -4,10 +4,9 @@
 use crate::support::stream::Mixed;
 use crate::support::{Receiver, Rng, cases, decode, millis, reference};
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Decoder, Dialect, EncodeError, Instant, MAX_FRAME_LEN, Message, MessageTable, RxCounters, Text, Version,
-    encode,
-};
+use mavstack::frame::{Decoder, EncodeError, MAX_FRAME_LEN, RxCounters, Version, encode};
+use mavstack::message::{Dialect, MessageTable};
+use mavstack::{Address, Instant, Message, Text};
 use proptest::{collection::vec, prelude::*};
 
 const SOURCE: Address = Address::new(42, 17);

@@ -133,13 +133,14 @@ fn send_to(client: &Mutex<Option<(TcpStream, Tap)>>, mut uart: TcpStream) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavstack::Address;
     use mavstack::dialect::{AutopilotVersion, Heartbeat};
-    use mavstack::{Address, Version, encode};
+    use mavstack::frame::{Version, encode};
 
     fn frames(count: u8) -> Vec<Vec<u8>> {
         let source = Address::new(1, 1);
         let frame = |seq: u8| {
-            let mut bytes = [0; mavstack::MAX_FRAME_LEN];
+            let mut bytes = [0; mavstack::frame::MAX_FRAME_LEN];
             let len = if seq.is_multiple_of(3) {
                 encode(
                     &AutopilotVersion { uid: 0xFDFD_FEFE_FDFD, ..Default::default() },

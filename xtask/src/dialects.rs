@@ -37,7 +37,7 @@ path = "rows.rs"
 "#;
 
 /// Prints the rows of the table as `mavparse_rows.py` does, as far as a table has them.
-const ROWS: &str = r#"use mavstack::Dialect;
+const ROWS: &str = r#"use mavstack::message::Dialect;
 
 fn main() {
     for row in whole_dialect::dialect::Whole::MESSAGES.rows() {

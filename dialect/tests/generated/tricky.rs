@@ -3,8 +3,8 @@
 
 #![allow(non_snake_case, reason = "fields have MAVLink's names")]
 
-use mavstack::Char;
-use mavstack::Text;
+use mavstack::message::Char;
+use mavstack::message::Text;
 
 mavstack::wire_bitmask! {
     /// `BITS`.
@@ -106,9 +106,9 @@ mavstack::wire_enum! {
 /// The rules for items with the commands of `MAV_CMD`. A rule takes flash only if the firmware uses it.
 #[rustfmt::skip]
 #[allow(missing_docs, dead_code, reason = "each command has a rule, with the name of the command")]
-pub mod command_rules {
-    use mavstack::CommandRule;
-    use mavstack::ParamRule;
+pub mod rules {
+    use mavstack::message::CommandRule;
+    use mavstack::message::ParamRule;
 
     pub const ALL_: CommandRule = CommandRule::without_position(1, &[
         ParamRule::at_least(1, -0.5),
@@ -155,12 +155,12 @@ pub mod command_rules {
 /// decodes it.
 #[allow(dead_code, reason = "a firmware decodes only some commands")]
 pub mod commands {
-    use super::command_rules;
-    use mavstack::Location;
+    use super::rules;
+    use mavstack::message::Location;
 
     mavstack::command! {
         /// `MAV_CMD_ALL`.
-        pub struct All = command_rules::ALL_ {
+        pub struct All = rules::ALL_ {
             /// Range: ≥ -0.5.
             least: f32 = 1,
             /// Range: ≤
@@ -180,7 +180,7 @@ pub mod commands {
 
     mavstack::command! {
         /// `MAV_CMD_STEPS`.
-        pub struct Steps = command_rules::STEPS {
+        pub struct Steps = rules::STEPS {
             /// Range: -7 to 21196.
             far_apart: i16 = 1,
             /// (s) Range: ≥ 0.
@@ -195,21 +195,21 @@ pub mod commands {
 
     mavstack::command! {
         /// `MAV_CMD_PLACE`.
-        pub struct Place = command_rules::PLACE {
+        pub struct Place = rules::PLACE {
             location: Location = 5,
         }
     }
 
     mavstack::command! {
         /// `MAV_CMD_CORNER`.
-        pub struct Corner = command_rules::CORNER {
+        pub struct Corner = rules::CORNER {
             location: Location = 5,
         }
     }
 
     mavstack::command! {
         /// A description with \[brackets\].
-        pub struct OptionCommand = command_rules::OPTION {
+        pub struct OptionCommand = rules::OPTION {
             r#match: Option<f32> = 1,
             /// Where \[not\]. (m) Range: 0 to 2. Default: 1.
             location_2: f32 = 2,
@@ -223,7 +223,7 @@ pub mod commands {
 
     mavstack::command! {
         /// `MAV_CMD_3D`. Deprecated since 2020-01: SOME.
-        pub struct _3d = command_rules::_3D {
+        pub struct _3d = rules::_3D {
             self_: Option<f32> = 1,
             param2: Option<f32> = 2,
             bool: bool = 6,
@@ -234,7 +234,7 @@ pub mod commands {
 
     mavstack::command! {
         /// `MAV_CMD_ENUMS`.
-        pub struct Enums = command_rules::ENUMS {
+        pub struct Enums = rules::ENUMS {
             in_a_row: super::OptionEnum = 1,
             with_gaps: super::Signed = 2,
             bits: super::Bits = 3,

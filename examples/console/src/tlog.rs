@@ -15,7 +15,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{self, SystemTime, UNIX_EPOCH};
 
 use mavstack::dialect::{AuthKey, CellularConfig, ChangeOperatorControl, SetupSigning, WifiConfigAp};
-use mavstack::{Address, Decoder, Frame, Instant, Message, Vehicle};
+use mavstack::frame::Decoder;
+use mavstack::{Address, Frame, Instant, Message, Vehicle};
 use mavstack_demo::Quadrotor;
 
 /// Ids of messages that carry a key, a password or a PIN.
@@ -184,8 +185,10 @@ impl Tap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavstack::Address;
     use mavstack::dialect::Heartbeat;
-    use mavstack::{Address, MAX_FRAME_LEN, SigningKey, Version, encode, encode_signed};
+    use mavstack::frame::{MAX_FRAME_LEN, Version, encode, encode_signed};
+    use mavstack::signing::SigningKey;
 
     fn frame<M: Message>(message: &M, version: Version, seq: u8) -> Vec<u8> {
         frame_of(message, version, Address::new(1, 1), seq)

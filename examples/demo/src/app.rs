@@ -4,10 +4,11 @@ use core::ops::DerefMut;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
-use mavstack::{
-    Address, Config, Duration, Identity, Instant, LinkClass, LinkConfig, LinkError, LinkId, LinkSigning, Pulse,
-    RestoreErrors, Store, StreamProfile, Vehicle, VehicleAddress,
-};
+use mavstack::config::{Identity, LinkClass, StreamProfile, VehicleAddress};
+use mavstack::network::LinkError;
+use mavstack::signing::LinkSigning;
+use mavstack::storage::{RestoreErrors, Store};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Vehicle};
 
 use crate::status::Status;
 use crate::tuning::Tuning;
@@ -127,7 +128,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.take_sticks(now, stack);
         stack.with_context(now, |cx| vehicle.control_step(cx));
         PULSE.tick();
-        vehicle.report_calibration(stack.commands_mut());
+        vehicle.report_calibration(stack.long_commands_mut());
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || stack.next_deadline(now) <= now

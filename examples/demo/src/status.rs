@@ -66,8 +66,8 @@ pub struct PeerStatus {
     pub component: u8,
 }
 
-/// Why links drop frames, or bytes outside of frames. The reasons are counters of [`mavstack::RxCounters`],
-/// [`mavstack::LinkCounters`] and [`mavstack::ForwardCounters`].
+/// Why links drop frames, or bytes outside of frames. The reasons are counters of [`mavstack::frame::RxCounters`],
+/// [`mavstack::network::LinkCounters`] and [`mavstack::network::ForwardCounters`].
 pub const LINK_DROPS: [&str; 21] = [
     "checksum",
     "length",
@@ -92,7 +92,7 @@ pub const LINK_DROPS: [&str; 21] = [
     "forwarding: table full",
 ];
 
-/// Other reasons for drops: invalid signatures ([`mavstack::SigningCounters`]), and a full queue of texts.
+/// Other reasons for drops: invalid signatures ([`mavstack::signing::SigningCounters`]), and a full queue of texts.
 pub const OTHER_DROPS: [&str; 6] =
     ["unsigned", "bad signature", "replayed", "signed too far ahead", "signing stream table full", "texts"];
 

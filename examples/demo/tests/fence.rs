@@ -3,7 +3,8 @@
 mod support;
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MissionState};
-use mavstack::{Item, PlanFault, PlanType};
+use mavstack::plan::PlanFault;
+use mavstack::{Item, PlanType};
 use mavstack_demo::Mode;
 use support::{Flight, act, at, waypoint};
 

@@ -2,8 +2,9 @@
 
 mod support;
 
+use mavstack::command::CommandPosition;
 use mavstack::dialect::{MavCmd, MavFrame, MavModeFlag, MavResult, MavState};
-use mavstack::{Command, CommandPosition, Vehicle};
+use mavstack::{Command, Vehicle};
 use mavstack_demo::Mode;
 use support::{Flight, HOME, command, waypoint};
 

@@ -5,7 +5,8 @@ mod support;
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Param, ParamTable, ParamType, Vehicle};
+use mavstack::param::{ParamTable, ParamType};
+use mavstack::{Param, Vehicle};
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
 use support::{Flight, HOME, waypoint};
 use wire::Wire;

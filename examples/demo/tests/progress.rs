@@ -3,7 +3,8 @@
 mod support;
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MissionState};
-use mavstack::{Item, PlanFault, PlanType, Plans};
+use mavstack::plan::PlanFault;
+use mavstack::{Item, PlanType, Plans};
 use mavstack_demo::Mode;
 use support::{Flight, act, jump, waypoint};
 

@@ -6,8 +6,9 @@ mod wire;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use mavstack::Instant;
 use mavstack::dialect::*;
-use mavstack::{Instant, Store};
+use mavstack::storage::Store;
 use mavstack_demo::{Mavlink, TELEMETRY, Tuning};
 use wire::Wire;
 

@@ -4,7 +4,8 @@
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Address, LinkId, Message, Text, Version, encode};
+use mavstack::frame::{Version, encode};
+use mavstack::{Address, LinkId, Message, Text};
 use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
 use wire::{STATION, Wire};
 
@@ -128,7 +129,7 @@ fn keys_and_radio_status_are_not_forwarded() {
     let key = SetupSigning {
         target_system: 1,
         target_component: 191,
-        secret_key: mavstack::Secret([7; 32]),
+        secret_key: mavstack::message::Secret([7; 32]),
         ..SetupSigning::default()
     };
     wire.send_as(TELEMETRY, STATION, &key);

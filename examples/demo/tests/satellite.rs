@@ -5,7 +5,8 @@
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Message, Param, ParamType};
+use mavstack::param::ParamType;
+use mavstack::{Message, Param};
 use mavstack_demo::{Mode, SATELLITE, TELEMETRY, Tuning};
 use wire::{NORMAL, Received, STATION, Wire, command_long};
 

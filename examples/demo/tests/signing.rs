@@ -4,7 +4,10 @@
 mod wire;
 
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, Secret, SigningKey, encode_signed};
+use mavstack::frame::{Decoder, encode_signed};
+use mavstack::message::{Dialect, Secret};
+use mavstack::signing::SigningKey;
+use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
 use wire::{Received, STATION, Wire, command_long};
 

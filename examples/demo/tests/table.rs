@@ -6,9 +6,9 @@ use mavstack::dialect::{
     Common, MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionAck, MissionCount, MissionItemInt,
     MissionRequestInt,
 };
-use mavstack::{
-    Address, Config, Decoder, Dialect, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, Version, encode,
-};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse};
 use mavstack_demo::{Quadrotor, Tuning};
 use support::{act, at, jump, waypoint};
 

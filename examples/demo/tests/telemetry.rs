@@ -5,10 +5,12 @@ mod wire;
 
 use std::collections::BTreeMap;
 
+use mavstack::command::CommandPosition;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::{
-    Address, Command, CommandPosition, Commands, Decoder, Dialect, Duration, Instant, LinkClass, LinkId, Message, Peer,
-};
+use mavstack::frame::Decoder;
+use mavstack::message::Dialect;
+use mavstack::{Address, Command, Commands, Duration, Instant, LinkId, Message, Peer};
 use mavstack_demo::{App, COMPANION, Mavlink, SATELLITE, TELEMETRY, Tuning};
 use wire::Line;
 

@@ -1,6 +1,7 @@
 //! The capacities of the vehicle, and its storage in flash.
 
-use mavstack::{Instant, Store};
+use mavstack::Instant;
+use mavstack::storage::Store;
 use mavstack_demo::{App, Mavlink};
 use static_cell::{ConstStaticCell, StaticCell};
 

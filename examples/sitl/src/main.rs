@@ -16,8 +16,9 @@ use std::time::{self, Duration};
 
 use clap::Parser;
 use mavstack::dialect::ComponentMetadata;
+use mavstack::network::LinkError;
 use mavstack::wpl::HomeRow;
-use mavstack::{Instant, LinkError, LinkId};
+use mavstack::{Instant, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
@@ -29,7 +30,7 @@ use udp::Datagrams;
 /// The vehicle. Its stack is boxed because it is large for a stack frame.
 type SitlApp = App<Box<Mavlink>>;
 
-type Store = mavstack::Store<FileFlash>;
+type Store = mavstack::storage::Store<FileFlash>;
 
 /// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);

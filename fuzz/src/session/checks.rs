@@ -11,7 +11,8 @@ use super::{Call, LINKS, SATELLITE, Tag, Uart, VEHICLE, parts, reference};
 use mavstack::dialect::{
     CommandAck, CommandCancel, CommandInt, CommandLong, Common, Heartbeat, HighLatency2, MavMissionType,
 };
-use mavstack::{Dialect, Duration, Instant, Item, Message, PlanType};
+use mavstack::message::Dialect;
+use mavstack::{Duration, Instant, Item, Message, PlanType};
 
 /// The first of the command ids that are used only once.
 pub const FIRST: u16 = 50_000;

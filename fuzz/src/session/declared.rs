@@ -2,8 +2,10 @@
 
 use super::LINKS;
 use crate::support::{TestVehicle, Tuning};
-use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningMemory};
-use mavstack::{Duration, HighLatencyConfig, ManualInput, Stack};
+use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningStreams};
+use mavstack::high_latency::HighLatencyConfig;
+use mavstack::manual_control::ManualInput;
+use mavstack::{Duration, Stack};
 
 /// A declaration with all that every session has.
 pub trait Declared:
@@ -14,7 +16,7 @@ pub trait Declared:
         Param = ParamService,
         Commands = CommandSlots<3>,
         ManualControl = ManualInput,
-        Signing = SigningMemory<16>,
+        Signing = SigningStreams<16>,
     >
 {
     /// Configures what only some of them have.

@@ -25,7 +25,9 @@ use crate::signer::KEY;
 use crate::support::{Tuning, reference};
 use arbitrary::{Result, Unstructured};
 use mavstack::dialect::*;
-use mavstack::{Address, Dialect, Duration, LinkId, Message, ParamTable, Text};
+use mavstack::message::Dialect;
+use mavstack::param::ParamTable;
+use mavstack::{Address, Duration, LinkId, Message, Text};
 
 /// Commands that the stack or the vehicle handles.
 const COMMANDS: [u16; 20] =
@@ -246,7 +248,7 @@ impl<D: Declared> Session<D> {
             }
             20 => {
                 self.loses = [true; LINKS];
-                let secret_key = mavstack::Secret(if a == 0 { [0; 32] } else { KEY });
+                let secret_key = mavstack::message::Secret(if a == 0 { [0; 32] } else { KEY });
                 let initial_timestamp = self.timestamp + (u64::from(b) << 20);
                 let setup = SetupSigning { target_system, target_component, initial_timestamp, secret_key };
                 self.send(link, from, signed, &setup);
@@ -285,9 +287,9 @@ impl<D: Declared> Session<D> {
             3 => self.vehicle.may_change = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::DENIED) },
             4 => self.vehicle.plan_verdict = if number & 1 == 0 { Ok(()) } else { Err(MavMissionResult::INVALID) },
             5 => {
-                self.stack.commands_mut().finish(MavCmd::NAV_LAND, MavResult(number % 7));
+                self.stack.long_commands_mut().finish(MavCmd::NAV_LAND, MavResult(number % 7));
             }
-            6 => self.stack.commands_mut().progress(MavCmd::NAV_LAND, number),
+            6 => self.stack.long_commands_mut().progress(MavCmd::NAV_LAND, number),
             7 => {
                 self.stack.parameters_mut().set(Tuning::YAW_NOW, f32::from(number) / 2.0);
             }

@@ -1,6 +1,6 @@
 //! The pending answers of a link.
 
-use super::memory::NO_PROGRESS;
+use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
 use crate::message::Address;

@@ -7,15 +7,15 @@
 //! [`Commands`] has a diagram of a command's path.
 
 mod acks;
-mod copies;
-mod memory;
+mod duplicates;
+mod long;
 mod policy;
 mod refusal;
 mod vehicle;
 
 pub(crate) use acks::Acks;
-pub(crate) use copies::{Copies, LATE, Once, SOON, is_well_after};
-pub use memory::{CommandMemory, CommandSlots};
+pub(crate) use duplicates::{Duplicates, LATE, Once, SOON, is_well_after};
+pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
 pub(crate) use refusal::{explain, explain_mode};
 pub use vehicle::Commands;
@@ -92,41 +92,41 @@ pub struct CommandLink {
 }
 
 /// Slots for the long-running commands of a vehicle, or none.
-pub trait CommandStore: core::fmt::Debug {
+pub trait CommandMemory: core::fmt::Debug {
     /// All zero bits.
     const NEW: Self;
 
     /// Returns the slots, if there are any.
-    fn memory(&mut self) -> Option<&mut CommandMemory>;
+    fn view_mut(&mut self) -> Option<&mut LongCommands>;
 
     /// The same, for reading.
-    fn view(&self) -> Option<&CommandMemory>;
+    fn view(&self) -> Option<&LongCommands>;
 }
 
 /// The slots of a firmware whose [`stack!`](crate::stack) has no `commands`: none.
 #[derive(Clone, Copy, Debug)]
 pub struct NoSlots;
 
-impl CommandStore for NoSlots {
+impl CommandMemory for NoSlots {
     const NEW: Self = Self;
 
-    fn memory(&mut self) -> Option<&mut CommandMemory> {
+    fn view_mut(&mut self) -> Option<&mut LongCommands> {
         None
     }
 
-    fn view(&self) -> Option<&CommandMemory> {
+    fn view(&self) -> Option<&LongCommands> {
         None
     }
 }
 
-impl<const N: usize> CommandStore for CommandSlots<N> {
+impl<const N: usize> CommandMemory for CommandSlots<N> {
     const NEW: Self = Self::new();
 
-    fn memory(&mut self) -> Option<&mut CommandMemory> {
+    fn view_mut(&mut self) -> Option<&mut LongCommands> {
         Some(self)
     }
 
-    fn view(&self) -> Option<&CommandMemory> {
+    fn view(&self) -> Option<&LongCommands> {
         Some(self)
     }
 }
@@ -134,36 +134,36 @@ impl<const N: usize> CommandStore for CommandSlots<N> {
 /// Admits commands, dispatches them, and answers them. `S` has the slots for long-running commands.
 #[derive(Debug)]
 pub struct CommandService<S> {
-    pub(crate) store: S,
+    pub(crate) slots: S,
 }
 
-impl<F: Firmware<Vehicle: Commands>, S: CommandStore> Service<F> for CommandService<S> {
-    const NEW: Self = Self { store: S::NEW };
+impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandService<S> {
+    const NEW: Self = Self { slots: S::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {
-        if let Some(memory) = self.store.memory() {
-            memory.poll(cx.now);
+        if let Some(long) = self.slots.view_mut() {
+            long.poll(cx.now);
         }
     }
 
     fn deadline(&self) -> Instant {
-        self.store.view().map_or(Instant::NEVER, CommandMemory::deadline)
+        self.slots.view().map_or(Instant::NEVER, LongCommands::deadline)
     }
 
     /// COMMAND_CANCEL (C-23): without an answer of its own.
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut CommandLink, received: &Received<'_>) -> Handled {
-        let Some(memory) = self.store.memory() else { return Handled::No };
+        let Some(long) = self.slots.view_mut() else { return Handled::No };
         let Some(message) = received.frame.decode::<CommandCancel>() else { return Handled::No };
         if received.target != cx.shared.config.address.get() {
             return Handled::OutOfPlace;
         }
-        if memory.is_running(message.command) {
+        if long.is_running(message.command) {
             let (vehicle, mut context) = cx.hook();
             if vehicle.cancel_command(&mut context, message.command, received.from) {
-                memory.finish(message.command, MavResult::CANCELLED);
+                long.finish(message.command, MavResult::CANCELLED);
             }
         }
         cx.shared.has_acted = true;
@@ -174,12 +174,12 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandStore> Service<F> for CommandServ
     /// one. Progress is limited to the link's byte rate, and is not sent on high-latency links.
     fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
         let sent = link.acks.next(&mut port.outbox, |command| {
-            let memory = self.store.memory();
-            memory.map_or(memory::NO_PROGRESS, |memory| memory.progress_of(command))
+            let long = self.slots.view_mut();
+            long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command))
         });
-        sent || self.store.memory().is_some_and(|memory| {
+        sent || self.slots.view_mut().is_some_and(|long| {
             let may_wait = !port.config.class.is_high_latency() && port.bucket.has_room();
-            memory.next_final(&mut port.outbox) || (may_wait && memory.next_progress(&mut port.outbox))
+            long.next_final(&mut port.outbox) || (may_wait && long.next_progress(&mut port.outbox))
         })
     }
 
@@ -188,12 +188,12 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandStore> Service<F> for CommandServ
             return view.now;
         }
         let progress_at = if port.config.class.is_high_latency() { Instant::NEVER } else { port.bucket.ready_at() };
-        self.store.view().map_or(Instant::NEVER, |memory| memory.due(view.now, progress_at, port.id))
+        self.slots.view().map_or(Instant::NEVER, |long| long.due(view.now, progress_at, port.id))
     }
 }
 
 /// The steps of a received command before and after a service carries it out.
-impl<S: CommandStore> CommandService<S> {
+impl<S: CommandMemory> CommandService<S> {
     /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
     #[inline(never)]
@@ -210,17 +210,17 @@ impl<S: CommandStore> CommandService<S> {
             return Some(Verdict::Refused(refusal));
         }
         let once = policy::once::<F::Vehicle>(command.id);
-        let memory = self.store.memory()?;
-        let outcome = memory.recall(cx.now, command, *signed_at, once)?;
+        let long = self.slots.view_mut()?;
+        let outcome = long.recall(cx.now, command, *signed_at, once)?;
         // The refusal of a duplicate was already explained.
-        let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !memory.knows(command);
+        let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !long.knows(command);
         Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
     }
 
     /// Passes a command that no service handles to the vehicle.
     #[inline(never)]
     pub(crate) fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
-        let can_start = self.store.memory().is_some_and(|memory| memory.can_start());
+        let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
         vehicle.command(&mut context, command)
@@ -234,8 +234,8 @@ impl<S: CommandStore> CommandService<S> {
         Request { command, signed_at, .. }: &Request,
         outcome: Outcome,
     ) {
-        if let Some(memory) = self.store.memory() {
-            memory.settle(cx.now, command, *signed_at, outcome, policy::once::<F::Vehicle>(command.id));
+        if let Some(long) = self.slots.view_mut() {
+            long.settle(cx.now, command, *signed_at, outcome, policy::once::<F::Vehicle>(command.id));
         }
         cx.shared.has_acted = true;
     }

@@ -18,16 +18,17 @@ const ONCE: u8 = 8;
 /// With [`ONCE`]: again for each repetition on one link; see [`Once::PerPress`].
 const PER_PRESS: u8 = 16;
 
-/// The declaration of a command that a vehicle accepts: an entry of [`Commands::COMMANDS`](crate::Commands::COMMANDS).
+/// The declaration of a command that a vehicle accepts: an entry of [`Commands::POLICIES`](crate::Commands::POLICIES).
 ///
 /// ```
 /// use mavstack::dialect::MavFrame;
-/// use mavstack::dialect::command_rules::{
+/// use mavstack::dialect::rules::{
 ///     COMPONENT_ARM_DISARM, DO_REPEAT_SERVO, DO_SET_ROI_LOCATION, NAV_TAKEOFF,
 /// };
-/// use mavstack::{CommandPolicy, ParamRule};
+/// use mavstack::command::CommandPolicy;
+/// use mavstack::message::ParamRule;
 ///
-/// const COMMANDS: &[CommandPolicy] = &[
+/// const POLICIES: &[CommandPolicy] = &[
 ///     // Not as a broadcast to every vehicle in range.
 ///     CommandPolicy::new(COMPONENT_ARM_DISARM).no_broadcast(),
 ///     // MAVSDK and QGroundControl send NaN for "as high as configured".
@@ -49,7 +50,7 @@ pub struct CommandPolicy {
 
 impl CommandPolicy {
     /// Declares a command in both forms. `rule` defines its frame, parameters and position: one of
-    /// [`dialect::command_rules`](crate::dialect::command_rules), or derived from it.
+    /// [`dialect::rules`](crate::dialect::rules), or derived from it.
     pub const fn new(rule: CommandRule) -> Self {
         Self { rule, long_frame: MavFrame::GLOBAL, flags: 0 }
     }
@@ -148,7 +149,7 @@ fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
 
 /// Returns the vehicle's declaration of `command`, if there is one.
 fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
-    V::COMMANDS.iter().find(|policy| policy.command() == command)
+    V::POLICIES.iter().find(|policy| policy.command() == command)
 }
 
 /// Returns how often `command` may be carried out, as the vehicle declares it.

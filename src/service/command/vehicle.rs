@@ -9,7 +9,7 @@ use crate::types::{Command, Context, Outcome, Peer};
 /// ```text
 ///   COMMAND_LONG ─┐                                                            ┌─▶ services ─┐
 ///                 ├─▶ declared? form, control, frame, parameters ─▶ duplicate? ┤             ├─▶ COMMAND_ACK
-///   COMMAND_INT ──┘               (COMMANDS)                        (slots)    └─▶ command ──┘
+///   COMMAND_INT ──┘               (POLICIES)                        (slots)    └─▶ command ──┘
 /// ```
 ///
 /// A service of the stack carries out the commands that it handles; all others are passed to [`command`](Self::command).
@@ -23,7 +23,7 @@ use crate::types::{Command, Context, Outcome, Peer};
 pub trait Commands {
     /// Declares commands whose form, frame and parameters the stack checks (C-5), and commands that must not be carried out
     /// twice. Other commands are passed to [`command`](Self::command) unchecked.
-    const COMMANDS: &'static [CommandPolicy] = &[];
+    const POLICIES: &'static [CommandPolicy] = &[];
 
     /// Carries out `command`, [starts](Context::start) it, or refuses it. The answer to an unknown command is
     /// [`MavResult::UNSUPPORTED`](crate::dialect::MavResult::UNSUPPORTED).
@@ -36,7 +36,7 @@ pub trait Commands {
     /// [`Stack::has_answered`](crate::Stack::has_answered) returns true.
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome;
 
-    /// Whether the sender of `command`, which is declared in [`COMMANDS`](Self::COMMANDS), is authorised to give it. If not, the
+    /// Whether the sender of `command`, which is declared in [`POLICIES`](Self::POLICIES), is authorised to give it. If not, the
     /// answer is NOT_IN_CONTROL. Also called for SET_MODE and MISSION_SET_CURRENT, as MAV_CMD_DO_SET_MODE and
     /// MAV_CMD_DO_SET_MISSION_CURRENT.
     fn is_in_control(&self, command: &Command) -> bool {

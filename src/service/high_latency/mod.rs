@@ -1,7 +1,7 @@
 //! The high-latency link: HIGH_LATENCY2 over a satellite, where every byte costs money.
 //!
 //! Implements <https://mavlink.io/en/services/high_latency.html>, rules L-1 to L-25. A link of class
-//! [`HighLatency`](crate::LinkClass::HighLatency) has no heartbeats. It carries commands, their answers, and, while the
+//! [`HighLatency`](crate::config::LinkClass::HighLatency) has no heartbeats. It carries commands, their answers, and, while the
 //! service is on, one short message with the vehicle's state. The link's outbox refuses everything else.
 //!
 //! [`HighLatency`] describes how the service is switched on and off, and how late commands are handled.
@@ -128,6 +128,8 @@ enum Ground {
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
+/// use mavstack::config::{LinkClass, TxVersion};
+/// use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 /// use mavstack::*;
 ///
 /// const LINKS: [LinkConfig; 2] = [
@@ -223,9 +225,9 @@ enum Ground {
 /// sees the messages, and sends STOP again. The last START and STOP of two stations are remembered; a new station
 /// replaces the oldest.
 ///
-/// A peer on such a link is heard, but never alive or timed out ([`PeerInfo::is_alive`](crate::PeerInfo::is_alive)). No
+/// A peer on such a link is heard, but never alive or timed out ([`PeerInfo::is_alive`](crate::network::PeerInfo::is_alive)). No
 /// heartbeats are expected there, and received ones do not count; otherwise a failsafe would take a satellite's silence
-/// for the loss of a ground station (L-3). [`PeerInfo::last_heard`](crate::PeerInfo::last_heard) is the time of the
+/// for the loss of a ground station (L-3). [`PeerInfo::last_heard`](crate::network::PeerInfo::last_heard) is the time of the
 /// last command.
 ///
 /// Other commands from a satellite are also 10 to 30 seconds late, at times minutes, and in any order. They carry no

@@ -5,7 +5,7 @@ use core::num::NonZeroU64;
 use super::HighLatency;
 use crate::message::Address;
 use crate::network::Peers;
-use crate::service::command::{Copies, LATE, SOON, is_well_after};
+use crate::service::command::{Duplicates, LATE, SOON, is_well_after};
 use crate::time::{Duration, Instant};
 use crate::types::{Command, LinkClass, LinkId, LinkMask, Peer, SignedAt};
 
@@ -24,7 +24,7 @@ pub(super) struct Order {
     confirmation: u8,
     /// The links that delivered it, and nothing to the opposite effect since: it may be retransmitted there.
     links: LinkMask,
-    copies: Copies,
+    duplicates: Duplicates,
     at: Instant,
     signed_at: SignedAt,
 }
@@ -36,7 +36,7 @@ impl Order {
         starts: false,
         confirmation: 0,
         links: LinkMask::NONE,
-        copies: Copies::NONE,
+        duplicates: Duplicates::NONE,
         at: Instant::ZERO,
         signed_at: None,
     };
@@ -52,7 +52,7 @@ impl Order {
         // Only a satellite delivers a duplicate late.
         let may_be_late = command.class == LinkClass::HighLatency;
         let is_within = now.since(self.at) < if may_be_late { LATE } else { SOON };
-        let lacks = self.copies.lacks(command.from.link);
+        let lacks = self.duplicates.lacks(command.from.link);
         let is_repetition = is_within
             && command.confirmation > self.confirmation
             && self.links.contains(LinkMask::of(command.from.link));
@@ -96,21 +96,21 @@ impl HighLatency {
         let is_copy = !is_newer && known.is_some_and(|known| known.is_copied_by(now, command, signed_at));
         // An old command has no more duplicates to come.
         let recent = known.filter(|known| now.since(known.at) < LATE);
-        let mut copies = recent.map_or(Copies::NONE, |known| known.copies);
+        let mut duplicates = recent.map_or(Duplicates::NONE, |known| known.duplicates);
         let is_obeyed = !is_superseded && !is_copy;
         for order in self.orders.iter_mut().flatten().filter(|order| order.from.address == from.address) {
             if is_obeyed && order.starts != starts {
                 // A link keeps the order of its frames.
-                order.copies.end(link);
+                order.duplicates.end(link);
                 order.links = order.links.without(LinkMask::of(link));
             } else if !is_obeyed && order.starts == starts {
-                order.copies.count(link);
+                order.duplicates.note(link);
                 order.links = order.links.with(LinkMask::of(link));
             }
         }
         if is_obeyed {
-            copies.run(link);
-            let order = Order { from, starts, confirmation, links: LinkMask::of(link), copies, at: now, signed_at };
+            duplicates.run(link);
+            let order = Order { from, starts, confirmation, links: LinkMask::of(link), duplicates, at: now, signed_at };
             self.remember(order);
         }
         is_obeyed

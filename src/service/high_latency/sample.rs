@@ -104,7 +104,7 @@ impl HighLatencySample {
     /// healthy. A sensor that the vehicle does not have has not failed.
     ///
     /// ```
-    /// use mavstack::HighLatencySample;
+    /// use mavstack::high_latency::HighLatencySample;
     /// use mavstack::dialect::{HlFailureFlag, MavSysStatusSensor};
     ///
     /// let present = MavSysStatusSensor::SENSOR_GPS | MavSysStatusSensor::SENSOR_3D_MAG;

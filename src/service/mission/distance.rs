@@ -71,9 +71,7 @@ fn cosine(degrees: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::dialect::MavFrame;
-    use crate::dialect::command_rules::{
-        DO_JUMP, DO_SET_HOME, NAV_LAND, NAV_ROI, NAV_TAKEOFF, NAV_WAYPOINT, WAYPOINT_USER_1,
-    };
+    use crate::dialect::rules::{DO_JUMP, DO_SET_HOME, NAV_LAND, NAV_ROI, NAV_TAKEOFF, NAV_WAYPOINT, WAYPOINT_USER_1};
     use proptest::prelude::*;
 
     const RULES: &[CommandRule] =

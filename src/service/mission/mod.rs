@@ -52,8 +52,8 @@ use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanStorage, PlanType, PlansMut,
-    Requests, StatusTexts, Values,
+    Config, Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut, Requests,
+    StatusTexts, Values,
 };
 
 /// Counters of the plan service. They wrap.
@@ -310,7 +310,7 @@ impl Missions {
     /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
     /// upload or clear that this ended, and the link to send it on ([`Replies::set_result`]).
     #[must_use]
-    pub(crate) fn tick<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn run_timers<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
         self.reached.poll(cx.now, cx.normal);
         // At most one of the three is active.
@@ -390,7 +390,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let reached = core::mem::take(&mut cx.shared.requests.reached);
         let Some((mut work, vehicle)) = work(cx) else { return };
         reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
-        owe(links, self.tick(&mut work, vehicle));
+        queue_result(links, self.run_timers(&mut work, vehicle));
     }
 
     fn deadline(&self) -> Instant {
@@ -448,9 +448,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let Some((work, vehicle)) = work(cx) else { return false };
         let progress = vehicle.progress();
         match turn {
-            Turn::MissionTransfer => {
-                self.transfer(work.now, link, work.plans, &progress, float_form, &mut port.outbox)
-            }
+            Turn::MissionTransfer => self.transfer(work.now, link, work.plans, &progress, float_form, &mut port.outbox),
             _ => self.next_progress(work.plans, &progress, &mut port.outbox),
         }
     }
@@ -499,7 +497,7 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
 }
 
 /// Queues a final answer on the given link.
-pub(crate) fn owe<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
+pub(crate) fn queue_result<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
     let Some((link, reply)) = owed else { return };
     if let Some(replies) = links.nth(usize::from(link.0)) {
         replies.set_result(reply);

@@ -123,7 +123,7 @@ pub struct Replies {
     /// The final answer of an upload or clear that a timer or storage ended. Not an `Option`: the bits of `None` are not all
     /// zero, so every link would need an initialiser copied from flash.
     result: Reply,
-    /// Until this time, in [`ticks`](Instant::ticks), stray items are not answered, whoever sends them.
+    /// Until this time, in [`coarse`](Instant::coarse) time, stray items are not answered, whoever sends them.
     strays_from: u32,
 }
 
@@ -192,10 +192,10 @@ impl Replies {
 
     /// Whether a stray item may be answered now. If so, the next one may not for a second.
     pub(super) fn may_answer_stray(&mut self, now: Instant) -> bool {
-        let ahead = self.strays_from.wrapping_sub(now.ticks());
+        let ahead = self.strays_from.wrapping_sub(now.coarse());
         let may = ahead == 0 || ahead > STRAY_PAUSE;
         if may {
-            self.strays_from = now.ticks().wrapping_add(STRAY_PAUSE);
+            self.strays_from = now.coarse().wrapping_add(STRAY_PAUSE);
         }
         may
     }

@@ -3,7 +3,7 @@
 use super::PlanFault;
 use super::commit::Change;
 pub(super) use super::whole::check_plan;
-use crate::dialect::command_rules::{
+use crate::dialect::rules::{
     NAV_FENCE_CIRCLE_EXCLUSION, NAV_FENCE_CIRCLE_INCLUSION, NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     NAV_FENCE_POLYGON_VERTEX_INCLUSION, NAV_FENCE_RETURN_POINT, NAV_RALLY_POINT,
 };
@@ -160,7 +160,7 @@ fn push_reason(text: &mut Text<ONE_FRAME>, result: MavMissionResult) {
 mod tests {
     use super::*;
     use crate::dialect::MavCmd;
-    use crate::dialect::command_rules::{DO_CHANGE_SPEED, NAV_LAND, NAV_WAYPOINT};
+    use crate::dialect::rules::{DO_CHANGE_SPEED, NAV_LAND, NAV_WAYPOINT};
     use std::vec::Vec;
 
     const NAN: f32 = f32::NAN;

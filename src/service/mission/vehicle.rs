@@ -76,14 +76,14 @@ impl From<MavMissionResult> for PlanFault {
 ///     └── 5 s without ITEM: ACK OPERATION_CANCELLED ┘
 /// ```
 ///
-/// [`Durability`](crate::Durability) describes that step with storage.
+/// [`Durability`](crate::plan::Durability) describes that step with storage.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Plans`",
     note = "`plans` in `stack!` needs `impl Plans for {Self}`: write it, or leave `plans` out"
 )]
 pub trait Plans: Vehicle {
     /// The commands that a mission of this vehicle may contain, each with the rule for its frame, parameters and position. A
-    /// rule is one of [`dialect::command_rules`](crate::dialect::command_rules), narrowed or widened to what the vehicle
+    /// rule is one of [`dialect::rules`](crate::dialect::rules), narrowed or widened to what the vehicle
     /// supports. Any other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no
     /// list.
     const MISSION_COMMANDS: &'static [CommandRule];
@@ -145,7 +145,7 @@ pub trait Plans: Vehicle {
     /// M-93). `reset` restarts the jump counters; a completed mission becomes ACTIVE or PAUSED again.
     ///
     /// Requested by MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT. The command's entry in
-    /// [`Commands::COMMANDS`](crate::Commands::COMMANDS) and [`Commands::is_in_control`](crate::Commands::is_in_control) apply
+    /// [`Commands::POLICIES`](crate::Commands::POLICIES) and [`Commands::is_in_control`](crate::Commands::is_in_control) apply
     /// to both (M-46).
     fn set_current(&mut self, cx: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
         let _ = (cx, seq, reset);

@@ -18,7 +18,7 @@
 ///         SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
 ///     }
 /// }
-/// use mavstack::ParamTable;
+/// use mavstack::param::ParamTable;
 ///
 /// let mut tuning = Tuning::new();
 /// assert_eq!((tuning.get(Tuning::BAT_LOW), tuning.get(Tuning::SYS_ID)), (10.5, 1));
@@ -89,7 +89,7 @@ macro_rules! parameters {
         $(#[$meta])*
         #[derive(Clone, Debug)]
         $vis struct $name {
-            memory: $crate::__ParamValues<{ [$(stringify!($param)),+].len() }>,
+            memory: $crate::__private::ParamValues<{ [$(stringify!($param)),+].len() }>,
         }
 
         #[allow(missing_docs, non_upper_case_globals, reason = "a parameter's name is its name on the wire")]
@@ -97,64 +97,64 @@ macro_rules! parameters {
         impl $name {
             $(
                 $(#[doc = $doc])*
-                pub const $param: $crate::Param<Self, $ty> = $crate::Param::__at($crate::ParamInfo::position(
+                pub const $param: $crate::Param<Self, $ty> = $crate::Param::__at($crate::param::ParamInfo::position(
                     &Self::__TABLE,
-                    &$crate::ParamInfo::$ty(stringify!($param), $default, &($range)),
+                    &$crate::param::ParamInfo::$ty(stringify!($param), $default, &($range)),
                 ));
             )+
 
-            const __TABLE: [$crate::ParamInfo; [$(stringify!($param)),+].len()] = {
+            const __TABLE: [$crate::param::ParamInfo; [$(stringify!($param)),+].len()] = {
                 let table = [$(
-                    $crate::ParamInfo::$ty(stringify!($param), $default, &($range))$($(.$flag())*)?,
+                    $crate::param::ParamInfo::$ty(stringify!($param), $default, &($range))$($(.$flag())*)?,
                 )+];
-                $crate::ParamInfo::check(&table);
+                $crate::param::ParamInfo::check(&table);
                 table
             };
 
             /// Returns a table with every parameter at its default.
             pub fn new() -> Self {
-                let mut table = <Self as $crate::__ParamMemory>::VACANT;
-                $crate::__ParamMemory::begin(&mut table);
+                let mut table = <Self as $crate::__private::ParamMemory>::VACANT;
+                $crate::__private::ParamMemory::begin(&mut table);
                 table
             }
 
             /// Returns a parameter's value, without a search.
             #[inline]
-            pub fn get<T: $crate::ParamType>(&self, param: $crate::Param<Self, T>) -> T {
+            pub fn get<T: $crate::param::ParamType>(&self, param: $crate::Param<Self, T>) -> T {
                 self.memory.get(param)
             }
 
             /// Sets a parameter, even a read-only one, and sends the new value to the ground stations. Returns false, without a
             /// change, if the value is out of range or not a finite number.
-            pub fn set<T: $crate::ParamType>(&mut self, param: $crate::Param<Self, T>, value: T) -> bool {
-                $crate::ParamTable::table_mut(self).set(param, value)
+            pub fn set<T: $crate::param::ParamType>(&mut self, param: $crate::Param<Self, T>, value: T) -> bool {
+                $crate::param::ParamTable::table_mut(self).set(param, value)
             }
         }
 
         // Checked at the declaration, not at the first use.
-        const _: &[$crate::ParamInfo] = <$name as $crate::ParamTable>::INFO;
+        const _: &[$crate::param::ParamInfo] = <$name as $crate::param::ParamTable>::INFO;
 
-        impl $crate::ParamTable for $name {
-            const INFO: &'static [$crate::ParamInfo] = &Self::__TABLE;
+        impl $crate::param::ParamTable for $name {
+            const INFO: &'static [$crate::param::ParamInfo] = &Self::__TABLE;
             const UNITS: &'static [&'static str] = &[$($unit),+];
             const DESCRIPTIONS: &'static [&'static str] = &[$(concat!($($doc),*)),+];
 
-            fn table_mut(&mut self) -> $crate::__ParamTableMut<'_> {
+            fn table_mut(&mut self) -> $crate::__private::TableMut<'_> {
                 self.memory.table_mut(Self::INFO)
             }
         }
 
-        impl $crate::__Values for $name {
+        impl $crate::__private::Values for $name {
             fn values(&self) -> &[u32] {
                 self.memory.values()
             }
         }
 
-        impl $crate::__ParamMemory for $name {
-            const VACANT: Self = Self { memory: $crate::__ParamValues::VACANT };
+        impl $crate::__private::ParamMemory for $name {
+            const VACANT: Self = Self { memory: $crate::__private::ParamValues::VACANT };
 
             fn begin(&mut self) {
-                self.memory.begin(<Self as $crate::ParamTable>::INFO);
+                self.memory.begin(<Self as $crate::param::ParamTable>::INFO);
             }
         }
 

@@ -64,13 +64,14 @@ pub struct SigningCounters {
 }
 
 /// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`stack!`](crate::stack),
-/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::LinkSigning) configures each
+/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::signing::LinkSigning) configures each
 /// link. Without a key, nothing is signed or verified.
 ///
 /// Key and time survive a restart in a `SigningStore` (feature `storage`), or in the firmware's own storage. The
 /// firmware then stores [`timestamp`](Self::timestamp) plus a minute, at least once a minute.
 ///
 /// ```
+/// use mavstack::signing::SigningKey;
 /// # use mavstack::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
@@ -635,19 +636,19 @@ impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; 
 const TEN: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
 
 /// Returns the units of 10 µs since boot.
-const fn ticks(now: Instant) -> u64 {
+const fn units(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
 }
 
 /// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same.
 fn offset(now: Instant, timestamp: u64) -> i64 {
     let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
-    timestamp.cast_signed().saturating_sub(ticks(now).cast_signed())
+    timestamp.cast_signed().saturating_sub(units(now).cast_signed())
 }
 
 /// Returns the time that has this [`offset`].
 const fn at(now: Instant, offset: i64) -> u64 {
-    ticks(now).saturating_add_signed(offset)
+    units(now).saturating_add_signed(offset)
 }
 
 /// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is

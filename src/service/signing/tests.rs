@@ -4,11 +4,12 @@
 #![cfg(feature = "storage")]
 
 use super::*;
-use crate::__private::SigningMemory;
+use crate::__private::SigningStreams;
+use crate::Address;
 use crate::dialect::Common;
 use crate::frame::{Decoder, encode};
 use crate::message::Dialect;
-use crate::{Address, Secret};
+use crate::message::Secret;
 
 const KEY: [u8; 32] = [7; 32];
 const NOW: Instant = Instant::from_millis(1_000);
@@ -16,8 +17,8 @@ const NOW: Instant = Instant::from_millis(1_000);
 const TIME: u64 = 33_000_000_000_000;
 
 /// Returns the state after everything was stored.
-fn stored(key: Option<[u8; 32]>) -> SigningMemory<2> {
-    let mut signing = SigningMemory::new();
+fn stored(key: Option<[u8; 32]>) -> SigningStreams<2> {
+    let mut signing = SigningStreams::new();
     signing.restore(NOW, key.map(SigningKey::new), TIME);
     assert_eq!(signing.pending_write(NOW).is_some(), key.is_some(), "the time, for the next start");
     signing.on_saved(NOW);
@@ -51,7 +52,7 @@ fn a_failed_write_is_retried_after_ten_seconds() {
 #[test]
 fn the_last_timestamp_is_refused() {
     let last = (MAX_TIMESTAMP + EPOCH * 100_000) * 10;
-    let mut signing = SigningMemory::<1>::new();
+    let mut signing = SigningStreams::<1>::new();
     for late in [last, last + 10, u64::MAX] {
         assert!(!signing.set_time(Instant::ZERO, late, Duration::MAX));
     }
@@ -66,7 +67,7 @@ fn the_last_timestamp_is_refused() {
 #[test]
 fn a_stored_time_at_the_end_is_not_used_again() {
     for stored in [MAX_TIMESTAMP + 1, MAX_TIMESTAMP + MINUTE, u64::MAX] {
-        let mut signing = SigningMemory::<1>::new();
+        let mut signing = SigningStreams::<1>::new();
         signing.restore(NOW, Some(SigningKey::new(KEY)), stored);
         assert_eq!((signing.timestamp(NOW), signing.stamp(NOW)), (MAX_TIMESTAMP, None));
         signing.set_key(NOW, SigningKey::new(KEY), TIME);
@@ -82,7 +83,7 @@ fn a_stored_time_at_the_end_is_not_used_again() {
 /// afterwards causes no fault.
 #[test]
 fn another_key_may_start_with_an_early_time() {
-    let mut signing = SigningMemory::<1>::new();
+    let mut signing = SigningStreams::<1>::new();
     let hour = Instant::from_millis(3_600_000);
     signing.set_key(hour, SigningKey::new(KEY), 5);
     assert_eq!(signing.timestamp(hour), 5);

@@ -28,7 +28,7 @@ use crate::link::{Outbox, Port};
 use crate::message::Message;
 use crate::network::PeerInfo;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId, PlanStorage, StreamProfile};
+use crate::types::{Context, Firmware, LinkId, PlanMemory, StreamProfile};
 
 /// The maximum number of messages that a vehicle declares.
 pub const MAX_STREAMS: usize = 32;

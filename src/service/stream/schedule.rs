@@ -123,7 +123,7 @@ pub(super) struct Streams {
     /// When the next sweep has something to send; zero before the first.
     wake: Instant,
     /// The delay that a radio's full buffer adds to each interval, in [steps](STEP), and when the last RADIO_STATUS was
-    /// received, in [`ticks`](Instant::ticks). Each sweep forgets a status that is too old.
+    /// received, in [`coarse`](Instant::coarse) time. Each sweep forgets a status that is too old.
     slowdown: u8,
     radio: u32,
 }
@@ -212,18 +212,18 @@ impl Streams {
             91.. => slowdown.saturating_sub(1),
             _ => slowdown,
         };
-        self.radio = now.ticks();
+        self.radio = now.coarse();
     }
 
     fn forget_radio(&mut self, now: Instant) {
-        if now.ticks().wrapping_sub(self.radio) > RADIO_STALE {
+        if now.coarse().wrapping_sub(self.radio) > RADIO_STALE {
             self.slowdown = 0;
         }
     }
 
     /// Returns the delay that a radio's full buffer adds to each interval now (µs).
     pub(super) fn slowdown(&self, now: Instant) -> u32 {
-        let is_stale = now.ticks().wrapping_sub(self.radio) > RADIO_STALE;
+        let is_stale = now.coarse().wrapping_sub(self.radio) > RADIO_STALE;
         if is_stale { 0 } else { u32::from(self.slowdown).wrapping_mul(STEP) }
     }
 

@@ -41,7 +41,7 @@ use super::{Fill, Stream};
 )]
 pub trait Telemetry {
     /// The messages that the vehicle can fill, with their default intervals: at most
-    /// [`MAX_STREAMS`](crate::MAX_STREAMS). The stack has a slot for each of them on each link. A message that the
+    /// [`MAX_STREAMS`](crate::limits::MAX_STREAMS). The stack has a slot for each of them on each link. A message that the
     /// stack sends itself does not compile.
     const STREAMS: &'static [Stream] = &[];
 

@@ -31,7 +31,8 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 /// Estimates one peer's clock from the [`TimeSample`]s that it is given (T-3).
 ///
 /// ```
-/// use mavstack::{Address, ClockFilter, Duration, Instant, LinkId, Peer};
+/// use mavstack::clock::ClockFilter;
+/// use mavstack::{Address, Duration, Instant, LinkId, Peer};
 /// # use mavstack::{Command, Commands, Config, Context, LinkConfig, Outcome, Pulse, Vehicle, VehicleState};
 ///
 /// mavstack::stack! {

@@ -68,7 +68,7 @@ pub struct TimeSample {
 /// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
-/// ([`LinkCounters::no_answer_slot`](crate::LinkCounters::no_answer_slot)).
+/// ([`LinkCounters::no_answer_slot`](crate::network::LinkCounters::no_answer_slot)).
 ///
 /// ```
 /// # use mavstack::*;

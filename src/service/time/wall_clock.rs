@@ -10,7 +10,8 @@ use crate::time::Instant;
 ///
 /// ```
 /// use mavstack::dialect::SystemTime;
-/// use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry, WallClock};
+/// use mavstack::clock::WallClock;
+/// use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 ///
 /// struct Rover { clock: WallClock }
 ///

@@ -3,13 +3,14 @@
 use super::flash::{Fault, FlashError, RamFlash, Torn};
 use super::*;
 use crate::dialect::MavParamType;
+use crate::param::{ParamTable, ParamType};
 use crate::service::Service;
 use crate::service::param::{ParamChange, ParamService, Parameters, Stored, TableMut};
 use crate::service::rest::Rest;
 use crate::storage::Persistent;
 use crate::time::Instant;
 use crate::types::{Context, Firmware, NoPlans};
-use crate::{Param, ParamTable, ParamType, Vehicle, VehicleState};
+use crate::{Param, Vehicle, VehicleState};
 use core::marker::PhantomData;
 
 crate::parameters! {

@@ -66,7 +66,7 @@ const GROUPS: [(&str, &[Row]); 9] = [
         "commands",
         &[
             Row("modes", "3 modes", "modes", SMALLEST, 1),
-            Row("rules", "declared commands (`Commands::COMMANDS`), one of them", "commands-rules", SMALLEST, 1),
+            Row("rules", "declared commands (`Commands::POLICIES`), one of them", "commands-rules", SMALLEST, 1),
             Row("typed", "the first typed command", "typed", SMALLEST, 1),
             Row("typed-2", "another, with seven parameters, one of them with a range", "typed-2", "typed", 1),
             Row("long-commands", "long-running commands, 2 at a time", "commands-long", SMALLEST, 1),

@@ -1,7 +1,9 @@
 //! Measures mavstack.
 
 use mavstack::dialect::Common;
-use mavstack::{Address, Decoder, Dialect, Frame, Instant, MAX_FRAME_LEN};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN};
+use mavstack::message::Dialect;
+use mavstack::{Address, Frame, Instant};
 use mavstack_compare::{DAMAGED_SOURCE, Peer, SOURCE, run};
 
 #[path = "../../../../tests/support/rng.rs"]

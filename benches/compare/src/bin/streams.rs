@@ -4,7 +4,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use mavstack::dialect::*;
-use mavstack::{Address, MAX_FRAME_LEN, Message, Version, encode};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
+use mavstack::{Address, Message};
 use mavstack_compare::{DAMAGED, DAMAGED_SOURCE, FILLER, FRAMES, SOURCE};
 
 #[path = "../../../../tests/support/damage.rs"]

@@ -3,9 +3,9 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-use mavstack::dialect::command_rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::commands::ComponentArmDisarm;
-use mavstack::dialect::{MavModeFlag, MavResult, MavState, MavType, MissionState};
+use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
+use mavstack::dialect::{MavResult, MavType, MissionState};
 use mavstack::*;
 
 /// The driving loop ticks it. When the loop hangs, the heartbeats stop.
@@ -58,11 +58,7 @@ impl Rover {
 
 impl Vehicle for Rover {
     fn state(&self) -> Option<VehicleState> {
-        let (base_mode, system_status) = match self.armed {
-            true => (MavModeFlag::SAFETY_ARMED, MavState::ACTIVE),
-            false => (MavModeFlag::EMPTY, MavState::STANDBY),
-        };
-        Some(VehicleState { base_mode, custom_mode: 0, system_status })
+        Some(VehicleState::new(self.armed))
     }
 }
 

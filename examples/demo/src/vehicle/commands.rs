@@ -1,17 +1,17 @@
 //! Commands, mainly those for flight. Commands for the ground are in [`ground`](super::ground).
 //!
-//! [`COMMANDS`] declares the rules for commands. The stack refuses a command that violates them, with a text. Each refusal in
+//! [`POLICIES`] declares the rules for commands. The stack refuses a command that violates them, with a text. Each refusal in
 //! this file sends a text with the reason too (C-31). The stack drops a text that repeats within five seconds, so refusals
 //! cannot flood the operator.
 
-use mavstack::dialect::command_rules as rules;
+use mavstack::command::CommandPolicy;
 use mavstack::dialect::commands::{
     ComponentArmDisarm, DoFlighttermination, DoReposition, DoSetHome, NavLand, NavTakeoff,
 };
+use mavstack::dialect::rules;
 use mavstack::dialect::{HomePosition, MavCmd, MavDoRepositionFlags, MavFrame, MavResult, MavSeverity};
-use mavstack::{
-    Command, CommandPolicy, CommandRule, Commands, Context, Item, LatLon, Location, Outcome, ParamRule, Peer,
-};
+use mavstack::message::{LatLon, Location, ParamRule};
+use mavstack::{Command, CommandRule, Commands, Context, Item, Outcome, Peer};
 
 use super::plans::FRAMES;
 use super::{Mode, Quadrotor};
@@ -31,7 +31,7 @@ const MAX_HOME_DISTANCE: f32 = 10_000.0;
 
 /// Commands with narrower rules than their definitions, or that refuse broadcasts. A broadcast may disarm all vehicles in an
 /// emergency; a broadcast to arm is refused with a text.
-const COMMANDS: &[CommandPolicy] = &[
+const POLICIES: &[CommandPolicy] = &[
     CommandPolicy::new(rules::COMPONENT_ARM_DISARM),
     located(rules::NAV_TAKEOFF.altitude_optional()).long_frame(ABOVE_HOME),
     // Precision landing: off or opportunistic. The vehicle has no beacon receiver.
@@ -69,7 +69,7 @@ const fn located(rule: CommandRule) -> CommandPolicy {
 }
 
 impl Commands for Quadrotor {
-    const COMMANDS: &'static [CommandPolicy] = COMMANDS;
+    const POLICIES: &'static [CommandPolicy] = POLICIES;
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         self.execute(cx, command).unwrap_or_else(Outcome::from)

@@ -1,9 +1,11 @@
 //! Commands for the ground: calibration and reboot.
 
-use mavstack::dialect::command_rules as rules;
+use mavstack::command::LongCommands;
 use mavstack::dialect::commands::{PreflightCalibration, PreflightRebootShutdown};
+use mavstack::dialect::rules;
 use mavstack::dialect::{MavCmd, MavResult, MavSeverity, RebootShutdownAction, RebootShutdownConditions};
-use mavstack::{Command, CommandMemory, CommandRule, Context, Duration, Instant, LinkId, Outcome, ParamRule};
+use mavstack::message::ParamRule;
+use mavstack::{Command, CommandRule, Context, Duration, Instant, LinkId, Outcome};
 
 use super::Quadrotor;
 use super::commands::refuse;
@@ -74,7 +76,7 @@ impl Quadrotor {
     }
 
     /// Reports the progress and the end of the calibration. Does nothing if no command is in progress.
-    pub(crate) fn report_calibration(&self, commands: &mut CommandMemory) {
+    pub(crate) fn report_calibration(&self, commands: &mut LongCommands) {
         const COMMAND: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 
         if let Some(since) = self.calibration {

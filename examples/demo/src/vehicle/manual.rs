@@ -5,7 +5,9 @@
 //! - Radio channels are in ArduPilot's order: 1 roll, 2 pitch (low is forward), 3 throttle, 4 yaw.
 
 use mavstack::dialect::{MavResult, MavSeverity, RcChannels};
-use mavstack::{Context, ControlSource, Duration, Instant, ManualInput, SystemId};
+use mavstack::manual_control::{ControlSource, ManualInput};
+use mavstack::message::SystemId;
+use mavstack::{Context, Duration, Instant};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor};

@@ -11,7 +11,8 @@
 //! on, even inside an outer loop. The counters restart with a new plan, and with a reset of the mission.
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MavSeverity, MissionState};
-use mavstack::{Context, Duration, Instant, Item, PlanFault, PlanType};
+use mavstack::plan::PlanFault;
+use mavstack::{Context, Duration, Instant, Item, PlanType};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor, disarm_delay};

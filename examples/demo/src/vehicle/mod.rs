@@ -10,8 +10,10 @@ mod params;
 mod plans;
 mod satellite;
 
+use mavstack::clock::WallClock;
 use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
-use mavstack::{Context, Duration, Instant, RcOverride, Vehicle, VehicleState, WallClock};
+use mavstack::manual_control::RcOverride;
+use mavstack::{Context, Duration, Instant, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
@@ -466,15 +468,11 @@ impl Default for Quadrotor {
 
 impl Vehicle for Quadrotor {
     fn state(&self) -> Option<VehicleState> {
-        let mut base_mode = MavModeFlag::CUSTOM_MODE_ENABLED | MavModeFlag::STABILIZE_ENABLED;
-        base_mode |= match self.mode {
+        let flags = match self.mode {
             Mode::Hold => MavModeFlag::GUIDED_ENABLED,
             Mode::Position => MavModeFlag::MANUAL_INPUT_ENABLED,
             _ => MavModeFlag::GUIDED_ENABLED | MavModeFlag::AUTO_ENABLED,
         };
-        if self.armed {
-            base_mode |= MavModeFlag::SAFETY_ARMED;
-        }
         let system_status = match self.armed {
             _ if self.is_terminated => MavState::FLIGHT_TERMINATION,
             _ if self.is_rebooting() => MavState::POWEROFF,
@@ -484,7 +482,8 @@ impl Vehicle for Quadrotor {
             true if self.battery.is_low() => MavState::CRITICAL,
             true => MavState::ACTIVE,
         };
-        Some(VehicleState { base_mode, custom_mode: self.mode.number(), system_status })
+        let state = VehicleState::new(self.armed).with_mode(self.mode.number()).with_status(system_status);
+        Some(state.with_flags(MavModeFlag::STABILIZE_ENABLED | flags))
     }
 
     /// Permits writing in flight too, because the simulated storage writes within microseconds. On a microcontroller's internal

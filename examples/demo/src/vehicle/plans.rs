@@ -1,10 +1,10 @@
 //! Uploaded plans: which items the vehicle accepts, and how it uses new plans.
 
-use mavstack::dialect::command_rules as rules;
+use mavstack::dialect::rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
-use mavstack::{
-    Command, CommandRule, Context, Item, LatLon, ParamRule, PlanChange, PlanFault, PlanType, Plans, Progress,
-};
+use mavstack::message::{LatLon, ParamRule};
+use mavstack::plan::PlanFault;
+use mavstack::{Command, CommandRule, Context, Item, PlanChange, PlanType, Plans, Progress};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor, mission};

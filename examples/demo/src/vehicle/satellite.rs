@@ -1,7 +1,10 @@
 //! The satellite link: the content of HIGH_LATENCY2, and the limits for commands that arrive there.
 
 use libm::atan2f;
-use mavstack::{Context, Duration, HighLatencyConfig, HighLatencyMode, HighLatencySample, LatLon, LinkClass};
+use mavstack::config::LinkClass;
+use mavstack::high_latency::{HighLatencyConfig, HighLatencyMode, HighLatencySample};
+use mavstack::message::LatLon;
+use mavstack::{Context, Duration};
 
 use super::{Mode, Quadrotor};
 use crate::app::Mavlink;

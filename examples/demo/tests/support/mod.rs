@@ -2,12 +2,17 @@
 
 #![allow(dead_code, reason = "each test file uses its part of it")]
 
+use mavstack::command::CommandPosition;
+use mavstack::config::LinkClass;
 use mavstack::dialect::{
     Common, MavCmd, MavFrame, MavResult, MavSeverity, MissionItemReached, MissionState, Statustext,
 };
+use mavstack::frame::Decoder;
+use mavstack::message::Dialect;
+use mavstack::plan::PlanFault;
 use mavstack::{
-    Address, Command, CommandPosition, Commands, Config, Context, Decoder, Dialect, Duration, Instant, Item, LinkClass,
-    LinkConfig, LinkId, ModeRequest, Modes, Peer, PlanChange, PlanFault, PlanType, Plans, Pulse,
+    Address, Command, Commands, Config, Context, Duration, Instant, Item, LinkConfig, LinkId, ModeRequest, Modes, Peer,
+    PlanChange, PlanType, Plans, Pulse,
 };
 use mavstack_demo::{Mode, Quadrotor, Tuning, Vector};
 

@@ -7,7 +7,9 @@ use std::convert::Infallible;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
-use mavstack::{Address, Decoder, Dialect, Duration, Instant, LinkId, Message, Version, encode};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 
 pub const STATION: Address = Address::new(255, 190);

@@ -2,7 +2,8 @@
 
 use example_checked_in::crane::{Crane, CraneControl, CraneHook, CraneReport};
 use mavstack::dialect::{Common, MavResult};
-use mavstack::{Dialect, Message, Text};
+use mavstack::message::Dialect;
+use mavstack::{Message, Text};
 use mavstack_dialect::{Options, generate, is_current, load};
 use std::path::Path;
 

@@ -7,10 +7,11 @@
 //!    when the vehicle announces them.
 #![no_std]
 
-use mavstack::dialect::{Common, MavModeFlag, MavResult, MavState};
+use mavstack::dialect::{Common, MavResult};
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::{
-    Command, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome, Stream,
-    Telemetry, Vehicle, VehicleState,
+    Command, Commands, Context, Duration, Fill, Frame, LinkId, Message, Outcome, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 mavstack::wire_enum! {
@@ -73,7 +74,7 @@ impl Vehicle for Crane {
     const MESSAGES: MessageTable = Known::MESSAGES;
 
     fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
+        Some(VehicleState::new(false))
     }
 
     fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {

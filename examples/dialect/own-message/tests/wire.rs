@@ -2,9 +2,9 @@
 
 use example_own_message::{Crane, CraneControl, CraneHook, CraneReport, Known, Mavlink};
 use mavstack::dialect::{CommandAck, CommandLong, MavCmd, MavResult};
-use mavstack::{
-    Address, Config, Decoder, Dialect, Instant, LinkConfig, LinkId, MAX_FRAME_LEN, Message, Pulse, Version, encode,
-};
+use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse};
 
 const LINK: LinkId = LinkId(0);
 const GCS: Address = Address::new(255, 190);

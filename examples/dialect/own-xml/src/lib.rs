@@ -12,10 +12,11 @@
 include!(concat!(env!("OUT_DIR"), "/crane.rs"));
 
 use crane::{CraneControl, CraneHook, CraneReport, commands};
-use mavstack::dialect::{MavModeFlag, MavResult, MavState, MissionState};
+use mavstack::dialect::{MavResult, MissionState};
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::{
-    Command, CommandRule, Commands, Context, Dialect, Duration, Fill, Frame, LinkId, Message, MessageTable, Outcome,
-    PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandRule, Commands, Context, Duration, Fill, Frame, LinkId, Message, Outcome, PlanChange, Plans,
+    Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 mavstack::stack! {
@@ -38,7 +39,7 @@ impl Vehicle for Vessel {
     const MESSAGES: MessageTable = crane::Crane::MESSAGES;
 
     fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState { base_mode: MavModeFlag::EMPTY, custom_mode: 0, system_status: MavState::ACTIVE })
+        Some(VehicleState::new(false))
     }
 
     fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, _: LinkId) -> bool {
@@ -79,7 +80,7 @@ impl Commands for Vessel {
 }
 
 impl Plans for Vessel {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[crane::command_rules::CRANE_HOOK];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[crane::rules::CRANE_HOOK];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 

@@ -10,10 +10,11 @@ use mavstack::dialect::{
     MavParamType, MavType, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList,
     MissionSetCurrent, ParamRequestList, ParamSet, RequestDataStream, SetMode, SetupSigning, Timesync,
 };
-use mavstack::{
-    Address, Instant, LinkId, MAX_FRAME_LEN, Message, PlanCounters, Secret, SigningKey, Text, Version, encode,
-    encode_signed,
-};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode, encode_signed};
+use mavstack::message::Secret;
+use mavstack::plan::PlanCounters;
+use mavstack::signing::SigningKey;
+use mavstack::{Address, Instant, LinkId, Message, Text};
 use mavstack_demo::LINKS;
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line::Line;

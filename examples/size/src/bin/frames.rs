@@ -10,7 +10,9 @@ use mavstack::dialect::{
     MavSeverity, MavState, MavType, MissionAck, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt,
     MissionRequestList, ParamRequestList, ParamRequestRead, ParamSet, ParamValue, Statustext,
 };
-use mavstack::{Address, Decoder, Dialect, Frame, Instant, Message, Text, Version, encode};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Frame, Instant, Message, Text};
 use mavstack_size::{Place, Uart, entry, now_micros};
 
 mavstack::dialect! {
@@ -125,7 +127,7 @@ fn main() -> ! {
         let now = Instant::from_micros(now_micros());
         if uart.read_ready() == Ok(true) {
             let len = uart.read(decoder.spare()).unwrap_or(0);
-            decoder.commit(len, now);
+            decoder.filled(len, now);
         }
         let mut budget = Decoder::MIN_BUDGET;
         while let Some(frame) = decoder.next(now, Twelve::MESSAGES, &mut budget, |_| false) {

@@ -3,14 +3,25 @@
 #![no_main]
 #![allow(unused_imports, unused_variables, dead_code, reason = "each option uses other names")]
 
+use mavstack::command::CommandPolicy;
+use mavstack::config::LinkClass;
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
     ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
     MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
     NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
-    Timesync, VfrHud, Vibration, WindCov, command_rules,
+    Timesync, VfrHud, Vibration, WindCov, rules,
 };
+use mavstack::high_latency::HighLatencySample;
+use mavstack::manual_control::ControlSource;
+use mavstack::message::MessageTable;
+use mavstack::network::ForwardQueues;
+use mavstack::plan::Durability;
+#[cfg(feature = "signing")]
+use mavstack::signing::LinkSigning;
+#[cfg(feature = "storage")]
+use mavstack::storage::*;
 use mavstack::*;
 use mavstack_size::{CONFIG, PULSE, Place, Uart, Vacant, entry, now_micros};
 
@@ -128,14 +139,13 @@ impl Vehicle for Rover {
     const MESSAGES: MessageTable = Few::MESSAGES;
 
     fn state(&self) -> Option<VehicleState> {
-        let base_mode = if self.armed { MavModeFlag::SAFETY_ARMED } else { MavModeFlag::EMPTY };
-        Some(VehicleState { base_mode, custom_mode: self.mode, system_status: MavState::STANDBY })
+        Some(VehicleState::new(self.armed).with_mode(self.mode))
     }
 }
 
 impl Commands for Rover {
     #[cfg(feature = "commands-rules")]
-    const COMMANDS: &'static [CommandPolicy] = &[CommandPolicy::new(command_rules::NAV_TAKEOFF).no_broadcast().once()];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::NAV_TAKEOFF).no_broadcast().once()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         if cfg!(feature = "typed-2")
@@ -227,7 +237,7 @@ impl Telemetry for Rover {
 
 #[cfg(feature = "mission")]
 impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
 
@@ -316,7 +326,7 @@ fn main() -> ! {
             rover.armed ^= stack.take_time_sample().is_some();
         }
         #[cfg(feature = "commands-long")]
-        stack.commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
+        stack.long_commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
         #[cfg(feature = "high-latency")]
         stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN);
         stack.poll(now, rover);

@@ -134,7 +134,7 @@ fn what_is_out_of_place_is_counted() {
 /// M-70: the limit of an altitude is 1000 km.
 #[test]
 fn altitudes_have_a_limit() {
-    let check = |z| command_rules::NAV_WAYPOINT.check(&Item { z, ..item(0, 0) });
+    let check = |z| rules::NAV_WAYPOINT.check(&Item { z, ..item(0, 0) });
     for z in [-1e6, 0.0, 1e6] {
         assert_eq!(check(z), Ok(()), "{z}");
     }

@@ -15,7 +15,7 @@ use std::vec::Vec;
 
 use super::number::Number;
 use super::*;
-use crate::dialect::{Common, MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, Statustext, command_rules};
+use crate::dialect::{Common, MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, Statustext, rules};
 use crate::frame::{Decoder, MAX_FRAME_LEN, encode};
 use crate::message::{Address, CommandRule, Dialect, Item};
 use crate::service::param::NoParams;
@@ -94,7 +94,7 @@ impl Commands for Vehicle {
 }
 
 impl Plans for Vehicle {
-    const MISSION_COMMANDS: &'static [CommandRule] = &[command_rules::NAV_WAYPOINT, CommandRule::any(MavCmd::DO_JUMP)];
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT, CommandRule::any(MavCmd::DO_JUMP)];
 
     fn may_change(&mut self, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
         self.asked.push(plan);
@@ -232,7 +232,7 @@ impl Bench {
     }
 
     fn poll(&mut self) {
-        self.with_answer(|missions, cx, vehicle| missions.tick(cx, vehicle));
+        self.with_answer(|missions, cx, vehicle| missions.run_timers(cx, vehicle));
     }
 
     /// When the engine's next timer is due.

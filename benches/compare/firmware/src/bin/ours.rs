@@ -10,7 +10,9 @@ use mavstack::dialect::{
     MavSeverity, MavState, MavType, MissionAck, MissionClearAll, MissionCount, MissionItemInt, MissionRequestInt,
     MissionRequestList, ParamRequestList, ParamRequestRead, ParamSet, ParamValue, Statustext,
 };
-use mavstack::{Address, Decoder, Dialect, Frame, Instant, Message, Text, Version, encode};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::Dialect;
+use mavstack::{Address, Frame, Instant, Message, Text};
 use mavstack_compare_firmware::{Uart, measure};
 
 mavstack::dialect! {
@@ -115,7 +117,7 @@ fn app(mut uart: Uart) -> u32 {
         if len == 0 {
             return frames;
         }
-        decoder.commit(len, Instant::ZERO);
+        decoder.filled(len, Instant::ZERO);
         let mut budget = Decoder::MIN_BUDGET;
         while let Some(frame) = decoder.next(Instant::ZERO, Twelve::MESSAGES, &mut budget, |_| false) {
             frames += 1;

@@ -1,7 +1,9 @@
 //! Power cuts during writes, and write errors of the flash.
 
 use mavstack::dialect::{CommandLong, MavCmd, MavMissionResult, MavParamType, ParamSet, SetupSigning};
-use mavstack::{Duration, Instant, Secret, SigningKey, Text};
+use mavstack::message::Secret;
+use mavstack::signing::SigningKey;
+use mavstack::{Duration, Instant, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
 use semihosting::println;
 

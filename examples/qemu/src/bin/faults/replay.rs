@@ -4,7 +4,9 @@ use mavstack::dialect::{
     AutopilotVersion, Heartbeat, MavMissionResult, MavParamType, MavType, ParamRequestList, ParamSet, Ping,
     SetupSigning,
 };
-use mavstack::{Duration, LinkId, Message, Secret, SigningCounters, SigningKey, Text};
+use mavstack::message::Secret;
+use mavstack::signing::{SigningCounters, SigningKey};
+use mavstack::{Duration, LinkId, Message, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
 use semihosting::println;
 

@@ -2,7 +2,8 @@
 
 use mavstack::dialect::{AutopilotVersion, Heartbeat, MavMissionResult, ParamRequestList, ParamValue, Ping};
 use mavstack::dialect::{CommandAck, MavType, MissionCount, MissionRequestList, ParamRequestRead};
-use mavstack::{Duration, LinkId, Message, ParamTable, Text};
+use mavstack::param::ParamTable;
+use mavstack::{Duration, LinkId, Message, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
 use semihosting::println;
 

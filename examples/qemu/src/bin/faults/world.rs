@@ -1,9 +1,11 @@
 //! The simulated world: the demo vehicle, its flash, its lines, and the clients at their other ends.
 
 use mavstack::dialect::{Common, Heartbeat, MavCmd, MavFrame, MavMissionType, MissionItemInt, Statustext};
-use mavstack::{
-    Address, Decoder, Dialect, Duration, Instant, LinkId, Message, SigningKey, Store, Version, encode, encode_signed,
-};
+use mavstack::frame::{Decoder, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::signing::SigningKey;
+use mavstack::storage::Store;
+use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, LINKS, Mavlink};
 use mavstack_qemu::memory::LEN;
 

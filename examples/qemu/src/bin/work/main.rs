@@ -15,10 +15,9 @@ use corpus::Corpus;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
-use mavstack::{
-    Address, Config, Duration, Instant, LinkClass, LinkConfig, LinkId, LinkSigning, PollBudget, Pulse, SigningKey,
-    StreamProfile,
-};
+use mavstack::config::{LinkClass, PollBudget, StreamProfile};
+use mavstack::signing::{LinkSigning, SigningKey};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse};
 use mavstack_demo::{Mavlink, Quadrotor};
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line;

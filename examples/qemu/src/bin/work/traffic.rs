@@ -5,7 +5,9 @@ use mavstack::dialect::{
     MissionRequestInt, MissionRequestList, ParamRequestList, ParamRequestRead, ParamSet, Ping, RequestDataStream,
     SystemTime, Timesync,
 };
-use mavstack::{Address, MAX_FRAME_LEN, Message, SigningKey, Text, Version, encode, encode_signed};
+use mavstack::frame::{MAX_FRAME_LEN, Version, encode, encode_signed};
+use mavstack::signing::SigningKey;
+use mavstack::{Address, Message, Text};
 
 pub const KEY: [u8; 32] = *b"a key for figures, nothing else!";
 /// The first signature timestamp.

@@ -35,7 +35,7 @@ pub(crate) const fn is_well_after(sent: NonZeroU64, known: NonZeroU64) -> bool {
 /// sends a repeated command on each of them. So a link whose count is below the number of runs still delivers duplicates.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct Copies {
+pub(crate) struct Duplicates {
     /// How often it was carried out.
     runs: u8,
     /// How often it was received, in [`COUNT_BITS`] for each link.
@@ -52,7 +52,7 @@ fn shift(link: LinkId) -> u32 {
     u32::from(link.0 & MAX_COUNT).wrapping_mul(COUNT_BITS)
 }
 
-impl Copies {
+impl Duplicates {
     /// Never carried out. All zero bits.
     pub(crate) const NONE: Self = Self { runs: 0, received: 0 };
 
@@ -68,7 +68,7 @@ impl Copies {
     }
 
     /// Records a duplicate on `link`, if one is expected there.
-    pub(crate) fn count(&mut self, link: LinkId) {
+    pub(crate) fn note(&mut self, link: LinkId) {
         if self.lacks(link) {
             self.received = self.received.wrapping_add(1u64.wrapping_shl(shift(link)));
         }
@@ -96,36 +96,36 @@ mod tests {
 
     #[test]
     fn each_link_delivers_a_duplicate_for_each_run() {
-        let mut copies = Copies::NONE;
-        assert!(!copies.lacks(RADIO) && !copies.lacks(SATELLITE));
+        let mut duplicates = Duplicates::NONE;
+        assert!(!duplicates.lacks(RADIO) && !duplicates.lacks(SATELLITE));
         for _ in 0..3 {
-            copies.run(RADIO);
-            assert!(!copies.lacks(RADIO));
+            duplicates.run(RADIO);
+            assert!(!duplicates.lacks(RADIO));
         }
         for _ in 0..3 {
-            assert!(copies.lacks(SATELLITE) && !copies.lacks(RADIO));
-            copies.count(SATELLITE);
+            assert!(duplicates.lacks(SATELLITE) && !duplicates.lacks(RADIO));
+            duplicates.note(SATELLITE);
         }
-        assert!(!copies.lacks(SATELLITE));
-        copies.run(SATELLITE);
-        assert!(copies.lacks(RADIO) && !copies.lacks(SATELLITE));
-        copies.end(RADIO);
-        assert!(!copies.lacks(RADIO) && copies.lacks(LinkId(7)));
+        assert!(!duplicates.lacks(SATELLITE));
+        duplicates.run(SATELLITE);
+        assert!(duplicates.lacks(RADIO) && !duplicates.lacks(SATELLITE));
+        duplicates.end(RADIO);
+        assert!(!duplicates.lacks(RADIO) && duplicates.lacks(LinkId(7)));
     }
 
     #[test]
     fn counts_stay_within_their_bits() {
-        let mut copies = Copies::NONE;
+        let mut duplicates = Duplicates::NONE;
         for _ in 0..40 {
-            copies.run(RADIO);
+            duplicates.run(RADIO);
         }
-        copies.end(LinkId(1));
-        copies.count(RADIO);
-        assert!(!copies.lacks(RADIO) && !copies.lacks(LinkId(1)));
+        duplicates.end(LinkId(1));
+        duplicates.note(RADIO);
+        assert!(!duplicates.lacks(RADIO) && !duplicates.lacks(LinkId(1)));
         for _ in 0..15 {
-            assert!(copies.lacks(SATELLITE) && copies.lacks(LinkId(2)));
-            copies.count(SATELLITE);
+            assert!(duplicates.lacks(SATELLITE) && duplicates.lacks(LinkId(2)));
+            duplicates.note(SATELLITE);
         }
-        assert!(!copies.lacks(SATELLITE) && copies.lacks(LinkId(14)));
+        assert!(!duplicates.lacks(SATELLITE) && duplicates.lacks(LinkId(14)));
     }
 }

@@ -1,12 +1,12 @@
 //! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
 //! Rules C-12 and C-20 to C-24. One fixed table serves both. It is part of the stack only if `commands` in
-//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`CommandMemory`] has the state diagram of a slot.
+//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};
 
-use super::copies::REPEATED_WITHIN;
-use super::{Copies, LATE, Once, SOON, is_well_after};
+use super::duplicates::REPEATED_WITHIN;
+use super::{Duplicates, LATE, Once, SOON, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
 use crate::message::Address;
@@ -27,10 +27,10 @@ const DROP_AFTER: Duration = Duration::from_secs(10);
 pub(super) const NO_PROGRESS: u8 = 255;
 
 /// Slots for `N` commands that are running, ended within the last three seconds, or must not be carried out twice; see
-/// [`CommandMemory`].
-pub type CommandSlots<const N: usize> = CommandMemory<[CommandSlot; N]>;
+/// [`LongCommands`].
+pub type CommandSlots<const N: usize> = LongCommands<[CommandSlot; N]>;
 
-/// A slot of a [`CommandMemory`].
+/// A slot of a [`LongCommands`].
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -49,7 +49,7 @@ pub struct CommandSlot {
     has_changed: bool,
     /// The links on which it was received.
     links: LinkMask,
-    copies: Copies,
+    duplicates: Duplicates,
     /// The links on which the next ACK is pending.
     pending: LinkMask,
     outcome: Outcome,
@@ -102,7 +102,7 @@ impl CommandSlot {
         progress: 0,
         has_changed: false,
         links: LinkMask::NONE,
-        copies: Copies::NONE,
+        duplicates: Duplicates::NONE,
         pending: LinkMask::NONE,
         outcome: Outcome { result: MavResult::ACCEPTED, result_param2: 0 },
         at: Instant::ZERO,
@@ -146,13 +146,13 @@ impl CommandSlot {
     }
 
     /// Records a duplicate that was [answered](Self::answer).
-    fn count(&mut self, now: Instant, command: &Command) {
+    fn note(&mut self, now: Instant, command: &Command) {
         let link = command.from.link;
-        if !self.copies.lacks(link) && self.is_repeated_by(now, command) {
+        if !self.duplicates.lacks(link) && self.is_repeated_by(now, command) {
             // Every other link may deliver this retransmission too.
-            self.copies.run(link);
+            self.duplicates.run(link);
         } else {
-            self.copies.count(link);
+            self.duplicates.note(link);
         }
         self.repeated_after = millis(now.since(self.at));
     }
@@ -170,7 +170,7 @@ impl CommandSlot {
         let is_later = signed.is_some_and(|(known, sent)| is_well_after(sent, known));
         let is_earlier = signed.is_some_and(|(known, sent)| is_well_after(known, sent));
         // A command that is given twice is received twice on each link, with the same confirmation.
-        let lacks = self.copies.lacks(command.from.link);
+        let lacks = self.duplicates.lacks(command.from.link);
         // After TEMPORARILY_REJECTED the client tries again, and the vehicle may accept now.
         let is_final = self.outcome.result != MavResult::TEMPORARILY_REJECTED;
         let is_repeated = once == Once::Yes && is_final && self.is_repeated_by(now, command);
@@ -213,8 +213,8 @@ impl CommandSlot {
 }
 
 /// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`stack!`](crate::stack)
-/// declares their number. [`Stack::commands`](crate::Stack::commands) and
-/// [`Stack::commands_mut`](crate::Stack::commands_mut) give access.
+/// declares their number. [`Stack::long_commands`](crate::Stack::long_commands) and
+/// [`Stack::long_commands_mut`](crate::Stack::long_commands_mut) give access.
 ///
 /// A long-running command is [started](Context::start) in [`Commands::command`](crate::Commands::command), and
 /// [finished](Self::finish) by the flight loop:
@@ -248,7 +248,7 @@ impl CommandSlot {
 ///
 /// /// Called by the flight loop.
 /// fn calibrate(copter: &mut Copter, stack: &mut Mavlink) {
-///     let commands = stack.commands_mut();
+///     let commands = stack.long_commands_mut();
 ///     if !commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
 ///         return;
 ///     }
@@ -271,8 +271,8 @@ impl CommandSlot {
 /// (C-22). A slot takes 88 bytes.
 ///
 /// A duplicate by satellite may arrive half a minute after its original. So a command that must be carried out only
-/// [once](crate::CommandPolicy::once) is remembered for a minute, for duplicates on a
-/// [high-latency](crate::LinkClass::HighLatency) link only, in a slot that no other command needs. With `N` slots, these are at
+/// [once](crate::command::CommandPolicy::once) is remembered for a minute, for duplicates on a
+/// [high-latency](crate::config::LinkClass::HighLatency) link only, in a slot that no other command needs. With `N` slots, these are at
 /// least the last `N` commands, less those that are running. Other ended commands may be given again after three seconds on any
 /// link.
 ///
@@ -291,11 +291,11 @@ impl CommandSlot {
 /// An evictable slot becomes free after a minute, or when another command evicts it, the oldest first. Until then it recognises
 /// duplicates that arrive by satellite (L-16).
 #[derive(Clone, Debug)]
-pub struct CommandMemory<S: ?Sized = [CommandSlot]> {
+pub struct LongCommands<S: ?Sized = [CommandSlot]> {
     slots: S,
 }
 
-impl<const N: usize> CommandMemory<[CommandSlot; N]> {
+impl<const N: usize> LongCommands<[CommandSlot; N]> {
     /// All slots free. All zero bits.
     pub const fn new() -> Self {
         const { assert!(N > 0, "command memory needs a place: `commands: {{ slots: 2 }}`, or leave `commands` out") };
@@ -303,28 +303,28 @@ impl<const N: usize> CommandMemory<[CommandSlot; N]> {
     }
 }
 
-impl<const N: usize> Default for CommandMemory<[CommandSlot; N]> {
+impl<const N: usize> Default for LongCommands<[CommandSlot; N]> {
     fn default() -> Self {
         Self::new()
     }
 }
 
 /// The logic works on the unsized form, so it is compiled once for any number of slots.
-impl<const N: usize> Deref for CommandMemory<[CommandSlot; N]> {
-    type Target = CommandMemory;
+impl<const N: usize> Deref for LongCommands<[CommandSlot; N]> {
+    type Target = LongCommands;
 
-    fn deref(&self) -> &CommandMemory {
+    fn deref(&self) -> &LongCommands {
         self
     }
 }
 
-impl<const N: usize> DerefMut for CommandMemory<[CommandSlot; N]> {
-    fn deref_mut(&mut self) -> &mut CommandMemory {
+impl<const N: usize> DerefMut for LongCommands<[CommandSlot; N]> {
+    fn deref_mut(&mut self) -> &mut LongCommands {
         self
     }
 }
 
-impl CommandMemory {
+impl LongCommands {
     /// Whether there is a free slot for another long-running command.
     pub(crate) fn can_start(&self) -> bool {
         self.free_slot().is_some()
@@ -386,12 +386,12 @@ impl CommandMemory {
                 return Some(MavResult::TEMPORARILY_REJECTED.into());
             }
             slot.links = slot.links.with(LinkMask::of(command.from.link));
-            slot.copies.count(command.from.link);
+            slot.duplicates.note(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
         for slot in &mut self.slots {
             if let Some(answer) = slot.answer(now, command, signed_at, once) {
-                slot.count(now, command);
+                slot.note(now, command);
                 return Some(answer);
             }
         }
@@ -419,7 +419,7 @@ impl CommandMemory {
             if let Some(slot) = self.free_slot().and_then(|index| self.slots.get_mut(index)) {
                 let started = CommandSlot::new(command, State::Running);
                 *slot = CommandSlot { is_long: true, progress: NO_PROGRESS, at: now, signed_at, ..started };
-                slot.copies.run(command.from.link);
+                slot.duplicates.run(command.from.link);
             }
             return;
         }
@@ -429,9 +429,9 @@ impl CommandMemory {
         let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };
         let known = self.slots.iter().position(|slot| slot.is_run_of(command));
         if let Some(slot) = known.or_else(|| self.free_slot()).and_then(|index| self.slots.get_mut(index)) {
-            let copies = if known.is_some() { slot.copies } else { Copies::NONE };
-            *slot = CommandSlot { copies, ..done };
-            slot.copies.run(command.from.link);
+            let duplicates = if known.is_some() { slot.duplicates } else { Duplicates::NONE };
+            *slot = CommandSlot { duplicates, ..done };
+            slot.duplicates.run(command.from.link);
         }
     }
 
@@ -501,7 +501,7 @@ impl CommandMemory {
 
 impl Context<'_> {
     /// Starts a long-running command: returns IN_PROGRESS, which the hook must return unchanged. If no slot is free, returns
-    /// `TEMPORARILY_REJECTED` (C-22); then the command must not be started. [`CommandMemory`] has an example.
+    /// `TEMPORARILY_REJECTED` (C-22); then the command must not be started. [`LongCommands`] has an example.
     pub fn start(&mut self) -> Outcome {
         let result = if self.can_start { MavResult::IN_PROGRESS } else { MavResult::TEMPORARILY_REJECTED };
         result.into()
