@@ -23,6 +23,8 @@ pub(crate) const KINDS: usize = 3;
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 /// # use mavstack::*;
+/// use mavstack::storage::Store;
+///
 /// # struct Flash;
 /// # impl ErrorType for Flash { type Error = NorFlashErrorKind; }
 /// # impl ReadNorFlash for Flash {
@@ -228,7 +230,7 @@ pub trait Persistent<F: Firmware>: Service<F> {
     /// The texts that report its state.
     const TEXTS: Texts = Texts { unreadable: "", damaged: "", readable: "" };
 
-    /// Takes the stored content: `found` is the result of [`Body::open`]. `is_late`: an earlier attempt to read it
+    /// Takes the stored content: `found` is the result of `Body::open`. `is_late`: an earlier attempt to read it
     /// failed, so that content that has changed since is newer.
     ///
     /// # Errors
