@@ -1,7 +1,7 @@
 //! A vehicle with two custom messages, declared by macro. A crane receives the speed of its winch and reports the length of line
 //! that is out.
 //!
-//! 1. Declare the messages: [`message!`](mavstack::message).
+//! 1. Declare the messages: [`message!`](mavstack::message!).
 //! 2. Add them to common: [`dialect!`](mavstack::dialect!) and [`Vehicle::MESSAGES`].
 //! 3. Handle them: [`Vehicle::message`] receives messages. [`Telemetry::fill`] fills messages to send: in a stream, on request, or
 //!    when the vehicle announces them.
