@@ -282,6 +282,8 @@ pub mod __private {
     pub use crate::service::stream::StreamService;
     pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
     pub use crate::stack::{Declares, Persistent};
+    #[cfg(feature = "storage")]
+    pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{Firmware, NoPlans, PlanBuffers, PlanMemory, StatusTexts, TextEntry, Values, largest};
 
     /// The peer table.

@@ -16,7 +16,7 @@ mod services;
 mod storage;
 mod transmit;
 
-pub use declare::{Declares, PeerMemory, Persistent, TextMemory};
+pub use declare::{Declares, PeerMemory, Persistent, StorageMemory, TextMemory};
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
@@ -57,6 +57,8 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     texts: D::Texts,
     plans: D::Plans,
     parameters: D::Parameters,
+    #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "there is no storage"))]
+    storage: D::Storage,
     /// The drop counters that all links share, as last logged.
     #[cfg(feature = "defmt")]
     drops: DropLog,
@@ -66,17 +68,23 @@ pub struct Stack<D: Declares, const LINKS: usize> {
 macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr) => {{
         let stack = $stack;
-        let cx = Cx::<D> {
-            now: $now,
-            shared: &mut stack.shared,
-            peers: PeerMemory::view_mut(&mut stack.peers),
-            texts: TextMemory::view_mut(&mut stack.texts),
-            plans: crate::types::PlanMemory::view(&mut stack.plans),
-            parameters: &mut stack.parameters,
-            vehicle: $vehicle,
-        };
-        (cx, &mut stack.services, &mut stack.links, &mut stack.states)
+        (split!(@cx stack, $now, $vehicle), &mut stack.services, &mut stack.links, &mut stack.states)
     }};
+    ($stack:expr, $now:expr, $vehicle:expr, storage) => {{
+        let stack = $stack;
+        (split!(@cx stack, $now, $vehicle), &mut stack.services, &mut stack.states, &mut stack.storage)
+    }};
+    (@cx $stack:ident, $now:expr, $vehicle:expr) => {
+        Cx::<D> {
+            now: $now,
+            shared: &mut $stack.shared,
+            peers: PeerMemory::view_mut(&mut $stack.peers),
+            texts: TextMemory::view_mut(&mut $stack.texts),
+            plans: crate::types::PlanMemory::view(&mut $stack.plans),
+            parameters: &mut $stack.parameters,
+            vehicle: $vehicle,
+        }
+    };
 }
 use split;
 
@@ -117,6 +125,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         texts: D::Texts::NEW,
         plans: D::Plans::EMPTY,
         parameters: D::Parameters::VACANT,
+        storage: D::Storage::NEW,
         #[cfg(feature = "defmt")]
         drops: DropLog::NEW,
     };

@@ -3,7 +3,7 @@
 use crate::network::{PeerInfo, Peers};
 use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ParamMemory;
-use crate::service::{ForwardingGate, Service, SigningGate};
+use crate::service::{Absent, ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
@@ -32,10 +32,27 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type HighLatency: Service<Self>;
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
+    type Records: Persistent<Self>;
+    type Storage: StorageMemory;
     /// Whether `modes` is declared.
     const HAS_MODES: bool;
     /// Fails to compile if the declaration is invalid.
     const CHECKED: ();
+}
+
+/// The state of storage, or nothing.
+#[doc(hidden)]
+pub trait StorageMemory {
+    const NEW: Self;
+}
+
+impl StorageMemory for Absent {
+    const NEW: Self = Self;
+}
+
+#[cfg(feature = "storage")]
+impl StorageMemory for crate::storage::Storage {
+    const NEW: Self = Self::NEW;
 }
 
 /// The table of peers.
@@ -144,6 +161,7 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
+/// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
 /// | `peers: N` | entries of the table of [peers](crate::network::PeerInfo) | 8 | |
 /// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
 ///
@@ -215,6 +233,8 @@ macro_rules! stack {
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
+            type Records = $crate::__declared!(records $($entries)*,);
+            type Storage = $crate::__declared!(storage $($entries)*,);
             type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const CHECKED: () = {
@@ -312,6 +332,13 @@ macro_rules! __declared {
     (signing signing, $($rest:tt)*) => { $crate::__signing!(16) };
     (signing) => { $crate::__private::WithoutSigning };
 
+    (storage storage: { $($sizes:tt)* }, $($rest:tt)*) => { $crate::__storage!() };
+    (storage storage, $($rest:tt)*) => { $crate::__storage!() };
+    (storage) => { $crate::__private::Absent };
+
+    (records storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__storage!($n) };
+    (records) => { $crate::__private::Absent };
+
     (forwarding [$links:expr] forwarding: { bytes: $bytes:expr, seen: $seen:expr $(,)? }, $($rest:tt)*) => {
         $crate::__private::Forwarding<{ $links }, { $bytes }, { $seen }>
     };
@@ -339,6 +366,8 @@ macro_rules! __declared {
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
     (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
     (check signing, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check storage, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
     (check forwarding: { $($sizes:tt)* }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
     (check forwarding, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
     (check $entry:tt $($rest:tt)*) => {
@@ -367,5 +396,24 @@ macro_rules! __signing {
 macro_rules! __signing {
     ($n:expr) => {
         ::core::compile_error!("`signing` in `stack!` needs the feature `signing` of mavstack: enable it in Cargo.toml")
+    };
+}
+
+/// The state of storage, and the service of the firmware's own records.
+#[cfg(feature = "storage")]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __storage {
+    () => { $crate::__private::Storage };
+    ($n:expr) => { $crate::__private::RecordService<{ $n }> };
+}
+
+/// Storage without the feature.
+#[cfg(not(feature = "storage"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __storage {
+    ($($n:expr)?) => {
+        ::core::compile_error!("`storage` in `stack!` needs the feature `storage` of mavstack: enable it in Cargo.toml")
     };
 }

@@ -59,8 +59,7 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
         }
         let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
         let (mut work, vehicle) = mission::work(&mut cx).ok_or(unsupported)?;
-        let mut items = items.into_iter();
-        services.mission.load_plan(&mut work, vehicle, plan, None, |_| items.next())
+        services.mission.load_plan(&mut work, vehicle, plan, items.into_iter())
     }
 
     /// Returns the counters of uploads.

@@ -149,6 +149,7 @@ services! {
     identity: Identification,
     statustext: Texts,
     forwarding: D::Forwarding,
+    records: D::Records,
     #[cfg(test)]
     example: Tunes,
 }

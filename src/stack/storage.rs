@@ -1,91 +1,427 @@
-//! Persistence: the code between the services and a [`Store`] (G-13, G-15, M-44, P-17, SEC-11, SEC-12).
+//! Persistence: the code between the services and the [log](crate::storage) (G-13, G-15, M-44, P-17, SEC-11, SEC-12).
 //!
-//! Writing is separate from polling, because an erase of a microcontroller's own flash stops the processor for 100 ms
-//! and more. The firmware chooses when [`persist`](Stack::persist) runs. The vehicle is asked before each step.
+//! Storage is used by jobs, apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms
+//! and more. The firmware chooses when a job runs, and the vehicle is asked before each one that writes.
 
 use embedded_storage::nor_flash::NorFlash;
 
 use super::services::{Services, States};
 use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
+use crate::dialect::MavSeverity;
 use crate::service::param::{ParamService, ParamTable, Parameters};
-use crate::storage::{self, Body, Format, KINDS, Persistent, Record, RestoreErrors, Step, Store};
+use crate::storage::{
+    self, Event, Job, Kind, Next, Page, Part, Persistent, RecordService, Region, RestoreError, RestoreErrors, Storage,
+    Store,
+};
 use crate::time::Instant;
+use crate::types::Vehicle;
 
-/// Defines what is done for each kind, in the order of the list: the service, its type, and its field of [`RestoreErrors`].
-macro_rules! kinds {
+/// Defines what is done for each service with stored content: its index, name, type, and field of [`RestoreErrors`].
+macro_rules! contents {
     ($($index:literal $service:ident $type:ident $field:ident;)*) => {
+        /// The number of services with stored content.
+        const CONTENTS: u8 = 0 $(+ { let _: u8 = $index; 1 })*;
+
         impl<D: Declares> Services<D> {
-            /// The format of each kind, and the maximum length of its content.
-            const KINDS: [(Format, u32); KINDS] =
-                [$((<D::$type as Persistent<D>>::FORMAT, <D::$type as Persistent<D>>::MAX_LEN)),*];
+            const KINDS: [Kind; CONTENTS as usize] = [$(Kind::of::<D, D::$type>()),*];
 
-            const fn region_len<F: NorFlash>() -> u32 {
-                0u32$(.saturating_add(Record::region_len::<F>(<D::$type as Persistent<D>>::MAX_LEN)))*
+            fn attach(&mut self, cx: &mut Cx<'_, D>) {
+                $(self.$service.attach(cx);)*
             }
 
-            fn restore<F: NorFlash>(
+            fn load(
                 &mut self,
                 cx: &mut Cx<'_, D>,
-                store: &mut Store<F>,
-            ) -> Result<(), RestoreErrors<F::Error>> {
-                let Store { flash, records, .. } = store;
-                let [$($service),*] = records;
-                $(let $service = storage::read(cx, &mut self.$service, &mut Body::new($service, flash), false).err();)*
-                let is_restored = true $(&& $service.is_none())*;
-                if is_restored { Ok(()) } else { Err(RestoreErrors { $($field: $service),* }) }
+                index: u8,
+                part: &Part<'_>,
+                storage: &mut Storage,
+            ) -> Result<(), RestoreError> {
+                match index {
+                    $($index => self.$service.load(cx, part, &mut storage.loading),)*
+                    _ => Ok(()),
+                }
             }
 
-            fn persist<F: NorFlash>(
+            /// Ends loading, or learns that nothing can be loaded.
+            #[inline(never)]
+            fn loaded(
                 &mut self,
                 cx: &mut Cx<'_, D>,
-                states: &mut [States<D>],
-                store: &mut Store<F>,
-            ) -> bool {
-                let Store { flash, records, turn, .. } = store;
-                let [$($service),*] = records;
-                let step = match *turn {
+                index: u8,
+                result: Result<bool, RestoreError>,
+                storage: &mut Storage,
+            ) {
+                match index {
                     $($index => {
-                        let links = states.iter_mut().map(|state| &mut state.$service);
-                        if self.$service.cancel_if_refused(cx, links) {
-                            Step::Busy
-                        } else {
-                            let links = states.iter_mut().map(|state| &mut state.$service);
-                            let body = &mut Body::new($service, flash);
-                            let step = storage::persist(cx, &mut self.$service, links, body);
-                            if step == Step::Unread {
-                                // Not in the call above, whose stack is free again.
-                                let _ = storage::read(cx, &mut self.$service, body, true);
-                            }
-                            step
+                        Persistent::loaded(&mut self.$service, cx, result, storage.is_late);
+                        if let Err(error) = result {
+                            storage.errors.$field = Some(error);
+                        } else if storage.is_late {
+                            storage.errors.$field = None;
                         }
                     })*
-                    _ => Step::Idle,
-                };
-                store.took_turn(step);
-                step != Step::Idle
+                    _ => return,
+                }
+                if let Some(kind) = Self::KINDS.get(usize::from(index)) {
+                    kind.report(cx, result, storage.is_late);
+                }
+            }
+
+            /// Whether content may be loaded now. Late, the service is asked whether it still wants it.
+            fn may_load(&mut self, cx: &mut Cx<'_, D>, index: u8, is_late: bool) -> bool {
+                match index {
+                    $($index => self.$service.may_load(cx, is_late),)*
+                    _ => false,
+                }
+            }
+
+            fn on_readable(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8) -> bool {
+                match index {
+                    $($index => self.$service.on_readable(cx, states.iter_mut().map(|state| &mut state.$service)),)*
+                    _ => false,
+                }
+            }
+
+            /// Returns the services whose stored content is to be loaded again: a bit each.
+            fn reloads(&mut self, cx: &mut Cx<'_, D>) -> u8 {
+                0 $(| if Persistent::is_reload_requested(&self.$service, cx) { 1 << $index } else { 0 })*
+            }
+
+            /// Cancels the writes that the vehicle no longer permits.
+            #[inline(never)]
+            fn cancel_refused(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
+                $(
+                    let links = states.iter_mut().map(|state| &mut state.$service);
+                    self.$service.cancel_if_refused(cx, links);
+                )*
+            }
+
+            /// Returns what a service has to write.
+            #[inline(never)]
+            fn pending_write(&mut self, cx: &mut Cx<'_, D>, index: u8) -> Option<storage::Write> {
+                match index {
+                    $($index if !self.$service.is_paused(cx.now) => {
+                        Persistent::pending_write(&mut self.$service, cx)
+                    })*
+                    _ => None,
+                }
+            }
+
+            fn fill_page(
+                &mut self,
+                cx: &mut Cx<'_, D>,
+                index: u8,
+                record: u8,
+                page: u16,
+                bytes: &mut [u8],
+            ) -> Option<(u8, bool)> {
+                match index {
+                    $($index => self.$service.fill(cx, record, page, bytes),)*
+                    _ => None,
+                }
+            }
+
+            #[inline(never)]
+            fn on_written(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8, result: Option<bool>) {
+                match index {
+                    $($index => {
+                        let links = states.iter_mut().map(|state| &mut state.$service);
+                        match result {
+                            Some(is_saved) => self.$service.on_written(cx, links, is_saved),
+                            None => self.$service.on_outdated_write(),
+                        }
+                    })*
+                    _ => {}
+                }
             }
         }
     };
 }
 
-// The order of the parts of a region. The length of the first one never changes.
-kinds! {
+// The order in which content is loaded, and in which it is written in turns.
+contents! {
     0 signing Signing signing;
     1 param Param parameters;
     2 mission Mission plans;
+    3 records Records records;
 }
 
-impl<F: NorFlash> Store<F> {
-    /// Returns the length of the region for everything that the firmware declares, in bytes: a multiple of the erase
-    /// unit. Two units or more for each of `signing`, `parameters` and `plans`.
-    pub const fn region_len<D: Declares>() -> u32 {
-        Services::<D>::region_len::<F>()
+impl<D: Declares> Services<D> {
+    /// Returns the number of pages of all records, and of the longest one.
+    const fn pages() -> (u32, u16) {
+        let (mut all, mut most, mut kinds): (u32, u16, &[Kind]) = (0, 0, &Self::KINDS);
+        while let [kind, rest @ ..] = kinds {
+            if kind.records > 0 {
+                all = all.saturating_add((kind.pages as u32).saturating_mul(kind.records as u32));
+                most = if kind.pages > most { kind.pages } else { most };
+            }
+            kinds = rest;
+        }
+        (all, most)
+    }
+
+    /// Returns a mask of all records: eight bits for each service.
+    const fn all_records() -> u32 {
+        let (mut mask, mut shift, mut kinds): (u32, u32, &[Kind]) = (0, 0, &Self::KINDS);
+        while let [kind, rest @ ..] = kinds {
+            let records = 1u32.wrapping_shl(kind.records as u32).wrapping_sub(1);
+            mask |= records.wrapping_shl(shift);
+            (shift, kinds) = (shift.wrapping_add(8), rest);
+        }
+        mask
+    }
+
+    /// Begins the next thing that is to be done, if there is any.
+    #[inline(never)]
+    fn begin_next(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, may_write: bool) {
+        let reloads = self.reloads(cx);
+        for index in 0..CONTENTS {
+            if reloads & 1u8.wrapping_shl(index.into()) != 0 {
+                storage.to_load |= Self::all_records() & 0xFFu32.wrapping_shl(shift(index));
+            }
+        }
+        let mut blocked = 0u8;
+        let mut to_load = storage.to_load;
+        while let Some(bit) = to_load.checked_ilog2().map(|_| to_load.trailing_zeros()) {
+            to_load &= to_load.wrapping_sub(1);
+            let (index, record) = (bit.wrapping_shr(3) as u8, (bit & 7) as u8);
+            if !self.may_load(cx, index, storage.is_late) {
+                blocked |= 1u8.wrapping_shl(index.into());
+                continue;
+            }
+            storage.to_load &= !1u32.wrapping_shl(bit);
+            if self.begin_load(cx, states, storage, index, record) {
+                return;
+            }
+        }
+        if !may_write {
+            return;
+        }
+        for step in 0..CONTENTS {
+            let index = storage.turn.wrapping_add(step) % CONTENTS;
+            if blocked & 1u8.wrapping_shl(index.into()) != 0 {
+                continue;
+            }
+            let Some(write) = self.pending_write(cx, index) else { continue };
+            let Some(kind) = Self::KINDS.get(usize::from(index)) else { continue };
+            storage.turn = index.wrapping_add(1) % CONTENTS;
+            (storage.service, storage.record, storage.version) = (index, write.record, write.version);
+            let number = kind.first.wrapping_add(write.record);
+            if storage.log.begin(number, kind.schema, kind.pages, write.is_secret) {
+                return;
+            }
+            self.on_written(cx, states, index, Some(false));
+        }
+    }
+
+    /// Begins to load a record. Returns false if there is nothing to load.
+    #[inline(never)]
+    fn begin_load(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        states: &mut [States<D>],
+        storage: &mut Storage,
+        index: u8,
+        record: u8,
+    ) -> bool {
+        if storage.is_late && !self.on_readable(cx, states, index) {
+            return false;
+        }
+        let Some(kind) = Self::KINDS.get(usize::from(index)) else { return false };
+        let entry = storage.log.find(kind.first.wrapping_add(record));
+        let found = kind.judge(entry);
+        (storage.service, storage.record) = (index, record);
+        if found == Ok(true) && storage.log.load(kind.first.wrapping_add(record)) {
+            return true;
+        }
+        self.loaded(cx, index, found, storage);
+        false
+    }
+
+    /// Whether the record that is being written is still the one that is wanted.
+    fn is_wanted(&mut self, cx: &mut Cx<'_, D>, storage: &Storage) -> bool {
+        let write = self.pending_write(cx, storage.service);
+        write.is_some_and(|write| (write.record, write.version) == (storage.record, storage.version))
+    }
+
+    #[inline(never)]
+    fn next_job(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        states: &mut [States<D>],
+        storage: &mut Storage,
+        page: &mut Page,
+    ) -> Option<Job> {
+        let may_write = cx.vehicle.may_persist();
+        self.cancel_refused(cx, states);
+        if storage.log.writing() != 0 {
+            if !self.is_wanted(cx, storage) {
+                storage.log.abandon();
+            }
+        } else if storage.log.is_foreign() {
+            self.refuse_all(cx, storage);
+        }
+        if storage.log.is_idle() {
+            self.begin_next(cx, states, storage, may_write);
+        }
+        match storage.log.next(cx.now, may_write, page) {
+            Next::Job(job) => Some(job),
+            Next::Idle => None,
+            Next::Content(index) => {
+                let (service, record) = (storage.service, storage.record);
+                let filled = self.fill_page(cx, service, record, index, page.payload_mut());
+                let Some((len, is_last)) = filled else {
+                    storage.log.abandon();
+                    self.on_written(cx, states, service, Some(false));
+                    return None;
+                };
+                storage.log.put(page, len, is_last);
+                match storage.log.next(cx.now, may_write, page) {
+                    Next::Job(job) => Some(job),
+                    Next::Idle | Next::Content(_) => None,
+                }
+            }
+        }
+    }
+
+    /// The log is of another version: nothing can be loaded.
+    fn refuse_all(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage) {
+        if core::mem::replace(&mut storage.to_load, 0) != 0 {
+            storage.errors.region = Some(RestoreError::Foreign);
+            for (index, kind) in (0..).zip(&Self::KINDS) {
+                if kind.records > 0 {
+                    self.loaded(cx, index, Err(RestoreError::Foreign), storage);
+                }
+            }
+        }
+    }
+
+    /// Takes what a job has led to.
+    #[inline(never)]
+    fn on_event(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        states: &mut [States<D>],
+        storage: &mut Storage,
+        event: Event,
+        page: &Page,
+    ) {
+        let index = storage.service;
+        match event {
+            Event::Nothing => {}
+            Event::Found => {
+                if storage.log.has_other_data() {
+                    storage.errors.region = Some(RestoreError::OtherData);
+                    storage::report(cx, MavSeverity::WARNING, "Storage has other data, which is erased");
+                }
+            }
+            Event::Unreadable { was_loading } => {
+                if was_loading {
+                    storage.to_load |= 1u32.wrapping_shl(shift(index).wrapping_add(storage.record.into()));
+                }
+                if !core::mem::replace(&mut storage.is_late, true) {
+                    for (index, kind) in (0..).zip(&Self::KINDS) {
+                        if storage.to_load & 0xFFu32.wrapping_shl(shift(index)) != 0 && kind.records > 0 {
+                            storage.is_late = false;
+                            self.loaded(cx, index, Err(RestoreError::Unreadable), storage);
+                        }
+                    }
+                    storage.is_late = true;
+                }
+            }
+            Event::Loaded { len, is_first, is_last } => {
+                let bytes = page.payload(len);
+                let part = Part { record: storage.record, bytes, is_first, is_last, is_late: storage.is_late };
+                let result = self.load(cx, index, &part, storage);
+                if result.is_err() || is_last {
+                    storage.log.end_load();
+                    let is_damaged = Self::KINDS
+                        .get(usize::from(index))
+                        .is_some_and(|kind| storage.log.find(kind.first.wrapping_add(storage.record)).is_damaged);
+                    let result = if is_damaged { Err(RestoreError::Damaged) } else { result.map(|()| true) };
+                    self.loaded(cx, index, result, storage);
+                }
+            }
+            Event::Written => {
+                self.cancel_refused(cx, states);
+                let is_wanted = self.is_wanted(cx, storage);
+                self.on_written(cx, states, index, is_wanted.then_some(true));
+            }
+            Event::Failed => self.on_written(cx, states, index, Some(false)),
+            Event::Lost(kind) => {
+                let texts = Self::KINDS.iter().find(|known| kind.wrapping_sub(known.first) < known.records);
+                if let Some(known) = texts {
+                    known.report(cx, Err(RestoreError::Damaged), false);
+                }
+            }
+        }
     }
 }
 
-impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Reads the signing key, the parameters and the plans at startup, as far as they are declared, and persists them in
-    /// `store` from then on. Call it once, before the loop. It reads the whole store, and blocks for as long as the
+fn shift(index: u8) -> u32 {
+    u32::from(index).wrapping_mul(8)
+}
+
+impl<F: NorFlash> Store<F> {
+    /// Returns the least length of the region for everything that the firmware declares, in bytes: two segments of as
+    /// many erase units as its longest records fill, one of each. A longer region wears less: see
+    /// [the format](crate::storage#wear).
+    pub const fn region_len<D: Declares>() -> u32 {
+        Self::region_len_for(Services::<D>::pages().0)
+    }
+}
+
+/// With `storage`.
+impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
+    /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads what is stored, and then writes
+    /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
+    pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
+        let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
+        *storage = Storage { to_load: Services::<D>::all_records(), ..Storage::NEW };
+        storage.log.attach(region, Services::<D>::pages().1);
+        services.attach(&mut cx);
+    }
+
+    /// Returns the next operation on the storage, if one is to be done now. Carry it out with `page`, and report the
+    /// result to [`storage_done`](Self::storage_done) with the same page. Meanwhile poll the stack as always: the
+    /// operation may run in another task, by DMA, or in the background of a chip, for as long as it takes.
+    ///
+    /// There is one job at a time. A call before the result of the last job counts that job as failed. Jobs that write
+    /// or erase are handed out only while the vehicle [permits](crate::Vehicle::may_persist) it.
+    ///
+    /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
+    /// it.
+    pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
+        if self.storage.log.is_busy() {
+            self.storage_done(now, false, page, vehicle);
+        }
+        let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
+        services.next_job(&mut cx, states, storage, page)
+    }
+
+    /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
+    pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
+        let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
+        let event = storage.log.done(now, is_done, page);
+        services.on_event(&mut cx, states, storage, event, page);
+        if storage.log.is_idle() {
+            page.wipe();
+        }
+    }
+
+    /// Whether the stored content is being read for the first time, after [`attach_storage`](Self::attach_storage).
+    /// `false` once it is restored, or could not be read; [`restore_errors`](Self::restore_errors) has what went wrong.
+    pub fn is_restoring(&self) -> bool {
+        self.storage.is_restoring()
+    }
+
+    /// Returns what was not restored so far. Content that was restored late is no longer in it.
+    pub fn restore_errors(&self) -> RestoreErrors {
+        self.storage.errors
+    }
+
+    /// Attaches `store` and reads the signing key, the parameters, the plans and the firmware's own records at startup, as
+    /// far as they are declared. Call it once, before the loop. It reads the whole region, and blocks for as long as the
     /// flash takes. If nothing was ever stored, nothing changes.
     ///
     /// The vehicle is told of each parameter that does not have its default. The stack and the vehicle check the plans
@@ -97,46 +433,67 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns an error if something is damaged or cannot be read (G-18), and a text reports each. The store is in use
     /// nevertheless, and everything else was restored.
     ///
-    /// - [`plans`](RestoreErrors::plans): the plans that were not read are empty. A vehicle that must not fly without
-    ///   its geofence learns here that there may have been one.
-    /// - [`parameters`](RestoreErrors::parameters): those that were not read keep their values.
+    /// - [`plans`](RestoreErrors::plans): the plans are empty, or older than the damaged ones. A vehicle that must not fly
+    ///   without its geofence learns here that there may have been another one.
+    /// - [`parameters`](RestoreErrors::parameters): they have their defaults, or older values.
     /// - [`signing`](RestoreErrors::signing): there is no key, unless the firmware has set one, but the links are not
     ///   open. Links that would sign, or refuse unsigned frames, accept nothing until there is a key. Only links for
     ///   provisioning (`LinkSigning::provisioning`) accept SETUP_SIGNING, which ends this state by setting a key or by
     ///   removing it. `Signing::set_key` and `clear_key` end it too. The unsigned text that reports it is repeated, at
     ///   most every 10 s, when a frame is refused on a link for provisioning.
     ///
-    /// While the newest content cannot be read, older content does not replace it. [`persist`](Self::persist) reads
-    /// again: the key at any time, parameters and plans while the vehicle is disarmed. Parameters that still have their
-    /// defaults are then restored, and plans that were not uploaded meanwhile go live.
-    /// [`plan_changed`](crate::Plans::plan_changed) informs the vehicle, and a text the operators.
+    /// Content that cannot be read is read again by [`persist`](Self::persist): the key at any time, parameters and plans
+    /// while the vehicle is disarmed. Parameters that still have their defaults are then restored, and plans that were
+    /// not uploaded meanwhile go live. [`plan_changed`](crate::Plans::plan_changed) informs the vehicle, and a text the
+    /// operators.
     #[inline(never)]
     pub fn restore<F: NorFlash>(
         &mut self,
         now: Instant,
         store: &mut Store<F>,
         vehicle: &mut D::Vehicle,
-    ) -> Result<(), RestoreErrors<F::Error>> {
-        store.divide(Services::<D>::KINDS);
-        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
-        services.restore(&mut cx, store)
+    ) -> Result<(), RestoreErrors> {
+        self.attach_storage(now, store.region(), vehicle);
+        while self.is_restoring() {
+            let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { break };
+            let is_done = store.run(&job);
+            self.storage_done(now, is_done, store.page_mut(), vehicle);
+        }
+        self.restore_errors().result()
     }
 
-    /// Writes what has changed, one step per call: it erases at most one erase unit, or writes 256 bytes, and only while
-    /// the vehicle [permits](crate::Vehicle::may_persist) it. It may block for as long as that takes. Returns true if
-    /// more is to be done at once.
+    /// Does the next step of storage on a blocking driver: erases at most one unit, or reads and writes at most 512 bytes.
+    /// It may block for as long as that takes. Returns true if more is to be done at once.
     ///
-    /// Plans are written when they were uploaded. With [`Durability::Durable`](crate::plan::Durability::Durable) the final
-    /// answer to an upload waits for this: call it in every pass of the loop, or from an idle task. Between uploads it
-    /// erases in advance, so that a plan is stored within a second of its last item even if an erase takes 100 ms.
+    /// It writes only while the vehicle [permits](crate::Vehicle::may_persist) it. Plans are written when they were
+    /// uploaded. With [`Durability::Durable`](crate::plan::Durability::Durable) the final answer to an upload waits for
+    /// this: call it in every pass of the loop, or from an idle task. Units are erased in advance, so that a plan is
+    /// stored within a second of its last item even if an erase takes 100 ms.
     ///
     /// Parameters are written about a second after a change, at most every ten seconds; the signing key after a change;
     /// and the signing time every 55 s. If the vehicle does not permit writing in flight, a restart in flight begins
     /// with the time of take-off, until the first signed frame provides a later time. See also `Signing::set_time`.
     #[inline(never)]
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> bool {
-        let (mut cx, services, _, states) = split!(&mut *self, now, vehicle);
-        (0..KINDS).any(|_| services.persist(&mut cx, states, store))
+        const JOBS: u8 = 3;
+        for done in 0..JOBS {
+            let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { return done > 0 };
+            let is_done = store.run(&job);
+            self.storage_done(now, is_done, store.page_mut(), vehicle);
+            if matches!(job, Job::Erase { .. }) {
+                break;
+            }
+        }
+        true
+    }
+}
+
+/// With `storage: { records: N }`.
+impl<D: Declares<Records = RecordService<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Has one of the firmware's own [records](crate::storage::Records) written, as soon as storage is free and the
+    /// vehicle permits it. Does nothing if there is no record of this number.
+    pub fn save_record(&mut self, number: u8) {
+        self.services.records.save(number);
     }
 }
 

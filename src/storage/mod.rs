@@ -1,13 +1,19 @@
-//! Persistent storage of plans, parameters and the signing key, in NOR flash or FRAM.
+//! Persistent storage of plans, parameters, the signing key and a firmware's own small records: in the flash of a
+//! microcontroller, in NOR flash or FRAM on SPI, in EEPROM.
 //!
-//! [`Store`] works with any [`NorFlash`](embedded_storage::nor_flash::NorFlash): the microcontroller's flash, an external
-//! chip, or an FRAM with the driver [`Fram`]. It writes in bounded steps. If power fails at any moment, the restarted
-//! vehicle has either the complete old content or the complete new content.
+//! The stack calls no driver. It hands out [jobs](Job) and is told their results, so an erase can run in another task,
+//! by DMA, or in a chip, while the stack goes on. [`Store`] runs the jobs on a blocking driver, `AsyncStore` on an
+//! async one.
+#![doc = ""]
+#![doc = include_str!("format.md")]
 
+mod content;
 mod fram;
+mod log;
+mod page;
 mod params;
 mod plans;
-mod record;
+mod records;
 #[cfg(feature = "signing")]
 mod signing;
 mod store;
@@ -15,9 +21,11 @@ mod store;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use content::{Kind, Part, Write, report};
+pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
 pub use fram::{Fram, FramError};
-pub use record::RestoreError;
-pub(crate) use record::Step;
-pub(crate) use record::{Format, Record};
-pub(crate) use store::{Body, KINDS, persist, read};
-pub use store::{Persistent, RestoreErrors, Store};
+pub(crate) use log::{Event, Next};
+pub use log::{Job, Region};
+pub use page::Page;
+pub use records::{MAX_RECORD_LEN, RecordService, Records};
+pub use store::Store;

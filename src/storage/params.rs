@@ -1,43 +1,32 @@
-//! Storage of the parameters: a [record](super::record) with a row for each parameter (P-17).
+//! Storage of the parameters: a record with a row for each parameter (P-17).
 //!
-//! `params.md` in this folder documents the format. Rows are matched by name and type when they are read, so firmware
-//! with another table keeps the parameters that both tables have. If you change the row, increment the schema version,
-//! and keep reading the old one.
+//! `format.md` in this folder documents the format. A row has a hash of the parameter's name and type, so firmware with
+//! another table keeps the parameters that both tables have. If you change the row, increment the schema version, and
+//! keep reading the old one.
 
-use embedded_storage::nor_flash::NorFlash;
-
-use super::record::{Format, Job, ROW, RestoreError};
-use super::store::{Body, Found, Persistent, Texts, is_disarmed};
-use crate::dialect::MavParamType;
+use super::content::{Part, Persistent, RestoreError, Texts, Write, is_disarmed};
+use super::page::PAYLOAD;
+use super::plans::Loading;
+use crate::crc32::Crc32;
 use crate::service::Cx;
 use crate::service::param::{ParamService, ParamTable, Parameters, Stored, Work};
 use crate::types::{Firmware, Vehicle};
 
-impl Stored {
-    pub(super) fn to_row(self) -> [u8; ROW] {
-        let mut row = [0; ROW];
-        let [name0, name1, name2, name3, value, flags, ..] = row.as_chunks_mut().0 else { return row };
-        let (name, _) = self.name.as_chunks();
-        for (to, from) in [name0, name1, name2, name3].into_iter().zip(name) {
-            *to = *from;
-        }
-        *value = self.bits.to_le_bytes();
-        *flags = [self.r#type.0, u8::from(self.is_default), 0, 0];
-        row
-    }
+/// Length of a row in bytes.
+const ROW: usize = 8;
+/// Number of rows in a page.
+const ROWS: u16 = 28;
+const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 
-    /// Decodes a row. All bytes are valid.
-    pub(super) fn from_row(row: &[u8; ROW]) -> Self {
-        let (words, _) = row.as_chunks();
-        let word = |index: usize| -> [u8; 4] { words.get(index).copied().unwrap_or_default() };
-        let [r#type, is_default, ..] = word(5);
-        Self {
-            name: row.first_chunk().copied().unwrap_or_default(),
-            r#type: MavParamType(r#type),
-            bits: u32::from_le_bytes(word(4)),
-            is_default: is_default != 0,
-        }
-    }
+/// The bit of a key that says that the parameter had its default.
+const DEFAULT: u32 = 1 << 31;
+
+/// Returns the key of a parameter: 31 bits of a hash of its name and type, and whether it has its default.
+fn key(stored: &Stored) -> u32 {
+    let mut crc = Crc32::new();
+    crc.add(&stored.name);
+    crc.add(&[stored.r#type.0]);
+    (crc.sum() & !DEFAULT) | if stored.is_default { DEFAULT } else { 0 }
 }
 
 /// Parameters survive a restart (P-17).
@@ -45,49 +34,70 @@ impl<F> Persistent<F> for ParamService
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    const FORMAT: Format = Format { kind: 2, schema: 1 };
+    const KIND: u8 = 2;
+    const RECORDS: u8 = if F::Parameters::INFO.is_empty() { 0 } else { 1 };
+    const SCHEMA: u16 = 1;
     #[allow(clippy::as_conversions, reason = "`from` is not const; a table has fewer than 65,536 parameters")]
-    const MAX_LEN: u32 = F::Parameters::INFO.len() as u32 * 32;
+    const MAX_LEN: u32 = F::Parameters::INFO.len() as u32 * 8;
     const TEXTS: Texts = Texts {
         unreadable: "Stored parameters cannot be read",
         damaged: "Stored parameters are damaged",
         readable: "Stored parameters can be read again",
     };
 
-    /// Late, it takes only the parameters that still have their defaults: a value that was set since is newer.
-    fn load<N: NorFlash>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        body: &mut Body<'_, N>,
-        found: Found<N::Error>,
-        is_late: bool,
-    ) -> Result<(), RestoreError<N::Error>> {
+    fn attach(&mut self, cx: &mut Cx<'_, F>) {
         let refill = cx.shared.config.storage_refill;
         self.set_refill(cx.parameters, refill);
-        let result = load_rows(self, cx, body, found, is_late);
-        if is_late {
-            self.reread(cx.now, cx.parameters, result.is_ok());
-        } else {
-            self.loaded(cx.parameters, !matches!(result, Err(RestoreError::Storage(_))));
+    }
+
+    /// Late, it takes only the parameters that still have their defaults: a value that was set since is newer.
+    #[inline(never)]
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+        // Both tables are sorted by name, so the search usually ends at once.
+        let mut next = 0;
+        for [key, value] in part.bytes.as_chunks::<ROW>().0.iter().map(|row| {
+            let [a, b, c, d, e, f, g, h] = *row;
+            [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes)
+        }) {
+            next = load_row::<F>(self, cx, next, key, value, part.is_late);
         }
-        result
+        Ok(())
+    }
+
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
+        let is_read = result != Err(RestoreError::Unreadable);
+        if is_late {
+            self.reread(cx.now, cx.parameters, is_read);
+        } else {
+            self.loaded(cx.parameters, is_read);
+        }
     }
 
     fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {
         self.is_reload_requested(cx.parameters)
     }
 
-    fn may_load_late(&self, cx: &Cx<'_, F>) -> bool {
-        is_disarmed(cx.vehicle)
+    fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
+        !is_late || is_disarmed(cx.vehicle)
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
-        let id = self.pending_write(cx.now, cx.parameters)?;
-        Some(Job { id, len: <Self as Persistent<F>>::MAX_LEN })
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+        let version = self.pending_write(cx.now, cx.parameters)?;
+        Some(Write { record: 0, version, is_secret: false })
     }
 
-    fn row(&self, cx: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
-        Some(cx.parameters.table_mut().stored(u16::try_from(index).ok()?)?.to_row())
+    #[inline(never)]
+    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+        let table = cx.parameters.table_mut();
+        let first = page.checked_mul(ROWS)?;
+        let mut len = 0u8;
+        for (index, row) in (first..table.count()).zip(bytes.as_chunks_mut::<ROW>().0) {
+            let stored = table.stored(index)?;
+            let [[a, b, c, d], [e, f, g, h]] = [key(&stored), stored.bits].map(u32::to_le_bytes);
+            *row = [a, b, c, d, e, f, g, h];
+            len = len.saturating_add(8);
+        }
+        (len > 0).then_some((len, first.saturating_add(ROWS) >= table.count()))
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
@@ -103,22 +113,25 @@ where
     }
 }
 
-/// Restores all parameters, or only those that have their defaults.
-fn load_rows<F, N: NorFlash>(
+/// Loads the parameter with this key, if there is one; looks for it from index `from` on. Returns the index after it.
+fn load_row<F>(
     params: &mut ParamService,
     cx: &mut Cx<'_, F>,
-    body: &mut Body<'_, N>,
-    found: Found<N::Error>,
+    from: u16,
+    stored_key: u32,
+    bits: u32,
     is_late: bool,
-) -> Result<(), RestoreError<N::Error>>
+) -> u16
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
 {
-    for index in 0..found?.unwrap_or(0) / 32 {
-        let mut row = [0; ROW];
-        if body.row(index, &mut row)? {
-            params.load(cx, &Stored::from_row(&row), is_late);
-        }
-    }
-    if body.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
+    let table = cx.parameters.table_mut();
+    let count = table.count();
+    let found = (from..count).chain(0..from.min(count)).find_map(|index| {
+        let stored = table.stored(index)?;
+        ((key(&stored) ^ stored_key) & !DEFAULT == 0).then_some((index, stored))
+    });
+    let Some((index, stored)) = found else { return from };
+    params.load(cx, &Stored { bits, is_default: stored_key & DEFAULT != 0, ..stored }, is_late);
+    index.saturating_add(1)
 }

@@ -1,25 +1,28 @@
-//! Storage of the three plans: one [record](super::record), so that they are replaced together.
+//! Storage of the three plans: one record, so that they are replaced together.
 //!
-//! `layout.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
+//! `format.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
 //! fixed width. If you change a struct, increment the schema version, and keep reading the old one.
 
-use embedded_storage::nor_flash::NorFlash;
 use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Format, Job, ROW, RestoreError};
-use super::store::{Body, Found, Persistent, Texts, is_disarmed};
-use crate::dialect::{MavCmd, MavFrame};
-use crate::message::Item;
+use super::content::{Part, Persistent, RestoreError, Texts, Write, is_disarmed};
+use super::page::PAYLOAD;
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
+use crate::message::{Digest, Item};
 use crate::service::Cx;
 use crate::service::command::Commands;
-use crate::service::mission::{self, Missions, Plans};
+use crate::service::mission::{self, Missions, PlanFault, Plans, Work};
 use crate::time::Instant;
 use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 
-pub(super) const FORMAT: Format = Format { kind: 1, schema: 1 };
+/// Length of a row in bytes.
+const ROW: usize = 32;
+/// Number of rows in a page.
+const ROWS: u32 = 7;
+const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 
-/// The first row of the body.
+/// The first row.
 #[derive(Serialize, Deserialize)]
 struct HeadRow {
     #[serde(with = "le")]
@@ -59,63 +62,35 @@ struct ItemRow {
     z: u32,
 }
 
-/// The number of items and the id of each stored plan, in the order of [`PlanType::ALL`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct Stored {
-    pub(crate) counts: [u16; 3],
-    pub(crate) ids: [u32; 3],
+/// The stored plans while they are loaded.
+#[derive(Clone, Copy, Debug)]
+pub struct Loading {
+    counts: [u16; 3],
+    ids: [u32; 3],
+    /// The index of the plan whose items are next, and the number of its items so far.
+    plan: u8,
+    items: u16,
+    digest: Digest,
+    /// Why the plan is not used.
+    fault: Option<PlanFault>,
+    /// Whether a plan was not used.
+    differs: bool,
 }
 
-impl Stored {
-    pub(super) fn of(content: &[PlanView<'_>; 3]) -> Self {
-        Self {
-            counts: content.map(|plan| u16::try_from(plan.items().len()).unwrap_or(u16::MAX)),
-            ids: content.map(|plan| plan.id()),
-        }
-    }
-
-    /// Returns the length of the body in bytes.
-    pub(super) fn len(&self) -> u32 {
-        self.counts.iter().fold(1u32, |rows, count| rows.saturating_add(u32::from(*count))).saturating_mul(32)
-    }
-
-    fn to_row(self) -> Option<[u8; ROW]> {
-        let [mission_count, fence_count, rally_count] = self.counts;
-        let [mission_id, fence_id, rally_id] = self.ids;
-        to_row(&HeadRow { mission_count, fence_count, rally_count, mission_id, fence_id, rally_id })
-    }
-
-    fn from_row(row: &[u8; ROW]) -> Option<Self> {
-        let row: HeadRow = postcard::from_bytes(row).ok()?;
-        Some(Self {
-            counts: [row.mission_count, row.fence_count, row.rally_count],
-            ids: [row.mission_id, row.fence_id, row.rally_id],
-        })
-    }
-
-    /// Returns the row of an item; `None` if the plan has no such item.
-    fn row_of(&self, plan: PlanType, seq: u16) -> Option<u32> {
-        let [mission, fence, rally] = self.counts.map(u32::from);
-        let (before, count) = match plan {
-            PlanType::Mission => (0, mission),
-            PlanType::Fence => (mission, fence),
-            PlanType::Rally => (mission.saturating_add(fence), rally),
-        };
-        let seq = u32::from(seq);
-        (seq < count).then(|| before.saturating_add(seq).saturating_add(1))
-    }
+impl Loading {
+    pub(crate) const NEW: Self =
+        Self { counts: [0; 3], ids: [0; 3], plan: 0, items: 0, digest: Digest::VACANT, fault: None, differs: false };
 }
 
-fn to_row<T: Serialize>(value: &T) -> Option<[u8; ROW]> {
-    let mut row = [0; ROW];
-    postcard::to_slice(value, &mut row).ok()?;
-    Some(row)
+fn to_row<T: Serialize>(value: &T, row: &mut [u8; ROW]) -> Option<()> {
+    *row = [0; ROW];
+    postcard::to_slice(value, row).ok()?;
+    Some(())
 }
 
-fn item_to_row(item: &Item) -> Option<[u8; ROW]> {
+fn item_to_row(item: &Item, row: &mut [u8; ROW]) -> Option<()> {
     let [param1, param2, param3, param4] = item.params.map(f32::to_bits);
-    to_row(&ItemRow {
+    let row_of_item = ItemRow {
         frame: item.frame.0,
         command: item.command.0,
         autocontinue: item.autocontinue,
@@ -126,7 +101,8 @@ fn item_to_row(item: &Item) -> Option<[u8; ROW]> {
         x: item.x,
         y: item.y,
         z: item.z.to_bits(),
-    })
+    };
+    to_row(&row_of_item, row)
 }
 
 fn item_from_row(row: &[u8; ROW]) -> Option<Item> {
@@ -142,106 +118,153 @@ fn item_from_row(row: &[u8; ROW]) -> Option<Item> {
     })
 }
 
-/// Returns a row of the body; `None` if the content has fewer rows.
-pub(super) fn row(content: &[PlanView<'_>; 3], row: u32) -> Option<[u8; ROW]> {
-    let Some(index) = row.checked_sub(1) else { return Stored::of(content).to_row() };
+/// Writes a row of the content; `None` if it has fewer rows.
+fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut [u8; ROW]) -> Option<()> {
+    let Some(index) = index.checked_sub(1) else {
+        let [mission_count, fence_count, rally_count] =
+            content.map(|plan| u16::try_from(plan.items().len()).unwrap_or(u16::MAX));
+        let [mission_id, fence_id, rally_id] = content.map(|plan| plan.id());
+        return to_row(&HeadRow { mission_count, fence_count, rally_count, mission_id, fence_id, rally_id }, row);
+    };
     let mut index = usize::try_from(index).ok()?;
     for plan in content {
         match index.checked_sub(plan.items().len()) {
             Some(rest) => index = rest,
-            None => return item_to_row(plan.items().get(index)?),
+            None => return item_to_row(plan.items().get(index)?, row),
         }
     }
     None
 }
 
-/// Reads the head of the record that was found.
-///
-/// # Errors
-///
-/// There is no whole record of this version, and the storage is not empty; or it cannot be read.
-#[inline(never)]
-pub(super) fn open<N: NorFlash>(
-    body: &mut Body<'_, N>,
-    found: Found<N::Error>,
-) -> Result<Option<Stored>, RestoreError<N::Error>> {
-    let Some(len) = found? else { return Ok(None) };
-    let mut row = [0; ROW];
-    let is_read = body.row(0, &mut row)?;
-    let stored = Stored::from_row(&row).filter(|stored| is_read && stored.len() == len);
-    stored.ok_or(RestoreError::Damaged).map(Some)
+/// Fills a page with rows. Returns the number of bytes, and whether it is the last page.
+pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+    let rows = content.iter().fold(1usize, |rows, plan| rows.saturating_add(plan.items().len()));
+    let rows = u32::try_from(rows).unwrap_or(u32::MAX);
+    let first = u32::from(page).saturating_mul(ROWS);
+    let mut len = 0u8;
+    for (index, row) in (first..rows).zip(bytes.as_chunks_mut().0) {
+        write_row(content, index, row)?;
+        len = len.saturating_add(32);
+    }
+    (len > 0).then_some((len, first.saturating_add(ROWS) >= rows))
 }
 
-/// Reads an item of the record that [`open`] has found.
-pub(super) fn item<N: NorFlash>(
-    body: &mut Body<'_, N>,
-    stored: &Stored,
-    plan: PlanType,
-    seq: u16,
-) -> Result<Option<Item>, N::Error> {
-    let Some(row) = stored.row_of(plan, seq) else { return Ok(None) };
-    let mut bytes = [0; ROW];
-    Ok(if body.row(row, &mut bytes)? { item_from_row(&bytes) } else { None })
+impl Loading {
+    /// Takes the first row. Returns false if it is invalid.
+    fn begin(&mut self, row: &[u8; ROW]) -> Option<()> {
+        let row: HeadRow = postcard::from_bytes(row).ok()?;
+        *self = Self {
+            counts: [row.mission_count, row.fence_count, row.rally_count],
+            ids: [row.mission_id, row.fence_id, row.rally_id],
+            digest: Digest::new(),
+            ..Self::NEW
+        };
+        Some(())
+    }
+
+    fn plan(&self) -> Option<(PlanType, u16, u32)> {
+        let index = usize::from(self.plan);
+        Some((*PlanType::ALL.get(index)?, *self.counts.get(index)?, *self.ids.get(index)?))
+    }
+
+    /// Makes each plan live whose items are complete.
+    fn finish<V: Plans>(&mut self, missions: &mut Missions, cx: &mut Work<'_, '_>, vehicle: &mut V, is_late: bool) {
+        while let Some((plan, count, id)) = self.plan().filter(|(_, count, _)| *count == self.items) {
+            // A plan that was uploaded in the meantime is newer.
+            if !(is_late && cx.plans.count(plan) > 0) {
+                let result = match self.fault {
+                    Some(fault) => Err(fault),
+                    None => missions.make_loaded(cx, vehicle, plan, Some((count, id)), self.digest),
+                };
+                if let Err(fault) = result {
+                    self.differs = true;
+                    missions.report_refused(cx, plan, fault);
+                }
+            }
+            cx.plans.staging.clear();
+            (self.plan, self.items) = (self.plan.saturating_add(1), 0);
+            (self.digest, self.fault) = (Digest::new(), None);
+        }
+    }
+
+    /// Takes the row of an item. Returns false if there is no plan for it.
+    fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
+        let Some((plan, ..)) = self.plan() else { return false };
+        let staged = match item_from_row(row) {
+            _ if self.fault.is_some() => Ok(()),
+            Some(item) => Missions::stage_item(cx, vehicle, plan, &mut self.digest, item),
+            None => Err(MavMissionResult::INVALID.into()),
+        };
+        self.fault = self.fault.or(staged.err());
+        self.items = self.items.saturating_add(1);
+        true
+    }
 }
 
-/// Plans survive a restart (M-44, SEC-11).
-impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Missions {
-    const FORMAT: Format = FORMAT;
-    #[allow(clippy::as_conversions, reason = "`from` is not const; the value is bounded")]
+/// Plans survive a restart (M-44).
+impl<F> Persistent<F> for Missions
+where
+    F: Firmware<Vehicle: Vehicle + Plans + Commands>,
+{
+    const KIND: u8 = 1;
+    const RECORDS: u8 = 1;
+    const SCHEMA: u16 = 1;
     const MAX_LEN: u32 = {
         let [mission, fence, rally] = F::Plans::CAPACITIES;
         (1 + mission as u32 + fence as u32 + rally as u32) * 32
     };
     const TEXTS: Texts = Texts {
-        unreadable: "Stored plans cannot all be read",
+        unreadable: "Stored plans cannot be read",
         damaged: "Stored plans are damaged",
         readable: "Stored plans can be read again",
     };
 
-    /// Late, it takes only the plans whose live plan is empty.
-    #[inline(never)]
-    fn load<N: NorFlash>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        body: &mut Body<'_, N>,
-        found: Found<N::Error>,
-        is_late: bool,
-    ) -> Result<(), RestoreError<N::Error>> {
+    fn attach(&mut self, cx: &mut Cx<'_, F>) {
         self.attach_storage(cx.shared.config.durability);
         self.set_refill(cx.shared.config.storage_refill);
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return Ok(()) };
+        // Until they are loaded, nobody knows what is stored.
         self.set_stored_differs(true);
-        let Some(stored) = open(body, found)? else {
-            self.set_stored_differs(body.is_impaired());
-            return Ok(());
-        };
-        let mut differs = body.is_impaired() || body.is_damaged();
-        for ((&plan, &count), &id) in PlanType::ALL.iter().zip(&stored.counts).zip(&stored.ids) {
-            // A plan that was uploaded in the meantime is newer.
-            if is_late && cx.plans.count(plan) > 0 {
-                continue;
-            }
-            let mut failure = Ok(());
-            let item = |seq| {
-                item(body, &stored, plan, seq).unwrap_or_else(|error| {
-                    failure = Err(error);
-                    None
-                })
-            };
-            let loaded = self.load_plan(&mut cx, vehicle, plan, Some((count, id)), item);
-            failure?;
-            if let Err(fault) = loaded {
-                differs = true;
-                self.report_refused(&mut cx, plan, fault);
-            }
-        }
-        self.set_stored_differs(differs);
-        if body.is_damaged() { Err(RestoreError::Damaged) } else { Ok(()) }
     }
 
-    /// A running upload uses the memory that reading needs. In flight, only the operator changes plans.
-    fn may_load_late(&self, cx: &Cx<'_, F>) -> bool {
-        is_disarmed(cx.vehicle) && !self.is_receiving()
+    #[inline(never)]
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> Result<(), RestoreError> {
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return Ok(()) };
+        let mut rows = part.bytes.as_chunks::<ROW>().0.iter();
+        if part.is_first {
+            let head = rows.next().and_then(|row| loading.begin(row));
+            head.ok_or(RestoreError::Damaged)?;
+            self.set_loading(&mut cx, true);
+            loading.finish(self, &mut cx, vehicle, part.is_late);
+        }
+        for row in rows {
+            if !loading.item(&mut cx, vehicle, row) {
+                return Err(RestoreError::Damaged);
+            }
+            loading.finish(self, &mut cx, vehicle, part.is_late);
+        }
+        if part.is_last {
+            self.set_stored_differs(loading.differs);
+            if loading.plan().is_some() {
+                return Err(RestoreError::Damaged);
+            }
+        }
+        Ok(())
+    }
+
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
+        if let Some((mut cx, _)) = mission::work(cx) {
+            self.set_loading(&mut cx, false);
+        }
+        match result {
+            Ok(false) => self.set_stored_differs(false),
+            Ok(true) => {}
+            Err(_) => self.set_stored_differs(true),
+        }
+    }
+
+    /// A running upload uses the memory that loading needs. In flight, only the operator changes plans.
+    fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
+        (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving() && !self.is_committing()
     }
 
     fn is_paused(&self, now: Instant) -> bool {
@@ -260,15 +283,15 @@ impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Mission
         is_refused
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
-        let (id, content) = self.content(cx.plans.as_ref()?)?;
-        Some(Job { id, len: Stored::of(&content).len() })
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+        let (version, _) = self.content(cx.plans.as_ref()?)?;
+        Some(Write { record: 0, version, is_secret: false })
     }
 
     #[inline(never)]
-    fn row(&self, cx: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
+    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
         let (_, content) = self.content(cx.plans.as_ref()?)?;
-        row(&content, index)
+        fill(&content, page, bytes)
     }
 
     #[inline(never)]
@@ -279,6 +302,10 @@ impl<F: Firmware<Vehicle: Vehicle + Plans + Commands>> Persistent<F> for Mission
         let Some((mut cx, vehicle)) = mission::work(cx) else { return };
         let answer = if is_saved { self.on_saved(&mut cx, vehicle) } else { self.on_save_failed(&mut cx) };
         mission::queue_result(links, answer);
+    }
+
+    fn on_outdated_write(&mut self) {
+        self.save_again();
     }
 
     /// Stored content comes first: a client that waits gets ERROR, and tries again.

@@ -1,83 +1,63 @@
-//! Storage of the signing key and its timestamp: a [record](super::record) of two rows (G-13, G-15).
+//! Storage of the signing key and its timestamp: a record of one page (G-13, G-15).
 //!
-//! `signing.md` in this folder documents the format.
+//! `format.md` in this folder documents the format.
 
-use embedded_storage::nor_flash::NorFlash;
-use zeroize::Zeroize;
-
-use super::record::{Format, Job, ROW, RestoreError};
-use super::store::{Body, Found, Persistent, Texts};
+use super::content::{Part, Persistent, RestoreError, Texts, Write};
+use super::plans::Loading;
 use crate::frame::SigningKey;
 use crate::service::Cx;
 use crate::service::signing::{Signing, SigningStream};
-use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Vehicle};
 
-pub(super) const FORMAT: Format = Format { kind: 3, schema: 1 };
-const LEN: u32 = 64;
-
-/// The key, if there is one, and the timestamp to start from.
-type Stored = (Option<SigningKey>, u64);
-
-/// Reads the record that was found: the key, if there is one, and the timestamp to start from.
-///
-/// # Errors
-///
-/// The newest record is damaged, cannot be read, or is of another version. An older key is not used instead: it may
-/// have been replaced because it was compromised.
-pub(super) fn open<N: NorFlash>(
-    body: &mut Body<'_, N>,
-    found: Found<N::Error>,
-) -> Result<Option<Stored>, RestoreError<N::Error>> {
-    if found?.is_none() {
-        return Ok(None);
-    }
-    if body.is_damaged() {
-        return Err(RestoreError::Damaged);
-    }
-    let mut row = [0; ROW];
-    let has_key = body.row(0, &mut row)?;
-    let key = SigningKey::new(row);
-    row.zeroize();
-    if !has_key || !body.row(1, &mut row)? {
-        return Err(RestoreError::Damaged);
-    }
-    let [timestamp, [is_set, ..], ..] = row.as_chunks::<8>().0 else { return Err(RestoreError::Damaged) };
-    Ok(Some(((*is_set != 0).then_some(key), u64::from_le_bytes(*timestamp))))
-}
+/// Length of the content in bytes.
+const LEN: u8 = 41;
 
 /// The key and the time survive a restart (G-13, G-15).
 impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Signing<[SigningStream; STREAMS]> {
-    const FORMAT: Format = FORMAT;
-    const MAX_LEN: u32 = LEN;
+    const KIND: u8 = 3;
+    const RECORDS: u8 = 1;
+    const SCHEMA: u16 = 1;
+    const MAX_LEN: u32 = LEN as u32;
+    /// It may have been replaced because it was compromised.
+    const USES_OLDER: bool = false;
     const TEXTS: Texts = Texts {
         unreadable: "The signing key cannot be read",
         damaged: "The signing key is damaged: links are closed",
         readable: "The signing key can be read again",
     };
 
-    fn load<N: NorFlash>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        body: &mut Body<'_, N>,
-        found: Found<N::Error>,
-        _: bool,
-    ) -> Result<(), RestoreError<N::Error>> {
-        load(self, cx.now, cx.shared.config.storage_refill, open(body, found))
+    fn attach(&mut self, cx: &mut Cx<'_, F>) {
+        self.set_refill(cx.shared.config.storage_refill);
     }
 
-    /// Even in flight: without the key, links are closed.
-    fn may_load_late(&self, _: &Cx<'_, F>) -> bool {
-        true
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+        load(self, cx.now, part.bytes)
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Job> {
-        let id = Signing::pending_write(self, cx.now)?;
-        Some(Job { id, len: LEN })
+    fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
+        match result {
+            Ok(true) => {}
+            Ok(false) => self.nothing_stored(),
+            Err(error) => self.lost(error == RestoreError::Unreadable),
+        }
     }
 
-    fn row(&self, _: &mut Cx<'_, F>, index: u32) -> Option<[u8; ROW]> {
-        row(self, index)
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+        let version = Signing::pending_write(self, cx.now)?;
+        Some(Write { record: 0, version, is_secret: self.has_old_key() })
+    }
+
+    fn fill(&mut self, _: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+        if page > 0 {
+            return None;
+        }
+        let (key, timestamp) = self.content();
+        let (place, rest) = bytes.split_first_chunk_mut::<32>()?;
+        let (time, rest) = rest.split_first_chunk_mut::<8>()?;
+        *place = key.map_or([0; 32], |key| *key.bytes());
+        *time = timestamp.to_le_bytes();
+        *rest.first_mut()? = key.is_some().into();
+        Some((LEN, true))
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
@@ -96,34 +76,11 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     }
 }
 
-/// Restores the stored key, or records it as lost.
-fn load<E>(
-    signing: &mut Signing,
-    now: Instant,
-    refill: Duration,
-    stored: Result<Option<Stored>, RestoreError<E>>,
-) -> Result<(), RestoreError<E>> {
-    signing.set_refill(refill);
-    match stored {
-        Ok(None) => signing.nothing_stored(),
-        Ok(Some((key, timestamp))) => signing.restore(now, key, timestamp),
-        Err(error) => {
-            signing.lost(matches!(error, RestoreError::Storage(_)));
-            return Err(error);
-        }
-    }
+/// Restores the stored key and time.
+fn load(signing: &mut Signing, now: crate::time::Instant, bytes: &[u8]) -> Result<(), RestoreError> {
+    let parts = bytes.split_first_chunk::<32>().and_then(|(key, rest)| Some((key, rest.split_first_chunk::<8>()?)));
+    let Some((key, (time, [is_set]))) = parts else { return Err(RestoreError::Damaged) };
+    let key = (*is_set != 0).then(|| SigningKey::new(*key));
+    signing.restore(now, key, u64::from_le_bytes(*time));
     Ok(())
-}
-
-/// Returns a row of the record.
-fn row(signing: &Signing, index: u32) -> Option<[u8; ROW]> {
-    let (key, timestamp) = signing.content();
-    if index == 0 {
-        return Some(key.map_or([0; ROW], |key| *key.bytes()));
-    }
-    let mut row = [0; ROW];
-    let [time, flags, ..] = row.as_chunks_mut().0 else { return None };
-    *time = timestamp.to_le_bytes();
-    *flags = u64::from(key.is_some()).to_le_bytes();
-    Some(row)
 }

@@ -22,6 +22,8 @@ pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub fault: Fault,
     pub reads: u32,
     pub erases: u32,
+    /// The number of erases of each unit.
+    pub erases_of: Vec<u32>,
     pub writes: u32,
     pub bytes_written: u64,
 }
@@ -91,7 +93,8 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
     /// Creates flash with these contents.
     pub fn of(bytes: Vec<u8>) -> Self {
         let (fuel, torn, fault) = (None, Torn::Prefix, Fault::None);
-        Self { bytes, fuel, torn, fault, reads: 0, erases: 0, writes: 0, bytes_written: 0 }
+        let erases_of = std::vec![0; bytes.len() / ERASE];
+        Self { bytes, fuel, torn, fault, reads: 0, erases: 0, erases_of, writes: 0, bytes_written: 0 }
     }
 
     /// Whether the power was cut.
@@ -178,6 +181,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
         for start in (from as usize..to as usize).step_by(ERASE) {
             let burnt = self.burn(Self::ERASE_COST);
             self.erases += 1;
+            self.erases_of[start / ERASE] += 1;
             let unit = &mut self.bytes[start..start + ERASE];
             match burnt {
                 0 => {}

@@ -239,63 +239,76 @@ impl Missions {
         self.second_answer.take_if(|(at, ..)| now >= *at).map(|(_, link, reply)| (link, reply))
     }
 
-    /// Loads a plan from storage, with its `expected` count and id, or from the firmware. `item` returns the items in order. The
-    /// plan is checked like an upload, and goes live at once.
+    /// Loads a plan from the firmware. `item` returns the items in order. The plan is checked like an upload, and goes live at once.
     #[inline(never)]
     pub(crate) fn load_plan<V: Plans>(
         &mut self,
         cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         plan: PlanType,
-        expected: Option<(u16, u32)>,
-        mut item: impl FnMut(u16) -> Option<Item>,
+        items: impl Iterator<Item = Item>,
     ) -> Result<(), PlanFault> {
-        if self.committing().is_some() || self.is_receiving() {
+        if self.committing().is_some() || self.is_receiving() || self.is_loading() {
             return Err(MavMissionResult::DENIED.into());
         }
-        let loaded = Self::stage(cx, vehicle, plan, &mut item).and_then(|id| {
-            if cx.plans.staged() > 0 {
-                check_plan(cx, vehicle, plan).map_err(|problem| problem.fault())?;
-            }
-            let is_as_expected = expected.is_none_or(|expected| expected == (cx.plans.staged(), id));
-            if is_as_expected { Ok(id) } else { Err(MavMissionResult::INVALID.into()) }
-        });
-        if let Ok(id) = loaded
-            && !cx.plans.is_live(plan, id)
-        {
+        cx.plans.staging.clear();
+        let mut digest = Digest::new();
+        let mut items = items;
+        let staged = items.try_for_each(|item| Self::stage_item(cx, vehicle, plan, &mut digest, item));
+        let loaded = staged.and_then(|()| self.make_loaded(cx, vehicle, plan, None, digest));
+        cx.plans.staging.clear();
+        loaded
+    }
+
+    /// Checks the next item of a plan that is loaded, and adds it to the staging area. Not inlined, so that this stack frame is
+    /// free when the whole plan is checked.
+    #[inline(never)]
+    pub(crate) fn stage_item<V: Plans>(
+        cx: &mut Work<'_, '_>,
+        vehicle: &mut V,
+        plan: PlanType,
+        digest: &mut Digest,
+        item: Item,
+    ) -> Result<(), PlanFault> {
+        let seq = cx.plans.staged();
+        if seq >= cx.plans.capacity(plan) {
+            return Err(MavMissionResult::NO_SPACE.into());
+        }
+        let checked =
+            validate::check_item(plan, V::MISSION_COMMANDS, &item).and_then(|()| vehicle.check_item(plan, seq, &item));
+        checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
+        digest.add(&item);
+        let _ = cx.plans.staging.push(item);
+        Ok(())
+    }
+
+    /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id; one from the
+    /// firmware is stored.
+    #[inline(never)]
+    pub(crate) fn make_loaded<V: Plans>(
+        &mut self,
+        cx: &mut Work<'_, '_>,
+        vehicle: &mut V,
+        plan: PlanType,
+        expected: Option<(u16, u32)>,
+        digest: Digest,
+    ) -> Result<(), PlanFault> {
+        let count = cx.plans.staged();
+        let id = if count > 0 { digest.id() } else { 0 };
+        if count > 0 {
+            check_plan(cx, vehicle, plan).map_err(|problem| problem.fault())?;
+        }
+        if expected.is_some_and(|expected| expected != (count, id)) {
+            return Err(MavMissionResult::INVALID.into());
+        }
+        if !cx.plans.is_live(plan, id) {
             self.replace(cx, vehicle, plan, id, 0);
             self.current.announce(cx.normal);
             if expected.is_none() {
                 self.request_save();
             }
         }
-        cx.plans.staging.clear();
-        loaded.map(|_| ())
-    }
-
-    /// Checks the items and fills the staging area. Returns the plan's id. Not inlined, so that this stack frame is free when the
-    /// whole plan is checked.
-    #[inline(never)]
-    fn stage<V: Plans>(
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        plan: PlanType,
-        item: &mut impl FnMut(u16) -> Option<Item>,
-    ) -> Result<u32, PlanFault> {
-        cx.plans.staging.clear();
-        let mut digest = Digest::new();
-        while let Some(item) = item(cx.plans.staged()) {
-            let seq = cx.plans.staged();
-            if seq >= cx.plans.capacity(plan) {
-                return Err(MavMissionResult::NO_SPACE.into());
-            }
-            let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item)
-                .and_then(|()| vehicle.check_item(plan, seq, &item));
-            checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
-            digest.add(&item);
-            let _ = cx.plans.staging.push(item);
-        }
-        Ok(if cx.plans.staged() > 0 { digest.id() } else { 0 })
+        Ok(())
     }
 
     /// Abandons the change that is being written if it takes too long.
@@ -368,6 +381,24 @@ impl Missions {
     /// Records whether storage differs from the live plans, because it could not be read or cannot be flown.
     pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
         self.stored_differs = differs;
+    }
+
+    /// Whether stored plans are being loaded, in the staging area.
+    pub(super) const fn is_loading(&self) -> bool {
+        cfg!(any(feature = "storage", test)) && self.is_loading
+    }
+
+    /// Begins to load stored plans in the staging area, or ends it. Meanwhile no upload may begin.
+    pub(crate) fn set_loading(&mut self, cx: &mut Work<'_, '_>, is_loading: bool) {
+        if self.is_loading || is_loading {
+            cx.plans.staging.clear();
+        }
+        self.is_loading = is_loading;
+    }
+
+    /// Requests a write of the live plans, because storage has others.
+    pub(crate) const fn save_again(&mut self) {
+        self.request_save();
     }
 
     /// Whether an upload uses the staging area.

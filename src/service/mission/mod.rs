@@ -204,6 +204,7 @@ pub struct Missions {
     /// Whether storage may hold something other than the live plans, because it could not be read or cannot be flown. That alone
     /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
     stored_differs: bool,
+    is_loading: bool,
     done: Option<Done>,
     /// The second final answer of an upload: when and on which link to send it (M-31).
     second_answer: Option<(Instant, LinkId, Reply)>,
@@ -223,6 +224,7 @@ impl Missions {
             schedule: Schedule::NEW,
             durability: Durability::Durable,
             stored_differs: false,
+            is_loading: false,
             done: None,
             second_answer: None,
             sessions: Sessions::new(),
@@ -280,7 +282,8 @@ impl Missions {
         if let Some(message) = frame.decode::<MissionAck>() {
             return self.on_ack(cx, caller.from, mission_type, message.r#type);
         }
-        if caller.replies.is_full() {
+        // The memory for an upload is in use while stored plans are loaded.
+        if caller.replies.is_full() || self.is_loading() {
             self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
             return;
         }
@@ -369,6 +372,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         schedule: Schedule::NEW,
         durability: Durability::Durable,
         stored_differs: false,
+        is_loading: false,
         current: Current::VACANT,
         heard_at: Instant::ZERO,
         sessions: Sessions::new(),

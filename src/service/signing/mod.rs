@@ -287,6 +287,7 @@ impl Signing {
         if self.key.as_ref().is_some_and(|known| known.is_same(&key)) {
             self.boot = self.boot.max(start);
         } else {
+            self.key_is_replaced();
             self.boot = self.clock_set.map_or(start, |told| told.max(start));
             (self.last, self.floor, self.heard) = (0, 0, None);
             self.streams.fill(SigningStream::NONE);
@@ -298,6 +299,7 @@ impl Signing {
 
     /// Stops signing and forgets the key. Whatever key is set next counts as [another key](Self::set_key).
     pub fn clear_key(&mut self) {
+        self.key_is_replaced();
         self.key = None;
         self.is_to_be_stored();
         event!("signing: off");
@@ -512,6 +514,13 @@ impl Signing {
     }
 
     #[cfg_attr(not(feature = "storage"), allow(clippy::unused_self, reason = "nothing is stored"))]
+    const fn key_is_replaced(&mut self) {
+        #[cfg(feature = "storage")]
+        {
+            self.saving.has_old_key |= self.key.is_some();
+        }
+    }
+
     const fn is_to_be_stored(&mut self) {
         #[cfg(feature = "storage")]
         {

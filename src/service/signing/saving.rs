@@ -26,13 +26,21 @@ pub(super) struct Saving {
     pub(super) next: u64,
     /// Whether there may be a stored key that cannot be read.
     pub(super) is_lost: bool,
+    /// Whether storage has a key that was replaced or removed since.
+    pub(super) has_old_key: bool,
     /// Limits the writes that the progress of time causes: a peer's frames can advance it.
     pub(super) times: TokenBucket,
 }
 
 impl Saving {
-    pub(super) const NEW: Self =
-        Self { schedule: Schedule::NEW, reserved: 0, next: 0, is_lost: false, times: TokenBucket::NONE };
+    pub(super) const NEW: Self = Self {
+        schedule: Schedule::NEW,
+        reserved: 0,
+        next: 0,
+        is_lost: false,
+        has_old_key: false,
+        times: TokenBucket::NONE,
+    };
 }
 
 /// The interface to storage (G-13, G-15).
@@ -77,7 +85,7 @@ impl Signing {
     pub(crate) fn pending_write(&mut self, now: Instant) -> Option<u32> {
         let time = self.time(now);
         let is_active = self.is_active();
-        let Saving { schedule, reserved, next, is_lost, times } = &mut self.saving;
+        let Saving { schedule, reserved, next, is_lost, times, .. } = &mut self.saving;
         if *is_lost || schedule.is_resting(now) {
             return None;
         }
@@ -97,8 +105,14 @@ impl Signing {
         (self.key.as_ref(), self.saving.next)
     }
 
+    /// Whether storage has an old key, which is to be erased (SEC-15).
+    pub(crate) const fn has_old_key(&self) -> bool {
+        self.saving.has_old_key
+    }
+
     /// Records that the version is stored.
     pub(crate) fn on_saved(&mut self, now: Instant) {
+        self.saving.has_old_key = false;
         self.saving.schedule.on_saved(now, Duration::ZERO);
         self.saving.reserved = self.saving.next;
     }

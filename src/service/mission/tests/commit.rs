@@ -1,6 +1,7 @@
 //! Storage between the last item and the live plan (M-44, M-52, SEC-11): both policies, failures, timeouts.
 
 use super::*;
+use crate::message::Digest;
 
 const INVALID: MavMissionResult = MavMissionResult::INVALID;
 const NO_SPACE: MavMissionResult = MavMissionResult::NO_SPACE;
@@ -189,9 +190,22 @@ fn deferred_plans_are_live_first() {
 impl Bench {
     /// Loads a plan of the firmware.
     fn load(&mut self, plan: PlanType, items: &[Item]) {
-        let read = |seq| items.get(usize::from(seq)).copied();
-        let loaded = self.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, None, read));
+        let items = items.iter().copied();
+        let loaded = self.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, items));
         loaded.expect("a good plan");
+    }
+
+    /// Loads a plan from storage.
+    fn restore(&mut self, plan: PlanType, expected: (u16, u32), items: &[Item]) -> Result<(), PlanFault> {
+        self.with(|missions, cx, vehicle, _| {
+            missions.set_loading(cx, true);
+            let mut digest = Digest::new();
+            let mut items = items.iter();
+            let staged = items.try_for_each(|item| Missions::stage_item(cx, vehicle, plan, &mut digest, *item));
+            let loaded = staged.and_then(|()| missions.make_loaded(cx, vehicle, plan, Some(expected), digest));
+            missions.set_loading(cx, false);
+            loaded
+        })
     }
 }
 
@@ -346,9 +360,7 @@ fn plans_come_back_from_storage() {
     let read = |items: &[Item], count: u16, id: u32, bad: Option<(u16, MavMissionResult)>| {
         let mut bench = durable();
         bench.vehicle.bad_item = bad;
-        let read = |seq| items.get(usize::from(seq)).copied();
-        let (plan, expected) = (PlanType::Mission, Some((count, id)));
-        let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, expected, read));
+        let loaded = bench.restore(PlanType::Mission, (count, id), items);
         assert_eq!((bench.unsaved(), bench.staged()), (None, 0));
         let (live, live_id) = bench.live(PlanType::Mission);
         (live.to_vec(), live_id, bench.vehicle.changes.len(), loaded)
@@ -432,19 +444,33 @@ fn a_clear_is_answered_once() {
 fn nothing_is_loaded_during_an_upload() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
-    let none = |_| None;
-    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, None, none));
+    let none = core::iter::empty();
+    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, none));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
 
     let mut bench = Bench::new();
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
-    let read = |_| Some(item(3, 0));
-    let loaded =
-        bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, Some((1, 7)), read));
+    let one = core::iter::once(item(3, 0));
+    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, one));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
+}
+
+/// While stored plans are loaded in the staging area, a request that needs it is dropped and counted: its client asks again.
+#[test]
+fn no_upload_begins_while_plans_are_loaded() {
+    let mut bench = durable();
+    bench.with(|missions, cx, _, _| missions.set_loading(cx, true));
+    let dropped = bench.missions.counters().no_answer_slot;
+    assert_eq!(bench.ask(A, &count(MISSION, 2)), []);
+    assert_eq!(bench.missions.counters().no_answer_slot, dropped + 1);
+    let loaded =
+        bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, [].into_iter()));
+    assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
+    bench.with(|missions, cx, _, _| missions.set_loading(cx, false));
+    assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
 }
 
 /// M-45: if the vehicle armed while the change was being written, it refuses the change. The old plan stays live, and is

@@ -1,0 +1,136 @@
+//! A firmware's own small records: an odometer, a count of starts, a calibration.
+
+use super::content::{Part, Persistent, RestoreError, Texts, Write};
+use super::page::PAYLOAD;
+use super::plans::Loading;
+use crate::service::{Cx, Service};
+use crate::time::{Duration, Instant};
+use crate::types::{Context, Firmware};
+
+/// The pause after a failed write.
+const RETRY: Duration = Duration::from_secs(10);
+
+/// Maximum length of a record in bytes.
+pub const MAX_RECORD_LEN: usize = PAYLOAD;
+
+/// The hooks for a firmware's own records, declared by `storage: { records: N }`.
+///
+/// `Stack::save_record` has a record written. It is written when storage is free and the vehicle
+/// [permits](crate::Vehicle::may_persist) it; then [`save_record`](Self::save_record) is asked for the content. Records are
+/// not rate-limited: each takes 256 bytes of the log, so do not save one more often than the storage endures.
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover { starts: u32 }
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// use mavstack::storage::Records;
+///
+/// const STARTS: u8 = 0;
+///
+/// impl Records for Rover {
+///     fn load_record(&mut self, _: &mut Context<'_>, number: u8, bytes: &[u8]) {
+///         if let (STARTS, Ok(bytes)) = (number, bytes.try_into()) {
+///             self.starts = u32::from_le_bytes(bytes);
+///         }
+///     }
+///
+///     fn save_record(&mut self, _: &mut Context<'_>, _: u8, bytes: &mut [u8]) -> usize {
+///         bytes[..4].copy_from_slice(&self.starts.to_le_bytes());
+///         4
+///     }
+/// }
+///
+/// stack! {
+///     struct Mavlink for Rover { links: 1, storage: { records: 1 } }
+/// }
+/// ```
+pub trait Records {
+    /// Takes the stored content of a record, when it is restored. It is as it was written, in full.
+    fn load_record(&mut self, cx: &mut Context<'_>, number: u8, bytes: &[u8]);
+
+    /// Writes the content of a record to the start of `bytes`, which has room for [`MAX_RECORD_LEN`] bytes. Returns its
+    /// length.
+    fn save_record(&mut self, cx: &mut Context<'_>, number: u8, bytes: &mut [u8]) -> usize;
+}
+
+/// The service of a firmware's own records, at most 8.
+#[derive(Debug)]
+pub struct RecordService<const N: usize> {
+    /// The records that are to be written, and the one that is being written: a bit each.
+    pending: u8,
+    writing: u8,
+    /// After a failure, nothing is written until then.
+    retry_at: Instant,
+}
+
+impl<const N: usize> RecordService<N> {
+    /// Has a record written. Does nothing if there is no such record.
+    pub(crate) fn save(&mut self, number: u8) {
+        if usize::from(number) < N {
+            self.pending |= 1u8.checked_shl(number.into()).unwrap_or(0);
+        }
+    }
+}
+
+impl<F: Firmware, const N: usize> Service<F> for RecordService<N> {
+    type Link = ();
+    const VACANT: () = ();
+    const NEW: Self = {
+        assert!(N > 0 && N <= 8, "`records` of `storage` is 1 to 8; leave it out for none");
+        Self { pending: 0, writing: 0, retry_at: Instant::ZERO }
+    };
+}
+
+impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordService<N> {
+    const KIND: u8 = 128;
+    #[allow(clippy::as_conversions, reason = "at most 8")]
+    const RECORDS: u8 = N as u8;
+    const MAX_LEN: u32 = 1;
+    const TEXTS: Texts = Texts {
+        unreadable: "Stored records cannot be read",
+        damaged: "A stored record is damaged",
+        readable: "Stored records can be read again",
+    };
+
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+        let is_newer = part.is_late && self.pending & 1u8.checked_shl(part.record.into()).unwrap_or(0) != 0;
+        if !is_newer {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.load_record(&mut context, part.record, part.bytes);
+        }
+        Ok(())
+    }
+
+    fn pending_write(&mut self, _: &mut Cx<'_, F>) -> Option<Write> {
+        if self.writing == 0 {
+            self.writing = self.pending & self.pending.wrapping_neg();
+            self.pending &= !self.writing;
+        }
+        let record = self.writing.checked_ilog2()?;
+        Some(Write { record: u8::try_from(record).unwrap_or(0), version: 0, is_secret: false })
+    }
+
+    fn fill(&mut self, cx: &mut Cx<'_, F>, record: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+        if page > 0 {
+            return None;
+        }
+        let (vehicle, mut context) = cx.hook();
+        let len = vehicle.save_record(&mut context, record, bytes);
+        Some((u8::try_from(len.min(PAYLOAD)).unwrap_or(0), true))
+    }
+
+    fn is_paused(&self, now: Instant) -> bool {
+        now < self.retry_at
+    }
+
+    fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>, is_saved: bool) {
+        if !is_saved {
+            self.pending |= self.writing;
+            self.retry_at = cx.now.after(RETRY);
+        }
+        self.writing = 0;
+    }
+}
