@@ -31,11 +31,11 @@ const PAGE_LEN: u32 = PAGE as u32;
 #[allow(clippy::as_conversions, reason = "224")]
 const TAIL_AT: u32 = (PAGE - TAIL) as u32;
 
-/// A page that cannot be read is given up after this many attempts, unless no page can be read.
+/// Pages of one erase unit that cannot be read are given up after this many attempts.
 const ATTEMPTS: u8 = 4;
 /// The time between two attempts.
 const PAUSE: Duration = Duration::from_secs(1);
-/// The time between attempts while no page can be read.
+/// The time between attempts while more pages cannot be read.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
 /// After a record is complete, erasing ahead waits for this time, so that the answer to a client is sent first.
 const GRACE: Duration = Duration::from_millis(200);
@@ -240,7 +240,7 @@ impl Suspect {
     const NONE: Self = Self { segment: 0, kind: 0 };
 }
 
-/// Stands for several kinds.
+/// Stands for unknown kinds: a record of each kind may be lost.
 const ANY_KIND: u8 = u8::MAX;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -261,6 +261,8 @@ enum Task {
     Idle,
     Load,
     Append,
+    /// Erases a page of a new segment that is not whole, or cannot be read back.
+    Undo,
 }
 
 /// The next step of writing a page.
@@ -354,8 +356,6 @@ pub(crate) struct Log {
     has_other_data: bool,
     has_log: bool,
     has_foreign: bool,
-    /// Whether several records were lost, so that nobody knows their kinds.
-    has_lost_unknown: bool,
     /// Whether something was written since the start.
     has_written: bool,
     /// Whether the new record replaces a key: what is older is erased.
@@ -392,7 +392,6 @@ impl Log {
         has_other_data: false,
         has_log: false,
         has_foreign: false,
-        has_lost_unknown: false,
         has_written: false,
         is_secret: false,
         largest: 0,
@@ -415,7 +414,7 @@ impl Log {
         (self.open, self.write) = (Segment::NONE, Segment::NONE);
         (self.newest, self.suspect, self.page, self.unreadable) = (0, Suspect::NONE, 0, 0);
         self.entries = [Entry::FREE; ENTRIES];
-        (self.has_other_data, self.has_log, self.has_foreign, self.has_lost_unknown) = (false, false, false, false);
+        (self.has_other_data, self.has_log, self.has_foreign) = (false, false, false);
     }
 
     /// Whether nothing is in progress, and the log can be read and written.
@@ -456,8 +455,8 @@ impl Log {
 
     /// Returns the newest record of a kind, and whether a newer one was lost.
     pub(crate) fn find(&self, kind: u8) -> Entry {
-        let entry = self.entries.iter().find(|entry| entry.kind == kind).copied().unwrap_or(Entry::FREE);
-        Entry { is_damaged: entry.is_damaged || (entry.kind == 0 && self.has_lost_unknown), ..entry }
+        let of = |kind| self.entries.iter().find(|entry| entry.kind == kind).copied();
+        of(kind).unwrap_or(Entry { is_damaged: of(ANY_KIND).is_some(), ..Entry::FREE })
     }
 
     /// Returns the index of a kind's entry, or of a free one.
@@ -501,15 +500,17 @@ impl Log {
             let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
             self.write = Segment { number: self.newest, first, erased: self.next_erased, ..Segment::NONE };
             self.next_erased = 0;
-            (self.entry, self.record, self.attempts) = (0, Record::NONE, 0);
+            (self.entry, self.record) = (0, Record::NONE);
         } else {
             (self.entry, self.record) = (NO_ENTRY, self.new);
         }
+        self.attempts = 0;
         (self.task, self.stage) = (Task::Append, Stage::Content);
         true
     }
 
-    /// Gives up the record that is being written: it does not count. Does nothing once its last bytes are written.
+    /// Gives up the record that is being written: it does not count. Does nothing while a page that was written is still
+    /// to be checked, because it may be the last one.
     pub(crate) fn abandon(&mut self) {
         if self.task == Task::Append && self.stage != Stage::Check {
             self.stop(self.stage == Stage::Tail);
@@ -559,7 +560,12 @@ impl Log {
             }
             Task::Append if may_write => self.next_of_append(page),
             Task::Idle if may_write => self.erase_ahead(now),
-            Task::Append | Task::Idle | Task::Detached | Task::Foreign => Next::Idle,
+            Task::Undo if may_write => {
+                let Segment { first, head, .. } = self.write;
+                let unit = u32::from(self.region.end_of_unit(head)).saturating_sub(self.region.unit);
+                self.erase(first, unit, Pending::Step)
+            }
+            Task::Append | Task::Idle | Task::Undo | Task::Detached | Task::Foreign => Next::Idle,
         }
     }
 
@@ -706,6 +712,11 @@ impl Log {
                 _ => self.wait(now, PAUSE),
             },
             Task::Append => self.append_done(now, is_done, page),
+            Task::Undo if is_done => self.failed(true),
+            Task::Undo => {
+                self.retry_at = now.after(LONG_PAUSE);
+                Event::Nothing
+            }
             Task::Detached | Task::Waiting | Task::Foreign | Task::Idle => Event::Nothing,
         }
     }
@@ -722,10 +733,15 @@ impl Log {
             if tail == [0xFF; TAIL] || tail == [0; TAIL] {
                 return;
             }
-            match page.damaged_kind() {
-                _ if !is_examined => self.task = Task::Examine,
-                Some(kind) => self.suspect(0, kind),
-                None => self.has_other_data = true,
+            if !is_examined {
+                self.task = Task::Examine;
+                return;
+            }
+            match page.open() {
+                Content::Bad(Some(footer)) if footer.is_last() && !footer.is_copy() => {
+                    self.suspect(footer.segment, footer.kind);
+                }
+                _ => self.has_other_data = true,
             }
             return;
         };
@@ -754,7 +770,7 @@ impl Log {
         }
     }
 
-    /// Notes a damaged page, which may have opened a segment with this number; 0 if the number is not known.
+    /// Notes a damaged page, which may have opened a segment with this number.
     fn suspect(&mut self, segment: u32, kind: u8) {
         let Suspect { segment: known, kind: other } = self.suspect;
         if is_newer(known, segment) {
@@ -781,10 +797,15 @@ impl Log {
             self.task = Task::Foreign;
             return Event::Found;
         }
-        if self.unreadable >= self.region.pages {
-            return self.wait(now, if self.attempts < ATTEMPTS { PAUSE } else { LONG_PAUSE });
+        // A power cut leaves no more than one unit that cannot be read. What is in the others may be read later.
+        if self.unreadable > self.region.unit || self.unreadable >= self.region.pages {
+            return self.wait(now, if self.attempts.saturating_add(1) < ATTEMPTS { PAUSE } else { LONG_PAUSE });
         }
         if self.open.number == 0 {
+            let is_given_up = self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS;
+            if is_given_up {
+                self.all_damaged();
+            }
             return self.end_of_scan(now);
         }
         self.task = Task::Replay;
@@ -849,7 +870,7 @@ impl Log {
         }
     }
 
-    /// Compares the number of records so far with the one that the first page of a record states.
+    /// Compares the number of records so far with the one that a page of the next record states.
     fn check_count(&mut self, footer: &Footer) {
         let lost = footer.count.wrapping_sub(self.write.count).cast_signed();
         if lost > 0 {
@@ -863,7 +884,7 @@ impl Log {
 
     /// Records were lost, and nobody knows of which kinds.
     fn all_damaged(&mut self) {
-        self.has_lost_unknown = true;
+        self.mark_damaged(ANY_KIND);
         for entry in &mut self.entries {
             entry.is_damaged |= entry.kind != 0;
         }
@@ -871,6 +892,7 @@ impl Log {
 
     /// Takes the last page of a record that was complete, and is not whole.
     fn damaged(&mut self, footer: &Footer) {
+        self.check_count(footer);
         self.mark_damaged(footer.kind);
         (self.write.count, self.write.before) = (footer.count.wrapping_add(1), footer.kind);
     }
@@ -910,16 +932,20 @@ impl Log {
             // What a driver says of the last write does not count: after a restart, what can be read does.
             Stage::Body if !is_done && !is_last(page) => return self.failed(true),
             Stage::Body | Stage::Tail => self.stage = Stage::Check,
-            // Until it is known whether the page is whole, nothing else may happen.
-            Stage::Check if !is_done => self.retry_at = now.after(PAUSE),
+            Stage::Check if !is_done && self.attempts < ATTEMPTS => {
+                self.attempts = self.attempts.saturating_add(1);
+                self.retry_at = now.after(PAUSE);
+            }
             Stage::Check => {
                 let Segment { number: segment, head: position, .. } = self.write;
-                return match page.open() {
+                match if is_done { page.open() } else { Content::Blank } {
                     Content::Whole(footer, crc) if (footer.segment, footer.position) == (segment, position) => {
-                        self.written(now, &footer, crc)
+                        return self.written(now, &footer, crc);
                     }
-                    _ => self.failed(true),
-                };
+                    _ if self.write.number == self.open.number => return self.failed(true),
+                    // It might be whole after a restart, or look like damage, and count for the segment that it opens.
+                    _ => self.task = Task::Undo,
+                }
             }
         }
         Event::Nothing
@@ -957,7 +983,7 @@ impl Log {
     fn written(&mut self, now: Instant, footer: &Footer, crc: u32) -> Event {
         self.write.head = self.write.head.saturating_add(1);
         self.record.advance(crc);
-        self.stage = Stage::Content;
+        (self.stage, self.attempts) = (Stage::Content, 0);
         if !footer.is_last() {
             return Event::Nothing;
         }

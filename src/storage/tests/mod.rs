@@ -3,6 +3,8 @@
 //! A restart is a new log over the same flash: nothing else survives.
 
 mod cuts;
+mod damage;
+mod faults;
 
 #[path = "../../../tests/support/flash.rs"]
 mod flash;
