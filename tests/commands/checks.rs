@@ -1,5 +1,5 @@
-//! What is checked of a command before it reaches the vehicle: rules C-1, C-5 to C-9, C-14; what is not checked: C-10, SEC-13;
-//! commands with special answers: C-30.
+//! Checks of a command before it reaches the vehicle: rules C-1, C-5 to C-9, C-14. Also what the stack does not check (C-10,
+//! SEC-13) and commands with special answers (C-30).
 
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -7,14 +7,14 @@ use mavstack::dialect::*;
 use mavstack::{LinkConfig, LinkId};
 
 const NAN: f32 = f32::NAN;
-/// Of both forms, at a position; its frame is GLOBAL_RELATIVE_ALT.
+/// Has both forms and a position; its frame is GLOBAL_RELATIVE_ALT.
 const PLACE: MavCmd = MavCmd::NAV_VTOL_TAKEOFF;
-/// Of COMMAND_LONG only, not for everyone.
+/// COMMAND_LONG only; no broadcast.
 const MOTOR: MavCmd = MavCmd::DO_MOTOR_TEST;
-/// Of COMMAND_INT only.
+/// COMMAND_INT only.
 const FLY: MavCmd = MavCmd::DO_REPOSITION;
 
-/// A vehicle that takes whatever passes.
+/// A world whose vehicle accepts every command that passes the checks.
 fn world() -> World<1> {
     let mut world = World::new(Setup::new());
     for command in [PLACE, MOTOR, FLY, MavCmd::DO_REPEAT_SERVO] {
@@ -23,7 +23,7 @@ fn world() -> World<1> {
     world
 }
 
-/// The one answer to what was sent; and that the vehicle heard of the command if, and only if, it was accepted.
+/// Returns the only answer. Asserts that the vehicle received the command exactly if it was accepted.
 fn answer(world: &mut World<1>) -> MavResult {
     let before = world.vehicle.commands().len();
     let ack: CommandAck = world.expect(0, millis(10));
@@ -47,7 +47,7 @@ fn at(command: MavCmd, frame: MavFrame, x: i32, y: i32, z: f32) -> CommandInt {
     CommandInt { command, frame, x, y, z, ..CommandInt::default() }
 }
 
-/// C-4: each form where the command has it.
+/// C-4: a command is accepted only in the forms that it has.
 #[test]
 fn form_is_checked() {
     let mut world = world();
@@ -59,8 +59,7 @@ fn form_is_checked() {
     assert_eq!(int(&mut world, at(FLY, MavFrame::GLOBAL, 0, 0, 5.0)), MavResult::ACCEPTED);
 }
 
-/// C-7: the frame of a command with a position is one that the vehicle knows; of another it says nothing.
-#[test]
+/// C-7: a command with a position must have a frame that the vehicle supports; without a position the frame is ignored.
 fn frame_is_checked_where_there_is_a_position() {
     let mut world = world();
     for frame in 0..=30 {
@@ -68,18 +67,18 @@ fn frame_is_checked_where_there_is_a_position() {
         let knows = matches!(frame, MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT);
         let expected = if knows { MavResult::ACCEPTED } else { MavResult::COMMAND_UNSUPPORTED_MAV_FRAME };
         assert_eq!(int(&mut world, at(PLACE, frame, 473_977_418, 85_455_938, 20.0)), expected, "{frame:?}");
-        // Each with a number of its own, since it is not carried out twice.
+        // Parameter 1 makes each command unique, because this one is carried out once.
         let servo =
             CommandInt { param1: f32::from(frame.0), param3: 1.0, ..at(MavCmd::DO_REPEAT_SERVO, frame, 0, 0, 0.0) };
         assert_eq!(int(&mut world, servo), MavResult::ACCEPTED, "{frame:?}");
         world.run_for(secs(4));
     }
-    // A COMMAND_LONG names none.
+    // A COMMAND_LONG has no frame.
     assert_eq!(long(&mut world, PLACE, [0.0, 0.0, 0.0, NAN, 47.4, 8.5, 20.0]), MavResult::ACCEPTED);
 }
 
-/// C-6, C-7, C-8, SEC-14: positions on the globe or, where the command may do without, none; a NaN's bits in an integer are
-/// garbage.
+/// C-6, C-7, C-8, SEC-14: a position must be on the globe, or absent where the command allows it. The bits of a NaN in an
+/// integer are refused.
 #[test]
 fn position_is_checked() {
     let mut world = world();
@@ -115,8 +114,8 @@ fn position_is_checked() {
     }
 }
 
-/// C-8, C-9: parameters are what the definitions say: integers whole and in range, enums listed, NaN where it means
-/// something.
+/// C-8, C-9: parameters must match their definition: integers whole and in range, enum values listed, NaN only where it has a
+/// meaning.
 #[test]
 fn parameters_are_checked() {
     let mut world = world();
@@ -142,9 +141,9 @@ fn parameters_are_checked() {
     }
 }
 
-/// C-5: form before control, control before frame, frame before parameters; parameters before the vehicle's own verdict.
+/// C-5: the order of checks is form, control, frame, parameters, and then the vehicle's own decision.
 #[test]
-fn checks_have_an_order() {
+fn checks_run_in_order() {
     let mut world = world();
     world.vehicle.controller = Some(OTHER_STATION);
     world.vehicle.outcomes.insert(PLACE.0, MavResult::FAILED.into());
@@ -159,12 +158,12 @@ fn checks_have_an_order() {
     (wrong.x, wrong.z) = (0, 0.0);
     world.gcs[0].send(&CommandInt { target_system: 1, target_component: 1, ..wrong });
     assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, MavResult::FAILED);
-    // What the vehicle does not declare is its own business.
+    // The stack checks no parameter of a command that the vehicle does not declare.
     world.vehicle.controller = Some(OTHER_STATION);
     assert_eq!(long(&mut world, MavCmd::NAV_LAND, [f32::INFINITY; 7]), MavResult::ACCEPTED);
 }
 
-/// C-1: a command that is not for everyone is refused to who means everyone.
+/// C-1: a command that is declared without broadcasts is refused when it is sent to all systems.
 #[test]
 fn broadcast_is_refused_where_declared() {
     let mut world = world();
@@ -177,9 +176,9 @@ fn broadcast_is_refused_where_declared() {
     assert!(world.vehicle.commands()[0].is_broadcast);
 }
 
-/// C-30: the vehicle can tell when its answer has left, to the last byte, and reboots then.
+/// C-30: the vehicle learns when the last byte of its answer was sent, and reboots then.
 #[test]
-fn reboot_is_answered_first() {
+fn reboot_is_answered_before_it_happens() {
     let lines = [LineConfig::radio(9_600, millis(0))];
     let mut world = World::new(Setup { lines, ..Setup::<1>::new() });
     world.vehicle.outcomes.insert(246, MavResult::ACCEPTED.into());
@@ -191,9 +190,9 @@ fn reboot_is_answered_first() {
     let asked = world.now();
     assert!(!world.stack.has_answered(LinkId(0)));
     assert!(world.run_until(secs(3), |world| world.stack.has_answered(LinkId(0))));
-    assert!(world.now().since(asked) >= millis(500), "not while the line takes nothing");
-    assert!(world.stack.has_answered(LinkId(9)), "a link that is not there owes nothing");
-    // From here on the vehicle is gone; what its UART took still arrives.
+    assert!(world.now().since(asked) >= millis(500), "not while the link is backpressured");
+    assert!(world.stack.has_answered(LinkId(9)), "a link that does not exist has nothing pending");
+    // The vehicle has rebooted; the bytes in its UART still arrive.
     let later = world.now().after(millis(100));
     world.clock.set(later);
     world.gcs[0].poll(later);
@@ -201,10 +200,10 @@ fn reboot_is_answered_first() {
     assert_eq!(ack.result, MavResult::ACCEPTED);
 }
 
-/// C-10: `confirmation` decides nothing by itself. Most clients leave it at 0 when they repeat a command, and COMMAND_INT has
-/// none: a command that runs is answered and not begun again whatever it says, an ordinary one is carried out each time.
+/// C-10: `confirmation` alone does not identify a retransmission: most clients leave it at 0, and COMMAND_INT has none.
+/// Whatever its value, a running command is answered and not started again, and an ordinary one is carried out each time.
 #[test]
-fn repetitions_are_known_without_their_confirmation() {
+fn retransmission_is_recognised_without_confirmation() {
     for confirmations in [[0, 0, 0, 0], [0, 1, 2, 3], [3, 0, 255, 1]] {
         let mut world = world();
         let (calibrate, land) = (MavCmd::PREFLIGHT_CALIBRATION, MavCmd::NAV_LAND);
@@ -230,10 +229,10 @@ fn repetitions_are_known_without_their_confirmation() {
     assert_eq!((world.vehicle.commands().len(), world.gcs[0].count_of::<CommandAck>()), (1, 4));
 }
 
-/// SEC-13: whether it disarms or reboots in flight is the vehicle's word alone. It hears of each, with all that was sent: no
-/// number in a parameter makes the stack refuse, or carry out, anything by itself.
+/// SEC-13: only the vehicle decides whether to disarm or reboot in flight. It gets each command with all its parameters; no
+/// parameter value makes the stack refuse or carry out anything by itself.
 #[test]
-fn disarming_and_rebooting_in_flight_is_for_the_vehicle_to_refuse() {
+fn only_the_vehicle_refuses_to_disarm_or_reboot_in_flight() {
     let (disarm, reboot) = (MavCmd::COMPONENT_ARM_DISARM, MavCmd::PREFLIGHT_REBOOT_SHUTDOWN);
     for (command, params) in [
         (disarm, [0.0; 7]),
@@ -253,16 +252,16 @@ fn disarming_and_rebooting_in_flight_is_for_the_vehicle_to_refuse() {
             let [p1, p2, p3, p4] = heard.params;
             assert_eq!([p1, p2, p3, p4, param5, param6, heard.z], params);
             world.run_for(secs(2));
-            assert!(world.gcs[0].count_of::<Heartbeat>() >= 2, "the stack itself does nothing");
+            assert!(world.gcs[0].count_of::<Heartbeat>() >= 2, "the stack does nothing by itself");
         }
     }
 }
 
-/// C-14: a broadcast that resets, erases or restarts is never carried out; a text says why. The same commands for this vehicle
-/// alone are not affected, nor are broadcasts that are meant for a fleet.
+/// C-14: a broadcast that resets, erases or restarts is refused with a text. The same commands addressed to this vehicle are
+/// carried out, and so are broadcasts that are meant for a fleet.
 #[test]
-fn a_broadcast_resets_and_erases_nothing() {
-    // Storage, reboot, calibrations, CAN, upgrade, memory card, camera, compass; from other dialects the bootloader and the
+fn broadcast_cannot_reset_or_erase() {
+    // Storage, reboot, calibrations, CAN, upgrade, memory card, camera, compass; of other dialects the bootloader and the
     // system id.
     let never = [245, 246, 241, 242, 243, 247, 500, 526, 529, 42_006, 42_424, 42_650, 42_651, 610].map(MavCmd);
     let fleet = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_LAND, MavCmd::DO_FLIGHTTERMINATION, MavCmd::MISSION_START];
@@ -303,9 +302,9 @@ fn a_broadcast_resets_and_erases_nothing() {
     }
 }
 
-/// C-14: a PREFLIGHT_STORAGE broadcast is denied whatever it requests: to read back, to write, to reset, or nothing.
+/// C-14: a PREFLIGHT_STORAGE broadcast is denied whatever it requests: read, write, reset, or nothing.
 #[test]
-fn no_storage_for_everyone() {
+fn preflight_storage_broadcast_is_denied() {
     for parameters in [0.0, 1.0, 2.0, 4.0, -1.0, NAN] {
         let mut world = world();
         let storage = world.gcs[0].long(MavCmd::PREFLIGHT_STORAGE, [parameters, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -314,9 +313,9 @@ fn no_storage_for_everyone() {
     }
 }
 
-/// C-14, L-4: by satellite there is an answer but no text, neither on that link nor later.
+/// C-14, L-4: over a high-latency link the refusal is an answer only; the text is sent on no link.
 #[test]
-fn a_denied_broadcast_by_satellite_is_only_answered() {
+fn refused_broadcast_over_satellite_has_no_text() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = World::<1>::new(Setup { links: [satellite], ..Setup::new() });
     let reboot = world.gcs[0].long(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);

@@ -1,5 +1,5 @@
-//! Every command that has a type, a test each: it decodes from what the definition calls good, and refuses what it calls bad
-//! (C-6 to C-9). The list is the generated one: its text is compiled once more, here, with macros in the place of the crate's.
+//! Decodes every typed command from values that its definition accepts, and checks that values that it excludes are refused
+//! (C-6 to C-9). The generated list is compiled a second time here, with this file's macros instead of the crate's.
 
 #![allow(unused_imports, dead_code, reason = "what the generated text imports and declares")]
 
@@ -37,7 +37,7 @@ mod common;
 const NAN: f32 = f32::NAN;
 const GCS: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
 
-/// Values of which one is good for every parameter.
+/// Every parameter accepts at least one of these values.
 const GOOD: [f32; 6] = [NAN, 0.0, 1.0, 3.0, -1.0, 100.0];
 
 const INVALID: [MavMissionResult; 7] = [
@@ -87,11 +87,11 @@ fn int<T: TypedCommand>(params: [f32; 7]) -> Result<T, MavResult> {
     command(&item, CommandPosition::Int { frame: item.frame, x: item.x, y: item.y })
 }
 
-/// Checks a type with fields of these parameters.
+/// Checks a type with these fields.
 fn check<T: TypedCommand + Debug>(fields: &[(u8, &str)]) {
     let is_located = fields.contains(&(5, "Location"));
     let frame = if is_located { MavFrame::GLOBAL } else { MavFrame::MISSION };
-    // One parameter after the other: what is refused is what was not yet replaced.
+    // Replaces one parameter after another: a refusal is caused by one that is not replaced yet.
     let mut params = [NAN; 7];
     for at in 0..7 {
         let passes = |value: f32| {
@@ -126,14 +126,14 @@ fn check<T: TypedCommand + Debug>(fields: &[(u8, &str)]) {
         if !ty.contains("f32") {
             assert_eq!(long::<T>(with(index, 0.5)).err(), Some(MavResult::DENIED), "parameter {index}");
             assert_eq!(long::<T>(with(index, -3e9)).err(), Some(MavResult::DENIED), "parameter {index}");
-            // A vehicle whose own rule admits anything is told what the type cannot hold.
+            // A rule that accepts any value does not hide what the type cannot hold.
             let anything = CommandRule::any(T::RULE.command());
             let by_any = |value| item::<T>(frame, with(index, value)).decode_by::<T>(&anything).err();
             let invalid = Some(INVALID[usize::from(index) - 1]);
             assert!(ty.contains("i32") || by_any(-3e9) == invalid, "parameter {index}: {:?}", by_any(-3e9));
         }
     }
-    // C-8: 0 and NaN where the command uses nothing.
+    // C-8: an unused parameter is 0 or NaN.
     let is_used = |index| fields.iter().any(|(field, _)| *field == index) || (is_located && index > 5);
     for index in (1..=7).filter(|index| !is_used(*index)) {
         assert_eq!((same(with(index, 0.0)), same(with(index, NAN))), (Ok(()), Ok(())), "parameter {index}");

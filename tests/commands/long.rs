@@ -1,5 +1,5 @@
-//! Commands that take their time, and commands that must not be carried out twice: rules C-12, C-20 to C-24, C-3, L-4,
-//! and the property that no sequence of frames makes an answer missing or doubled.
+//! Long-running commands, and commands that must be carried out once: rules C-12, C-20 to C-24, C-3, L-4. A property: no
+//! sequence of frames causes a missing or a second answer.
 
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -12,7 +12,7 @@ const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
 const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
 
-/// A world whose vehicle takes its time to calibrate.
+/// A world whose vehicle calibrates in the background.
 fn world<const N: usize>() -> World<N> {
     let mut world = World::new(Setup::<N>::new());
     world.vehicle.long.insert(CALIBRATE.0);
@@ -21,7 +21,7 @@ fn world<const N: usize>() -> World<N> {
     world
 }
 
-/// The ACKs that the ground station of `link` got since it was asked last: command, result, progress, to whom.
+/// Returns the ACKs that the ground station of `link` received since the last call: command, result, progress, target.
 fn acks<const N: usize>(world: &mut World<N>, link: usize) -> Vec<(MavCmd, MavResult, u8, Address)> {
     let gcs = &mut world.gcs[link];
     std::iter::from_fn(|| gcs.take::<CommandAck>())
@@ -33,7 +33,7 @@ fn results<const N: usize>(world: &mut World<N>, link: usize) -> Vec<(MavResult,
     acks(world, link).into_iter().map(|(_, result, progress, _)| (result, progress)).collect()
 }
 
-/// Sends `command` from the ground station of `link`, with this confirmation, and gives the vehicle time to answer.
+/// Sends `command` from the ground station of `link` with this confirmation, and gives the vehicle time to answer.
 fn send<const N: usize>(world: &mut World<N>, link: usize, command: MavCmd, params: [f32; 7], confirmation: u8) {
     let message = CommandLong { confirmation, ..world.gcs[link].long(command, params) };
     world.gcs[link].send(&message);
@@ -48,9 +48,9 @@ const fn ended(result: MavResult) -> (MavResult, u8) {
     (result, 255)
 }
 
-/// C-20: IN_PROGRESS at once, then every second and when the progress changes, then one final ACK.
+/// C-20: IN_PROGRESS is sent at once, then once a second and when the progress changes, then one final ACK.
 #[test]
-fn a_long_command_tells_how_far_it_is() {
+fn long_command_reports_progress() {
     let mut world = world::<1>();
     let start = world.now();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
@@ -67,15 +67,18 @@ fn a_long_command_tells_how_far_it_is() {
         world.run_for(millis(120));
     }
     assert_eq!(results(&mut world, 0), [running(0), running(40), running(100)]);
-    // More than all is not known.
+    // A progress above 100 % means unknown.
     world.stack.long_commands_mut().progress(CALIBRATE, 101);
     world.run_for(millis(120));
     assert_eq!(results(&mut world, 0), [running(255)]);
     assert!(world.stack.long_commands_mut().is_running(CALIBRATE));
-    assert!(!world.stack.long_commands_mut().finish(CALIBRATE, MavResult::IN_PROGRESS), "no end");
+    assert!(
+        !world.stack.long_commands_mut().finish(CALIBRATE, MavResult::IN_PROGRESS),
+        "IN_PROGRESS is not a final result"
+    );
     let outcome = Outcome { result: MavResult::FAILED, result_param2: -5 };
     assert!(world.stack.long_commands_mut().finish(CALIBRATE, outcome));
-    assert!(!world.stack.long_commands_mut().finish(CALIBRATE, outcome), "it ends once");
+    assert!(!world.stack.long_commands_mut().finish(CALIBRATE, outcome), "a command ends once");
     world.run_for(secs(20));
     let (_, last) = world.gcs[0].all::<CommandAck>().pop().unwrap();
     assert_eq!((last.result_param2, last.target_system, last.target_component), (-5, 255, 190));
@@ -83,9 +86,9 @@ fn a_long_command_tells_how_far_it_is() {
     assert_eq!(world.vehicle.commands().len(), 1);
 }
 
-/// C-20, D-4: a flight loop that tells its progress in every pass does not fill the line; the newest is told.
+/// C-20, D-4: progress reported in every pass of the flight loop does not fill the link; only the latest value is sent.
 #[test]
-fn progress_leaves_room_for_others() {
+fn frequent_progress_does_not_fill_the_link() {
     let mut world = world::<2>();
     for link in [0, 1] {
         send(&mut world, link, CALIBRATE, PARAMS, 0);
@@ -103,9 +106,9 @@ fn progress_leaves_room_for_others() {
     }
 }
 
-/// C-20: a command that is over before its first answer has left is still answered twice, in order.
+/// C-20: a command that ends before its first answer was sent still gets both answers, in order.
 #[test]
-fn an_end_at_once_comes_after_the_beginning() {
+fn immediate_end_is_still_two_answers_in_order() {
     let mut world = world::<1>();
     world.uarts[0].stall_writes_until(Instant::from_millis(500));
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
@@ -115,9 +118,9 @@ fn an_end_at_once_comes_after_the_beginning() {
     assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::ACCEPTED)]);
 }
 
-/// C-21: the same again is a repetition and gets the progress; others are told to wait; nothing begins twice.
-#[test]
-fn a_running_command_is_busy() {
+/// C-21: a retransmission of a running command gets the progress; another form, sender or parameter is TEMPORARILY_REJECTED.
+/// Nothing starts twice.
+fn running_command_rejects_other_requests() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     world.stack.long_commands_mut().progress(CALIBRATE, 30);
@@ -137,8 +140,8 @@ fn a_running_command_is_busy() {
     assert_eq!(results(&mut world, 0), busy, "another form");
     world.gcs[1].address = OTHER_STATION;
     send(&mut world, 1, CALIBRATE, PARAMS, 0);
-    assert_eq!(results(&mut world, 1), busy, "somebody else");
-    // Other commands are not held up.
+    assert_eq!(results(&mut world, 1), busy, "another sender");
+    // Other commands are not blocked.
     send(&mut world, 1, MavCmd::NAV_LAND, [0.0; 7], 0);
     assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
     assert_eq!(world.vehicle.commands().len(), 2);
@@ -148,9 +151,9 @@ fn a_running_command_is_busy() {
     assert_eq!(results(&mut world, 1), []);
 }
 
-/// C-3: who asks by two links gets the end on both.
+/// C-3: a client that sends the command on two links gets the final ACK on both.
 #[test]
-fn the_end_comes_by_every_link_it_was_asked_by() {
+fn final_ack_is_sent_on_every_link_that_carried_the_command() {
     let mut world = world::<2>();
     for link in [0, 1] {
         send(&mut world, link, CALIBRATE, PARAMS, 0);
@@ -164,9 +167,9 @@ fn the_end_comes_by_every_link_it_was_asked_by() {
     }
 }
 
-/// C-22: what finds no place is not begun, and may come again; a place is free three seconds after the end (C-24).
-#[test]
-fn no_place_is_busy() {
+/// C-22: without a free slot a command does not start and can be sent again. A slot is free three seconds after its command
+/// ended (C-24).
+fn command_without_free_slot_is_rejected() {
     let mut world = world::<1>();
     let commands = [241, 242, 243, 252].map(MavCmd);
     for command in commands {
@@ -176,9 +179,9 @@ fn no_place_is_busy() {
     let rejected = ended(MavResult::TEMPORARILY_REJECTED);
     assert_eq!(results(&mut world, 0), [running(255), running(255), running(255), rejected]);
     send(&mut world, 0, ONCE, PARAMS, 0);
-    assert_eq!(results(&mut world, 0), [rejected], "what must not be done twice has to be remembered");
+    assert_eq!(results(&mut world, 0), [rejected], "a command that runs once needs a slot too");
     let calls = world.vehicle.commands().len();
-    assert_eq!(calls, 4, "and so is not done");
+    assert_eq!(calls, 4, "and is not carried out without one");
     world.stack.long_commands_mut().finish(commands[1], MavResult::ACCEPTED);
     world.run_for(millis(2_900));
     acks(&mut world, 0);
@@ -190,9 +193,8 @@ fn no_place_is_busy() {
     assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
 }
 
-/// C-23: who asked gets CANCELLED, on his link, whoever cancels; and only an exact target is heard.
-#[test]
-fn a_running_command_can_be_cancelled() {
+/// C-23: whoever cancels, the sender of the command gets CANCELLED on its own link. COMMAND_CANCEL needs an exact target.
+fn running_command_can_be_cancelled() {
     let mut world = world::<2>();
     let cancel = CommandCancel { command: CALIBRATE, target_system: 1, target_component: 1 };
     let cancels = |world: &World<2>| {
@@ -201,7 +203,7 @@ fn a_running_command_can_be_cancelled() {
     };
     world.gcs[1].send_from(OTHER_STATION, &cancel);
     world.run_for(secs(1));
-    assert_eq!((results(&mut world, 1), cancels(&world)), (vec![], vec![]), "it does not run");
+    assert_eq!((results(&mut world, 1), cancels(&world)), (vec![], vec![]), "the command does not run");
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     acks(&mut world, 0);
     for (target_system, target_component) in [(0, 1), (1, 0), (0, 0), (2, 1), (1, 2)] {
@@ -215,19 +217,19 @@ fn a_running_command_can_be_cancelled() {
     world.run_for(millis(1_100));
     let from = Peer { address: OTHER_STATION, link: LinkId(1) };
     assert_eq!(cancels(&world), [Call::CancelCommand(CALIBRATE, from)]);
-    assert_eq!(results(&mut world, 0), [running(255)], "it goes on");
+    assert_eq!(results(&mut world, 0), [running(255)], "the command still runs");
     world.vehicle.cancels = true;
     world.gcs[1].send_from(OTHER_STATION, &cancel);
     world.gcs[1].send_from(OTHER_STATION, &cancel);
     world.run_for(secs(5));
     assert_eq!(acks(&mut world, 0), [(CALIBRATE, MavResult::CANCELLED, 255, STATION)]);
-    assert_eq!(acks(&mut world, 1), [], "no answer to COMMAND_CANCEL itself");
+    assert_eq!(acks(&mut world, 1), [], "COMMAND_CANCEL itself is not answered");
     assert_eq!(cancels(&world).len(), 2);
 }
 
-/// C-24: the final ACK is sent again to who lost it, for three seconds; then the command is a new one.
+/// C-24: for three seconds a retransmitted command gets the final ACK again; after that it is a new command.
 #[test]
-fn a_lost_final_ack_comes_again() {
+fn lost_final_ack_is_sent_again() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     world.stack.long_commands_mut().finish(CALIBRATE, MavResult::FAILED);
@@ -239,7 +241,7 @@ fn a_lost_final_ack_comes_again() {
         assert_eq!(results(&mut world, link), [ended(MavResult::FAILED)]);
     }
     assert_eq!(world.vehicle.commands().len(), 1);
-    // Another one is another one.
+    // Other parameters make another command.
     let mut other = PARAMS;
     other[0] = 0.0;
     send(&mut world, 0, CALIBRATE, other, 0);
@@ -252,9 +254,9 @@ fn a_lost_final_ack_comes_again() {
     assert_eq!(world.vehicle.commands().len(), 3);
 }
 
-/// C-20: a command that was refused after all does not run, and takes no place.
+/// C-20: a command that the vehicle refuses after starting it does not run and occupies no slot.
 #[test]
-fn a_start_can_be_taken_back() {
+fn start_can_be_withdrawn() {
     let mut world = world::<1>();
     world.vehicle.outcomes.insert(CALIBRATE.0, MavResult::DENIED.into());
     for _ in 0..5 {
@@ -268,9 +270,9 @@ fn a_start_can_be_taken_back() {
     assert_eq!(results(&mut world, 0), [running(255)]);
 }
 
-/// C-3: a final ACK that is still owed is not lost to the same command, given anew by another link.
+/// C-3: a pending final ACK is not lost when the same command is sent again on another link.
 #[test]
-fn a_final_ack_that_is_owed_is_kept() {
+fn pending_final_ack_is_kept() {
     let mut world = world::<2>();
     world.vehicle.outcomes.remove(&ONCE.0);
     world.vehicle.long.insert(ONCE.0);
@@ -286,9 +288,9 @@ fn a_final_ack_that_is_owed_is_kept() {
     assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::FAILED)]);
 }
 
-/// A final ACK waits for a link that takes nothing, but not for ever: its place is needed.
+/// A final ACK waits for a backpressured link, but not forever: its slot is needed.
 #[test]
-fn a_dead_link_gives_its_place_back() {
+fn dead_link_frees_its_slot() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
     world.uarts[0].stall_writes_until(Instant::from_millis(60_000));
@@ -305,15 +307,15 @@ fn a_dead_link_gives_its_place_back() {
     assert_eq!(results(&mut world, 1).pop(), Some(running(255)));
 }
 
-/// C-12: a duplicate by another link, or with a higher confirmation, is answered and not carried out; two presses more than a
+/// C-12: a duplicate on another link, or with a higher confirmation, is answered and not carried out. Two commands more than a
 /// second apart are two commands.
 #[test]
-fn what_must_not_be_done_twice_is_not() {
+fn command_that_runs_once_ignores_duplicates() {
     let mut world = world::<2>();
     let outcome = Outcome { result: MavResult::ACCEPTED, result_param2: 7 };
     world.vehicle.outcomes.insert(ONCE.0, outcome);
     let mut done = 0;
-    // Link, confirmation, ms before, whether it is new.
+    // Link, confirmation, delay before it in ms, whether it is a new command.
     for (step, (link, confirmation, wait, is_new)) in [
         (0, 0, 0, true),
         (1, 0, 100, false),
@@ -322,7 +324,7 @@ fn what_must_not_be_done_twice_is_not() {
         (0, 2, 5, false),
         (0, 2, 5, false),
         (1, 2, 5, false),
-        // Pressed twice more; the other link is behind. Then that one is first.
+        // Two more commands on link 0 while link 1 is behind. Then link 1 is first.
         (0, 0, 1_100, true),
         (0, 0, 1_100, true),
         (1, 0, 5, false),
@@ -330,7 +332,7 @@ fn what_must_not_be_done_twice_is_not() {
         (1, 0, 1_100, true),
         (0, 0, 5, false),
         (0, 0, 1_100, true),
-        // A client that always sends 2.
+        // A client that always sends confirmation 2.
         (1, 2, 3_100, true),
         (1, 2, 1_100, true),
         (0, 2, 5, false),
@@ -341,7 +343,7 @@ fn what_must_not_be_done_twice_is_not() {
     .enumerate()
     {
         world.run_for(millis(wait));
-        // Whatever else it would do now.
+        // If a duplicate were carried out, this outcome would show.
         let now = if is_new { outcome } else { MavResult::FAILED.into() };
         world.vehicle.outcomes.insert(ONCE.0, now);
         send(&mut world, link, ONCE, PARAMS, confirmation);
@@ -353,9 +355,9 @@ fn what_must_not_be_done_twice_is_not() {
     }
 }
 
-/// C-12: only copies are copies.
+/// C-12: only an identical command is a duplicate.
 #[test]
-fn what_differs_is_carried_out() {
+fn different_command_is_carried_out() {
     let mut world = world::<2>();
     send(&mut world, 0, ONCE, PARAMS, 0);
     let mut other = PARAMS;
@@ -367,9 +369,9 @@ fn what_differs_is_carried_out() {
     let message = world.gcs[1].long(ONCE, PARAMS);
     world.gcs[1].send_from(OTHER_STATION, &message);
     world.run_for(millis(5));
-    assert_eq!(world.vehicle.commands().len(), 4, "somebody else");
+    assert_eq!(world.vehicle.commands().len(), 4, "another sender");
     world.run_for(secs(4));
-    // The same bits in another form, and in another frame.
+    // The same bits in another form and in another frame.
     send(&mut world, 0, ONCE, [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, 0.0], 0);
     world.gcs[1].command_int(ONCE, [1.0, 0.0, 3.0, 0.5]);
     world.run_for(millis(5));
@@ -379,16 +381,16 @@ fn what_differs_is_carried_out() {
     world.gcs[0].send(&int);
     world.run_for(millis(5));
     assert_eq!(world.vehicle.commands().len(), 7, "another frame");
-    // A command that is not declared so is carried out each time.
+    // A command that is not declared to run once is carried out each time.
     for link in [0, 1] {
         send(&mut world, link, MavCmd::NAV_LAND, [0.0; 7], 0);
     }
     assert_eq!(world.vehicle.commands().len(), 9);
 }
 
-/// L-4: over a satellite every byte costs: the first answer and the last.
+/// L-4: a high-latency link carries the first and the last answer only, because every byte costs money.
 #[test]
-fn no_progress_by_satellite() {
+fn progress_is_not_sent_over_satellite() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = World::new(Setup { links: [satellite], ..Setup::new() });
     world.vehicle.long.insert(CALIBRATE.0);
@@ -402,7 +404,7 @@ fn no_progress_by_satellite() {
     assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::CANCELLED)]);
 }
 
-/// What happens in the property: somebody sends something, or the vehicle gets on.
+/// A step of the property: a station sends a frame, or the vehicle makes progress.
 #[derive(Clone, Debug)]
 enum Step {
     Command { link: usize, other: bool, command: u16, form: bool, param: bool, confirmation: u8 },
@@ -412,7 +414,7 @@ enum Step {
     Wait { millis: u64 },
 }
 
-/// Two that take their time, one that is carried out once, an ordinary one, one that is refused, one that is unknown.
+/// Two long-running commands, one that runs once, an ordinary one, one that is refused, and an unknown one.
 const COMMANDS: [u16; 6] = [241, 243, 184, 21, 192, 42_424];
 
 fn any_step() -> impl Strategy<Value = Step> {
@@ -430,11 +432,11 @@ fn any_step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// Who was promised a final ACK, by link.
+/// By command: the client that is owed a final ACK, and its links.
 type Promises = BTreeMap<u16, (Address, BTreeSet<usize>)>;
 
-/// Runs, and requires that what came beside progress is `expected`, in any order; with `may_run` an IN_PROGRESS will do for
-/// an answer.
+/// Runs the world and asserts that it received exactly `expected`, in any order, apart from progress. With `may_run`,
+/// IN_PROGRESS counts as an answer.
 fn expect_only(
     world: &mut World<2>,
     promises: &Promises,
@@ -448,7 +450,7 @@ fn expect_only(
     for link in [0, 1] {
         came.extend(acks(world, link).into_iter().map(|ack| (link, ack)));
     }
-    // Answers that are final first: what was on its way before them is no substitute.
+    // Final answers first: an earlier IN_PROGRESS must not take their place.
     came.sort_by_key(|(_, (_, result, ..))| *result == MavResult::IN_PROGRESS);
     for &(link, (command, result, progress, to)) in &came {
         let runs = result == MavResult::IN_PROGRESS;
@@ -457,28 +459,28 @@ fn expect_only(
         if let Some(at) = wanted.filter(|_| may_run || !runs) {
             left.swap_remove(at);
         } else {
-            // An unasked one can only be the progress of what runs, to who asked for it, where he did.
-            assert!(runs, "{command:?} on link {link}: {result:?} is one too many");
+            // An unexpected answer can only be progress, sent to the command's client on one of its links.
+            assert!(runs, "{command:?} on link {link}: {result:?} is unexpected");
             let (station, links) = &promises[&command.0];
             assert!(*station == to && links.contains(&link));
         }
     }
-    assert_eq!(left, [], "answers that did not come");
+    assert_eq!(left, [], "missing answers");
     came.into_iter().map(|(link, (command, result, ..))| (link, command.0, result)).collect()
 }
 
 proptest! {
     #![proptest_config(cases(96))]
 
-    /// No sequence of frames makes an answer missing or doubled (C-3): each copy has one at once; who was told IN_PROGRESS
-    /// gets one final ACK when the command ends, on each link that told him so; and nobody gets anything else.
+    /// C-3: no sequence of frames causes a missing or a second answer. Each retransmission is answered at once. A client that
+    /// got IN_PROGRESS gets one final ACK, on each link that carried IN_PROGRESS. No other peer gets an answer.
     #[test]
-    fn no_answer_is_missing_or_doubled(steps in prop::collection::vec(any_step(), 1..40)) {
+    fn each_command_has_exactly_one_answer(steps in prop::collection::vec(any_step(), 1..40)) {
         let mut world = world::<2>();
         world.vehicle.long.insert(243);
         let mut promises = Promises::new();
         for step in steps {
-            // What is due by now comes in between and is progress only.
+            // Until the step, only progress may arrive.
             expect_only(&mut world, &promises, millis(3), &[], false);
             match step {
                 Step::Command { link, other, command, form, param, confirmation } => {
@@ -492,7 +494,7 @@ proptest! {
                     if form { world.gcs[link].send_from(from, &long) } else { world.gcs[link].send_from(from, &int) }
                     let before = world.vehicle.commands().len();
                     let wanted = (link, command.0, from);
-                    // A repetition of what runs may be answered by a repetition of the answer that is due anyway.
+                    // A pending IN_PROGRESS may answer a retransmission too.
                     let came = expect_only(&mut world, &promises_with(&promises, wanted), millis(3), &[wanted], true);
                     prop_assert!(world.vehicle.commands().len() <= before + 1);
                     let is_final = |&&(_, id, result): &&(usize, u16, MavResult)| id == command.0 && result != MavResult::IN_PROGRESS;
@@ -527,14 +529,14 @@ proptest! {
     }
 }
 
-/// The promises with one that may just be given.
+/// Returns the promises with another one that may just have been made.
 fn promises_with(promises: &Promises, (link, command, from): (usize, u16, Address)) -> Promises {
     let mut promises = promises.clone();
     promises.entry(command).or_insert_with(|| (from, BTreeSet::new())).1.insert(link);
     promises
 }
 
-/// The final ACKs that are due now.
+/// Removes and returns the final ACKs that are due now.
 fn take_promise(promises: &mut Promises, command: u16) -> Vec<(usize, u16, Address)> {
     let Some((station, links)) = promises.remove(&command) else { return Vec::new() };
     links.into_iter().map(|link| (link, command, station)).collect()

@@ -14,7 +14,7 @@ mod protocol;
 mod refusal_texts;
 mod typed;
 
-// What the generated dialect, which `every_command` compiles once more, expects in the root of its crate.
+// `every_command` compiles the generated dialect again, which expects these names at the root of its crate.
 use every_command::{command, dialect, message, wire_bitmask, wire_enum};
 mod message {
     pub use mavstack::message::{CommandRule, Location, ParamRule, Secret, Text};

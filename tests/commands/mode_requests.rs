@@ -1,4 +1,4 @@
-//! Asking for another flight mode: rules C-32, C-1, C-4, C-5, C-8, C-9, D-3.
+//! Requests for another flight mode: rules C-32, C-1, C-4, C-5, C-8, C-9, D-3.
 
 use crate::support::pilot::*;
 use crate::support::*;
@@ -14,7 +14,7 @@ const SET: MavCmd = MavCmd::DO_SET_MODE;
 const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
 const CUSTOM: f32 = 1.0;
 
-/// Each of `rows` as COMMAND_LONG and as COMMAND_INT: parameters, and the mode that they mean, or none, which is DENIED.
+/// Sends each of `rows` as COMMAND_LONG and as COMMAND_INT: the parameters, and the requested mode, or `None` for DENIED.
 fn check_rows<const W: u8>(id: MavCmd, rows: &[(&[f32], Option<u32>)]) {
     let mut world = world::<1, W>();
     for (params, mode) in rows {
@@ -26,10 +26,10 @@ fn check_rows<const W: u8>(id: MavCmd, rows: &[(&[f32], Option<u32>)]) {
         assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, result, "{params:?}");
         assert_eq!(asked(&mut world), Vec::from_iter(*mode), "{params:?}");
     }
-    assert_eq!(world.vehicle.commands, 0, "they do not come as commands too");
+    assert_eq!(world.vehicle.commands, 0, "the hook for commands is not called");
 }
 
-/// C-8, C-9: PX4's way, a main mode and a sub-mode; or all of it at once.
+/// C-8, C-9: PX4's encoding: a main mode and a sub-mode, or both in one number.
 #[test]
 fn do_set_mode_with_main_and_sub_mode() {
     check_rows::<PX4>(
@@ -41,17 +41,17 @@ fn do_set_mode_with_main_and_sub_mode() {
             (&[CUSTOM, 3.0, NAN], Some(POSITION)),
             (&[CUSTOM, HOLD as f32, 0.0], Some(HOLD)),
             (&[CUSTOM, RETURN as f32, NAN], Some(RETURN)),
-            // Unknown: a main mode, a sub-mode, a number that is a whole mode elsewhere, and one next to a known one.
+            // Unknown: a main mode, a sub-mode, a number that is a mode of other autopilots, and the neighbour of a known one.
             (&[CUSTOM, 5.0, 0.0], None),
             (&[CUSTOM, 4.0, 0.0], None),
             (&[CUSTOM, 4.0, 9.0], None),
             (&[CUSTOM, TEST as f32, 0.0], None),
             (&[CUSTOM, ODD as f32, 0.0], None),
-            // A whole mode has no sub-mode beside it.
+            // A whole mode has no sub-mode.
             (&[CUSTOM, HOLD as f32, 3.0], None),
-            // Not to be selected.
+            // Not selectable.
             (&[CUSTOM, 9.0, 0.0], None),
-            // No numbers.
+            // Not numbers.
             (&[CUSTOM, NAN, 0.0], None),
             (&[CUSTOM, INF, 0.0], None),
             (&[CUSTOM, -3.0, 0.0], None),
@@ -64,7 +64,7 @@ fn do_set_mode_with_main_and_sub_mode() {
     );
 }
 
-/// The flags: without CUSTOM_MODE_ENABLED they name no mode; whether to arm is not looked at.
+/// Without CUSTOM_MODE_ENABLED the flags name no mode. The armed flag is ignored.
 #[test]
 fn do_set_mode_needs_the_custom_flag() {
     check_rows::<PX4>(
@@ -85,7 +85,7 @@ fn do_set_mode_needs_the_custom_flag() {
     );
 }
 
-/// C-8, C-9: ArduPilot's way, all of it in parameter 2.
+/// C-8, C-9: ArduPilot's encoding: the whole mode in parameter 2.
 #[test]
 fn do_set_mode_with_a_whole_mode() {
     check_rows::<ARDUPILOT>(
@@ -94,7 +94,7 @@ fn do_set_mode_with_a_whole_mode() {
             (&[CUSTOM, TEST as f32], Some(TEST)),
             (&[CUSTOM, TEST as f32, NAN], Some(TEST)),
             (&[CUSTOM, HOLD as f32], Some(HOLD)),
-            // Who sends a sub-mode means another way.
+            // A sub-mode means PX4's encoding.
             (&[CUSTOM, TEST as f32, 3.0], None),
             (&[CUSTOM, 4.0, 3.0], None),
             (&[CUSTOM, 8.0], None),
@@ -116,7 +116,7 @@ fn do_set_standard_mode() {
             (&[1.0], Some(POSITION)),
             (&[6.0, NAN, NAN, NAN, NAN, NAN, NAN], Some(MISSION)),
             (&[5.0], Some(RETURN)),
-            // No standard mode, two that it has not, one that nobody can ask for, one that there is not.
+            // NON_STANDARD, two that the vehicle lacks, one that is not selectable, and an undefined one.
             (&[0.0], None),
             (&[2.0], None),
             (&[8.0], None),
@@ -131,7 +131,7 @@ fn do_set_standard_mode() {
     );
 }
 
-/// C-32: SET_MODE is answered like a command with its own number, to who sent it, where he sent it; it takes any number.
+/// C-32: SET_MODE is answered by a COMMAND_ACK with its message id, to its sender on the same link. It accepts any mode number.
 #[test]
 fn set_mode_is_answered() {
     let mut world = world::<2, PX4>();
@@ -139,7 +139,7 @@ fn set_mode_is_answered() {
         (1, HOLD, ACCEPTED),
         (1, TEST, ACCEPTED),
         (1, ODD, ACCEPTED),
-        // As QGroundControl sends it to a vehicle that is armed; and the armed flag alone arms nobody.
+        // QGroundControl sends the first to an armed vehicle. The armed flag alone does not arm.
         (129, HOLD, ACCEPTED),
         (0, HOLD, DENIED),
         (128, HOLD, DENIED),
@@ -160,10 +160,10 @@ fn set_mode_is_answered() {
     world.gcs[1].send(&SetMode { target_system: 2, ..set_mode(1, HOLD) });
     world.expect_no::<CommandAck>(1, millis(20));
     world.expect_no::<CommandAck>(0, millis(20));
-    assert_eq!((asked(&mut world), &world.vehicle.messages), (vec![], &vec![]), "it does not come as a message too");
+    assert_eq!((asked(&mut world), &world.vehicle.messages), (vec![], &vec![]), "the hook for messages is not called");
 }
 
-/// D-3: a SET_MODE whose answer has no room is not carried out.
+/// D-3: a SET_MODE without room for its answer is not carried out.
 #[test]
 fn set_mode_without_room_is_not_carried_out() {
     let mut world = world::<1, PX4>();
@@ -173,14 +173,14 @@ fn set_mode_without_room_is_not_carried_out() {
         world.gcs[0].send(&set_mode(1, HOLD));
     }
     world.run_for(millis(300));
-    assert_eq!(world.vehicle.asked.len(), 4, "no room, no mode");
+    assert_eq!(world.vehicle.asked.len(), 4, "no room for the answer, no change");
     assert_eq!(world.gcs[0].count_of::<CommandAck>(), 4);
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().no_answer_slot, 2);
 }
 
-/// C-4: what the vehicle says goes out, whichever way it was asked.
+/// C-4: the vehicle's outcome is sent, whichever message requested the mode.
 #[test]
-fn the_vehicle_has_the_last_word() {
+fn outcome_of_the_vehicle_is_sent() {
     let mut world = world::<1, PX4>();
     world.vehicle.verdict = Outcome { result: MavResult::TEMPORARILY_REJECTED, result_param2: -5 };
     world.gcs[0].command_long(SET, seven(&[CUSTOM, 4.0, 3.0]));
@@ -193,7 +193,7 @@ fn the_vehicle_has_the_last_word() {
     }
 }
 
-/// C-1: who asks every vehicle in reach is named as such.
+/// C-1: the vehicle sees that a request was a broadcast.
 #[test]
 fn broadcasts_are_marked() {
     let mut world = world::<1, PX4>();
@@ -207,9 +207,9 @@ fn broadcasts_are_marked() {
     assert_eq!(marks, [true, true, true, false]);
 }
 
-/// C-5: what is declared of MAV_CMD_DO_SET_MODE holds, and for SET_MODE too, which would be a way round it.
+/// C-5: the declared policy for MAV_CMD_DO_SET_MODE also applies to SET_MODE, which must not bypass it.
 #[test]
-fn policy_holds_for_both_ways() {
+fn policy_applies_to_both_messages() {
     let mut world = world::<1, DECLARED>();
     let both = |world: &mut Piloted<1, DECLARED>, target_system| {
         let long = CommandLong { target_system, ..world.gcs[0].long(SET, seven(&[CUSTOM, 4.0, 3.0])) };
@@ -223,10 +223,10 @@ fn policy_holds_for_both_ways() {
     assert_eq!(both(&mut world, 1), (ACCEPTED, 2));
     world.vehicle.controller = Some(OTHER_STATION);
     assert_eq!(both(&mut world, 1), (MavResult::NOT_IN_CONTROL, 0));
-    assert_eq!(both(&mut world, 0), (MavResult::NOT_IN_CONTROL, 0), "that comes first");
+    assert_eq!(both(&mut world, 0), (MavResult::NOT_IN_CONTROL, 0), "control is checked first");
     world.vehicle.controller = Some(STATION);
     assert_eq!(both(&mut world, 1), (ACCEPTED, 2));
-    // Not declared: anybody's.
+    // Without a declaration every station may set the mode.
     world.vehicle.controller = Some(OTHER_STATION);
     assert_eq!(command(&mut world, 0, SET_STANDARD, &[1.0]), ACCEPTED);
 }

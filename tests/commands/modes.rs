@@ -1,5 +1,5 @@
-//! Which flight modes there are, and which one it is: rules, S-10, L-4, D-3, and the standard modes of
-//! the MAVLink guide.
+//! AVAILABLE_MODES, CURRENT_MODE and AVAILABLE_MODES_MONITOR: rules, S-10, L-4, D-3, and the standard
+//! modes of the MAVLink guide.
 
 use crate::support::pilot::*;
 use crate::support::*;
@@ -16,14 +16,14 @@ const SET: MavCmd = MavCmd::DO_SET_MODE;
 const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
 const CUSTOM: f32 = 1.0;
 
-/// The indices of the AVAILABLE_MODES that came, in order.
+/// Returns the indices of the received AVAILABLE_MODES, in order.
 fn indices<const N: usize, const W: u8>(world: &Piloted<N, W>, link: usize) -> Vec<u8> {
     world.gcs[link].all::<AvailableModes>().iter().map(|(_, mode)| mode.mode_index).collect()
 }
 
-/// all modes, each once, in the table's order, with all that the table says of them.
+/// all modes are sent, each once, in the table's order, with every field of the table.
 #[test]
-fn all_modes_are_told() {
+fn all_modes_are_sent() {
     let mut world = world::<2, PX4>();
     assert_eq!(request(&mut world, 1, AVAILABLE, 0.0), ACCEPTED);
     world.run_for(secs(1));
@@ -36,11 +36,11 @@ fn all_modes_are_told() {
         assert_eq!(told.properties, mode.properties);
         assert_eq!(told.mode_name.as_str(), Some(mode.name));
     }
-    assert_eq!(told[2].mode_name.wire()[34], 0, "QGroundControl cuts the last byte off");
-    assert!(indices(&world, 0).is_empty(), "only where they were asked for");
+    assert_eq!(told[2].mode_name.wire()[34], 0, "QGroundControl drops the last byte");
+    assert!(indices(&world, 0).is_empty(), "only on the link of the request");
 }
 
-/// H-4: with declared modes, the number of each is a mode, also 0.
+/// H-4: with declared modes, 0 is a mode too.
 #[test]
 fn mode_0_is_a_mode_too() {
     let mut world = world::<1, MANY>();
@@ -49,9 +49,9 @@ fn mode_0_is_a_mode_too() {
     assert_eq!((heartbeat.base_mode, heartbeat.custom_mode), (MavModeFlag::CUSTOM_MODE_ENABLED, 0));
 }
 
-/// one mode; not given is all; beyond the table there is none.
+/// an index requests one mode, and an absent index all of them. An index beyond the table is DENIED.
 #[test]
-fn one_mode_is_told() {
+fn one_mode_can_be_requested() {
     let mut world = world::<1, PX4>();
     for (index, told) in [
         (1.0, Some(1)),
@@ -78,7 +78,7 @@ fn one_mode_is_told() {
     assert_eq!(indices(&world, 0), [1, 2, 3, 4, 5, 6, 7]);
 }
 
-/// the response target is checked, and other messages are not ours.
+/// the response target is checked. Other message ids are not accepted.
 #[test]
 fn requests_are_checked() {
     fn check<const W: u8>() {
@@ -98,10 +98,10 @@ fn requests_are_checked() {
     check::<QUIET>();
 }
 
-/// the table cannot change, so its sequence number does not, and the monitor is sent on request only. Each row carries
+/// the table is constant, so its sequence number is constant and the monitor is sent on request only. Each row carries
 /// the monitor's sequence number, so a ground station knows that its list is current (mavlink#2557).
 #[test]
-fn the_table_does_not_change() {
+fn sequence_number_of_the_table_is_constant() {
     let mut world = world::<1, PX4>();
     world.expect_no::<AvailableModesMonitor>(0, secs(30));
     assert_eq!(request(&mut world, 0, MONITOR, 0.0), ACCEPTED);
@@ -115,9 +115,9 @@ fn the_table_does_not_change() {
     assert!(rows.iter().all(|(_, row)| row.seq == seq));
 }
 
-/// CURRENT_MODE every two seconds on each normal link; also for a driver that sleeps until it is told to look again.
+/// CURRENT_MODE is sent every two seconds on each normal link, also if the driver sleeps until `next_deadline`.
 #[test]
-fn the_current_mode_is_told_now_and_then() {
+fn current_mode_is_sent_every_two_seconds() {
     let mut world = world::<2, PX4>();
     world.vehicle.enter(RETURN);
     world.vehicle.intended = HOLD;
@@ -142,12 +142,12 @@ fn the_current_mode_is_told_now_and_then() {
     }
 }
 
-/// and at once when it changes, once for each change, on each link.
+/// CURRENT_MODE is sent at once when the mode changes, once per change on each link.
 #[test]
-fn a_change_of_mode_is_told_at_once() {
+fn change_of_mode_is_sent_at_once() {
     let mut world = world::<2, PX4>();
     world.run_for(millis(2_300));
-    // The last one is in no table.
+    // The last mode is not in the table.
     for (mode, standard) in [
         (POSITION, MavStandardMode::POSITION_HOLD),
         (HOLD, MavStandardMode::NON_STANDARD),
@@ -163,31 +163,32 @@ fn a_change_of_mode_is_told_at_once() {
             assert_eq!(told, [(mode, standard)]);
         }
     }
-    // The driver sleeps; the change wakes the stack, which then says that it has something to send.
+    // The driver sleeps. The change wakes the stack, which then has something to send.
     world.vehicle.enter(HOLD);
     let now = world.now();
     world.stack.poll(now, &mut world.vehicle);
     assert_eq!(world.stack.next_deadline(now), now);
 }
 
-/// In a fault nobody knows the mode: nothing is told, a request is refused, and a change is told when the fault is over.
+/// While the vehicle reports a fault, the mode is unknown: nothing is sent and requests are refused. A change is sent after the
+/// fault has ended.
 #[test]
-fn in_a_fault_no_mode_is_told() {
+fn mode_is_not_sent_during_a_fault() {
     let mut world = world::<1, PX4>();
     world.run_for(millis(2_300));
     world.gcs[0].forget();
     let state = world.vehicle.state.take();
     assert_eq!(request(&mut world, 0, CURRENT, 0.0), DENIED);
-    assert_eq!(request(&mut world, 0, AVAILABLE, 1.0), ACCEPTED, "that is known");
+    assert_eq!(request(&mut world, 0, AVAILABLE, 1.0), ACCEPTED, "the table is known");
     world.expect_no::<CurrentMode>(0, secs(10));
     world.vehicle.state = state;
     world.vehicle.enter(MISSION);
     assert_eq!(world.expect::<CurrentMode>(0, millis(10)).custom_mode, MISSION);
 }
 
-/// the mode on request, whatever the index.
+/// CURRENT_MODE can be requested with any index.
 #[test]
-fn the_current_mode_is_told_on_request() {
+fn current_mode_is_sent_on_request() {
     let mut world = world::<1, PX4>();
     world.vehicle.enter(HOLD);
     world.run_for(millis(2_300));
@@ -199,14 +200,14 @@ fn the_current_mode_is_told_on_request() {
     }
 }
 
-/// its interval can be asked for, and not changed; the other two have none.
+/// the interval of CURRENT_MODE can be read and not changed; the other two messages have none.
 #[test]
-fn the_interval_is_fixed() {
+fn interval_of_current_mode_is_fixed() {
     let mut world = world::<1, PX4>();
     let set = |world: &mut Piloted<1>, micros: f32| {
         command(world, 0, MavCmd::SET_MESSAGE_INTERVAL, &[CURRENT as f32, micros])
     };
-    assert_eq!(set(&mut world, 100_000.0), ACCEPTED, "moved to what it is");
+    assert_eq!(set(&mut world, 100_000.0), ACCEPTED, "raised to the fixed interval");
     assert_eq!(set(&mut world, 0.0), ACCEPTED);
     assert_eq!(set(&mut world, -1.0), DENIED);
     for (id, interval) in [(CURRENT, 2_000_000), (AVAILABLE, 0), (MONITOR, 0)] {
@@ -220,9 +221,9 @@ fn the_interval_is_fixed() {
     assert_eq!(world.gcs[0].count_of::<CurrentMode>(), 10);
 }
 
-/// S-10: MAVLink 1 has no room for these ids: requests are refused and nothing is told, until the link sends v2 (V-1).
+/// S-10: MAVLink 1 cannot carry these ids: requests are refused and nothing is sent until the link sends v2 (V-1).
 #[test]
-fn nothing_of_it_goes_over_mavlink_1() {
+fn mode_messages_are_not_sent_over_mavlink_1() {
     let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
     let links = [v1, v1.with_version(TxVersion::Auto)];
     let mut world = Piloted::<2>::of(Setup { links, ..Setup::new() });
@@ -231,10 +232,10 @@ fn nothing_of_it_goes_over_mavlink_1() {
         for id in [AVAILABLE, CURRENT, MONITOR] {
             assert_eq!(request(&mut world, link, id, 0.0), DENIED, "{id}");
         }
-        assert_eq!(command(&mut world, link, SET, &[CUSTOM, 4.0, 3.0]), ACCEPTED, "that can be said");
+        assert_eq!(command(&mut world, link, SET, &[CUSTOM, 4.0, 3.0]), ACCEPTED, "the command itself fits v1");
         world.gcs[link].send(&set_mode(1, HOLD));
         assert_eq!(world.expect::<CommandAck>(link, millis(10)).result, ACCEPTED);
-        // it has no interval there.
+        // the message has no interval on such a link.
         assert_eq!(request(&mut world, link, 244, CURRENT as f32), ACCEPTED);
         assert_eq!(world.expect::<MessageInterval>(link, millis(50)).interval_us, 0);
     }
@@ -252,9 +253,9 @@ fn nothing_of_it_goes_over_mavlink_1() {
     assert_eq!(world.gcs[1].count_of::<CurrentMode>(), 5);
 }
 
-/// L-4: over a satellite a mode can be asked for by command; nothing is told, and the old message is not taken.
+/// L-4: over a high-latency link a command can set the mode; nothing else is sent, and SET_MODE is ignored.
 #[test]
-fn a_high_latency_link_carries_commands_only() {
+fn high_latency_link_carries_commands_only() {
     high_latency_link::<PX4>();
     high_latency_link::<QUIET>();
 }
@@ -271,13 +272,13 @@ fn high_latency_link<const W: u8>() {
     world.vehicle.enter(HOLD);
     world.run_for(secs(20));
     assert_eq!(asked(&mut world), [HOLD, POSITION]);
-    assert_eq!(world.gcs[0].received.len(), 5, "the answers, and nothing else");
+    assert_eq!(world.gcs[0].received.len(), 5, "only the answers");
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().out_of_place, 1);
 }
 
-/// D-3: while the line takes nothing, nothing is lost: neither the answers nor a mode.
+/// D-3: a backpressured link loses neither answers nor modes.
 #[test]
-fn a_full_line_delays_and_loses_nothing() {
+fn backpressure_loses_nothing() {
     let mut world = world::<1, MANY>();
     world.run_for(millis(500));
     world.gcs[0].forget();
@@ -292,17 +293,17 @@ fn a_full_line_delays_and_loses_nothing() {
     world.run_for(secs(2));
     let acks = world.gcs[0].all::<CommandAck>();
     assert!(acks.len() == 4 && acks.iter().all(|(_, ack)| ack.result == ACCEPTED));
-    assert_eq!(indices(&world, 0), Vec::from_iter(1..=32), "each once, since nobody was told in between");
+    assert_eq!(indices(&world, 0), Vec::from_iter(1..=32), "each once, because none was sent in between");
     assert_eq!(world.gcs[0].count_of::<AvailableModesMonitor>(), 1);
     let modes = world.gcs[0].all::<CurrentMode>();
-    assert!(modes.iter().all(|(_, mode)| mode.custom_mode == 17), "as it is when it goes out");
+    assert!(modes.iter().all(|(_, mode)| mode.custom_mode == 17), "the mode at the time of sending");
     assert!((1..=2).contains(&modes.len()));
 }
 
-/// Two ground stations on one line: who asks while another is being told gets all of them, to the last one, which is how
-/// QGroundControl knows that it has them all.
+/// Two ground stations share a link. If one requests the modes while they are being sent to the other, all of them follow, up
+/// to the last: that is how QGroundControl detects the end.
 #[test]
-fn who_asks_in_between_gets_all() {
+fn request_during_a_list_gets_the_whole_list() {
     let lines = [LineConfig::radio(9_600, millis(0))];
     let links = [LinkConfig::uart(9_600)];
     let mut world = Piloted::<1, MANY>::of(Setup { lines, links, ..Setup::new() });
@@ -312,12 +313,12 @@ fn who_asks_in_between_gets_all() {
     world.run_for(secs(10));
     let told = indices(&world, 0);
     let (front, all) = told.split_at(told.len() - 32);
-    assert_eq!(front, Vec::from_iter(1..=front.len() as u8), "until the second one asked");
+    assert_eq!(front, Vec::from_iter(1..=front.len() as u8), "until the second request");
     assert!(front.len() < 20);
     assert_eq!(all, Vec::from_iter(1..=32));
 }
 
-/// Without modes the commands and the message are the vehicle's, and there are none to be told.
+/// Without declared modes, the vehicle gets the commands and the message, and no modes can be requested.
 #[test]
 fn a_vehicle_without_modes() {
     let mut world = World::new(Setup::<1>::new());
@@ -340,7 +341,7 @@ fn a_vehicle_without_modes() {
     assert_eq!(world.gcs[0].count_of::<CurrentMode>(), 0);
 }
 
-/// What happens in the property.
+/// A step of the property.
 #[derive(Clone, Debug)]
 enum Step {
     Request { index: u8 },
@@ -364,14 +365,14 @@ fn any_step() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(cases(96))]
 
-    /// However they are asked for and whatever the line does, each mode that was asked for comes after that, and no mode comes
-    /// more often than it was asked for; and each question has its answer.
+    /// Whatever is requested and however slow the link is, each request is answered, each requested mode is sent after its
+    /// request, and no mode is sent more often than it was requested.
     #[test]
-    fn each_mode_comes_and_not_too_often(steps in prop::collection::vec(any_step(), 1..40)) {
+    fn each_requested_mode_is_sent_and_not_too_often(steps in prop::collection::vec(any_step(), 1..40)) {
         let lines = [LineConfig::radio(19_200, millis(0))];
         let links = [LinkConfig::uart(19_200)];
         let mut world = Piloted::<1, MANY>::of(Setup { lines, links, ..Setup::new() });
-        // When each was asked for, and how often.
+        // By mode: the time of the last request, and the number of requests.
         let mut last = [None; 33];
         let mut often = [0; 33];
         let mut questions = 0;
@@ -381,7 +382,7 @@ proptest! {
                     questions += 1;
                     world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, seven(&[AVAILABLE as f32, index.into()]));
                     prop_assert!(world.run_until(secs(2), |world| world.gcs[0].count_of::<CommandAck>() == questions));
-                    // What comes from now on was sent after it was asked for.
+                    // Modes that arrive from now on were sent after the request.
                     for index in (1..=32).filter(|&each| index == 0 || each == usize::from(index)) {
                         last[index] = Some(world.now());
                         often[index] += 1;
@@ -403,12 +404,12 @@ proptest! {
         for index in 1..=32 {
             let of_it = told.iter().filter(|(_, mode)| usize::from(mode.mode_index) == index);
             let times: Vec<_> = of_it.map(|(at, _)| *at).collect();
-            prop_assert!(times.len() <= often[index], "{} comes {} times", index, times.len());
+            prop_assert!(times.len() <= often[index], "mode {} was sent {} times", index, times.len());
             if let Some(asked) = last[index] {
-                prop_assert!(times.last().is_some_and(|&at| at >= asked), "{} does not come", index);
+                prop_assert!(times.last().is_some_and(|&at| at >= asked), "mode {} was not sent", index);
             }
         }
-        // The mode that it is in now was told.
+        // The current mode was sent.
         let mode = world.vehicle.state.unwrap().custom_mode;
         prop_assert_eq!(world.gcs[0].all::<CurrentMode>().last().unwrap().1.custom_mode, mode);
     }

@@ -1,5 +1,4 @@
-//! Commands that a client retransmits on its link without an answer, with the same confirmation, and that must not be carried out
-//! twice: rule C-12.
+//! Commands that must be carried out once although a client retransmits them on its link with the same confirmation: rule C-12.
 
 use crate::support::*;
 use mavstack::dialect::*;
@@ -20,8 +19,8 @@ fn answers(world: &mut World<2>, link: usize) -> Vec<MavResult> {
     std::iter::from_fn(|| gcs.take::<CommandAck>()).map(|(_, ack)| ack.result).collect()
 }
 
-/// Sends `message` at these times (ms) on these links and returns the times at which it was carried out; every one gets the
-/// same answer.
+/// Sends `message` at these times (ms) on these links and returns the times at which it was carried out. Each message must get
+/// the same answer.
 fn carried_out(world: &mut World<2>, message: &CommandLong, times: &[(u64, usize)]) -> Vec<u64> {
     let mut done = Vec::new();
     let start = world.now();
@@ -38,19 +37,19 @@ fn carried_out(world: &mut World<2>, message: &CommandLong, times: &[(u64, usize
     done
 }
 
-/// C-12: a command that a client retransmits on its link without an answer, with the same confirmation, is carried out once:
-/// MAVSDK retransmits after 0.5, 1.0 and 1.5 s. A duplicate comes within a second of the previous one and three seconds of the
-/// first; a later command is new.
+/// C-12: a retransmission on the same link with the same confirmation is not carried out. MAVSDK retransmits after 0.5, 1.0 and
+/// 1.5 s. A duplicate is received within a second of the previous one and within three seconds of the first. A later command
+/// is new.
 #[test]
-fn a_repetition_for_want_of_an_answer_is_not_carried_out() {
+fn retransmission_after_lost_answer_is_not_carried_out() {
     for (times, expected) in [
         (&[0, 500, 1_000, 1_500][..], &[0][..]),
-        // One after the other.
+        // One retransmission after the other.
         (&[0, 500, 1_490, 2_980], &[0, 2_980]),
         (&[0, 990], &[0]),
         (&[0, 1_010], &[0, 1_010]),
         (&[0, 10, 20, 30, 1_040], &[0, 1_040]),
-        // However long it continues, it is a new command after three seconds.
+        // However long the client retransmits, a command is new after three seconds.
         (&[0, 700, 1_400, 2_100, 2_800, 3_500, 4_200], &[0, 3_500]),
     ] {
         for confirmation in [0, 3] {
@@ -62,13 +61,13 @@ fn a_repetition_for_want_of_an_answer_is_not_carried_out() {
     }
 }
 
-/// C-12: repeated on both links, it is carried out once, whichever frames are lost; the rule for the other link is
-/// unchanged.
+/// C-12: a command that is retransmitted on both links is carried out once, whichever frames are lost. The rule for the other
+/// link is the same.
 #[test]
-fn repetitions_on_two_links_are_one() {
+fn retransmissions_on_two_links_are_one_command() {
     for times in [
         &[(0, 0), (100, 1), (500, 0), (600, 1), (1_000, 0), (1_100, 1), (1_500, 0), (1_600, 1)][..],
-        // Link 0 is lost after the first.
+        // Link 0 fails after the first.
         &[(0, 0), (900, 1), (1_400, 1), (1_900, 1), (2_400, 1)],
         &[(0, 0), (500, 0), (1_000, 0), (2_900, 1), (2_950, 1), (2_960, 1)],
     ] {
@@ -83,9 +82,9 @@ fn repetitions_on_two_links_are_one() {
     assert_eq!(carried_out(&mut world, &message, &times), [0, 3_600]);
 }
 
-/// C-12: on the same link, another payload or another sender makes a new command, however soon it comes.
+/// C-12: on the same link, other parameters or another sender make a new command, however soon it is received.
 #[test]
-fn another_payload_is_no_repetition() {
+fn other_parameters_are_a_new_command() {
     let mut world = world();
     let first = world.gcs[0].long(ONCE, PARAMS);
     let others = [
@@ -104,9 +103,9 @@ fn another_payload_is_no_repetition() {
     }
 }
 
-/// C-12: where the vehicle declares that every press counts, only other links and higher confirmations deliver duplicates.
+/// C-12: where the vehicle declares that every press counts, a duplicate needs another link or a higher confirmation.
 #[test]
-fn each_press_counts_where_the_vehicle_says_so() {
+fn each_press_counts_if_declared() {
     const PRESS: MavCmd = MavCmd::DO_REPEAT_RELAY;
     let mut world = world();
     world.vehicle.outcomes.insert(PRESS.0, MavResult::ACCEPTED.into());
@@ -117,10 +116,9 @@ fn each_press_counts_where_the_vehicle_says_so() {
     assert_eq!(carried_out(&mut world, &repeated, &[(0, 0), (100, 0), (200, 1)]), []);
 }
 
-/// C-21: a running command is answered IN_PROGRESS, also when it must be carried out only once, and starts again when it is given
-/// again after its end.
+/// C-21: a running command that runs once is answered IN_PROGRESS like any other. Sent again after its end, it starts again.
 #[test]
-fn what_runs_is_still_in_progress() {
+fn running_command_is_in_progress_also_if_it_runs_once() {
     let mut world = world();
     world.vehicle.outcomes.remove(&ONCE.0);
     world.vehicle.long.insert(ONCE.0);
@@ -134,7 +132,7 @@ fn what_runs_is_still_in_progress() {
         world.gcs[0].command_long(ONCE, PARAMS);
         world.run_for(millis(600));
     }
-    assert_eq!(answers(&mut world, 0), [MavResult::FAILED; 3], "its end, and each repetition");
+    assert_eq!(answers(&mut world, 0), [MavResult::FAILED; 3], "the final ACK, and one for each retransmission");
     assert_eq!(world.vehicle.commands().len(), 1);
     world.run_for(secs(3));
     world.gcs[0].command_long(ONCE, PARAMS);
@@ -142,10 +140,10 @@ fn what_runs_is_still_in_progress() {
     assert_eq!(answers(&mut world, 0), [MavResult::IN_PROGRESS]);
 }
 
-/// C-12: TEMPORARILY_REJECTED means "ask again": the same command again on its link asks the vehicle again, which may do it now. A
-/// duplicate by another link asks nobody.
+/// C-12: after TEMPORARILY_REJECTED the same command on the same link asks the vehicle again, which may accept it now. A
+/// duplicate on another link does not.
 #[test]
-fn what_was_rejected_for_now_may_be_asked_again() {
+fn temporarily_rejected_command_can_be_sent_again() {
     const NOT_NOW: MavResult = MavResult::TEMPORARILY_REJECTED;
     for confirmation in [0, 3] {
         let mut world = world();
@@ -160,7 +158,7 @@ fn what_was_rejected_for_now_may_be_asked_again() {
         assert_eq!(ask(1, MavResult::ACCEPTED), (vec![NOT_NOW], 1), "a duplicate");
         assert_eq!(ask(0, NOT_NOW), (vec![NOT_NOW], 2), "asked again");
         assert_eq!(ask(0, MavResult::ACCEPTED), (vec![MavResult::ACCEPTED], 3), "and again");
-        assert_eq!(ask(0, MavResult::FAILED), (vec![MavResult::ACCEPTED], 3), "done once");
+        assert_eq!(ask(0, MavResult::FAILED), (vec![MavResult::ACCEPTED], 3), "carried out once");
         for _ in 0..2 {
             assert_eq!(ask(1, MavResult::FAILED), (vec![MavResult::ACCEPTED], 3), "duplicates");
         }

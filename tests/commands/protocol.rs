@@ -1,4 +1,4 @@
-//! The command protocol: rules C-1 to C-13 and Q-1 to Q-9 as far as they are built, R-1, R-15, V-4, V-6, V-8, L-4.
+//! The command protocol: rules C-1 to C-13, Q-1 to Q-9, R-1, R-15, V-4, V-6, V-8, L-4.
 
 use crate::support::*;
 use mavstack::__private::Declares;
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 const LINK: LinkId = LinkId(0);
 
-/// The COMMAND_ACKs that the ground station of `link` got.
+/// Returns the COMMAND_ACKs that the ground station of `link` received.
 fn acks<const N: usize>(world: &World<N>, link: usize) -> Vec<CommandAck> {
     world.gcs[link].all::<CommandAck>().into_iter().map(|(_, ack)| ack).collect()
 }
@@ -27,10 +27,10 @@ fn ack(command: MavCmd, result: MavResult, to: Address) -> CommandAck {
     }
 }
 
-/// C-3: every copy of a command is carried out once and answered once, on its own link, to its own sender, in the
-/// same pass of the loop.
+/// C-3: every retransmission of a command is carried out and answered once, on its own link, to its own sender, in the same
+/// pass of the loop.
 #[test]
-fn every_copy_gets_one_ack() {
+fn every_retransmission_gets_one_ack() {
     let mut world = World::new(Setup::<2>::new());
     let outcome = Outcome { result: MavResult::TEMPORARILY_REJECTED, result_param2: -77 };
     world.vehicle.outcomes.insert(MavCmd::NAV_LAND.0, outcome);
@@ -51,8 +51,8 @@ fn every_copy_gets_one_ack() {
     assert!(from.contains(&Peer { address: OTHER_STATION, link: LinkId(1) }));
 }
 
-/// C-1, C-6, C-7: what the vehicle gets is what was sent, in both forms; positions come out in deg·1e7, exactly, and "not
-/// given" as such.
+/// C-1, C-6, C-7: the vehicle gets a command as it was sent, in both forms. Positions are exact in deg·1e7, and "not given"
+/// stays "not given".
 #[test]
 fn vehicle_gets_the_command_as_sent() {
     let mut world = World::new(Setup::<1>::new());
@@ -75,7 +75,7 @@ fn vehicle_gets_the_command_as_sent() {
     let commands = world.vehicle.commands();
     assert_eq!(commands[0].params.map(f32::to_bits), [1.5, f32::NAN, -3.0, 4.0].map(f32::to_bits));
     assert_eq!((commands[0].id, commands[0].z, commands[0].confirmation), (MavCmd::NAV_TAKEOFF, 488.25, 3));
-    // 47.397742 as a float is 47.3977432...
+    // 47.397742 is 47.3977432... as a float.
     assert_eq!(commands[0].position.lat_lon(), (Some(473_977_432), None));
     assert_eq!((commands[1].id, commands[1].confirmation), (MavCmd::NAV_LAND, 0));
     assert!(commands[1].z.is_nan());
@@ -84,9 +84,9 @@ fn vehicle_gets_the_command_as_sent() {
     assert_eq!(position.lat_lon(), (Some(-473_977_418), None));
 }
 
-/// C-2, R-1: for another system, or another component of ours, there is no answer at all.
+/// C-2, R-1: a command for another system, or for another component of ours, is not answered.
 #[test]
-fn commands_for_others_meet_silence() {
+fn commands_for_others_are_not_answered() {
     let mut world = World::new(Setup::<1>::new());
     let others = [(2, 1), (2, 0), (1, 2), (1, 190), (0, 154), (255, 190)];
     for (target_system, target_component) in others {
@@ -101,8 +101,8 @@ fn commands_for_others_meet_silence() {
     assert_eq!(world.stack.link_counters(LINK).unwrap().not_ours, 12);
 }
 
-/// C-1, R-1, R-15: component 0 is every component; system 0 is every system, and the vehicle is told so. A target whose
-/// bytes were cut off as zeros is everyone too.
+/// C-1, R-1, R-15: component 0 means every component and system 0 every system; the vehicle sees that it was a broadcast. A
+/// target whose bytes were removed as trailing zeros is a broadcast too.
 #[test]
 fn broadcasts_are_carried_out_and_marked() {
     let mut world = World::new(Setup::<1>::new());
@@ -116,7 +116,7 @@ fn broadcasts_are_carried_out_and_marked() {
     assert_eq!(acks(&world, 0), [ack(MavCmd::NAV_LAND, MavResult::ACCEPTED, STATION); 3]);
 }
 
-/// C-4, S-17: a command that nobody knows, not even the definitions, is refused and not ignored.
+/// C-4, S-17: a command that the definitions do not contain is UNSUPPORTED, not ignored.
 #[test]
 fn unknown_command_is_unsupported() {
     let mut world = World::new(Setup::<1>::new());
@@ -127,7 +127,7 @@ fn unknown_command_is_unsupported() {
     assert_eq!(acks(&world, 0), expected);
 }
 
-/// C-13: an acknowledgement is never acknowledged.
+/// C-13: a COMMAND_ACK is not answered.
 #[test]
 fn acks_are_not_acked() {
     let mut world = World::new(Setup::<1>::new());
@@ -140,7 +140,7 @@ fn acks_are_not_acked() {
     assert_eq!(world.gcs[0].received.len(), 0);
 }
 
-/// What a REQUEST_MESSAGE with these parameters 1 and 7 is answered, in both forms; which messages came then.
+/// Sends a REQUEST_MESSAGE with these parameters 1 and 7 in both forms; returns the answer and which messages were received.
 fn request(id: f32, target: f32) -> (MavResult, usize, usize) {
     let mut world = World::new(Setup::<1>::new());
     let mut answers = Vec::new();
@@ -164,18 +164,18 @@ fn request(id: f32, target: f32) -> (MavResult, usize, usize) {
         assert_eq!(acks.len(), 1);
         let gcs = &world.gcs[0];
         answers.push((acks[0].result, gcs.count_of::<AutopilotVersion>(), gcs.count_of::<ProtocolVersion>()));
-        // Q-2: the ACK first.
+        // Q-2: the ACK is first.
         let ids: Vec<u32> = gcs.received.iter().map(|frame| frame.header.id).filter(|&id| id != 0).collect();
         assert_eq!(ids[0], CommandAck::ID);
     }
-    assert_eq!(answers[0], answers[1], "both forms mean the same");
-    assert_eq!(world.vehicle.commands(), [], "the stack answers by itself");
+    assert_eq!(answers[0], answers[1], "both forms get the same answer");
+    assert_eq!(world.vehicle.commands(), [], "the stack answers without the vehicle");
     answers[0]
 }
 
-/// Q-1, Q-3, C-8: which messages can be asked for, and how not to ask.
+/// Q-1, Q-3, C-8: which messages can be requested, and which requests are refused.
 #[test]
-fn request_message_matrix() {
+fn request_message_accepts_known_messages_only() {
     let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
     assert_eq!(request(148.0, 0.0), (yes, 1, 0));
     assert_eq!(request(300.0, 0.0), (yes, 0, 1));
@@ -193,7 +193,7 @@ fn request_message_matrix() {
     assert_eq!(request(0.0, 0.0), (yes, 0, 0));
 }
 
-/// Q-1: the commands from before REQUEST_MESSAGE.
+/// Q-1: the request commands older than REQUEST_MESSAGE are answered.
 #[test]
 fn legacy_requests_are_answered() {
     let mut world = World::new(Setup::<1>::new());
@@ -212,9 +212,9 @@ fn legacy_requests_are_answered() {
     }
 }
 
-/// Q-9, V-4: AUTOPILOT_VERSION says what the stack can as it is compiled, what the firmware adds, and who it is.
+/// Q-9, V-4: AUTOPILOT_VERSION announces what the compiled stack supports, what the firmware adds, and the firmware's identity.
 #[test]
-fn capabilities_are_honest() {
+fn capabilities_match_the_build() {
     let identity = Identity {
         capabilities: MavProtocolCapability::SET_ATTITUDE_TARGET,
         flight_sw_version: 0x0102_03FF,
@@ -249,7 +249,7 @@ fn capabilities_are_honest() {
         ..AutopilotVersion::default()
     };
     assert_eq!(version, expected);
-    // Q-9: what there is room for is announced, and nothing else.
+    // Q-9: only plans that have memory are announced.
     let mission = MavProtocolCapability::MISSION_INT | MavProtocolCapability::MISSION_FLOAT;
     assert_eq!(capabilities::<Tested<plan_memory!(mission: 10)>>(), own | mission);
     let fence = MavProtocolCapability::MISSION_FENCE;
@@ -261,14 +261,14 @@ fn capabilities_are_honest() {
     );
 }
 
-/// What AUTOPILOT_VERSION announces with this plan memory.
+/// Returns what AUTOPILOT_VERSION announces with this plan memory.
 fn capabilities<D: Declares<Vehicle = TestVehicle>>() -> MavProtocolCapability {
     let mut world = World::<1, D>::of(Setup::new());
     world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.expect::<AutopilotVersion>(0, millis(10)).capabilities
 }
 
-/// V-6, V-8: on a v1 link answers are v1, without what v1 cannot carry; but PROTOCOL_VERSION comes as v2, since that is
+/// V-6, V-8: on a v1 link answers are v1, without what v1 cannot carry. Only PROTOCOL_VERSION is sent as v2, because that is
 /// the answer.
 #[test]
 fn answers_keep_the_version_of_the_link() {
@@ -285,14 +285,14 @@ fn answers_keep_the_version_of_the_link() {
         assert_eq!(frame.header.version, version, "message {}", frame.header.id);
     }
     let version: AutopilotVersion = world.expect(0, millis(1));
-    assert_eq!(version.uid2, [0; 18], "an extension");
+    assert_eq!(version.uid2, [0; 18], "an extension field");
     let protocol: ProtocolVersion = world.expect(0, millis(1));
     assert_eq!((protocol.min_version, protocol.max_version, protocol.version), (100, 200, 200));
     assert_eq!(world.gcs[0].count_of::<CommandAck>(), 2);
 }
 
-/// D-3: while a link takes nothing, four answers can wait. A fifth command is not carried out and is counted; when
-/// its sender repeats it, it is answered.
+/// D-3: while a link is backpressured, four answers can be pending. A fifth command is not carried out and is counted; a
+/// retransmission of it is answered.
 #[test]
 fn command_without_room_for_its_answer_is_not_carried_out() {
     let mut world = World::new(Setup::<2>::new());
@@ -306,7 +306,7 @@ fn command_without_room_for_its_answer_is_not_carried_out() {
         |world: &World<2>| world.vehicle.commands().iter().map(|command| command.params[0]).collect::<Vec<_>>();
     assert_eq!(targets(&world), [1.0, 2.0, 3.0, 4.0]);
     assert_eq!(world.stack.link_counters(LINK).unwrap().no_answer_slot, 2);
-    // Another link has its own room.
+    // Each link has its own slots.
     world.gcs[1].command_long(MavCmd::NAV_TAKEOFF, [9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.expect::<CommandAck>(1, millis(10));
     world.run_for(secs(3));
@@ -319,7 +319,7 @@ fn command_without_room_for_its_answer_is_not_carried_out() {
     assert_eq!(acks(&world, 0).len(), 6);
 }
 
-/// L-3, L-4: over a satellite commands are carried out and answered, and nothing else is; a message cannot be had there.
+/// L-3, L-4: over a high-latency link commands are carried out and answered, and nothing else is; messages cannot be requested.
 #[test]
 fn high_latency_link_carries_commands_only() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
@@ -338,12 +338,12 @@ fn high_latency_link_carries_commands_only() {
         ack(MavCmd::REQUEST_PROTOCOL_VERSION, denied, STATION),
     ];
     assert_eq!(acks(&world, 0), expected);
-    assert_eq!(world.gcs[0].received.len(), 3, "and nothing else");
+    assert_eq!(world.gcs[0].received.len(), 3, "the answers only");
     assert_eq!(world.vehicle.calls.len(), 1);
     assert_eq!(world.stack.link_counters(LINK).unwrap().out_of_place, 2);
 }
 
-/// What may come in: any message of the stream, any plan message, any command.
+/// Any input: a message of the streams, a plan message, a command.
 fn any_input() -> impl Strategy<Value = (u32, Vec<u8>)> {
     let ids = [75u32, 76, 76, 76, 44, 43, 51, 73, 47, 45, 40, 41, 4, 0, 11, 66, 111, 253, 20, 23];
     (prop::sample::select(ids.to_vec()), prop::collection::vec(any::<u8>(), 0..40))
@@ -352,10 +352,9 @@ fn any_input() -> impl Strategy<Value = (u32, Vec<u8>)> {
 proptest! {
     #![proptest_config(cases(64))]
 
-    /// L-4: whatever comes in on whatever link, only acknowledgements leave by satellite; and the number of answers is the
-    /// number of commands.
+    /// L-4: whatever is received on either link, only acknowledgements are sent over satellite, one for each command.
     #[test]
-    fn only_acks_leave_by_satellite(inputs in prop::collection::vec((any_input(), 0usize..2, 0u8..3), 1..60)) {
+    fn only_acks_are_sent_over_satellite(inputs in prop::collection::vec((any_input(), 0usize..2, 0u8..3), 1..60)) {
         let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
         type Plans = Tested<plan_memory!(mission: 10)>;
         let setup = Setup { links: [satellite, LinkConfig::uart(57_600)], ..Setup::new() };

@@ -8,7 +8,7 @@ use mavstack::dialect::*;
 use mavstack::{Address, LinkConfig};
 
 const NAN: f32 = f32::NAN;
-/// Declared in `support/vehicle.rs`: at a position above home; COMMAND_LONG only and no broadcast; COMMAND_INT only.
+/// Declared in `support/vehicle.rs`: a position above home; COMMAND_LONG only, no broadcast; COMMAND_INT only.
 const PLACE: MavCmd = MavCmd::NAV_VTOL_TAKEOFF;
 const MOTOR: MavCmd = MavCmd::DO_MOTOR_TEST;
 const FLY: MavCmd = MavCmd::DO_REPOSITION;
@@ -39,9 +39,9 @@ fn one(text: &str) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-/// C-4, C-1, C-5: when the declaration refuses a command, the text says what is wrong and what to do.
+/// C-4, C-1, C-5: when a declared rule refuses a command, the text says what is wrong and what to do.
 #[test]
-fn a_refused_declaration_is_explained() {
+fn refusal_by_declared_rule_is_explained() {
     let mut world: World<1> = World::new(Setup::new());
     let motor = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for (system, command, params, result, text) in [
@@ -96,13 +96,13 @@ fn a_refused_declaration_is_explained() {
     assert_eq!(refused, (MavResult::NOT_IN_CONTROL, one("Command 209 refused: another station has control")));
 }
 
-/// C-4: a result that implies the reason has no text: the client silently tries the other form.
+/// C-4: a result that implies the reason has no text; the client silently tries the other form.
 #[test]
-fn a_result_that_says_all_is_not_explained() {
+fn self_explanatory_result_has_no_text() {
     let mut world: World<1> = World::new(Setup::new());
     assert_eq!(long(&mut world, 1, FLY, [0.0; 7]), (MavResult::COMMAND_INT_ONLY, vec![]));
     assert_eq!(long(&mut world, 1, MavCmd(31_999), [0.0; 7]), (MavResult::UNSUPPORTED, vec![]));
-    // Programs request messages, including many that do not exist.
+    // Clients request many messages that do not exist.
     assert_eq!(long(&mut world, 1, MavCmd::REQUEST_MESSAGE, [9_999.0; 7]).1, [""; 0]);
     assert_eq!(long(&mut world, 1, MavCmd::SET_MESSAGE_INTERVAL, [9_999.0; 7]).1, [""; 0]);
     // The vehicle explains its own refusals.
@@ -110,9 +110,9 @@ fn a_result_that_says_all_is_not_explained() {
     assert_eq!(long(&mut world, 1, MavCmd::DO_SET_HOME, [0.0; 7]), (MavResult::DENIED, vec![]));
 }
 
-/// C-4, C-22: refusals by a service of the stack and by the memory for commands are explained too.
+/// C-4, C-22: refusals by a service of the stack, and for want of a command slot, are explained too.
 #[test]
-fn a_refusal_by_a_service_is_explained() {
+fn refusal_by_a_service_is_explained() {
     let mut world: World<1, Tested<mavstack::plan_memory!(mission: 4)>> = World::of(Setup::new());
     let mut ask = |command: MavCmd, first: f32| {
         world.run_for(secs(6));
@@ -138,10 +138,10 @@ fn a_refusal_by_a_service_is_explained() {
     assert_eq!(long(&mut world, 1, MavCmd::PREFLIGHT_CALIBRATION, other), (MavResult::TEMPORARILY_REJECTED, busy));
 }
 
-/// C-32, C-4: an unknown mode, a mode that users cannot select, and a mode without a custom mode are explained, for every
-/// message that can request them.
+/// C-32, C-4: a text explains why a mode is refused: unknown, not selectable, or without the custom flag. This holds for every
+/// message that requests modes.
 #[test]
-fn a_refused_mode_is_explained() {
+fn refused_mode_is_explained() {
     let mut world = pilot::world::<1, PX4>();
     let set = |mode: f32, sub: f32| (MavCmd::DO_SET_MODE, [1.0, mode, sub]);
     for ((command, params), text) in [
@@ -165,9 +165,9 @@ fn a_refused_mode_is_explained() {
     assert_eq!(texts(&world, 0), ["Mode 4 refused: not in AVAILABLE_MODES"]);
 }
 
-/// C-4: whatever is sent, a link gets at most one text a second, and only about its own commands.
+/// C-4: whatever is sent, a link gets at most one text a second, and only about commands on this link.
 #[test]
-fn nobody_floods_the_texts_with_refusals() {
+fn refusal_texts_are_rate_limited() {
     let mut world: World<2> = World::new(Setup::new());
     for number in 0..200_u8 {
         let mut params = [0.0; 7];
@@ -184,9 +184,10 @@ fn nobody_floods_the_texts_with_refusals() {
     assert_eq!(texts(&world, 1), ["Command 209 refused: parameter 1 out of range"]);
 }
 
-/// C-4, T-5: the same refusal on two links is told on both: within five seconds a text is repeated on no link, and left out on none.
+/// C-4, T-5: the same refusal on two links is explained on both. On each link a text is repeated after five seconds at the
+/// earliest.
 #[test]
-fn the_same_refusal_is_told_on_each_link() {
+fn same_refusal_is_explained_on_each_link() {
     let mut world: World<2> = World::new(Setup::new());
     for at in [0, 1_500, 3_000] {
         for link in 0..2 {
@@ -206,9 +207,9 @@ fn the_same_refusal_is_told_on_each_link() {
     }
 }
 
-/// C-4, L-4: no text goes over a high-latency link, nor to another link instead.
+/// C-4, L-4: the text is not sent over a high-latency link, nor on another link instead.
 #[test]
-fn a_refusal_by_satellite_is_not_explained() {
+fn refusal_over_satellite_is_not_explained() {
     let mut setup = Setup::<2>::new();
     setup.links[0] = LinkConfig { class: LinkClass::HighLatency, ..setup.links[0] };
     let mut world: World<2> = World::new(setup);

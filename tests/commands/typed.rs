@@ -1,5 +1,4 @@
-//! Commands and items as types: every kind of parameter, both message forms, and what is refused. Rules C-4, C-6 to C-9,
-//! M-4, M-70.
+//! Typed commands and items: every kind of parameter, both message forms, and refusals. Rules C-4, C-6 to C-9, M-4, M-70.
 
 use mavstack::command::CommandPosition;
 use mavstack::config::LinkClass;
@@ -12,7 +11,7 @@ use proptest::prelude::*;
 const NAN: f32 = f32::NAN;
 const GCS: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
 
-/// What comes of a COMMAND_LONG.
+/// Returns what the vehicle gets from a COMMAND_LONG.
 fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
     let position = CommandPosition::Long { param5, param6 };
     Command {
@@ -28,7 +27,7 @@ fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
     }
 }
 
-/// What comes of a COMMAND_INT.
+/// Returns what the vehicle gets from a COMMAND_INT.
 fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) -> Command {
     let position = CommandPosition::Int { frame, x, y };
     Command {
@@ -44,7 +43,7 @@ fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) ->
     }
 }
 
-/// A COMMAND_LONG of the command of `T`.
+/// Decodes a COMMAND_LONG as a `T`.
 fn decode<T: TypedCommand>(params: [f32; 7]) -> Result<T, MavResult> {
     long(T::RULE.command(), params).decode()
 }
@@ -53,7 +52,7 @@ fn is_denied<T: TypedCommand + std::fmt::Debug>(params: [f32; 7]) {
     assert_eq!(decode::<T>(params).err(), Some(MavResult::DENIED), "{params:?}");
 }
 
-/// C-9: MAV_BOOL is a `bool`; the steps of an integer are kept.
+/// C-9: MAV_BOOL is a `bool`; integers keep their increments.
 #[test]
 fn booleans_and_integers() {
     let arm = |p1, p2| decode::<ComponentArmDisarm>([p1, p2, NAN, 0.0, NAN, 0.0, NAN]);
@@ -62,19 +61,19 @@ fn booleans_and_integers() {
     for (p1, p2) in [(2.0, 0.0), (-1.0, 0.0), (0.5, 0.0), (NAN, 0.0), (1.0, 1.0), (1.0, -1.0), (1.0, f32::INFINITY)] {
         assert_eq!(arm(p1, p2), Err(MavResult::DENIED), "{p1}, {p2}");
     }
-    // −1 is for ever (M-72).
+    // −1 repeats forever (M-72).
     assert_eq!(decode([3.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), Ok(DoJump { number: 3, repeat: -1 }));
     is_denied::<DoJump>([-1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     is_denied::<DoJump>([1.5, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let delay = NavDelay { delay: 1.5, hour: -1, minute: 59, second: 0 };
-    assert_eq!(decode([1.5, -1.0, 59.0, -0.0, 0.0, 0.0, 0.0]), Ok(delay), "a quantity is no integer");
+    assert_eq!(decode([1.5, -1.0, 59.0, -0.0, 0.0, 0.0, 0.0]), Ok(delay), "a duration is not an integer");
     is_denied::<NavDelay>([1.5, -1.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
     let interval = |id| decode::<GetMessageInterval>([id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     assert_eq!(interval(16_777_215.0), Ok(GetMessageInterval { message_id: 0xFF_FFFF }));
     assert_eq!(interval(16_777_216.0), Err(MavResult::DENIED));
 }
 
-/// C-9: an open type, and only what the definition lists.
+/// C-9: an enum parameter has an open type, and accepts only what the definition lists.
 #[test]
 fn enumerations_and_bits() {
     let speed = |kind| decode::<DoChangeSpeed>([kind, 5.0, -1.0, 0.0, 0.0, 0.0, 0.0]).map(|speed| speed.speed_type);
@@ -82,12 +81,12 @@ fn enumerations_and_bits() {
     for kind in [4.0, -1.0, 0.25, NAN, 257.0, 1e20] {
         assert_eq!(speed(kind), Err(MavResult::DENIED), "{kind}");
     }
-    // With gaps, and of 16 bits.
+    // An enum with gaps, 16 bits wide.
     let failure =
         |unit| decode::<InjectFailure>([unit, 1.0, 0.0, 0.0, NAN, NAN, NAN]).map(|failure| failure.failure_unit);
     assert_eq!(failure(100.0), Ok(FailureUnit::SYSTEM_BATTERY));
     assert_eq!(failure(99.0), Err(MavResult::DENIED));
-    // Bits, of 32 bits.
+    // A bitmask of 32 bits.
     let gimbal = |flags| decode::<DoGimbalManagerPitchyaw>([0.0, NAN, 1.0, NAN, flags, 0.0, 0.0]);
     let flags = GimbalManagerFlags::NEUTRAL | GimbalManagerFlags::YAW_LOCK;
     assert_eq!(gimbal(18.0).map(|gimbal| gimbal.gimbal_manager_flags), Ok(flags));
@@ -96,7 +95,7 @@ fn enumerations_and_bits() {
     }
 }
 
-/// C-8: `None` is NaN where NaN means something; else it is refused, as is what is infinite.
+/// C-8: NaN is `None` where it has a meaning; elsewhere NaN is refused. Infinities are always refused.
 #[test]
 fn floats_and_nan() {
     let home = |roll| decode::<DoSetHome>([1.0, roll, NAN, -180.0, NAN, NAN, NAN]);
@@ -112,13 +111,13 @@ fn floats_and_nan() {
         |value, timeout| decode::<ActuatorTest>([value, timeout, 0.0, 0.0, 1.0, 0.0, 0.0]).map(|test| test.value);
     assert_eq!((test(NAN, 3.0), test(-1.0, 0.0)), (Ok(None), Ok(Some(-1.0))));
     assert_eq!((test(0.0, NAN), test(1.5, 1.0)), (Err(MavResult::DENIED), Err(MavResult::DENIED)));
-    // No range at all.
+    // A parameter without a range.
     let speed = |speed| decode::<DoRallyLand>([NAN, speed, 0.0, 0.0, 0.0, 0.0, 0.0]);
     assert_eq!(speed(-1e30), Ok(DoRallyLand { altitude: None, speed: Some(-1e30) }));
     assert_eq!(speed(f32::INFINITY), Err(MavResult::DENIED));
 }
 
-/// C-6, C-7, M-4: the position of both forms, each exactly as it came.
+/// C-6, C-7, M-4: the position of both forms, exactly as it was sent.
 #[test]
 fn location() {
     let place = |position, altitude, frame| NavTakeoff {
@@ -157,7 +156,7 @@ fn location() {
     assert_eq!(result, Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME));
 }
 
-/// C-7: without a location the frame says nothing, and an integer is exact even where a float is not.
+/// C-7: without a position the frame is ignored. An integer is exact even where a float is not.
 #[test]
 fn integers_of_a_command_int_are_exact() {
     const RULE: CommandRule = CommandRule::without_position(
@@ -165,7 +164,7 @@ fn integers_of_a_command_int_are_exact() {
         &[ParamRule::integers(5, 0, 20_000_000), ParamRule::bits(6, 0x0300_0000), ParamRule::integers(7, -1, 1)],
     );
     command! {
-        /// A number that no float is.
+        /// Integers that no float represents.
         struct Fine = RULE {
             serial: u32 = 5,
             bits: u64 = 6,
@@ -179,12 +178,12 @@ fn integers_of_a_command_int_are_exact() {
     assert_eq!(decode(i32::MAX, 0, 0.0), Err(MavResult::DENIED), "not given");
 }
 
-/// A type refuses what it cannot hold, whatever the rule lets pass.
+/// A type refuses values that it cannot hold, whatever the rule accepts.
 #[test]
-fn field_holds_its_integer() {
+fn field_refuses_values_out_of_its_type() {
     const RULE: CommandRule = CommandRule::without_position(31_010, &[]);
     command! {
-        /// No parameter has a rule.
+        /// Parameters without rules.
         struct Loose = RULE { a: u8 = 1, b: i8 = 2, c: u16 = 3, d: u32 = 4, e: i32 = 5, f: bool = 6, g: Option<i16> = 7, }
     }
     let good = [255.0, -128.0, 65_535.0, 2_147_483_520.0, -2_147_483_648.0, 1.0, NAN];
@@ -216,25 +215,25 @@ fn another_command_is_not_decoded() {
     assert_eq!(item.decode::<NavTakeoff>(), Err(MavMissionResult::UNSUPPORTED));
 }
 
-/// M-74: the vehicle's own rule is the whole rule.
+/// M-74: the vehicle's own rule replaces the generated one.
 #[test]
-fn vehicle_narrows_and_widens() {
+fn rule_of_the_vehicle_replaces_the_generated_one() {
     const OWN: CommandRule =
         rules::NAV_WAYPOINT.with_params(&[ParamRule::at_least(1, -1.0).or_nan()]).with_frames(&[MavFrame::GLOBAL]);
     let at = |frame, hold| int(MavCmd::NAV_WAYPOINT, frame, [hold, 0.0, 0.0, NAN], 0, 1, 10.0);
     let hold = |command: Command| command.decode_by::<NavWaypoint>(&OWN).map(|waypoint| waypoint.hold);
     assert_eq!(at(MavFrame::GLOBAL, -1.0).decode::<NavWaypoint>(), Err(MavResult::DENIED));
     assert_eq!(hold(at(MavFrame::GLOBAL, -1.0)), Ok(-1.0));
-    assert!(hold(at(MavFrame::GLOBAL, NAN)).is_ok_and(f32::is_nan), "the rule admits it");
+    assert!(hold(at(MavFrame::GLOBAL, NAN)).is_ok_and(f32::is_nan), "the rule accepts it");
     assert_eq!(hold(at(MavFrame::GLOBAL_RELATIVE_ALT, 0.0)), Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME));
     let somewhere = int(MavCmd::NAV_WAYPOINT, MavFrame::GLOBAL, [0.0; 4], i32::MAX, i32::MAX, 10.0);
     assert!(somewhere.decode::<NavWaypoint>().is_ok_and(|waypoint| waypoint.location.position.is_none()));
-    assert_eq!(hold(somewhere), Err(MavResult::DENIED), "a waypoint is a place");
+    assert_eq!(hold(somewhere), Err(MavResult::DENIED), "a waypoint needs a position");
 }
 
-/// M-4, M-38: an item gives the same, and its refusals name the parameter.
+/// M-4, M-38: an item decodes to the same values, and its refusal names the parameter.
 #[test]
-fn items() {
+fn items_decode_like_commands() {
     let item = Item {
         frame: MavFrame::GLOBAL_RELATIVE_ALT_INT,
         command: MavCmd::NAV_WAYPOINT,
@@ -259,7 +258,7 @@ fn items() {
     assert_eq!(fault(Item { z: f32::INFINITY, ..item }), Some(MavMissionResult::INVALID_PARAM7));
     assert_eq!(fault(Item { frame: MavFrame::LOCAL_ENU, ..item }), Some(MavMissionResult::UNSUPPORTED_FRAME));
 
-    // Parameters 5 and 6 of a command without a location: as they are in MISSION, scaled in a global frame.
+    // Parameters 5 and 6 of a command without a position are integers in MISSION and scaled in a global frame.
     let calibration = |frame, x, y| {
         let item = Item { frame, command: MavCmd::PREFLIGHT_CALIBRATION, x, y, ..Item::default() };
         item.decode::<PreflightCalibration>()
@@ -271,24 +270,24 @@ fn items() {
     assert_eq!(calibration(MavFrame::MISSION, 40_000_000, 2), Err(MavMissionResult::INVALID_PARAM5_X));
 }
 
-/// Values that say something somewhere, and others.
+/// Values with a meaning for some parameter, and others.
 fn value() -> impl Strategy<Value = f32> {
     let known =
         prop::sample::select(vec![NAN, 0.0, 1.0, 2.0, 3.0, 4.0, -1.0, 0.5, 76.0, 180.0, 21_196.0, f32::INFINITY]);
     prop_oneof![8 => known, 1 => -200.0f32..200.0, 1 => any::<u32>().prop_map(f32::from_bits)]
 }
 
-/// A value that an integer parameter can have too.
+/// Values that an integer parameter can have too.
 fn whole() -> impl Strategy<Value = Option<i32>> {
     prop_oneof![Just(None), (-3..80).prop_map(Some), (-(1 << 24)..1 << 24).prop_map(Some)]
 }
 
-/// The float that says the same.
+/// Returns the float that means the same.
 fn float(value: Option<i32>) -> f32 {
     value.map_or(NAN, |value| value as f32)
 }
 
-/// As text, in which NaN is NaN.
+/// Formats the result; as text, NaN equals NaN.
 fn text<T: TypedCommand + std::fmt::Debug>(command: Command) -> String {
     format!("{:?}", command.decode::<T>())
 }
@@ -324,7 +323,7 @@ proptest! {
         );
     }
 
-    /// C-6: degrees and deg·1e7 are one place, up to the frame, which a COMMAND_LONG does not name.
+    /// C-6: degrees and deg·1e7 give the same position, apart from the frame, which a COMMAND_LONG lacks.
     #[test]
     fn both_forms_give_the_same_place(
         lat in prop_oneof![9 => -95.0f32..95.0, 1 => Just(NAN)],

@@ -1,5 +1,5 @@
-//! L-2, L-4: whatever is asked of the stack, by whoever and through whichever call, only commands, their answers and
-//! HIGH_LATENCY2 leave a high-latency link, and the last only while it is on.
+//! L-2, L-4: whatever peers and the firmware request, only commands, their answers and HIGH_LATENCY2 are sent on a
+//! high-latency link, and HIGH_LATENCY2 only while it is switched on.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ use mavstack::{
     VehicleState,
 };
 
-/// A vehicle that has everything: [`TestVehicle`], and modes.
+/// A vehicle with every service: [`TestVehicle`], and modes.
 #[derive(Default)]
 struct Everything(TestVehicle);
 
@@ -69,7 +69,7 @@ impl Telemetry for Everything {
         Stream::of::<Attitude>().onboard(millis(20)),
         Stream::of::<SysStatus>().onboard(millis(500)),
         Stream::of::<HomePosition>(),
-        // Wanted by mistake.
+        // Declared by mistake.
         Stream::of::<HighLatency2>().onboard(millis(50)),
         Stream::of::<HighLatency>().onboard(millis(50)),
     ];
@@ -119,23 +119,23 @@ mavstack::stack! {
 const LINKS: usize = 4;
 const ALLOWED: [u32; 5] = [CommandLong::ID, CommandInt::ID, CommandAck::ID, CommandCancel::ID, HighLatency2::ID];
 
-/// What the far end of a line saw.
+/// What the far end of a link received.
 #[derive(Default)]
 struct Line {
-    /// The front of a frame.
+    /// The received part of a frame.
     front: Vec<u8>,
-    /// A frame is made, and no byte of it was taken yet.
+    /// A frame is encoded, and none of its bytes was taken yet.
     is_made: bool,
-    /// Of our own frames.
+    /// Ids of our own frames.
     ids: BTreeSet<u32>,
-    /// Frames of others among them.
+    /// How many frames came from others.
     forwarded: u64,
     frames: u64,
     reports: u64,
 }
 
 impl Line {
-    /// Takes bytes off the line; who sends what is looked at as soon as it is there.
+    /// Takes bytes from the link, and checks id and source as soon as they are known.
     fn take(&mut self, bytes: &[u8], may_leave: impl Fn(u32, bool) -> bool) {
         for byte in bytes {
             self.front.push(*byte);
@@ -148,7 +148,7 @@ impl Line {
                 _ => continue,
             };
             let is_own = source == [1, 1];
-            assert!(may_leave(id, is_own), "message {id} on a link where it must not be");
+            assert!(may_leave(id, is_own), "message {id} is not allowed on this link");
             if self.front.len() == len {
                 self.front.clear();
                 self.frames += 1;
@@ -162,7 +162,7 @@ impl Line {
     }
 }
 
-/// A frame that somebody might send: any message to anybody, most of them such that something is done about them.
+/// Returns a random frame: any message to any target, usually one that the stack acts on.
 fn any_frame(rng: &mut Rng) -> Vec<u8> {
     const BUSY: [u32; 31] = [
         0, 4, 11, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80, 109, 111,
@@ -206,7 +206,7 @@ fn any_frame(rng: &mut Rng) -> Vec<u8> {
     }
 }
 
-/// So many random events, all drawn from `seed`.
+/// Runs random events, all derived from `seed`.
 fn run(seed: u64, events: u32) -> [Line; LINKS] {
     let mut rng = Rng::new(seed);
     let frames: Vec<Vec<u8>> = (0..4_000).map(|_| any_frame(&mut rng)).collect();
@@ -218,7 +218,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
         LinkConfig::unlimited(),
         satellite.with_version(TxVersion::Auto),
     ];
-    // Whoever sets a key is answered at once by a heartbeat and a text, but not here (G-11).
+    // A frame that sets a key is answered by a heartbeat and a text, but not on a high-latency link (G-11).
     #[cfg(feature = "signing")]
     for link in &mut setup.links {
         *link = link.with_signing(mavstack::signing::LinkSigning::OPEN.with_provisioning());
@@ -249,7 +249,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 line.is_made = len == 0 && !bytes.is_empty();
                 line.take(&bytes[..len], |id, is_own| match id {
                     HighLatency2::ID if is_own => is_satellite(link) && (is_on || !is_new),
-                    // Of others it goes to normal links (L-5).
+                    // HIGH_LATENCY2 of others is forwarded to normal links (L-5).
                     HighLatency2::ID => !is_satellite(link),
                     id => !is_satellite(link) || ALLOWED.contains(&id),
                 });
@@ -267,7 +267,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 stack.restart_link(id);
                 let line = &mut lines[link];
                 line.front.clear();
-                // Perhaps: what was cut off begins anew.
+                // An interrupted frame may be sent again from its start.
                 line.is_made = true;
             }
             86 => stack.send_text(now, MavSeverity(rng.below(8) as u8), &format!("event {event}")),
@@ -303,7 +303,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
             95 => vehicle.0.has_home = rng.chance(0.5),
             96 => stack.set_address(setup.config.address),
             97 => {
-                // Bytes that come in the middle of nowhere.
+                // Random bytes, possibly in the middle of a frame.
                 let noise: Vec<u8> = (0..rng.below(60)).map(|_| rng.byte()).collect();
                 stack.receive(now, id, &noise, &mut vehicle);
             }
@@ -319,12 +319,12 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
         vehicle.0.calls.clear();
     }
     #[cfg(feature = "signing")]
-    assert!(stack.signing().counters().setups > 100, "keys came and went");
+    assert!(stack.signing().counters().setups > 100, "keys were set and cleared");
     lines
 }
 
 #[test]
-fn nothing_else_leaves_by_satellite_in_a_million_events() {
+fn only_allowed_messages_are_sent_in_a_million_events() {
     let lines = run(1, 1_000_000);
     for link in [1, 3] {
         let line = &lines[link];
@@ -332,16 +332,16 @@ fn nothing_else_leaves_by_satellite_in_a_million_events() {
         assert!(line.forwarded > 100, "{} commands of others", line.forwarded);
         assert!(line.frames > 5_000 && line.reports > 500, "{} frames, {} reports", line.frames, line.reports);
     }
-    // Everything else was really asked for: heartbeats, streams, pings, parameters, plans, texts, identity, modes.
+    // The normal link carried everything else: heartbeats, streams, pings, parameters, plans, texts, identity, modes.
     for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 148, 234, 242, 244, 253, 300, 345, 435, 436] {
         assert!(lines[0].ids.contains(&id), "message {id} was never sent");
     }
 }
 
-/// L-2, Q-1: a firmware that has HIGH_LATENCY2 among its streams by mistake cannot send it on a normal link, and who asks for
-/// it there is told so.
+/// L-2, Q-1: a firmware that declares HIGH_LATENCY2 as a stream by mistake does not send it on a normal link. A request for it
+/// there is refused.
 #[test]
-fn it_is_no_stream() {
+fn high_latency_message_is_not_a_stream() {
     mavstack::stack! {
         struct Single for Everything { links: 1, streams, high_latency }
     }

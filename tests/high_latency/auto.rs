@@ -1,4 +1,4 @@
-//! The high-latency link that goes on by itself: L-14, what stops it, and what it costs at most.
+//! The high-latency link that switches itself on: L-14, what stops it, and the most that it can cost.
 
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -36,7 +36,7 @@ fn run(world: &mut World<2>, duration: Duration) {
     }
 }
 
-/// How many messages came since the last time.
+/// Returns the number of HIGH_LATENCY2 received since the last call.
 fn count(world: &mut World<2>) -> usize {
     std::iter::from_fn(|| world.gcs[SAT].take::<HighLatency2>()).count()
 }
@@ -54,14 +54,14 @@ fn regain(world: &mut World<2>) {
     world.gcs[TELEM].heartbeat_period = Some(secs(1));
 }
 
-/// L-14: when the last ground station on a normal link is lost, it goes on after the time that was set; when one is heard
-/// again, off.
+/// L-14: when the last ground station on a normal link is lost, messages start after the configured time. When a ground station
+/// reconnects, they stop.
 #[test]
-fn it_goes_on_with_the_last_ground_station_and_off_with_the_first() {
+fn link_loss_switches_it_on_and_reconnection_off() {
     let mut world = world(CONFIG);
     run(&mut world, secs(30));
     lose(&mut world);
-    // Lost five seconds after its last heartbeat, and three more.
+    // The peer times out five seconds after its last heartbeat; the delay is three more.
     run(&mut world, secs(6));
     assert_eq!(count(&mut world), 0);
     run(&mut world, secs(3));
@@ -73,10 +73,10 @@ fn it_goes_on_with_the_last_ground_station_and_off_with_the_first() {
     assert_eq!((count(&mut world), satellite(&mut world).is_on()), (0, false));
 }
 
-/// L-14, L-16: a copy of a START does not keep on what went on by itself, and is not answered as if it did; who says it again
-/// keeps it on.
+/// L-14, L-16: a duplicate START does not make an automatic start permanent, and its answer does not say so. A second START
+/// does.
 #[test]
-fn a_copy_commands_nothing_on() {
+fn duplicate_start_does_not_make_it_permanent() {
     let answer = |world: &mut World<2>| {
         let start = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         world.gcs[SAT].command_long(MavCmd::CONTROL_HIGH_LATENCY, start);
@@ -100,9 +100,9 @@ fn a_copy_commands_nothing_on() {
     }
 }
 
-/// L-14: also for who sleeps until `next_deadline`, beside a radio that takes nothing any more.
+/// L-14: it also starts if the driver sleeps until `next_deadline` and the radio is backpressured.
 #[test]
-fn it_goes_on_for_who_sleeps() {
+fn link_loss_wakes_a_sleeping_driver() {
     let mut world = world(CONFIG);
     run(&mut world, secs(30));
     lose(&mut world);
@@ -116,15 +116,15 @@ fn it_goes_on_for_who_sleeps() {
     }
 }
 
-/// It does not, when nobody wants it to; nor for a ground station that was never there, or others that are lost, or a loss that
-/// is over before the time is.
+/// It does not start without the option, before any ground station was heard, when another kind of peer is lost, or when the
+/// ground station reconnects before the delay is over.
 #[test]
-fn it_does_not_go_on_without_need() {
+fn it_stays_off_without_a_lost_ground_station() {
     let mut world = world(HighLatencyConfig { on_link_loss_after: None, ..CONFIG });
     run(&mut world, secs(5));
     lose(&mut world);
     run(&mut world, secs(60));
-    assert!(!satellite(&mut world).is_on(), "not wanted");
+    assert!(!satellite(&mut world).is_on(), "the option is off");
 
     let mut world = self::world(CONFIG);
     lose(&mut world);
@@ -133,7 +133,7 @@ fn it_does_not_go_on_without_need() {
     world.gcs[TELEM].send_from(Address::new(1, 191), &companion);
     world.gcs[SAT].send(&Gcs::heartbeat());
     run(&mut world, secs(60));
-    assert!(!satellite(&mut world).is_on(), "never there, no ground station, or not on a normal link");
+    assert!(!satellite(&mut world).is_on(), "no ground station on a normal link was lost");
 
     regain(&mut world);
     run(&mut world, secs(5));
@@ -146,9 +146,9 @@ fn it_does_not_go_on_without_need() {
     assert_eq!((satellite(&mut world).is_on(), count(&mut world)), (false, 0), "short losses");
 }
 
-/// A START while it is on by itself makes it commanded, so that only a STOP ends it; a STOP puts it off until the next loss.
+/// A START while it is on by itself makes it permanent: only a STOP ends it. After a STOP it stays off until the next loss.
 #[test]
-fn commands_have_the_last_word() {
+fn commands_override_the_automatic_start() {
     let mut world = world(CONFIG);
     run(&mut world, secs(5));
     lose(&mut world);
@@ -163,7 +163,7 @@ fn commands_have_the_last_word() {
     run(&mut world, secs(30));
     control(&mut world, SAT, 0.0);
     run(&mut world, secs(60));
-    assert!(!satellite(&mut world).is_on(), "stopped, and not lost anew");
+    assert!(!satellite(&mut world).is_on(), "stopped, and not lost again since");
     regain(&mut world);
     run(&mut world, secs(5));
     lose(&mut world);
@@ -171,9 +171,9 @@ fn commands_have_the_last_word() {
     assert!(satellite(&mut world).is_on_by_itself());
 }
 
-/// Whatever the radio does, it never costs more than one message a period.
+/// Whatever the radio does, at most one message is sent per period.
 #[test]
-fn a_radio_that_comes_and_goes_costs_no_more() {
+fn intermittent_radio_costs_one_message_per_period() {
     let mut world = world(HighLatencyConfig { on_link_loss_after: Some(Duration::ZERO), ..CONFIG });
     run(&mut world, secs(5));
     let mut rng = crate::support::Rng::new(3);
@@ -189,12 +189,12 @@ fn a_radio_that_comes_and_goes_costs_no_more() {
     assert!(sent.windows(2).all(|pair| pair[1].since(pair[0]) >= PERIOD), "{sent:?}");
 }
 
-/// L-14: one message after the start, once there is something to tell, and no more.
+/// L-14: one message is sent after the start, once there is a sample to report, and no other.
 #[test]
-fn it_announces_itself_once() {
+fn it_is_announced_once() {
     let mut world = world(HighLatencyConfig { announce_once: true, ..CONFIG });
     run(&mut world, secs(30));
-    assert_eq!(count(&mut world), 0, "nothing to tell yet");
+    assert_eq!(count(&mut world), 0, "no sample yet");
     let now = world.now();
     satellite(&mut world).sample(now, &HighLatencySample { altitude: 500.0, ..HighLatencySample::UNKNOWN });
     run(&mut world, secs(60));
@@ -205,9 +205,9 @@ fn it_announces_itself_once() {
     assert_eq!(count(&mut world), 2);
 }
 
-/// A STOP before the modem was ready for it cancels the announcement.
+/// A STOP before the modem is ready cancels the announcement.
 #[test]
-fn an_announcement_can_be_stopped() {
+fn announcement_can_be_cancelled() {
     let mut world = world(HighLatencyConfig { announce_once: true, ..CONFIG });
     let until = world.now().after(secs(10));
     world.uarts[SAT].stall_writes_until(until);
@@ -219,7 +219,7 @@ fn an_announcement_can_be_stopped() {
     assert_eq!(count(&mut world), 0);
 }
 
-/// What may happen.
+/// A step of the property.
 #[derive(Clone, Debug)]
 enum Step {
     Run(u64),
@@ -227,9 +227,9 @@ enum Step {
     Stop(usize),
     Lose,
     Regain,
-    /// The modem takes nothing for so many seconds.
+    /// The modem accepts nothing for this many seconds.
     Stall(u64),
-    /// A fault, or its end.
+    /// Whether the vehicle is in a fault.
     Fault(bool),
 }
 
@@ -248,10 +248,10 @@ fn any_step() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(cases(200))]
 
-    /// L-11, L-14, L-23: in any order of things, a message is sooner than a period after the one before only if there was a
-    /// START between them; none goes out while it is off, or in a fault; and one comes when it is on and nothing is in the way.
+    /// L-11, L-14, L-23: two messages are less than a period apart only if a START was received between them. None is sent
+    /// while it is off or in a fault. One is sent when it is on and the modem is ready.
     #[test]
-    fn messages_come_when_they_should_and_cost_what_they_must(steps in prop::collection::vec(any_step(), 1..40)) {
+    fn messages_are_sent_when_due_and_never_more_often(steps in prop::collection::vec(any_step(), 1..40)) {
         let mut world = world(CONFIG);
         let (mut starts, mut stalled_until) = (Vec::new(), world.now());
         let mut last_sent = None;
@@ -277,7 +277,7 @@ proptest! {
                 Step::Fault(is_faulty) => world.vehicle.state = healthy.filter(|_| !is_faulty),
                 Step::Run(_) => {}
             }
-            // What came in is acted upon.
+            // The frame of this step is handled.
             run(&mut world, millis(5));
             let seconds = if let Step::Run(seconds) = step { seconds } else { 0 };
             let settled = world.now();
@@ -295,7 +295,7 @@ proptest! {
                 prop_assert!(was_on || is_on);
                 prop_assert!(world.vehicle.state.is_some());
             }
-            // With nothing in the way for a whole period, one came.
+            // If nothing blocked for a whole period, a message was sent.
             let is_free = world.now().since(settled.max(stalled_until)) > PERIOD.max(secs(21));
             if was_on && is_on && world.vehicle.state.is_some() && is_free {
                 prop_assert!(!sent.is_empty(), "on since before {settled:?}");
@@ -304,9 +304,9 @@ proptest! {
     }
 }
 
-/// L-23: another period follows the next message; what is on stays on.
+/// L-23: a new period applies after the next message. What is on stays on.
 #[test]
-fn the_period_can_be_changed_on_the_way() {
+fn period_can_be_changed_while_on() {
     let mut world = world(CONFIG);
     control(&mut world, TELEM, 1.0);
     run(&mut world, secs(5));

@@ -1,5 +1,5 @@
-//! What a satellite brings late: orders that others have overtaken, and copies of commands that must not be carried out
-//! twice. L-10 to L-16, C-12, C-24.
+//! Commands that a satellite delays: superseded commands, and duplicates of commands that must be carried out once. L-10 to
+//! L-16, C-12, C-24.
 
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -24,7 +24,7 @@ const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600
 /// A world whose vehicle declares the high-latency service.
 type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
-/// A telemetry radio and a satellite modem, one ground station at both.
+/// A telemetry radio and a satellite modem; one ground station uses both.
 fn world() -> World<2> {
     let mut world = World::of(Setup { links: LINKS, ..Setup::new() });
     world.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
@@ -45,9 +45,9 @@ fn run(world: &mut World<2>, duration: Duration) {
     }
 }
 
-/// The answer to a command on its link.
+/// Sends a command and returns the answer on its link.
 fn send(world: &mut World<2>, link: usize, command: MavCmd, params: [f32; 7], confirmation: u8) -> MavResult {
-    // What is told in between of what takes its time.
+    // Drops earlier ACKs, such as the progress of a running command.
     while world.gcs[link].take::<CommandAck>().is_some() {}
     let mut message = world.gcs[link].long(command, params);
     message.confirmation = confirmation;
@@ -57,194 +57,194 @@ fn send(world: &mut World<2>, link: usize, command: MavCmd, params: [f32; 7], co
     ack.result
 }
 
-fn order(world: &mut World<2>, link: usize, enable: f32) -> MavResult {
+fn control(world: &mut World<2>, link: usize, enable: f32) -> MavResult {
     send(world, link, MavCmd::CONTROL_HIGH_LATENCY, [enable, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
 }
 
-/// The same, and whether messages go out behind it.
-fn becomes(world: &mut World<2>, link: usize, enable: f32) -> (MavResult, bool) {
-    let result = order(world, link, enable);
+/// Sends START or STOP; returns the answer, and whether messages are on afterwards.
+fn switch(world: &mut World<2>, link: usize, enable: f32) -> (MavResult, bool) {
+    let result = control(world, link, enable);
     (result, satellite(world).is_on())
 }
 
-/// How many messages came since the last time.
+/// Returns the number of HIGH_LATENCY2 received since the last call.
 fn count(world: &mut World<2>) -> usize {
     std::iter::from_fn(|| world.gcs[SAT].take::<HighLatency2>()).count()
 }
 
-/// C-12, L-15: START and STOP over both links: the satellite's copies come when all is over, and change nothing. Who means it
-/// says it again.
+/// C-12, L-15: START and STOP are sent over both links. The satellite delivers its duplicates after the STOP, and they change
+/// nothing. A further START is a new command.
 #[test]
-fn copies_of_what_was_stopped_do_not_start_again() {
+fn delayed_duplicate_of_start_does_not_restart() {
     let mut world = world();
     for _ in 0..3 {
-        assert_eq!(order(&mut world, RADIO, START), DONE);
+        assert_eq!(control(&mut world, RADIO, START), DONE);
         run(&mut world, secs(1));
     }
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
     assert_eq!(count(&mut world), 3);
     run(&mut world, secs(20));
     for copy in 0..3 {
-        assert_eq!(becomes(&mut world, SAT, START), (LATER, false), "copy {copy}");
+        assert_eq!(switch(&mut world, SAT, START), (LATER, false), "duplicate {copy}");
     }
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false));
     run(&mut world, secs(20));
     assert_eq!((count(&mut world), satellite(&mut world).counters().reports), (0, 3));
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true), "a fourth one is none");
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false), "nor is what follows it on the same link");
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true), "a fourth START is not a duplicate");
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false), "nor is the STOP after it on the same link");
 }
 
-/// The same the other way round: the copy of a STOP does not leave the ground without news.
+/// In the other direction: a duplicate STOP does not end the messages.
 #[test]
-fn copies_of_what_was_started_do_not_stop_again() {
+fn delayed_duplicate_of_stop_does_not_stop() {
     let mut world = world();
-    order(&mut world, RADIO, START);
-    order(&mut world, RADIO, STOP);
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    control(&mut world, RADIO, START);
+    control(&mut world, RADIO, STOP);
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
     run(&mut world, secs(25));
     assert_eq!(count(&mut world), 2);
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
-    assert_eq!(becomes(&mut world, SAT, STOP), (LATER, true));
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true));
+    assert_eq!(switch(&mut world, SAT, STOP), (LATER, true));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true));
     run(&mut world, secs(5));
-    assert_eq!(count(&mut world), 0, "no copy sent one");
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false), "who means it");
+    assert_eq!(count(&mut world), 0, "a duplicate sends no message");
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false), "not a duplicate");
 }
 
-/// By radio nothing comes late: what looks like a copy of what came by satellite is said anew, and overtakes what is under way
-/// there.
+/// A radio delays nothing. What looks like a duplicate of a command by satellite is a new command, and supersedes the
+/// satellite's commands that are still in flight.
 #[test]
-fn nothing_is_late_by_radio() {
+fn command_by_radio_is_never_a_delayed_duplicate() {
     let mut world = world();
     world.gcs[RADIO].heartbeat_period = Some(secs(1));
-    order(&mut world, SAT, STOP);
-    order(&mut world, SAT, START);
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
+    control(&mut world, SAT, STOP);
+    control(&mut world, SAT, START);
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false));
     run(&mut world, secs(5));
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
-    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, SAT, START), (LATER, false));
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
 }
 
-/// C-12: a copy is looked for during a minute, of the same sender.
+/// C-12: a duplicate is recognised for a minute, and only from the same sender.
 #[test]
-fn what_is_no_copy_counts() {
+fn start_after_a_minute_or_from_another_sender_is_new() {
     for (wait, other, result) in [(58, false, LATER), (61, false, DONE), (10, true, DONE)] {
         let mut world = world();
-        order(&mut world, RADIO, START);
-        order(&mut world, RADIO, STOP);
+        control(&mut world, RADIO, START);
+        control(&mut world, RADIO, STOP);
         run(&mut world, secs(wait));
         if other {
             world.gcs[SAT].address = OTHER_STATION;
         }
-        assert_eq!(becomes(&mut world, SAT, START), (result, result == DONE), "{wait} s, {other}");
+        assert_eq!(switch(&mut world, SAT, START), (result, result == DONE), "{wait} s, {other}");
     }
-    // Long ago there were many by radio: they are no reason to expect as many copies.
+    // Many STARTs by radio long ago do not make the satellite expect as many duplicates.
     let mut world = world();
     for _ in 0..5 {
-        order(&mut world, RADIO, START);
-        order(&mut world, RADIO, STOP);
+        control(&mut world, RADIO, START);
+        control(&mut world, RADIO, STOP);
     }
     run(&mut world, secs(61));
-    order(&mut world, RADIO, START);
-    order(&mut world, RADIO, STOP);
-    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+    control(&mut world, RADIO, START);
+    control(&mut world, RADIO, STOP);
+    assert_eq!(switch(&mut world, SAT, START), (LATER, false));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true));
 }
 
-/// C-12: a repetition of a START, late, with a higher confirmation; and what the vehicle itself stopped stays so.
+/// C-12: a delayed retransmission of a START, with a higher confirmation, does not undo a STOP, nor a stop by the firmware.
 #[test]
-fn repetitions_and_copies_undo_no_stop() {
+fn retransmitted_start_does_not_undo_a_stop() {
     let mut world = world();
     let start = [START, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    order(&mut world, SAT, START);
-    order(&mut world, RADIO, STOP);
+    control(&mut world, SAT, START);
+    control(&mut world, RADIO, STOP);
     assert_eq!(send(&mut world, SAT, MavCmd::CONTROL_HIGH_LATENCY, start, 1), LATER);
     assert!(!satellite(&mut world).is_on());
-    order(&mut world, RADIO, START);
+    control(&mut world, RADIO, START);
     satellite(&mut world).stop();
     assert_eq!(send(&mut world, SAT, MavCmd::CONTROL_HIGH_LATENCY, start, 2), LATER);
     assert!(!satellite(&mut world).is_on());
-    // And of a copy.
+    // Retransmissions of a duplicate do not either.
     let mut world = self::world();
-    order(&mut world, RADIO, START);
-    order(&mut world, RADIO, STOP);
+    control(&mut world, RADIO, START);
+    control(&mut world, RADIO, STOP);
     for confirmation in 0..3 {
         assert_eq!(send(&mut world, SAT, MavCmd::CONTROL_HIGH_LATENCY, start, confirmation), LATER);
     }
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true), "who means it");
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true), "not a duplicate");
 }
 
-/// L-15, L-16: a START by satellite that was never seen before comes after the STOP that its sender gave by radio: while he is
-/// heard there it is old. When he is not, it is what he wants; and after a minute, in any case.
+/// L-15, L-16: a START by satellite follows a STOP by radio from the same sender. While the sender is alive on the radio, the
+/// START is superseded. If it is not, or after a minute, the START is carried out.
 #[test]
-fn who_is_heard_by_radio_would_say_it_there() {
+fn satellite_does_not_override_a_sender_that_is_alive_on_radio() {
     for (is_heard, wait, result) in [(true, 15, LATER), (true, 61, DONE), (false, 15, DONE)] {
         let mut world = world();
         world.gcs[RADIO].heartbeat_period = Some(secs(1));
         run(&mut world, secs(5));
-        assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+        assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
         if !is_heard {
             world.gcs[RADIO].heartbeat_period = None;
         }
         run(&mut world, secs(wait));
-        assert_eq!(becomes(&mut world, SAT, START), (result, result == DONE), "{is_heard}, after {wait} s");
+        assert_eq!(switch(&mut world, SAT, START), (result, result == DONE), "{is_heard}, after {wait} s");
         run(&mut world, secs(5));
         assert_eq!(count(&mut world), usize::from(result == DONE));
-        assert_eq!(becomes(&mut world, RADIO, START), (DONE, true), "by radio he can");
+        assert_eq!(switch(&mut world, RADIO, START), (DONE, true), "the same sender can by radio");
     }
-    // And a STOP, after a START by radio.
+    // The same for a STOP after a START by radio.
     let mut world = world();
     world.gcs[RADIO].heartbeat_period = Some(secs(1));
     run(&mut world, secs(5));
-    order(&mut world, RADIO, START);
-    assert_eq!(becomes(&mut world, SAT, STOP), (LATER, true));
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
-    // Somebody else who is heard by radio has said nothing of the kind.
+    control(&mut world, RADIO, START);
+    assert_eq!(switch(&mut world, SAT, STOP), (LATER, true));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
+    // Another station did not send the START, although it is alive on the radio.
     world.gcs[SAT].address = OTHER_STATION;
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true));
 }
 
-/// L-15: a STOP by satellite that was obeyed ends what that link still owed of a START by radio: what follows there is new.
+/// L-15: a STOP that was carried out by satellite ends the wait for duplicates of an earlier START there: the next one is new.
 #[test]
-fn a_link_keeps_the_order_of_what_it_carries() {
+fn link_preserves_the_order_of_its_frames() {
     let mut world = world();
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
     run(&mut world, secs(10));
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true));
 }
 
-/// L-16: who said the opposite by radio, and then this, has not changed his mind when he says it by satellite too: the second
-/// time, which is no copy, it sends a message.
+/// L-16: STOP and then START by radio: the START by satellite is a duplicate of the latest command, and not superseded. A
+/// second START by satellite is not a duplicate, and sends a message.
 #[test]
-fn what_was_said_last_is_not_overtaken() {
+fn latest_command_is_not_superseded() {
     let mut world = world();
     world.gcs[RADIO].heartbeat_period = Some(secs(1));
     run(&mut world, secs(5));
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
     run(&mut world, secs(1));
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
     run(&mut world, secs(5));
     assert_eq!(count(&mut world), 1);
     for messages in [0, 1] {
-        assert_eq!(becomes(&mut world, SAT, START), (DONE, true));
+        assert_eq!(switch(&mut world, SAT, START), (DONE, true));
         run(&mut world, secs(5));
         assert_eq!(count(&mut world), messages);
     }
 }
 
-/// C-12: the first transmission of a new START is lost; its repetitions are not those of the one before the STOP. By the same
-/// link within three seconds, by satellite within a minute, they are its own.
+/// C-12: the first transmission of a new START is lost. Its retransmissions do not belong to the START before the STOP. They
+/// are recognised for three seconds on the same link, and for a minute by satellite.
 #[test]
-fn repetitions_of_a_new_start_are_its_own() {
+fn retransmissions_belong_to_the_new_start() {
     for link in [RADIO, SAT] {
         let start = [START, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let mut world = world();
-        assert_eq!(becomes(&mut world, link, START), (DONE, true));
+        assert_eq!(switch(&mut world, link, START), (DONE, true));
         run(&mut world, secs(10));
-        assert_eq!(becomes(&mut world, link, STOP), (DONE, false));
+        assert_eq!(switch(&mut world, link, STOP), (DONE, false));
         run(&mut world, secs(10));
         assert_eq!(count(&mut world), 1);
         for confirmation in 1..4 {
@@ -256,51 +256,51 @@ fn repetitions_of_a_new_start_are_its_own() {
         run(&mut world, secs(20));
         assert_eq!(send(&mut world, link, MavCmd::CONTROL_HIGH_LATENCY, start, 4), DONE);
         run(&mut world, secs(5));
-        assert_eq!(count(&mut world), usize::from(link == RADIO), "by radio that late it is a new one");
+        assert_eq!(count(&mut world), usize::from(link == RADIO), "by radio it is new after three seconds");
     }
 }
 
-/// C-12: of two stations each has its own orders, and copies of them.
+/// C-12: each station has its own commands and duplicates.
 #[test]
-fn one_stations_copies_are_known_after_anothers_orders() {
+fn duplicates_are_recognised_per_station() {
     let mut world = world();
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
     world.gcs[RADIO].address = OTHER_STATION;
-    assert_eq!(becomes(&mut world, RADIO, START), (DONE, true));
-    assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, RADIO, START), (DONE, true));
+    assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
     run(&mut world, secs(20));
-    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
+    assert_eq!(switch(&mut world, SAT, START), (LATER, false));
     world.gcs[SAT].address = OTHER_STATION;
-    assert_eq!(becomes(&mut world, SAT, START), (LATER, false));
-    assert_eq!(becomes(&mut world, SAT, STOP), (DONE, false));
-    assert_eq!(becomes(&mut world, SAT, START), (DONE, true), "who means it");
+    assert_eq!(switch(&mut world, SAT, START), (LATER, false));
+    assert_eq!(switch(&mut world, SAT, STOP), (DONE, false));
+    assert_eq!(switch(&mut world, SAT, START), (DONE, true), "not a duplicate");
 }
 
-/// The orders of a third station take the place of the oldest, and not of its own others.
+/// The commands of a third station evict the oldest ones, not its own.
 #[test]
-fn the_oldest_order_gives_way() {
+fn third_station_evicts_the_oldest_commands() {
     const THIRD: Address = Address::new(253, 190);
     let mut world = world();
     for station in [STATION, OTHER_STATION, THIRD] {
         world.gcs[RADIO].address = station;
-        order(&mut world, RADIO, START);
+        control(&mut world, RADIO, START);
         run(&mut world, secs(1));
-        assert_eq!(becomes(&mut world, RADIO, STOP), (DONE, false));
+        assert_eq!(switch(&mut world, RADIO, STOP), (DONE, false));
         run(&mut world, secs(1));
     }
     for (station, result) in [(THIRD, LATER), (OTHER_STATION, LATER), (STATION, DONE)] {
         world.gcs[SAT].address = station;
-        assert_eq!(becomes(&mut world, SAT, START), (result, result == DONE));
+        assert_eq!(switch(&mut world, SAT, START), (result, result == DONE));
     }
 }
 
 proptest! {
     #![proptest_config(cases(300))]
 
-    /// A router sends every order over both links, and the satellite's come in their order up to 50 s later: what counts is
-    /// the last one by radio, at any time, whether or not its sender is heard there.
+    /// A router sends every command over both links, and the satellite delivers its frames in control, up to 50 s late. The
+    /// latest command by radio always decides, whether or not its sender is alive there.
     #[test]
-    fn copies_never_change_what_was_ordered_last(
+    fn delayed_duplicates_never_override_the_latest_command(
         steps in prop::collection::vec((any::<bool>(), 0u64..20), 1..14),
         delay in 0u64..50,
         is_heard: bool,
@@ -308,20 +308,20 @@ proptest! {
         let mut world = world();
         world.gcs[RADIO].heartbeat_period = is_heard.then_some(secs(1));
         run(&mut world, secs(2));
-        let mut under_way = VecDeque::new();
+        let mut in_flight = VecDeque::new();
         let mut is_on = false;
         let mut steps = VecDeque::from(steps);
         let mut next = world.now();
-        while !steps.is_empty() || !under_way.is_empty() {
+        while !steps.is_empty() || !in_flight.is_empty() {
             let now = world.now();
-            if under_way.front().is_some_and(|(due, _)| *due <= now) {
-                let (_, enable) = under_way.pop_front().unwrap();
-                let result = order(&mut world, SAT, enable);
+            if in_flight.front().is_some_and(|(due, _)| *due <= now) {
+                let (_, enable) = in_flight.pop_front().unwrap();
+                let result = control(&mut world, SAT, enable);
                 prop_assert_eq!(result, if is_on == (enable == START) { DONE } else { LATER });
             } else if next <= now && let Some((starts, wait)) = steps.pop_front() {
                 let enable = if starts { START } else { STOP };
-                prop_assert_eq!(order(&mut world, RADIO, enable), DONE);
-                under_way.push_back((now.after(secs(delay)), enable));
+                prop_assert_eq!(control(&mut world, RADIO, enable), DONE);
+                in_flight.push_back((now.after(secs(delay)), enable));
                 is_on = starts;
                 next = now.after(secs(wait));
             }
@@ -331,10 +331,10 @@ proptest! {
     }
 }
 
-/// C-12: what must not be done twice is not, when its copy comes by satellite half a minute later, once for each time that it
-/// was given. By another radio that late it is a new one. The answer does not say that it was done: it may be no copy.
+/// C-12: a command that runs once is not carried out again when the satellite delivers its duplicate half a minute later, once
+/// per original. By another radio it is new by then. The duplicate is not answered ACCEPTED, because it may be a new command.
 #[test]
-fn a_late_copy_is_not_carried_out() {
+fn delayed_duplicate_is_not_carried_out() {
     let mut world = world();
     for _ in 0..2 {
         assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), DONE);
@@ -346,23 +346,23 @@ fn a_late_copy_is_not_carried_out() {
         assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
     }
     assert_eq!(world.vehicle.commands().len(), 2);
-    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::FAILED, "a third one is none");
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::FAILED, "a third one is not a duplicate");
     assert_eq!(
         send(&mut world, RADIO, ONCE, PARAMS, 0),
         MavResult::FAILED,
-        "nor is one by radio, but of that last one"
+        "by radio it is a duplicate of the last one"
     );
     assert_eq!(world.vehicle.commands().len(), 3);
     run(&mut world, millis(1_100));
     assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::FAILED);
     assert_eq!(world.vehicle.commands().len(), 4);
-    // Its sender repeats it over the satellite, where an answer takes its time.
+    // Its sender retransmits it over the satellite, where an answer is slow.
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::FAILED);
     run(&mut world, secs(40));
     world.vehicle.outcomes.insert(ONCE.0, DONE.into());
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 1), LATER);
     assert_eq!(world.vehicle.commands().len(), 4);
-    // And what was done by satellite, by satellite: that is known.
+    // A duplicate by satellite of a command by satellite is recognised too.
     run(&mut world, secs(61));
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), DONE);
     run(&mut world, secs(20));
@@ -371,10 +371,9 @@ fn a_late_copy_is_not_carried_out() {
     assert_eq!(world.vehicle.commands().len(), 5);
 }
 
-/// C-12: a command that its sender retransmitted without an answer arrives by satellite as often, and is carried out
-/// once.
+/// C-12: the satellite delivers every retransmission of a command, and it is carried out once.
 #[test]
-fn late_copies_of_repetitions_are_not_carried_out() {
+fn delayed_retransmissions_are_not_carried_out() {
     let mut world = world();
     for _ in 0..3 {
         assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), DONE);
@@ -390,9 +389,9 @@ fn late_copies_of_repetitions_are_not_carried_out() {
     assert_eq!(world.vehicle.commands().len(), 2);
 }
 
-/// After a minute nothing is a copy.
+/// C-12: after a minute a command is new.
 #[test]
-fn it_is_remembered_for_a_minute() {
+fn command_is_remembered_for_a_minute() {
     for (wait, is_new) in [(59, false), (61, true)] {
         let mut world = world();
         send(&mut world, RADIO, ONCE, PARAMS, 0);
@@ -402,9 +401,9 @@ fn it_is_remembered_for_a_minute() {
     }
 }
 
-/// C-22: what is remembered for the satellite takes nobody's place. With three places the last three are remembered.
+/// C-22: a command that is only remembered for the satellite blocks no slot. With three slots, the last three are remembered.
 #[test]
-fn what_is_past_gives_way_to_what_is_new() {
+fn new_command_evicts_a_remembered_one() {
     let mut world = world();
     let pressed = |n: u8| [f32::from(n), 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
     for n in 0..4 {
@@ -415,10 +414,10 @@ fn what_is_past_gives_way_to_what_is_new() {
         assert_eq!(send(&mut world, SAT, ONCE, pressed(n), 0), LATER);
     }
     assert_eq!(world.vehicle.commands().len(), 4);
-    // The oldest has gone; carrying it out takes the place of the oldest that is left.
+    // The oldest was evicted. Carrying it out again evicts the oldest of the others.
     send(&mut world, SAT, ONCE, pressed(0), 0);
     assert_eq!(world.vehicle.commands().len(), 5);
-    // Two that run, and one that was just done: no room but for itself. Those that are done keep theirs for three seconds.
+    // Two commands run and one has just ended, so there is no free slot: an ended command keeps its slot for three seconds.
     assert_eq!(send(&mut world, RADIO, CALIBRATE, PARAMS, 0), MavResult::IN_PROGRESS);
     world.vehicle.long.insert(MavCmd::NAV_LAND.0);
     world.vehicle.outcomes.remove(&MavCmd::NAV_LAND.0);
@@ -428,9 +427,9 @@ fn what_is_past_gives_way_to_what_is_new() {
     assert_eq!(send(&mut world, RADIO, ONCE, pressed(9), 0), DONE);
 }
 
-/// C-12, C-24: what took its time, has ended and must not be done twice is not begun again by its copy, and may be begun anew.
+/// C-12, C-24: a delayed duplicate does not restart a long command that has ended and runs once; a new command does.
 #[test]
-fn a_late_copy_of_what_has_ended_does_not_begin_it_again() {
+fn delayed_duplicate_does_not_restart_an_ended_command() {
     let mut world = world();
     world.vehicle.outcomes.remove(&ONCE.0);
     world.vehicle.long.insert(ONCE.0);
@@ -440,17 +439,17 @@ fn a_late_copy_of_what_has_ended_does_not_begin_it_again() {
     run(&mut world, secs(30));
     assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), LATER);
     assert!(!world.stack.long_commands_mut().is_running(ONCE));
-    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::IN_PROGRESS, "who means it");
+    assert_eq!(send(&mut world, SAT, ONCE, PARAMS, 0), MavResult::IN_PROGRESS, "not a duplicate");
     world.stack.long_commands_mut().finish(ONCE, DONE);
     run(&mut world, secs(5));
-    // By radio that is too late for a copy.
+    // By radio it is too late for a duplicate.
     assert_eq!(send(&mut world, RADIO, ONCE, PARAMS, 0), MavResult::IN_PROGRESS);
 }
 
-/// C-24: what took its time and may be done twice is done when it is asked for by satellite: whoever says that it was done
-/// leaves the vehicle where it is. Three seconds after its end it is a new one, with whatever confirmation.
+/// C-24: a long command that may run twice is carried out when it is sent by satellite. Answering it as done would leave the
+/// vehicle where it is. Three seconds after its end it is a new command, with any confirmation.
 #[test]
-fn home_again_by_satellite() {
+fn return_by_satellite_is_carried_out_again() {
     const RTL: MavCmd = MavCmd::NAV_RETURN_TO_LAUNCH;
     for confirmation in [0, 1, 2] {
         let mut world = world();
@@ -460,7 +459,7 @@ fn home_again_by_satellite() {
         run(&mut world, secs(5));
         world.stack.long_commands_mut().finish(RTL, DONE);
         run(&mut world, secs(2));
-        assert_eq!(send(&mut world, SAT, RTL, [0.0; 7], 0), DONE, "its copy");
+        assert_eq!(send(&mut world, SAT, RTL, [0.0; 7], 0), DONE, "its duplicate");
         assert_eq!(send(&mut world, RADIO, MavCmd::NAV_TAKEOFF, [0.0; 7], 0), DONE);
         assert_eq!(world.vehicle.commands().len(), 2);
         run(&mut world, secs(40));

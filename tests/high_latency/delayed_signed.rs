@@ -1,5 +1,5 @@
-//! What a satellite brings late, with signatures: they tell when something was sent, and so what came after what. L-15, L-16,
-//! C-12, G-15.
+//! Commands that a satellite delays, with signatures: the timestamp says when a command was sent, and so in which control.
+//! L-15, L-16, C-12, G-15.
 
 use crate::support::signer::{KEY, NOW, Signer};
 use crate::support::*;
@@ -19,13 +19,13 @@ const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
 
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
-/// Seconds, in timestamps.
+/// A second in units of a signing timestamp.
 const SECOND: u64 = 100_000;
 
 /// A rig whose vehicle declares the high-latency service.
 type Rig<const N: usize = 2> = crate::support::signer::Rig<N, SignedSatellite>;
 
-/// A vehicle that hears signed frames only, over a radio and a satellite.
+/// A vehicle that accepts signed frames only, with a radio and a satellite.
 fn rig() -> Rig {
     let mut rig = Rig::new(LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED)));
     rig.set_key(KEY);
@@ -46,17 +46,17 @@ fn long(command: MavCmd, p1: f32) -> CommandLong {
     }
 }
 
-/// The station when the vehicle's clock had run for so long, over its own stream for the link.
+/// The station when the vehicle's clock reads `at`, with its own stream on each link.
 fn station(link: usize, at: Duration) -> Signer {
     Signer::new(KEY).link(link as u8).at(NOW + at.as_millis() * (SECOND / 1_000))
 }
 
-/// A command of the station that was sent then.
+/// Returns a command frame that the station signed at `at`.
 fn sent(link: usize, at: Duration, command: MavCmd, p1: f32) -> Vec<u8> {
     station(link, at).frame(&long(command, p1))
 }
 
-fn order(rig: &mut Rig, link: usize, at: Duration, enable: f32) -> (MavResult, bool) {
+fn control(rig: &mut Rig, link: usize, at: Duration, enable: f32) -> (MavResult, bool) {
     answer(rig, link, &sent(link, at, MavCmd::CONTROL_HIGH_LATENCY, enable))
 }
 
@@ -68,26 +68,26 @@ fn answer(rig: &mut Rig, link: usize, frame: &[u8]) -> (MavResult, bool) {
     (acks[0].decode::<CommandAck>().unwrap().result, rig.stack.high_latency().is_on())
 }
 
-/// Until the vehicle's clock has run for so long since it had its key.
+/// Runs until the vehicle's clock reads `at` since its key was set.
 fn until(rig: &mut Rig, at: Duration) {
     let end = Instant::from_millis(5_000).after(at);
     rig.run_for(end.since(rig.now));
 }
 
-/// L-16: the vehicle hears how old a command is, in whatever form, once it knows what time it is.
+/// L-16: the vehicle gets the age of a command, in both forms, as soon as it knows the time.
 #[test]
-fn a_command_says_how_old_it_is() {
+fn command_has_an_age() {
     let mut rig = rig();
     until(&mut rig, secs(40));
-    // What the vehicle signs itself moves its time by the last digit.
+    // Each frame that the vehicle signs moves its time by one unit.
     let in_seconds = |age: Option<Duration>| age.map(|age| age.as_millis() / 1_000);
     let ages = |rig: &Rig| rig.vehicle.commands().iter().map(|command| command.age).map(in_seconds).collect::<Vec<_>>();
     answer(&mut rig, SAT, &sent(SAT, secs(10), MavCmd::NAV_LAND, 0.0));
-    assert_eq!(ages(&rig), [None], "what comes by satellite may tell a time that is over");
+    assert_eq!(ages(&rig), [None], "a frame by satellite does not tell the current time");
     answer(&mut rig, RADIO, &sent(RADIO, secs(40), MavCmd::NAV_LAND, 0.0));
     answer(&mut rig, SAT, &sent(SAT, secs(15), MavCmd::NAV_LAND, 0.0));
     assert_eq!(ages(&rig)[1..], [Some(0), Some(25)]);
-    // A clock of its own will do too.
+    // The vehicle's own clock also gives the time.
     let mut rig = self::rig();
     until(&mut rig, secs(40));
     let unix_usec = (1_420_070_400 * SECOND + NOW + 50 * SECOND) * 10;
@@ -96,62 +96,61 @@ fn a_command_says_how_old_it_is() {
     answer(&mut rig, SAT, &sent(SAT, secs(20), MavCmd::NAV_LAND, 0.0));
     let command = rig.vehicle.commands()[0];
     assert_eq!((in_seconds(command.age), command.class), (Some(30), LinkClass::HighLatency));
-    // Not where signatures are not looked at.
+    // Without signature checks there is no age.
     let mut rig = Rig::<2>::new(LINKS);
     rig.receive(SAT, &sent(SAT, secs(0), MavCmd::NAV_LAND, 0.0));
     assert_eq!(ages(&rig), [None]);
-    // SET_MODE, which comes to a vehicle with no modes as a message, is none.
+    // SET_MODE, which a vehicle without modes gets as a message, has none.
     rig.receive(RADIO, &Signer::new(KEY).frame(&SetMode::default()));
     assert_eq!(rig.vehicle.commands().len(), 1);
 }
 
-/// L-15, L-16: a START that was sent before a STOP is overtaken by it, however late it comes, though it was not seen before
-/// and nobody is heard; one that was sent after it counts at once, though it looks like a copy.
+/// L-15, L-16: a START that was sent before a STOP is superseded, however late it arrives, even if it was never seen and its
+/// sender is not alive. A START that was sent after the STOP is carried out at once, even if it looks like a duplicate.
 #[test]
-fn what_was_sent_before_is_overtaken() {
+fn command_signed_earlier_is_superseded() {
     for late in [20, 300, 890] {
         let mut rig = rig();
         until(&mut rig, secs(10));
-        // A stream that is known.
+        // Makes the stream known.
         answer(&mut rig, SAT, &sent(SAT, secs(9), MavCmd::NAV_LAND, 0.0));
-        assert_eq!(order(&mut rig, RADIO, secs(10), STOP), (DONE, false));
+        assert_eq!(control(&mut rig, RADIO, secs(10), STOP), (DONE, false));
         until(&mut rig, secs(10 + late));
-        assert_eq!(order(&mut rig, SAT, millis(9_990), START), (LATER, false), "{late} s");
-        assert_eq!(order(&mut rig, SAT, millis(10_010), START), (DONE, true), "{late} s");
+        assert_eq!(control(&mut rig, SAT, millis(9_990), START), (LATER, false), "{late} s");
+        assert_eq!(control(&mut rig, SAT, millis(10_010), START), (DONE, true), "{late} s");
     }
     let mut rig = rig();
     until(&mut rig, secs(10));
-    order(&mut rig, RADIO, secs(8), START);
-    order(&mut rig, RADIO, secs(9), STOP);
-    assert_eq!(order(&mut rig, SAT, secs(10), START), (DONE, true));
-    assert_eq!(order(&mut rig, RADIO, secs(10), START), (DONE, true));
-    // And a STOP from before that.
+    control(&mut rig, RADIO, secs(8), START);
+    control(&mut rig, RADIO, secs(9), STOP);
+    assert_eq!(control(&mut rig, SAT, secs(10), START), (DONE, true));
+    assert_eq!(control(&mut rig, RADIO, secs(10), START), (DONE, true));
+    // The same for a STOP.
     until(&mut rig, secs(20));
-    assert_eq!(order(&mut rig, SAT, millis(10_001), STOP), (DONE, false), "it is from after");
-    order(&mut rig, RADIO, secs(20), START);
-    assert_eq!(order(&mut rig, SAT, secs(19), STOP), (LATER, true));
+    assert_eq!(control(&mut rig, SAT, millis(10_001), STOP), (DONE, false), "it was signed after the START");
+    control(&mut rig, RADIO, secs(20), START);
+    assert_eq!(control(&mut rig, SAT, secs(19), STOP), (LATER, true));
 }
 
-/// A quarter of an hour later nothing is overtaken: a clock that was set wrong meanwhile must not keep a START away for
-/// ever.
+/// After a quarter of an hour nothing is superseded: a wrong clock must not block a START forever.
 #[test]
-fn nothing_is_overtaken_for_ever() {
+fn superseding_ends_after_15_minutes() {
     let mut rig = rig();
     until(&mut rig, secs(10));
     answer(&mut rig, SAT, &sent(SAT, secs(5), MavCmd::NAV_LAND, 0.0));
-    order(&mut rig, RADIO, secs(10), STOP);
+    control(&mut rig, RADIO, secs(10), STOP);
     until(&mut rig, secs(911));
-    assert_eq!(order(&mut rig, SAT, secs(9), START), (DONE, true));
+    assert_eq!(control(&mut rig, SAT, secs(9), START), (DONE, true));
 }
 
-/// C-12: a copy was sent when its original was; what was sent later by satellite is new, though it comes within the minute.
+/// C-12: a duplicate has the timestamp of its original. A command that was signed later is new, even within the minute.
 #[test]
-fn a_copy_was_sent_when_its_original_was() {
+fn duplicate_has_the_timestamp_of_its_original() {
     let mut rig = rig();
     until(&mut rig, secs(10));
     answer(&mut rig, RADIO, &sent(RADIO, secs(10), ONCE, 1.0));
     until(&mut rig, secs(40));
-    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE, "this is known to be one");
+    assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE, "a known duplicate");
     assert_eq!(rig.vehicle.commands().len(), 1);
     let mut rig = self::rig();
     until(&mut rig, secs(10));
@@ -159,16 +158,16 @@ fn a_copy_was_sent_when_its_original_was() {
     until(&mut rig, secs(40));
     answer(&mut rig, SAT, &sent(SAT, secs(20), ONCE, 1.0));
     assert_eq!(rig.vehicle.commands().len(), 2);
-    // Given before, by satellite only: it is not done, nor said to be.
+    // Signed before the command by radio: it is neither carried out nor answered as done.
     assert_eq!(answer(&mut rig, RADIO, &sent(RADIO, secs(44), ONCE, 2.0)).0, DONE);
     until(&mut rig, secs(50));
     assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(30), ONCE, 2.0)).0, LATER);
     assert_eq!(rig.vehicle.commands().len(), 3);
 }
 
-/// C-12: a repetition was signed after its original, and is one for as long as a satellite may take.
+/// C-12: a retransmission is signed later than its original, and is recognised for as long as a satellite may take.
 #[test]
-fn a_repetition_was_sent_later() {
+fn retransmission_is_signed_later() {
     let mut rig = rig();
     until(&mut rig, secs(10));
     assert_eq!(answer(&mut rig, SAT, &sent(SAT, secs(10), ONCE, 1.0)).0, DONE);
@@ -176,42 +175,42 @@ fn a_repetition_was_sent_later() {
     let again = |confirmation| CommandLong { confirmation, ..long(ONCE, 1.0) };
     assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(25)).frame(&again(1))).0, DONE);
     assert_eq!(rig.vehicle.commands().len(), 1);
-    // Without a higher confirmation it is given anew.
+    // Without a higher confirmation it is a new command.
     assert_eq!(answer(&mut rig, SAT, &station(SAT, secs(30)).frame(&again(0))).0, DONE);
     assert_eq!(rig.vehicle.commands().len(), 2);
 }
 
-/// The vehicle learns that it is so much later than it thought.
+/// Sets the vehicle's clock forward by `ahead`.
 fn jump(rig: &mut Rig, at: Duration, ahead: Duration) {
     let now = rig.now;
     let unix_usec = (1_420_070_400 * SECOND + NOW) * 10 + at.as_micros() + ahead.as_micros();
     assert!(rig.signing().set_time(now, unix_usec, Duration::MAX));
 }
 
-/// L-15: by radio an order is said now, whatever our time and its sender's are.
+/// L-15: a command by radio is current, whatever the clocks of the vehicle and the sender say.
 #[test]
-fn orders_by_radio_are_never_late() {
+fn command_by_radio_is_never_superseded() {
     for at in [30, 60, 300, 600] {
         let mut rig = rig();
         until(&mut rig, secs(10));
-        assert_eq!(order(&mut rig, RADIO, secs(10), START), (DONE, true));
+        assert_eq!(control(&mut rig, RADIO, secs(10), START), (DONE, true));
         until(&mut rig, secs(20));
         jump(&mut rig, secs(20), secs(600));
         until(&mut rig, secs(at));
-        assert_eq!(order(&mut rig, RADIO, secs(at), STOP), (DONE, false), "{at} s");
+        assert_eq!(control(&mut rig, RADIO, secs(at), STOP), (DONE, false), "{at} s");
     }
-    // Its sender's clock was set back.
+    // The sender's clock was set back.
     let mut rig = rig();
     until(&mut rig, secs(50));
-    assert_eq!(order(&mut rig, SAT, secs(50), START), (DONE, true));
+    assert_eq!(control(&mut rig, SAT, secs(50), START), (DONE, true));
     until(&mut rig, secs(55));
-    assert_eq!(order(&mut rig, RADIO, secs(20), STOP), (DONE, false));
+    assert_eq!(control(&mut rig, RADIO, secs(20), STOP), (DONE, false));
 }
 
-/// C-12: a copy by another radio comes within three seconds. What comes later is said now, and sends a message, though its
-/// sender's clocks say that both were sent at the same time.
+/// C-12: a duplicate on another radio is received within three seconds. A later one is a new command and sends a message, even
+/// if its timestamp equals the first one's.
 #[test]
-fn by_another_radio_a_copy_comes_soon() {
+fn duplicate_on_another_radio_is_received_within_3_s() {
     for (wait, messages) in [(2, 1), (4, 2)] {
         let [radio, satellite] = LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED));
         let mut rig = Rig::new([radio, satellite, radio]);
@@ -226,32 +225,32 @@ fn by_another_radio_a_copy_comes_soon() {
     }
 }
 
-/// L-16: what counts is which of two a sender signed first, not a third one's clock that is ahead.
+/// L-16: the control of a sender's own timestamps decides. Another peer's clock that is ahead does not matter.
 #[test]
-fn somebody_elses_clock_makes_nothing_late() {
+fn clock_of_another_peer_supersedes_nothing() {
     for at in [70, 120, 300] {
         let mut rig = rig();
         until(&mut rig, secs(10));
-        assert_eq!(order(&mut rig, RADIO, secs(10), STOP), (DONE, false));
+        assert_eq!(control(&mut rig, RADIO, secs(10), STOP), (DONE, false));
         answer(&mut rig, SAT, &sent(SAT, secs(9), MavCmd::NAV_LAND, 0.0));
         until(&mut rig, secs(20));
         let mut companion = Signer::new(KEY).of(Address::new(1, 191)).at(NOW + 320 * SECOND);
         rig.receive(RADIO, &companion.frame(&Heartbeat::default()));
         until(&mut rig, secs(at));
-        assert_eq!(order(&mut rig, SAT, millis(9_500), START), (LATER, false), "{at} s");
-        assert_eq!(order(&mut rig, SAT, secs(at), START), (DONE, true), "{at} s");
-        // An old one of before changes neither, nor what is known of it.
+        assert_eq!(control(&mut rig, SAT, millis(9_500), START), (LATER, false), "{at} s");
+        assert_eq!(control(&mut rig, SAT, secs(at), START), (DONE, true), "{at} s");
+        // A delayed command changes neither the state nor what is known about the sender.
         until(&mut rig, secs(at + 20));
-        assert_eq!(order(&mut rig, RADIO, secs(at + 20), STOP), (DONE, false));
-        assert_eq!(order(&mut rig, RADIO, secs(at + 21), START), (DONE, true));
-        assert_eq!(order(&mut rig, SAT, secs(at + 10), START), (DONE, true));
-        assert_eq!(order(&mut rig, SAT, secs(at + 20), STOP), (LATER, true));
+        assert_eq!(control(&mut rig, RADIO, secs(at + 20), STOP), (DONE, false));
+        assert_eq!(control(&mut rig, RADIO, secs(at + 21), START), (DONE, true));
+        assert_eq!(control(&mut rig, SAT, secs(at + 10), START), (DONE, true));
+        assert_eq!(control(&mut rig, SAT, secs(at + 20), STOP), (LATER, true));
     }
 }
 
-/// C-12: by two radios, with half a minute in between, it is given twice, whatever our time does meanwhile.
+/// C-12: a command on two radios, half a minute apart, is carried out twice, whatever the vehicle's clock does meanwhile.
 #[test]
-fn once_by_two_radios_is_twice() {
+fn command_half_a_minute_later_on_another_radio_is_new() {
     for ahead in [0, 50] {
         let radio = LinkConfig::uart(57_600).with_signing(LinkSigning::REQUIRED);
         let mut rig = Rig::new([radio; 2]);
@@ -259,9 +258,9 @@ fn once_by_two_radios_is_twice() {
         rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
         until(&mut rig, secs(10));
         rig.receive(0, &sent(0, secs(10), ONCE, 1.0));
-        // Its sender's clocks differ.
+        // The sender's clocks differ between the links.
         rig.receive(1, &sent(1, secs(14), ONCE, 1.0));
-        assert_eq!(rig.vehicle.commands().len(), 1, "a copy");
+        assert_eq!(rig.vehicle.commands().len(), 1, "a duplicate");
         jump(&mut rig, secs(10), secs(ahead));
         until(&mut rig, secs(40));
         rig.receive(1, &sent(1, secs(40), ONCE, 1.0));
@@ -269,10 +268,10 @@ fn once_by_two_radios_is_twice() {
     }
 }
 
-/// L-16, G-15: after a restart our time is up to a minute ahead; no command is older for that. What the vehicle was told
-/// counts, and before that who is heard by radio.
+/// L-16, G-15: after a restart the vehicle's clock is up to a minute ahead, which makes no command older. The time that the
+/// vehicle was told decides; before that, the peers on the radio do.
 #[test]
-fn what_is_reserved_makes_nothing_old() {
+fn reserved_time_makes_no_command_old() {
     let land = |at: u64| sent(RADIO, secs(at), MavCmd::NAV_LAND, 0.0);
     let age = |rig: &mut Rig, at: u64| {
         rig.transmit(RADIO);

@@ -33,7 +33,7 @@ fn satellite<const N: usize>(world: &mut World<N>) -> &mut HighLatency {
     world.stack.high_latency_mut()
 }
 
-/// Runs on, asleep whenever the stack says that it may be.
+/// Runs for `duration`, and sleeps whenever the stack permits.
 fn run<const N: usize>(world: &mut World<N>, duration: Duration) {
     let end = world.now().after(duration);
     while world.now() < end {
@@ -41,7 +41,7 @@ fn run<const N: usize>(world: &mut World<N>, duration: Duration) {
     }
 }
 
-/// The answer to a MAV_CMD_CONTROL_HIGH_LATENCY with this parameter 1.
+/// Sends a MAV_CMD_CONTROL_HIGH_LATENCY with this parameter 1 and returns the answer.
 fn control<const N: usize>(world: &mut World<N>, link: usize, enable: f32) -> MavResult {
     world.gcs[link].command_long(MavCmd::CONTROL_HIGH_LATENCY, [enable, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let ack: CommandAck = world.expect(link, millis(100));
@@ -49,7 +49,7 @@ fn control<const N: usize>(world: &mut World<N>, link: usize, enable: f32) -> Ma
     ack.result
 }
 
-/// The messages that came on a link since the last time.
+/// Returns the HIGH_LATENCY2 that a link received since the last call.
 fn reports<const N: usize>(world: &mut World<N>, link: usize) -> Vec<(Instant, HighLatency2)> {
     std::iter::from_fn(|| world.gcs[link].take::<HighLatency2>()).collect()
 }
@@ -62,8 +62,8 @@ fn times(reports: &[(Instant, HighLatency2)]) -> Vec<u64> {
     reports.iter().map(|(at, _)| at.as_millis()).collect()
 }
 
-/// L-2, L-3, L-10, L-11: off at first; a START over the satellite is answered there, and a message follows at once, then
-/// one a period; a STOP ends it. Neither a heartbeat nor anything else goes out.
+/// L-2, L-3, L-10, L-11: messages are off by default. A START over the satellite is answered there; a message follows at once,
+/// then one per period, until a STOP. Neither a heartbeat nor anything else is sent.
 #[test]
 fn start_and_stop_over_the_satellite() {
     let mut world = world(CONFIG);
@@ -82,8 +82,8 @@ fn start_and_stop_over_the_satellite() {
     assert_eq!(world.gcs[TELEM].count_of::<Heartbeat>(), 171);
 }
 
-/// L-10, L-11, L-15: the command over the normal link is answered there, holds for the satellite, and both run at once.
-/// Each may come twice: a START that comes again sends one message more.
+/// L-10, L-11, L-15: the command over the normal link is answered there and applies to the satellite; both links run at once.
+/// Each command may be sent twice: a second START sends another message.
 #[test]
 fn start_and_stop_over_the_radio_twice() {
     let mut world = world(CONFIG);
@@ -94,20 +94,20 @@ fn start_and_stop_over_the_radio_twice() {
     run(&mut world, secs(19));
     assert_eq!(count(&mut world, SAT), 1);
     run(&mut world, secs(2));
-    assert_eq!(count(&mut world, SAT), 1, "a period after that one");
+    assert_eq!(count(&mut world, SAT), 1, "a period after the second one");
     assert!(world.gcs[TELEM].count_of::<Heartbeat>() >= 25);
     for _ in 0..2 {
         assert_eq!(control(&mut world, TELEM, 0.0), MavResult::ACCEPTED);
     }
     run(&mut world, secs(60));
     assert_eq!(count(&mut world, SAT), 0);
-    assert_eq!(world.gcs[SAT].received.len(), 3, "no answers by satellite");
+    assert_eq!(world.gcs[SAT].received.len(), 3, "no answers over the satellite");
 }
 
-/// C-12, L-15: the same START over both links, and repeated by its sender, is carried out once and answered each time, also
-/// when the satellite brings it half a minute later. When it was stopped in between, it starts.
+/// C-12, L-15: one START over both links, retransmitted by its sender, is carried out once and answered each time, even if the
+/// satellite delivers it half a minute later. After a STOP it starts again.
 #[test]
-fn a_copy_of_a_start_sends_nothing_more() {
+fn duplicate_start_sends_no_other_message() {
     let mut world = world(CONFIG);
     assert_eq!(control(&mut world, TELEM, 1.0), MavResult::ACCEPTED);
     run(&mut world, secs(2));
@@ -120,19 +120,19 @@ fn a_copy_of_a_start_sends_nothing_more() {
     run(&mut world, secs(4));
     assert_eq!(count(&mut world, SAT), 1);
     run(&mut world, secs(2));
-    assert_eq!(count(&mut world, SAT), 1, "on time: no copy moved it");
+    assert_eq!(count(&mut world, SAT), 1, "on time: no duplicate moved it");
     assert_eq!(control(&mut world, TELEM, 0.0), MavResult::ACCEPTED);
     assert_eq!(control(&mut world, SAT, 1.0), MavResult::ACCEPTED);
     run(&mut world, secs(1));
     assert_eq!(count(&mut world, SAT), 1);
-    // Somebody else's is none, and neither is one of a minute later.
+    // A START from another station, or a minute later, is not a duplicate.
     world.gcs[TELEM].address = OTHER_STATION;
     assert_eq!(control(&mut world, TELEM, 1.0), MavResult::ACCEPTED);
     run(&mut world, secs(1));
     assert_eq!(count(&mut world, SAT), 1);
 }
 
-/// L-10, C-9: only 0 and 1 are answers to the question whether.
+/// L-10, C-9: the only valid parameters are 0 and 1.
 #[test]
 fn other_parameters_are_denied_and_change_nothing() {
     for was_on in [false, true] {
@@ -151,9 +151,9 @@ fn other_parameters_are_denied_and_change_nothing() {
     }
 }
 
-/// L-12: without a high-latency link, and without the service, the command is not known.
+/// L-12: the command is UNSUPPORTED without a high-latency link or without the service.
 #[test]
-fn without_such_a_link_the_command_is_unsupported() {
+fn command_is_unsupported_without_high_latency_link() {
     let mut world = with_links([LinkConfig::uart(57_600)], CONFIG);
     for enable in [1.0, 0.0, 7.0] {
         assert_eq!(control(&mut world, TELEM, enable), MavResult::UNSUPPORTED);
@@ -166,9 +166,9 @@ fn without_such_a_link_the_command_is_unsupported() {
     assert_eq!(world.gcs[SAT].received.len(), 1);
 }
 
-/// L-13: for all high-latency links at once, also when all components are meant, or all systems.
+/// L-13: the command applies to all high-latency links, also when it is sent to all components or all systems.
 #[test]
-fn all_high_latency_links_are_meant() {
+fn command_applies_to_all_high_latency_links() {
     let mut world = with_links([SATELLITE, LinkConfig::uart(57_600), SATELLITE], CONFIG);
     for (target_system, target_component) in [(1, 0), (0, 0), (1, 1)] {
         let mut start = world.gcs[1].long(MavCmd::CONTROL_HIGH_LATENCY, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -182,10 +182,10 @@ fn all_high_latency_links_are_meant() {
     assert_eq!([0, 1, 2].map(|link| count(&mut world, link)), [1, 0, 1]);
 }
 
-/// L-23, L-21: a modem that is busy gets the message when it is not, made of what is known then, once; the next one comes a
-/// whole period later. Nothing of what happened meanwhile is lost.
+/// L-23, L-21: a busy modem gets one message when it is ready, with the samples until then. The next one follows a whole period
+/// later. No sample in between is lost.
 #[test]
-fn a_busy_modem_gets_its_message_later() {
+fn busy_modem_gets_its_message_later() {
     let mut world = world(CONFIG);
     control(&mut world, TELEM, 1.0);
     run(&mut world, secs(1));
@@ -209,12 +209,12 @@ fn a_busy_modem_gets_its_message_later() {
     assert_eq!((second, sent.len()), (first + 20_000, 2));
     let told = sent[0].1;
     assert_eq!((told.climb_rate, told.altitude, told.timestamp), (-70, 68, sampled[68]));
-    assert!((74..=76).contains(&told.airspeed), "the mean of all of it: {}", told.airspeed);
+    assert!((74..=76).contains(&told.airspeed), "the mean of all samples: {}", told.airspeed);
 }
 
-/// L-21: the mean and the worst of what came since the last message, the last of the rest; each message begins anew.
-#[test]
-fn each_message_tells_what_came_since_the_one_before() {
+/// L-21: a message carries means and extremes since the previous one, and the last value of other fields. Then they start
+/// again.
+fn each_message_covers_the_time_since_the_previous_one() {
     let mut world = world(CONFIG);
     control(&mut world, TELEM, 1.0);
     run(&mut world, millis(10));
@@ -253,15 +253,15 @@ fn each_message_tells_what_came_since_the_one_before() {
     assert_eq!((told.eph, told.epv, told.climb_rate, told.heading), (120, 120, -120, 2));
     world.run_for(millis(1));
     let told = tell(&mut world, &[1.0]);
-    assert_eq!((told.airspeed, told.battery, told.eph, told.climb_rate), (5, 1, 10, -10), "nothing of before");
-    // Nobody sampled: what was known last is told again, and by its timestamp it is old.
+    assert_eq!((told.airspeed, told.battery, told.eph, told.climb_rate), (5, 1, 10, -10), "no earlier sample");
+    // Without a new sample the last one is sent again, with its old timestamp.
     let again = tell(&mut world, &[]);
     assert_eq!(again, told);
 }
 
-/// L-21: while it is off, no more than the last while is kept for the first message.
+/// L-21: while messages are off, only the latest samples are kept for the first one.
 #[test]
-fn what_was_long_before_the_start_is_not_told() {
+fn first_message_omits_old_samples() {
     let mut world = world(CONFIG);
     for second in 0..60 {
         let now = world.now();
@@ -274,9 +274,9 @@ fn what_was_long_before_the_start_is_not_told() {
     assert_eq!(reports(&mut world, SAT)[0].1.eph, 10);
 }
 
-/// L-21: two modems tell the same, also when one of them is late.
+/// L-21: two modems send the same values, even if one is late.
 #[test]
-fn two_modems_tell_the_same() {
+fn two_modems_send_the_same_values() {
     let mut world = with_links([SATELLITE, SATELLITE], CONFIG);
     satellite(&mut world).start();
     for round in 1..=4u8 {
@@ -296,17 +296,16 @@ fn two_modems_tell_the_same() {
     }
 }
 
-/// L-3, H-5: it says that the vehicle is alive, and so is not sent when nobody could say that: when the flight loop stands, and
-/// in a fault.
+/// L-3, H-5: the message says that the vehicle is alive, so it is not sent while the flight loop is stalled, nor in a fault.
 #[test]
-fn no_message_while_there_would_be_no_heartbeat() {
+fn message_stops_when_heartbeats_stop() {
     let mut world = world(CONFIG);
     control(&mut world, TELEM, 1.0);
     run(&mut world, secs(1));
     assert_eq!(count(&mut world, SAT), 1);
     world.loop_runs = false;
     run(&mut world, secs(60));
-    assert_eq!(count(&mut world, SAT), 0, "the flight loop stands");
+    assert_eq!(count(&mut world, SAT), 0, "the flight loop is stalled");
     world.loop_runs = true;
     run(&mut world, secs(1));
     assert_eq!(count(&mut world, SAT), 1);
@@ -318,9 +317,9 @@ fn no_message_while_there_would_be_no_heartbeat() {
     assert_eq!(count(&mut world, SAT), 1);
 }
 
-/// L-22: who it is comes from the configuration, and the mode from what the heartbeat says, either half of it.
+/// L-22: the identity is the configured one, and the mode is the heartbeat's, in each of its two parts.
 #[test]
-fn message_says_who_and_in_which_mode() {
+fn message_has_identity_and_mode() {
     for (custom_mode, expected) in [(HighLatencyMode::Low16, 0x0102), (HighLatencyMode::High16, 0x0304)] {
         let mut setup = Setup::<1> { links: [SATELLITE], ..Setup::new() };
         setup.config.r#type = MavType::FIXED_WING;
@@ -336,7 +335,7 @@ fn message_says_who_and_in_which_mode() {
     }
 }
 
-/// Every frame is counted with what it costs: in MAVLink 1 a message is just one credit.
+/// Every frame is counted at its cost. In MAVLink 1 a message is exactly one credit.
 #[test]
 fn costs_are_counted() {
     for (version, len, credits) in [(TxVersion::V1, 50, 1), (TxVersion::V2, 51, 2)] {
@@ -359,9 +358,9 @@ fn costs_are_counted() {
     }
 }
 
-/// L-2, Q-1: it can be asked for on its own link while it is on, and nowhere else; other messages cannot be had there.
+/// L-2, Q-1: HIGH_LATENCY2 can be requested on its own link while it is on, and nowhere else. No other message can.
 #[test]
-fn it_can_be_asked_for_only_there_and_only_while_it_is_on() {
+fn message_can_be_requested_only_on_its_link_while_on() {
     let mut world = world(CONFIG);
     let ask = |world: &mut World<2>, link: usize, id: u32, target: f32| {
         world.gcs[link].command_long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, target]);
@@ -380,12 +379,12 @@ fn it_can_be_asked_for_only_there_and_only_while_it_is_on() {
         assert_eq!(ask(&mut world, SAT, other, 0.0), (MavResult::DENIED, 0), "{other}");
     }
     run(&mut world, secs(12));
-    assert_eq!(count(&mut world, SAT), 0, "the period is from the one that was asked for");
+    assert_eq!(count(&mut world, SAT), 0, "the period starts at the requested message");
 }
 
-/// L-3: who commands over a satellite is heard and never lost; his heartbeats, if he sends any, say nothing.
+/// L-3: a peer that commands over a satellite is listed and never times out. Its heartbeats there mean nothing.
 #[test]
-fn peers_over_the_satellite_are_heard_and_never_lost() {
+fn peers_over_satellite_are_listed_and_never_time_out() {
     let mut world = world(CONFIG);
     control(&mut world, SAT, 1.0);
     world.gcs[SAT].send(&Gcs::heartbeat());
@@ -397,7 +396,7 @@ fn peers_over_the_satellite_are_heard_and_never_lost() {
     let info = world.stack.peers()[0];
     assert_eq!((info.peer.link, info.is_alive, info.last_heartbeat()), (LinkId(1), false, None));
     assert!(heard.since(info.last_heard()) < millis(10));
-    // The same station on the radio is another matter.
+    // On the radio, the same station is alive and can time out.
     world.gcs[TELEM].send(&Gcs::heartbeat());
     run(&mut world, secs(10));
     let events = world.vehicle.peer_events();
@@ -407,9 +406,9 @@ fn peers_over_the_satellite_are_heard_and_never_lost() {
     );
 }
 
-/// L-16: the vehicle's commands know by which kind of link they came; of one without a signature the age is not known.
+/// L-16: the vehicle sees the class of a command's link. Without a signature its age is unknown.
 #[test]
-fn a_command_by_satellite_is_known_as_such() {
+fn vehicle_sees_that_a_command_came_by_satellite() {
     let mut world = world(CONFIG);
     for (link, class) in [(TELEM, LinkClass::Normal), (SAT, LinkClass::HighLatency)] {
         world.gcs[link].command_long(MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -419,9 +418,9 @@ fn a_command_by_satellite_is_known_as_such() {
     }
 }
 
-/// D-3: a message that was cut off when the line was closed is sent again, whole.
+/// D-3: a message that was interrupted when the port was closed is sent again, whole.
 #[test]
-fn a_message_that_was_cut_off_is_sent_again() {
+fn interrupted_message_is_sent_again() {
     let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
     let lines = [LineConfig { down, ..LineConfig::default() }];
     let mut world = World::of(Setup { links: [SATELLITE], lines, ..Setup::<1>::new() });

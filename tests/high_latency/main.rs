@@ -1,4 +1,4 @@
-//! Links by satellite: when they send, what they may send, and what arrives late.
+//! Links by satellite: when they send, what they may send, and what they delay.
 
 #[path = "../support/mod.rs"]
 mod support;
