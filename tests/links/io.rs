@@ -1,4 +1,4 @@
-//! The whole stack behind an interrupt with queues, and behind circular DMA, on lines of real speed. Rules D-2, S-20.
+//! The stack behind interrupt queues and behind circular DMA, on lines of realistic speed. Rules D-2, S-20.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -15,13 +15,13 @@ use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Stack, plan_memor
 
 const LINK: LinkId = LinkId(0);
 
-/// A vehicle at one end of a line and a ground station at the other, in steps of a tenth of a byte at 921,600 bit/s.
+/// A vehicle and a ground station at the ends of a line, in steps of a tenth of a byte at 921,600 bit/s.
 struct Rig<D: Declares = Tested> {
     clock: Clock,
     stack: Box<Stack<D, 1>>,
     vehicle: D::Vehicle,
     setup: Setup<1>,
-    /// The line at the UART's pins.
+    /// The line at the pins of the UART.
     pins: SerialEnd,
     gcs: Gcs,
     poll_every: Duration,
@@ -33,7 +33,7 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
     fn new(baud: u32, poll_every: Duration) -> Self {
         let clock = Clock::default();
         let setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::new() };
-        // The UART has one byte of buffer to send, and its interrupt comes before there is a second one to receive.
+        // The UART has one byte of transmit buffer, and its interrupt is served before a second byte arrives.
         let up = Wire { bytes_per_second: u64::from(baud) / 10, ..Wire::default() };
         let line = LineConfig { up, down: Wire { tx_fifo: 1, ..up } };
         let (pins, far) = SimSerial::new(&clock, line, 1).ends();
@@ -50,7 +50,7 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
         }
     }
 
-    /// Time goes on to the next moment at which a byte may have come or gone. True when the loop is due.
+    /// Advances to the next moment at which a byte may arrive or leave. Returns whether the loop is due.
     fn step(&mut self, by: Duration) -> bool {
         let now = self.clock.now().after(by);
         self.clock.set(now);
@@ -64,13 +64,13 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
         true
     }
 
-    /// One byte from the pins, if one came.
+    /// Returns a byte from the pins, if one arrived.
     fn received(&mut self) -> Option<u8> {
         let mut byte = [0];
         (self.pins.readable() > 0 && self.pins.read(&mut byte) == Ok(1)).then_some(byte[0])
     }
 
-    /// Runs with the interrupt's queues until `done`, or for `within`: false then.
+    /// Runs with the interrupt's queues until `done`, or for `within`, which returns false.
     fn run<const RX: usize, const TX: usize>(
         &mut self,
         queues: &SerialQueues<RX, TX>,
@@ -80,7 +80,7 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
         let end = self.clock.now().after(within);
         while self.clock.now() < end {
             let is_due = self.step(Duration::from_micros(10));
-            // The interrupt: what was received, and one byte when the UART takes one.
+            // The interrupt handler: moves the received byte, and one byte to send if the UART is ready.
             let mut interrupt = queues.interrupt_end();
             while let Some(byte) = self.received() {
                 interrupt.received(byte);
@@ -103,9 +103,9 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
     }
 }
 
-/// S-20: as long as the sizing rule says nothing is lost: not a byte of an upload of 100 items, nor an answer.
+/// S-20: queues of the documented length lose no byte: neither of an upload of 100 items nor of an answer.
 #[test]
-fn queues_of_the_advised_length_lose_nothing() {
+fn queues_of_the_documented_length_lose_nothing() {
     const SLOW: usize = queue_len(57_600, Duration::from_millis(4));
     const FAST: usize = queue_len(921_600, Duration::from_millis(1));
     let slow: SerialQueues<SLOW, SLOW> = SerialQueues::new();
@@ -128,12 +128,12 @@ fn queues_of_the_advised_length_lose_nothing() {
     fly(&fast, 921_600, millis(1));
 }
 
-/// S-20: a loop that comes round too seldom loses bytes: it is told each time, the counters say how many, and what was not lost
-/// is served in every pass but the first.
+/// S-20: a loop that runs too rarely loses bytes. Each overrun is reported and counted, and what was not lost is handled in
+/// every pass but the first.
 #[test]
-fn an_overrun_is_counted_told_and_survived() {
+fn overrun_is_counted_and_reported() {
     let queues: SerialQueues<128, 256> = SerialQueues::new();
-    // 2,300 bytes come between two polls, and the queue takes 128.
+    // 2,300 bytes arrive between two polls, and the queue holds 128.
     let mut rig: Rig = Rig::new(115_200, millis(200));
     for _ in 0..200 {
         rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
@@ -141,12 +141,12 @@ fn an_overrun_is_counted_told_and_survived() {
     rig.run(&queues, secs(2), |_| false);
     let lost = queues.loop_end().counters();
     assert!(lost.overrun_bytes > 5_000 && lost.line_errors == 0, "{lost:?}");
-    // Until the commands end, at most one error a pass.
+    // Until the commands end, at most one error is reported per pass.
     assert!((3..=10).contains(&rig.errors.len()), "{:?}", rig.errors);
     assert!(rig.errors.iter().all(|error| *error == LinkError::Read(SerialError::Overrun)), "{:?}", rig.errors);
     assert_eq!(rig.stack.link_counters(LINK).unwrap().read_errors as usize, rig.errors.len());
     assert!(rig.vehicle.commands().len() >= 3, "{} commands", rig.vehicle.commands().len());
-    // Over: nothing more is told, and all is well.
+    // Afterwards no error is reported, and every command is answered.
     rig.errors.clear();
     rig.gcs.forget();
     rig.poll_every = millis(4);
@@ -156,30 +156,30 @@ fn an_overrun_is_counted_told_and_survived() {
     assert_eq!(queues.loop_end().counters(), lost);
 }
 
-/// S-20: what happened is told once, behind what came before it, and never so often that nothing else is read.
+/// S-20: an error is reported once, after the bytes that precede it, and never so often that it blocks reading.
 #[test]
-fn errors_are_told_once_and_in_turn_with_bytes() {
+fn error_is_reported_once_in_order_with_the_bytes() {
     let queues: SerialQueues<4, 2> = SerialQueues::new();
     let (mut interrupt, mut end) = (queues.interrupt_end(), queues.loop_end());
     let mut buffer = [0; 8];
-    // An error with nothing around it.
+    // An error without bytes before or after it.
     assert_eq!(end.read_ready(), Ok(false));
     interrupt.line_error();
     assert_eq!(end.read_ready(), Ok(true));
-    assert_eq!(end.read(&mut []), Ok(0), "no room for it");
+    assert_eq!(end.read(&mut []), Ok(0), "an empty buffer");
     assert_eq!(end.read(&mut buffer), Err(SerialError::Line));
     assert_eq!(end.read_ready(), Ok(false));
-    assert_eq!(end.read(&mut buffer), Err(SerialError::WouldBlock), "and not the end of the line");
-    // Six bytes where four have room.
+    assert_eq!(end.read(&mut buffer), Err(SerialError::WouldBlock), "which is not the end of the stream");
+    // Six bytes where four fit.
     for _ in 0..3 {
         interrupt.received_all(b"abcdef");
         assert!(interrupt.is_full());
-        assert_eq!(end.read(&mut buffer), Ok(4), "first what waits");
+        assert_eq!(end.read(&mut buffer), Ok(4), "first the pending bytes");
         assert_eq!(&buffer[..4], b"abcd");
         assert_eq!(end.read(&mut buffer), Err(SerialError::Overrun));
         assert_eq!(end.read_ready(), Ok(false));
     }
-    // A new end of the same queues is told nothing twice.
+    // A new end of the same queues reports no error twice.
     assert_eq!(queues.loop_end().read_ready(), Ok(false));
     assert_eq!(
         end.counters(),
@@ -190,9 +190,9 @@ fn errors_are_told_once_and_in_turn_with_bytes() {
     );
 }
 
-/// The other direction: what has no room is not taken, and nobody waits.
+/// In the other direction, bytes without room are not accepted, and the call does not block.
 #[test]
-fn what_is_written_is_sent_in_order() {
+fn written_bytes_are_sent_in_order() {
     let queues: SerialQueues<4, 8> = SerialQueues::new();
     let (mut interrupt, mut end) = (queues.interrupt_end(), queues.loop_end());
     assert_eq!((end.has_to_send(), interrupt.next_to_send()), (false, None));
@@ -211,9 +211,9 @@ fn what_is_written_is_sent_in_order() {
     assert_eq!((end.has_to_send(), end.flush()), (false, Ok(())));
 }
 
-/// Both ends can be handed to a task or an interrupt of their own.
+/// Both ends can be moved to a task or an interrupt handler.
 #[test]
-fn the_ends_may_go_to_others() {
+fn ends_can_be_moved_to_other_contexts() {
     static QUEUES: SerialQueues<32, 32> = SerialQueues::new();
     fn is_send<T: Send + 'static>(end: T) -> T {
         end
@@ -224,10 +224,10 @@ fn the_ends_may_go_to_others() {
     assert_eq!((end.read(&mut [0; 2]), end.read_ready()), (Ok(1), Ok(false)));
 }
 
-/// D-2: circular DMA and the byte-level calls: every command is answered; then a loop that stands still for longer than the
-/// buffer lasts is told of the overrun, and goes on.
+/// D-2: with circular DMA and the byte-level calls every command is answered. A loop that stalls for longer than the buffer
+/// lasts gets the overrun error and recovers.
 #[test]
-fn circular_dma_through_the_byte_level_calls() {
+fn circular_dma_works_through_the_byte_level_calls() {
     const LEN: usize = queue_len(115_200, Duration::from_millis(4));
     let mut rig: Rig = Rig::new(115_200, millis(4));
     let mut buffer = [0; LEN];
@@ -240,7 +240,7 @@ fn circular_dma_through_the_byte_level_calls() {
             rig.gcs.command_long(MavCmd::NAV_LAND, [1.0; 7]);
         }
         if step == 250_000 {
-            // Four times what the buffer takes, while the loop stands still.
+            // Four times the buffer's length, while the loop stalls.
             rig.next_poll = rig.clock.now().after(millis(60));
             for _ in 0..12 {
                 rig.gcs.command_long(MavCmd::NAV_LAND, [2.0; 7]);
@@ -279,7 +279,7 @@ fn circular_dma_through_the_byte_level_calls() {
     assert_eq!((rig.gcs.counters().checksum, rig.gcs.counters().skipped), (0, 0));
 }
 
-/// A queue that an interrupt fills; what finds it full is lost.
+/// A queue that an interrupt fills; bytes are lost while it is full.
 struct Queue {
     bytes: VecDeque<u8>,
     len: usize,
@@ -320,10 +320,10 @@ impl WriteReady for Queue {
     }
 }
 
-/// D-2: lines that are full all the time, with the queue and the budget that are made for them: no byte is lost and every frame is
-/// heard, however short they are.
+/// D-2: on saturated lines, with the documented queue and budget, no byte is lost and every frame is received, however short
+/// the frames are.
 #[test]
-fn full_lines_are_read_whole() {
+fn saturated_lines_are_read_completely() {
     let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
     let request = MissionRequestInt { seq: 3, target_system: 1, target_component: 1, ..Default::default() };
     let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, param7: 1.0, ..Default::default() };
@@ -360,7 +360,7 @@ fn full_lines_are_read_whole() {
             let mut line = frame.iter().copied().cycle();
             let (mut now, mut sent, mut polls) = (Instant::ZERO, 0, 0);
             while now < Instant::ZERO.after(Duration::from_secs(3)) {
-                // Each tenth poll comes half a period late.
+                // Every tenth poll is half a period late.
                 polls += 1;
                 now = now.after(Duration::from_micros(period.as_micros() * if polls % 10 == 0 { 3 } else { 2 } / 2));
                 while sent < now.as_micros() * u64::from(baud) / 10_000_000 {

@@ -1,4 +1,4 @@
-//! Who is out there: rules H-10 to H-14, R-8, S-15, S-16.
+//! The peers of a vehicle: rules H-10 to H-14, R-8, S-15, S-16.
 
 use crate::support::*;
 use mavstack::__private::NoPlans;
@@ -24,10 +24,10 @@ fn info<const N: usize, const PEERS: usize>(
     world.stack.peers().iter().find(|info| info.peer.address == address)
 }
 
-/// H-11: a peer is found once, lost once and regained once, five seconds after its last heartbeat, however often the
-/// stack is polled.
+/// H-11: a peer is found, times out and reconnects, each reported once; it times out five seconds after its last heartbeat,
+/// however often the stack is polled.
 #[test]
-fn peer_is_found_lost_and_regained_once() {
+fn peer_is_reported_found_lost_and_reconnected_once() {
     let mut world = World::new(Setup::<1>::new());
     world.gcs[0].heartbeat_period = Some(secs(1));
     world.run_for(millis(10_500));
@@ -49,9 +49,9 @@ fn peer_is_found_lost_and_regained_once() {
     assert_eq!(world.vehicle.peer_events()[2..], [PeerEvent::Regained(station)]);
 }
 
-/// H-11: the time is the firmware's choice, and other frames do not keep a peer alive.
+/// H-11: the timeout is configurable, and other frames do not keep a peer alive.
 #[test]
-fn only_heartbeats_keep_alive() {
+fn only_heartbeats_keep_a_peer_alive() {
     let mut setup = Setup::<1>::new();
     setup.config.peer_timeout = secs(2);
     let mut world = World::new(setup);
@@ -66,8 +66,8 @@ fn only_heartbeats_keep_alive() {
     assert!(world.now().since(known.last_heard()) <= millis(200));
 }
 
-/// H-10, H-13: any checked frame makes an entry, and none of them but a heartbeat makes a living peer. A radio's reports do
-/// not look like a ground station.
+/// H-10, H-13: any frame with a right checksum makes an entry; only a heartbeat makes it a living peer. A radio's reports do
+/// not make a ground station.
 #[test]
 fn frames_make_entries_and_heartbeats_make_peers() {
     let mut world = World::new(Setup::<1>::new());
@@ -82,9 +82,9 @@ fn frames_make_entries_and_heartbeats_make_peers() {
     }
 }
 
-/// H-11: components of one system are peers of their own, and so is one component on two links.
+/// H-11: each component of a system is a peer, and so is one component on each of two links.
 #[test]
-fn every_component_on_every_link_counts_for_itself() {
+fn every_component_on_every_link_is_a_peer() {
     let mut world = World::new(Setup::<2>::new());
     world.gcs[0].send(&Gcs::heartbeat());
     world.gcs[0].send_from(ANTENNA, &Heartbeat { r#type: MavType::ANTENNA_TRACKER, ..Gcs::heartbeat() });
@@ -101,7 +101,7 @@ fn every_component_on_every_link_counts_for_itself() {
     assert!(versions.contains(&(elsewhere, Version::V1)) && versions.contains(&(on_link_0(STATION), Version::V2)));
 }
 
-/// H-12: a full table. Who sends no heartbeat goes before who does, the longest silent first; each that goes is
+/// H-12: a full table evicts peers without heartbeats first, starting with the one that has been silent longest. Evictions are
 /// counted.
 #[test]
 fn silent_entries_are_evicted_first() {
@@ -119,11 +119,11 @@ fn silent_entries_are_evicted_first() {
     let counters = world.stack.link_counters(LinkId(0)).unwrap();
     assert_eq!((counters.evicted_peers, counters.no_peer_slot), (0, 0));
     chatter(&mut world, 20);
-    assert!(info(&world, Address::new(11, 1)).is_none(), "the longest silent");
+    assert!(info(&world, Address::new(11, 1)).is_none(), "silent longest");
     for address in [STATION, Address::new(10, 1), Address::new(12, 1), Address::new(20, 1)] {
         assert!(info(&world, address).is_some(), "{address:?}");
     }
-    // A modem that makes up ids goes round in the places of the silent.
+    // A modem that invents ids reuses the entries of silent peers.
     for system in 30..230 {
         chatter(&mut world, system);
     }
@@ -132,8 +132,8 @@ fn silent_entries_are_evicted_first() {
     assert_eq!(world.vehicle.peer_events(), [PeerEvent::Found(on_link_0(STATION))]);
 }
 
-/// H-12: a living ground station is never evicted; a new one may take the place of another living peer, whose loss is
-/// reported. Who finds no place is served all the same.
+/// H-12: a living ground station is never evicted. A new one may evict another living peer, whose loss is reported. A peer
+/// without an entry is served too.
 #[test]
 fn ground_stations_are_not_evicted() {
     let mut world = World::<1, Tested<NoPlans, 3>>::of(Setup::new());
@@ -144,17 +144,17 @@ fn ground_stations_are_not_evicted() {
     beat(&mut world, 250, MavType::GCS);
     beat(&mut world, 7, MavType::GIMBAL);
     beat(&mut world, 251, MavType::GCS);
-    // A second gimbal finds all alive, and no worse than itself.
+    // A second gimbal finds only living peers of at least its rank.
     beat(&mut world, 8, MavType::GIMBAL);
     assert!(info(&world, Address::new(8, 1)).is_none());
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().no_peer_slot, 1);
-    // A third ground station takes the gimbal's place.
+    // A third ground station evicts the gimbal.
     beat(&mut world, 252, MavType::GCS);
     let [a, gimbal, b, c] = [250, 7, 251, 252].map(|system| on_link_0(Address::new(system, 1)));
     let found = PeerEvent::Found;
     let expected = [found(a), found(gimbal), found(b), PeerEvent::Lost(gimbal), found(c)];
     assert_eq!(world.vehicle.peer_events(), expected);
-    // A fourth finds none that would have to give way.
+    // A fourth finds no peer that it may evict.
     beat(&mut world, 253, MavType::GCS);
     assert_eq!(world.stack.peers().len(), 3);
     assert!(info(&world, Address::new(253, 1)).is_none());
@@ -185,8 +185,8 @@ fn beat(world: &mut World<3, Tested<NoPlans, 8>>, link: usize, system: u8, r#typ
     world.run_for(millis(2));
 }
 
-/// H-12: a link takes places from a link that holds more, those of silent peers first, until both hold the same number; whatever
-/// it sends, it takes no more.
+/// H-12: a link takes entries from a link with more of them, those of silent peers first, until both have the same number. It
+/// takes no more, whatever it sends.
 #[test]
 fn links_share_the_table() {
     for r#type in [MavType::GCS, MavType::QUADROTOR] {
@@ -195,7 +195,7 @@ fn links_share_the_table() {
             beat(&mut world, 0, 10 + system, r#type);
         }
         assert_eq!(systems_on(&world, 0).len(), 8);
-        // A modem that invents ids gets no place of a living peer.
+        // A modem that invents ids evicts no living peer.
         for system in 100..110 {
             world.gcs[1].send_from(Address::new(system, 1), &Attitude::default());
             world.run_for(millis(2));
@@ -203,7 +203,7 @@ fn links_share_the_table() {
         assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (8, 0));
         for system in 200..250 {
             beat(&mut world, 1, system, r#type);
-            // The peers in the table keep their places.
+            // The peers in the table keep their entries.
             for system in systems_on(&world, 0) {
                 beat(&mut world, 0, system, r#type);
             }
@@ -211,8 +211,7 @@ fn links_share_the_table() {
         assert_eq!((systems_on(&world, 0).len(), systems_on(&world, 1).len()), (4, 4), "{:?}", r#type);
         let lost = |event: &&PeerEvent| matches!(event, PeerEvent::Lost(peer) if peer.link == LinkId(0));
         assert_eq!(world.vehicle.peer_events().iter().filter(lost).count(), 4, "the evictions are reported");
-        // The station on the satellite link sends no heartbeats and has been silent longest; it gets its place and
-        // keeps it.
+        // The station on the satellite link sends no heartbeats and has been silent longest; it gets an entry and keeps it.
         world.gcs[2].send_from(Address::new(255, 190), &CommandAck::default());
         for round in 0..30 {
             world.run_for(secs(1));
@@ -225,9 +224,9 @@ fn links_share_the_table() {
     }
 }
 
-/// H-12: silent peers of a link that holds few places stay too, however another link is flooded.
+/// H-12: silent peers of a link with few entries stay too, however another link is flooded.
 #[test]
-fn a_flood_takes_places_of_its_own_link() {
+fn flood_evicts_only_peers_of_its_own_link() {
     let mut world = shared();
     world.gcs[1].send_from(Address::new(2, 1), &Attitude::default());
     world.gcs[1].send_from(Address::new(3, 1), &Attitude::default());
@@ -238,12 +237,12 @@ fn a_flood_takes_places_of_its_own_link() {
         world.run_for(millis(2));
     }
     assert_eq!((systems_on(&world, 1), systems_on(&world, 2)), (vec![2, 3], vec![255]));
-    assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the last ones heard");
+    assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the most recent ones");
 }
 
-/// H-12: components of our own system keep their places, silent or not, as long as they hold no more than half of them.
+/// H-12: components of our own system keep their entries, silent or not, up to half of the table.
 #[test]
-fn own_components_keep_their_places() {
+fn own_components_keep_their_entries() {
     let mut world = shared();
     for component in [100, 154, 191] {
         world.gcs[0].send_from(Address::new(1, component), &Attitude::default());
@@ -254,7 +253,7 @@ fn own_components_keep_their_places() {
         beat(&mut world, 1, system, MavType::GCS);
     }
     assert_eq!(systems_on(&world, 0).iter().filter(|&&system| system == 1).count(), 3);
-    // Invented components fill no more than half.
+    // Invented components fill at most half.
     for component in 2..100 {
         world.gcs[0].send_from(Address::new(1, component), &Gcs::heartbeat());
         world.run_for(millis(2));
@@ -271,9 +270,9 @@ fn own_components_keep_their_places() {
     assert_eq!(ours, 4);
 }
 
-/// S-16: losses are counted by sequence number, over its wrap. A repeated or late frame is no loss.
+/// S-16: losses are counted by sequence number, also across its wrap. A duplicate or late frame is not a loss.
 #[test]
-fn losses_are_counted_over_the_wrap() {
+fn losses_are_counted_across_the_wrap() {
     let mut world = World::new(Setup::<1>::new());
     let mut lost = 0;
     for i in 0..2_000u32 {
@@ -283,7 +282,7 @@ fn losses_are_counted_over_the_wrap() {
             lost += u32::from(skipped);
         }
         world.gcs[0].send(&Attitude::default());
-        // Numbers are counted for each sender.
+        // Each sender has its own sequence.
         world.gcs[0].send_from(CAMERA, &Attitude::default());
         world.step();
     }
@@ -293,9 +292,9 @@ fn losses_are_counted_over_the_wrap() {
     assert_eq!(info(&world, CAMERA).map(|info| (info.received, info.lost)), Some((2_000, 0)));
 }
 
-/// S-16: on a line that doubles frames the loss figures stay what they are.
+/// S-16: a line that duplicates frames does not change the loss figures.
 #[test]
-fn repeated_frames_are_no_losses() {
+fn duplicates_are_not_losses() {
     let mut line = LineConfig::default();
     line.up.faults = Faults::frames(0.0, 0.2);
     let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
@@ -304,11 +303,11 @@ fn repeated_frames_are_no_losses() {
         world.run_for(millis(2));
     }
     let known = info(&world, STATION).expect("in the table");
-    assert!(known.received > 550, "{} with their doubles", known.received);
+    assert!(known.received > 550, "{} with duplicates", known.received);
     assert_eq!(known.lost, 0);
 }
 
-/// R-8, S-15: a line that echoes what we send: nothing of it is acted on, nothing is suspected.
+/// R-8, S-15: echoes of our own frames are neither handled nor taken for another vehicle.
 #[test]
 fn echo_is_ignored() {
     let mut world = World::new(Setup::<1>::new());
@@ -328,9 +327,9 @@ fn echo_is_ignored() {
     assert_eq!(world.stack.peers().len(), 0);
 }
 
-/// R-8, H-14: somebody else with our address: nothing of it is carried out or answered, and we say so, once a link.
+/// R-8, H-14: frames of another vehicle with our address are neither handled nor answered; it is reported once per link.
 #[test]
-fn stranger_with_our_address_is_reported_once() {
+fn other_vehicle_with_our_address_is_reported_once() {
     let mut world = World::new(Setup { links: [LinkConfig::uart(57_600); 2], ..Setup::new() });
     world.run_for(secs(2));
     for _ in 0..100 {
@@ -349,7 +348,7 @@ fn stranger_with_our_address_is_reported_once() {
     }
 }
 
-/// A vehicle with `N` links that sends only heartbeats, or also fifty attitudes a second.
+/// A vehicle with `N` links that sends only heartbeats, or also fifty ATTITUDE a second.
 fn sending<const N: usize>(is_busy: bool) -> World<N> {
     let mut setup = Setup { links: [LinkConfig::uart(115_200); N], ..Setup::new() };
     if !is_busy {
@@ -370,10 +369,10 @@ fn conflicts<const N: usize>(world: &World<N>) -> usize {
     world.vehicle.peer_events().iter().filter(is_conflict).count()
 }
 
-/// H-14, S-15: a loop or a slow radio returns our own frames up to 255 frames later, on the same link or another one. That is not
-/// taken for another vehicle, however often it happens.
+/// H-14, S-15: a loop or a slow radio returns our own frames up to 255 frames later, on the same link or another one. They are
+/// never taken for another vehicle.
 #[test]
-fn late_echoes_are_no_conflict() {
+fn delayed_echoes_are_not_a_conflict() {
     for is_busy in [false, true] {
         let mut world = sending::<2>(is_busy);
         world.run_until(secs(60), |world| world.gcs.iter().all(|gcs| gcs.received.len() > 300));
@@ -385,7 +384,7 @@ fn late_echoes_are_no_conflict() {
             }
             world.run_for(millis(3));
         }
-        // A constant delay for a long time: 60 frames.
+        // A constant delay of 60 frames for a long time.
         for _ in 0..300 {
             let sent = &world.gcs[0].received;
             let echo = sent[sent.len() - 60].raw.clone();
@@ -397,13 +396,13 @@ fn late_echoes_are_no_conflict() {
     }
 }
 
-/// H-14: another vehicle with our address is reported within seconds, whatever both send, and whatever the offset of its
-/// sequence numbers from ours.
+/// H-14: another vehicle with our address is reported within seconds, whatever the traffic and the offset between the sequence
+/// numbers.
 #[test]
-fn true_conflicts_are_found_within_seconds() {
-    fn seconds_until_told<const N: usize>(is_busy: bool, period: Duration, offset: u8) -> u64 {
+fn real_conflict_is_reported_within_seconds() {
+    fn seconds_until_reported<const N: usize>(is_busy: bool, period: Duration, offset: u8) -> u64 {
         let mut world = sending::<N>(is_busy);
-        // All our sequence numbers have been used.
+        // All sequence numbers have been used once.
         world.run_for(secs(6));
         let ours = world.gcs[0].received.last().unwrap().header.seq;
         world.gcs[0].skip_seq(VEHICLE, ours.wrapping_add(offset));
@@ -425,7 +424,10 @@ fn true_conflicts_are_found_within_seconds() {
             let took: Vec<u64> = (0..16)
                 .flat_map(|n| {
                     let offset = n * 16 + 3;
-                    [seconds_until_told::<1>(is_busy, period, offset), seconds_until_told::<2>(is_busy, period, offset)]
+                    [
+                        seconds_until_reported::<1>(is_busy, period, offset),
+                        seconds_until_reported::<2>(is_busy, period, offset),
+                    ]
                 })
                 .collect();
             println!("{period:?} busy {is_busy}: {took:?}");

@@ -1,4 +1,4 @@
-//! Links: bytes between a transport and the stack. Rules D-2, D-3, R-1, R-8, R-15, S-16, S-20, SEC-2, V-1, V-2, M-10.
+//! Links between a transport and the stack. Rules D-2, D-3, R-1, R-8, R-15, S-16, S-20, SEC-2, V-1, V-2, M-10.
 
 use crate::support::*;
 use embedded_io::{Write, WriteReady};
@@ -12,23 +12,23 @@ use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Stack};
 
 const LINK: LinkId = LinkId(0);
 
-/// The simulation itself: a line keeps to its rate, its room and its latency.
+/// The simulated line keeps to its rate, its buffer and its latency.
 #[test]
-fn simulated_line_is_what_it_says() {
+fn simulated_line_keeps_to_its_properties() {
     let clock = Clock::default();
     let wire = Wire { bytes_per_second: 1_000, latency: millis(10), tx_fifo: 8, ..Wire::default() };
     let (mut vehicle, ground) = SimSerial::new(&clock, LineConfig::both(wire), 1).ends();
     assert_eq!(vehicle.write(&[7; 20]), Ok(8));
     assert_eq!(vehicle.write_ready(), Ok(false));
     clock.set(Instant::from_millis(3));
-    assert_eq!(vehicle.write(&[7; 20]), Ok(3), "a byte a millisecond leaves the FIFO");
+    assert_eq!(vehicle.write(&[7; 20]), Ok(3), "one byte per millisecond leaves the FIFO");
     assert_eq!(ground.readable(), 0);
     clock.set(Instant::from_millis(15));
-    assert_eq!(ground.readable(), 5, "those that left ten milliseconds ago");
+    assert_eq!(ground.readable(), 5, "the bytes that left ten milliseconds ago");
 }
 
-/// D-2, D-3, S-20: over lines that take and give a few bytes at a time, with small FIFOs, at any speed, with stalls: frames
-/// come out whole and unmixed, every command is answered, and nothing blocks (the simulated line would panic).
+/// D-2, D-3, S-20: over lines with short reads and writes, small FIFOs, any speed and stalls, frames are sent whole and in
+/// order, every command is answered, and no call blocks (the simulated line would panic).
 #[test]
 fn partial_reads_and_writes_change_nothing() {
     for seed in 0..20 {
@@ -47,7 +47,7 @@ fn partial_reads_and_writes_change_nothing() {
         for (link, gcs) in (0..).zip(&world.gcs) {
             assert_eq!(gcs.count_of::<CommandAck>(), 40, "seed {seed}, link {link}");
             assert_eq!((gcs.counters().checksum, gcs.counters().skipped), (0, 0), "seed {seed}, link {link}");
-            // S-16: no number is missing or doubled.
+            // S-16: no sequence number is missing or repeated.
             let seqs: Vec<u8> = gcs.received.iter().map(|frame| frame.header.seq).collect();
             let expected: Vec<u8> = (0..=255).cycle().take(seqs.len()).collect();
             assert_eq!(seqs, expected, "seed {seed}, link {link}");
@@ -56,8 +56,8 @@ fn partial_reads_and_writes_change_nothing() {
     }
 }
 
-/// D-2, SEC-2: one poll reads, handles and writes no more than its budget, whichever of its parts that is; the rest waits and is not
-/// lost.
+/// D-2, SEC-2: one poll reads, handles and writes at most its budget, whichever limit applies; the rest stays pending and is
+/// not lost.
 #[test]
 fn one_poll_keeps_to_its_budget() {
     for (work, frames, most) in [(u32::MAX, 2, 2), (300, 8, 1), (1_200, 8, 2)] {
@@ -88,9 +88,9 @@ fn one_poll_keeps_to_its_budget() {
     }
 }
 
-/// D-2: however much work there may be, no more frames are handled at once than the budget says; the others wait.
+/// D-2: one poll handles at most the budgeted frames, however large the other limits; the others stay pending.
 #[test]
-fn one_poll_handles_no_more_frames_than_it_may() {
+fn one_poll_handles_at_most_its_frame_budget() {
     for frames in [0, 1, 2, 5] {
         let mut setup = Setup::<1>::new();
         setup.config.budget = PollBudget { rx_bytes: u32::MAX, work: u32::MAX, frames, tx_bytes: 280 };
@@ -110,9 +110,9 @@ fn one_poll_handles_no_more_frames_than_it_may() {
     }
 }
 
-/// What is done with a link that there is not is nothing, and others do not notice.
+/// Calls for a link that does not exist do nothing and do not affect other links.
 #[test]
-fn a_link_that_there_is_not_takes_and_gives_nothing() {
+fn calls_for_a_missing_link_do_nothing() {
     const NOWHERE: LinkId = LinkId(1);
     let mut world = World::new(Setup::<1>::new());
     let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
@@ -131,9 +131,9 @@ fn a_link_that_there_is_not_takes_and_gives_nothing() {
     assert_eq!(vehicle.commands().len(), 1);
 }
 
-/// SEC-2: bytes that are moved aside for new ones cost half a unit each: a poll needs so much more to do the same.
+/// SEC-2: a byte that is moved to make room costs half a unit; a poll needs that much more to do the same.
 #[test]
-fn moved_bytes_are_work() {
+fn moved_bytes_cost_work() {
     const HELD: usize = 240;
     let file = FileTransferProtocol { target_network: 0, target_system: 1, target_component: 1, payload: [7; 251] };
     let handled = |garbage: usize, work: u32| {
@@ -158,10 +158,10 @@ fn moved_bytes_are_work() {
     }
 }
 
-/// S-20: a failing transport is reported with its own error and counted, and the link goes on: what was half sent is
-/// finished, what comes next is read.
+/// S-20: a transport error is returned and counted, and the link recovers: a partly sent frame is completed, and new bytes are
+/// read.
 #[test]
-fn transport_errors_are_reported_and_survived() {
+fn transport_error_is_reported_and_link_recovers() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(millis(10));
     world.uarts[0].fail_next_read(SimError::Overrun);
@@ -174,7 +174,7 @@ fn transport_errors_are_reported_and_survived() {
     assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1);
     let counters = world.stack.link_counters(LINK).unwrap();
     assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
-    // A link that there is not.
+    // A link that does not exist.
     let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
     assert_eq!(nowhere, Err(LinkError::NoSuchLink));
     world.uarts[0].fail_next_write(SimError::Injected);
@@ -184,9 +184,9 @@ fn transport_errors_are_reported_and_survived() {
     assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
 }
 
-/// S-20: a line that brings more than is read of it: what is lost is counted, what is not lost is served.
+/// S-20: on a line that delivers more than is read, lost bytes are counted and the others are handled.
 #[test]
-fn overrun_costs_what_it_lost() {
+fn overrun_loses_only_its_own_bytes() {
     let mut line = LineConfig::default();
     line.up.rx_fifo = 256;
     let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
@@ -200,28 +200,28 @@ fn overrun_costs_what_it_lost() {
     assert!(world.errors.iter().all(|error| *error == (LINK, LinkError::Read(SimError::Overrun))));
     assert_eq!(world.stack.link_counters(LINK).unwrap().read_errors as usize, world.errors.len());
     let handled = world.vehicle.commands().len();
-    assert!(handled >= 400, "{handled} commands: those in front of each overrun");
+    assert!(handled >= 400, "{handled} commands: those before each overrun");
     world.run_for(secs(1));
     world.gcs[0].forget();
     world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
     world.expect::<CommandAck>(0, millis(5));
 }
 
-/// A byte a millisecond to the ground, so that a test can stop in the middle of a frame.
+/// One byte per millisecond to the ground, so that a test can stop in the middle of a frame.
 fn slow_down() -> LineConfig {
     let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
     LineConfig { down, ..LineConfig::default() }
 }
 
-/// A client that goes away in the middle of a frame, both ways, and another one that comes: it gets frames from their first
-/// byte, and the front of the old frame does not spoil its first one.
+/// A client disconnects in the middle of a frame, in both directions, and another one connects: it gets whole frames, and the
+/// partial old frame does not damage its first one.
 #[test]
-fn next_client_is_served_as_if_new() {
+fn next_client_starts_with_a_whole_frame() {
     for cut in 1..43 {
         let line = slow_down();
         let mut world = World::new(Setup { lines: [line], ..Setup::<1>::new() });
         world.run_for(millis(100));
-        // Its last command is cut off; the answer to the one before is on its way.
+        // Its last command is truncated; the answer to the previous one is in transmission.
         let command = world.gcs[0].long(MavCmd::NAV_LAND, [1.0; 7]);
         world.gcs[0].send(&command);
         let frame = world.gcs[0].frame_from(STATION, &command);
@@ -237,13 +237,13 @@ fn next_client_is_served_as_if_new() {
         world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, version);
         world.run_for(millis(700));
         let ids: Vec<u32> = world.gcs[0].received.iter().map(|frame| frame.header.id).collect();
-        // The answer to the old client's command is sent again from its start: nobody can know whether it arrived.
+        // The answer to the old client is sent again from its first byte, because it may not have arrived.
         assert_eq!(ids, [77, 77, 148], "cut at {cut}");
         assert_eq!(world.gcs[0].counters().skipped, 0, "cut at {cut}");
     }
 }
 
-/// H-5: a heartbeat that was cut off is not sent to the next client, for it tells of another time.
+/// H-5: an interrupted heartbeat is not sent to the next client, because it is out of date.
 #[test]
 fn next_client_gets_no_old_heartbeat() {
     let line = slow_down();
@@ -262,8 +262,8 @@ fn next_client_gets_no_old_heartbeat() {
     assert_eq!(world.gcs[0].received.len(), 0);
 }
 
-/// V-1, V-2: a link answers in its own version, whatever it receives; Auto begins with v1 and goes over to v2 for good with
-/// the first frame that is really v2.
+/// V-1, V-2: a link answers in its own version, whatever it receives. `Auto` starts with v1 and switches to v2 for good at the
+/// first real v2 frame.
 #[test]
 fn versions_are_kept_per_link() {
     let [v2, auto, v1] = [TxVersion::V2, TxVersion::Auto, TxVersion::V1];
@@ -283,7 +283,7 @@ fn versions_are_kept_per_link() {
     };
     use Version::{V1, V2};
     assert_eq!(ask(&mut world, V1), [V2, V1, V1]);
-    // Nothing of this is a v2 frame that somebody sent us: damaged, of an unknown id, our own echo.
+    // None of these is a v2 frame from a peer: damaged, unknown id, our own echo.
     let mut damaged = world.gcs[1].frame_from(STATION, &Gcs::heartbeat());
     world.gcs[1].version = V2;
     damaged[11] ^= 1;
@@ -296,7 +296,7 @@ fn versions_are_kept_per_link() {
     assert_eq!(ask(&mut world, V1), [V2, V2, V1], "for good");
 }
 
-/// what the firmware gets to see: messages without a target, to everyone, to us; and which it does not.
+/// the firmware gets messages without a target, broadcasts, and messages to us; it gets no others.
 #[test]
 fn messages_for_others_do_not_reach_the_vehicle() {
     let mut world = World::new(Setup::<1>::new());
@@ -321,22 +321,22 @@ fn messages_for_others_do_not_reach_the_vehicle() {
         assert_eq!(seen(&mut world), ours, "PLAY_TUNE to {system}/{component}");
     }
     for (system, ours) in [(1, true), (0, true), (2, false)] {
-        // A target system and no component, in MANUAL_CONTROL under another name.
+        // A target system without a component; MANUAL_CONTROL names the field differently.
         world.gcs[0].send(&SetMode { target_system: system, ..SetMode::default() });
         assert_eq!(seen(&mut world), ours, "SET_MODE to {system}");
         world.gcs[0].send(&ManualControl { target: system, x: 1_000, ..ManualControl::default() });
         assert_eq!(seen(&mut world), ours, "MANUAL_CONTROL to {system}");
     }
     assert_eq!(world.stack.link_counters(LINK).unwrap().not_ours, 6);
-    // A heartbeat is the stack's own.
+    // The stack handles heartbeats itself.
     world.gcs[0].send(&Gcs::heartbeat());
     world.run_for(millis(5));
     assert!(matches!(world.vehicle.calls[..], [Call::Peer(_)]));
 }
 
-/// S-12: a message that cannot be checked is counted, and goes to nobody.
+/// S-12: a message whose checksum cannot be verified is counted, and not delivered.
 #[test]
-fn unchecked_frames_reach_nobody() {
+fn unverified_frames_are_not_delivered() {
     let mut world = World::new(Setup::<1>::new());
     world.gcs[0].send(&Attitude::default());
     world.gcs[0].send_raw(&reference::v2(0x00AB_CDEF, [0, 0], [255, 190], &[1, 2, 3], 9));
@@ -346,7 +346,7 @@ fn unchecked_frames_reach_nobody() {
     assert_eq!(world.stack.rx_counters(LINK).unwrap().unchecked, 1);
 }
 
-/// What both halves of the next test are fed: at which millisecond which bytes come.
+/// The input of both halves of the next test: times in milliseconds, and bytes.
 fn script() -> Vec<(u64, Vec<u8>)> {
     let world = World::new(Setup::<1>::new());
     let mut gcs = world.gcs.into_iter().next().unwrap();
@@ -359,7 +359,7 @@ fn script() -> Vec<(u64, Vec<u8>)> {
         let mut bytes = match rng.below(5) {
             0 => gcs.frame_from(STATION, &Gcs::heartbeat()),
             1 => gcs.frame_from(STATION, &gcs.long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
-            // Noise without start bytes: it holds nothing back, so each pass finds what the others do.
+            // Noise without start bytes: it defers nothing, so each pass finds the same frames.
             2 => (0..rng.below(90)).map(|_| rng.byte() & 0x7F).collect(),
             _ => gcs.frame_from(OTHER_STATION, &command),
         };
@@ -371,8 +371,8 @@ fn script() -> Vec<(u64, Vec<u8>)> {
     script
 }
 
-/// All that a stack sends for the script when it is driven by `drive`, which moves the bytes that came, and takes those
-/// that are to go.
+/// Returns everything that a stack sends for the script when `drive` runs it: it delivers the received bytes and takes the
+/// bytes to send.
 fn bytes_sent(mut drive: impl FnMut(&mut Stack<Tested, 1>, Instant, &[u8], &mut TestVehicle) -> Vec<u8>) -> Vec<u8> {
     let setup = Setup::<1>::new();
     let mut stack: Box<Stack<Tested, 1>> = begun(setup.config, setup.links);
@@ -389,7 +389,7 @@ fn bytes_sent(mut drive: impl FnMut(&mut Stack<Tested, 1>, Instant, &[u8], &mut 
     sent
 }
 
-/// The calls for interrupts and DMA do what `poll_link` does, to the byte, also when the bytes come one by one.
+/// The calls for interrupts and DMA do the same as `poll_link`, byte for byte, also for one byte at a time.
 #[test]
 fn byte_level_calls_equal_poll_link() {
     fn take(stack: &mut Stack<Tested, 1>, now: Instant, vehicle: &mut TestVehicle, piece: usize) -> Vec<u8> {
@@ -447,8 +447,8 @@ fn byte_level_calls_equal_poll_link() {
     }
 }
 
-/// What a stack says and asks its vehicle for in a minute, and how often it was run: every millisecond, or only at its
-/// deadline, for a byte, and when there is room on the line again. The line stands still for ten seconds of it.
+/// Runs a minute; returns what the stack sent, the calls to its vehicle, and the number of passes. The stack runs every
+/// millisecond, or only at its deadline, at a received byte, and when the line has room again. The line stalls for ten seconds.
 fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Call>, u32) {
     let down = Wire { bytes_per_second: 2_000, tx_fifo, ..Wire::default() };
     let lines = [LineConfig { down, ..LineConfig::default() }];
@@ -466,7 +466,7 @@ fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Ca
             world.gcs[0].send_raw(&bytes);
         }
         if ms % 700 == 0 {
-            // What a firmware does itself it knows of: it runs the stack then.
+            // The firmware knows about its own calls, and runs the stack after them.
             deadline = now;
             let text = format!("{ms} ms have gone by, and all is well so far, it seems");
             world.stack.send_text(now, MavSeverity::INFO, &text);
@@ -487,10 +487,10 @@ fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Ca
     (world.gcs.remove(0).received, world.vehicle.calls, wakes)
 }
 
-/// What came waits as long as it has to: a whole frame of a message that nobody knows for silence, a part of a frame for its rest,
-/// and what a poll's budget left for the next poll.
+/// Received bytes are held as long as necessary: a frame with an unknown id until silence follows, a partial frame until its
+/// rest arrives, and what exceeds a poll's budget until the next poll.
 #[test]
-fn next_deadline_knows_what_is_received() {
+fn next_deadline_includes_received_bytes() {
     let mut setup = Setup::<1>::new();
     setup.config.budget.frames = 1;
     let mut world = World::new(setup);
@@ -516,8 +516,8 @@ fn next_deadline_knows_what_is_received() {
     assert_eq!(deadline(&mut world, &unknown[..unknown.len() - 1]), millis(500));
 }
 
-/// A driver that sleeps until `next_deadline`, a byte, or room on the line says the same at the same times as one that
-/// polls every millisecond; and it does sleep. Whether the line's room or the poll's budget ends a frame makes no
+/// A driver that sleeps until `next_deadline`, a received byte, or room on the line sends the same at the same times as one
+/// that polls every millisecond, and it really sleeps. Whether the line's room or the poll's budget interrupts a frame makes no
 /// difference.
 #[test]
 fn next_deadline_is_enough() {
@@ -534,11 +534,11 @@ fn next_deadline_is_enough() {
     }
 }
 
-/// `next_deadline` returns `now` while work is pending that only the vehicle knows about, before and after the link has written:
-/// the end of a command on the link that asked for it, or a new mode. An answer to PING is pending only until it is written. After
-/// the next poll nothing is.
+/// `next_deadline` returns `now` while work is pending that only the vehicle knows about: the end of a command, on the link
+/// that asked for it, or a new mode, before and after the link has written. An answer to PING is pending only until it is
+/// written. After the next poll nothing is pending.
 #[test]
-fn next_deadline_knows_of_what_the_vehicle_owes() {
+fn next_deadline_includes_pending_work_of_the_vehicle() {
     let mut world = World::<2, Tested<NoPlans, 8, Timed>>::of(Setup::new());
     world.vehicle.long.insert(MavCmd::PREFLIGHT_CALIBRATION.0);
     let (command, target_system, target_component) = (MavCmd::PREFLIGHT_CALIBRATION, 1, 1);
@@ -575,7 +575,7 @@ fn next_deadline_knows_of_what_the_vehicle_owes() {
     }
 }
 
-/// A frame that stops one byte short of its end keeps nobody awake until it is given up.
+/// A frame that stops one byte before its end does not wake the driver until its timeout.
 #[test]
 fn unfinished_frame_does_not_wake_the_driver() {
     let mut world = World::new(Setup::<1>::new());
@@ -587,7 +587,7 @@ fn unfinished_frame_does_not_wake_the_driver() {
     assert!(deadline > world.now().after(millis(400)), "{deadline:?} at {:?}", world.now());
 }
 
-/// M-10: old ground stations address plans to component 190; nothing else that is sent there is ours.
+/// M-10: old ground stations address plans to component 190; other messages to it are not handled.
 #[test]
 fn plans_may_be_addressed_to_the_old_planner() {
     type Plans = Tested<mavstack::plan_memory!(mission: 10)>;
@@ -602,9 +602,9 @@ fn plans_may_be_addressed_to_the_old_planner() {
     }
 }
 
-/// An address in the peer table is no licence: frames go to the vehicle with their true sender.
+/// The vehicle gets each frame with its true sender, listed or not.
 #[test]
-fn vehicle_is_told_the_sender() {
+fn vehicle_gets_the_sender() {
     let mut world = World::new(Setup::<1>::new());
     let camera = Address::new(1, 100);
     world.gcs[0].send_from(camera, &Attitude::default());
@@ -612,9 +612,9 @@ fn vehicle_is_told_the_sender() {
     assert!(matches!(world.vehicle.calls[..], [Call::Message { id: 30, from, link: LINK, .. }] if from == camera));
 }
 
-/// S-11: pymavlink sends as component 0 by default. It is answered, at that address, unless the firmware refuses it.
+/// S-11: pymavlink sends as component 0 by default. It is answered at that address, unless the configuration refuses it.
 #[test]
-fn component_0_is_served_unless_it_is_refused() {
+fn component_0_is_answered_unless_configured_otherwise() {
     let config = Setup::<1>::new().config;
     for (config, answers) in [(config, 1), (Config { accepts_component_0: false, ..config }, 0)] {
         let mut stack: Box<Stack<Tested, 1>> = begun(config, [LinkConfig::uart(57_600)]);

@@ -1,4 +1,4 @@
-//! Plans over a line: uploads, downloads and clears as real clients do them, on lines as they really are.
+//! Plan transfers over simulated lines with latency, losses and several clients: uploads, downloads and clears.
 
 use crate::support::tested::Planned;
 use crate::support::*;
@@ -26,7 +26,7 @@ fn world<const N: usize>() -> TestWorld<N> {
     World::of(Setup::new())
 }
 
-/// What an item says, to the bit, without what belongs to the transfer.
+/// Returns the bytes of each item, without the fields that belong to the transfer.
 fn content(items: &[MissionItemInt]) -> Vec<Vec<u8>> {
     let content = |item: &MissionItemInt| {
         let mut bytes = vec![0; MissionItemInt::MAX_LEN];
@@ -42,10 +42,10 @@ fn assert_downloads<const N: usize>(world: &mut TestWorld<N>, link: usize, items
     assert_eq!(content(&downloaded), content(items));
 }
 
-/// M-6, M-21: every length, item 0 the first that was uploaded, field by field; one item more than there is room for is
-/// refused before the first.
+/// M-6, M-21: a plan of any length is downloaded as it was uploaded, starting with item 0. A plan with one item too many is
+/// refused before its first item is requested.
 #[test]
-fn what_was_uploaded_is_downloaded() {
+fn uploaded_plan_is_downloaded_unchanged() {
     let mut world = world::<1>();
     for len in [1, 2, CAPACITY, 3, 0] {
         let items = plan(len, len);
@@ -62,9 +62,9 @@ fn what_was_uploaded_is_downloaded() {
     assert_downloads(&mut world, 0, &plan(2, 1));
 }
 
-/// M-2, M-21: each plan takes as many items as there is room for, whichever has the most, and not one more.
+/// M-2, M-21: each plan can be filled to its capacity and no further, whichever plan is the largest.
 #[test]
-fn each_plan_may_be_full() {
+fn each_plan_can_be_filled() {
     fn fills<P: PlanMemory + Planned<Tested<P>> + 'static>() {
         let mut world = World::<1, Tested<P>>::of(Setup::new());
         for (kind, capacity) in PlanType::ALL.into_iter().zip(P::CAPACITIES) {
@@ -90,9 +90,9 @@ fn each_plan_may_be_full() {
     fills::<plan_memory!(mission: 2, fence: 5, rally: 9)>();
 }
 
-/// What became of uploads is counted, each as what it was.
+/// Each upload is counted by its outcome.
 #[test]
-fn uploads_are_counted() {
+fn uploads_are_counted_by_outcome() {
     let mut world = world::<1>();
     let counters = |world: &TestWorld<1>| world.stack.plan_counters();
     assert_eq!(counters(&world), PlanCounters::default());
@@ -105,13 +105,13 @@ fn uploads_are_counted() {
     world.gcs[0].send(&MissionCount { target_system, target_component, count: 3, ..MissionCount::default() });
     world.gcs[0].send(&MissionItemInt { target_system, target_component, ..plan(3, 1)[2] });
     world.run_for(secs(60));
-    assert_eq!((counters(&world).out_of_place, counters(&world).abandoned), (1, 1), "the first item never came");
+    assert_eq!((counters(&world).out_of_place, counters(&world).abandoned), (1, 1), "the first item was not sent");
     assert_eq!((counters(&world).accepted, counters(&world).refused), (1, 1));
 }
 
-/// A lossless transfer is a request and an item each, and two frames more: no request is sent twice.
+/// A lossless transfer takes a request and an item for each item, and two more frames: no frame is sent twice.
 #[test]
-fn no_frame_is_sent_for_nothing() {
+fn lossless_transfer_repeats_no_frame() {
     let mut world = World::<1, Plans>::of(Setup {
         links: [LinkConfig::uart(57_600)],
         lines: [LineConfig::radio(57_600, millis(20))],
@@ -128,9 +128,9 @@ fn no_frame_is_sent_for_nothing() {
     assert_eq!((gcs.count_of::<MissionItemInt>(), gcs.count_of::<MissionCount>()), (usize::from(CAPACITY), 1));
 }
 
-/// M-40: whatever is lost, at whatever moment, once, the transfers are completed.
+/// M-40: transfers complete although any single frame is lost.
 #[test]
-fn any_frame_may_be_lost_once() {
+fn loss_of_any_single_frame_is_recovered() {
     let items = plan(4, 1);
     for up in [true, false] {
         for moment in 0..40 {
@@ -154,7 +154,7 @@ fn any_frame_may_be_lost_once() {
                 }
             }
             let ack = upload.result().expect("an end");
-            // MAVSDK gives up when the final answer is lost, since nobody asks for the last item again. It did go live.
+            // MAVSDK does not send the last item again, so a lost final ACK fails its upload. The plan is live all the same.
             let lost_ack = ack == Err(TransferError::Timeout) && !up;
             assert!(ack.is_ok() || lost_ack, "{ack:?}, lost at {moment} ms, up {up}");
             silence(&mut world, u64::MAX);
@@ -180,9 +180,9 @@ fn any_frame_may_be_lost_once() {
     }
 }
 
-/// M-1, M-41: on a bad line a transfer is completed, or fails and leaves a whole plan; soon after the engine is at rest.
+/// M-1, M-41: over a lossy line a transfer completes, or fails and leaves a whole plan. Soon after, the vehicle is idle again.
 #[test]
-fn a_bad_line_leaves_whole_plans() {
+fn lossy_line_leaves_a_whole_plan() {
     let mut completed = 0;
     for seed in 1..=60 {
         let loss = 0.05 + 0.25 * (seed as f64 / 60.0);
@@ -201,7 +201,7 @@ fn a_bad_line_leaves_whole_plans() {
             completed += 1;
             assert_eq!(live.len(), new.len(), "seed {seed}");
         }
-        // A station that gave up does not hold the next one up, whoever it is.
+        // A client that gave up does not block the next one.
         world.run_for(secs(8));
         world.gcs[1].address = OTHER_STATION;
         world.upload(1, &plan(3, 3)).expect("accepted");
@@ -209,9 +209,9 @@ fn a_bad_line_leaves_whole_plans() {
     assert!(completed >= 30, "{completed} of 60");
 }
 
-/// M-47, M-61: a client that knows only the old forms, like dronekit and mavez, uploads and downloads.
+/// M-47, M-61: a client that knows only MISSION_REQUEST and MISSION_ITEM, such as dronekit and mavez, uploads and downloads.
 #[test]
-fn a_client_of_the_old_forms_uploads_and_downloads() {
+fn client_of_the_old_messages_uploads_and_downloads() {
     let mut world = world::<1>();
     let items = plan(4, 1);
     let mut upload = Upload::new(&world.gcs[0], &items).like_dronekit();
@@ -233,7 +233,7 @@ fn a_client_of_the_old_forms_uploads_and_downloads() {
 /// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is not a cancel. The vehicle's first frames are
 /// lost, so that MISSION_REQUEST is the first one received.
 #[test]
-fn mavsdk_uploads_though_it_refuses_the_old_form() {
+fn mavsdk_completes_an_upload_after_refusing_mission_request() {
     let mut world = world::<1>();
     let mut upload = Upload::new(&world.gcs[0], &plan(4, 1)).with_patience(10);
     for now in 0..10_000 {
@@ -249,9 +249,9 @@ fn mavsdk_uploads_though_it_refuses_the_old_form() {
     assert_eq!(world.gcs[0].count_of::<MissionRequest>(), 1);
 }
 
-/// M-23, M-33: who comes second is told so, and harms nobody.
+/// M-23, M-33: a second client is refused, and the first upload continues.
 #[test]
-fn a_second_station_is_refused_until_the_first_is_done() {
+fn second_client_is_refused_until_the_first_upload_ends() {
     let mut world = world::<2>();
     world.gcs[1].address = OTHER_STATION;
     let mut first = Upload::new(&world.gcs[0], &plan(30, 1));
@@ -278,7 +278,7 @@ fn a_second_station_is_refused_until_the_first_is_done() {
 /// M-45, M-11: two instances of QGroundControl, both 255/190, on two links. The second downloads, tries to upload, and
 /// cancels: the first one's upload continues on its link. When the first falls silent, the second can upload.
 #[test]
-fn two_stations_with_the_same_ids_do_not_meet() {
+fn stations_with_the_same_ids_do_not_disturb_each_other() {
     for is_silent in [false, true] {
         let mut world = world::<2>();
         world.gcs.iter_mut().for_each(|gcs| gcs.heartbeat_period = Some(secs(1)));
@@ -293,11 +293,11 @@ fn two_stations_with_the_same_ids_do_not_meet() {
         if is_silent {
             world.gcs[0].heartbeat_period = None;
             world.run_for(secs(2));
-            world.upload(1, &plan(5, 2)).expect("its turn");
+            world.upload(1, &plan(5, 2)).expect("accepted");
             assert_downloads(&mut world, 1, &plan(5, 2));
             continue;
         }
-        // Four seconds without an item, as on a very bad link: heartbeats show that the partner is alive.
+        // Four seconds without an item, as over a very lossy link. Heartbeats show that the client is alive.
         for _ in 0..2 {
             world.run_for(secs(2));
             assert_downloads(&mut world, 1, &plan(2, 9));
@@ -319,7 +319,7 @@ fn two_stations_with_the_same_ids_do_not_meet() {
 
 /// M-45: a vehicle that arms during an upload keeps its plan.
 #[test]
-fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
+fn arming_during_an_upload_keeps_the_plan() {
     let mut world = world::<1>();
     world.upload(0, &plan(3, 1)).expect("accepted");
     let mut upload = Upload::new(&world.gcs[0], &plan(6, 2));
@@ -336,10 +336,10 @@ fn a_vehicle_that_arms_during_an_upload_keeps_its_plan() {
     assert_downloads(&mut world, 0, &plan(3, 1));
 }
 
-/// M-48: a waypoint at 0, 0 is refused and a text says why; so is a mission whose first waypoint is too far away, where
-/// the vehicle sets a limit. The old plan stays.
+/// M-48: a waypoint at 0, 0 is refused with a text, and so is a mission whose first waypoint is beyond the vehicle's limit. The
+/// old plan stays.
 #[test]
-fn missions_to_nowhere_are_refused() {
+fn waypoint_without_position_or_too_far_away_is_refused() {
     let mut world = world::<1>();
     let old = plan(3, 1);
     world.upload(0, &old).expect("accepted");
@@ -348,7 +348,7 @@ fn missions_to_nowhere_are_refused() {
     for (seq, text) in [(0, None), (2, Some("Mission item 2: no position (0, 0)"))] {
         let mut zero = zero.clone();
         (zero[seq].x, zero[seq].y) = (0, 0);
-        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off at 0, 0 means here");
+        assert_eq!(world.upload(0, &zero).is_ok(), text.is_none(), "a take-off at 0, 0 is at the current position");
         if let Some(text) = text {
             assert_eq!(world.upload(0, &zero), refused);
             assert_eq!(world.expect::<Statustext>(0, secs(1)).text.as_str(), Some(text));
@@ -366,12 +366,12 @@ fn missions_to_nowhere_are_refused() {
     world.upload(0, &zero).expect("near enough");
     world.vehicle.first_waypoint_limit = Some((home, 11_000));
     zero[0].x = home.latitude;
-    world.upload(0, &zero).expect("only the first counts");
+    world.upload(0, &zero).expect("only the first waypoint is checked");
 }
 
-/// M-22, M-35: at every item the same station may begin anew, or cancel; until the end the old plan is there.
+/// M-22, M-35: the client can restart or cancel its upload at any item. The old plan stays until the end.
 #[test]
-fn an_upload_may_be_restarted_or_cancelled_at_any_item() {
+fn upload_can_be_restarted_or_cancelled_at_any_item() {
     for stop in 1..6 {
         for cancel in [false, true] {
             let mut world = world::<1>();
@@ -403,9 +403,9 @@ fn an_upload_may_be_restarted_or_cancelled_at_any_item() {
     }
 }
 
-/// M-41, D-6, PX4#27132: a station whose line breaks does not keep others out for more than a few seconds.
+/// M-41, D-6, PX4#27132: a client whose link fails blocks others for a few seconds at most.
 #[test]
-fn a_vanished_station_blocks_nobody() {
+fn vanished_client_does_not_block_others() {
     let mut world = world::<2>();
     world.gcs[1].address = OTHER_STATION;
     world.upload(0, &plan(4, 9)).expect("accepted");
@@ -415,7 +415,7 @@ fn a_vanished_station_blocks_nobody() {
         upload.poll(now, &mut world.gcs[0]);
         upload.items_sent() == 10
     });
-    // The line is cut, and takes no bytes from the vehicle either.
+    // The line is cut, and accepts no bytes from the vehicle.
     let broken = world.now();
     world.uarts[0].stall_writes_until(broken.after(secs(60)));
     world.lines[0].set_up(|wire| wire.faults.byte_loss = 1.0);
@@ -430,9 +430,9 @@ fn a_vanished_station_blocks_nobody() {
     assert!(texts.any(|(_, text)| text.text.as_bytes().starts_with(b"Mission upload timed out at item ")));
 }
 
-/// M-60: three stations on two links download at once, and one of them mixes the order.
+/// M-60: three clients on two links download at once, one of them in random order.
 #[test]
-fn three_stations_download_at_once() {
+fn three_clients_download_at_once() {
     let mut world = world::<2>();
     let items = plan(CAPACITY, 1);
     world.upload(0, &items).expect("accepted");
@@ -464,9 +464,9 @@ fn three_stations_download_at_once() {
     }
 }
 
-/// M-63: a download that a new plan overtakes is cancelled, so no station sees half of each.
+/// M-63: a plan that is replaced during a download cancels the download, so no client sees half of each plan.
 #[test]
-fn a_new_plan_ends_running_downloads() {
+fn new_plan_cancels_running_downloads() {
     let mut world = world::<2>();
     world.gcs[1].address = OTHER_STATION;
     world.upload(0, &plan(30, 1)).expect("accepted");
@@ -485,9 +485,9 @@ fn a_new_plan_ends_running_downloads() {
     assert_downloads(&mut world, 1, &plan(30, 2));
 }
 
-/// M-50, M-52: a clear reaches the vehicle once, is acknowledged as often as asked, and shows in MISSION_CURRENT.
+/// M-50, M-52: each clear is acknowledged, the vehicle is told once, and MISSION_CURRENT says that there is no mission.
 #[test]
-fn cleared_is_cleared() {
+fn repeated_clear_is_acknowledged() {
     let mut world = world::<1>();
     world.upload(0, &plan(3, 1)).expect("accepted");
     world.vehicle.calls.clear();
@@ -501,9 +501,9 @@ fn cleared_is_cleared() {
     assert_downloads(&mut world, 0, &[]);
 }
 
-/// V-7: over MAVLink 1, both ways.
+/// V-7: a link that sends v1 uploads and downloads missions.
 #[test]
-fn a_v1_link_transfers_missions() {
+fn v1_link_transfers_missions() {
     let mut world =
         World::<1, Plans>::of(Setup { links: [LinkConfig::uart(57_600).with_version(TxVersion::V1)], ..Setup::new() });
     world.gcs[0].version = Version::V1;
@@ -513,9 +513,9 @@ fn a_v1_link_transfers_missions() {
     assert!(world.gcs[0].received.iter().all(|frame| frame.header.version == Version::V1));
 }
 
-/// M-10, M-11: only what is addressed to this very vehicle, by any of the three ways to name its component.
+/// M-10, M-11: plan messages must be addressed to this vehicle. Its component has three valid ids.
 #[test]
-fn only_messages_to_this_vehicle_count() {
+fn only_messages_to_this_vehicle_are_handled() {
     let mut world = world::<1>();
     for (target_system, target_component, answered) in
         [(1, 1, true), (1, 0, true), (1, 190, true), (0, 1, false), (0, 0, false), (2, 1, false), (1, 2, false)]
@@ -529,7 +529,7 @@ fn only_messages_to_this_vehicle_count() {
     }
 }
 
-/// M-13: nothing of this on a satellite link.
+/// M-13: a high-latency link carries no plan messages.
 #[test]
 fn high_latency_links_carry_no_plans() {
     let mut world = World::<1, Plans>::of(Setup {
@@ -541,9 +541,9 @@ fn high_latency_links_carry_no_plans() {
     assert!(world.vehicle.plan_changes().is_empty());
 }
 
-/// M-27: the vehicle may refuse, and the operator reads why.
+/// M-27: the vehicle may refuse an upload; a text says why.
 #[test]
-fn the_vehicle_may_refuse_an_upload() {
+fn vehicle_can_refuse_an_upload() {
     let mut world = world::<1>();
     world.vehicle.may_change = Err(MavMissionResult::DENIED);
     assert_eq!(world.upload(0, &plan(2, 1)), Err(TransferError::Refused(MavMissionResult::DENIED)));
@@ -553,9 +553,9 @@ fn the_vehicle_may_refuse_an_upload() {
     assert_eq!(world.vehicle.calls.iter().filter(|call| **call == Call::MayChange(PlanType::Mission, peer)).count(), 1);
 }
 
-/// M-39, M-90: MISSION_CURRENT follows an upload at once, then comes once a second, on every link.
+/// M-39, M-90: MISSION_CURRENT is sent at once after an upload, then once a second, on every link.
 #[test]
-fn mission_current_keeps_everyone_informed() {
+fn mission_current_is_sent_on_every_link() {
     let mut world = world::<2>();
     world.run_for(secs(2));
     let ack = world.upload(0, &plan(5, 1)).expect("accepted");
@@ -571,12 +571,12 @@ fn mission_current_keeps_everyone_informed() {
     world.gcs[1].forget();
     world.vehicle.progress.current = 3;
     let current: MissionCurrent = world.expect(1, millis(5));
-    assert_eq!(current.seq, 3, "a change is told at once");
+    assert_eq!(current.seq, 3, "a change is sent at once");
 }
 
-/// D-3: what a stuck link owes waits; the other link notices nothing.
+/// D-3: answers on a backpressured link stay pending; other links are not affected.
 #[test]
-fn a_stuck_link_holds_up_no_other() {
+fn backpressured_link_does_not_delay_others() {
     let mut world = world::<2>();
     world.upload(0, &plan(5, 1)).expect("accepted");
     let stuck_until = world.now().after(secs(3));
@@ -593,6 +593,6 @@ fn a_stuck_link_holds_up_no_other() {
     assert!(world.now().since(began) < millis(100));
     assert_eq!(world.gcs[0].received.len(), 0);
     world.run_for(secs(4));
-    assert!(world.gcs[0].count_of::<MissionCount>() <= 2, "one was on its way, the others are owed once");
+    assert!(world.gcs[0].count_of::<MissionCount>() <= 2, "one was in flight, and one is pending for all others");
     assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 1);
 }

@@ -1,7 +1,7 @@
-//! Plans over lines that lose a fifth of all frames, and over lines that lose everything (M-1, M-41).
+//! Plans over lines that lose a fifth of all frames, and over lines that fail (M-1, M-41).
 //!
-//! A transfer over a bad line is completed or fails clean: the live plan is the whole old one or the whole new one, the
-//! engine is soon at rest, and another ground station can upload. Over a good line nothing is sent for nothing.
+//! Over a lossy line a transfer completes or fails cleanly: the live plan is the old one or the new one as a whole, the vehicle
+//! is soon idle, and another client can upload. Over a lossless line no frame is sent twice.
 
 use crate::support::*;
 use mavstack::dialect::{
@@ -16,7 +16,7 @@ type TestWorld = World<2, Plans>;
 
 const MISSION: MavMissionType = MavMissionType::MISSION;
 
-/// So soon after the last item the vehicle has given up an upload at the latest (M-41).
+/// The longest time after the last item until the vehicle ends an upload (M-41).
 const PATIENCE: Duration = secs(8);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,13 +25,13 @@ enum Client {
     QGroundControl,
 }
 
-/// The vehicle's half of a transfer.
+/// The messages that the vehicle sends in a transfer.
 const PLAN_MESSAGES: &[u32] =
     &[MissionRequestInt::ID, MissionRequest::ID, MissionAck::ID, MissionCount::ID, MissionItemInt::ID];
 
 const CLIENTS: [Client; 2] = [Client::Mavsdk, Client::QGroundControl];
 
-/// A radio on link 0, a perfect line on link 1; the vehicle has the 7 items of [`old`].
+/// A radio on link 0 and a perfect line on link 1. The vehicle has the 7 items of [`old`].
 fn world(seed: u64, radio: LineConfig) -> TestWorld {
     world_of(Setup { seed, ..Setup::new() }, radio)
 }
@@ -57,8 +57,9 @@ fn begin(world: &TestWorld, link: usize, client: Client, items: &[MissionItemInt
     if client == Client::QGroundControl { upload.like_qgroundcontrol() } else { upload }
 }
 
-/// A pass of everybody, at the next moment at which somebody has something to do. False when the upload has ended.
-fn go_on(world: &mut TestWorld, link: usize, upload: &mut Upload) -> bool {
+/// Runs one pass at the next moment at which the vehicle or the client has something to do. Returns false when the upload
+/// ended.
+fn advance(world: &mut TestWorld, link: usize, upload: &mut Upload) -> bool {
     world.skip_to(upload.due());
     let now = world.now();
     let goes_on = upload.poll(now, &mut world.gcs[link]).is_none();
@@ -66,7 +67,7 @@ fn go_on(world: &mut TestWorld, link: usize, upload: &mut Upload) -> bool {
     goes_on
 }
 
-/// Uploads; within a minute that has an end.
+/// Uploads. Asserts that it ends within a minute.
 fn upload(
     world: &mut TestWorld,
     link: usize,
@@ -85,7 +86,7 @@ fn upload_within(
 ) -> Result<MissionAck, TransferError> {
     let mut upload = begin(world, link, client, items);
     let end = world.now().after(limit);
-    while go_on(world, link, &mut upload) {
+    while advance(world, link, &mut upload) {
         assert!(world.now() < end, "an upload ends within {} s", limit.as_millis() / 1_000);
     }
     upload.result().expect("an end")
@@ -103,7 +104,7 @@ fn set_faults(world: &TestWorld, link: usize, faults: Faults) {
     world.lines[link].set_down(|wire| wire.faults = faults);
 }
 
-/// What an item says, to the bit, without what belongs to the transfer.
+/// Returns the content of each item, without the fields that belong to the transfer.
 fn content(items: &[MissionItemInt]) -> Vec<String> {
     let content = |item: &MissionItemInt| {
         let params = [item.param1, item.param2, item.param3, item.param4, item.z].map(f32::to_bits);
@@ -115,7 +116,7 @@ fn content(items: &[MissionItemInt]) -> Vec<String> {
     items.iter().map(content).collect()
 }
 
-/// What the vehicle serves on link 1, where nothing is lost.
+/// Downloads the live plan over link 1, which is lossless.
 fn live(world: &mut TestWorld) -> Vec<String> {
     content(&download(world, 1).expect("a complete download"))
 }
@@ -124,7 +125,7 @@ fn download(world: &mut TestWorld, link: usize) -> Result<Vec<MissionItemInt>, T
     finish(world, link, Download::new(&world.gcs[link], MISSION))
 }
 
-/// Downloads; within two minutes that has an end.
+/// Completes a download. Asserts that it ends within two minutes.
 fn finish(world: &mut TestWorld, link: usize, mut download: Download) -> Result<Vec<MissionItemInt>, TransferError> {
     let end = world.now().after(secs(120));
     loop {
@@ -139,21 +140,21 @@ fn finish(world: &mut TestWorld, link: usize, mut download: Download) -> Result<
     }
 }
 
-/// What became of many uploads.
+/// The outcomes of many uploads.
 #[derive(Debug, Default)]
 struct Tally {
-    /// The new plan is live, and the client knows it.
+    /// The new plan is live, and the client got the final ACK.
     completed: u32,
-    /// The new plan is live, but the client gave up waiting for the final ACK.
+    /// The new plan is live, but the client timed out waiting for the final ACK.
     unconfirmed: u32,
     /// The old plan is live.
     failed: u32,
     longest: Duration,
-    /// Requests that reached the client, in uploads that were completed.
+    /// Requests that the client received in completed uploads.
     requests: usize,
 }
 
-/// An upload over link 0, which has these faults.
+/// Uploads over link 0 with these faults.
 fn upload_over(setup: Setup<2>, faults: Faults, name: Client, tally: &mut Tally) {
     let seed = setup.seed;
     let mut world = world_of(setup, telemetry());
@@ -164,7 +165,7 @@ fn upload_over(setup: Setup<2>, faults: Faults, name: Client, tally: &mut Tally)
     let result = upload(&mut world, 0, name, &new);
 
     tally.longest = tally.longest.max(world.now().since(began));
-    // The vehicle too loses its patience with an upload that failed, unless the last item was on its way yet.
+    // The vehicle times out too, unless the last item was already in flight.
     if result.is_err() {
         run_for(&mut world, PATIENCE);
     }
@@ -187,11 +188,11 @@ fn upload_over(setup: Setup<2>, faults: Faults, name: Client, tally: &mut Tally)
     assert!(next.is_ok(), "{name:?}, seed {seed}, the next one: {next:?}");
 }
 
-/// M-30, M-40: 50 items at 20 % loss each way and 5 % duplication, a thousand times.
+/// M-30, M-40: a thousand uploads of 50 items with 20 % loss in each direction and 5 % duplicates.
 ///
-/// One upload in five loses its final ACK, which nobody asks for again: neither client repeats an item on its own (M-31).
-/// The others succeed, but for a few: MAVSDK's client sends no item more than five times, and counts each half second
-/// without a request as one; QGroundControl's does not wait longer than a second and a half.
+/// One upload in five loses its final ACK, which is not sent again, because neither client repeats an item on its own (M-31).
+/// Nearly all others succeed. MAVSDK's client sends an item at most five times, counting each half second without a request.
+/// QGroundControl's times out after 1.5 s.
 fn a_thousand_uploads(name: Client) {
     let mut tally = Tally::default();
     (1..=1_000)
@@ -199,24 +200,24 @@ fn a_thousand_uploads(name: Client) {
     println!("{name:?}: {tally:?}");
     assert!(tally.longest <= secs(60), "{tally:?}");
     assert!(tally.completed >= 740 && tally.failed <= 80, "{tally:?}");
-    // No storm: an item is asked for until it comes, which takes 1.56 requests, of which 1.31 arrive.
+    // No flood: an item is requested until it arrives, which takes 1.56 requests, of which 1.31 arrive.
     let items = tally.completed as usize * usize::from(LEN);
     assert!(tally.requests * 100 <= items * 135, "{tally:?}");
 }
 
 #[test]
-fn mavsdk_uploads_over_a_bad_line_complete_or_fail_clean() {
+fn mavsdk_uploads_over_a_bad_line_complete_or_fail_cleanly() {
     a_thousand_uploads(Client::Mavsdk);
 }
 
 #[test]
-fn qgroundcontrol_uploads_over_a_bad_line_complete_or_fail_clean() {
+fn qgroundcontrol_uploads_over_a_bad_line_complete_or_fail_cleanly() {
     a_thousand_uploads(Client::QGroundControl);
 }
 
-/// M-31: a second copy of the final ACK saves four fifths of those that lost the first.
+/// M-31: a second final ACK rescues four fifths of the uploads that lost the first one.
 #[test]
-fn a_second_ack_is_worth_having_on_a_bad_line() {
+fn second_final_ack_helps_over_a_lossy_line() {
     for name in CLIENTS {
         let mut tally = Tally::default();
         for seed in 1..=200 {
@@ -229,9 +230,9 @@ fn a_second_ack_is_worth_having_on_a_bad_line() {
     }
 }
 
-/// The same where bytes are lost, flipped and doubled, so that pieces of frames arrive: what comes of it is no item.
+/// The same with lost, flipped and duplicated bytes: no fragment of a frame is taken for an item.
 #[test]
-fn uploads_over_a_noisy_line_complete_or_fail_clean() {
+fn uploads_over_a_noisy_line_complete_or_fail_cleanly() {
     let faults = Faults {
         byte_loss: 0.001,
         byte_flip: 0.002,
@@ -248,10 +249,10 @@ fn uploads_over_a_noisy_line_complete_or_fail_clean() {
     }
 }
 
-/// M-60: what is complete is the plan, and nothing is refused. A client that repeats a request four times
-/// only fails once in four times; one with more patience does not.
+/// M-60: a complete download is the plan, and nothing is refused. A client that retransmits a request four times fails once in
+/// four downloads; a more patient client does not.
 #[test]
-fn downloads_over_a_bad_line_are_whole() {
+fn downloads_over_a_lossy_line_are_whole() {
     for (patience, least) in [(5, 140), (30, 200)] {
         let mut completed = 0;
         for seed in 1..=200 {
@@ -272,10 +273,10 @@ fn downloads_over_a_bad_line_are_whole() {
     }
 }
 
-/// M-1, M-41, PX4#27132: from whichever item on everything is lost, one way or both: the live plan stays as it is, the
-/// vehicle gives the upload up within 8 s, and another station, then the same one, can upload.
+/// M-1, M-41, PX4#27132: from any item on, everything is lost in one or both directions. The live plan stays, the vehicle ends
+/// the upload within 8 s, and another client, then the same one, can upload.
 #[test]
-fn a_dead_line_leaves_the_plan_and_holds_nobody_up() {
+fn dead_line_keeps_the_plan_and_blocks_nobody() {
     let mut longest = Duration::ZERO;
     for (up, down) in [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)] {
         for name in CLIENTS {
@@ -285,18 +286,18 @@ fn a_dead_line_leaves_the_plan_and_holds_nobody_up() {
                 let before = (world.stack.mission().items().to_vec(), world.stack.mission().id());
                 let mut client = begin(&world, 0, name, &plan(LEN, 2));
                 while client.items_sent() < sent {
-                    assert!(go_on(&mut world, 0, &mut client), "{what}");
+                    assert!(advance(&mut world, 0, &mut client), "{what}");
                 }
-                // The COUNT, or the item before, is on the line and arrives.
+                // The COUNT, or the previous item, is in flight and arrives.
                 let dead = |loss| move |wire: &mut Wire| wire.faults.frame_loss = loss;
                 if sent == 0 {
-                    go_on(&mut world, 0, &mut client);
+                    advance(&mut world, 0, &mut client);
                 }
                 world.lines[0].set_up(dead(up));
                 world.lines[0].set_down(dead(down));
                 let broken = world.now();
                 let idle_at = loop {
-                    go_on(&mut world, 0, &mut client);
+                    advance(&mut world, 0, &mut client);
                     if world.stack.plan_counters().abandoned == 1 {
                         break world.now();
                     }
@@ -307,22 +308,22 @@ fn a_dead_line_leaves_the_plan_and_holds_nobody_up() {
                 assert_eq!(world.stack.mission().items(), before.0, "{what}");
                 assert_eq!(world.stack.mission().id(), before.1, "{what}");
                 assert_eq!(live(&mut world), content(&old()), "{what}");
-                upload(&mut world, 1, Client::Mavsdk, &plan(3, 3)).expect("another station's turn");
+                upload(&mut world, 1, Client::Mavsdk, &plan(3, 3)).expect("another client can upload");
                 set_faults(&world, 0, Faults::default());
-                // Who was not asked for an item yet tries on, and may have his way now.
-                while go_on(&mut world, 0, &mut client) {}
+                // A client that got no request keeps trying, and may succeed now.
+                while advance(&mut world, 0, &mut client) {}
                 assert!(sent == 0 || client.result().is_some_and(|result| result.is_err()), "{what}");
-                upload(&mut world, 0, name, &plan(LEN, 4)).expect("and the first one's");
+                upload(&mut world, 0, name, &plan(LEN, 4)).expect("the first client can upload");
             }
         }
     }
-    println!("at rest after {} ms", longest.as_millis());
+    println!("idle after {} ms", longest.as_millis());
 }
 
-/// A lossless upload is a request and an item each, and two frames more; a download has an ACK besides (M-65). Whatever
-/// else is on the line, heartbeats and MISSION_CURRENT, is not part of it.
+/// A lossless upload takes a request and an item for each item, and two more frames; a download also has an ACK (M-65).
+/// Heartbeats and MISSION_CURRENT are not counted.
 #[test]
-fn nothing_is_sent_for_nothing() {
+fn lossless_transfer_sends_no_frame_twice() {
     for radio in [
         LineConfig::default(),
         LineConfig::radio(921_600, millis(1)),
@@ -350,14 +351,14 @@ fn nothing_is_sent_for_nothing() {
     }
 }
 
-/// Where an answer takes longer than the vehicle waits at first, it learns to wait (M-40): a few requests too many, then
+/// M-40: on a link whose round trip exceeds the vehicle's initial timeout, the vehicle adapts: a few unnecessary requests, then
 /// none.
 #[test]
-fn a_slow_line_is_not_flooded() {
+fn slow_line_is_not_flooded() {
     let mut world = world(1, LineConfig::radio(57_600, millis(200)));
     let mut client = begin(&world, 0, Client::QGroundControl, &plan(LEN, 2));
     let mut requests_at_the_tenth = 0;
-    while go_on(&mut world, 0, &mut client) {
+    while advance(&mut world, 0, &mut client) {
         if client.items_sent() == 10 {
             requests_at_the_tenth = world.gcs[0].count_of::<MissionRequestInt>();
         }
@@ -381,13 +382,13 @@ fn mavsdk_uploads_over_any_distance() {
     }
 }
 
-/// M-40: share of completed uploads of 100 items, by loss in each direction and round trip.
+/// M-40: the share of uploads of 100 items that complete, by loss in each direction and round trip.
 ///
-/// `PROPTEST_CASES=500 cargo test -p mavstack --test plans mission_lossy::shares -- --nocapture` prints the table. The clients are models: of MAVSDK's
-/// transfer client and of QGroundControl's plan manager (`tests/support/transfer.rs`). Uploads whose final MISSION_ACK is
-/// lost have a column of their own: the plan is live, but the client reports a failure (M-31).
+/// `PROPTEST_CASES=500 cargo test -p mavstack --test plans mission_lossy::shares -- --nocapture` prints the table. The clients
+/// model MAVSDK's transfer client and QGroundControl's plan manager (`tests/support/transfer.rs`). Uploads whose final
+/// MISSION_ACK is lost have a column of their own: the plan is live, but the client reports a failure (M-31).
 #[test]
-fn shares_of_uploads_that_complete() {
+fn shares_of_completed_uploads() {
     let uploads = cases(100).cases.max(100);
     let mut too_few = Vec::new();
     println!("| client | loss | round trip | completed | final ACK lost | failed |");

@@ -1,9 +1,8 @@
-//! How fast plans move: what a line allows, and what the vehicle adds to it.
+//! The speed of plan transfers: what a line permits, and what the vehicle adds.
 //!
-//! A plan transfer is half-duplex: nobody may send the next request before the item has come, or the next item before the
-//! request. So a line physically allows a round per item, which takes as long as the bytes of the request and of the item,
-//! and the line's latency twice; the client here takes no time at all. All beyond that is the vehicle's: it sees a message
-//! when it looks the next time, up to a poll period later, and must answer then and there.
+//! A plan transfer is half-duplex: each request waits for the previous item and each item for its request. The minimum per item
+//! is therefore the transmission time of request and item, plus twice the latency; the simulated client needs no time. The rest
+//! is the vehicle's: it sees a message at its next poll, up to a period later, and must answer in that poll.
 
 use crate::support::*;
 use mavstack::dialect::{MavMissionType, MissionCount, MissionItemInt, MissionRequestInt, MissionRequestList};
@@ -13,10 +12,10 @@ use mavstack::{Duration, LinkConfig, Message, plan_memory};
 type Plans = Tested<plan_memory!(mission: 500)>;
 type TestWorld = World<1, Plans>;
 
-/// How often the vehicle looks.
+/// The vehicle's poll period.
 const PERIOD: Duration = millis(1);
 
-/// A line as it is, and as the vehicle knows it.
+/// A line, and the same values in the vehicle's configuration.
 #[derive(Clone, Copy)]
 struct Line {
     baud: u32,
@@ -29,13 +28,13 @@ impl Line {
         World::of(Setup { links: [LinkConfig::uart(self.baud)], lines, step: PERIOD, ..Setup::new() })
     }
 
-    /// How long a message is on its way (µs).
+    /// Returns the time from the first byte of a message until its last byte arrives (µs).
     fn micros_of<M: Message>(self, message: &M) -> u64 {
         let len = encode(message, Version::V2, VEHICLE, 0, &mut [0; MAX_FRAME_LEN]).expect("every message fits");
         len as u64 * (1_000_000 / (u64::from(self.baud) / 10)) + self.latency.as_micros()
     }
 
-    /// How long the items, each with its request, are on their way (µs).
+    /// Returns the time in transit of the items and their requests (µs).
     fn micros_of_items(self, items: &[MissionItemInt]) -> u64 {
         let request = |item: &MissionItemInt| MissionRequestInt {
             seq: item.seq,
@@ -47,8 +46,8 @@ impl Line {
     }
 }
 
-/// Passes of the vehicle once in [`PERIOD`], while the client is there whenever a byte comes; until `poll`, the client, is
-/// done. How long that took.
+/// Polls the vehicle once in each [`PERIOD`] and the client whenever a byte arrives, until `poll`, the client, is done. Returns
+/// the duration.
 fn run(world: &mut TestWorld, mut poll: impl FnMut(&mut TestWorld) -> bool) -> Duration {
     let began = world.now();
     let mut next_pass = began;
@@ -59,7 +58,7 @@ fn run(world: &mut TestWorld, mut poll: impl FnMut(&mut TestWorld) -> bool) -> D
             next_pass = next_pass.after(PERIOD);
         }
         world.clock.set(now);
-        // Once to hear, and once to say.
+        // Receives, then sends.
         world.gcs[0].poll(now);
         let is_done = poll(world);
         world.gcs[0].poll(now);
@@ -82,16 +81,16 @@ fn download(world: &mut TestWorld) -> (Vec<MissionItemInt>, Duration) {
     (download.result().expect("an end").expect("complete"), took)
 }
 
-/// How much longer a transfer took than its frames were on their way (µs).
+/// Returns how much longer a transfer took than its frames were in transit (µs).
 fn added(took: Duration, physical: u64) -> u64 {
     let added = took.as_micros().checked_sub(physical);
     added.unwrap_or_else(|| panic!("{} µs are less than the line allows: {physical} µs", took.as_micros()))
 }
 
-/// Beside the transfer there are heartbeats and MISSION_CURRENT, once a second each; the waiting for the next look is half
-/// a period per item on average.
+/// Beside the transfer, heartbeats and MISSION_CURRENT are sent once a second each. The wait for the next poll is half a period
+/// per item on average.
 #[test]
-fn a_download_uses_nine_tenths_of_what_a_telemetry_radio_allows() {
+fn download_uses_nine_tenths_of_a_telemetry_radio() {
     let line = Line { baud: 57_600, latency: Duration::ZERO };
     let mut world = line.world();
     upload(&mut world, &plan(100, 1));
@@ -101,14 +100,14 @@ fn a_download_uses_nine_tenths_of_what_a_telemetry_radio_allows() {
     let count = MissionCount { count: 100, target_system: 1, target_component: 1, opaque_id: !0, ..Default::default() };
     let physical = line.micros_of(&list) + line.micros_of(&count) + line.micros_of_items(&items);
     let share = 100.0 * physical as f64 / took.as_micros() as f64;
-    println!("{share:.1} %: {} ms, of which {} ms on the line", took.as_millis(), physical / 1_000);
+    println!("{share:.1} %: {} ms, of which {} ms in transit", took.as_millis(), physical / 1_000);
     assert!((90.0..=100.0).contains(&share), "{share:.1} %");
 }
 
-/// Slow, fast, far away: what the vehicle adds to 500 items is less than a poll period each, so every message is answered
-/// in the very pass that can see it first.
+/// On slow, fast and distant links the vehicle adds less than a poll period per item: every message is answered in the first
+/// poll that sees it.
 #[test]
-fn the_vehicle_adds_less_than_a_poll_period_per_item() {
+fn vehicle_adds_less_than_a_poll_period_per_item() {
     for (baud, latency) in [(57_600, millis(0)), (57_600, millis(40)), (921_600, millis(0)), (10_000_000, millis(3))] {
         let line = Line { baud, latency };
         let mut world = line.world();

@@ -9,7 +9,7 @@ use mavstack::{LinkId, Message, PlanType, plan_memory};
 
 type Plans = Tested<plan_memory!(mission: 10, fence: 10)>;
 
-/// Returns a v1 frame with the message's extensions up to the plan's type, which is the first one.
+/// Returns a v1 frame with the message's extensions up to `mission_type`, which is the first one.
 fn with_type<M: Message>(message: &M, base_len: usize, mission_type: MavMissionType) -> Vec<u8> {
     let mut payload = vec![0; M::MAX_LEN];
     message.encode(&mut payload);
@@ -18,10 +18,10 @@ fn with_type<M: Message>(message: &M, base_len: usize, mission_type: MavMissionT
     reference::v1(M::ID as u8, [255, 190], &payload, M::CRC_EXTRA)
 }
 
-/// V-7: what a v1 frame says of another plan than the mission is UNSUPPORTED; it neither clears the mission, nor replaces it,
-/// nor has it read. The same frames with type 0 are about the mission.
+/// V-7: a v1 frame whose extension names another plan than the mission is UNSUPPORTED. It neither clears, replaces nor reads
+/// the mission. The same frame with type 0 applies to the mission.
 #[test]
-fn v1_frames_that_name_another_plan_are_not_about_the_mission() {
+fn v1_frame_that_names_another_plan_is_unsupported() {
     let (target_system, target_component) = (1, 1);
     let clear = MissionClearAll { target_system, target_component, ..Default::default() };
     let list = MissionRequestList { target_system, target_component, ..Default::default() };
@@ -67,7 +67,7 @@ fn v1_frames_that_name_another_plan_are_not_about_the_mission() {
         assert_eq!(world.stack.mission().items().len(), 3);
         assert_eq!(world.stack.fence().items().len(), 2);
     }
-    // The byte may also name the mission.
+    // The extension may also name the mission.
     let mut world = World::<1, Plans>::of(Setup::new());
     world.upload(0, &plan(3, 1)).expect("accepted");
     let before = world.stack.rx_counters(LinkId(0)).expect("link 0").frames;

@@ -1,4 +1,4 @@
-//! Where the mission goes on from: commands, MISSION_SET_CURRENT, MISSION_CURRENT, MISSION_ITEM_REACHED (M-90 to M-95).
+//! The current item of the mission: commands, MISSION_SET_CURRENT, MISSION_CURRENT, MISSION_ITEM_REACHED (M-90 to M-95).
 
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -20,7 +20,7 @@ fn world<const N: usize>(items: u16) -> World<N, Plans> {
     world
 }
 
-/// What was said so far is forgotten, and MISSION_CURRENT was a moment ago.
+/// Runs until just after a MISSION_CURRENT, and forgets all received frames.
 fn settle<const N: usize>(world: &mut World<N, Plans>) {
     world.expect::<MissionCurrent>(0, secs(2));
     world.run_for(millis(100));
@@ -35,7 +35,7 @@ fn command<const N: usize>(world: &mut World<N, Plans>, id: MavCmd, p1: f32, p2:
     ack.result
 }
 
-/// M-92: every form of the parameters.
+/// M-92: every combination of parameters.
 #[test]
 fn do_set_mission_current() {
     use MavResult as R;
@@ -64,13 +64,13 @@ fn do_set_mission_current() {
         assert_eq!(world.vehicle.calls, Vec::from_iter(call), "{p1} {p2}");
         if result == R::ACCEPTED {
             let current: MissionCurrent = world.expect(0, millis(50));
-            assert_eq!(current.seq, world.vehicle.progress.current, "told at once");
+            assert_eq!(current.seq, world.vehicle.progress.current, "sent at once");
         }
     }
-    // The vehicle has the last word.
+    // The vehicle may refuse.
     world.vehicle.progress_verdict = R::TEMPORARILY_REJECTED;
     assert_eq!(command(&mut world, MavCmd::DO_SET_MISSION_CURRENT, 1.0, 0.0), R::TEMPORARILY_REJECTED);
-    // Without a mission there is nothing to set.
+    // Without a mission no item can be set.
     world.vehicle.progress_verdict = R::ACCEPTED;
     world.clear(0, MavMissionType::MISSION).expect("cleared");
     for p1 in [0.0, -1.0] {
@@ -78,7 +78,7 @@ fn do_set_mission_current() {
     }
 }
 
-/// M-93: no answer but MISSION_CURRENT, on all links; a failure is a text besides.
+/// M-93: MISSION_CURRENT is the only answer, on all links; a failure is also explained by a text.
 #[test]
 fn mission_set_current() {
     let mut world = world::<2>(3);
@@ -100,10 +100,10 @@ fn mission_set_current() {
     assert_eq!(world.vehicle.calls, []);
 }
 
-/// M-46, M-93: a sender that is not authorised to give MAV_CMD_DO_SET_MISSION_CURRENT cannot use its old form either: the
-/// vehicle is not asked, a text says so, and MISSION_CURRENT is unchanged.
+/// M-46, M-93: a sender that is not authorised to send MAV_CMD_DO_SET_MISSION_CURRENT cannot use MISSION_SET_CURRENT either:
+/// the vehicle is not asked, a text says so, and MISSION_CURRENT is unchanged.
 #[test]
-fn mission_set_current_is_for_those_in_control() {
+fn mission_set_current_needs_control() {
     let mut world = world::<2>(3);
     world.vehicle.controller = Some(world.gcs[1].address);
     world.gcs[0].address = OTHER_STATION;
@@ -123,7 +123,7 @@ fn mission_set_current_is_for_those_in_control() {
     assert_eq!(world.vehicle.calls, [Call::SetCurrent(2, false)]);
 }
 
-/// M-95: the items are checked, what is left out is told so.
+/// M-95: the items are checked, and the vehicle learns which parameters were omitted.
 #[test]
 fn mission_start() {
     use MavResult as R;
@@ -145,7 +145,7 @@ fn mission_start() {
         let call = call.map(|(first, last)| Call::StartMission(first, last));
         assert_eq!(world.vehicle.calls, Vec::from_iter(call), "{p1} {p2}");
     }
-    // The vehicle sees who asks: a start that is sent to every vehicle in reach may be refused (C-1).
+    // The vehicle sees the sender and whether it was a broadcast, which it may refuse (C-1).
     let start = world.gcs[0].long(MavCmd::MISSION_START, [0.0; 7]);
     world.gcs[0].send(&CommandLong { target_system: 0, ..start });
     world.vehicle.refuses_broadcast = true;
@@ -154,9 +154,9 @@ fn mission_start() {
     assert_eq!(command(&mut world, MavCmd::MISSION_START, 0.0, 0.0), R::FAILED);
 }
 
-/// M-91: once on every normal link, before the next item is current there.
+/// M-91: sent once on every normal link, before the next item becomes current there.
 #[test]
-fn items_reached() {
+fn item_reached_is_sent_before_the_next_item_is_current() {
     let setup = Setup::<3>::new();
     let links = [
         LinkConfig::uart(57_600),
@@ -167,7 +167,7 @@ fn items_reached() {
     world.upload(0, &plan(6, 1)).expect("accepted");
     settle(&mut world);
     for seq in 0..5 {
-        // As the flight loop does it: the vehicle moves on, then says what it has reached.
+        // In this order in the flight loop: the vehicle moves on, then reports the item.
         world.vehicle.progress.current = seq + 1;
         let now = world.now();
         world.stack.mission_item_reached(now, seq);
@@ -192,9 +192,9 @@ fn items_reached() {
     assert_eq!(world.gcs[2].count_of::<MissionItemReached>(), 0);
 }
 
-/// M-91: repeated where the firmware wants that, three times at most, and not beyond the plan.
+/// M-91: repeated by option, three times at most, and not after the plan has changed.
 #[test]
-fn items_reached_are_repeated_where_that_is_wanted() {
+fn item_reached_is_repeated_by_option() {
     for (repeats, said) in [(0, 1), (2, 3), (200, 4)] {
         let mut setup = Setup::<1>::new();
         setup.config.item_reached_repeats = repeats;
@@ -213,23 +213,23 @@ fn items_reached_are_repeated_where_that_is_wanted() {
         world.stack.mission_item_reached(now, 3);
         world.upload(0, &plan(4, 2)).expect("accepted");
         world.run_for(secs(3));
-        assert!(world.gcs[0].count_of::<MissionItemReached>() <= 1, "they were the old plan's");
+        assert!(world.gcs[0].count_of::<MissionItemReached>() <= 1, "the items were of the old plan");
     }
 }
 
-/// M-94: a shorter plan never leaves the current item beyond its end, whatever the vehicle says.
+/// M-94: after an upload of a shorter plan the current item is within it, whatever the vehicle reports.
 #[test]
-fn a_shorter_plan_has_its_own_current_item() {
+fn current_item_is_within_a_shorter_plan() {
     let mut world = world::<1>(6);
     world.vehicle.progress.current = 5;
     world.upload(0, &plan(2, 2)).expect("accepted");
-    assert_eq!(world.vehicle.progress.current, 0, "the vehicle was told");
+    assert_eq!(world.vehicle.progress.current, 0, "the vehicle was notified");
     world.vehicle.progress.current = 5;
     settle(&mut world);
     assert_eq!(world.expect::<MissionCurrent>(0, secs(2)).seq, 1);
 }
 
-/// M-90: every state.
+/// M-90: every mission state.
 #[test]
 fn mission_current_in_every_state() {
     let mut world = World::<1, Plans>::of(Setup::new());
@@ -253,9 +253,9 @@ fn mission_current_in_every_state() {
     }
 }
 
-/// A plan of the firmware's own is checked as an upload is, and announced.
+/// A plan that the firmware loads is checked like an upload, and announced.
 #[test]
-fn the_firmware_may_bring_a_plan() {
+fn firmware_can_load_a_plan() {
     let mut world = world::<1>(2);
     let items: Vec<Item> = world.stack.mission().items().to_vec();
     let (now, old) = (world.now(), world.stack.mission().id());
@@ -274,15 +274,15 @@ fn the_firmware_may_bring_a_plan() {
         (PlanType::Fence, vec![], fault(None, R::UNSUPPORTED)),
     ] {
         assert_eq!(world.stack.load_plan(now, plan, items, &mut world.vehicle), result);
-        assert_eq!(world.stack.mission().items().len(), 4, "as it was");
+        assert_eq!(world.stack.mission().items().len(), 4, "unchanged");
     }
     assert_eq!(world.stack.load_plan(now, PlanType::Mission, [], &mut world.vehicle), Ok(()));
     assert_eq!((world.stack.mission().items().len(), world.stack.mission().id()), (0, 0));
 }
 
-/// Q-1, L-4: asked for by itself, MISSION_CURRENT goes where it is sent anyway, and to somebody.
+/// Q-1, L-4: MISSION_CURRENT can be requested on normal links, for a valid response target.
 #[test]
-fn mission_current_is_asked_for() {
+fn mission_current_can_be_requested() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let setup = Setup { links: [LinkConfig::uart(115_200), satellite], ..Setup::new() };
     let mut world = World::<2, Plans>::of(setup);

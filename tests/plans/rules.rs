@@ -1,5 +1,5 @@
-//! The table of commands at work: what real ground stations send passes, and everything else is refused with its own
-//! code and a text, without a trace in the live plan.
+//! The table of commands: what ground stations send is accepted. Everything else is refused with its own code and a text, and
+//! leaves the live plan unchanged.
 
 use crate::support::*;
 use mavstack::dialect::rules::*;
@@ -11,7 +11,7 @@ const NAN: f32 = f32::NAN;
 /// Not given.
 const NONE: i32 = i32::MAX;
 
-/// What a copter flies.
+/// The commands of a copter.
 const COPTER: &[CommandRule] = &[
     NAV_TAKEOFF,
     NAV_WAYPOINT,
@@ -36,20 +36,20 @@ fn check(rules: &[CommandRule], item: &Item) -> Result<(), MavMissionResult> {
     rule.ok_or(MavMissionResult::UNSUPPORTED)?.check(item)
 }
 
-/// C-8, M-4, M-70: items as MAVSDK, QGroundControl, MAVProxy and Mission Planner write them.
+/// C-8, M-4, M-70: items as written by MAVSDK, QGroundControl, MAVProxy and Mission Planner are accepted.
 #[test]
-fn what_ground_stations_send_passes() {
+fn items_of_ground_stations_are_accepted() {
     const X: i32 = 473_977_418;
     const Y: i32 = 85_455_939;
     for item in [
-        // MAVSDK's missions: frame 6 for places, MISSION for the rest, NaN for what is not used.
+        // MAVSDK's missions: frame 6 with a position, MISSION without one, NaN for unused parameters.
         item(6, MavCmd::NAV_WAYPOINT, [0.5, 1.0, 0.0, NAN], X, Y, 10.0),
         item(2, MavCmd::DO_CHANGE_SPEED, [1.0, 5.0, -1.0, 0.0], 0, 0, NAN),
         item(2, MavCmd::NAV_DELAY, [1.5, -1.0, -1.0, -1.0], 0, 0, 0.0),
         item(2, MavCmd::NAV_RETURN_TO_LAUNCH, [NAN; 4], 0, 0, 0.0),
-        // MAVSDK's mission plugin: NaN for all that it does not use.
+        // MAVSDK's mission plugin: NaN for every unused parameter.
         item(6, MavCmd::NAV_LAND, [NAN; 4], X, Y, 0.0),
-        // QGroundControl: frame 3 with integers, yaw NaN, a loop for ever.
+        // QGroundControl: frame 3 with integers, NaN as yaw, an endless loop.
         item(3, MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, NAN], X, Y, 50.0),
         item(3, MavCmd::NAV_TAKEOFF, [15.0, NAN, NAN, NAN], NONE, NONE, 50.0),
         item(3, MavCmd::NAV_LOITER_TIME, [30.0, 1.0, 10.0, NAN], X, Y, 50.0),
@@ -59,7 +59,7 @@ fn what_ground_stations_send_passes() {
         item(2, MavCmd::CONDITION_YAW, [360.0, 5.0, -1.0, 1.0], 0, 0, 0.0),
         item(3, MavCmd::NAV_LAND, [25.0, 0.0, 0.0, NAN], X, Y, 0.0),
         item(2, MavCmd::NAV_RETURN_TO_LAUNCH, [0.0; 4], 0, 0, 0.0),
-        // MAVProxy and Mission Planner: one frame for the whole file, zeros for what is not used.
+        // MAVProxy and Mission Planner: one frame for the whole file, zeros for unused parameters.
         item(0, MavCmd::NAV_WAYPOINT, [0.0; 4], X, Y, 584.0),
         item(3, MavCmd::NAV_TAKEOFF, [0.0; 4], 0, 0, 20.0),
         item(3, MavCmd::DO_JUMP, [2.0, 3.0, 0.0, 0.0], 0, 0, 0.0),
@@ -73,9 +73,9 @@ fn what_ground_stations_send_passes() {
     }
 }
 
-/// M-73, M-74: a firmware declares what it flies, narrower and wider than the definitions.
+/// M-73, M-74: the rules of a firmware may be stricter or looser than the definitions.
 #[test]
-fn a_firmware_has_the_last_word() {
+fn rules_of_the_firmware_replace_the_generated_ones() {
     const COMMANDS: &[CommandRule] = &[
         NAV_WAYPOINT
             .with_frames(&[MavFrame::GLOBAL_RELATIVE_ALT])
@@ -85,7 +85,7 @@ fn a_firmware_has_the_last_word() {
     ];
     let waypoint = item(6, MavCmd::NAV_WAYPOINT, [600.0, 0.0, 0.0, NAN], 0, 1, 10.0);
     let land = item(3, MavCmd::NAV_LAND, [0.0; 4], 0, 0, NAN);
-    // How QGroundControl begins a landing pattern: no position, whatever the definitions say.
+    // QGroundControl begins a landing pattern without a position, contrary to the definitions.
     let pattern = item(2, MavCmd::DO_LAND_START, [0.0; 4], 0, 0, 0.0);
     assert_eq!(check(&[DO_LAND_START], &pattern), Ok(()));
     let own = item(2, MavCmd(31_010), [NAN, -1e30, 0.5, NAN], -7, NONE, NAN);
@@ -107,9 +107,9 @@ fn a_firmware_has_the_last_word() {
     }
 }
 
-/// M-70: what is optional, and what is required, is so however often it is said, and nothing else becomes so by it.
+/// M-70: repeating "optional" or "required" for a parameter has no effect, also on other parameters.
 #[test]
-fn words_may_be_said_twice() {
+fn repeated_declaration_has_no_effect() {
     let here = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], NONE, NONE, 10.0);
     let as_it_is = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 0, 1, NAN);
     let off_the_globe = item(3, MavCmd::NAV_WAYPOINT, [0.0; 4], 900_000_001, 0, 10.0);
@@ -134,9 +134,9 @@ fn words_may_be_said_twice() {
     }
 }
 
-/// Which parameter a rule is for.
+/// Each rule names its parameter.
 #[test]
-fn a_rule_knows_its_parameter() {
+fn rule_names_its_parameter() {
     let rules = [
         ParamRule::any(1),
         ParamRule::range(2, 0.0, 1.0),
@@ -149,7 +149,7 @@ fn a_rule_knows_its_parameter() {
     assert_eq!(rules.map(|rule| rule.index()), [1, 2, 3, 4, 5, 6, 7]);
 }
 
-/// M-74: an integer that is no float passes as what it is.
+/// M-74: an integer that no float represents is compared exactly.
 #[test]
 fn integers_are_not_rounded() {
     const ODD: i32 = (1 << 24) + 1;
@@ -180,9 +180,9 @@ fn wire(plan: MavMissionType, items: &[Item]) -> Vec<MissionItemInt> {
     (0..).zip(items).map(wire).collect()
 }
 
-/// M-38, M-39: over the line a refusal is its code and a text, and the live plan is what it was.
+/// M-38, M-39: a refused plan gets its code and a text, and the live plan stays.
 #[test]
-fn refusals_reach_the_operator_and_change_nothing() {
+fn refusal_has_code_and_text_and_changes_nothing() {
     let mut world = World::<1, Memory>::of(Setup::new());
     let waypoint = item(3, MavCmd::NAV_WAYPOINT, [0.0, 0.0, 0.0, NAN], 1, 1, 10.0);
     let jump = |p1, p2| item(2, MavCmd::DO_JUMP, [p1, p2, 0.0, 0.0], 0, 0, 0.0);
@@ -206,7 +206,7 @@ fn refusals_reach_the_operator_and_change_nothing() {
         (mission, &[Item { frame: MavFrame::MISSION, ..waypoint }], 2, "Mission item 0: frame not supported"),
         (mission, &[waypoint, jump(-1.0, 0.0)], 6, "Mission item 1: parameter 1 out of range"),
         (mission, &[waypoint, Item { z: NAN, ..waypoint }], 12, "Mission item 1: parameter 7 out of range"),
-        // Seen when all of the plan is there.
+        // Detected when the plan is complete.
         (mission, &[jump(1.0, 0.0), jump(2.0, 0.0)], 6, "Mission item 1: parameter 1 out of range"),
         (mission, &[jump(0.0, 0.0), waypoint], 6, "Mission item 0: parameter 1 out of range"),
         (fence, &[waypoint], 3, "Fence item 0: command not supported"),
@@ -218,7 +218,7 @@ fn refusals_reach_the_operator_and_change_nothing() {
         (rally_plan, &[rally, waypoint], 3, "Rally item 1: command not supported"),
         (rally_plan, &[Item { x: NONE, y: NONE, ..rally }], 10, "Rally item 0: parameter 5 out of range"),
     ] {
-        // The same text is not said twice within five seconds.
+        // The same text is not repeated within five seconds.
         world.run_for(secs(10));
         world.gcs[0].forget();
         let result = world.upload(0, &wire(plan, items));

@@ -1,11 +1,11 @@
-//! Plan files: what ground stations write, what is refused, and that nothing is lost on the way to text and back.
+//! Plan files: what ground stations write, what is refused, and the round trip through text.
 
 use mavstack::Item;
 use mavstack::dialect::{MavCmd, MavFrame};
 use mavstack::wpl::{Error, Fault, HomeRow, Reader, Writer};
 use proptest::prelude::*;
 
-/// Items, and the home position.
+/// The items, and the home position.
 type Plan = (Vec<Item>, Option<Item>);
 
 fn read_in_pieces<'a>(mut reader: Reader, pieces: impl IntoIterator<Item = &'a [u8]>) -> Result<Plan, Error> {
@@ -14,7 +14,7 @@ fn read_in_pieces<'a>(mut reader: Reader, pieces: impl IntoIterator<Item = &'a [
         while let Some(item) = reader.next(&mut piece)? {
             items.push(item);
         }
-        assert!(piece.is_empty(), "nothing is left unread");
+        assert!(piece.is_empty(), "everything was read");
     }
     items.extend(reader.finish()?);
     Ok((items, reader.home()))
@@ -53,7 +53,7 @@ fn jump(to: f32, repeat: f32) -> Item {
 
 #[test]
 fn missions_of_qgroundcontrol() {
-    // W-6: 18 digits, row 0 is home, jumps count rows.
+    // W-6: 18 digits; row 0 is home; jumps count rows.
     let items = [
         item(RELATIVE, MavCmd::NAV_TAKEOFF, [15.0, 0.0, 0.0, NAN], (473_977_420, 85_455_940, 30.0)),
         item(MavFrame::MISSION, MavCmd::DO_CHANGE_SPEED, [1.0, 7.5, -1.0, 0.0], NOWHERE),
@@ -66,7 +66,7 @@ fn missions_of_qgroundcontrol() {
     let file = include_bytes!("../wpl/qgroundcontrol.waypoints");
     assert_eq!(read(file, HomeRow::First), Ok((items.to_vec(), Some(home))));
 
-    // Version 120 has no row for home, whatever is expected of 110.
+    // Version 120 has no row for home, whatever the caller expects of version 110.
     let file = include_bytes!("../wpl/qgroundcontrol_120.waypoints");
     for home_row in [HomeRow::First, HomeRow::None] {
         assert_eq!(read(file, home_row), Ok((items.to_vec(), None)));
@@ -75,7 +75,7 @@ fn missions_of_qgroundcontrol() {
 
 #[test]
 fn missions_of_mission_planner() {
-    // W-2: 8 decimals in new versions, 6 in old ones, in which an unknown home has command 0.
+    // W-2: 8 decimals in new versions, 6 in old ones, where an unknown home has command 0.
     let items = [
         item(RELATIVE, MavCmd::NAV_TAKEOFF, [0.0; 4], (0, 0, 20.0)),
         item(RELATIVE, MavCmd::NAV_WAYPOINT, [2.5, 0.0, 0.0, 0.0], (-353_628_123, 1_491_651_234, 20.5)),
@@ -98,7 +98,7 @@ fn missions_of_mission_planner() {
 
 #[test]
 fn plans_of_mavproxy() {
-    // W-7: 6 decimals, comments, and no row for home.
+    // W-7: 6 decimals, comments, no row for home.
     let items = vec![
         item(RELATIVE, MavCmd::NAV_TAKEOFF, [0.0, 0.0, 0.0, NAN], (473_977_420, 85_455_940, 10.0)),
         item(RELATIVE, MavCmd::NAV_WAYPOINT, [1.5, 0.0, 0.0, NAN], (473_978_420, 85_455_940, 12.0)),
@@ -125,7 +125,7 @@ fn plans_of_mavproxy() {
 }
 
 #[test]
-fn white_space_comments_and_ends_of_lines_are_of_no_importance() {
+fn white_space_comments_and_line_ends_do_not_matter() {
     // W-5
     let plain = "QGC WPL 110\n0 0 3 16 0 0 0 0 47.5 8.5 10 1\n1 0 3 16 0 0 0 0 47.5 8.5 20 1\n";
     let expected = Ok((vec![waypoint(475_000_000, 85_000_000, 10.0), waypoint(475_000_000, 85_000_000, 20.0)], None));
@@ -154,8 +154,8 @@ fn white_space_comments_and_ends_of_lines_are_of_no_importance() {
 }
 
 #[test]
-fn what_is_wrong_is_told_with_line_and_column() {
-    // W-5: the third line of a file, and what is wrong with it.
+fn error_names_line_and_column() {
+    // W-5: the third line of a file, and its error.
     for (row, column, fault) in [
         ("1 0 3 16 0 0 0 0 47.5 8.5 10", 0, Fault::Columns),
         ("1 0 3 16 0 0 0 0 47.5 8.5 10 1 1", 0, Fault::Columns),
@@ -214,11 +214,11 @@ fn what_is_wrong_is_told_with_line_and_column() {
     let long = format!("QGC WPL 110\n0 0 3 16 0 0 0 0 47.5 8.5 10 1 {}\n", "0".repeat(65));
     assert_eq!(read(long, HomeRow::None), Err(Error { line: 2, column: 0, fault: Fault::Columns }));
     let long = format!("QGC WPL 110\n\n# one\n0 0 3 16 0 0 0 0 {}.5 8.5 10 1\n", "0".repeat(62));
-    assert!(read(long, HomeRow::None).is_ok(), "64 bytes are not too many");
+    assert!(read(long, HomeRow::None).is_ok(), "64 bytes fit");
 }
 
 #[test]
-fn a_file_of_another_kind_is_refused_at_its_header() {
+fn other_files_are_refused_at_the_header() {
     for (file, line, fault) in [
         ("", 1, Fault::Header),
         ("\n# nothing\n", 3, Fault::Header),
@@ -241,16 +241,16 @@ fn a_file_of_another_kind_is_refused_at_its_header() {
     ] {
         assert_eq!(read(file, HomeRow::None), Err(Error { line, column: 0, fault }), "{file:?}");
     }
-    assert_eq!(read("QGC WPL 110\r\n", HomeRow::First), Ok((Vec::new(), None)), "a plan of nothing");
+    assert_eq!(read("QGC WPL 110\r\n", HomeRow::First), Ok((Vec::new(), None)), "an empty plan");
 }
 
 #[test]
-fn a_fault_reads_as_a_sentence_and_is_the_last_word() {
+fn error_is_readable_and_ends_the_reading() {
     let mut reader = Reader::new(HomeRow::None);
     let mut file = "QGC WPL 110\n0 0 3 16 0 0 0 north 47.5 8.5 10 1\n1 0 3 16 0 0 0 0 47.5 8.5 10 1\n".as_bytes();
     let error = reader.next(&mut file).unwrap_err();
     assert_eq!(error.to_string(), "line 2 param4: not a number");
-    assert!(!file.is_empty(), "the row behind it is still there");
+    assert!(!file.is_empty(), "the next row is unread");
     assert_eq!(reader.next(&mut file), Err(error));
     assert_eq!(reader.finish(), Err(error));
     let error = read("QGC WPL 100\n", HomeRow::None).unwrap_err();
@@ -260,7 +260,7 @@ fn a_fault_reads_as_a_sentence_and_is_the_last_word() {
 }
 
 #[test]
-fn the_index_counts_only_where_one_insists() {
+fn index_is_checked_by_option() {
     // W-2, W-5
     let file = "QGC WPL 110\n0 0 3 16 0 0 0 0 47.5 8.5 10 1\n\n7 0 3 16 0 0 0 0 47.5 8.5 10 1\n";
     assert_eq!(read(file, HomeRow::None).unwrap().0.len(), 2);
@@ -281,7 +281,7 @@ fn jumps_count_rows_in_the_file_and_items_in_the_plan() {
     assert_eq!(read(file("1"), HomeRow::None).map(targets), Ok(vec![0.0, 2.0, 1.0]));
     assert_eq!(read(file("1"), HomeRow::First).map(targets), Ok(vec![1.0, 0.0]));
     let error = |line| Err(Error { line, column: 5, fault: Fault::Jump });
-    // To home, and past the end: the last line is known only at the end.
+    // A jump to home and one past the end, which is detected at the end of the file.
     assert_eq!(read(file("0"), HomeRow::First), error(4));
     assert_eq!(read(file("3"), HomeRow::None), error(4));
     assert_eq!(read(file("3"), HomeRow::First), error(4));
@@ -291,14 +291,14 @@ fn jumps_count_rows_in_the_file_and_items_in_the_plan() {
     let file = write(&plan, Some(&home)).unwrap();
     assert_eq!(read(&file, HomeRow::First), Ok((plan.to_vec(), Some(home))));
     assert_eq!(read(&file, HomeRow::None).map(targets), Ok(vec![0.0, 2.0, 1.0]));
-    // Home is no item, whatever its command.
+    // Home is not an item, whatever its command.
     let home = jump(0.0, 0.0);
     assert_eq!(read(write(&[], Some(&home)).unwrap(), HomeRow::First), Ok((Vec::new(), Some(home))));
 }
 
 #[test]
-fn what_is_written_is_what_all_programs_read() {
-    // W-3, W-4, W-8: LF, single tabs, contiguous indices, `current` on the row of home alone, 7 decimals.
+fn written_file_has_the_common_form() {
+    // W-3, W-4, W-8: LF, single tabs, contiguous indices, `current` on the home row only, 7 decimals.
     let home = item(GLOBAL, MavCmd::NAV_WAYPOINT, [0.0; 4], (473_977_419, 85_455_938, 488.1));
     let plan = [
         item(RELATIVE, MavCmd::NAV_TAKEOFF, [0.1, -0.0, 1e-7, NAN], (-5, UNSET, 16_777_216.0)),
@@ -318,7 +318,7 @@ fn what_is_written_is_what_all_programs_read() {
 }
 
 #[test]
-fn what_a_file_cannot_say_is_not_written() {
+fn unrepresentable_plan_is_refused() {
     let home = waypoint(0, 0, 0.0);
     for (item, fault) in [
         (Item { frame: MavFrame(13), ..home }, Fault::Frame),
@@ -342,7 +342,7 @@ fn what_a_file_cannot_say_is_not_written() {
     assert_eq!(read(&file, HomeRow::None), Err(Error { line: 65_537, column: 0, fault: Fault::TooMany }));
 }
 
-/// Any item that a file can hold: of NaN only one kind, and no jump, whose target depends on the others.
+/// Any item that a file can represent: one kind of NaN, and no jump, because its target depends on the other items.
 fn any_item() -> impl Strategy<Value = Item> {
     let frame = prop::sample::select((0..=12u8).chain([20, 21]).collect::<Vec<_>>());
     let float = prop_oneof![
@@ -366,7 +366,7 @@ fn any_item() -> impl Strategy<Value = Item> {
 
 proptest! {
     #[test]
-    fn what_is_written_comes_back_to_the_bit(
+    fn written_plan_is_read_back_bit_for_bit(
         mut plan in prop::collection::vec(any_item(), 0..20),
         jumps in prop::collection::vec((0usize..20, 0usize..20), 0..3),
         home in prop::option::of(any_item()),
@@ -386,7 +386,7 @@ proptest! {
     }
 
     #[test]
-    fn no_file_is_too_strange_and_pieces_do_not_matter(
+    fn any_file_is_read_the_same_in_pieces(
         bytes in prop_oneof![
             prop::collection::vec(any::<u8>(), 0..300),
             r"QGC WPL 1[12]0\n([0-9. \t\r\n#naeE+-]{0,40}\n){0,8}".prop_map(String::into_bytes),
@@ -397,7 +397,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_files_give_a_plan_or_a_fault(
+    fn damaged_file_gives_a_plan_or_an_error(
         which in 0usize..6,
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..3u8), 1..4),
         cuts in prop::collection::vec(any::<u8>(), 0..20),
@@ -436,7 +436,7 @@ fn assert_pieces_do_not_matter(file: &[u8], cuts: &[u8]) {
         let whole = read(file, home_row);
         assert_eq!(read_in_pieces(Reader::new(home_row), pieces), whole);
         if let Ok((items, home)) = whole {
-            // What could be read can be written, and is then the same.
+            // What was read can be written, and reads the same.
             let again = write(&items, home.as_ref()).unwrap();
             let expected = if home.is_some() { HomeRow::First } else { HomeRow::None };
             assert_eq!(read(again, expected), Ok((items, home)));

@@ -1,5 +1,5 @@
-//! Plan files and pymavlink, the reader and writer behind MAVProxy: what we write it loads as the same plan, and what
-//! it saves we read, to the six decimals that it keeps (W-3).
+//! Plan files and pymavlink, which reads and writes them for MAVProxy: it loads our files as the same plan, and we read the
+//! files that it saves, to its six decimals (W-3).
 
 use crate::support::pymavlink;
 use std::path::Path;
@@ -28,7 +28,7 @@ fn write(home: Option<&Item>, items: &[Item]) -> Vec<u8> {
     file
 }
 
-/// Numbers of all sizes, in every frame that a file can have.
+/// Numbers of all magnitudes, in every frame that a file can have.
 fn mission() -> Vec<Item> {
     let frames = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 20, 21];
     let floats = |seed: u32| {
@@ -59,7 +59,7 @@ fn mission() -> Vec<Item> {
     (1..=300).map(|seed| if seed % 50 == 0 { jump(seed - 1) } else { item(seed) }).collect()
 }
 
-/// The decimals of x and y.
+/// Returns the decimals of x and y.
 fn scale(frame: MavFrame) -> usize {
     match frame.0 {
         0 | 3 | 5 | 6 | 10 | 11 => 7,
@@ -68,13 +68,13 @@ fn scale(frame: MavFrame) -> usize {
     }
 }
 
-/// An `f32` as pymavlink's `%f` keeps it.
+/// Rounds an `f32` like pymavlink's `%f`.
 fn float_to_six(value: f32) -> f32 {
     // Python reads the shortest text as an `f64`.
     format!("{:.6}", value.to_string().parse::<f64>().unwrap()).parse().unwrap()
 }
 
-/// x or y as pymavlink's `%f` keeps it.
+/// Rounds x or y like pymavlink's `%f`.
 fn coordinate_to_six(value: i32, decimals: usize) -> i32 {
     if value == i32::MAX || decimals < 7 {
         return value;
@@ -90,7 +90,7 @@ fn as_decimal(value: i32, decimals: usize) -> String {
     format!("{sign}{}.{:0decimals$}", magnitude / unit, magnitude % unit)
 }
 
-/// What `mavwp.py` should print of a row.
+/// Returns what `mavwp.py` should print for a row.
 fn printed(row: usize, item: &Item, home: bool) -> String {
     let bits = |value: f32| if value.is_nan() { "nan".to_owned() } else { format!("{:08x}", value.to_bits()) };
     let [p1, p2, p3, p4] = item.params.map(bits);
@@ -106,7 +106,7 @@ fn printed(row: usize, item: &Item, home: bool) -> String {
 }
 
 #[test]
-fn pymavlink_loads_what_we_write_and_we_read_what_it_saves() {
+fn plan_files_are_exchanged_with_pymavlink() {
     let Some(python) = pymavlink::python() else { return };
     let sample = |name: &str| std::fs::read(Path::new("tests/wpl").join(name)).expect("a sample");
     let (_, fence) = read(&sample("mavproxy_fence.txt"), HomeRow::None);
@@ -124,7 +124,7 @@ fn pymavlink_loads_what_we_write_and_we_read_what_it_saves() {
         let output = output.expect("python runs");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 
-        // To pymavlink home is an item, and jumps count rows.
+        // pymavlink treats home as an item, and its jumps count rows.
         let mut rows: Vec<_> = home.into_iter().chain(items.iter().copied()).collect();
         for jump in rows.iter_mut().filter(|item| item.command == MavCmd::DO_JUMP) {
             jump.params[0] += f32::from(u8::from(home.is_some()));
