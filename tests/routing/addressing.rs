@@ -1,15 +1,15 @@
-//! Which frames are for us, and what happens to unhandled ones: rules, C-2. For forwarding see `forwarding.rs`.
+//! Which frames are for us, and what happens to unhandled ones: rules, C-2. Forwarding is in `forwarding.rs`.
 
 use crate::Forwarder;
 use crate::support::*;
 use mavstack::dialect::*;
 use mavstack::{Address, LinkConfig, LinkId, Message};
 
-/// C-2: a frame for a component of our own system that was never heard is not handled in its place, not answered, and
-/// not forwarded, but counted. The guide required the opposite until 2026 (mavlink-devguide#725). Once the component is heard,
-/// frames for it are forwarded there.
+/// C-2: a frame for a component of our system that was never heard is neither handled, answered nor forwarded, but
+/// counted. Until 2026 the guide required us to handle it (mavlink-devguide#725). Once the component is heard, frames for it
+/// are forwarded to its link.
 #[test]
-fn unknown_components_of_our_system_are_not_us() {
+fn frames_for_unknown_components_of_our_system_are_not_handled() {
     let mut world = Forwarder::<3>::of(Setup { links: [LinkConfig::uart(115_200); 3], ..Setup::new() });
     world.run_for(millis(10));
     let camera = Address::new(1, 100);
@@ -37,7 +37,7 @@ fn unknown_components_of_our_system_are_not_us() {
     let no_route = world.stack.forward_counters(LinkId(0)).unwrap().no_route;
     let counters = world.stack.link_counters(LinkId(0)).unwrap();
     assert_eq!((no_route, counters.not_ours, counters.unhandled), (4, 4, 0));
-    // Hearing another component of the system does not make it known.
+    // Hearing another component of the system makes no difference.
     world.gcs[2].send_from(Address::new(1, 191), &Attitude::default());
     world.run_for(millis(10));
     assert_eq!(send(&mut world), (false, 0, [0, 0]));
@@ -46,10 +46,10 @@ fn unknown_components_of_our_system_are_not_us() {
     assert_eq!(send(&mut world), (false, 0, [4, 0]));
 }
 
-/// a message for us that neither the stack nor the vehicle handles, a setpoint for example, is counted; a message that the
-/// vehicle handles, a broadcast, or a message for another vehicle is not.
+/// a message to us that neither the stack nor the vehicle handles, such as a setpoint, is counted. A message that the
+/// vehicle handles, a broadcast, or a message to another vehicle is not.
 #[test]
-fn messages_that_nobody_handles_are_counted() {
+fn unhandled_messages_are_counted() {
     let mut world = World::new(Setup::<1>::new());
     let unhandled = |world: &mut World<1>| {
         world.run_for(millis(5));

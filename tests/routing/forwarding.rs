@@ -1,5 +1,4 @@
-//! Forwarding between the links of one vehicle: rules, L-3 to L-5. Several vehicles:
-//! `networks.rs`.
+//! Forwarding between the links of one vehicle: rules, L-3 to L-5. Several vehicles are in `networks.rs`.
 
 use crate::Forwarder;
 use crate::support::*;
@@ -10,14 +9,14 @@ use mavstack::frame::Version;
 use mavstack::network::ForwardCounters;
 use mavstack::{Address, LinkConfig, LinkId, Message, Text};
 
-/// A companion computer, of the vehicle's own system.
+/// A companion computer of the vehicle's own system.
 const COMPANION: Address = Address::new(1, 191);
 /// Another component of the vehicle's own system.
 const GIMBAL: Address = Address::new(1, 154);
 /// Another vehicle.
 const WINGMAN: Address = Address::new(2, 1);
 
-/// A vehicle that forwards between its links, each of which was asked for something to send.
+/// A vehicle that forwards between its links. Each link has already sent its first frames.
 fn world<const N: usize>(links: [LinkConfig; N]) -> Forwarder<N> {
     let mut world = Forwarder::of(Setup { links, ..Setup::new() });
     for gcs in &mut world.gcs {
@@ -34,7 +33,7 @@ fn normal<const N: usize>() -> Forwarder<N> {
 
 /// Makes `address` known on a link.
 fn introduce<const N: usize>(world: &mut Forwarder<N>, link: usize, address: Address) {
-    // Each link has its own numbers, or this would be the same frame by two ways.
+    // Different sequence numbers on each link, or this would be one frame by two paths.
     world.gcs[link].skip_seq(address, 50 * link as u8 + 1);
     world.gcs[link].send_from(address, &Attitude::default());
     world.run_for(millis(5));
@@ -45,14 +44,14 @@ fn forget<const N: usize>(world: &mut Forwarder<N>) {
     world.gcs.iter_mut().for_each(Gcs::forget);
 }
 
-/// Sends `frame` by a link and tells on which it comes out, each time to the byte as it was sent. Takes 60 ms: an unknown one
-/// waits for silence, here and at its end.
+/// Sends `frame` on a link and returns the links that it is forwarded to, unchanged, once per time. Takes 60 ms, because a
+/// frame with an unknown id waits for silence.
 fn sent_on<const N: usize>(world: &mut Forwarder<N>, link: usize, frame: &[u8]) -> Vec<usize> {
     world.gcs[link].send_raw(frame);
     world.run_for(millis(60));
     let found = |gcs: &Gcs| gcs.received.iter().filter(|received| received.raw == frame).count();
     let links = (0..N).flat_map(|link| vec![link; found(&world.gcs[link])]).collect();
-    // Nothing that is not the vehicle's own is changed on its way.
+    // Frames of others are never changed.
     for received in world.gcs.iter().flat_map(|gcs| &gcs.received) {
         assert!(received.header.source == VEHICLE || received.raw == frame, "{received:?}");
     }
@@ -60,7 +59,7 @@ fn sent_on<const N: usize>(world: &mut Forwarder<N>, link: usize, frame: &[u8]) 
     links
 }
 
-/// The links on which a message of `from`, sent by `link`, comes out.
+/// Returns the links to which a message of `from`, sent on `link`, is forwarded.
 fn reaches<const N: usize, M: Message>(
     world: &mut Forwarder<N>,
     link: usize,
@@ -71,7 +70,7 @@ fn reaches<const N: usize, M: Message>(
     sent_on(world, link, &frame)
 }
 
-/// PLAY_TUNE for somebody.
+/// PLAY_TUNE for `target`.
 fn tune(target: Address) -> PlayTune {
     let (target_system, target_component) = (target.system.0, target.component.0);
     PlayTune { target_system, target_component, ..PlayTune::default() }
@@ -81,9 +80,9 @@ fn counters<const N: usize>(world: &Forwarder<N>, link: u8) -> ForwardCounters {
     world.stack.forward_counters(LinkId(link)).unwrap()
 }
 
-/// a broadcast is handled here and goes to every other link, never back.
+/// a broadcast is handled here and forwarded to every other link, never back.
 #[test]
-fn broadcast_goes_everywhere_else() {
+fn broadcast_is_forwarded_to_all_other_links() {
     let mut world = normal::<4>();
     assert_eq!(reaches(&mut world, 1, STATION, &Attitude::default()), [0, 2, 3]);
     assert_eq!(reaches(&mut world, 3, OTHER_STATION, &tune(Address::new(0, 0))), [0, 1, 2]);
@@ -98,36 +97,36 @@ fn broadcast_goes_everywhere_else() {
             _ => None,
         })
         .collect();
-    assert_eq!(ids, [Attitude::ID, PlayTune::ID], "handled here, once");
+    assert_eq!(ids, [Attitude::ID, PlayTune::ID], "handled here once");
 }
 
-/// an addressed frame goes where its target was heard, by several ways if there are, and nowhere else.
+/// an addressed frame is forwarded to each link where its target was heard, and to no other.
 #[test]
 fn addressed_frames_follow_learned_routes() {
     let mut world = normal::<4>();
-    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0], "nobody was heard yet");
+    assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [0; 0], "the target was not heard yet");
     assert_eq!(counters(&world, 0).no_route, 1);
     introduce(&mut world, 2, WINGMAN);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [2]);
     introduce(&mut world, 3, WINGMAN);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [2, 3]);
-    // The way back, and what is for all components of a system, or for one that was not heard.
+    // The way back; all components of a system; a component that was not heard.
     assert_eq!(reaches(&mut world, 2, WINGMAN, &tune(STATION)), [0]);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(Address::new(2, 0))), [2, 3]);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(Address::new(2, 7))), [0; 0]);
-    // Two on one line talk to each other without us.
+    // Two peers on one line reach each other without us.
     introduce(&mut world, 0, OTHER_STATION);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(OTHER_STATION)), [0; 0]);
-    assert_eq!(counters(&world, 0).no_route, 2, "he was heard");
+    assert_eq!(counters(&world, 0).no_route, 2, "its link is known");
     assert!(
         !world.vehicle.calls.iter().any(|call| matches!(call, Call::Message { id: PlayTune::ID, .. })),
         "not for us"
     );
 }
 
-/// the other components of our own system; what is for all of them is for us as well.
+/// frames for other components of our system; a frame for all of them is handled here too.
 #[test]
-fn own_system_is_more_than_the_autopilot() {
+fn frames_for_own_components_are_forwarded() {
     let mut world = normal::<3>();
     introduce(&mut world, 1, COMPANION);
     introduce(&mut world, 2, WINGMAN);
@@ -139,15 +138,15 @@ fn own_system_is_more_than_the_autopilot() {
     assert_eq!(handled(&mut world), 1);
     assert_eq!(reaches(&mut world, 0, STATION, &tune(VEHICLE)), [0; 0]);
     assert_eq!(handled(&mut world), 1);
-    // A system without a component, MANUAL_CONTROL's under another name.
+    // A target system without a component; MANUAL_CONTROL names the field differently.
     assert_eq!(reaches(&mut world, 0, STATION, &SetMode { target_system: 1, ..Default::default() }), [1]);
     assert_eq!(reaches(&mut world, 0, STATION, &ManualControl { target: 2, x: 9, ..Default::default() }), [2]);
     assert_eq!(handled(&mut world), 1, "SET_MODE");
 }
 
-/// targets that were cut off as zeros are for everyone.
+/// targets that were removed as trailing zeros mean everyone.
 #[test]
-fn targets_that_were_cut_off_are_everyone() {
+fn truncated_targets_mean_everyone() {
     let mut world = normal::<3>();
     introduce(&mut world, 1, WINGMAN);
     let ack = |target: Address| CommandAck {
@@ -157,18 +156,17 @@ fn targets_that_were_cut_off_are_everyone() {
         ..CommandAck::default()
     };
     let frame = world.gcs[0].frame_from(STATION, &ack(Address::new(0, 0)));
-    assert_eq!(frame.len(), 12 + 1, "half of the command's number");
+    assert_eq!(frame.len(), 12 + 1, "half of the command's id");
     assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
     assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1]);
-    // v1 has no extensions: an answer without a target.
+    // A v1 frame has no extensions, so an answer has no target.
     world.gcs[0].version = Version::V1;
     assert_eq!(reaches(&mut world, 0, STATION, &ack(WINGMAN)), [1, 2]);
 }
 
-/// a broadcast is not forwarded to a link on which its source is heard; an addressed frame still reaches its
-/// target.
+/// a broadcast is not forwarded to a link where its source is heard; an addressed frame still reaches its target.
 #[test]
-fn no_broadcast_goes_to_where_its_source_is() {
+fn broadcast_is_not_forwarded_to_links_of_its_source() {
     let mut world = normal::<4>();
     introduce(&mut world, 0, WINGMAN);
     introduce(&mut world, 1, WINGMAN);
@@ -178,10 +176,10 @@ fn no_broadcast_goes_to_where_its_source_is() {
     assert_eq!(reaches(&mut world, 0, WINGMAN, &tune(STATION)), [1]);
 }
 
-/// a single frame of a sender that took another path, or was forged, blocks no route: addressed frames use it at once,
-/// broadcasts after 5 s, and broadcasts that are withheld until then are counted.
+/// a single frame that took another path or was forged blocks no route: addressed frames are forwarded at once, broadcasts
+/// after 5 s. Broadcasts that are withheld until then are counted.
 #[test]
-fn one_frame_cuts_no_way_off() {
+fn single_forged_frame_blocks_no_route() {
     let mut world = normal::<3>();
     introduce(&mut world, 1, WINGMAN);
     introduce(&mut world, 0, STATION);
@@ -198,7 +196,7 @@ fn one_frame_cuts_no_way_off() {
     assert_eq!(
         [0, 1, 2].map(|link| counters(&world, link).source_heard),
         [1, withheld, 0],
-        "the forged one and the real one"
+        "the forged one, and the real ones"
     );
     world.run_for(millis(110));
     forget(&mut world);
@@ -206,10 +204,10 @@ fn one_frame_cuts_no_way_off() {
     assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1]);
 }
 
-/// unknown ids, signatures of any key, compatibility flags, untrimmed payloads, longer ones than
-/// known, v1: every frame comes out as it came in.
+/// frames are forwarded unchanged: unknown ids, signatures with any key, compatibility flags, untrimmed
+/// payloads, payloads longer than known, v1.
 #[test]
-fn frames_come_out_bit_exact() {
+fn frames_are_forwarded_bit_for_bit() {
     let mut world = normal::<2>();
     introduce(&mut world, 1, WINGMAN);
     introduce(&mut world, 0, STATION);
@@ -228,14 +226,14 @@ fn frames_come_out_bit_exact() {
         ("compatibility flags", reference::v2(30, [0, 0xA5], [255, 190], &[7; 28], crc)),
         ("untrimmed", reference::v2(30, [0, 0], [255, 190], &[0; 28], crc)),
         ("v1", reference::v1(30, [255, 190], &[6; 28], crc)),
-        // PLAY_TUNE to 2/1, signed by who knows whom.
+        // PLAY_TUNE to 2/1, signed with an unknown key.
         ("addressed", [reference::v2(258, [1, 0], [255, 190], &[2, 1, 65], 187), signature.to_vec()].concat()),
     ] {
         assert_eq!(sent_on(&mut world, 0, &frame), [1], "{name}");
     }
 }
 
-/// a v2 frame for a link that sends v1 is dropped and counted, a v1 frame goes anywhere.
+/// a v2 frame for a link that sends v1 is dropped and counted; a v1 frame is forwarded to any link.
 #[test]
 fn v1_links_get_v1_frames() {
     let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
@@ -245,16 +243,16 @@ fn v1_links_get_v1_frames() {
     assert_eq!([1, 2].map(|link| counters(&world, link).needs_v2), [1, 1]);
     world.gcs[0].version = Version::V1;
     assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [1, 2]);
-    // The link that goes over to v2 takes v2.
+    // A link that has switched to v2 gets v2 frames.
     introduce(&mut world, 2, WINGMAN);
     world.gcs[0].version = Version::V2;
     assert_eq!(reaches(&mut world, 0, STATION, &Attitude::default()), [2]);
 }
 
-/// what comes back by another link is dropped: not forwarded again, not handled again, no way to its sender learned
-/// from it. What is sent anew bears a new number and passes.
+/// a frame that returns on another link is dropped: it is neither forwarded nor handled again, and teaches no route. A
+/// frame that is sent again has a new sequence number and is forwarded.
 #[test]
-fn what_comes_back_is_dropped() {
+fn returning_frame_is_dropped() {
     let mut world = normal::<3>();
     let command =
         CommandLong { target_system: 0, command: MavCmd::NAV_LAND, ..world.gcs[0].long(MavCmd::NAV_LAND, [0.0; 7]) };
@@ -268,14 +266,14 @@ fn what_comes_back_is_dropped() {
     let again = world.gcs[0].frame_from(STATION, &command);
     assert_eq!(sent_on(&mut world, 0, &again), [1, 2]);
     assert_eq!(world.vehicle.commands().len(), 2);
-    // A sender that does not count: the same bytes a second later are another frame.
+    // A sender that does not count: the same bytes a second later are a new frame.
     world.run_for(secs(1));
     assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
 }
 
-/// what comes twice, by the same link or another, keeps nobody else's frames from being forwarded.
+/// duplicates, on the same link or another, do not keep other frames from being forwarded.
 #[test]
-fn duplicates_keep_nobody_out() {
+fn duplicates_do_not_block_other_frames() {
     for copy in [None, Some(0), Some(1)] {
         let mut world = world([LinkConfig::uart(921_600); 2]);
         introduce(&mut world, 1, WINGMAN);
@@ -293,15 +291,15 @@ fn duplicates_keep_nobody_out() {
         world.run_for(millis(50));
         let arrived =
             world.gcs[1].received.iter().filter(|frame| frame.header.id == PlayTune::ID).map(|frame| &frame.raw);
-        assert!(arrived.eq(&sent), "copies by {copy:?}");
+        assert!(arrived.eq(&sent), "duplicates on {copy:?}");
         let duplicates = [0, 1].map(|link| counters(&world, link as u8).duplicates);
         assert_eq!(duplicates, [0, 1].map(|link| if copy == Some(link) { 20 } else { 0 }));
     }
 }
 
-/// whoever sends more by one link than is remembered keeps out broadcasts of that link only.
+/// a flood that exceeds the memory on one link delays only broadcasts of that link.
 #[test]
-fn flood_takes_its_own_places_only() {
+fn flood_affects_only_its_own_link() {
     let mut world = world([LinkConfig::uart(921_600); 3]);
     introduce(&mut world, 0, STATION);
     let (mut heard, mut tunes) = (0, 0);
@@ -319,13 +317,13 @@ fn flood_takes_its_own_places_only() {
     // Two of the heartbeats are the vehicle's own.
     assert_eq!((heard, tunes), (40 + 2, 40));
     let dropped = [0, 1, 2].map(|link| counters(&world, link).not_remembered);
-    // 240 a second are remembered.
+    // 240 frames a second are remembered.
     assert!(dropped[0] == 0 && (1_300..1_500).contains(&dropped[1]) && dropped[2] == 0, "{dropped:?}");
 }
 
-/// a copy keeps a known way open, as any frame does.
+/// a duplicate keeps a peer alive, as any frame of it does.
 #[test]
-fn copies_count_for_those_who_are_known() {
+fn duplicates_keep_a_known_peer_alive() {
     let mut world = normal::<3>();
     world.gcs[0].send(&Gcs::heartbeat());
     world.run_for(millis(10));
@@ -333,7 +331,7 @@ fn copies_count_for_those_who_are_known() {
     world.gcs[1].send_from(STATION, &Gcs::heartbeat());
     world.run_for(secs(1));
     assert_eq!(world.vehicle.peer_events().len(), 2);
-    // The station's heartbeats come by both, always later by the second.
+    // The station's heartbeats arrive on both links, always later on the second.
     for _ in 0..20 {
         let frame = world.gcs[0].frame_from(STATION, &Gcs::heartbeat());
         world.gcs[0].send_raw(&frame);
@@ -341,11 +339,11 @@ fn copies_count_for_those_who_are_known() {
         world.gcs[1].send_raw(&frame);
         world.run_for(millis(970));
     }
-    assert_eq!(world.vehicle.peer_events().len(), 2, "it was never lost");
+    assert_eq!(world.vehicle.peer_events().len(), 2, "it never timed out");
     assert_eq!(counters(&world, 1).duplicates, 20);
 }
 
-/// R-7, D-1: who reboots is not where he was; a step over 2^32 ms is no reboot.
+/// R-7, D-1: a reboot of the sender makes its routes invalid; a wrap of 2^32 ms is not a reboot.
 #[test]
 fn reboot_forgets_routes() {
     let mut world = normal::<3>();
@@ -365,9 +363,9 @@ fn reboot_forgets_routes() {
     assert_eq!(reaches(&mut world, 0, STATION, &tune(WINGMAN)), [1, 2]);
 }
 
-/// R-11, G-11, H-13: keys and the radio's own reports stay where they are.
+/// R-11, G-11, H-13: keys and the reports of a radio are not forwarded.
 #[test]
-fn keys_and_radio_reports_stay() {
+fn keys_and_radio_reports_are_not_forwarded() {
     let mut world = normal::<2>();
     introduce(&mut world, 1, WINGMAN);
     let key = |target: Address| SetupSigning {
@@ -381,21 +379,21 @@ fn keys_and_radio_reports_stay() {
     }
     let radio = Address::new(51, 68);
     assert_eq!(reaches(&mut world, 0, radio, &RadioStatus { rssi: 9, ..Default::default() }), [0; 0]);
-    // Its older form, which common does not know.
+    // The older form, which common does not define.
     let older = reference::v1(166, [51, 68], &[0; 9], 21);
     assert_eq!(sent_on(&mut world, 0, &older), [0; 0]);
 }
 
-/// S-15, R-8: our own frames that come back go nowhere.
+/// S-15, R-8: our own frames that return are not forwarded.
 #[test]
 fn own_frames_are_not_forwarded() {
     let mut world = normal::<2>();
     assert_eq!(reaches(&mut world, 0, VEHICLE, &Attitude::default()), [0; 0]);
 }
 
-/// a private link gets only what is for a component that was heard there; what comes by it goes on.
+/// a private link gets only frames for components that were heard there; its own frames are forwarded.
 #[test]
-fn private_links_are_left_in_peace() {
+fn private_links_get_no_broadcasts() {
     let private = LinkConfig::uart(115_200).with_class(LinkClass::Private);
     let mut world = world([LinkConfig::uart(115_200), private, LinkConfig::uart(115_200)]);
     introduce(&mut world, 1, GIMBAL);
@@ -404,14 +402,14 @@ fn private_links_are_left_in_peace() {
     }
     assert_eq!(reaches(&mut world, 0, STATION, &tune(GIMBAL)), [1]);
     assert_eq!(reaches(&mut world, 1, GIMBAL, &Gcs::heartbeat()), [0, 2]);
-    // The vehicle itself speaks there as anywhere.
+    // The vehicle's own messages are sent there as on any link.
     world.run_for(secs(2));
     assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 2);
 }
 
-/// A link that the vehicle has no queue for gets nothing of others, and is served as any other.
+/// A link without a queue gets no frames of others, and works like any other.
 #[test]
-fn a_link_without_a_queue_gets_nothing_of_others() {
+fn link_without_a_queue_gets_no_forwarded_frames() {
     let mut world = normal::<7>();
     assert_eq!(reaches(&mut world, 0, STATION, &Gcs::heartbeat()), [1, 2, 3, 4, 5]);
     world.gcs[6].send_from(WINGMAN, &Attitude::default());
@@ -426,9 +424,9 @@ fn a_link_without_a_queue_gets_nothing_of_others() {
     assert!(world.gcs[6].count_of::<Attitude>() >= 10);
 }
 
-/// A link that takes no part: nothing of it goes on, nothing of others goes there.
+/// With forwarding off on a link, none of its frames are forwarded, and it gets none.
 #[test]
-fn link_may_be_left_out() {
+fn forwarding_can_be_off_on_a_link() {
     let out = LinkConfig::uart(115_200).with_forwarding(false);
     let mut world = world([LinkConfig::uart(115_200), out, LinkConfig::uart(115_200)]);
     introduce(&mut world, 1, WINGMAN);
@@ -438,8 +436,8 @@ fn link_may_be_left_out() {
     assert_eq!(reaches(&mut world, 1, WINGMAN, &tune(STATION)), [0; 0]);
 }
 
-/// R-13, L-3, L-4, L-5: by satellite goes command traffic for somebody there; of what comes by satellite, that and
-/// HIGH_LATENCY2.
+/// R-13, L-3, L-4, L-5: commands and answers for peers on the satellite link are forwarded to it; from it, these and
+/// HIGH_LATENCY2 are.
 #[test]
 fn satellite_gets_commands_only() {
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
@@ -466,18 +464,18 @@ fn satellite_gets_commands_only() {
     assert_eq!(reaches!(0, WINGMAN, &tune(STATION)), [0; 0]);
     assert_eq!(reaches!(0, WINGMAN, &HighLatency2::default()), [0; 0]);
     assert_eq!(reaches!(0, WINGMAN, &Gcs::heartbeat()), [0; 0]);
-    // From there.
+    // From the satellite.
     assert_eq!(reaches!(1, Address::new(3, 1), &HighLatency2::default()), [0]);
     assert_eq!(reaches!(1, STATION, &CommandLong { target_system: 2, target_component: 1, ..command }), [0]);
     assert_eq!(reaches!(1, STATION, &Gcs::heartbeat()), [0; 0]);
     assert_eq!(reaches!(1, STATION, &tune(WINGMAN)), [0; 0]);
 }
 
-/// a station that was once heard by satellite and is alive on a radio gets its frames by radio only; when it is lost
-/// there, by satellite again. A link without forwarding, or one that only gets frames for its own components, is not an
+/// a station that was once heard by satellite and is alive on a radio gets its frames by radio only; once it times
+/// out there, by satellite again. A link without forwarding, or one that only gets frames for its own components, is not an
 /// alternative route.
 #[test]
-fn satellite_is_not_used_for_those_who_live_elsewhere() {
+fn satellite_is_not_used_for_a_peer_alive_elsewhere() {
     let radio = LinkConfig::uart(57_600);
     let ack = |component: u8| CommandAck { target_system: 255, target_component: component, ..CommandAck::default() };
     for (radio, components, is_other_way) in [
@@ -504,18 +502,18 @@ fn satellite_is_not_used_for_those_who_live_elsewhere() {
         world.run_for(secs(7));
         forget(&mut world);
         let expected = if radio.forwards && is_other_way { vec![0, 2] } else { vec![2] };
-        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "lost on {radio:?}");
-        // Any frame by radio is a sign of life there, for five seconds.
+        assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "timed out on {radio:?}");
+        // Any frame by radio shows for five seconds that the station is there.
         introduce(&mut world, 0, STATION);
         let expected = if is_other_way { vec![0] } else { vec![2] };
         assert_eq!(reaches(&mut world, 1, COMPANION, &one), expected, "heard on {radio:?}");
     }
 }
 
-/// R-4, H-12: broadcasts of a source without a place in the peer table are forwarded; its addressed frames are handled
-/// locally only, and counted.
+/// R-4, H-12: broadcasts of a source without an entry in the peer table are forwarded; its addressed frames are handled locally
+/// only, and counted.
 #[test]
-fn source_without_a_place_gets_its_broadcasts_through() {
+fn broadcasts_of_an_unlisted_source_are_forwarded() {
     let mut world = Forwarder::<2, NoPlans, 2>::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
     world.run_for(millis(10));
     world.gcs[0].send_from(STATION, &Gcs::heartbeat());
@@ -531,12 +529,12 @@ fn source_without_a_place_gets_its_broadcasts_through() {
         (world.gcs[1].count_of::<Attitude>(), world.gcs[1].count_of::<PlayTune>())
     };
     assert_eq!(send(&mut world), (1, 0));
-    assert_eq!(world.vehicle.calls.len(), 2, "the first two are for us as well");
+    assert_eq!(world.vehicle.calls.len(), 2, "the first two are for us too");
     let no_slot = |world: &Forwarder<2, NoPlans, 2>| {
         world.stack.forward_counters(LinkId(0)).map(|counters| counters.no_peer_slot)
     };
     assert_eq!(no_slot(&world), Some(2));
-    // When a station is long gone its place is free.
+    // Once a station has timed out, its entry can be evicted.
     world.gcs[1].heartbeat_period = Some(secs(1));
     world.gcs[1].address = OTHER_STATION;
     world.run_for(secs(6));
@@ -544,16 +542,16 @@ fn source_without_a_place_gets_its_broadcasts_through() {
     assert_eq!(no_slot(&world), Some(2));
 }
 
-/// H-12, R-3, R-4: eight invented ground stations on one link fill the table, but block no route: peers on other links get their
-/// places and keep them. Broadcasts of newcomers on that link itself are forwarded.
+/// H-12, R-3, R-4: eight invented ground stations on one link fill the table and block no route: peers on other links get
+/// entries and keep them. Broadcasts of newcomers on that link are forwarded too.
 #[test]
-fn invented_ground_stations_shut_nobody_out() {
+fn invented_ground_stations_block_no_route() {
     let mut world = world([LinkConfig::uart(921_600); 3]);
     let mut sent = [0; 3];
     let mut arrived = [0; 3];
     for round in 0..60 {
         for system in 201..=240 {
-            // Eight are alive, and more try to get a place.
+            // Eight are alive, and others try to get an entry.
             if system <= 208 || round % 4 == 0 {
                 world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
             }
@@ -566,7 +564,7 @@ fn invented_ground_stations_shut_nobody_out() {
             forget(&mut world);
             world.gcs[1].send_from(STATION, &tune(COMPANION));
             world.gcs[2].send_from(COMPANION, &tune(STATION));
-            // A newcomer on the link of the invented ones.
+            // A newcomer on the flooded link.
             world.gcs[0].send_from(WINGMAN, &Attitude::default());
             world.run_for(millis(100));
             sent = sent.map(|sent| sent + 1);

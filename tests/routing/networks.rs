@@ -1,4 +1,4 @@
-//! Three vehicles that forward, joined in every way. What each of them does by itself: `forwarding.rs`.
+//! Three vehicles that forward, joined in every way. The behaviour of a single vehicle is in `forwarding.rs`.
 
 use crate::support::*;
 use mavstack::dialect::PlayTune;
@@ -6,7 +6,7 @@ use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::{Address, Text};
 use proptest::prelude::*;
 
-/// A frame unlike any other, since its text is `number`.
+/// A unique frame: its text is `number`.
 fn frame(from: Address, to: Address, seq: u8, number: usize) -> Vec<u8> {
     let message = PlayTune {
         target_system: to.system.0,
@@ -20,8 +20,8 @@ fn frame(from: Address, to: Address, seq: u8, number: usize) -> Vec<u8> {
     bytes
 }
 
-/// How three vehicles are joined: so many lines between the first and the second, the second and the third, the third and
-/// the first; at each hangs a leaf.
+/// How three vehicles are joined: the number of lines between the first and the second, the second and the third, the third and
+/// the first. Each vehicle has a leaf.
 #[derive(Clone, Copy, Debug)]
 struct Joined {
     lines: [usize; 3],
@@ -47,8 +47,8 @@ impl Joined {
         (network, leaves)
     }
 
-    /// How often a frame may be delivered at most: once by its own leaf's line, and by each vehicle once to every other line
-    /// than that by which it came. That is no more than there are lines and two, where no more than four join the vehicles.
+    /// The most deliveries of a frame: one on its own leaf's line, and one by each vehicle on every line but the one it arrived
+    /// on. With up to four lines between vehicles, that is at most the number of lines plus two.
     fn bound(&self) -> usize {
         let between: usize = self.lines.iter().sum();
         let ends = 2 * between + 3;
@@ -60,7 +60,7 @@ impl Joined {
 
 fn joined(loss: f64) -> impl Strategy<Value = Joined> {
     let lines = prop::array::uniform3(0..=2_usize)
-        .prop_filter("joined at all", |lines| lines.iter().filter(|&&lines| lines > 0).count() >= 2);
+        .prop_filter("at least two pairs are joined", |lines| lines.iter().filter(|&&lines| lines > 0).count() >= 2);
     let rate = prop::sample::select(vec![6, 12, 92, 0]);
     (lines, rate, prop::array::uniform3(0..=20_u64), 0.0..=loss, any::<bool>(), any::<u64>()).prop_map(
         |(lines, rate, latency, loss, has_heartbeats, seed)| Joined {
@@ -74,7 +74,7 @@ fn joined(loss: f64) -> impl Strategy<Value = Joined> {
     )
 }
 
-/// What somebody sends: at which leaf, who, to whom (`None` is everyone), after how many milliseconds.
+/// A frame to send: the leaf, the sender, the target (`None` is a broadcast), and the pause after it in milliseconds.
 #[derive(Clone, Copy, Debug)]
 struct Letter {
     leaf: usize,
@@ -90,7 +90,7 @@ fn letters(people: u8, pause: u64, count: core::ops::Range<usize>) -> impl Strat
     prop::collection::vec(letter, count)
 }
 
-/// The address of number `person` of those at a leaf.
+/// Returns the address of component `person` at a leaf.
 fn address(leaf: usize, person: u8) -> Address {
     Address::new(10 + 80 * leaf as u8 + person, 1)
 }
@@ -108,7 +108,7 @@ fn post<const PEERS: usize>(network: &mut Network<PEERS>, leaves: [usize; 3], le
     frames
 }
 
-/// Sends all letters and checks how often each was delivered. `roams`: every sender was heard at every leaf before.
+/// Sends all letters and checks how often each was delivered. With `roams`, every sender was heard at every leaf before.
 fn is_bounded<const PEERS: usize>(joined: Joined, letters: &[Letter], roams: bool) -> Result<(), TestCaseError> {
     let (mut network, leaves) = joined.network::<PEERS>();
     for (home, person) in (0..3).flat_map(|home| (0..3).map(move |person| (home, person))).filter(|_| roams) {
@@ -133,29 +133,28 @@ fn is_bounded<const PEERS: usize>(joined: Joined, letters: &[Letter], roams: boo
 proptest! {
     #![proptest_config(cases(60))]
 
-    /// whatever the lines, the traffic, its losses and the number of senders, of whom the tables hold but a few:
-    /// a frame comes through no line twice in the same direction, and is delivered a bounded number of times.
+    /// whatever the lines, traffic and losses, and with more senders than the tables hold: a frame is sent at most
+    /// once in each direction of a line, and is delivered a bounded number of times.
     #[test]
-    fn no_frame_goes_around_twice(joined in joined(0.3), letters in letters(60, 8, 1..150)) {
+    fn no_frame_loops(joined in joined(0.3), letters in letters(60, 8, 1..150)) {
         is_bounded::<8>(joined, &letters, false)?;
     }
 
-    /// the same when every sender was heard on every line, where R-4 does not stop addressed frames from
-    /// looping.
+    /// the same if every sender was heard on every line, where R-4 does not stop loops of addressed frames.
     #[test]
-    fn not_even_where_all_are_heard_everywhere(joined in joined(0.1), letters in letters(3, 8, 100..300), rate in 1..12_u64) {
+    fn no_frame_loops_if_all_senders_are_heard_everywhere(joined in joined(0.1), letters in letters(3, 8, 100..300), rate in 1..12_u64) {
         is_bounded::<64>(Joined { rate, ..joined }, &letters, true)?;
     }
 
-    /// The same under more traffic than slow lines take, for longer than anything is remembered.
+    /// the same with more traffic than slow lines carry, for longer than frames are remembered.
     #[test]
-    fn not_even_when_lines_are_full(joined in joined(0.3), letters in letters(60, 2, 300..900), rate in 6..12_u64) {
+    fn no_frame_loops_on_saturated_lines(joined in joined(0.3), letters in letters(60, 2, 300..900), rate in 6..12_u64) {
         is_bounded::<8>(Joined { rate, ..joined }, &letters, false)?;
     }
 
-    /// where the tables hold all, and nothing is lost, every frame comes to whom it is for, once.
+    /// with tables that hold all senders, and without losses, every frame is delivered to its target once.
     #[test]
-    fn every_frame_arrives(joined in joined(0.0), letters in letters(5, 40, 1..100)) {
+    fn every_frame_is_delivered_once(joined in joined(0.0), letters in letters(5, 40, 1..100)) {
         let (mut network, leaves) = joined.network::<64>();
         for (leaf, line) in leaves.into_iter().enumerate() {
             for person in 0..5 {
@@ -180,10 +179,10 @@ proptest! {
         }
     }
 
-    /// while one leaf raises a storm of broadcasts, each of them sent twice, every addressed frame comes to whom it is
-    /// for, once; and nothing of the storm comes through a line twice.
+    /// while one leaf sends a flood of broadcasts, each of them twice, every addressed frame is delivered to its
+    /// target once, and no broadcast is sent on a line twice.
     #[test]
-    fn addressed_frames_arrive_in_a_storm(
+    fn addressed_frames_are_delivered_during_a_flood(
         joined in joined(0.0),
         (rate, every) in prop::sample::select(vec![(12, 9), (92, 2), (0, 1)]),
         storm in 0..3_usize,

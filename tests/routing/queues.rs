@@ -1,4 +1,4 @@
-//! What is forwarded, beside what the vehicle says itself: rules R-14, M-11, D-2, D-3, SEC-2. Where it goes: `forwarding.rs`.
+//! Forwarded frames beside the vehicle's own: rules R-14, M-11, D-2, D-3, SEC-2. Routes are in `forwarding.rs`.
 
 use crate::Forwarder;
 use crate::support::*;
@@ -7,7 +7,7 @@ use mavstack::dialect::*;
 use mavstack::network::ForwardCounters;
 use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, plan_memory};
 
-/// The links of the tests: a radio, and a companion computer that is much faster.
+/// The links: a radio, and a companion computer on a much faster link.
 const RADIO: usize = 0;
 const COMPANION: usize = 1;
 
@@ -38,18 +38,18 @@ fn counters(world: &Forwarder<2>, link: usize) -> ForwardCounters {
     world.stack.forward_counters(LinkId(link as u8)).unwrap()
 }
 
-/// A broadcast with so long a payload (bytes): a frame of 12 more.
+/// A broadcast with a payload of `len` bytes; the frame has 12 more.
 fn tunnel(len: u8) -> Tunnel {
     let mut payload = [0; 128];
     payload[usize::from(len) - 6] = 1;
     Tunnel { payload, ..Tunnel::default() }
 }
 
-/// on a line that is full of both, streams and forwarded frames take turns; the line stays full.
+/// on a saturated link streams and forwarded frames are sent by turns, and the link stays saturated.
 #[test]
 fn streams_and_forwarded_frames_take_turns() {
     let mut world = world(setup(StreamProfile::Onboard));
-    // 50 Hz and 10 Hz of our own are 3,000 bytes a second; as much again, and as much once more, of others.
+    // Our own 50 Hz and 10 Hz streams are 3,000 bytes a second; the forwarded frames are twice as much.
     for _ in 0..1_000 {
         world.gcs[COMPANION].send_from(WINGMAN, &Attitude { yaw: 1.0, yawspeed: 0.5, ..Attitude::default() });
         world.run_for(millis(5));
@@ -61,7 +61,7 @@ fn streams_and_forwarded_frames_take_turns() {
     let others = world.gcs[RADIO].received.len() - own.len();
     assert!((27_500..=28_800).contains(&all_bytes), "{all_bytes} bytes in 5 s");
     assert!(own_bytes > 12_000 && others > 300, "{own_bytes} bytes of our own, {others} frames of others");
-    // Never two of others while a stream waits, nor two streams while others wait: here both wait nearly always.
+    // Never two forwarded frames while a stream is pending, nor the reverse: here both are pending nearly always.
     let mut run = 0;
     let mut longest = 0;
     for pair in world.gcs[RADIO].received.windows(2) {
@@ -72,7 +72,7 @@ fn streams_and_forwarded_frames_take_turns() {
     assert!(counters(&world, RADIO).queue_full > 100, "{:?}", counters(&world, RADIO));
 }
 
-/// How long the slowest of 40 commands over the radio waits for its answer while `load` is sent by the companion.
+/// Returns the longest time to an answer among 40 commands over the radio, while the companion sends `load`.
 fn slowest_answer(mut load: impl FnMut(&mut Gcs)) -> Duration {
     let mut world = world(setup(StreamProfile::Onboard));
     let mut slowest = Duration::ZERO;
@@ -92,7 +92,7 @@ fn slowest_answer(mut load: impl FnMut(&mut Gcs)) -> Duration {
     slowest
 }
 
-/// an answer waits for one forwarded frame at most, however many there are.
+/// an answer waits for at most one forwarded frame, however many are queued.
 #[test]
 fn answers_wait_for_one_forwarded_frame_at_most() {
     let alone = slowest_answer(|_| {});
@@ -104,15 +104,15 @@ fn answers_wait_for_one_forwarded_frame_at_most() {
     }
 }
 
-/// R-14, D-3: a line that takes nothing: what the queue holds goes out whole and in order when it does again, what it did not
-/// is counted; nobody else waits. What waited for 600 ms is dropped.
+/// D-3, R-14: after backpressure, queued frames are sent whole and in order; those that did not fit are counted. Other links
+/// are not affected. A frame older than 600 ms is dropped.
 #[test]
 fn full_queue_drops_whole_frames() {
     for (stall, arrive, stale) in [(550, 6, 0), (650, 0, 6)] {
         let mut world = world(setup(StreamProfile::Off));
         world.uarts[RADIO].stall_writes_until(world.now().after(millis(stall)));
         world.run_for(millis(2));
-        // Of 50 bytes, and 6 for what the queue keeps of each: 6 of them in three quarters of 512 bytes.
+        // 50 bytes each, and 6 for the queue's header: 6 of them fit into three quarters of 512 bytes.
         let frames: Vec<_> = (0..20).map(|_| world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(38))).collect();
         for frame in &frames {
             world.gcs[COMPANION].send_raw(frame);
@@ -138,14 +138,14 @@ fn full_queue_drops_whole_frames() {
     }
 }
 
-/// the last quarter of a queue is for what is addressed, so a storm of broadcasts does not keep it out.
+/// the last quarter of a queue is reserved for addressed frames, so a flood of broadcasts does not keep them out.
 #[test]
-fn addressed_frames_find_room_in_a_storm() {
+fn addressed_frames_have_room_during_a_flood() {
     let mut world = world(setup(StreamProfile::Off));
     world.gcs[RADIO].send(&Gcs::heartbeat());
     world.run_for(millis(10));
     let mut sent = Vec::new();
-    // Twice what the radio takes, for ten seconds.
+    // Twice the radio's rate for ten seconds.
     for round in 0..2_000 {
         world.gcs[COMPANION].send_from(WINGMAN, &tunnel(45));
         if round % 25 == 0 {
@@ -166,10 +166,10 @@ fn addressed_frames_find_room_in_a_storm() {
     assert!(counters(&world, RADIO).queue_full > 500, "{:?}", counters(&world, RADIO));
 }
 
-/// where frames come around none waits longer than 150 ms. What the same link brings twice, and what somebody sends by two
-/// links, did not come around; nor did anything for ever.
+/// while a routing loop is detected, frames are dropped after 150 ms in a queue. A duplicate on the same link, or a source
+/// heard on both links, is not a loop. The detection ends after a while.
 #[test]
-fn nothing_waits_long_in_a_loop() {
+fn frames_expire_sooner_in_a_loop() {
     let stale = |copy: Option<usize>, is_everywhere: bool, pause: u64| {
         let mut world = world(setup(StreamProfile::Off));
         let frame = world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(38));
@@ -187,7 +187,7 @@ fn nothing_waits_long_in_a_loop() {
         }
         world.run_for(millis(pause));
         world.uarts[RADIO].stall_writes_until(world.now().after(millis(300)));
-        // Somebody who is on neither link but this.
+        // A source that is heard on this link only.
         for _ in 0..3 {
             world.gcs[COMPANION].send_from(OTHER_STATION, &tunnel(38));
         }
@@ -196,15 +196,15 @@ fn nothing_waits_long_in_a_loop() {
     };
     assert_eq!(stale(None, false, 0), 0);
     assert_eq!(stale(Some(COMPANION), false, 0), 0, "sent twice");
-    assert_eq!(stale(Some(RADIO), true, 0), 0, "by two ways");
+    assert_eq!(stale(Some(RADIO), true, 0), 0, "by two paths");
     assert_eq!(stale(Some(RADIO), false, 0), 3);
     assert_eq!(stale(Some(RADIO), false, 9_500), 3);
     assert_eq!(stale(Some(RADIO), false, 10_500), 0);
 }
 
-/// a queue takes turns with itself for ever: whatever the lengths, frames come out as they went in.
+/// the ring buffer wraps at every length, and frames leave the queue unchanged.
 #[test]
-fn queue_wraps_at_every_length() {
+fn queue_wraps_correctly_at_every_length() {
     let mut world = world(setup(StreamProfile::Off));
     let mut sent = Vec::new();
     for round in 0..400 {
@@ -217,9 +217,9 @@ fn queue_wraps_at_every_length() {
     assert!(received.iter().map(|frame| &frame.raw).eq(&sent));
 }
 
-/// Who sleeps until `next_deadline` wakes for what was put into another link's queue, and for nothing when it is empty again.
+/// A driver that sleeps until `next_deadline` wakes for frames in another link's queue, and no more once it is empty.
 #[test]
-fn next_deadline_knows_of_queues() {
+fn next_deadline_includes_queues() {
     let mut world = world(setup(StreamProfile::Off));
     let frames: Vec<_> = (0..5).map(|_| world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(100))).collect();
     let (stack, vehicle, now) = (&mut world.stack, &mut world.vehicle, world.clock.now());
@@ -234,24 +234,25 @@ fn next_deadline_knows_of_queues() {
         at = stack.next_deadline(at);
         assert!(at < now.after(millis(150)), "{} sent at {at:?}", sent.len());
         passes += 1;
-        assert!(passes < 20, "it is woken for nothing");
+        assert!(passes < 20, "woken without anything to send");
         let bytes = stack.transmit(at, LinkId(0), vehicle).to_vec();
         stack.transmitted(LinkId(0), bytes.len());
         if !bytes.is_empty() {
             sent.push(bytes);
         }
     }
-    // Three quarters of 512 bytes have no room for the fourth.
+    // The fourth does not fit into three quarters of 512 bytes.
     assert!(sent.iter().eq(&frames[..3]));
     while stack.next_deadline(at) <= at {
         assert!(stack.transmit(at, LinkId(0), vehicle).is_empty());
         stack.transmit(at, LinkId(1), vehicle);
         at = at.after(millis(1));
-        assert!(at < now.after(millis(300)), "it is woken for nothing");
+        assert!(at < now.after(millis(300)), "woken without anything to send");
     }
 }
 
-/// D-2, SEC-2: what forwarding costs counts as work: a poll forwards fewer frames than it handles, and none is lost.
+/// D-2, SEC-2: the cost of forwarding counts towards the budget: a poll forwards fewer frames than it could handle, and none is
+/// lost.
 #[test]
 fn forwarding_is_within_the_budget() {
     let links = [LinkConfig::unlimited(); 5];
@@ -259,7 +260,7 @@ fn forwarding_is_within_the_budget() {
     setup.config.budget = PollBudget { rx_bytes: 1_000, work: 1_700, frames: 8, tx_bytes: 2_000 };
     let mut world = Forwarder::<5>::of(setup);
     world.run_for(millis(10));
-    // 145 bytes: its checksum, its key, four copies.
+    // 145 bytes: checksum, key, four queues.
     for _ in 0..20 {
         world.gcs[0].send_from(WINGMAN, &tunnel(133));
     }
@@ -269,7 +270,7 @@ fn forwarding_is_within_the_budget() {
         world.step();
         most = most.max(world.vehicle.calls.len() - before);
     }
-    assert_eq!(most, 1, "a poll");
+    assert_eq!(most, 1, "per poll");
     for link in 1..5 {
         assert_eq!(world.gcs[link].count_of::<Tunnel>(), 20);
     }
@@ -282,7 +283,7 @@ fn transfers_move_between_links() {
     for cut in 0..30 {
         let mut world = Forwarder::<2, plan_memory!(mission: 20)>::of(Setup::new());
         let items = plan(12, 0);
-        // The vehicle asks again during the silence.
+        // The vehicle retransmits its request during the silence.
         let mut upload = Upload::new(&world.gcs[0], &items).with_patience(20);
         step_over(&mut world, cut, |now, gcs| upload.poll(now, gcs).is_some());
         assert!(upload.result().unwrap().is_ok(), "cut at {cut} ms");
@@ -293,8 +294,8 @@ fn transfers_move_between_links() {
     }
 }
 
-/// Runs until `is_done`: with the station of the first link for `cut` ms, and two seconds later with that of the second link,
-/// which knows everything that the first received.
+/// Runs until `is_done`: with the station on the first link for `cut` ms, and two seconds later with the station on the second
+/// link, which received the same frames.
 fn step_over(
     world: &mut Forwarder<2, plan_memory!(mission: 20)>,
     cut: u64,
@@ -314,7 +315,7 @@ fn step_over(
             world.gcs[1].forget();
         } else {
             let heard = std::mem::take(&mut world.gcs[0].received);
-            // The next request is sent where the station was last heard, and is repeated after 250 ms.
+            // The next request is sent where the station was last heard, and is retransmitted after 250 ms.
             let is_late = now > back.after(millis(260));
             let answers = [MissionRequestInt::ID, MissionAck::ID, MissionCount::ID, MissionItemInt::ID];
             let is_answer = |frame: &Received| is_late && answers.contains(&frame.header.id);

@@ -1,4 +1,4 @@
-//! Forwarding of frames that are refused where they come in: rules, G-9. What is accepted: `forwarding.rs`.
+//! Forwarding of frames that their own link refused: rules, G-9. Accepted frames are in `forwarding.rs`.
 
 use crate::support::signer::{KEY, NOW, OTHER_KEY, Signer};
 use crate::support::tested::{Forwards, Options};
@@ -20,9 +20,9 @@ trait WithForwarding: Options<Tested<NoPlans, 8, Self>, Forwarding = Forwards> +
 impl WithForwarding for SignedForwarded {}
 impl WithForwarding for Forwarded {}
 
-/// Hears only who signs.
+/// Requires signatures.
 const RADIO: usize = 0;
-/// Hears everybody, as the other links do.
+/// Accepts unsigned frames, as the other links do.
 const WIRE: usize = 1;
 const OTHER_WIRE: usize = 2;
 const SATELLITE: usize = 3;
@@ -31,12 +31,12 @@ const COMPANION: Address = Address::new(1, 191);
 const GIMBAL: Address = Address::new(1, 154);
 const WINGMAN: Address = Address::new(2, 1);
 
-/// The wires get the frames that the radio refuses, as their configuration allows.
+/// By their configuration, the wires get the frames that the radio refused.
 fn rig() -> Rig {
     rig_with(LinkConfig::unlimited().with_refused_frames(true))
 }
 
-/// The wires are `open`.
+/// The wires have the configuration `open`.
 fn rig_with(open: LinkConfig) -> Rig {
     let mut rig: Rig =
         Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_class(LinkClass::HighLatency)]);
@@ -45,13 +45,13 @@ fn rig_with(open: LinkConfig) -> Rig {
     rig
 }
 
-/// The links that a frame is sent on by now, each time.
+/// Returns the links that a frame is sent on now, once per time.
 fn sent_on<O: WithForwarding>(rig: &mut Rig<O>, frame: &[u8]) -> Vec<usize> {
     let sent = |rig: &mut Rig<O>, link| rig.transmit(link).iter().filter(|sent| sent.raw == frame).count();
     (0..4).flat_map(|link| vec![link; sent(rig, link)]).collect()
 }
 
-/// A frame comes in: the links that it goes out on.
+/// Receives a frame and returns the links that it is forwarded to.
 fn passes<O: WithForwarding>(rig: &mut Rig<O>, link: usize, frame: &[u8]) -> Vec<usize> {
     rig.receive(link, frame);
     sent_on(rig, frame)
@@ -61,29 +61,29 @@ fn forwarded<O: WithForwarding>(rig: &Rig<O>, link: usize) -> ForwardCounters {
     rig.stack.forward_counters(LinkId(link as u8)).unwrap()
 }
 
-/// who is refused and says beforehand what another is about to say keeps him from nothing: his frame is carried out,
-/// its way learned, and it goes wherever it would have gone.
+/// a refused frame that is identical to a later accepted one suppresses nothing: the accepted frame is handled,
+/// teaches its route, and is forwarded everywhere.
 #[test]
-fn what_was_refused_suppresses_nothing() {
+fn refused_frame_does_not_suppress_an_accepted_one() {
     let mut rig = rig();
     let mut companion = Signer::new(KEY).of(COMPANION);
     let mut gimbal = Signer::new(KEY).of(GIMBAL);
     rig.receive(OTHER_WIRE, &gimbal.unsigned(Version::V2, &Gcs::heartbeat()));
     sent_on(&mut rig, &[]);
-    // The first that is heard of the companion.
+    // The companion was not heard before.
     let hello = companion.unsigned(Version::V2, &Gcs::heartbeat());
     assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE]);
     assert!(rig.stack.peers().iter().all(|info| info.peer.address != COMPANION));
     assert_eq!(passes(&mut rig, WIRE, &hello), [RADIO, OTHER_WIRE]);
     assert!(rig.stack.peers().iter().any(|info| info.peer.address == COMPANION && info.is_alive));
-    // For all components of the vehicle.
+    // To all components of the vehicle.
     let long = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..CommandLong::default() };
     let command = companion.unsigned(Version::V2, &long);
     assert_eq!(passes(&mut rig, RADIO, &command), [OTHER_WIRE]);
     assert_eq!(rig.vehicle.commands().len(), 0);
     assert_eq!(passes(&mut rig, WIRE, &command), [OTHER_WIRE], "to the gimbal");
     assert_eq!(rig.vehicle.commands().len(), 1);
-    // Now it is a copy, whoever sends it.
+    // From now on it is a duplicate, on any link.
     for link in [WIRE, RADIO, OTHER_WIRE] {
         assert_eq!(passes(&mut rig, link, &command), [0; 0]);
         assert_eq!(forwarded(&rig, link).duplicates, 1);
@@ -91,10 +91,10 @@ fn what_was_refused_suppresses_nothing() {
     assert_eq!(rig.vehicle.commands().len(), 1);
 }
 
-/// an unsigned command from a link that requires signatures reaches no wire that trusts us, whatever its target; so it
-/// cannot come back to us on a second wire. It is counted on each link that does not get it, and suppresses nothing.
+/// an unsigned command from a link that requires signatures is not forwarded to an open wire, whatever its target, so it
+/// cannot return to us on a second wire. It is counted on each link that does not get it, and suppresses nothing.
 #[test]
-fn refused_frames_reach_no_open_link() {
+fn refused_frames_are_not_forwarded_to_open_links() {
     let mut rig = rig_with(LinkConfig::unlimited());
     let mut companion = Signer::new(KEY).of(COMPANION);
     let mut station = Signer::new(KEY);
@@ -127,7 +127,7 @@ fn refused_frames_reach_no_open_link() {
     }
     assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).not_accepted), [0, 9, 3]);
     assert_eq!([RADIO, WIRE, OTHER_WIRE].map(|link| forwarded(&rig, link).duplicates), [0; 3]);
-    // The same bytes on a link that accepts them are forwarded, and are known from then on.
+    // The same bytes on a link that accepts them are forwarded, and are remembered from then on.
     let late = station.unsigned(Version::V2, &arm(Address::new(0, 0)));
     assert_eq!(passes(&mut rig, RADIO, &late), [0; 0]);
     assert_eq!(passes(&mut rig, OTHER_WIRE, &late), [WIRE]);
@@ -148,17 +148,17 @@ fn rig_without_key<O: WithForwarding>(links: [LinkConfig; 4]) -> Rig<O> {
     rig
 }
 
-/// a vehicle without a key executes unsigned commands on a signed link, so such a link gets nothing that a link refused which
-/// requires signatures. With a key the link judges for itself and gets the frame; when it comes back it is refused again.
+/// a vehicle without a key carries out unsigned commands on a signed link, so such a link gets no frame that a link with
+/// required signatures refused. With a key, the link verifies the frame itself and gets it; a returning frame is refused again.
 #[test]
-fn refused_frames_reach_a_signed_link_only_while_there_is_a_key() {
+fn signed_link_gets_refused_frames_only_while_there_is_a_key() {
     fn without_key<O: WithForwarding>(signed: LinkConfig, declares_signing: bool) {
         for second in [signed, LinkConfig::unlimited()] {
             let mut rig: Rig<O> = rig_without_key([signed.with_signing(LinkSigning::REQUIRED), signed, second, signed]);
             let mut station = Signer::new(KEY);
-            // Nothing can verify a signature either.
+            // Without a key no signature can be verified either.
             for refused in [station.unsigned(Version::V2, &arm_all()), station.frame(&arm_all())] {
-                // What a component behind one of the links gets may come back by any other.
+                // What one link gets could return on any other.
                 let sent = passes(&mut rig, RADIO, &refused);
                 (0..4).filter(|link| !sent.is_empty() && *link != sent[0]).for_each(|link| rig.receive(link, &refused));
                 assert_eq!((rig.vehicle.commands().len(), sent), (0, vec![]), "declares signing: {declares_signing}");
@@ -178,17 +178,17 @@ fn refused_frames_reach_a_signed_link_only_while_there_is_a_key() {
         assert_eq!(passes(&mut rig, link, &refused), [0; 0]);
     }
     assert!(rig.vehicle.commands().is_empty());
-    // It is the key of now that counts.
+    // The current key decides.
     rig.signing().clear_key();
     let refused = station.unsigned(Version::V2, &arm_all());
     assert_eq!(passes(&mut rig, RADIO, &refused), [0; 0]);
     assert_eq!(forwarded(&rig, WIRE).not_accepted, 1);
 }
 
-/// R-10, G-9: a signed link executes the messages of its list unsigned, also with a key. So those are kept from it when another
-/// link refused them, signed with another key or not at all. A link option allows them.
+/// R-10, G-9: a signed link accepts the messages in its list unsigned, also with a key. So it does not get these messages if
+/// another link refused them, signed with another key or unsigned, unless a link option allows it.
 #[test]
-fn exceptions_of_a_signed_link_are_kept_from_it() {
+fn signed_link_does_not_get_refused_frames_of_its_exceptions() {
     let commands = LinkSigning { accept: Accept::SignedExcept(&[CommandLong::ID]), ..LinkSigning::OPEN };
     let wire = LinkConfig::unlimited().with_signing(commands);
     for takes_refused in [false, true] {
@@ -206,10 +206,10 @@ fn exceptions_of_a_signed_link_are_kept_from_it() {
             assert_eq!(passes(&mut rig, RADIO, &refused), takers);
         }
         assert_eq!(forwarded(&rig, OTHER_WIRE).not_accepted, 2);
-        // A signed link without that exception refuses it too.
+        // A signed link without that exception refuses them too.
         let refused = station.unsigned(Version::V2, &arm_all());
         assert_eq!(passes(&mut rig, 3, &refused), if takes_refused { vec![RADIO, WIRE] } else { vec![RADIO] });
-        // What is not in the list the links judge for themselves; what is accepted goes to all.
+        // Other messages are verified by the links themselves; accepted ones are forwarded to all.
         let hello = station.unsigned(Version::V2, &Gcs::heartbeat());
         assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE, 3]);
         assert!(rig.vehicle.commands().is_empty());
@@ -217,10 +217,10 @@ fn exceptions_of_a_signed_link_are_kept_from_it() {
     }
 }
 
-/// a bad signature is refused on every link, so what bears one reaches no open link by whatever link it came; a link that
-/// judges for itself gets it.
+/// a bad signature is refused on every link, so such a frame is never forwarded to an open link. A link that verifies
+/// signatures itself gets it.
 #[test]
-fn bad_signatures_reach_links_that_judge_for_themselves() {
+fn bad_signatures_are_forwarded_to_verifying_links_only() {
     let open = LinkConfig::unlimited();
     let mut rig: Rig =
         Rig::new([open.with_signing(LinkSigning::REQUIRED), open, open, open.with_signing(LinkSigning::SIGNED)]);
@@ -229,7 +229,7 @@ fn bad_signatures_reach_links_that_judge_for_themselves() {
     let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
     assert_eq!(passes(&mut rig, RADIO, &stranger.frame(&Gcs::heartbeat())), [3]);
     assert_eq!(passes(&mut rig, WIRE, &stranger.frame(&Gcs::heartbeat())), [RADIO, 3]);
-    // An unknown message too.
+    // The same for an unknown message.
     assert_eq!(
         passes(&mut rig, RADIO, &Signer::new(KEY).of(WINGMAN).frame_of(0x00AB_CDEF, &[7])),
         [WIRE, OTHER_WIRE, 3]
@@ -237,9 +237,9 @@ fn bad_signatures_reach_links_that_judge_for_themselves() {
     assert_eq!(forwarded(&rig, OTHER_WIRE).not_accepted, 2);
 }
 
-/// who is refused may send what he wants, as often as he wants: those who are heard find places in the memory.
+/// a flood of refused frames does not displace accepted frames from the memory of forwarded frames.
 #[test]
-fn refused_flood_keeps_nobody_out() {
+fn flood_of_refused_frames_does_not_block_accepted_ones() {
     let mut rig = rig();
     let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
     let mut station = Signer::new(KEY);
@@ -255,9 +255,9 @@ fn refused_flood_keeps_nobody_out() {
     assert!(forwarded(&rig, RADIO).not_remembered > 200);
 }
 
-/// nobody who is refused has a satellite message paid for. Everywhere else his frames go on.
+/// refused frames are not sent over a satellite, which costs money. On all other links they are forwarded.
 #[test]
-fn refused_commands_are_not_paid_for() {
+fn refused_commands_are_not_sent_over_satellite() {
     let mut rig = rig();
     let mut station = Signer::new(KEY);
     let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
@@ -267,7 +267,7 @@ fn refused_commands_are_not_paid_for() {
     for link in [WIRE, SATELLITE] {
         rig.receive(link, &station.unsigned(Version::V2, &CommandLong { target_system: 7, ..there }));
     }
-    // Long enough that it counts as lost on the wire; otherwise the satellite link would not be used at all.
+    // The station must time out on the wire; otherwise the satellite would not be used at all.
     rig.now = rig.now.after(millis(6_000));
     sent_on(&mut rig, &[]);
     let unsigned = wingman.unsigned(Version::V2, &there);
@@ -275,15 +275,15 @@ fn refused_commands_are_not_paid_for() {
     assert_eq!(passes(&mut rig, RADIO, &stranger.frame(&there)), [WIRE]);
     assert_eq!(forwarded(&rig, SATELLITE).not_accepted, 2);
     assert_eq!(passes(&mut rig, RADIO, &wingman.frame(&there)), [WIRE, SATELLITE]);
-    // The first again, by a link that hears it.
+    // The first one again, on a link that accepts it.
     assert_eq!(passes(&mut rig, OTHER_WIRE, &unsigned), [WIRE, SATELLITE]);
     assert_eq!(forwarded(&rig, SATELLITE).sent, 2);
 }
 
-/// the refused one had nowhere to go but by satellite, and so it went nowhere. The accepted one is paid for, and
-/// carried out, once.
+/// a refused frame whose only route is the satellite is not forwarded. The accepted one is forwarded and carried
+/// out, once.
 #[test]
-fn accepted_once_after_a_refused_one_that_went_nowhere() {
+fn accepted_frame_is_sent_once_after_a_refused_one() {
     for target in [WINGMAN, Address::new(1, 0)] {
         let mut rig = rig();
         let land = |target: Address| CommandLong {
@@ -307,9 +307,9 @@ fn accepted_once_after_a_refused_one_that_went_nowhere() {
     }
 }
 
-/// a refused frame that found a queue full, or waits in it until it is stale, is not what keeps the accepted one away.
+/// a refused frame that found a queue full, or expired in it, does not suppress the accepted one.
 #[test]
-fn refused_ones_in_a_queue_suppress_nothing() {
+fn refused_frames_in_a_queue_suppress_nothing() {
     for (others, wait, times) in [(30, 0, 1), (0, 400, 1), (0, 700, 1), (0, 0, 2)] {
         let mut rig = rig();
         let mut stranger = Signer::new(OTHER_KEY).of(WINGMAN);
@@ -322,15 +322,15 @@ fn refused_ones_in_a_queue_suppress_nothing() {
         assert_eq!(forwarded(&rig, OTHER_WIRE).queue_full > full, others > 0);
         rig.now = rig.now.after(millis(wait));
         rig.receive(WIRE, &next);
-        // The line takes something again; what waited for 600 ms is stale by then.
+        // The line accepts bytes again; frames that waited for 600 ms have expired.
         rig.now = rig.now.after(millis(590));
         let sent = sent_on(&mut rig, &next);
         assert_eq!(sent.into_iter().filter(|&link| link == OTHER_WIRE).count(), times, "{others} others, {wait} ms");
     }
 }
 
-/// who is refused fills no more than half of a queue, whoever his frames are for, so what is accepted finds room; the last
-/// quarter is never his.
+/// refused frames fill at most half of a queue, whatever their target, so accepted frames have room. They never use the
+/// last quarter.
 #[test]
 fn refused_frames_leave_half_of_a_queue() {
     let mut rig = rig();
@@ -342,7 +342,7 @@ fn refused_frames_leave_half_of_a_queue() {
     for n in 0..20 {
         rig.receive(RADIO, &stranger.frame(&CommandLong { param1: n as f32, ..there }));
     }
-    // Each has 60 bytes or a few less in the queue of 512.
+    // Each takes up to 60 bytes of the queue's 512.
     let refused = forwarded(&rig, WIRE).queue_full;
     assert!((15..=16).contains(&refused), "{refused} of 20");
     let mut companion = Signer::new(KEY).of(COMPANION);
@@ -359,10 +359,10 @@ fn refused_frames_leave_half_of_a_queue() {
     assert!(broadcast >= 2 && addressed >= 2, "{broadcast} broadcasts, {addressed} for the station");
 }
 
-/// lines are a loop when accepted frames come around. Copies by who is refused say nothing: nobody's frames have less time to
-/// wait for it.
+/// a loop is detected when accepted frames return. Duplicates that were refused do not count, and shorten no frame's time
+/// in a queue.
 #[test]
-fn refused_copies_cut_no_patience() {
+fn refused_duplicates_do_not_indicate_a_loop() {
     for (link, arrives) in [(RADIO, true), (OTHER_WIRE, false)] {
         let mut rig = rig();
         let mut companion = Signer::new(KEY).of(COMPANION);
@@ -377,10 +377,10 @@ fn refused_copies_cut_no_patience() {
     }
 }
 
-/// a broadcast that returns by a link on which its source is heard does not count as a loop, because R-4 stops it.
-/// An addressed frame does, because only the memory of forwarded frames stops it.
+/// a broadcast that returns on a link where its source is heard does not indicate a loop, because R-4 stops it. An
+/// addressed frame does, because only the memory of forwarded frames stops it.
 #[test]
-fn addressed_copies_by_known_ways_cut_patience() {
+fn addressed_duplicates_indicate_a_loop() {
     for (is_addressed, arrives) in [(false, true), (true, false)] {
         let mut rig = rig();
         let mut companion = Signer::new(KEY).of(COMPANION);
@@ -402,9 +402,9 @@ fn addressed_copies_by_known_ways_cut_patience() {
     }
 }
 
-/// R-3, G-9: what is accepted unsigned as an exception teaches no way to anybody, and takes none away from him who is known.
+/// R-3, G-9: a frame that is accepted unsigned as an exception teaches no route, and removes none.
 #[test]
-fn an_exception_takes_no_route_away() {
+fn unsigned_exception_does_not_change_routes() {
     let open = LinkConfig::unlimited();
     let mut rig: Rig = Rig::new([open.with_signing(LinkSigning::SIGNED), open, open, open]);
     rig.set_key(KEY);
@@ -414,16 +414,16 @@ fn an_exception_takes_no_route_away() {
     let (first, second) = (companion.unsigned(Version::V2, &tune), companion.unsigned(Version::V2, &tune));
     rig.receive(RADIO, &Signer::new(KEY).of(WINGMAN).frame(&Gcs::heartbeat()));
     assert_eq!(passes(&mut rig, WIRE, &first), [RADIO]);
-    // In his name, by anybody who is near the radio.
+    // Anybody near the radio can forge its source.
     rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V2, &RadioStatus::default()));
-    assert_eq!(rig.vehicle.calls.len(), 2, "it is served");
+    assert_eq!(rig.vehicle.calls.len(), 2, "it is delivered");
     assert_eq!(passes(&mut rig, WIRE, &second), [RADIO]);
 }
 
 /// H-12, H-13, R-3: RADIO_STATUS needs no signature on a signed link, so its sender can be forged. It evicts no peer that signs
 /// or that an open link accepts, silent or not, and its own entry is evicted first.
 #[test]
-fn radio_reports_take_no_place_from_verified_peers() {
+fn radio_reports_evict_no_verified_peers() {
     let open = LinkConfig::unlimited();
     let mut rig: Rig = Rig::new([open.with_signing(LinkSigning::SIGNED), open, open, open]);
     rig.set_key(KEY);
@@ -453,7 +453,7 @@ fn radio_reports_take_no_place_from_verified_peers() {
     companion.seq = 9;
     let tune = PlayTune { target_system: 2, target_component: 1, ..PlayTune::default() };
     assert_eq!(passes(&mut rig, WIRE, &companion.unsigned(Version::V2, &tune)), [RADIO]);
-    // In a signed peer's name, it does not show that the peer is heard there.
+    // A forged source does not show that the peer is heard there.
     radio(&mut rig, 2);
     rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V1, &RadioStatus::default()));
     let hello = Signer::new(KEY).of(WINGMAN).unsigned(Version::V2, &Attitude::default());
