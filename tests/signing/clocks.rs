@@ -10,7 +10,7 @@ use mavstack::message::Secret;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{Address, Duration, LinkConfig, Message};
 
-/// A minute, a day and a year, in timestamps.
+/// A minute, a day and a year, in units of a timestamp.
 const MINUTE: u64 = 6_000_000;
 const DAY: u64 = 24 * 60 * MINUTE;
 const YEAR: u64 = 365 * DAY;
@@ -32,7 +32,7 @@ const WIRE: usize = 0;
 const RADIO: usize = 1;
 const SAT: usize = 2;
 
-/// Sets the time from the vehicle.
+/// Sets the vehicle's time from its own clock.
 fn tell(rig: &mut Rig<3>, timestamp: u64) {
     let (now, unix) = (rig.now, 1_420_070_400_000_000);
     assert!(rig.signing().set_time(now, unix + 10 * timestamp, Duration::MAX));
@@ -42,7 +42,7 @@ fn command() -> CommandLong {
     CommandLong { target_system: 1, target_component: 1, command: MavCmd::NAV_LAND, ..CommandLong::default() }
 }
 
-/// Returns whether a new station is accepted when its clock says `timestamp`.
+/// Returns whether a new station whose clock reads `timestamp` is accepted.
 fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
     let (commands, verified) = (rig.vehicle.commands().len(), rig.counters().verified);
     rig.receive(RADIO, &Signer::new(KEY).of(Address::new(station, 190)).at(timestamp).frame(&command()));
@@ -52,10 +52,10 @@ fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
     is_heard
 }
 
-/// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time,
-/// on an open wire too, nor in steps of a day. Peers with right clocks are still accepted.
+/// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time.
+/// That also holds on an open wire, and in steps of a day. Peers with right clocks are still accepted.
 #[test]
-fn a_wrong_clock_shuts_nobody_out() {
+fn peer_with_a_wrong_clock_locks_nobody_out() {
     let mut rig = rig();
     tell(&mut rig, NOW);
     for (n, ahead) in [DAY + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {
@@ -63,29 +63,29 @@ fn a_wrong_clock_shuts_nobody_out() {
         assert!(!hears(&mut rig, 10, NOW + ahead));
         rig.receive(WIRE, &Signer::new(KEY).at(NOW + ahead).frame(&command()));
         assert_eq!(rig.vehicle.commands().len(), n);
-        assert!(rig.timestamp() < before + 100, "it moves nothing");
+        assert!(rig.timestamp() < before + 100, "our time does not move");
         assert_eq!(rig.counters().too_far_ahead, 2 * (n as u32 + 1));
         assert!(hears(&mut rig, 20 + n as u8, NOW), "a right clock");
     }
-    assert!(hears(&mut rig, 11, NOW + DAY), "badly set, and no more");
+    assert!(hears(&mut rig, 11, NOW + DAY), "wrong, but within a day");
     assert!(!hears(&mut rig, 12, NOW + 2 * DAY));
-    // A day later the bound is a day later too, even if the vehicle has not set the time since.
+    // A day later the bound is a day later too, although the vehicle has not set the time since.
     rig.now = rig.now.after(secs(86_400));
     assert!(hears(&mut rig, 12, NOW + 2 * DAY));
 }
 
-/// G-17: before the vehicle has set the time there is nothing to compare with. Another key undoes the effect of a wrong clock,
-/// and once the time is right again the bound applies.
+/// G-17: before the vehicle has set the time there is no bound. Another key undoes the effect of a wrong clock, and once the
+/// time is right the bound applies.
 #[test]
-fn another_key_heals_what_a_wrong_clock_did() {
+fn another_key_undoes_the_effect_of_a_wrong_clock() {
     for is_told in [false, true] {
         let mut rig = rig();
         assert!(hears(&mut rig, 10, NOW + 14 * YEAR), "as after a year without power");
         if is_told {
             tell(&mut rig, NOW);
         }
-        assert!(!hears(&mut rig, 20, NOW), "shut out");
-        // A peer that follows our time is accepted: otherwise no peer would be.
+        assert!(!hears(&mut rig, 20, NOW), "locked out");
+        // A peer that follows our time is accepted; otherwise no peer would be.
         let ours = rig.timestamp();
         assert!(hears(&mut rig, 21, ours + 100));
         let now = rig.now;
@@ -98,10 +98,10 @@ fn another_key_heals_what_a_wrong_clock_did() {
     }
 }
 
-/// G-17: a vehicle whose clock is years behind, and that has stored no time, refuses stations whose clocks are right, and their keys.
-/// A right time heals that, and so does a restart.
+/// G-17: a vehicle whose clock is years behind, and that has stored no time, refuses stations with right clocks, and their
+/// keys. Setting the right time ends that, and so does a restart.
 #[test]
-fn a_clock_that_is_far_behind_shuts_right_clocks_out() {
+fn clock_that_is_far_behind_refuses_right_clocks() {
     let link = LinkConfig::uart(115_200);
     let wire = LinkSigning::OPEN.with_provisioning();
     let new_vehicle = || Rig::<3>::new([link.with_signing(wire), link.with_signing(LinkSigning::REQUIRED), link]);
@@ -121,32 +121,32 @@ fn a_clock_that_is_far_behind_shuts_right_clocks_out() {
     assert!(!hears(&mut rig, 10, NOW) && hears(&mut rig, 11, NOW - 10 * YEAR));
     assert!(!set_up(&mut rig, OTHER_KEY));
     assert_eq!((rig.counters().too_far_ahead, rig.counters().refused_setups), (1, 1));
-    // The right time is years ahead too.
+    // The right time is years ahead of ours too.
     let unix = 1_420_070_400_000_000 + 10 * NOW;
     assert!(!rig.signing().set_time(now, unix, secs(7 * 86_400)));
     assert!(!hears(&mut rig, 10, NOW));
     tell(&mut rig, NOW);
     assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
-    // After a restart nothing is told.
+    // After a restart no time is set.
     let mut rig = new_vehicle();
     let now = rig.now;
     rig.signing().set_key(now, SigningKey::new(KEY), NOW - 10 * YEAR);
     assert!(hears(&mut rig, 10, NOW) && set_up(&mut rig, OTHER_KEY));
 }
 
-/// G-17: while our own time is beyond the bound no frame is held to it.
+/// G-17: the bound does not apply while our own time is beyond it.
 #[test]
-fn a_clock_far_behind_our_own_time_bounds_no_frame() {
+fn bound_does_not_apply_behind_our_own_time() {
     let mut rig = rig();
     tell(&mut rig, NOW - 10 * YEAR);
     assert!(hears(&mut rig, 10, NOW + 10) && hears(&mut rig, 11, NOW + YEAR));
     assert_eq!(rig.counters().too_far_ahead, 0);
 }
 
-/// G-4, G-17: the last timestamp of 48 bits is refused, whatever is known of the time. After the one before we sign one frame
-/// more; what follows is sent without a signature and not with a timestamp a second time, until there is another key.
+/// G-4, G-17: the last 48-bit timestamp is always refused. After the one before it we sign one more frame. Further frames are
+/// unsigned instead of repeating a timestamp, until another key is set.
 #[test]
-fn no_timestamp_is_sent_twice_at_the_end() {
+fn last_timestamp_is_not_repeated() {
     let mut rig = rig();
     assert!(!hears(&mut rig, 10, LAST));
     assert_eq!((rig.counters().too_far_ahead, rig.timestamp() < LAST), (1, true));
@@ -179,9 +179,9 @@ fn no_timestamp_is_sent_twice_at_the_end() {
     assert!(rig.transmit(RADIO).iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
 }
 
-/// G-4: a frame that is interrupted when the last timestamp has been used is dropped, and not signed with it again.
+/// G-4: a frame that is interrupted after the last timestamp was used is dropped, not signed with it again.
 #[test]
-fn what_is_cut_off_at_the_end_is_given_up() {
+fn interrupted_frame_without_a_timestamp_is_dropped() {
     let mut rig = rig();
     rig.transmit(RADIO);
     rig.receive(RADIO, &Signer::new(KEY).at(LAST - 1).frame(&command()));
@@ -200,10 +200,10 @@ fn age(rig: &mut Rig<3>, timestamp: u64) -> Option<u64> {
     rig.vehicle.commands()[before].age.map(|age| age.as_millis() / 1_000)
 }
 
-/// L-16, G-14: a clock that is set back, by minutes or by years, does not reduce a command's age. A clock that is set forward
+/// L-16, G-14: a clock that is set back, by minutes or years, does not reduce a command's age. A clock that is set forward
 /// increases it, and earlier times after that have no effect.
 #[test]
-fn a_clock_that_is_set_back_makes_nothing_young() {
+fn clock_that_is_set_back_does_not_reduce_an_age() {
     let mut rig = rig();
     assert_eq!(age(&mut rig, NOW), None, "the time is not known");
     tell(&mut rig, NOW + 10 * MINUTE);
@@ -221,10 +221,10 @@ fn a_clock_that_is_set_back_makes_nothing_young() {
     assert_eq!(age(&mut rig, NOW + 2), Some(1_259));
 }
 
-/// L-16, G-17: before the vehicle has set the time, a peer on a radio provides it. A vehicle's clock a little behind the peer is
-/// trusted, but one that was never set is not: it neither reduces a command's age nor refuses peers with a right clock.
+/// L-16, G-17: before the vehicle has set the time, a peer on a radio provides it. A vehicle's clock that is a little behind
+/// the peer is trusted. One that was never set is not: it neither reduces a command's age nor refuses peers with a right clock.
 #[test]
-fn a_first_time_that_is_years_behind_is_not_believed() {
+fn first_time_that_is_years_behind_is_not_trusted() {
     for (told, expected) in [(NOW + 9 * MINUTE, 540), (NOW - 9 * YEAR, 600), (1, 600)] {
         let mut rig = rig();
         age(&mut rig, NOW);

@@ -1,4 +1,4 @@
-//! Message signing. Keys in storage have their tests in `storage/`.
+//! Message signing. Tests of stored keys are in `storage/`.
 
 #![cfg(feature = "signing")]
 

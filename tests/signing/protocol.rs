@@ -10,14 +10,14 @@ use mavstack::message::{Dialect, Secret};
 use mavstack::signing::{Accept, LinkSigning, SigningCounters, SigningKey};
 use mavstack::{Address, Config, LinkConfig, Message, Pulse};
 
-/// A minute, in timestamps.
+/// A minute, in units of a timestamp.
 const MINUTE: u64 = 6_000_000;
 
 fn rig(links: [LinkSigning; 2]) -> Rig {
     Rig::new(links.map(|signing| LinkConfig::uart(115_200).with_signing(signing)))
 }
 
-/// A vehicle with a key, whose time is [`NOW`].
+/// A vehicle with a key whose time is [`NOW`].
 fn keyed(links: [LinkSigning; 2]) -> Rig {
     let mut rig = rig(links);
     rig.set_key(KEY);
@@ -28,9 +28,9 @@ fn command() -> CommandLong {
     CommandLong { target_system: 1, target_component: 1, command: MavCmd::NAV_LAND, ..CommandLong::default() }
 }
 
-/// G-6: what is signed is served, once.
+/// G-6: a signed frame is handled once.
 #[test]
-fn a_signed_command_is_carried_out() {
+fn signed_command_is_carried_out() {
     let mut rig = keyed([LinkSigning::REQUIRED; 2]);
     let frame = Signer::new(KEY).frame(&command());
     rig.receive(0, &frame);
@@ -41,9 +41,9 @@ fn a_signed_command_is_carried_out() {
     assert_eq!(rig.counters().verified, 1);
 }
 
-/// G-6: a replay, an equal timestamp, an older one; over the same link and another.
+/// G-6: a replay, an equal timestamp and an older one are refused, on the same link and on another.
 #[test]
-fn a_frame_is_accepted_once() {
+fn frame_is_accepted_once() {
     for other in [0, 1] {
         let mut rig = keyed([LinkSigning::SIGNED; 2]);
         let mut gcs = Signer::new(KEY);
@@ -63,9 +63,9 @@ fn a_frame_is_accepted_once() {
     }
 }
 
-/// G-6: a new stream may be 59 s behind our time, not 61; ahead of it by anything.
+/// G-6: a new stream may be 59 s behind our time, but not 61; it may be ahead by any amount.
 #[test]
-fn a_new_stream_is_a_minute_old_at_most() {
+fn new_stream_is_at_most_a_minute_old() {
     for (behind, is_accepted) in [(59 * 100_000, true), (MINUTE, true), (MINUTE + 1, false), (61 * 100_000, false)] {
         let mut rig = keyed([LinkSigning::SIGNED; 2]);
         rig.receive(0, &Signer::new(KEY).at(NOW - behind).frame(&command()));
@@ -75,16 +75,16 @@ fn a_new_stream_is_a_minute_old_at_most() {
     let mut rig = keyed([LinkSigning::SIGNED; 2]);
     rig.receive(0, &Signer::new(KEY).at(NOW + 1_000 * MINUTE).frame(&command()));
     assert_eq!(rig.vehicle.commands().len(), 1);
-    // G-6: our time is his.
+    // G-6: our time follows the peer's.
     assert!(rig.timestamp() >= NOW + 1_000 * MINUTE);
     rig.receive(0, &Signer::new(KEY).of(OTHER_STATION).frame(&command()));
-    assert_eq!(rig.vehicle.commands().len(), 1, "now this one is late");
+    assert_eq!(rig.vehicle.commands().len(), 1, "it is too old now");
 }
 
-/// G-8: the seventeenth stream has no place as long as the others were heard within a minute; then it takes the place
-/// of the one that was silent longest, which cannot be replayed.
+/// G-8: the seventeenth stream is refused while the others were heard within a minute. Then it evicts the one that has been
+/// silent longest, which cannot be replayed.
 #[test]
-fn the_seventeenth_stream_waits_a_minute() {
+fn seventeenth_stream_is_accepted_after_a_minute() {
     let mut rig = keyed([LinkSigning::REQUIRED; 2]);
     let mut recorded = Vec::new();
     for link_id in 0..16 {
@@ -108,15 +108,15 @@ fn the_seventeenth_stream_waits_a_minute() {
     for frame in &recorded {
         rig.receive(1, frame);
     }
-    assert_eq!(rig.vehicle.commands().len(), 17, "not one of them a second time");
+    assert_eq!(rig.vehicle.commands().len(), 17, "none of them twice");
     assert_eq!((rig.counters().too_old, rig.counters().replayed), (1, 15));
 }
 
-/// G-9, G-10: what each policy takes, with a key and without.
+/// G-9, G-10: what each policy accepts, with and without a key.
 #[test]
-fn each_policy_takes_what_it_says() {
+fn each_policy_accepts_its_frames_only() {
     const ONLY: LinkSigning = LinkSigning { accept: Accept::SignedExcept(&[CommandLong::ID]), ..LinkSigning::SIGNED };
-    // With a key: unsigned; MAVLink 1; signed; signed with another key. Without: unsigned; signed.
+    // With a key: unsigned; MAVLink 1; signed; signed with another key. Without a key: unsigned; signed.
     let table = [
         (LinkSigning::OPEN, [true, true, true, false], [true, true]),
         (LinkSigning::SIGNED, [false, false, true, false], [true, true]),
@@ -143,9 +143,9 @@ fn each_policy_takes_what_it_says() {
     }
 }
 
-/// G-10, SEC-6: RADIO_STATUS comes through unsigned, and signed wrongly it does not.
+/// G-10, SEC-6: RADIO_STATUS is accepted unsigned, and refused with a wrong signature.
 #[test]
-fn radios_do_not_sign() {
+fn radio_status_is_accepted_unsigned() {
     let mut rig = keyed([LinkSigning::SIGNED, LinkSigning::REQUIRED]);
     let radio = Address::new(51, 68);
     let is_heard = |rig: &Rig| rig.stack.peers().iter().any(|info| info.peer.address == radio);
@@ -157,9 +157,9 @@ fn radios_do_not_sign() {
     assert_eq!((rig.counters().bad_signature, rig.counters().unsigned), (1, 1));
 }
 
-/// G-7, G-10: badly signed frames of all kinds change nothing: no time, no stream, no peer, no version, no answer.
+/// G-7, G-10: frames with a bad signature change nothing: no time, stream, peer or version, and they get no answer.
 #[test]
-fn a_badly_signed_frame_changes_nothing() {
+fn bad_signature_changes_nothing() {
     for accept in [Accept::Open, LinkSigning::SIGNED.accept, Accept::Required] {
         let config = LinkConfig::uart(115_200).with_version(TxVersion::Auto);
         let signing = LinkSigning { accept, sign_out: false, ..LinkSigning::OPEN };
@@ -176,16 +176,16 @@ fn a_badly_signed_frame_changes_nothing() {
         assert_eq!(rig.vehicle.calls, []);
         let sent = rig.transmit(0);
         assert!(sent.iter().all(|frame| frame.id() == Heartbeat::ID && frame.raw[0] == 0xFE), "{sent:?}");
-        assert_eq!(rig.counters().bad_signature, 4, "who calls himself as we do is not even looked at");
-        // The stream that they would have begun is not there.
+        assert_eq!(rig.counters().bad_signature, 4, "the signature of a frame with our address is not checked");
+        // They have made no stream.
         rig.receive(0, &Signer::new(KEY).frame(&command()));
         assert_eq!(rig.vehicle.commands().len(), 1);
     }
 }
 
-/// G-6, G-8 to G-11: each cause of a refusal has a counter, which is the only one that rises, and nothing else happens.
+/// G-6, G-8 to G-11: each reason for a refusal has its own counter, only that one is incremented, and nothing else happens.
 #[test]
-fn each_refusal_has_its_counter() {
+fn each_refusal_has_its_own_counter() {
     type Case = (&'static str, fn(&mut Rig) -> Vec<u8>, fn(&mut SigningCounters) -> &mut u32);
     let cases: [Case; 9] = [
         ("unsigned", |_| Signer::new(KEY).unsigned(Version::V2, &command()), |c| &mut c.unsigned),
@@ -227,7 +227,7 @@ fn each_refusal_has_its_counter() {
             |c| &mut c.no_stream_slot,
         ),
         (
-            "a key by the radio",
+            "a key on the radio",
             |_| {
                 let secret_key = Secret(OTHER_KEY);
                 let setup = SetupSigning { target_system: 1, secret_key, ..Default::default() };
@@ -242,8 +242,8 @@ fn each_refusal_has_its_counter() {
         let (mut expected, time, peers) = (rig.counters(), rig.timestamp(), rig.stack.peers().len());
         rig.receive(0, &frame);
         *counter(&mut expected) += 1;
-        // Who asks for a key by the radio has one.
-        let is_verified = what == "a key by the radio";
+        // The sender of this one has a valid key.
+        let is_verified = what == "a key on the radio";
         expected.verified += u32::from(is_verified);
         assert_eq!(rig.counters(), expected, "{what}");
         assert!(rig.vehicle.commands().is_empty(), "{what}");
@@ -253,7 +253,7 @@ fn each_refusal_has_its_counter() {
     }
 }
 
-/// G-7: single bits of a frame on its way, with the checksum that belongs to them.
+/// G-7: a frame with any single bit flipped, with its checksum corrected, is refused.
 #[test]
 fn every_flipped_bit_is_refused() {
     let frame = Signer::new(KEY).frame(&command());
@@ -264,15 +264,15 @@ fn every_flipped_bit_is_refused() {
         repair(&mut changed);
         rig.receive(0, &changed);
         rig.run_for(secs(1));
-        // A bit of the checksum was made right again.
+        // A flipped bit of the checksum was corrected.
         assert!(changed == frame || rig.vehicle.commands().is_empty(), "bit {bit}");
         assert!(changed == frame || rig.counters().verified == 0, "bit {bit}");
     }
 }
 
-/// L-16: how long ago an accepted frame was signed, by the time that the vehicle told; nothing is known of others.
+/// L-16: the age of an accepted frame, once the vehicle has set the time; other frames have none.
 #[test]
-fn the_age_of_a_frame() {
+fn age_of_a_frame_is_known_once_the_time_is_set() {
     let mut rig = keyed([LinkSigning::SIGNED; 2]);
     let mut gcs = Signer::new(KEY).at(NOW - 59 * 100_000);
     let (first, unsigned) = (gcs.frame(&command()), gcs.unsigned(Version::V2, &command()));
@@ -283,14 +283,14 @@ fn the_age_of_a_frame() {
         let now = rig.now;
         rig.signing().age(now, &frame)
     };
-    assert_eq!(age_of(&mut rig, &first), None, "nobody told the time");
+    assert_eq!(age_of(&mut rig, &first), None, "the time is not set");
     rig.receive(0, &first);
-    assert_eq!(age_of(&mut rig, &first), Some(secs(0)), "by his clock");
+    assert_eq!(age_of(&mut rig, &first), Some(secs(0)), "by the peer's clock");
     let (now, unix_usec) = (rig.now, (1_420_070_400 * 100_000 + NOW) * 10);
     assert!(rig.signing().set_time(now, unix_usec, secs(1)));
     assert_eq!(age_of(&mut rig, &first), Some(secs(59)));
     rig.run_for(secs(90));
-    // Of a stream that is known it may be any.
+    // A frame of a known stream may have any age.
     let second = gcs.frame(&command());
     rig.receive(0, &second);
     assert_eq!(rig.vehicle.commands().len(), 2);
@@ -303,7 +303,7 @@ fn the_age_of_a_frame() {
     assert_eq!(age_of(&mut rig, &ahead), None);
 }
 
-/// G-4: timestamps rise strictly on each link, follow the clock, and are never behind what was heard.
+/// G-4: timestamps strictly rise on each link, follow the clock, and are never behind a received one.
 #[test]
 fn timestamps_follow_the_clock_and_rise() {
     let mut rig = keyed([LinkSigning::OPEN; 2]);
@@ -334,9 +334,9 @@ fn timestamps_follow_the_clock_and_rise() {
     assert!(last[0] > NOW && last[1] > NOW);
 }
 
-/// G-4: a frame that is sent from its start again after a break is signed anew; its rest is not.
+/// G-4: a frame that is sent again from its first byte is signed again; the rest of an interrupted frame is not.
 #[test]
-fn a_frame_that_is_sent_again_is_signed_again() {
+fn frame_sent_from_its_start_is_signed_again() {
     let mut rig = keyed([LinkSigning::OPEN; 2]);
     rig.transmit(0);
     rig.receive(0, &Signer::new(KEY).frame(&command()));
@@ -344,23 +344,23 @@ fn a_frame_that_is_sent_again_is_signed_again() {
     rig.run_for(secs(90));
     rig.restart(0);
     let again = rig.transmit(0);
-    let ack = again.iter().find(|frame| frame.id() == CommandAck::ID).expect("it comes again");
+    let ack = again.iter().find(|frame| frame.id() == CommandAck::ID).expect("the ACK is sent again");
     assert_eq!(ack.raw[..first.len() - 13], first[..first.len() - 13]);
     assert!(ack.is_signed_with(KEY));
     let old = u64::from_le_bytes([&first[first.len() - 12..first.len() - 6], &[0; 2]].concat().try_into().unwrap());
     assert!(ack.signature().timestamp >= old + 90 * 100_000);
-    // Without the key it cannot be, and does not leave.
+    // Without a key it cannot be signed, and is not sent.
     let now = rig.timestamp();
     rig.receive(0, &Signer::new(KEY).at(now).frame(&command()));
     rig.begin(0, 7);
     rig.signing().clear_key();
     rig.restart(0);
-    assert!(rig.transmit(0).iter().all(|frame| frame.raw[2] == 0), "nothing that says it is signed");
+    assert!(rig.transmit(0).iter().all(|frame| frame.raw[2] == 0), "no frame with a signature flag");
 }
 
-/// V-3: a link that signs is MAVLink 2 from its first frame on, whatever it was to be; one that does not stays as it is.
+/// V-3: a link that signs sends v2 from its first frame, whatever its configured version. Other links keep theirs.
 #[test]
-fn a_link_that_signs_is_mavlink_2() {
+fn signing_link_sends_mavlink_2() {
     for version in [TxVersion::V1, TxVersion::Auto, TxVersion::V2] {
         let link = LinkConfig::uart(57_600).with_version(version);
         let silent = LinkSigning { sign_out: false, ..LinkSigning::OPEN };
@@ -373,7 +373,7 @@ fn a_link_that_signs_is_mavlink_2() {
     }
 }
 
-/// G-16
+/// G-16: without a key nothing is signed.
 #[test]
 fn without_a_key_nothing_is_signed() {
     let mut rig = rig([LinkSigning::OPEN, LinkSigning::SIGNED]);
@@ -383,9 +383,9 @@ fn without_a_key_nothing_is_signed() {
     assert!(!rig.signing().is_active());
 }
 
-/// H-14: who calls himself as we do is told of where frames without a signature are believed.
+/// H-14: another vehicle with our address is reported on links that accept unsigned frames.
 #[test]
-fn a_stranger_cannot_claim_our_address() {
+fn address_conflict_is_reported_only_where_unsigned_frames_are_accepted() {
     for (signing, is_told) in [(LinkSigning::OPEN, true), (LinkSigning::SIGNED, false), (LinkSigning::REQUIRED, false)]
     {
         let mut rig = keyed([signing; 2]);
@@ -399,9 +399,9 @@ fn a_stranger_cannot_claim_our_address() {
     }
 }
 
-/// G-14: the time of day moves ours forward, never back, and not by more than was said.
+/// G-14: the wall clock moves our time forward, never back, and at most by the given step.
 #[test]
-fn the_time_of_day_moves_forward_and_is_bounded() {
+fn wall_clock_moves_time_forward_by_a_bounded_step() {
     const EPOCH: u64 = 1_420_070_400_000_000;
     let mut rig = keyed([LinkSigning::OPEN; 2]);
     let now = rig.now;
@@ -420,10 +420,10 @@ fn the_time_of_day_moves_forward_and_is_bounded() {
     assert_eq!(signing.timestamp(now), start + MINUTE);
 }
 
-/// SEC-5: a frame with an unknown id that is signed rightly is a frame, whoever sends it: what its payload looks like is not
-/// served. One that is not signed rightly is searched, and what is found there stands on its own feet.
+/// SEC-5: a frame with an unknown id and a right signature is consumed as a whole: frames in its payload are not found. A frame
+/// without a right signature is scanned, and what is found inside is judged by itself.
 #[test]
-fn a_signed_frame_hides_nothing() {
+fn payload_of_a_signed_frame_is_not_scanned() {
     for (key, commands) in [(KEY, 0), (OTHER_KEY, 1)] {
         let mut rig = keyed([LinkSigning::OPEN; 2]);
         let inside = Signer::new(KEY).of(OTHER_STATION).unsigned(Version::V2, &command());
@@ -434,7 +434,7 @@ fn a_signed_frame_hides_nothing() {
         assert_eq!(rig.vehicle.commands().len(), commands);
         assert_eq!(rig.stack.link_counters(LINKS[0]).unwrap().unknown, 1 - commands as u32);
     }
-    // On a link that wants signatures what is inside needs one of its own.
+    // On a link that requires signatures the inner frame needs its own.
     let mut rig = keyed([LinkSigning::SIGNED; 2]);
     let inside = Signer::new(KEY).of(OTHER_STATION).unsigned(Version::V2, &command());
     rig.receive(0, &Signer::new(OTHER_KEY).frame_of(0x00_F0_0D, &inside));
@@ -442,9 +442,9 @@ fn a_signed_frame_hides_nothing() {
     assert_eq!(rig.vehicle.commands().len(), 0);
 }
 
-/// A vehicle that does not declare signing hears nothing where it was to verify, which is counted, and all on an open link.
+/// Without signing declared, a link that should verify accepts nothing, which is counted; an open link accepts everything.
 #[test]
-fn without_signing_only_open_links_are_heard() {
+fn without_signing_only_open_links_accept_frames() {
     let links = [LinkSigning::OPEN, LinkSigning::SIGNED].map(|signing| LinkConfig::uart(115_200).with_signing(signing));
     let mut rig = Rig::<2, Plain>::new(links);
     for link in 0..2 {
@@ -457,9 +457,9 @@ fn without_signing_only_open_links_are_heard() {
     }
 }
 
-/// A high-latency link signs as any other, and the signature is counted in what it costs.
+/// A high-latency link signs like any other, and its cost includes the signatures.
 #[test]
-fn a_satellite_link_signs() {
+fn high_latency_link_signs() {
     let link = LinkConfig::uart(1_200).with_class(LinkClass::HighLatency).with_signing(LinkSigning::REQUIRED);
     let mut rig = Rig::<2, SignedSatellite>::new([link; 2]);
     rig.set_key(KEY);
@@ -471,9 +471,9 @@ fn a_satellite_link_signs() {
     assert_eq!(rig.stack.high_latency().counters().bytes as usize, sent[0].raw.len());
 }
 
-/// SEC-15: neither the memory nor a vehicle that is printed shows the key.
+/// SEC-15: neither the memory nor the `Debug` output of a vehicle shows the key.
 #[test]
-fn the_key_is_never_shown() {
+fn key_is_not_in_debug_output() {
     let secret = *b"0123456789abcdef_ABCDEFGHIJKLMN!";
     let mut signing = SigningStreams::<2>::new();
     signing.set_key(mavstack::Instant::ZERO, SigningKey::new(secret), 77);
@@ -484,10 +484,10 @@ fn the_key_is_never_shown() {
     }
 }
 
-/// R-3, G-9: no way to anybody is learned from what is accepted unsigned as an exception: whoever spoils the radio with it could
-/// else keep a ground station's frames from that radio for good.
+/// R-3, G-9: a frame that is accepted unsigned as an exception teaches no route. Otherwise a forged one could keep a ground
+/// station's frames from that radio for good.
 #[test]
-fn an_exception_teaches_no_route() {
+fn unsigned_exception_teaches_no_route() {
     let signing = [LinkSigning::SIGNED, LinkSigning::OPEN];
     let links = signing.map(|signing| LinkConfig::uart(115_200).with_signing(signing));
     let mut rig = Rig::<2, SignedForwarded>::new(links);
@@ -496,15 +496,15 @@ fn an_exception_teaches_no_route() {
         assert!(!rig.transmit(link).is_empty(), "the first heartbeats");
     }
     rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &RadioStatus::default()));
-    assert_eq!((rig.vehicle.calls.len(), rig.stack.peers().len()), (1, 1), "it is served all the same");
+    assert_eq!((rig.vehicle.calls.len(), rig.stack.peers().len()), (1, 1), "it is handled all the same");
     let frame = Signer::new(KEY).unsigned(Version::V2, &Gcs::heartbeat());
     rig.receive(1, &frame);
     assert!(rig.transmit(0).iter().any(|sent| sent.raw == frame));
 }
 
-/// R-3, G-11: nor from SETUP_SIGNING, which anybody may send as long as there is no key, whatever he has signed it with.
+/// R-3, G-11: neither does SETUP_SIGNING, which any peer may send as long as there is no key, signed with any key.
 #[test]
-fn a_first_key_teaches_no_route() {
+fn first_key_teaches_no_route() {
     let signing = [LinkSigning::REQUIRED.with_provisioning(), LinkSigning::OPEN];
     let links = signing.map(|signing| LinkConfig::uart(115_200).with_signing(signing));
     let mut rig = Rig::<2, SignedForwarded>::new(links);
@@ -520,7 +520,7 @@ fn a_first_key_teaches_no_route() {
     assert!(rig.transmit(0).iter().any(|sent| sent.raw == frame));
 }
 
-/// A line that takes everything at once, and on which nothing comes.
+/// A line that accepts everything at once, and receives nothing.
 #[derive(Default)]
 struct Line {
     written: Vec<u8>,
@@ -559,9 +559,9 @@ impl embedded_io::WriteReady for Line {
     }
 }
 
-/// SEC-2: a signature that is made or compared is work: fewer frames have room in a poll. One that nobody compares is none.
+/// SEC-2: making or comparing a signature costs work, so a poll handles fewer frames. An unchecked signature costs nothing.
 #[test]
-fn signatures_are_work() {
+fn signatures_cost_work() {
     let budget = |work| PollBudget { work, frames: u32::MAX, ..PollBudget::DEFAULT };
     let rig = |work, key: Option<[u8; 32]>| {
         let mut rig: Rig<1> = Rig::new([LinkConfig::uart(115_200)]);
@@ -573,7 +573,7 @@ fn signatures_are_work() {
         }
         rig
     };
-    // Two blocks each. 500 units for a frame that is handled; its bytes and its header are 48, and 300 the signature.
+    // Two blocks each. A handled frame costs 500 units, its bytes and header 48, and its signature 300.
     for (key, is_signed, handled) in
         [(None, false, 5), (None, true, 5), (Some(KEY), false, 5), (Some(KEY), true, 3), (Some(OTHER_KEY), true, 3)]
     {
@@ -587,7 +587,7 @@ fn signatures_are_work() {
         assert_eq!(rig.stack.receive(rig.now, LINKS[0], &bytes, &mut rig.vehicle), bytes.len());
         assert_eq!(rig.stack.rx_counters(LINKS[0]).unwrap().frames, handled, "{key:?} {is_signed}");
     }
-    // 220 units for a frame that is sent.
+    // A sent frame costs 220 units.
     for (key, sent) in [(None, 3), (Some(KEY), 1)] {
         let mut rig = rig(500, key);
         for _ in 0..8 {

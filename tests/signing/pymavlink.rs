@@ -1,4 +1,4 @@
-//! Sessions with pymavlink's signing, both ways, and who of the two accepts what (G-1, G-6, G-11).
+//! Sessions with pymavlink's signing, in both directions, and which side accepts what (G-1, G-6, G-11).
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -9,7 +9,7 @@ use mavstack::dialect::*;
 use mavstack::signing::LinkSigning;
 use mavstack::{Address, LinkConfig, Message};
 
-/// The ground station.
+/// The ground station, in a Python process.
 struct Peer {
     child: Child,
     input: Option<ChildStdin>,
@@ -37,13 +37,13 @@ impl Peer {
         assert_eq!(self.ask(&format!("key {} {timestamp} 3", hex(&key))), "ok");
     }
 
-    /// A frame of its own.
+    /// Returns a frame that pymavlink signed.
     fn frame(&mut self, what: &str) -> Vec<u8> {
         let hex = self.ask(&format!("tx {what}"));
         (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hex")).collect()
     }
 
-    /// What it makes of a frame: the message's id, if it accepts it.
+    /// Passes a frame to pymavlink; returns the message's id if it accepts the frame.
     fn take(&mut self, frame: &[u8]) -> Option<u32> {
         self.ask(&format!("rx {}", hex(frame))).parse().ok()
     }
@@ -51,7 +51,7 @@ impl Peer {
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // It ends with its input.
+        // The process ends with its input.
         self.input = None;
         let _ = self.child.wait();
     }
@@ -66,9 +66,9 @@ fn rig() -> Rig {
     Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::REQUIRED), wire])
 }
 
-/// Half a minute, both ways: each accepts everything of the other, and nothing a second time.
+/// Half a minute in both directions: each side accepts every frame of the other once.
 #[test]
-fn a_signed_session() {
+fn signed_session_with_pymavlink() {
     let Some(mut peer) = Peer::start() else { return };
     let mut rig = rig();
     rig.set_key(KEY);
@@ -97,15 +97,15 @@ fn a_signed_session() {
         rig.receive(0, frame);
     }
     assert_eq!((rig.counters().verified, rig.counters().replayed), (90, 90));
-    // G-6: a frame that was accepted moves the other's time.
+    // G-6: an accepted frame moves the receiver's time.
     let behind = rig.timestamp() - peer.ask("timestamp").parse::<u64>().expect("a number");
     assert!(behind < 200_000, "{behind}");
 }
 
-/// G-11: the ground station sets a key, sees by the next heartbeat that it is in use, and turns its own on; then it takes
-/// it away.
+/// G-11: the ground station sets a key, the next heartbeat shows that it is in use, and the station signs too. Then it removes
+/// the key.
 #[test]
-fn a_key_is_set_up() {
+fn pymavlink_sets_and_removes_a_key() {
     let Some(mut peer) = Peer::start() else { return };
     let mut rig = rig();
     rig.receive(1, &peer.frame(&format!("setup {} {NOW}", hex(&KEY))));
@@ -118,12 +118,12 @@ fn a_key_is_set_up() {
     rig.receive(1, &peer.frame(&format!("setup {} 0", hex(&[0; 32]))));
     let first = rig.transmit(1).swap_remove(0);
     assert_eq!((first.id(), first.is_signed()), (Heartbeat::ID, false));
-    assert_eq!(peer.take(&first.raw), None, "it still wants signatures");
+    assert_eq!(peer.take(&first.raw), None, "it still requires signatures");
 }
 
-/// G-10: with another key neither hears the other.
+/// G-10: with different keys neither side accepts frames of the other.
 #[test]
-fn another_key_is_not_heard() {
+fn frames_with_another_key_are_refused_by_both() {
     let Some(mut peer) = Peer::start() else { return };
     let mut rig = rig();
     rig.set_key(OTHER_KEY);
@@ -141,9 +141,9 @@ fn another_key_is_not_heard() {
     }
 }
 
-/// G-6: of frames that are signed rightly, of a dozen streams, of any time, both accept the same.
+/// G-6: both sides accept the same frames of a dozen streams with right signatures and random times.
 #[test]
-fn both_accept_the_same() {
+fn both_sides_accept_the_same_frames() {
     let Some(mut peer) = Peer::start() else { return };
     for seed in 0..8 {
         let mut rng = Rng::new(seed);
@@ -152,7 +152,7 @@ fn both_accept_the_same() {
         peer.set_key(KEY, rig.timestamp());
         let mut accepted = 0;
         for number in 0..500 {
-            // Around a minute ago, seldom ahead, which moves both clocks.
+            // Around a minute ago, and seldom ahead, which moves both clocks.
             let span = [100, 100_000, 7_000_000, 20_000_000][rng.below(4) as usize];
             let mut at = rig.timestamp() - rng.below(span);
             if rng.below(20) == 0 {

@@ -1,5 +1,5 @@
-//! A recorder on both links, for ten minutes at a time (G-6 to G-8): what it sends again, as it was, changed, or put
-//! together from parts, is carried out never.
+//! A recorder on both links for ten minutes at a time (G-6 to G-8): frames that it replays, unchanged, changed or recombined,
+//! are never carried out.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +10,13 @@ use mavstack::frame::Version;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{Address, LinkConfig};
 
-/// A command like no other.
+/// A unique command.
 fn command(number: u32) -> CommandLong {
     let command = MavCmd::NAV_LAND;
     CommandLong { target_system: 1, target_component: 1, command, param1: number as f32, ..CommandLong::default() }
 }
 
-/// `streams` who sign, as one after the other has something to say, and one who has no key.
+/// Runs `streams` signing senders, and one without the key.
 fn session(seed: u64, streams: u8) {
     let mut rng = Rng::new(seed);
     let link = LinkConfig::uart(115_200);
@@ -30,7 +30,7 @@ fn session(seed: u64, streams: u8) {
         rig.run_for(millis(rng.below(400)));
         let link = rng.below(2) as usize;
         match rng.below(6) {
-            // Somebody speaks whose clock is right, or up to half a minute late; now and then nobody hears him but the recorder.
+            // A sender whose clock is right, or up to half a minute slow. Sometimes only the recorder receives the frame.
             0 | 1 => {
                 let now = rig.timestamp();
                 let signer = &mut signers[rng.below(u64::from(streams)) as usize];
@@ -43,12 +43,12 @@ fn session(seed: u64, streams: u8) {
                 recorded.push(frame);
             }
             2 if !recorded.is_empty() => {
-                // What it has is sent again, from any time.
+                // A frame is replayed, of any age.
                 let frame = &recorded[rng.below(recorded.len() as u64) as usize];
                 rig.receive(link, frame);
             }
             3 if !recorded.is_empty() => {
-                // Somebody else's signature, a newer time, another number.
+                // Another frame's signature, a newer timestamp, another sequence number.
                 let mut frame = recorded[rng.below(recorded.len() as u64) as usize].clone();
                 let other = &recorded[rng.below(recorded.len() as u64) as usize];
                 let (at, from) = (frame.len() - 13, other.len() - 13);
@@ -89,15 +89,15 @@ fn session(seed: u64, streams: u8) {
             }
         }
         rig.transmit(link);
-        assert!(rig.timestamp() >= last, "time goes back");
+        assert!(rig.timestamp() >= last, "the time went back");
         last = rig.timestamp();
     }
     let mut times: BTreeMap<u32, u32> = BTreeMap::new();
     for command in rig.vehicle.commands() {
         *times.entry(command.params[0] as u32).or_default() += 1;
     }
-    assert!(times.values().all(|times| *times == 1), "seed {seed}: a second time");
-    assert!(times.keys().all(|command| *command <= number), "seed {seed}: a stranger's");
+    assert!(times.values().all(|times| *times == 1), "seed {seed}: carried out twice");
+    assert!(times.keys().all(|command| *command <= number), "seed {seed}: not from a sender");
     assert!(times.len() > 200, "seed {seed}: {} carried out", times.len());
     let counters = rig.counters();
     assert!(counters.replayed > 0 && counters.bad_signature > 0 && counters.unsigned > 0, "{counters:?}");
@@ -105,15 +105,15 @@ fn session(seed: u64, streams: u8) {
 }
 
 #[test]
-fn few_streams() {
+fn no_replay_is_carried_out_with_few_streams() {
     for seed in 0..6 {
         session(seed, 5);
     }
 }
 
-/// More than there are places for.
+/// More streams than the table holds.
 #[test]
-fn many_streams() {
+fn no_replay_is_carried_out_with_many_streams() {
     for seed in 0..6 {
         session(seed, 40);
     }

@@ -10,13 +10,13 @@ use mavstack::signing::{Accept, LinkSigning, SigningKey};
 use mavstack::{Address, LinkConfig, Message};
 
 const WIRE: LinkSigning = LinkSigning::OPEN.with_provisioning();
-/// A minute and a day, in timestamps.
+/// A minute and a day, in units of a timestamp.
 const MINUTE: u64 = 6_000_000;
 const DAY: u64 = 24 * 60 * MINUTE;
 /// Unix time of timestamp 0 (µs).
 const UNIX: u64 = 1_420_070_400_000_000;
 
-/// Link 0 is a wire that keys come by, link 1 a radio.
+/// Link 0 is a wire on which keys can be set, link 1 a radio.
 fn rig() -> Rig {
     Rig::new(links())
 }
@@ -29,7 +29,7 @@ fn setup(key: [u8; 32], initial_timestamp: u64) -> SetupSigning {
     SetupSigning { initial_timestamp, target_system: 1, target_component: 1, secret_key: Secret(key) }
 }
 
-/// What a ground station sends that has no key yet.
+/// A frame of a ground station that has no key yet.
 fn unsigned(message: &impl Message) -> Vec<u8> {
     Signer::new(KEY).unsigned(Version::V2, message)
 }
@@ -48,9 +48,9 @@ fn arm(rig: &mut Rig, is_armed: bool) {
     state.base_mode = armed.with(MavModeFlag::CUSTOM_MODE_ENABLED);
 }
 
-/// G-11: the key is set, time moves to what came with it; a heartbeat that is signed with it says so at once, and a text.
+/// G-11: the key is set, and time moves to its timestamp. A signed heartbeat and a text confirm it at once.
 #[test]
-fn a_key_is_set_and_told_at_once() {
+fn key_is_set_and_confirmed_at_once() {
     for target_component in [1, 0] {
         let mut rig = rig();
         assert!(!rig.transmit(0).is_empty() && !rig.transmit(1).is_empty(), "the first heartbeats");
@@ -61,8 +61,8 @@ fn a_key_is_set_and_told_at_once() {
         assert_eq!(texts(&sent), [("Signing key set".to_owned(), true)]);
         assert!(rig.timestamp() >= NOW);
         assert_eq!((rig.counters().setups, rig.counters().refused_setups), (1, 0));
-        assert_eq!(rig.vehicle.calls, [], "the vehicle never sees it");
-        // From now on the radio wants signatures.
+        assert_eq!(rig.vehicle.calls, [], "the vehicle does not see the message");
+        // From now on the radio requires signatures.
         rig.receive(1, &unsigned(&Gcs::heartbeat()));
         assert_eq!(rig.counters().unsigned, 1);
         rig.run_for(secs(1));
@@ -70,10 +70,10 @@ fn a_key_is_set_and_told_at_once() {
     }
 }
 
-/// G-17: the same key again, as ground stations send it, moves our time forward and never back; streams are kept, so recorded
-/// frames are not accepted again.
+/// G-17: the same key, set again, moves our time forward and never back. Streams are kept, so recorded frames are not accepted
+/// again.
 #[test]
-fn the_same_key_again_changes_nothing() {
+fn setting_the_same_key_again_keeps_its_streams() {
     for (initial_timestamp, least) in [(NOW, NOW), (0, NOW), (NOW - 1_000_000, NOW), (NOW + 1_000_000, NOW + 1_000_000)]
     {
         let mut rig = rig();
@@ -98,9 +98,9 @@ fn the_same_key_again_changes_nothing() {
     }
 }
 
-/// G-17: another key starts with its own timestamp, even an earlier one, and without streams; so does a key after no key.
+/// G-17: another key starts with its own timestamp, even an earlier one, and without streams; so does a key after none.
 #[test]
-fn another_key_begins_anew() {
+fn another_key_starts_with_its_own_timestamp() {
     for is_off_between in [false, true] {
         let mut rig = rig();
         rig.set_key(KEY);
@@ -115,14 +115,14 @@ fn another_key_begins_anew() {
         for (n, at) in [NOW - 13_000_001, NOW - 12_900_000, NOW].into_iter().enumerate() {
             rig.receive(1, &Signer::new(OTHER_KEY).at(at).frame(&Gcs::heartbeat()));
             let counters = rig.counters();
-            assert_eq!((counters.too_old, counters.verified), (1, 1 + n as u32), "the stream is a new one");
+            assert_eq!((counters.too_old, counters.verified), (1, 1 + n as u32), "the stream is new");
         }
     }
 }
 
-/// G-17: the time that the vehicle set since the start overrides an earlier timestamp of another key.
+/// G-17: a time that the vehicle has set since the start overrides an earlier timestamp of another key.
 #[test]
-fn another_key_starts_no_earlier_than_what_the_vehicle_told() {
+fn another_key_does_not_move_a_set_time_back() {
     for initial_timestamp in [0, NOW - 1_000_000, NOW + 1_000_000] {
         let mut rig = rig();
         rig.set_key(KEY);
@@ -133,10 +133,10 @@ fn another_key_starts_no_earlier_than_what_the_vehicle_told() {
     }
 }
 
-/// G-8, G-17: a key that is set again has lost its streams. Frames recorded with it are accepted once more if they are at most a
-/// minute older than the key's new timestamp; a timestamp one minute in the future leaves no window.
+/// G-8, G-17: a key that is set again has lost its streams. Frames recorded with it are accepted once more if they are at most
+/// a minute older than the key's new timestamp. A timestamp one minute in the future leaves no window.
 #[test]
-fn the_replay_window_of_a_key_that_returns() {
+fn key_that_is_set_again_has_a_replay_window() {
     const RECORDED: u64 = NOW + 100_000;
     let (none, other) = (([0; 32], 0), (OTHER_KEY, NOW + 7));
     for way in [&[none][..], &[other], &[other, none]] {
@@ -148,7 +148,7 @@ fn the_replay_window_of_a_key_that_returns() {
             let recorded = Signer::new(KEY).at(RECORDED).frame(&Gcs::heartbeat());
             rig.receive(1, &recorded);
             for (key, initial_timestamp) in way.iter().copied().chain([(KEY, initial_timestamp)]) {
-                // Our own answers move our time by a few units.
+                // Our own answers advance our time by a few units.
                 rig.receive(0, &unsigned(&setup(key, initial_timestamp)));
                 rig.transmit(0);
             }
@@ -159,15 +159,15 @@ fn the_replay_window_of_a_key_that_returns() {
             let again = (counters.verified - 1, counters.replayed, counters.too_old);
             assert_eq!(again, if is_open { (1, 1, 0) } else { (0, 0, 2) }, "{way:?}, {initial_timestamp}");
             rig.receive(1, &Signer::new(KEY).at(initial_timestamp.max(RECORDED + 1)).frame(&Gcs::heartbeat()));
-            assert_eq!(rig.counters().verified, counters.verified + 1, "and a right clock is heard");
+            assert_eq!(rig.counters().verified, counters.verified + 1, "a peer with a right clock is accepted");
         }
     }
 }
 
-/// What a vehicle without a key has served unverified may come a second time with the key, for a minute; and not when it says
-/// so.
+/// A signed frame that was handled unverified before the key was set can be replayed for a minute after it, but not if the
+/// key's timestamp excludes that.
 #[test]
-fn what_was_served_before_there_was_a_key() {
+fn frame_from_before_the_key_can_be_replayed_for_a_minute() {
     for refuses in [false, true] {
         let mut rig = rig();
         let recorded = Signer::new(KEY).at(NOW - 100).frame(&Gcs::heartbeat());
@@ -183,10 +183,9 @@ fn what_was_served_before_there_was_a_key() {
     }
 }
 
-/// G-11: zeros remove the key, for receiving and for sending; the heartbeat that confirms it is unsigned, and the radio
-/// becomes open.
+/// G-11: a key of zeros turns signing off in both directions. The confirming heartbeat is unsigned, and the radio is open.
 #[test]
-fn signing_is_turned_off() {
+fn key_of_zeros_turns_signing_off() {
     let mut rig = rig();
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
     rig.transmit(0);
@@ -201,10 +200,10 @@ fn signing_is_turned_off() {
     assert_eq!((rig.counters().unsigned, rig.counters().bad_signature), (0, 0));
 }
 
-/// G-11, G-17: zeros with a timestamp are a key, though a bad one; a meaningless timestamp, or one without a successor,
-/// is refused.
+/// G-11, G-17: zeros with a timestamp are a key, though a bad one. A meaningless timestamp, or one without a successor, is
+/// refused.
 #[test]
-fn what_is_no_key() {
+fn bad_timestamp_is_refused() {
     let mut rig = rig();
     rig.receive(0, &unsigned(&setup([0; 32], 1)));
     assert!(rig.signing().is_active());
@@ -218,9 +217,9 @@ fn what_is_no_key() {
     assert!(rig.sent::<Heartbeat>(0).iter().all(|frame| frame.is_signed_with([0; 32])));
 }
 
-/// G-11: who sleeps until `next_deadline` is woken for what somebody is told, refusals too, which no heartbeat brings along.
+/// G-11: pending answers wake a driver that sleeps until `next_deadline`, also refusals, which no heartbeat accompanies.
 #[test]
-fn next_deadline_knows_of_answers() {
+fn next_deadline_includes_answers() {
     for (link, message) in [(0, setup(KEY, NOW)), (0, setup(OTHER_KEY, 1 << 48)), (1, setup(KEY, NOW))] {
         let mut rig = rig();
         assert!(!rig.transmit(0).is_empty() && !rig.transmit(1).is_empty(), "the first heartbeats");
@@ -232,13 +231,13 @@ fn next_deadline_knows_of_answers() {
             rig.stack.transmitted(LINKS[link], sent);
             rig.stack.poll(rig.now, &mut rig.vehicle);
         }
-        assert_eq!(texts(&rig.transmit(link)), [], "it was sent already");
+        assert_eq!(texts(&rig.transmit(link)), [], "it was already sent");
     }
 }
 
-/// G-11: armed, or in a fault: refused, with an unsigned text that somebody with another key can read too.
+/// G-11: while armed or in a fault, the key is refused, with an unsigned text that a station with another key can read.
 #[test]
-fn an_armed_vehicle_keeps_its_key() {
+fn armed_vehicle_keeps_its_key() {
     for key in [None, Some(KEY)] {
         let mut rig = rig();
         if let Some(key) = key {
@@ -250,7 +249,7 @@ fn an_armed_vehicle_keeps_its_key() {
             rig.receive(0, &unsigned(&message));
             let sent = rig.transmit(0);
             assert_eq!(texts(&sent), [("Signing not changed: vehicle is armed".to_owned(), false)]);
-            assert_eq!(sent.len(), 1, "no heartbeat that could be taken for a yes");
+            assert_eq!(sent.len(), 1, "no heartbeat that could be taken as confirmation");
             let text: Statustext = sent[0].decode().expect("a text");
             assert_eq!(text.severity, MavSeverity::WARNING);
         }
@@ -269,10 +268,10 @@ fn an_armed_vehicle_keeps_its_key() {
     }
 }
 
-/// G-11, G-14: once the vehicle has told the time, nobody moves it more than a day beyond that, not by a day at a time either; and
-/// who knows our time may say that, wherever it is.
+/// G-11, G-14: once the vehicle has set the time, a key cannot move it more than a day beyond that, also not day by day. A
+/// station that knows our time may repeat it, wherever it is.
 #[test]
-fn a_key_does_not_bring_a_time_far_ahead() {
+fn key_does_not_set_a_time_far_ahead() {
     let mut rig = rig();
     let now = rig.now;
     assert!(rig.signing().set_time(now, UNIX + 10 * NOW, mavstack::Duration::MAX));
@@ -295,7 +294,7 @@ fn a_key_does_not_bring_a_time_far_ahead() {
         }
         assert_eq!(rig.counters().refused_setups, refused + u32::from(!is_taken));
     }
-    // A day later it is a day more.
+    // A day later the bound is a day later.
     rig.now = rig.now.after(secs(86_400));
     rig.receive(0, &unsigned(&setup(KEY, NOW + 2 * DAY)));
     assert!(rig.timestamp() >= NOW + 2 * DAY);
@@ -306,9 +305,9 @@ fn a_key_does_not_bring_a_time_far_ahead() {
     assert_eq!(texts(&rig.transmit(0)), [("Signing key set".to_owned(), true)]);
 }
 
-/// G-11: a vehicle that knows no time takes what comes; so does one with a clock that was never set.
+/// G-11: a vehicle without the time accepts any, and so does one whose clock was never set.
 #[test]
-fn a_key_brings_the_time_to_who_has_none() {
+fn key_sets_the_time_of_a_vehicle_without_one() {
     for told in [None, Some(0), Some(946_684_800_000_000)] {
         let mut rig = rig();
         let now = rig.now;
@@ -320,9 +319,9 @@ fn a_key_brings_the_time_to_who_has_none() {
     }
 }
 
-/// G-11: on a link that keys do not come by it is refused, if it is accepted at all; else there is no answer.
+/// G-11: on a link without provisioning an accepted SETUP_SIGNING is refused with a text; otherwise it gets no answer.
 #[test]
-fn a_key_comes_by_its_own_link_only() {
+fn key_is_accepted_on_provisioning_links_only() {
     let mut rig = rig();
     rig.transmit(1);
     rig.receive(1, &unsigned(&setup(KEY, NOW)));
@@ -337,9 +336,10 @@ fn a_key_comes_by_its_own_link_only() {
     assert_eq!((rig.counters().setups, rig.counters().refused_setups), (0, 2));
 }
 
-/// A wire that wants signatures takes the first key unsigned, and each further one only signed with the one before.
+/// A wire that requires signatures accepts the first key unsigned, and each later one only if it is signed with the previous
+/// key.
 #[test]
-fn a_strict_wire_takes_the_first_key() {
+fn strict_wire_accepts_the_first_key_unsigned() {
     for accept in [Accept::Required, LinkSigning::SIGNED.accept] {
         let wire = LinkSigning { accept, ..WIRE };
         let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(wire); 2]);
@@ -359,9 +359,9 @@ fn a_strict_wire_takes_the_first_key() {
     }
 }
 
-/// G-11: who sets a key sees that it is in use, also where nothing else would be signed.
+/// G-11: the confirmation of a key is signed, also on a link that signs nothing else.
 #[test]
-fn a_wire_for_keys_signs() {
+fn provisioning_link_signs_the_confirmation() {
     let wire = LinkSigning { sign_out: false, ..WIRE };
     let mut rig: Rig = Rig::new(
         [wire, LinkSigning { provisioning: false, ..wire }]
@@ -372,18 +372,18 @@ fn a_wire_for_keys_signs() {
     assert!(!rig.transmit(1)[0].is_signed());
 }
 
-/// A link that wants signatures, and is no wire for keys, does not even answer.
+/// A link that requires signatures and has no provisioning does not answer.
 #[test]
-fn a_strict_radio_does_not_answer() {
+fn strict_radio_does_not_answer() {
     let mut rig: Rig = Rig::new([LinkConfig::uart(57_600).with_signing(LinkSigning::REQUIRED); 2]);
     rig.transmit(0);
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
     assert_eq!((texts(&rig.transmit(0)), rig.counters().unsigned, rig.counters().refused_setups), (vec![], 1, 0));
 }
 
-/// G-12: it is for the component that it names, never for everyone.
+/// G-12: SETUP_SIGNING applies to the component that it addresses; a broadcast is not accepted.
 #[test]
-fn a_key_is_for_one_component() {
+fn key_applies_to_one_component() {
     let mut rig = rig();
     for (target_system, target_component) in [(0, 0), (0, 1), (2, 1), (1, 2), (1, 190), (2, 0)] {
         rig.receive(0, &unsigned(&SetupSigning { target_system, target_component, ..setup(KEY, NOW) }));
@@ -395,9 +395,9 @@ fn a_key_is_for_one_component() {
     assert_eq!(texts(&rig.transmit(0)), []);
 }
 
-/// never forwarded, whoever it is for.
+/// SETUP_SIGNING is never forwarded, whatever its target.
 #[test]
-fn a_key_is_not_forwarded() {
+fn key_is_not_forwarded() {
     let mut rig = Rig::<2, SignedForwarded>::new(links());
     for link in [0, 1] {
         rig.transmit(link);
@@ -409,13 +409,13 @@ fn a_key_is_not_forwarded() {
     }
     rig.receive(0, &unsigned(&Ping { target_system: 1, target_component: 191, ..Ping::default() }));
     let sent = rig.transmit(1);
-    assert!(sent.iter().any(|frame| frame.id() == Ping::ID), "other things are");
+    assert!(sent.iter().any(|frame| frame.id() == Ping::ID), "other messages are");
     assert!(sent.iter().all(|frame| frame.id() != SetupSigning::ID));
 }
 
-/// what is not accepted is forwarded all the same, to the byte; nothing is learned of who sent it.
+/// a refused frame is forwarded unchanged, and teaches nothing about its sender.
 #[test]
-fn what_is_not_accepted_is_forwarded() {
+fn refused_frame_is_forwarded_unchanged() {
     let mut rig = Rig::<2, SignedForwarded>::new([LinkConfig::uart(115_200).with_signing(LinkSigning::REQUIRED); 2]);
     rig.set_key(KEY);
     for link in [0, 1] {
@@ -429,10 +429,10 @@ fn what_is_not_accepted_is_forwarded() {
     }
     let sent: Vec<_> = rig.transmit(1).into_iter().map(|frame| frame.raw).collect();
     for frame in &frames {
-        assert!(sent.contains(frame), "to the byte");
+        assert!(sent.contains(frame), "unchanged");
     }
     assert_eq!(rig.stack.peers().len(), 1);
-    // A break in the middle of a forwarded frame does not touch its signature.
+    // An interruption in the middle of a forwarded frame does not change its signature.
     let frame = stranger.frame(&Ping::default());
     rig.receive(0, &frame);
     rig.begin(1, 5);
@@ -440,9 +440,9 @@ fn what_is_not_accepted_is_forwarded() {
     assert_eq!(rig.transmit(1)[0].raw, frame);
 }
 
-/// SEC-15: no copy of the key stays in the link's buffer, however the bytes came, and whatever stood before them.
+/// SEC-15: no part of the key remains in the link's buffer, however the bytes were split and whatever preceded them.
 #[test]
-fn no_key_is_left_behind() {
+fn key_is_erased_from_the_buffer() {
     let frame = unsigned(&setup(KEY, NOW));
     for piece in [1, 7, 300] {
         for message in [frame.clone(), [unsigned(&Gcs::heartbeat()), frame.clone()].concat()] {
@@ -457,10 +457,10 @@ fn no_key_is_left_behind() {
     }
 }
 
-/// D-3: a second one finds no room as long as the first was not answered, and is dropped; a link whose line takes nothing holds
-/// up no other.
+/// D-3: while an answer is pending, a second SETUP_SIGNING is dropped for want of room. A backpressured link does not delay
+/// other links.
 #[test]
-fn one_at_a_time() {
+fn second_key_is_dropped_while_an_answer_is_pending() {
     let mut rig: Rig = Rig::new([LinkConfig::uart(115_200).with_signing(WIRE); 2]);
     rig.receive(0, &unsigned(&setup(KEY, 1 << 48)));
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
@@ -469,16 +469,16 @@ fn one_at_a_time() {
     rig.receive(1, &unsigned(&setup(OTHER_KEY, NOW)));
     assert_eq!(rig.stack.link_counters(LINKS[1]).unwrap().no_answer_slot, 0);
     let sent = rig.transmit(1);
-    assert_eq!(texts(&sent), [("Signing key set".to_owned(), true)], "the answer goes where it was asked");
+    assert_eq!(texts(&sent), [("Signing key set".to_owned(), true)], "the answer is sent on the link of the request");
     assert!(sent.iter().all(|frame| frame.is_signed_with(OTHER_KEY)));
     assert_eq!(texts(&rig.transmit(0)), [("Signing not changed: bad timestamp".to_owned(), false)]);
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
     assert!(rig.transmit(0)[0].is_signed_with(KEY));
 }
 
-/// No key is accepted over a satellite link. Without signing declared, SETUP_SIGNING is not shown to the vehicle either.
+/// A high-latency link accepts no key. Without signing declared, the vehicle does not see SETUP_SIGNING either.
 #[test]
-fn where_it_is_not_served() {
+fn setup_is_ignored_without_signing_and_over_satellite() {
     let satellite = LinkConfig::uart(1_200).with_class(LinkClass::HighLatency).with_signing(WIRE);
     let mut rig: Rig = Rig::new([satellite, LinkConfig::uart(115_200)]);
     rig.receive(0, &unsigned(&setup(KEY, NOW)));
@@ -490,9 +490,9 @@ fn where_it_is_not_served() {
     assert_eq!(rig.stack.link_counters(LINKS[1]).unwrap().out_of_place, 1);
 }
 
-/// The firmware's own key, and taking it away again.
+/// The firmware can set and clear a key.
 #[test]
-fn the_firmware_sets_a_key() {
+fn firmware_can_set_a_key() {
     let mut rig = rig();
     let now = rig.now;
     rig.signing().set_key(now, SigningKey::new(KEY), NOW);
@@ -502,10 +502,10 @@ fn the_firmware_sets_a_key() {
     assert!(!rig.transmit(1)[0].is_signed());
 }
 
-/// G-11, G-10: on an open provisioning wire, an unsigned text tells a station that its key is wrong, at most every ten seconds;
-/// its frames are still dropped. SETUP_SIGNING is not delayed by that. Other links send no hint.
+/// G-11: on an open provisioning wire, an unsigned text tells a station that its key is wrong, at most every ten seconds. Its
+/// frames are still dropped, and SETUP_SIGNING is not delayed. Other links send no hint.
 #[test]
-fn a_stale_key_gets_a_hint() {
+fn wrong_key_gets_a_hint() {
     const HINT: &str = "Wrong signing key: set it again on this link";
     let mut rig = rig();
     rig.set_key(KEY);
@@ -538,7 +538,7 @@ fn a_stale_key_gets_a_hint() {
     rig.run_for(secs(10));
     rig.receive(0, &stale.frame(&Gcs::heartbeat()));
     assert_eq!((texts(&rig.transmit(0)), rig.counters().verified), (vec![], 1));
-    // Replayed and unsigned frames do not show a wrong key.
+    // Replayed and unsigned frames do not indicate a wrong key.
     stale.timestamp -= 1;
     rig.receive(0, &stale.frame(&Gcs::heartbeat()));
     rig.receive(0, &unsigned(&Gcs::heartbeat()));

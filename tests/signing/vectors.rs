@@ -1,5 +1,5 @@
-//! Frames that the reference implementation signs (G-1 to G-3): signed by us they are the same bytes, and every changed
-//! bit is noticed. How golden/signed.txt was made stands in golden/make_signed.py.
+//! Frames signed by the reference implementation (G-1 to G-3): we produce the same bytes, and every flipped bit is detected.
+//! golden/make_signed.py generates golden/signed.txt.
 
 use crate::support::Rng;
 use mavstack::dialect::*;
@@ -9,7 +9,7 @@ use mavstack::signing::SigningKey;
 use mavstack::{Address, Frame, Instant, Message};
 
 const VECTORS: &str = include_str!("../golden/signed.txt");
-/// As in make_vectors.py.
+/// The source in make_vectors.py.
 const SOURCE: Address = Address::new(42, 17);
 
 struct Vector {
@@ -33,14 +33,14 @@ fn vectors() -> Vec<Vector> {
     VECTORS.lines().map(vector).collect()
 }
 
-/// What `look` says of the frame in these bytes, if they are one.
+/// Applies `look` to the frame in these bytes, if there is one.
 fn with_frame<T>(raw: &[u8], look: impl FnOnce(&Frame<'_>) -> T) -> Option<T> {
     let mut decoder = Decoder::default();
     assert_eq!(decoder.push(raw, Instant::ZERO), raw.len());
     decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| false).map(|frame| look(&frame))
 }
 
-/// The frame's message, signed by us.
+/// Signs the frame's message with our implementation.
 fn signed_again(frame: &Frame<'_>, vector: &Vector, out: &mut [u8]) -> Result<usize, EncodeError> {
     fn again<M: Message>(frame: &Frame<'_>, vector: &Vector, out: &mut [u8]) -> Result<usize, EncodeError> {
         let key = SigningKey::new(vector.key);
@@ -58,7 +58,7 @@ fn signed_again(frame: &Frame<'_>, vector: &Vector, out: &mut [u8]) -> Result<us
     }
 }
 
-/// G-1, G-2
+/// G-1, G-2: our signatures are the reference's.
 #[test]
 fn we_sign_as_the_reference_does() {
     let vectors = vectors();
@@ -76,9 +76,9 @@ fn we_sign_as_the_reference_does() {
     }
 }
 
-/// G-2: of the key, too, every bit counts.
+/// G-2: every bit of the key counts.
 #[test]
-fn another_key_has_not_signed_it() {
+fn another_key_does_not_verify() {
     for vector in vectors().iter().take(14) {
         for bit in 0..256 {
             let mut key = vector.key;
@@ -88,12 +88,12 @@ fn another_key_has_not_signed_it() {
     }
 }
 
-/// What a change makes of a frame: nothing, for the checksum is wrong, or one that is signed rightly, or is not.
+/// Returns whether the bytes are a frame with a right checksum and a right signature.
 fn judged(vector: &Vector, changed: &[u8]) -> bool {
     with_frame(changed, |frame| frame.is_signed_with(&SigningKey::new(vector.key))).unwrap_or(false)
 }
 
-/// The frame with a right checksum again.
+/// Recomputes the checksum.
 fn with_checksum(raw: &mut [u8]) {
     let end = usize::from(raw[1]) + 10;
     if end + 2 <= raw.len() {
@@ -106,9 +106,9 @@ fn with_checksum(raw: &mut [u8]) {
     }
 }
 
-/// G-2, G-10: each single bit, with the checksum made right again and without.
+/// G-2, G-10: every flipped bit is detected, with the checksum recomputed and without.
 #[test]
-fn every_changed_bit_is_noticed() {
+fn every_flipped_bit_is_detected() {
     for vector in vectors().iter().take(14) {
         for bit in 0..8 * vector.raw.len() {
             let mut changed = vector.raw.clone();
@@ -120,7 +120,7 @@ fn every_changed_bit_is_noticed() {
     }
 }
 
-/// G-7, G-10: frames changed at random, most with a checksum that is right.
+/// G-7, G-10: randomly changed frames, most of them with a recomputed checksum.
 fn mutate(count: u32, seed: u64) {
     let (vectors, mut rng) = (vectors(), Rng::new(seed));
     let mut were_frames = 0;
@@ -130,7 +130,7 @@ fn mutate(count: u32, seed: u64) {
         for _ in 0..=rng.below(4) {
             let at = rng.below(changed.len() as u64) as usize;
             match rng.below(8) {
-                // A part of another frame: of the same key, as a recorder has them.
+                // A part of another frame with the same key, as a recorder has them.
                 0 => {
                     let other = &vectors[rng.below(vectors.len() as u64) as usize].raw;
                     let len = (rng.below(14) as usize).min(other.len()).min(changed.len());
@@ -152,19 +152,19 @@ fn mutate(count: u32, seed: u64) {
 }
 
 #[test]
-fn changed_frames_are_not_signed() {
+fn changed_frames_do_not_verify() {
     mutate(100_000, 1);
 }
 
 #[test]
 #[ignore = "minutes: for a release build"]
-fn ten_million_changed_frames_are_not_signed() {
+fn ten_million_changed_frames_do_not_verify() {
     mutate(10_000_000, 2);
 }
 
-/// A frame without a signature has none, whatever stands behind it.
+/// A frame without the flag has no signature, whatever bytes follow it.
 #[test]
-fn an_unsigned_frame_is_not_signed() {
+fn unsigned_frame_has_no_signature() {
     let mut out = [0; MAX_FRAME_LEN];
     for version in [Version::V1, Version::V2] {
         let len = encode(&Heartbeat::default(), version, SOURCE, 0, &mut out).unwrap();
@@ -174,18 +174,18 @@ fn an_unsigned_frame_is_not_signed() {
 }
 
 #[test]
-fn a_short_buffer_is_an_error() {
+fn short_buffer_is_an_error() {
     let key = SigningKey::new([1; 32]);
     for len in 0..60 {
         let mut out = vec![0; len];
         let result = encode_signed(&Heartbeat::default(), SOURCE, 0, &key, 0, 1, &mut out);
-        // Ten bytes of header, nine of payload that are cut to one, two of checksum, thirteen of signature.
+        // 10 bytes of header, 9 of payload truncated to 1, 2 of checksum, 13 of signature.
         assert_eq!(result.is_ok(), len >= 26, "{len}: {result:?}");
     }
 }
 
-/// SEC-15
+/// SEC-15: `Debug` does not show a key.
 #[test]
-fn a_key_is_not_shown() {
+fn key_is_not_in_debug_output() {
     assert_eq!(format!("{:?}", SigningKey::new([0xAB; 32])), "SigningKey");
 }

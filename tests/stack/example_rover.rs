@@ -1,4 +1,4 @@
-//! Tests the rover of `examples/boards` on the host: what a ground station must find on the smallest vehicle.
+//! Runs the rover of `examples/boards` on the host, as the smallest vehicle that a ground station accepts.
 
 #[path = "../../examples/boards/rover/src/lib.rs"]
 #[allow(dead_code, unused_attributes, reason = "it is a crate of its own, for boards")]
@@ -11,7 +11,7 @@ use rover::Mavlink;
 
 /// P-18: QGroundControl considers a vehicle ready when its parameters are loaded, and needs at least one.
 #[test]
-fn the_smallest_vehicle_has_a_parameter() {
+fn smallest_vehicle_has_a_parameter() {
     let mut setup = Setup::<1>::new();
     setup.config = mavstack::Config { r#type: rover::CONFIG.r#type, ..setup.config };
     let mut world: World<1, Mavlink> = World::of(setup);
@@ -33,10 +33,10 @@ fn the_smallest_vehicle_has_a_parameter() {
     assert_eq!(world.vehicle.speed_limit(world.stack.parameters()), 5.0);
 }
 
-/// without streams, too, the interval of HEARTBEAT is accepted and stays as it is, and HEARTBEAT cannot be stopped; for what
-/// the vehicle does not send it answers by itself. Q-1: HEARTBEAT can be asked for.
+/// a vehicle without streams accepts a request for HEARTBEAT's interval, keeps it unchanged, and cannot be told to
+/// stop HEARTBEAT. For other messages the stack answers. Q-1: HEARTBEAT can be requested.
 #[test]
-fn a_vehicle_without_streams_keeps_its_heartbeat() {
+fn vehicle_without_streams_keeps_its_heartbeat() {
     let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
     let mut world: World<1, Mavlink> = World::of(Setup::new());
     for (command, params, result) in [

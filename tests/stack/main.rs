@@ -1,4 +1,4 @@
-//! The stack as a whole: order and budget of a poll, minimal vehicles, random traffic, and regressions.
+//! The whole stack: order and budget of a poll, minimal vehicles, random traffic, and regressions.
 
 #[path = "../support/mod.rs"]
 mod support;

@@ -1,5 +1,5 @@
-//! A vehicle that implements no more than it has to: whoever asks it for what it leaves out is told so, and not left waiting.
-//! Rules M-25, D-3, C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
+//! A vehicle that implements only what it must: requests for everything else are refused, not left unanswered. Rules M-25, D-3,
+//! C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
 
 use crate::support::*;
 use mavstack::command::CommandPolicy;
@@ -18,7 +18,7 @@ mavstack::stack! {
     struct Silent for Minimal { links: 1, streams, modes, texts: 0 }
 }
 
-/// It declares a command, a mode and a message, and otherwise relies on the traits' defaults.
+/// Declares a command, a mode and a message, and otherwise uses the traits' defaults.
 #[derive(Default)]
 struct Minimal;
 
@@ -59,7 +59,7 @@ fn world() -> World<1, Least> {
     World::of(Setup::new())
 }
 
-/// What a command is answered.
+/// Sends a command and returns the answer.
 fn result(world: &mut World<1, Least>, command: MavCmd, params: [f32; 7]) -> MavResult {
     world.gcs[0].forget();
     world.gcs[0].command_long(command, params);
@@ -68,9 +68,9 @@ fn result(world: &mut World<1, Least>, command: MavCmd, params: [f32; 7]) -> Mav
     ack.result
 }
 
-/// M-25: whatever is asked of plans that have no memory; what asks nothing gets no answer.
+/// M-25: every request about plans without memory is refused; other plan messages get no answer.
 #[test]
-fn without_plans_each_question_is_refused_and_nothing_else_is_answered() {
+fn without_plans_only_requests_are_answered() {
     let mut world = world();
     let (target_system, target_component) = (1, 1);
     let mission_type = MavMissionType::FENCE;
@@ -97,9 +97,9 @@ fn without_plans_each_question_is_refused_and_nothing_else_is_answered() {
     assert_eq!(answers(&mut world), []);
 }
 
-/// D-3: questions that a stalled line cannot be owed answers to are counted, and the others answered when it goes on.
+/// D-3: refusals without room on a backpressured link are counted; the others are sent once it recovers.
 #[test]
-fn refusals_wait_for_the_line() {
+fn refusals_stay_pending_on_a_backpressured_link() {
     let mut world = world();
     let until = world.now().after(secs(2));
     world.uarts[0].stall_writes_until(until);
@@ -114,9 +114,9 @@ fn refusals_wait_for_the_line() {
     assert_eq!(world.gcs[0].count_of::<MissionAck>() as u32, 40 - uncounted);
 }
 
-/// C-1, C-32: a mode that is declared and never entered.
+/// C-1, C-32: a mode that is declared, but never entered.
 #[test]
-fn a_mode_that_nobody_enters_is_unsupported() {
+fn mode_without_a_hook_is_unsupported() {
     let mut world = world();
     let params = [f32::from(MavModeFlag::CUSTOM_MODE_ENABLED.0), 4.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_eq!(result(&mut world, MavCmd::DO_SET_MODE, params), MavResult::UNSUPPORTED);
@@ -125,9 +125,9 @@ fn a_mode_that_nobody_enters_is_unsupported() {
     assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, MavResult::UNSUPPORTED);
 }
 
-/// there is no such message now, and there never is.
+/// a message that the vehicle never fills is not available.
 #[test]
-fn a_message_that_nobody_fills_is_refused() {
+fn message_without_a_hook_is_refused() {
     let mut world = world();
     let params = [Attitude::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_ne!(result(&mut world, MavCmd::REQUEST_MESSAGE, params), MavResult::ACCEPTED);
@@ -135,9 +135,9 @@ fn a_message_that_nobody_fills_is_refused() {
     assert_eq!(world.gcs[0].count_of::<Attitude>(), 0);
 }
 
-/// C-23: everybody is in control, and a command that cannot be given up goes on.
+/// C-23: by default every station is in control, and a command cannot be cancelled.
 #[test]
-fn a_command_that_cannot_be_cancelled_goes_on() {
+fn command_that_cannot_be_cancelled_continues() {
     let mut world = world();
     let params = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_eq!(result(&mut world, MavCmd::PREFLIGHT_CALIBRATION, params), MavResult::IN_PROGRESS);
@@ -151,9 +151,9 @@ fn a_command_that_cannot_be_cancelled_goes_on() {
     assert_eq!(world.expect::<CommandAck>(0, secs(1)).result, MavResult::ACCEPTED);
 }
 
-/// J-2: sticks are not for a vehicle that takes none.
+/// J-2: manual control has no effect without the service.
 #[test]
-fn sticks_move_nothing() {
+fn manual_control_has_no_effect() {
     let mut world = world();
     world.gcs[0].send(&ManualControl { target: 1, x: 500, ..ManualControl::default() });
     world.run_for(millis(100));
@@ -161,9 +161,9 @@ fn sticks_move_nothing() {
     assert_eq!((counters.frames, world.gcs[0].count_of::<CommandAck>()), (1, 0));
 }
 
-/// Memory by its default is memory by its `new`.
+/// `default()` equals `new()`.
 #[test]
-fn defaults_are_new() {
+fn default_equals_new() {
     use mavstack::__private::CommandSlots;
     #[cfg(feature = "signing")]
     use mavstack::__private::SigningStreams;
@@ -179,20 +179,19 @@ fn defaults_are_new() {
     shown(SigningStreams::<4>::default(), SigningStreams::new());
 }
 
-/// Without plans no item is reached, whatever a hook says. That storage for what is not declared does not compile, `tests/api`
-/// shows.
+/// Without plans no item is reported as reached, whatever a hook says. `tests/api` shows that storage for what is not declared
+/// does not compile.
 #[test]
-fn an_item_that_nobody_has_is_not_reported() {
+fn item_of_no_plan_is_not_reported() {
     let mut world = world();
     assert_eq!(result(&mut world, MavCmd::DO_JUMP, [0.0; 7]), MavResult::ACCEPTED);
     world.run_for(secs(2));
     assert_eq!(world.gcs[0].count_of::<MissionItemReached>(), 0);
 }
 
-/// T-5, H-14: a stack without room for texts sends none, whatever happens; what else it does with a stranger who has our address
-/// it does.
+/// T-5, H-14: a stack without room for texts sends none. It still handles another vehicle with our address.
 #[test]
-fn without_room_for_texts_there_are_none() {
+fn no_text_is_sent_without_room_for_texts() {
     let Setup { config, links, .. } = Setup::<1>::new();
     let mut stack = Silent::new(config, links);
     let mut vehicle = Minimal;
@@ -201,7 +200,7 @@ fn without_room_for_texts_there_are_none() {
         let now = Instant::from_millis(step * 100);
         config.pulse.unwrap().tick();
         stack.poll(now, &mut vehicle);
-        stack.send_text(now, MavSeverity::EMERGENCY, "nobody hears this");
+        stack.send_text(now, MavSeverity::EMERGENCY, "never sent");
         let mut frame = [0; MAX_FRAME_LEN];
         let len = encode(&Heartbeat::default(), Version::V2, VEHICLE, 100, &mut frame).unwrap();
         assert_eq!(stack.receive(now, LinkId(0), &frame[..len], &mut vehicle), len);

@@ -1,6 +1,6 @@
-//! Nothing blocks, nothing owed is lost, nothing starves: D-2 to D-4, H-15, SEC-1, SEC-2.
+//! No call blocks, nothing pending is lost, and nothing starves: D-2 to D-4, H-15, SEC-1, SEC-2.
 //!
-//! The simulated line panics when it is read or written while it is not ready, so every poll here returns.
+//! The simulated line panics when it is read or written without being ready, so every poll here returns.
 
 use crate::support::*;
 use mavstack::__private::Declares;
@@ -9,7 +9,7 @@ use mavstack::{Instant, LinkConfig, LinkId, Stack, plan_memory};
 
 const LINK: LinkId = LinkId(0);
 
-/// The longest time between two heartbeats at the ground station of `link`, and from the last one to now.
+/// Returns the longest time between two heartbeats at the ground station of `link`, and from the last one until now.
 fn longest_silence<const N: usize, D: Declares<Vehicle: Default>>(
     world: &World<N, D>,
     link: usize,
@@ -19,17 +19,17 @@ fn longest_silence<const N: usize, D: Declares<Vehicle: Default>>(
     times.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("there is a heartbeat")
 }
 
-/// A radio at 57,600 bit/s behind a UART with a small buffer: what stands in a large one delays the heartbeat too.
+/// A radio at 57,600 bit/s behind a UART with a small buffer; bytes in a large one would delay the heartbeat too.
 fn telemetry() -> LineConfig {
     LineConfig::both(Wire { bytes_per_second: 5_760, latency: millis(5), tx_fifo: 32, ..Wire::default() })
 }
 
-/// D-3: a link takes nothing for 10 s, from any moment of a frame on, while requests come in. Afterwards
-/// everything that was carried out is answered; what was not is counted; another link never notices.
+/// D-3: a link accepts no bytes for 10 s, from any byte of a frame on, while requests arrive. Afterwards every request that was
+/// carried out is answered, the others are counted, and another link is not affected.
 #[test]
 fn stalled_link_loses_nothing_that_was_accepted() {
     for begin in 0..25 {
-        // A byte every millisecond, so that the stall begins inside a frame.
+        // One byte per millisecond, so that the stall begins inside a frame.
         let wire = Wire { bytes_per_second: 1_000, tx_fifo: 2, ..Wire::default() };
         let lines = [LineConfig { down: wire, ..LineConfig::default() }, LineConfig::default()];
         let mut world = World::new(Setup { lines, ..Setup::<2>::new() });
@@ -52,21 +52,21 @@ fn stalled_link_loses_nothing_that_was_accepted() {
         assert_eq!(world.gcs[0].count_of::<CommandAck>(), carried_out, "begin {begin}");
         let asked = world.gcs[0].all::<CommandAck>();
         let asked = asked.iter().filter(|(_, ack)| ack.command == MavCmd::REQUEST_MESSAGE).count();
-        // Several requests for a message that could not be sent yet are one.
+        // Several requests for a pending message are one.
         assert!(asked >= 1 && world.gcs[0].count_of::<AutopilotVersion>() >= 1, "begin {begin}");
         let on_link_0 = world.vehicle.commands().iter().filter(|command| command.from.link == LINK).count();
         assert_eq!(on_link_0 + asked, carried_out, "begin {begin}");
         assert_eq!((world.gcs[0].counters().checksum, world.gcs[0].counters().skipped), (0, 0), "begin {begin}");
-        // A client repeats what was not answered, and is answered.
+        // A client retransmits unanswered commands, and they are answered.
         world.gcs[0].forget();
         world.gcs[0].command_long(MavCmd::NAV_LAND, [99.0; 7]);
         world.expect::<CommandAck>(0, millis(100));
     }
 }
 
-/// D-3: the same for reading: a line that delivers nothing for 10 s, and then all at once.
+/// D-3: the same for reading: a line delivers nothing for 10 s, and then everything at once.
 #[test]
-fn stalled_reads_are_caught_up() {
+fn stalled_reads_recover() {
     let mut world = World::new(Setup::<1>::new());
     world.uarts[0].stall_reads_until(Instant::from_millis(10_000));
     for _ in 0..80 {
@@ -80,8 +80,8 @@ fn stalled_reads_are_caught_up() {
     assert!(longest_silence(&world, 0) <= millis(1_002));
 }
 
-/// H-15, D-4: a flood of requests at line rate, each of which is answered or dropped whole: heartbeats come on
-/// time, on this link and on the other.
+/// H-15, D-4: a flood of requests at line rate, each of them answered or dropped whole, delays heartbeats neither on this link
+/// nor on the other.
 #[test]
 fn flood_of_commands_does_not_delay_heartbeats() {
     let links = [LinkConfig::uart(57_600); 2];
@@ -94,7 +94,7 @@ fn flood_of_commands_does_not_delay_heartbeats() {
         world.step();
     }
     for link in 0..2 {
-        // One frame may have begun before it: the longest here are 13 ms.
+        // One frame may have started before it; the longest here takes 13 ms.
         assert!(longest_silence(&world, link) <= millis(1_020), "link {link}: {:?}", longest_silence(&world, link));
     }
     let counters = world.stack.link_counters(LINK).unwrap();
@@ -102,14 +102,14 @@ fn flood_of_commands_does_not_delay_heartbeats() {
     assert!(acks > 2_000, "{acks} answers, {counters:?}");
 }
 
-/// SEC-2, H-15: a megabaud of noise, of start bytes, of false headers inside each other: heartbeats come on time, and a
-/// real command in the middle of it is answered.
+/// SEC-2, H-15: at a megabaud of noise, of start bytes, or of nested false headers, heartbeats are on time, and a real command
+/// in between is answered.
 #[test]
 fn flood_of_noise_does_not_starve() {
     let mut rng = Rng::new(11);
     let mut kinds: Vec<Box<dyn FnMut() -> u8>> =
         vec![Box::new(move || rng.byte()), Box::new(|| 0xFD), Box::new(|| 0xFE)];
-    // A v2 header of FILE_TRANSFER_PROTOCOL with the longest payload, over and over: each costs a whole checksum.
+    // A v2 header of FILE_TRANSFER_PROTOCOL with the longest payload, repeated: each costs a whole checksum.
     let mut nest = [0xFD, 0xFF, 0x00, 0x00, 0x01, 0x09, 0x09, 0x6E, 0x00, 0x00].into_iter().cycle();
     kinds.push(Box::new(move || nest.next().unwrap()));
     for (kind, next) in kinds.iter_mut().enumerate() {
@@ -119,7 +119,7 @@ fn flood_of_noise_does_not_starve() {
             let noise: Vec<u8> = (0..100).map(|_| next()).collect();
             world.gcs[0].send_raw(&noise);
             if ms % 1_000 == 500 {
-                // Behind so much quiet that nothing before it can hold it back.
+                // After enough zeros no earlier byte can delay it.
                 world.gcs[0].send_raw(&[0; 300]);
                 world.gcs[0].command_long(MavCmd::NAV_LAND, [1.0; 7]);
             }
@@ -129,7 +129,7 @@ fn flood_of_noise_does_not_starve() {
         for link in 0..2 {
             assert!(longest_silence(&world, link) <= millis(1_002), "noise {kind}, link {link}");
         }
-        // The last kind costs more work than a poll may do: what does not fit into the line's FIFO is lost, and reported.
+        // The last kind costs more work than a poll may do: what exceeds the line's FIFO is lost, and reported.
         let acks = world.gcs[0].count_of::<CommandAck>();
         let overruns = world.stack.link_counters(LINK).unwrap().read_errors;
         assert!(acks == 10 || (overruns > 0 && kind == 3), "noise {kind}: {acks} answers, {overruns} overruns");
@@ -139,7 +139,7 @@ fn flood_of_noise_does_not_starve() {
     }
 }
 
-/// H-15, M-10: a flood of plan requests, from one sender and from two hundred.
+/// H-15, M-10: a flood of plan requests, from one sender and from two hundred, does not delay heartbeats.
 #[test]
 fn flood_of_plan_requests_does_not_delay_heartbeats() {
     type Plans = Tested<plan_memory!(mission: 20)>;
@@ -169,7 +169,7 @@ fn flood_of_plan_requests_does_not_delay_heartbeats() {
     world.upload(0, &plan(20, 2)).expect("another plan is taken when the flood is over");
 }
 
-/// SEC-1: random bytes at random times through all calls, over many seeds: nothing panics, and a command is answered
+/// SEC-1: random bytes at random times through every call, over many seeds: nothing panics, and a command is answered
 /// afterwards.
 #[test]
 fn nothing_panics() {
@@ -211,7 +211,7 @@ fn nothing_panics() {
     }
 }
 
-/// D-2: a link without any transport costs nothing and holds nothing up: what is owed on it is bounded.
+/// D-2: a link without a transport costs nothing and delays nothing: its backlog is bounded.
 #[test]
 fn link_that_is_never_polled_is_harmless() {
     let setup = Setup::<2>::new();

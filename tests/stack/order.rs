@@ -1,4 +1,5 @@
-//! The order in which a link sends, as observed on the wire: rules D-4, P-11, R-14. The list is `turns!` in `src/service/turn.rs`;
+//! The order in which a link sends, as observed on the wire: rules D-4, P-11, R-14. The list is `turns!` in
+//! `src/service/turn.rs`;
 //! `docs/architecture.md` shows it as a table.
 
 use crate::support::*;
@@ -106,7 +107,7 @@ fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
 
 /// D-4, Q-2, R-14: a link with one pending frame of every kind sends them in this order.
 #[test]
-fn everything_at_once_is_sent_in_order() {
+fn pending_frames_are_sent_in_order() {
     let off = LinkConfig::unlimited().with_streams(StreamProfile::Off);
     let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
     let mut world = Loaded::of(Setup { links, ..Setup::new() });
@@ -170,10 +171,10 @@ fn everything_at_once_is_sent_in_order() {
     );
 }
 
-/// D-4, P-11: on a link that streams saturate, the parameter list gets 30 % of the rate, however far apart the polls are,
-/// and the streams get most of the rest.
+/// D-4, P-11: on a link that streams saturate, the parameter list gets 30 % of the rate at any poll interval, and the streams
+/// get most of the rest.
 #[test]
-fn list_keeps_its_share_on_a_full_line() {
+fn list_keeps_its_share_on_a_saturated_link() {
     const RATE: u64 = 5_760;
     for step in [1, 5, 19, 20, 25] {
         let links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard), LinkConfig::uart(57_600)];
@@ -186,7 +187,7 @@ fn list_keeps_its_share_on_a_full_line() {
         }
         world.gcs[0].forget();
         let begin = world.now();
-        // Times between two values of a list (µs).
+        // The times between two values of a list (µs).
         let mut pauses = Vec::new();
         for list in 0..20 {
             world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });

@@ -1,7 +1,7 @@
-//! Whatever anybody sends, on whatever link, while transports take bytes when they like: what goes out is owed, once, in the
-//! right order, and true when it begins. Rules C-3, D-3, D-4, H-1, H-6, L-4, P-14, P-16, Q-4 to.
+//! Whatever peers send on any link, and however transports accept bytes: each sent frame was pending, is sent once, in order,
+//! and is current when its first byte is sent. Rules C-3, D-3, D-4, H-1, H-6, L-4, P-14, P-16, Q-4 to.
 //!
-//! The stack is driven by its byte-level calls, so that each frame is seen at the moment when it is made.
+//! The byte-level calls drive the stack, so that each frame is seen when it is encoded.
 
 use crate::support::*;
 use mavstack::__private::NoPlans;
@@ -23,7 +23,7 @@ const SATELLITE: usize = 2;
 
 #[derive(Clone, Debug)]
 enum Request {
-    /// One that the vehicle carries out, with a number that no other one has.
+    /// A command that the vehicle carries out, with a unique number.
     Command,
     SetInterval(u32, f32),
     GetInterval(u32),
@@ -42,13 +42,13 @@ enum Step {
         other: bool,
         request: Request,
     },
-    /// The transport takes so many bytes.
+    /// The transport accepts this many bytes.
     Take {
         link: usize,
         bytes: usize,
     },
     Wait(u64),
-    /// The vehicle sets a parameter itself.
+    /// The vehicle sets a parameter by itself.
     Own(f32),
     Text(u8),
 }
@@ -81,18 +81,18 @@ fn any_step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// What the far end of a link may expect.
+/// What the far end of a link expects.
 struct Line {
     config: LinkConfig,
-    /// Bytes of the frame under way that the transport has not taken.
+    /// Bytes of the current frame that the transport has not accepted.
     rest: usize,
-    /// Acknowledgements that are owed, in order: to whom, of what, with this result where that is known.
+    /// Pending acknowledgements, in order: target, command, and result if it is known.
     acks: VecDeque<(Address, u16, Option<MavResult>)>,
     heartbeat: Instant,
-    /// Intervals that were set; and whether a radio may have stretched them.
+    /// The intervals that were set, and whether RADIO_STATUS may have lengthened them.
     intervals: BTreeMap<u32, i32>,
     has_radio: bool,
-    /// The bits that were told last of each parameter.
+    /// The last value sent for each parameter, as bits.
     told: BTreeMap<u16, u32>,
 }
 
@@ -139,7 +139,7 @@ impl Bench {
         self.stack.poll(self.now, &mut self.vehicle);
     }
 
-    /// A frame arrives. Whether it was taken, and not dropped for want of room for its answer.
+    /// Receives a frame. Returns whether it was accepted, and not dropped for want of room for its answer.
     fn receive<M: Message>(&mut self, link: usize, from: Address, message: &M) -> bool {
         let mut frame = [0; 280];
         let len = encode(message, Version::V2, from, self.seq, &mut frame).expect("it fits");
@@ -173,11 +173,7 @@ impl Bench {
                 let command = MavCmd(self.number);
                 let before = self.vehicle.commands().len();
                 let is_taken = self.command(link, from, command, [0.0; 2]);
-                assert_eq!(
-                    self.vehicle.commands().len() - before,
-                    usize::from(is_taken),
-                    "carried out once, or not at all"
-                );
+                assert_eq!(self.vehicle.commands().len() - before, usize::from(is_taken), "carried out at most once");
                 if is_taken {
                     self.owe(link, from, command, Some(MavResult::UNSUPPORTED));
                 }
@@ -230,16 +226,16 @@ impl Bench {
         }
     }
 
-    /// The transport takes up to so many bytes. Whether it got any.
+    /// The transport accepts up to this many bytes. Returns whether it got any.
     fn take(&mut self, link: usize, mut bytes: usize) -> bool {
         let mut got_any = false;
         while bytes > 0 {
             let pending = self.stack.transmit(self.now, LinkId(link as u8), &mut self.vehicle).to_vec();
             if pending.is_empty() {
                 assert_eq!(self.lines[link].rest, 0);
-                // D-4, Q-8: neither a byte rate nor a radio holds back an acknowledgement or a heartbeat.
-                assert!(self.lines[link].acks.is_empty(), "an acknowledgement is held back");
-                assert!(!self.is_heartbeat_due(link), "a heartbeat is held back");
+                // D-4, Q-8: neither a byte budget nor a radio defers an acknowledgement or a heartbeat.
+                assert!(self.lines[link].acks.is_empty(), "an acknowledgement is deferred");
+                assert!(!self.is_heartbeat_due(link), "a heartbeat is deferred");
                 break;
             }
             if self.lines[link].rest == 0 {
@@ -259,7 +255,7 @@ impl Bench {
         link != SATELLITE && self.now >= self.lines[link].heartbeat
     }
 
-    /// A frame was made at this moment.
+    /// Checks a frame that was encoded now.
     fn see(&mut self, link: usize, frame: &[u8]) {
         let [0xFD, len, _, _, _, _, _, id0, id1, id2, ..] = *frame else { panic!("{frame:?}") };
         let id = u32::from_le_bytes([id0, id1, id2, 0]);
@@ -268,31 +264,31 @@ impl Bench {
         let line = &mut self.lines[link];
         // L-4
         assert!(link != SATELLITE || id == CommandAck::ID, "message {id} by satellite");
-        // D-4, H-1, H-6: a heartbeat when it is due and at no other time, then acknowledgements, then all the rest.
+        // D-4, H-1, H-6: a heartbeat exactly when it is due, then acknowledgements, then everything else.
         assert_eq!(id == Heartbeat::ID, is_heartbeat_due, "message {id}");
         if is_heartbeat_due {
             let next = line.heartbeat.after(secs(1));
             line.heartbeat = if next > self.now { next } else { self.now.after(secs(1)) };
             return;
         }
-        // C-3, D-3: those that are owed, in their order, each once.
+        // C-3, D-3: the pending acknowledgements, in order, each once.
         if let Some((to, command, result)) = line.acks.pop_front() {
-            assert_eq!(id, CommandAck::ID, "an acknowledgement waits");
+            assert_eq!(id, CommandAck::ID, "an acknowledgement is pending");
             let ack = CommandAck::decode(payload);
             assert_eq!((Address::new(ack.target_system, ack.target_component), ack.command.0), (to, command));
             assert!(result.is_none_or(|result| result == ack.result), "{ack:?}, not {result:?}");
             return;
         }
-        assert_ne!(id, CommandAck::ID, "nobody asked");
+        assert_ne!(id, CommandAck::ID, "an acknowledgement without a command");
         if id == ParamValue::ID {
-            // P-14, P-16: as the table is now.
+            // P-14, P-16: the current value.
             let value = ParamValue::decode(payload);
             let bits = self.stack.parameters().value(value.param_index);
             assert_eq!(value.param_value.to_bits(), bits, "{value:?}");
             assert_eq!(value.param_id.as_str(), Some(Tuning::INFO[usize::from(value.param_index)].name()));
             line.told.insert(value.param_index, bits);
         } else if id == MessageInterval::ID {
-            // as it is now.
+            // the current interval.
             let told = MessageInterval::decode(payload);
             let id = u32::from(told.message_id);
             let default = match (id, line.config.streams) {
@@ -312,10 +308,10 @@ impl Bench {
 proptest! {
     #![proptest_config(cases(300))]
 
-    /// No acknowledgement is missing, doubled, late or for nobody; values and intervals are true when they are told; nothing of
-    /// that depends on what transports take, and when.
+    /// No acknowledgement is missing, repeated, late or unsolicited; values and intervals are current when they are sent.
+    /// Nothing of that depends on how many bytes transports accept, and when.
     #[test]
-    fn what_goes_out_is_owed_and_true(steps in prop::collection::vec(any_step(), 1..150)) {
+    fn sent_frames_are_pending_and_current(steps in prop::collection::vec(any_step(), 1..150)) {
         let mut bench = Bench::new();
         let mut has_changed = false;
         for step in steps {
@@ -336,7 +332,7 @@ proptest! {
                 }
             }
         }
-        // In the end all of it goes out, on lines that take everything.
+        // Finally everything is sent, over lines that accept all bytes.
         for _ in 0..400 {
             bench.wait(25);
             for link in 0..3 {
@@ -346,15 +342,15 @@ proptest! {
         for line in &bench.lines[..2] {
             prop_assert!(line.acks.is_empty());
             for (index, bits) in &line.told {
-                prop_assert_eq!(*bits, bench.stack.parameters().value(*index), "nobody is left with an old value");
+                prop_assert_eq!(*bits, bench.stack.parameters().value(*index), "no client is left with an old value");
             }
-            prop_assert!(!has_changed || line.told.contains_key(&8), "the vehicle's own change is told");
+            prop_assert!(!has_changed || line.told.contains_key(&8), "the vehicle's own change is sent");
         }
         prop_assert!(bench.lines[SATELLITE].acks.is_empty());
     }
 }
 
-/// The bits of a parameter.
+/// The value of a parameter as bits.
 trait Bits {
     fn value(&self, index: u16) -> u32;
 }

@@ -1,4 +1,4 @@
-//! Faults that were found in review, each by the sequence that showed it. Rules M-11, M-22, M-32, M-41, H-5, H-14, S-16.
+//! Defects found in review, each reproduced by the sequence that showed it. Rules M-11, M-22, M-32, M-41, H-5, H-14, S-16.
 
 use crate::support::*;
 use mavstack::dialect::*;
@@ -19,10 +19,10 @@ fn item(seq: u16) -> MissionItemInt {
     MissionItemInt { target_system: 1, target_component: 1, seq, ..plan(60, 0)[usize::from(seq)] }
 }
 
-/// M-22, M-41: an upload times out while the line is stalled, and its partner begins another one. The new one hears
-/// nothing of the old one's end.
+/// M-22, M-41: an upload times out while the link is stalled, and its client starts another one. The end of the old upload is
+/// not sent to the new one.
 #[test]
-fn farewell_of_a_dead_upload_does_not_reach_the_next_one() {
+fn final_ack_of_a_timed_out_upload_is_not_sent_to_the_next() {
     let mut world = world::<1>();
     world.run_for(secs(1));
     world.gcs[0].send(&count(5));
@@ -34,12 +34,12 @@ fn farewell_of_a_dead_upload_does_not_reach_the_next_one() {
     world.run_for(secs(1));
     let cancelled = world.gcs[0].all::<MissionAck>();
     assert!(cancelled.is_empty(), "{cancelled:?}");
-    assert!(world.gcs[0].count_of::<MissionRequestInt>() > 1, "the new one is asked for its items");
+    assert!(world.gcs[0].count_of::<MissionRequestInt>() > 1, "items of the new upload are requested");
 }
 
-/// The same over a line that was closed and opened again: the next client is served as if new.
+/// The same over a port that was closed and opened again: the next client starts afresh.
 #[test]
-fn farewell_of_a_dead_upload_does_not_reach_the_next_client() {
+fn final_ack_of_a_timed_out_upload_is_not_sent_to_the_next_client() {
     let mut world = world::<1>();
     world.run_for(secs(1));
     world.gcs[0].send(&count(5));
@@ -58,10 +58,10 @@ fn farewell_of_a_dead_upload_does_not_reach_the_next_client() {
     assert!(world.gcs[0].count_of::<MissionRequestInt>() > 0);
 }
 
-/// M-22: within a second of an item the client gives its plan up and begins another one of as many, and answers whatever it is
-/// asked for, as QGroundControl does. No item of the old one goes live with the new one.
+/// M-22: within a second of an item the client abandons its plan and uploads another one of the same length, and answers every
+/// request, as QGroundControl does. No item of the old plan goes live with the new one.
 #[test]
-fn another_plan_of_the_same_length_is_not_completed_with_the_old_one() {
+fn restarted_upload_keeps_no_item_of_the_old_plan() {
     let new = plan(4, 9);
     for taken in 1..4 {
         let mut world = world::<1>();
@@ -87,14 +87,14 @@ fn another_plan_of_the_same_length_is_not_completed_with_the_old_one() {
         });
         assert_eq!(ack.map(|(_, ack)| ack.r#type), Some(MavMissionResult::ACCEPTED), "{taken}");
         let variants: Vec<_> = world.stack.mission().items().iter().map(|item| item.params[1]).collect();
-        assert_eq!(variants, [9.0; 4], "{taken} items of the old one");
+        assert_eq!(variants, [9.0; 4], "{taken} items of the old plan");
     }
 }
 
-/// M-11, M-45: a partner whose downlink failed repeats its last item on another link. The next item is requested there,
-/// two seconds after the partner was last heard on the first link.
+/// M-11, M-45: a client whose downlink failed sends its last item again on another link. The next item is requested there, two
+/// seconds after the client was last heard on the first link.
 #[test]
-fn partner_that_repeats_itself_on_another_link_is_followed() {
+fn upload_follows_its_client_to_another_link() {
     let mut world = world::<2>();
     world.run_for(secs(1));
     world.gcs[0].send(&count(5));
@@ -109,8 +109,8 @@ fn partner_that_repeats_itself_on_another_link_is_followed() {
     assert_eq!(request.seq, 1);
 }
 
-/// M-32, M-36: an item of another plan during an upload is dropped, also one of a plan that is not served: an answer would
-/// end the upload in clients that do not look at its type.
+/// M-32, M-36: an item of another plan during an upload is dropped, even of a plan without memory: an answer would end the
+/// upload in clients that ignore its type.
 #[test]
 fn item_of_another_plan_is_not_answered() {
     let mut world = world::<1>();
@@ -122,10 +122,10 @@ fn item_of_another_plan_is_not_answered() {
     assert_eq!(world.gcs[0].all::<MissionAck>(), []);
 }
 
-/// H-5: a task that sleeps until `next_deadline`, beside a flight loop of 100 Hz that stops: no heartbeat later than
-/// `max_loop_gap`, though the task slept through the loop's last ticks.
+/// H-5: a task that sleeps until `next_deadline`, beside a 100 Hz flight loop that stops: no heartbeat is sent later than
+/// `max_loop_gap`, although the task slept through the loop's last ticks.
 #[test]
-fn sleeper_sends_no_heartbeat_for_a_loop_that_stopped() {
+fn sleeping_driver_sends_no_heartbeat_after_the_loop_stopped() {
     for stop in [3_010, 3_250, 3_500, 3_750, 3_990] {
         let mut world: World<1> = World::new(Setup::new());
         let (mut now, stop) = (Instant::ZERO, Instant::from_millis(stop));
@@ -150,14 +150,14 @@ fn sleeper_sends_no_heartbeat_for_a_loop_that_stopped() {
         }
         let last = last.unwrap();
         assert!(last <= stop.after(millis(500)), "{:?} after the loop stopped", last.since(stop));
-        assert!(last >= Instant::from_millis(2_900), "and until then one a second");
+        assert!(last >= Instant::from_millis(2_900), "until then one per second");
     }
 }
 
-/// A transport whose FIFO the last frame filled says "not ready" when nothing is left to be sent: the next heartbeat has
-/// its deadline all the same.
+/// A transport whose FIFO is full after the last frame is not ready although nothing is left to send: the next heartbeat still
+/// has its deadline.
 #[test]
-fn full_fifo_hides_no_deadline() {
+fn full_fifo_does_not_hide_a_deadline() {
     let down = Wire { bytes_per_second: 11_520, tx_fifo: 21, ..Wire::default() };
     let mut world: World<1> = World::new(Setup { lines: [LineConfig { down, ..Default::default() }], ..Setup::new() });
     let mut now = Instant::from_millis(100);
@@ -168,16 +168,16 @@ fn full_fifo_hides_no_deadline() {
         world.stack.poll_link(now, LinkId(0), &mut world.uarts[0], &mut world.vehicle).unwrap();
         let has_rest = !world.stack.transmit(now, LinkId(0), &mut world.vehicle).is_empty();
         let next = world.stack.next_deadline(now);
-        assert!(has_rest || next < now.after(secs(2)), "asleep for good at {now:?}");
+        assert!(has_rest || next < now.after(secs(2)), "no deadline at {now:?}");
         now = if has_rest { now.after(millis(1)) } else { next.max(now.after(millis(1))) };
     }
     assert!(world.stack.link_counters(LinkId(0)).unwrap().tx_frames >= 2);
 }
 
-/// H-14: a router on the ground that joins two links sends us our own frames back on the other one. That is an echo and no
-/// second vehicle.
+/// H-14: a router on the ground that joins two links returns our own frames on the other one. These are echoes, not another
+/// vehicle.
 #[test]
-fn echo_over_another_link_is_no_conflict() {
+fn echo_on_another_link_is_not_a_conflict() {
     let mut world = world::<2>();
     world.run_for(secs(1));
     world.upload(0, &plan(50, 0)).unwrap();
@@ -195,9 +195,9 @@ fn echo_over_another_link_is_no_conflict() {
     assert!(!world.vehicle.peer_events().iter().any(is_conflict));
 }
 
-/// S-16: a frame whose id we do not know came, and so is no lost one.
+/// S-16: a received frame with an unknown id is not counted as lost.
 #[test]
-fn unknown_ids_are_no_losses() {
+fn unknown_ids_are_not_losses() {
     message! {
         struct Private: PRIVATE = 42_001 { a: u8, }
     }
@@ -214,10 +214,10 @@ fn unknown_ids_are_no_losses() {
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().unknown, 50);
 }
 
-/// S-13, SEC-2: whoever hands bytes over until all are taken comes to an end, also where a call's budget ends before a frame that
+/// S-13, SEC-2: a caller that passes bytes until all are taken terminates, also if a call's budget ends before a frame that
 /// fills the buffer.
 #[test]
-fn bytes_are_taken_in_the_end_whatever_the_budget() {
+fn all_bytes_are_taken_eventually() {
     for noise in 0..200 {
         let mut world = world::<1>();
         let long = reference::v2(FileTransferProtocol::ID, [1, 0], [9, 9], &[7; 254], 84);
@@ -228,6 +228,6 @@ fn bytes_are_taken_in_the_end_whatever_the_budget() {
             let taken = world.stack.receive(Instant::ZERO, LinkId(0), rest, &mut world.vehicle);
             rest = &rest[taken..];
         }
-        assert!(rest.is_empty(), "{} bytes are left behind {noise}", rest.len());
+        assert!(rest.is_empty(), "{} bytes are left after {noise}", rest.len());
     }
 }

@@ -1,9 +1,8 @@
-//! Two hours at 57,600 baud with three ground stations on one line that do everything at once: rules C-3, D-3, D-4, H-1, H-15,
+//! Two hours at 57,600 baud with three ground stations on one link that do everything at once: rules C-3, D-3, D-4, H-1, H-15,
 //! P-10 to P-14, Q-4, Q-5, Q-8, T-1, T-2, T-5.
 //!
-//! Each of them goes by the habits of the program that it is called after. Twelve times the line is flooded with streams, and
-//! twelve times a radio says that its buffer is full; in the calm between, streams have their rates. Simulated time: it takes
-//! seconds.
+//! Each station behaves like the program that it is named after. Twelve times the link is flooded with streams, and twelve
+//! times a radio reports a full buffer; in between, streams keep their rates. The time is simulated: the test takes seconds.
 
 mod client;
 
@@ -19,15 +18,15 @@ use std::collections::BTreeMap;
 type Served = Tested<plan_memory!(mission: 60), 8, Timed>;
 
 const END: Duration = secs(2 * 3_600);
-/// Bytes/s, each way.
+/// Bytes/s in each direction.
 const RATE: u64 = 5_760;
-/// From a poll to the next, at most.
+/// The longest time between two polls.
 const POLL: Duration = Duration::from_millis(8);
 
-/// The line takes nothing for so long, now and then, when a radio's buffer is full.
+/// How long the link accepts nothing, now and then, while the radio's buffer is full.
 const STALL: Duration = Duration::from_millis(250);
 
-/// HOME_POSITION is in no group, so that nobody's REQUEST_DATA_STREAM ends the flood.
+/// HOME_POSITION is in no group, so REQUEST_DATA_STREAM does not end the flood.
 const FLOOD: &[(u32, f32)] = &[(Attitude::ID, 1_000.0), (GlobalPositionInt::ID, 1_000.0), (HomePosition::ID, 1_000.0)];
 const CALM: &[(u32, f32)] = &[
     (Attitude::ID, 50_000.0),
@@ -37,7 +36,7 @@ const CALM: &[(u32, f32)] = &[
     (HomePosition::ID, -1.0),
 ];
 
-/// Asks for parameters of all components, waits three seconds for a command, repeats it three times.
+/// Requests parameters of all components; retransmits a command after three seconds, three times.
 const QGROUNDCONTROL: Habits = Habits {
     address: Address::new(255, 190),
     command_timeout: secs(3),
@@ -57,7 +56,7 @@ const QGROUNDCONTROL: Habits = Habits {
     ],
 };
 
-/// Waits half a second for everything, and has a clock and a ping.
+/// Has timeouts of half a second, and sends TIMESYNC and PING.
 const MAVSDK: Habits = Habits {
     address: Address::new(245, 190),
     command_timeout: millis(500),
@@ -78,7 +77,7 @@ const MAVSDK: Habits = Habits {
     ],
 };
 
-/// Repeats no command, asks for all streams every 15 seconds, has five requests of a download on their way.
+/// Retransmits no command, requests all streams every 15 seconds, and downloads with five requests in flight.
 const MAVPROXY: Habits = Habits {
     address: Address::new(254, 230),
     command_timeout: secs(5),
@@ -100,13 +99,13 @@ const MAVPROXY: Habits = Habits {
     ],
 };
 
-/// What each minute of ten is like.
+/// The conditions of a minute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Weather {
     Calm,
-    /// More streams than the line carries.
+    /// More streams than the link carries.
     Flood,
-    /// A radio's buffer is full.
+    /// The radio's buffer is full.
     Radio,
 }
 
@@ -118,10 +117,10 @@ fn weather(minute: u64) -> Weather {
     }
 }
 
-/// Streams: what should come in the calm, and what does.
+/// Expected and received streams in the calm.
 #[derive(Debug)]
 struct Rates {
-    /// µs; 0 is off.
+    /// In µs; 0 is off.
     intervals: [f64; 5],
     expected: [f64; 5],
     came: [f64; 5],
@@ -143,24 +142,24 @@ impl Rates {
     }
 }
 
-/// What was heard of the vehicle.
+/// What was received from the vehicle.
 struct Log {
-    /// Frames of the ground station that were looked at.
+    /// How many received frames were examined.
     seen: usize,
     frames: u32,
     bytes: u64,
     heartbeats: u64,
     last_heartbeat: Option<Instant>,
-    /// The greatest difference of a heartbeat's interval from a second; and where the line stalls.
+    /// The largest deviation of a heartbeat's interval from a second, and the same while the link is stalled.
     jitter: Duration,
     stalled_jitter: Duration,
     is_stalling: bool,
     rates: Rates,
-    /// Bytes of this minute, and of the minutes of each weather the least and the most.
+    /// Bytes of this minute, and the least and most per minute of each condition.
     minute_bytes: u64,
     flood: (u64, u64),
     calm: (u64, u64),
-    /// Texts, by their id while they are not whole.
+    /// Texts, and incomplete ones by id.
     texts: Vec<String>,
     chunks: BTreeMap<u16, String>,
 }
@@ -201,7 +200,7 @@ impl Log {
     }
 }
 
-/// The vehicle's own part: a calibration takes five seconds; now and then it has something to say.
+/// The vehicle's own behaviour: a calibration takes five seconds, and it sends a text now and then.
 #[derive(Default)]
 struct Flight {
     calibration: Option<Instant>,
@@ -287,7 +286,7 @@ fn two_hours_of_three_ground_stations() {
             radio_due = now.after(secs(4));
             world.gcs[0].send_from(Address::new(51, 68), &RadioStatus { txbuf: 10, ..RadioStatus::default() });
             world.uarts[0].stall_writes_until(now.after(STALL));
-            // And just then everybody wants everything: more than the vehicle can owe.
+            // At that moment every client sends requests, more than the vehicle has slots for.
             clients.iter_mut().for_each(|client| client.act(now, &mut world.gcs[0], Act::Commands(8)));
         }
         if !is_over {
@@ -295,7 +294,7 @@ fn two_hours_of_three_ground_stations() {
         } else {
             world.stack.long_commands_mut().finish(MavCmd::PREFLIGHT_CALIBRATION, MavResult::ACCEPTED);
         }
-        // What a minute begins with takes a while to settle.
+        // The first seconds of a minute are not judged.
         let is_judged = weather == Weather::Calm && second >= 10 && !is_over;
         if is_judged {
             log.rates.pass(now.since(before));
@@ -319,14 +318,14 @@ fn two_hours_of_three_ground_stations() {
         }
     }
 
-    // D-3: every request has its one answer, or was dropped and counted.
+    // D-3: every request was answered once, or dropped and counted.
     assert!(clients.iter().all(Client::is_idle), "{clients:#?}");
     let (link, plans) = (world.stack.link_counters(LinkId(0)).unwrap(), world.stack.plan_counters());
     let books: Vec<Books> = clients.iter().map(|client| client.books).collect();
     let sum = |what: fn(&Books) -> u64| books.iter().map(what).sum::<u64>();
     let in_vain = sum(|books| books.in_vain);
     assert_eq!(in_vain, u64::from(link.no_answer_slot + plans.no_answer_slot), "{books:#?}");
-    // C-3: of the commands, those that were dropped are all that have no final answer.
+    // C-3: every command without a final answer was dropped and counted.
     let commands_in_vain = sum(|books| books.commands) - sum(|books| books.acks);
     assert!((1_000..=in_vain).contains(&commands_in_vain), "{commands_in_vain} of {in_vain}");
     assert!(sum(|books| books.commands) > 30_000 && sum(|books| books.calibrations) > 200, "{books:#?}");
@@ -335,14 +334,14 @@ fn two_hours_of_three_ground_stations() {
     assert_eq!(plans.accepted, clients.iter().map(|client| client.accepted).sum::<u32>());
     assert!(plans.accepted > 3_000);
 
-    // H-1, D-4: a heartbeat a second, give or take a poll and the longest frame there is.
+    // H-1, D-4: one heartbeat per second, give or take a poll and the longest frame.
     let frame = Duration::from_micros(MAX_FRAME_LEN as u64 * 1_000_000 / RATE);
     let micros = |duration: Duration| duration.as_micros();
     assert!(micros(log.jitter) <= micros(frame) + micros(POLL), "{:?}", log.jitter);
     assert!(micros(log.stalled_jitter) <= micros(frame) + micros(POLL) + micros(STALL), "{:?}", log.stalled_jitter);
     assert!((7_214..=7_216).contains(&log.heartbeats), "{} heartbeats", log.heartbeats);
 
-    // rates. The flood was one, the calm was calm.
+    // the rates. The flood saturated the link, and the calm did not.
     for (expected, came) in log.rates.expected.into_iter().zip(log.rates.came).take(4) {
         assert!((came / expected - 1.0).abs() <= 0.05, "{:?}", log.rates);
     }
@@ -350,18 +349,18 @@ fn two_hours_of_three_ground_stations() {
     assert!(log.flood.0 > minute * 9 / 10 && log.flood.1 <= minute, "{:?} bytes of {minute}", log.flood);
     assert!(log.calm.0 > minute / 4 && log.calm.1 < minute * 9 / 10, "{:?} bytes of {minute}", log.calm);
 
-    // T-5: each text came once, and whole.
+    // T-5: each text was received once, and whole.
     log.texts.retain(|text| text.starts_with("Event"));
     assert_eq!(log.texts, flight.texts);
 
-    // And nothing else was lost anywhere.
+    // No counter shows any other loss.
     let quiet = counted::<LinkCounters>(|counters| {
         counters.tx_frames = link.tx_frames;
         counters.tx_bytes = link.tx_bytes;
         counters.no_answer_slot = link.no_answer_slot
     });
     assert_eq!(link, quiet);
-    // But for what is still under way.
+    // Except what is still in transmission.
     let under_way = (link.tx_frames - log.frames, u64::from(link.tx_bytes) - log.bytes);
     assert!(under_way.0 <= 4 && under_way.1 <= MAX_FRAME_LEN as u64, "{under_way:?}");
     let quiet = counted::<PlanCounters>(|counters| {
@@ -376,6 +375,6 @@ fn two_hours_of_three_ground_stations() {
     assert!(peers.iter().all(|peer| peer.lost == 0), "{peers:?}");
     assert_eq!(peers.iter().map(|peer| peer.received).sum::<u32>(), rx.frames);
     assert_eq!(peers.iter().filter(|peer| peer.is_alive).count(), 3);
-    assert_eq!(world.vehicle.peer_events().len(), 3, "each was found once, and never lost");
+    assert_eq!(world.vehicle.peer_events().len(), 3, "each was found once and never timed out");
     assert_eq!(world.errors, []);
 }

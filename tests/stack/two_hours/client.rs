@@ -1,47 +1,47 @@
-//! A ground station with habits: what it asks, how often, how long it waits, what it does then.
+//! A simulated ground station: what it requests, how often, how long it waits, and what it does then.
 //!
-//! Everything it asks is entered in its [`Books`]: at the end each copy of a request has its one answer, or was sent in vain.
+//! Every request is entered in its [`Books`]: at the end each transmission was answered once, or is counted as unanswered.
 
 use crate::support::{Download, Gcs, Received, Rng, TransferError, Upload, plan};
 use mavstack::dialect::*;
 use mavstack::{Address, Duration, Instant, Message, Text};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// What tells one ground station from another. Times are those of the programs themselves.
+/// What distinguishes ground stations. The times are those of the real programs.
 #[derive(Clone, Copy, Debug)]
 pub struct Habits {
     pub address: Address,
-    /// A command without an answer is sent again after this time, so often.
+    /// The time until a command is retransmitted, and how often.
     pub command_timeout: Duration,
     pub command_retries: u32,
     /// The same for PARAM_SET and PARAM_REQUEST_READ.
     pub param_timeout: Duration,
     /// PARAM_REQUEST_LIST is addressed to this component.
     pub list_component: u8,
-    /// The parameters that it sets, each with its type and bounds; nobody else sets them.
+    /// The parameters that it sets, with types and bounds; no other client sets them.
     pub params: &'static [(&'static str, MavParamType, f32, f32)],
     pub transfers: Transfers,
-    /// What it does by itself, and how often.
+    /// What it does on its own, and how often.
     pub routine: &'static [(Duration, Act)],
 }
 
-/// How plans are transferred.
+/// The style of plan transfers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Transfers {
     QGroundControl,
     Mavsdk,
-    /// With five requests on their way.
+    /// With five requests in flight.
     MavProxy,
 }
 
-/// Something that a ground station does.
+/// An action of a ground station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Act {
-    /// Commands with answers at once, one or as many as that.
+    /// Sends this many commands that are answered at once.
     Commands(u32),
-    /// The rates of what it shows (µs).
+    /// Sets the intervals of its streams (µs).
     SetRates(&'static [(u32, f32)]),
-    /// One that takes its time.
+    /// Starts a long-running command.
     Calibrate,
     SetMode,
     RequestDataStreams(u16),
@@ -53,13 +53,13 @@ pub enum Act {
     Timesync,
 }
 
-/// What became of what was asked.
+/// The outcomes of all requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Books {
-    /// Copies of commands, and final COMMAND_ACKs.
+    /// Transmitted commands, and final COMMAND_ACKs.
     pub commands: u64,
     pub acks: u64,
-    /// Commands that ran, to their end.
+    /// Long-running commands that ended.
     pub calibrations: u64,
     pub sets: u64,
     pub reads: u64,
@@ -67,9 +67,9 @@ pub struct Books {
     pub times: u64,
     pub uploads: u64,
     pub downloads: u64,
-    /// Transfers that the vehicle refused: somebody else was at it.
+    /// Transfers that the vehicle refused because of another client.
     pub refused: u64,
-    /// Copies of all these that got no answer.
+    /// Transmitted requests without an answer.
     pub in_vain: u64,
 }
 
@@ -84,15 +84,15 @@ struct Pending {
 #[derive(Clone, Debug)]
 struct Param {
     name: &'static str,
-    /// By index, where it is not by name.
+    /// The index, if the name is empty.
     index: i16,
-    /// The value to be set.
+    /// The value to set.
     set: Option<(MavParamType, f32)>,
     is_refused: bool,
     due: Instant,
 }
 
-/// A download with five requests on their way, as MAVProxy does it.
+/// A download with five requests in flight, as MAVProxy does it.
 #[derive(Clone, Debug, Default)]
 struct Window {
     count: Option<u16>,
@@ -114,18 +114,18 @@ enum Transfer {
 pub struct Client {
     pub habits: Habits,
     pub books: Books,
-    /// Uploads that the vehicle took.
+    /// Uploads that the vehicle accepted.
     pub accepted: u32,
-    /// Whether it begins anything new.
+    /// Whether it starts anything new.
     pub is_busy: bool,
-    /// Whether an answer is the one to the oldest question, because none was dropped of late.
+    /// Whether an answer belongs to the oldest request, because none was dropped recently.
     pub is_sure: bool,
-    /// Streams whose interval (µs) it has set.
+    /// Streams whose interval (µs) it set.
     pub rates: Vec<(u32, f32)>,
     rng: Rng,
     due: Vec<Instant>,
     commands: VecDeque<Pending>,
-    /// Messages that were promised.
+    /// Messages that were announced by an ACK.
     promised: Vec<(u32, Instant)>,
     params: Vec<Param>,
     list: Option<(BTreeSet<u16>, Instant)>,
@@ -161,7 +161,7 @@ impl Client {
         }
     }
 
-    /// Whether it waits for nothing.
+    /// Returns whether nothing is outstanding.
     pub fn is_idle(&self) -> bool {
         self.commands.is_empty()
             && self.promised.is_empty()
@@ -172,7 +172,7 @@ impl Client {
             && self.syncs.is_empty()
     }
 
-    /// Whether it looks at what was received before.
+    /// Returns whether it examines earlier frames.
     pub fn is_transferring(&self) -> bool {
         self.transfer.is_some()
     }
@@ -283,7 +283,7 @@ impl Client {
         ][self.rng.below(10) as usize]
     }
 
-    /// Sends a command, unless an equal one waits for its answer.
+    /// Sends a command, unless an equal one is outstanding.
     fn command(&mut self, now: Instant, gcs: &mut Gcs, command: MavCmd, [param1, param2]: [f32; 2]) {
         let message = gcs.long(command, [param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0]);
         if self.commands.iter().any(|pending| pending.message == message) {
@@ -296,7 +296,7 @@ impl Client {
     }
 
     fn param(&mut self, now: Instant, gcs: &mut Gcs, mut param: Param) {
-        // One question about a parameter at a time.
+        // One request per parameter at a time.
         if self.params.iter().any(|other| (other.name, other.index) == (param.name, param.index)) {
             return;
         }
@@ -317,12 +317,12 @@ impl Client {
         }
     }
 
-    /// What got no answer in time is asked again, or given up.
+    /// Retransmits requests that timed out, or gives up.
     fn repeat(&mut self, now: Instant, gcs: &mut Gcs) {
         for _ in 0..self.commands.len() {
             let mut pending = self.commands.pop_front().expect("one of them");
             if now >= pending.due {
-                assert!(!pending.is_running, "{:?} fell silent", pending.message);
+                assert!(!pending.is_running, "{:?} stopped reporting", pending.message);
                 self.books.in_vain += 1;
                 let Some(retries) = pending.retries.checked_sub(1) else { continue };
                 pending.retries = retries;
@@ -346,13 +346,13 @@ impl Client {
         self.syncs.retain(|_, sent| now.since(*sent) < LATE);
         self.books.in_vain += (before - self.pings.len() - self.syncs.len()) as u64;
         if let Some((seen, due)) = &self.list {
-            assert!(now < *due, "a list without an end: {seen:?}");
+            assert!(now < *due, "an incomplete list: {seen:?}");
         }
         let late = self.promised.iter().find(|(_, due)| now >= *due);
-        assert_eq!(late, None, "a message that was promised does not come");
+        assert_eq!(late, None, "a requested message is missing");
     }
 
-    /// A frame of the vehicle came.
+    /// Handles a frame of the vehicle.
     pub fn hear(&mut self, now: Instant, frame: &Received) {
         let is_mine = |system, component| Address::new(system, component) == self.habits.address;
         self.promised.retain(|(id, _)| *id != frame.header.id);
@@ -370,7 +370,7 @@ impl Client {
                 let name = error.param_id.as_str().expect("a name");
                 let asked = |param: &Param| param.name == name && param.index == error.param_index && param.is_refused;
                 let place = self.params.iter().position(asked);
-                self.params.remove(place.unwrap_or_else(|| panic!("nobody asked: {error:?}")));
+                self.params.remove(place.unwrap_or_else(|| panic!("no request for {error:?}")));
             }
         } else if let Some(ping) = frame.decode::<Ping>() {
             if is_mine(ping.target_system, ping.target_component) {
@@ -388,7 +388,7 @@ impl Client {
 
     fn on_ack(&mut self, now: Instant, ack: &CommandAck) {
         let place = self.commands.iter().position(|pending| pending.message.command == ack.command);
-        let pending = &mut self.commands[place.unwrap_or_else(|| panic!("nobody asked: {ack:?}"))];
+        let pending = &mut self.commands[place.unwrap_or_else(|| panic!("no command for {ack:?}"))];
         if ack.result == MavResult::IN_PROGRESS {
             pending.is_running = true;
             pending.due = now.after(Duration::from_secs(3));
@@ -396,7 +396,7 @@ impl Client {
         }
         self.books.acks += 1;
         self.books.calibrations += u64::from(pending.is_running);
-        // Answers come in the order of the questions.
+        // Answers arrive in the order of the requests.
         let done = self.commands.remove(place.unwrap_or(0)).expect("it is there");
         if ack.command == MavCmd::SET_MESSAGE_INTERVAL {
             assert_eq!(ack.result, MavResult::ACCEPTED);
@@ -416,7 +416,7 @@ impl Client {
         let name = value.param_id.as_str().expect("a name");
         self.params.retain(|param| {
             let is_it = if param.index < 0 { param.name == name } else { param.index as u16 == value.param_index };
-            // One that was refused waits for the refusal; one that was set, for the value.
+            // A refused set waits for the refusal, and an accepted one for its value.
             let is_set = param.set.is_none_or(|(_, wanted)| wanted.to_bits() == value.param_value.to_bits());
             !is_it || param.is_refused || !is_set
         });
@@ -459,7 +459,7 @@ impl Client {
         match result {
             Ok(()) => self.accepted += u32::from(matches!(self.transfer, Some(Transfer::Up(_)))),
             Err(TransferError::Refused(_)) => self.books.refused += 1,
-            Err(TransferError::Timeout) => panic!("{:?}: {:?} without an end", self.habits.address, self.transfer),
+            Err(TransferError::Timeout) => panic!("{:?}: {:?} does not end", self.habits.address, self.transfer),
         }
         self.transfer = None;
     }
@@ -505,14 +505,14 @@ impl Window {
             }
         } else if let Some(item) = frame.decode::<MissionItemInt>() {
             if is_mine(item.target_system, item.target_component) {
-                assert!(self.got.insert(item.seq), "each item is asked for once");
+                assert!(self.got.insert(item.seq), "each item is requested once");
             }
         } else if let Some(ack) = frame.decode::<MissionAck>()
             && is_mine(ack.target_system, ack.target_component)
         {
-            // The plan is a shorter one by now.
+            // The plan has become shorter meanwhile.
             self.end = Some(Err(TransferError::Refused(ack.r#type)));
-            // Each of the others is refused too.
+            // The other requests are refused too.
             self.count = self.count.map(|_| 0);
         }
     }
