@@ -8,15 +8,15 @@ use mavstack::dialect::{
 use mavstack::frame::Version;
 use mavstack::{Config, Duration, Instant, LinkConfig, LinkId, Pulse, Stack, VehicleState};
 
-/// When each heartbeat came to the ground station of `link`.
+/// Returns the times at which the ground station of `link` received a heartbeat.
 fn times<const N: usize>(world: &World<N>, link: usize) -> Vec<Instant> {
     world.gcs[link].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect()
 }
 
-/// H-1 to H-4, V-5: every second, on every normal link, in either version, without a peer and without being armed; with
-/// all that the vehicle says.
+/// H-1 to H-4, V-5: a heartbeat every second on every normal link, in both versions, without a peer and while disarmed, with
+/// the vehicle's state.
 #[test]
-fn heartbeat_goes_out_on_every_normal_link() {
+fn heartbeat_is_sent_on_every_normal_link() {
     let links = [
         LinkConfig::uart(57_600),
         LinkConfig::uart(57_600).with_version(TxVersion::V1),
@@ -46,15 +46,15 @@ fn heartbeat_goes_out_on_every_normal_link() {
             };
             assert_eq!(frame.decode(), Some(expected));
         }
-        // S-16: each link numbers its own frames.
+        // S-16: each link has its own sequence.
         let seqs: Vec<u8> = world.gcs[link].received.iter().map(|frame| frame.header.seq).collect();
         assert_eq!(seqs, [0, 1, 2]);
     }
 }
 
-/// H-2: an address that no vehicle can have cannot be configured.
+/// H-2: an address that a vehicle must not have cannot be configured.
 #[test]
-fn impossible_addresses_are_refused() {
+fn invalid_addresses_are_refused() {
     use mavstack::Address;
     use mavstack::config::VehicleAddress;
     for (system, component, possible) in
@@ -65,8 +65,8 @@ fn impossible_addresses_are_refused() {
     }
 }
 
-/// D-1, H-6: for 10,000 s, over the wrap of a 32-bit millisecond counter, with polls that come irregularly: one heartbeat
-/// a second, none early, none later than the poll behind it, no drift.
+/// D-1, H-6: for 10,000 s, across the wrap of a 32-bit millisecond counter and with irregular polls, there is one heartbeat a
+/// second, never early, never later than the next poll, and without drift.
 #[test]
 fn phase_does_not_drift() {
     let pulse: &Pulse = Box::leak(Box::new(Pulse::new()));
@@ -97,7 +97,7 @@ fn phase_does_not_drift() {
     }
 }
 
-/// H-1: the period is the firmware's choice.
+/// H-1: the period is configurable.
 #[test]
 fn period_is_configurable() {
     let mut setup = Setup::<1>::new();
@@ -107,8 +107,8 @@ fn period_is_configurable() {
     assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 40);
 }
 
-/// H-5, H-6: the flight loop stops at any phase. The stack is polled on, but no heartbeat goes out later
-/// than `max_loop_gap`; when the loop goes on there is one at once, and then one a second, without a burst.
+/// H-5, H-6: the flight loop stops at any phase. The stack is still polled, but sends no heartbeat later than `max_loop_gap`.
+/// When the loop resumes, one is sent at once, then one a second, without a burst.
 #[test]
 fn heartbeat_stops_and_resumes_with_the_flight_loop() {
     for phase in (0..1_000).step_by(53) {
@@ -130,9 +130,9 @@ fn heartbeat_stops_and_resumes_with_the_flight_loop() {
     }
 }
 
-/// H-5: a shorter gap of silence than `max_loop_gap` is a slow pass and no fault.
+/// H-5: a gap shorter than `max_loop_gap` is a slow pass, not a fault.
 #[test]
-fn slow_pass_of_the_loop_is_no_fault() {
+fn slow_pass_of_the_loop_is_not_a_fault() {
     let mut setup = Setup::<1>::new();
     setup.config.max_loop_gap = secs(2);
     let mut world = World::new(setup);
@@ -142,10 +142,10 @@ fn slow_pass_of_the_loop_is_no_fault() {
         world.loop_runs = false;
         world.run_for(millis(1_900));
     }
-    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 20, "one a second for 19.01 s");
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 20, "one per second for 19.01 s");
 }
 
-/// H-5: nothing is said before the flight loop runs for the first time.
+/// H-5: no heartbeat is sent before the first tick of the flight loop.
 #[test]
 fn there_is_no_heartbeat_before_the_first_tick() {
     let mut world = World::new(Setup::<1>::new());
@@ -156,7 +156,7 @@ fn there_is_no_heartbeat_before_the_first_tick() {
     world.expect::<Heartbeat>(0, millis(2));
 }
 
-/// H-5: a latched fault is for good, whatever ticks; the rest of the stack goes on.
+/// H-5: a latched fault is permanent, whatever ticks; the rest of the stack keeps running.
 #[test]
 fn fault_is_latched() {
     let mut world = World::new(Setup::<1>::new());
@@ -170,9 +170,9 @@ fn fault_is_latched() {
     assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0);
 }
 
-/// H-5: no heartbeat while the vehicle says that it is in a fault; soon one when it is well again.
+/// H-5: no heartbeat is sent while the vehicle reports a fault; one is sent soon after the fault has ended.
 #[test]
-fn vehicle_in_a_fault_is_silent() {
+fn vehicle_in_a_fault_sends_no_heartbeat() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(secs(2));
     let state = world.vehicle.state.take();
@@ -185,9 +185,9 @@ fn vehicle_in_a_fault_is_silent() {
     world.expect::<Heartbeat>(0, millis(105));
 }
 
-/// D-4, H-6: after a stall the heartbeat is the first frame that begins, one only, before the answers that waited.
+/// D-4, H-6: after a stall, the first new frame is a single heartbeat, before the pending answers.
 #[test]
-fn heartbeat_comes_first_when_room_returns() {
+fn heartbeat_is_sent_first_after_a_stall() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(millis(500));
     world.uarts[0].stall_writes_until(Instant::from_millis(8_000));
@@ -204,10 +204,9 @@ fn heartbeat_comes_first_when_room_returns() {
     assert_eq!(world.vehicle.commands().len(), 4);
 }
 
-/// H-5: what a stalled line gets when it moves again is how things are then. A heartbeat from before the flight
-/// loop stopped does not go out after it.
+/// H-5: after a stall, a link sends the current state. A heartbeat from before the flight loop stopped is not sent.
 #[test]
-fn stalled_line_gets_no_stale_heartbeat() {
+fn stalled_link_sends_no_stale_heartbeat() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(millis(500));
     world.uarts[0].stall_writes_until(Instant::from_millis(10_000));
@@ -215,10 +214,10 @@ fn stalled_line_gets_no_stale_heartbeat() {
     world.gcs[0].forget();
     world.loop_runs = false;
     world.run_for(secs(20));
-    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0, "the loop stopped at 2 s, the line moved again at 10 s");
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0, "the loop stopped at 2 s, the link recovered at 10 s");
 }
 
-/// H-7, L-3: none on a satellite link, and on such a link nothing goes out unasked.
+/// H-7, L-3: a high-latency link carries no heartbeat, and nothing unsolicited.
 #[test]
 fn high_latency_link_gets_no_heartbeat() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
@@ -243,7 +242,7 @@ fn three_links() -> World<3> {
     world
 }
 
-/// H-4: a number other than 0 is a mode, also for a vehicle that does not declare its modes. Flags of its own are sent too.
+/// H-4: a custom mode other than 0 is a mode, even if the vehicle declares no modes. The vehicle's own flags are sent too.
 #[test]
 fn custom_mode_enabled_is_set_with_a_mode() {
     let custom = MavModeFlag::CUSTOM_MODE_ENABLED;
@@ -300,7 +299,7 @@ fn heartbeat_precedes_the_answer_to_arming() {
         assert_eq!(ids, [0, 77], "armed: {is_armed}");
         let (_, heartbeat) = world.gcs[0].take::<Heartbeat>().unwrap();
         assert_eq!(heartbeat.base_mode.contains(MavModeFlag::SAFETY_ARMED), is_armed);
-        assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 1, "on the other link, too");
+        assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 1, "on the other link too");
         world.run_for(millis(200));
         world.gcs.iter_mut().for_each(Gcs::forget);
     }
@@ -348,9 +347,9 @@ fn extra_heartbeat_needs_room_and_credit() {
     assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1), "no burst");
 }
 
-/// H-16: while the vehicle is in a fault nothing is reported, and the driver is not woken for it.
+/// H-16: a change to a fault sends nothing, and does not wake the driver.
 #[test]
-fn change_to_a_fault_is_silent() {
+fn change_to_a_fault_sends_nothing() {
     let mut world = three_links();
     let state = world.vehicle.state.unwrap();
     world.vehicle.state.as_mut().unwrap().custom_mode = 8;
@@ -360,15 +359,15 @@ fn change_to_a_fault_is_silent() {
     world.run_for(millis(200));
     assert_eq!(times(&world, 0).len(), 0);
     assert!(world.stack.next_deadline(world.now()) > world.now());
-    // When it is well again the link that was not told is told at once.
+    // After the fault, the link without the latest state gets it at once.
     world.vehicle.state = Some(VehicleState { custom_mode: 8, ..state });
     world.run_for(millis(5));
     assert_eq!((times(&world, 0).len(), times(&world, 1).len()), (1, 1));
     assert_eq!(world.gcs[0].all::<Heartbeat>()[0].1.custom_mode, 8);
 }
 
-/// H-16, D-4: a state that flaps does not fill a slow link: an extra heartbeat waits for room, so texts are sent between them, and the
-/// last state is reported.
+/// H-16, D-4: a flapping state does not saturate a slow link: an extra heartbeat waits for room, so texts are sent in between,
+/// and the last state is reported.
 #[test]
 fn extra_heartbeats_do_not_fill_a_slow_link() {
     let mut world = World::new(Setup { links: [LinkConfig::uart(1_200)], ..Setup::<1>::new() });

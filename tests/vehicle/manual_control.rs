@@ -14,22 +14,22 @@ const ONLY_STATION: ControlSource = ControlSource::System(SystemId(255));
 const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId(254), last: SystemId(255) };
 /// The companion computer on board.
 const COMPANION: Address = Address::new(1, 191);
-/// Not given, of an axis; and of a channel: left alone, given back.
+/// An absent axis; an ignored channel; a released channel.
 const NONE: i16 = i16::MAX;
 const IGNORE: u16 = u16::MAX;
 const RELEASE: u16 = u16::MAX - 1;
 
-/// A world of a vehicle with the service.
+/// A world whose vehicle declares the service.
 type Steerable<const N: usize> = World<N, Tested<NoPlans, 8, Steered>>;
 
-/// A world in which `source` may steer, and the usual timeout counts.
+/// A world in which `source` may steer, with the default timeout.
 fn world<const N: usize>(source: ControlSource) -> Steerable<N> {
     let mut world = Steerable::of(Setup { start: Instant::from_millis(1_000), ..Setup::new() });
     world.stack.manual_input_mut().set_source(source);
     world
 }
 
-/// `message` comes in now.
+/// Receives `message` now.
 fn send<const N: usize, D: Declares, M: Message>(world: &mut World<N, D>, link: u8, from: Address, message: &M) {
     let frame = world.gcs[usize::from(link)].frame_from(from, message);
     deliver(world, link, &frame);
@@ -55,12 +55,12 @@ fn counters<const N: usize>(world: &Steerable<N>) -> ManualCounters {
     world.stack.manual_input().counters()
 }
 
-/// To the vehicle, with all that a joystick of four axes has.
+/// A message to the vehicle with four axes.
 fn stick(x: i16) -> ManualControl {
     ManualControl { target: 1, x, y: 20, z: 500, r: -40, buttons: 0b101, ..ManualControl::default() }
 }
 
-/// To the vehicle, with these in the first and in the last channel; all others are left alone.
+/// A message to the vehicle with these values in the first and the last channel; the others are ignored.
 fn override_of(first: u16, last: u16) -> RcChannelsOverride {
     RcChannelsOverride { chan1_raw: first, chan18_raw: last, ..untouched() }
 }
@@ -81,9 +81,9 @@ fn untouched() -> RcChannelsOverride {
     }
 }
 
-/// J-1: an axis that is not given, or that is out of range, is `None` by itself; the others count.
+/// J-1: an absent or invalid axis is `None`; the other axes are used.
 #[test]
-fn each_axis_stands_for_itself() {
+fn each_axis_is_checked_by_itself() {
     let mut world = world::<1>(ONLY_STATION);
     for (raw, taken, bad) in [
         (0, Some(0), 0),
@@ -113,7 +113,7 @@ fn each_axis_stands_for_itself() {
     assert_eq!((seen.s, seen.t, seen.aux, seen.buttons), (None, None, [None; 6], 0));
 }
 
-/// J-1: an extension axis is there with its bit only, and what stands in it without that is nobody's mistake.
+/// J-1: an extension axis needs its bit; its value is ignored without the bit.
 #[test]
 fn extension_axes_need_their_bit() {
     let mut world = world::<1>(ONLY_STATION);
@@ -138,12 +138,12 @@ fn extension_axes_need_their_bit() {
         let [s, t, a, b, c, d, e] = std::array::from_fn(|bit| all[bit].filter(|_| enabled_extensions >> bit & 1 != 0));
         assert_eq!((seen.s, seen.t, seen.aux), (s, t, [a, b, c, d, e, None]));
         assert_eq!(counters(&world).bad_axes - bad_before, u32::from(enabled_extensions >> 7));
-        // The buttons have no bit.
+        // Buttons need no bit.
         assert_eq!(seen.buttons, 0x4002_8001);
     }
 }
 
-/// J-1: what a v1 frame cannot say, it does not say; nor what a v2 frame has lost at its end.
+/// J-1: fields that a v1 frame or a truncated v2 frame lacks are absent.
 #[test]
 fn short_forms_have_no_extensions() {
     let mut world = world::<1>(ONLY_STATION);
@@ -153,7 +153,7 @@ fn short_forms_have_no_extensions() {
     let seen = sticks(&world).unwrap();
     assert_eq!((seen.x, seen.y, seen.z, seen.r), (Some(300), Some(20), Some(500), Some(-40)));
     assert_eq!((seen.s, seen.t, seen.aux, seen.buttons), (None, None, [None; 6], 0b101));
-    // aux6 is centred, so the frame ends before it and the axis is still there.
+    // aux6 is 0, so the frame is truncated before it, and the axis is still present.
     world.gcs[0].version = Version::V2;
     send(&mut world, 0, STATION, &ManualControl { aux6: 0, ..full });
     let seen = sticks(&world).unwrap();
@@ -161,9 +161,9 @@ fn short_forms_have_no_extensions() {
     assert_eq!(seen.buttons, 0x0009_0005);
 }
 
-/// J-1: `target` is our own system and no other, nor every one: also where the byte was cut off.
+/// J-1: `target` must be our own system, not another one and not 0, also if its byte was truncated.
 #[test]
-fn sticks_are_for_one_vehicle() {
+fn manual_control_must_name_this_vehicle() {
     let mut world = world::<1>(ONLY_STATION);
     for target in [0, 2, 254, 255] {
         send(&mut world, 0, STATION, &ManualControl { target, ..stick(100) });
@@ -173,14 +173,14 @@ fn sticks_are_for_one_vehicle() {
     assert_eq!(sticks(&world), None);
     assert_eq!(counters(&world), counted::<ManualCounters>(|counters| counters.broadcast = 2));
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().not_ours, 3);
-    // A component is not named, so it is ours.
+    // The message names no component, so it is for us.
     send(&mut world, 0, STATION, &stick(100));
     assert_eq!(sticks(&world).unwrap().x, Some(100));
 }
 
-/// J-4, R-1: the same of channels, which have a target component too.
+/// J-4, R-1: the same for RC_CHANNELS_OVERRIDE, which also names a component.
 #[test]
-fn channels_are_for_one_vehicle() {
+fn override_must_name_this_vehicle() {
     let mut world = world::<1>(ONLY_STATION);
     for (target_system, target_component) in [(0, 0), (0, 1), (2, 1), (1, 2), (255, 190)] {
         send(
@@ -199,9 +199,9 @@ fn channels_are_for_one_vehicle() {
     }
 }
 
-/// J-2: only who may steer does; whoever else sends is counted.
+/// J-2: only the configured sender steers; messages of others are counted.
 #[test]
-fn only_who_may_steers() {
+fn only_the_configured_sender_steers() {
     use ControlSource::{Nobody, System, Systems};
     let range = |first, last| Systems { first: SystemId(first), last: SystemId(last) };
     for (source, may) in [
@@ -212,7 +212,7 @@ fn only_who_may_steers() {
         (range(254, 254), [false, false, true, false]),
         (range(1, 255), [true; 4]),
         (range(255, 254), [false; 4]),
-        // Nobody sent a heartbeat.
+        // No heartbeat was received.
         (ControlSource::GroundStation, [false; 4]),
     ] {
         for (from, may) in [STATION, Address::new(255, 1), OTHER_STATION, COMPANION].into_iter().zip(may) {
@@ -230,9 +230,9 @@ fn only_who_may_steers() {
     }
 }
 
-/// J-2: any ground station, for as long as its heartbeats come, and by the link on which they do.
+/// J-2: any ground station, while its heartbeats are received, and only on their link.
 #[test]
-fn a_ground_station_is_known_by_its_heartbeats() {
+fn ground_station_needs_heartbeats_to_steer() {
     let mut world = world::<2>(ControlSource::GroundStation);
     let is_taken = |world: &mut Steerable<2>, link, from| {
         let before = counters(world).taken;
@@ -242,15 +242,15 @@ fn a_ground_station_is_known_by_its_heartbeats() {
     let onboard = Heartbeat { r#type: MavType::ONBOARD_CONTROLLER, ..Gcs::heartbeat() };
     send(&mut world, 0, COMPANION, &onboard);
     send(&mut world, 0, STATION, &Gcs::heartbeat());
-    assert!(!is_taken(&mut world, 0, COMPANION), "no ground station");
-    assert!(!is_taken(&mut world, 0, OTHER_STATION), "its heartbeats do not come");
-    assert!(!is_taken(&mut world, 1, STATION), "not from there");
+    assert!(!is_taken(&mut world, 0, COMPANION), "not a ground station");
+    assert!(!is_taken(&mut world, 0, OTHER_STATION), "without heartbeats");
+    assert!(!is_taken(&mut world, 1, STATION), "not on this link");
     assert!(is_taken(&mut world, 0, STATION));
     assert_eq!(counters(&world).not_allowed, 3);
-    // Its joystick is another component of the same system.
+    // The joystick is another component of the same system.
     world.run_for(secs(1));
     assert!(is_taken(&mut world, 0, Address::new(255, 25)));
-    // Sticks alone keep nobody alive (H-10).
+    // Manual control does not keep a peer alive (H-10).
     for _ in 0..50 {
         world.run_for(millis(100));
         is_taken(&mut world, 0, STATION);
@@ -261,9 +261,9 @@ fn a_ground_station_is_known_by_its_heartbeats() {
     assert!(is_taken(&mut world, 0, STATION));
 }
 
-/// J-3: a stick is there until it is as old as the timeout, to the microsecond, whatever else its sender says.
+/// J-3: an axis is valid until its age reaches the timeout, to the microsecond, whatever else its sender sends.
 #[test]
-fn sticks_grow_stale() {
+fn sticks_time_out() {
     for timeout in [Duration::from_micros(1), millis(50), ManualInput::TIMEOUT, secs(3)] {
         let mut world = world::<1>(ONLY_STATION);
         input(&mut world).set_timeout(timeout);
@@ -278,7 +278,7 @@ fn sticks_grow_stale() {
         assert_eq!(channels(&world).unwrap().channel(1), Some(1_700));
         world.step_to(end);
         assert_eq!((sticks(&world), channels(&world)), (None, None));
-        // And it stays away, though its sender steers with something else.
+        // It stays invalid although its sender steers with the other message.
         world.run_for(millis(1));
         send(&mut world, 0, STATION, &override_of(IGNORE, 1_800));
         let seen = channels(&world).unwrap();
@@ -286,9 +286,9 @@ fn sticks_grow_stale() {
     }
 }
 
-/// J-3: without a timeout there is no stick at all.
+/// J-3: with a timeout of 0 no input is accepted.
 #[test]
-fn a_timeout_of_zero_takes_nothing() {
+fn timeout_of_zero_accepts_nothing() {
     let mut world = world::<1>(ONLY_STATION);
     input(&mut world).set_timeout(Duration::ZERO);
     send(&mut world, 0, STATION, &stick(700));
@@ -297,9 +297,9 @@ fn a_timeout_of_zero_takes_nothing() {
     assert_eq!(input(&mut world).holder(Instant::from_millis(1_000)), None);
 }
 
-/// J-3: each channel has its own age: one that is left alone is not given again.
+/// J-3: each channel has its own age; an ignored channel is not refreshed.
 #[test]
-fn channels_grow_stale_one_by_one() {
+fn channels_time_out_one_by_one() {
     let mut world = world::<1>(ONLY_STATION);
     send(&mut world, 0, STATION, &override_of(1_100, 1_900));
     world.run_for(millis(300));
@@ -315,9 +315,9 @@ fn channels_grow_stale_one_by_one() {
     assert_eq!(channels(&world), None);
 }
 
-/// J-4: what each number means in the first eight channels, and in the others.
+/// J-4: the meaning of each special value in channels 1 to 8 and in the others.
 #[test]
-fn channels_are_left_alone_or_given_back() {
+fn channels_are_ignored_or_released() {
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum Then {
         Held,
@@ -328,7 +328,7 @@ fn channels_are_left_alone_or_given_back() {
     for (raw, first, last) in [
         (IGNORE, Held, Held),
         (0, Released, Held),
-        // In the first channels the definitions do not say so; no pulse is 65 ms long.
+        // The definitions do not name it for the first channels, but no pulse is 65 ms long.
         (RELEASE, Released, Released),
         (1, Set, Set),
         (1_500, Set, Set),
@@ -347,7 +347,7 @@ fn channels_are_left_alone_or_given_back() {
             };
             let seen = channels(&world);
             assert_eq!(seen.and_then(|seen| seen.channel(number)), expected, "channel {number}: {raw}");
-            // Nothing was said of the others.
+            // The other channels are absent.
             assert_eq!(seen.is_some(), expected.is_some());
             let others = (0..=u8::MAX).filter(|&other| other != number);
             assert!(seen.is_none_or(|seen| others.clone().all(|other| seen.channel(other).is_none())));
@@ -356,7 +356,7 @@ fn channels_are_left_alone_or_given_back() {
     }
 }
 
-/// A frame with `raw` in channel `number`; the others are left alone.
+/// A frame with `raw` in channel `number`; the others are ignored.
 fn override_frame(number: u8, raw: u16) -> Vec<u8> {
     let mut payload = [[0xFF; 16].as_slice(), &[1, 1], &[0; 20]].concat();
     let at = usize::from(number - 1) * 2 + if number > 8 { 2 } else { 0 };
@@ -364,9 +364,9 @@ fn override_frame(number: u8, raw: u16) -> Vec<u8> {
     reference::v2(RcChannelsOverride::ID, [0, 0], [255, 190], &payload, RcChannelsOverride::CRC_EXTRA)
 }
 
-/// J-4: a v1 frame leaves channels 9 to 18 alone; so does a v2 frame that ends before them.
+/// J-4: a v1 frame, or a v2 frame that is truncated before them, ignores channels 9 to 18.
 #[test]
-fn short_forms_leave_the_last_channels_alone() {
+fn short_forms_ignore_the_last_channels() {
     let mut world = world::<1>(ONLY_STATION);
     let all = RcChannelsOverride { chan9_raw: 1_109, chan18_raw: 1_118, ..override_of(1_101, 0) };
     send(&mut world, 0, STATION, &all);
@@ -380,9 +380,9 @@ fn short_forms_leave_the_last_channels_alone() {
     assert_eq!([1, 9, 18].map(|number| seen.channel(number)), [Some(1_301), Some(1_109), Some(1_118)]);
 }
 
-/// J-5: nothing of it by satellite, though the satellite's system may steer.
+/// J-5: manual control is ignored on a high-latency link, even from an authorised system.
 #[test]
-fn nobody_steers_by_satellite() {
+fn high_latency_link_carries_no_manual_control() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = Steerable::of(Setup { links: [LinkConfig::uart(57_600), satellite], ..Setup::new() });
     world.stack.manual_input_mut().set_source(ONLY_STATION);
@@ -393,15 +393,15 @@ fn nobody_steers_by_satellite() {
     assert_eq!(counters(&world), ManualCounters::default());
 }
 
-/// Of two that may, the first steers until he falls silent: not who sends last, in turns.
+/// J-2: of two authorised senders, the first one steers until it times out; they do not alternate.
 #[test]
-fn one_steers_at_a_time() {
+fn one_sender_steers_at_a_time() {
     let mut world = world::<2>(BOTH_STATIONS);
     let first = Peer { address: STATION, link: LinkId(0) };
     for _ in 0..20 {
         send(&mut world, 0, STATION, &stick(100));
         world.run_for(millis(40));
-        // Another ground station, another program of the same one, the same one by another link: with either message.
+        // Another station, another component of the same one, and the same one on another link, with each message.
         send(&mut world, 0, OTHER_STATION, &stick(-100));
         send(&mut world, 0, Address::new(255, 25), &stick(-200));
         send(&mut world, 1, STATION, &stick(-300));
@@ -419,7 +419,7 @@ fn one_steers_at_a_time() {
             counters.not_holder = 80
         })
     );
-    // He also holds it with channels, and even when he gives none.
+    // Channels also keep the control, even if all of them are ignored.
     send(&mut world, 0, STATION, &override_of(1_500, 1_500));
     world.run_for(millis(499));
     send(&mut world, 0, STATION, &untouched());
@@ -431,12 +431,12 @@ fn one_steers_at_a_time() {
     let second = Peer { address: OTHER_STATION, link: LinkId(1) };
     assert_eq!(sticks(&world).map(|seen| (seen.from, seen.x)), Some((second, Some(-100))));
     send(&mut world, 0, STATION, &stick(100));
-    assert_eq!(sticks(&world).map(|seen| seen.from), Some(second), "it is his now");
+    assert_eq!(sticks(&world).map(|seen| seen.from), Some(second), "the second sender steers now");
 }
 
-/// Who takes over begins anew: nothing of the other one comes back, though the timeout becomes longer.
+/// J-2: a new sender starts without any value of the previous one, even if the timeout becomes longer.
 #[test]
-fn what_another_one_said_does_not_come_back() {
+fn values_of_the_previous_sender_do_not_return() {
     let mut world = world::<1>(BOTH_STATIONS);
     send(&mut world, 0, STATION, &stick(100));
     send(&mut world, 0, STATION, &override_of(1_500, 1_500));
@@ -446,9 +446,9 @@ fn what_another_one_said_does_not_come_back() {
     assert_eq!((sticks(&world), channels(&world)), (None, None));
 }
 
-/// J-3: what was stale stays stale when the timeout becomes longer; what was not is valid for as long as it was.
+/// J-3: values that have timed out stay invalid when the timeout becomes longer; others keep their original timeout.
 #[test]
-fn another_timeout_brings_nothing_back() {
+fn longer_timeout_does_not_revive_values() {
     for (longer, other) in [(secs(10), secs(20)), (millis(700), millis(100))] {
         let mut world = world::<1>(ONLY_STATION);
         send(&mut world, 0, STATION, &stick(100));
@@ -464,9 +464,9 @@ fn another_timeout_brings_nothing_back() {
     }
 }
 
-/// Another policy takes the sticks out of the hands of who holds them; the same one again does not.
+/// J-2: another policy ends the control of the present sender; setting the same policy again does not.
 #[test]
-fn a_new_policy_counts_at_once() {
+fn new_policy_applies_at_once() {
     let mut world = world::<1>(ONLY_STATION);
     send(&mut world, 0, STATION, &stick(100));
     send(&mut world, 0, STATION, &override_of(1_500, 1_500));
@@ -481,9 +481,9 @@ fn a_new_policy_counts_at_once() {
     assert_eq!(sticks(&world), None);
 }
 
-/// Sticks are no heartbeats: nobody is found by them (H-10). Nor is any of it answered.
+/// H-10: manual control is neither a heartbeat, so it makes no peer alive, nor answered.
 #[test]
-fn sticks_are_no_sign_of_life() {
+fn manual_control_does_not_make_a_peer_alive() {
     let mut world = world::<1>(ONLY_STATION);
     for _ in 0..50 {
         send(&mut world, 0, STATION, &stick(100));
@@ -494,7 +494,7 @@ fn sticks_are_no_sign_of_life() {
     assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == Heartbeat::ID));
 }
 
-/// A vehicle without the service sees the messages itself, those to everyone as well.
+/// Without the service, the vehicle gets the messages, broadcasts included.
 #[test]
 fn without_the_service_the_vehicle_gets_the_messages() {
     let mut world = World::new(Setup::<1>::new());
@@ -505,9 +505,9 @@ fn without_the_service_the_vehicle_gets_the_messages() {
     assert_eq!(ids.collect::<Vec<_>>(), [69, 70, 69]);
 }
 
-/// With the service it sees all others, and nobody steers by them.
+/// With the service, the vehicle gets all other messages, and they do not steer.
 #[test]
-fn other_messages_are_still_the_vehicles() {
+fn other_messages_are_passed_to_the_vehicle() {
     let mut world = world::<1>(ONLY_STATION);
     send(&mut world, 0, STATION, &Attitude::default());
     send(&mut world, 0, STATION, &PlayTune { target_system: 1, ..PlayTune::default() });
@@ -517,9 +517,9 @@ fn other_messages_are_still_the_vehicles() {
     assert_eq!((counters(&world), input(&mut world).holder(now)), (ManualCounters::default(), None));
 }
 
-/// RC_CHANNELS as the vehicle takes them: overridden, as received, or unknown.
+/// RC_CHANNELS as the vehicle uses them: overridden, as received by radio, or unknown.
 #[test]
-fn overrides_and_received_channels_make_one_message() {
+fn overrides_and_received_channels_are_merged() {
     let mut world = world::<1>(ONLY_STATION);
     send(&mut world, 0, STATION, &RcChannelsOverride { chan3_raw: 1_303, ..override_of(1_301, 0) });
     let seen = channels(&world).unwrap();
@@ -527,7 +527,7 @@ fn overrides_and_received_channels_make_one_message() {
     let message = seen.to_message(now, &[1_001, 1_002]);
     let expected = RcChannels { chancount: 3, rssi: u8::MAX, time_boot_ms: 7, ..RcChannels::decode(&[0xFF; 42]) };
     assert_eq!(message, RcChannels { chan1_raw: 1_301, chan2_raw: 1_002, chan3_raw: 1_303, ..expected });
-    // Without a receiver there is a gap, and with one that has more channels than the message their number ends at 18.
+    // Without a receiver channels are missing; with more channels than the message has, the count is 18.
     assert_eq!(seen.to_message(now, &[]), RcChannels { chan1_raw: 1_301, chan3_raw: 1_303, ..expected });
     let message = RcOverride::default().to_message(now, &[1_500; 20]);
     assert_eq!((message.chancount, message.chan1_raw, message.chan18_raw), (18, 1_500, 1_500));

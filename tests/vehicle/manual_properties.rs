@@ -1,5 +1,5 @@
-//! MANUAL_CONTROL and RC_CHANNELS_OVERRIDE against a second, slow reading of the rules J-1 to J-4: whatever bytes come,
-//! from whomever and whenever, no stick is older than the timeout, out of range, or from somebody who does not steer.
+//! MANUAL_CONTROL and RC_CHANNELS_OVERRIDE against a simple reference model of J-1 to J-4: whatever bytes are received, from
+//! any sender at any time, no value is older than the timeout, out of range, or from an unauthorised sender.
 
 use crate::support::*;
 use mavstack::__private::NoPlans;
@@ -9,14 +9,14 @@ use mavstack::message::SystemId;
 use mavstack::{Address, Duration, Instant, LinkId, Message, Peer, Stack};
 use proptest::prelude::*;
 
-/// Who sends: two stations, another program of the first one, the companion computer, and a stranger.
+/// Two stations, another component of the first one, the companion computer, and an unauthorised sender.
 const SENDERS: [Address; 5] =
     [STATION, OTHER_STATION, Address::new(255, 25), Address::new(1, 191), Address::new(77, 190)];
 
-/// A frame that comes in.
+/// A received frame.
 #[derive(Clone, Debug)]
 struct Event {
-    /// Time since the one before (µs).
+    /// Time since the previous event (µs).
     wait: u64,
     from: Address,
     link: u8,
@@ -26,7 +26,7 @@ struct Event {
 }
 
 impl Event {
-    /// Its payload as it is read, and the system and component that it is for.
+    /// Returns the decoded payload, and the target system and component.
     fn read(&self) -> (Vec<u8>, u8, u8) {
         let (len, system, component) = if self.is_override { (38, 16, Some(17)) } else { (30, 10, None) };
         let mut payload = self.payload.clone();
@@ -49,14 +49,14 @@ impl Event {
     }
 }
 
-/// What manual control should be like, as simply as can be.
+/// The reference model, as simple as possible.
 struct Model {
     source: ControlSource,
     timeout: u64,
     now: u64,
-    /// Who steers, and when he was heard.
+    /// The present sender, and when it was last received.
     holder: Option<(Peer, u64)>,
-    /// When, x y z r s t aux1 to aux6, buttons.
+    /// The time, x y z r s t aux1 to aux6, and the buttons.
     sticks: Option<(u64, [Option<i16>; 12], u32)>,
     channels: [Option<(u64, u16)>; 18],
     counters: ManualCounters,
@@ -75,7 +75,7 @@ impl Model {
         let may = match self.source {
             ControlSource::System(only) => sender == only,
             ControlSource::Systems { first, last } => (first..=last).contains(&sender),
-            // Only this one's heartbeats come, on the first link.
+            // Only this system sends heartbeats, on the first link.
             ControlSource::GroundStation => sender == SystemId(255) && event.link == 0,
             ControlSource::Nobody => false,
         };
@@ -126,7 +126,7 @@ impl Model {
     }
 }
 
-/// The stack and the model side by side; the second link is as good as the first.
+/// The stack and the model side by side; both links are equal.
 struct Pair {
     stack: Box<Stack<Tested<NoPlans, 8, Steered>, 2>>,
     vehicle: TestVehicle,
@@ -150,7 +150,7 @@ impl Pair {
 
     fn on(&mut self, event: &Event) -> Result<(), TestCaseError> {
         self.model.now += event.wait;
-        // Before, when what was there may just have become stale, and behind.
+        // Checked before the event, when values may just have timed out, and after it.
         self.check()?;
         let (now, frame) = (Instant::from_micros(self.model.now), event.frame());
         let taken = self.stack.receive(now, LinkId(event.link), &frame, &mut self.vehicle);
@@ -170,7 +170,7 @@ impl Pair {
         prop_assert_eq!(sticks, model.sticks.filter(|&(at, ..)| model.is_fresh(at)));
         let holder = model.holder.filter(|&(_, at)| model.is_fresh(at)).map(|(holder, _)| holder);
         prop_assert_eq!(input.holder(now), holder);
-        prop_assert!(seen.is_none_or(|seen| Some(seen.from) == holder), "of somebody else");
+        prop_assert!(seen.is_none_or(|seen| Some(seen.from) == holder), "from another sender");
         let channels = input.rc_channels(now);
         for (number, channel) in (1..).zip(model.channels) {
             let expected = channel.filter(|&(at, _)| model.is_fresh(at)).map(|(_, raw)| raw);
@@ -181,24 +181,24 @@ impl Pair {
         let counters = [0, 1].map(|link| self.stack.link_counters(LinkId(link)).unwrap());
         prop_assert_eq!(counters[0].not_ours + counters[1].not_ours, model.not_ours);
         prop_assert_eq!(counters[0].out_of_place + counters[1].out_of_place, 0);
-        prop_assert_eq!(self.vehicle.calls.len(), 1, "nothing but the station's heartbeat");
+        prop_assert_eq!(self.vehicle.calls.len(), 1, "only the station's heartbeat");
         Ok(())
     }
 }
 
-/// A number that means something, or any.
+/// A special value, or any.
 fn number() -> impl Strategy<Value = u16> {
     let edges = [0, 1, 1_000, 1_001, 1_500, 0x7FFE, 0x7FFF, 0x8000, 0xFC17, 0xFC18, 0xFFFD, 0xFFFE, 0xFFFF];
     prop_oneof![4 => prop::sample::select(edges.to_vec()), 1 => any::<u16>()]
 }
 
-/// A payload as senders make them: numbers that mean something, mostly for the vehicle, cut off somewhere.
+/// A plausible payload: special values, usually to the vehicle, truncated anywhere.
 fn plausible() -> impl Strategy<Value = Vec<u8>> {
     let target = || prop_oneof![8 => Just(1u8), 1 => Just(0), 1 => Just(2)];
     (prop::collection::vec(number(), 19), target(), target(), any::<u8>(), prop_oneof![3 => Just(38), 1 => 0..39usize])
         .prop_map(|(numbers, system, component, bits, len)| {
             let mut payload: Vec<u8> = numbers.into_iter().flat_map(u16::to_le_bytes).collect();
-            // Of both messages: where their targets stand the other one has a number.
+            // For both messages: each has a value where the other has its target.
             (payload[10], payload[16], payload[17]) = (system, system, component);
             payload[13] = bits;
             payload.truncate(len);
@@ -206,7 +206,7 @@ fn plausible() -> impl Strategy<Value = Vec<u8>> {
         })
 }
 
-/// Any bytes, often for the vehicle.
+/// Random bytes, often to the vehicle.
 fn anything() -> impl Strategy<Value = Vec<u8>> {
     (prop::collection::vec(any::<u8>(), 0..=255), any::<bool>()).prop_map(|(mut payload, is_ours)| {
         for at in [10, 16, 17] {
@@ -247,7 +247,7 @@ fn source() -> impl Strategy<Value = ControlSource> {
     ]
 }
 
-/// Some policy, some timeout (µs), and frames of either kind.
+/// A policy, a timeout (µs), and frames of both kinds.
 fn story(payload: impl Strategy<Value = Vec<u8>> + Clone) -> impl Strategy<Value = (ControlSource, u64, Vec<Event>)> {
     prop_oneof![1u64..10, 1_000..2_000_000u64, Just(500_000)].prop_flat_map(move |timeout| {
         (source(), Just(timeout), prop::collection::vec(event(payload.clone(), timeout), 1..60))
@@ -262,15 +262,15 @@ fn run((source, timeout, events): (ControlSource, u64, Vec<Event>)) -> Result<()
 proptest! {
     #![proptest_config(cases(200))]
 
-    /// J-1 to J-4: what senders send.
+    /// J-1 to J-4: messages of real senders.
     #[test]
-    fn sticks_are_as_the_rules_have_them(story in story(plausible().boxed())) {
+    fn plausible_messages_follow_the_model(story in story(plausible().boxed())) {
         run(story)?;
     }
 
-    /// J-1 to J-4, S-6, S-7: any bytes at all, of any length.
+    /// J-1 to J-4, S-6, S-7: any bytes of any length.
     #[test]
-    fn any_bytes_are_read_by_the_rules(story in story(anything().boxed())) {
+    fn random_bytes_follow_the_model(story in story(anything().boxed())) {
         run(story)?;
     }
 }

@@ -6,7 +6,7 @@ use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::*;
 use mavstack::{LinkConfig, Message, plan_memory};
 
-/// What MAV_CMD_REQUEST_MESSAGE, MAV_CMD_SET_MESSAGE_INTERVAL or MAV_CMD_GET_MESSAGE_INTERVAL is answered.
+/// Sends REQUEST_MESSAGE, SET_MESSAGE_INTERVAL or GET_MESSAGE_INTERVAL, and returns the answer.
 fn ask<const N: usize, D: Declares<Vehicle: Default>>(
     world: &mut World<N, D>,
     link: usize,
@@ -23,7 +23,7 @@ fn request<const N: usize>(world: &mut World<N>, id: u32, index: f32) -> MavResu
     ask(world, 0, MavCmd::REQUEST_MESSAGE, [id as f32, index, 0.0, 0.0, 0.0, 0.0, 0.0])
 }
 
-/// The interval that MESSAGE_INTERVAL tells, asked for in the new way and in the old one.
+/// Returns the interval in MESSAGE_INTERVAL, requested in the new and in the old way.
 fn interval<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, D>, link: usize, id: u32) -> i32 {
     let old = ask(world, link, MavCmd::GET_MESSAGE_INTERVAL, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let first: MessageInterval = world.expect(link, millis(100));
@@ -34,9 +34,9 @@ fn interval<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, 
     first.interval_us
 }
 
-/// what the vehicle can fill comes once, on the link that asked, and the ACK comes first.
+/// a message that the vehicle can fill is sent once, on the link of the request, after the ACK.
 #[test]
-fn message_comes_once_and_where_it_was_asked_for() {
+fn requested_message_is_sent_once_on_its_link() {
     let mut world = World::new(Setup::<2>::new());
     for command_int in [false, true] {
         world.gcs.iter_mut().for_each(Gcs::forget);
@@ -52,23 +52,23 @@ fn message_comes_once_and_where_it_was_asked_for() {
         assert_eq!(
             (u64::from(attitude.time_boot_ms), attitude.yaw),
             (at.as_millis(), 1.0),
-            "as it was when it went out"
+            "the content at the time of sending"
         );
         assert_eq!(world.gcs[1].count_of::<Attitude>(), 0);
     }
-    assert_eq!(world.vehicle.commands(), [], "the stack answers by itself");
+    assert_eq!(world.vehicle.commands(), [], "the stack answers without the vehicle");
 }
 
-/// a message that the vehicle cannot fill now, or has no such instance of, is refused and does not come.
+/// a message that the vehicle cannot fill now, or an instance that it lacks, is refused and not sent.
 #[test]
-fn what_cannot_be_filled_now_is_refused() {
+fn unavailable_message_is_refused() {
     let mut world = World::new(Setup::<1>::new());
     assert_eq!(request(&mut world, HomePosition::ID, 0.0), MavResult::DENIED);
     world.expect_no::<HomePosition>(0, millis(100));
     world.vehicle.has_home = true;
     assert_eq!(request(&mut world, HomePosition::ID, f32::NAN), MavResult::ACCEPTED);
     assert_eq!(world.expect::<HomePosition>(0, millis(100)).z, 3.0);
-    // The command from before REQUEST_MESSAGE .
+    // The request command older than REQUEST_MESSAGE.
     assert_eq!(ask(&mut world, 0, MavCmd::GET_HOME_POSITION, [f32::NAN; 7]), MavResult::ACCEPTED);
     assert_eq!(world.expect::<HomePosition>(0, millis(100)).z, 3.0);
     world.vehicle.has_home = false;
@@ -81,10 +81,10 @@ fn what_cannot_be_filled_now_is_refused() {
     }
 }
 
-/// Q-2, D-3: requests on a line that takes nothing are not forgotten; two with different indices do not fit, and the second
-/// is told to come again.
+/// Q-2, D-3: requests on a backpressured link stay pending. Two with different indices do not fit, so the second one is
+/// TEMPORARILY_REJECTED.
 #[test]
-fn full_line_delays_what_was_asked_for() {
+fn backpressure_delays_requested_messages() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(millis(10));
     world.uarts[0].stall_writes_until(mavstack::Instant::from_millis(500));
@@ -103,12 +103,12 @@ fn full_line_delays_what_was_asked_for() {
         world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [BatteryStatus::ID as f32, index, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
     world.run_for(secs(2));
-    assert_eq!(world.gcs[0].count_of::<BatteryStatus>(), 3, "an index of 0 has its own room");
+    assert_eq!(world.gcs[0].count_of::<BatteryStatus>(), 3, "index 0 has its own slot");
 }
 
-/// L-4: nothing of it on a high-latency link. S-10: what v1 cannot carry is refused on a v1 link.
+/// L-4: a high-latency link refuses requests. S-10: a v1 link refuses messages that v1 cannot carry.
 #[test]
-fn link_that_cannot_carry_it_refuses() {
+fn link_refuses_messages_that_it_cannot_carry() {
     let links = [
         LinkConfig::uart(2_400).with_class(LinkClass::HighLatency),
         LinkConfig::uart(57_600).with_version(TxVersion::V1),
@@ -127,21 +127,21 @@ fn link_that_cannot_carry_it_refuses() {
     let counts = [0, 1, 2].map(|link| world.gcs[link].count_of::<OpenDroneIdLocation>());
     assert_eq!(counts, [0, 0, 1]);
     assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == CommandAck::ID));
-    // Nor is it streamed on a v1 link, and nobody is told that it were.
+    // The message is not streamed on a v1 link either, and MESSAGE_INTERVAL says so.
     for (link, result, told) in [(1, MavResult::DENIED, 0), (2, MavResult::ACCEPTED, 100_000)] {
         assert_eq!(ask(&mut world, link, MavCmd::SET_MESSAGE_INTERVAL, params(id)), result);
         assert_eq!(interval(&mut world, link, OpenDroneIdLocation::ID), told);
     }
 }
 
-/// every way to set an interval, and what it is then.
+/// every form of an interval, and the result.
 #[test]
 fn interval_is_set_clamped_or_refused() {
     let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
     let id = Attitude::ID as f32;
     for (params, result, told) in [
         ([id, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], yes, 20_000),
-        // 30 Hz, as MAVSDK has it.
+        // 30 Hz as MAVSDK encodes it.
         ([id, 33_333.332, f32::NAN, f32::NAN, 0.0, 0.0, f32::NAN], yes, 33_333),
         ([id, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], yes, 1_000),
         ([id, 0.1, 0.0, 0.0, 0.0, 0.0, 2.0], yes, 1_000),
@@ -157,7 +157,7 @@ fn interval_is_set_clamped_or_refused() {
         ([id, 20_000.0, 0.0, 0.0, 0.0, 0.0, 3.0], no, -1),
         ([id + 0.5, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], no, -1),
         ([f32::NAN, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], no, -1),
-        // One that the vehicle does not have, one that nobody has, and one that only answers.
+        // A message that the vehicle lacks, an undefined one, and one that is only an answer.
         ([32.0, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], no, -1),
         ([60_000.0, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], no, -1),
         ([148.0, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], no, -1),
@@ -168,7 +168,7 @@ fn interval_is_set_clamped_or_refused() {
     }
 }
 
-/// an interval is the link's own, whoever else is on it.
+/// an interval belongs to one link, whoever uses it.
 #[test]
 fn interval_is_per_link() {
     let mut world = World::new(Setup::<2>::new());
@@ -177,9 +177,10 @@ fn interval_is_per_link() {
     assert_eq!([0, 1].map(|link| interval(&mut world, link, Attitude::ID)), [-1, 20_000]);
 }
 
-/// 0 for what is no stream. An id that MESSAGE_INTERVAL has no room for, or that is none, is refused.
+/// the interval of a message that is not a stream is 0. An id that MESSAGE_INTERVAL cannot hold, or an invalid one, is
+/// refused.
 #[test]
-fn interval_of_what_is_no_stream_is_zero() {
+fn interval_of_other_messages_is_zero() {
     let mut world = World::new(Setup::<1>::new());
     for id in [32, 148, 60_000, MissionCurrent::ID] {
         assert_eq!(interval(&mut world, 0, id), 0, "message {id}");
@@ -191,7 +192,7 @@ fn interval_of_what_is_no_stream_is_zero() {
     world.expect_no::<MessageInterval>(0, millis(100));
 }
 
-/// the heartbeat cannot be stopped, and MISSION_CURRENT keeps to its second; both say so.
+/// HEARTBEAT cannot be stopped and MISSION_CURRENT keeps its interval of a second; MESSAGE_INTERVAL says so.
 #[test]
 fn messages_of_the_stack_keep_their_intervals() {
     let mut world = World::<1, Tested<plan_memory!(mission: 4)>>::of(Setup::new());
@@ -212,7 +213,7 @@ fn messages_of_the_stack_keep_their_intervals() {
 /// Q-1, H-5: HEARTBEAT can be requested while heartbeats are sent, also from a vehicle without streams; not on a high-latency
 /// link. At most one extra heartbeat is sent every 200 ms (H-16).
 #[test]
-fn heartbeat_can_be_asked_for() {
+fn heartbeat_can_be_requested() {
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
     let mut world = World::new(Setup { links: [LinkConfig::uart(57_600), satellite], ..Setup::new() });
     world.run_for(millis(1_500));
@@ -235,9 +236,9 @@ fn heartbeat_can_be_asked_for() {
     assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 0);
 }
 
-/// MISSION_CURRENT can be asked for where there are missions, and nowhere else.
+/// MISSION_CURRENT can be requested only if the vehicle has missions.
 #[test]
-fn mission_current_can_be_asked_for() {
+fn mission_current_can_be_requested() {
     let params = [MissionCurrent::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let mut world = World::<1, Tested<plan_memory!(mission: 4)>>::of(Setup::new());
     world.run_for(millis(100));
@@ -248,10 +249,10 @@ fn mission_current_can_be_asked_for() {
     assert_eq!(ask(&mut world, 0, MavCmd::REQUEST_MESSAGE, params), MavResult::DENIED);
 }
 
-/// O-6: what has changed goes out at once and once on every normal link, streamed there or not; not by satellite, and not when
-/// there is no such message now.
+/// O-6: an announced message is sent at once, once on every normal link, streamed there or not; not by satellite, and not while
+/// it is unavailable.
 #[test]
-fn what_is_announced_comes_once_on_every_normal_link() {
+fn announced_message_is_sent_once_on_every_normal_link() {
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
     let links = [LinkConfig::uart(57_600), LinkConfig::uart(57_600), satellite];
     let mut world = World::new(Setup { links, ..Setup::new() });
@@ -261,25 +262,25 @@ fn what_is_announced_comes_once_on_every_normal_link() {
         let now = world.now();
         world.stack.announce::<HomePosition>();
         world.stack.announce::<HomePosition>();
-        assert_eq!(world.stack.next_deadline(now), now, "who sleeps is woken for it");
+        assert_eq!(world.stack.next_deadline(now), now, "a sleeping driver is woken");
         world.run_for(millis(20));
         let counts = [0, 1, 2].map(|link| world.gcs[link].count_of::<HomePosition>());
         assert_eq!(counts, [count, count, 0]);
     }
 }
 
-/// the interval that is told is the real one: longer while a radio's buffer is full.
+/// MESSAGE_INTERVAL carries the actual interval: longer while a radio's buffer is full.
 #[test]
-fn interval_that_is_told_is_the_real_one() {
+fn message_interval_carries_the_actual_interval() {
     let links = [LinkConfig::uart(115_200).with_streams(mavstack::config::StreamProfile::Onboard)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     let radio = mavstack::Address::new(51, 68);
     for (txbuf, slower) in [(10, 60_000), (40, 80_000), (70, 80_000), (95, 60_000), (99, 20_000)] {
         world.gcs[0].send_from(radio, &RadioStatus { txbuf, ..RadioStatus::default() });
         assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000 + slower, "txbuf {txbuf}");
-        assert_eq!(interval(&mut world, 0, Heartbeat::ID), 1_000_000, "it is not held back");
+        assert_eq!(interval(&mut world, 0, Heartbeat::ID), 1_000_000, "it is not throttled");
         assert_eq!(interval(&mut world, 0, BatteryStatus::ID), -1, "off is off");
     }
     world.run_for(secs(6));
-    assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000, "the radio says nothing any more");
+    assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000, "the radio reports nothing any more");
 }

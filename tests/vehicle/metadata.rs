@@ -1,4 +1,4 @@
-//! The files of component metadata (O-1): what a ground station reads of a table of parameters.
+//! The files of component metadata (O-1): what a ground station reads about a table of parameters.
 
 use mavstack::metadata;
 
@@ -21,7 +21,7 @@ mavstack::parameters! {
 }
 
 #[test]
-fn every_parameter_with_type_range_and_unit() {
+fn every_parameter_has_type_range_and_unit() {
     let mut file = String::new();
     metadata::parameters::<Tuning>(&mut file).unwrap();
     let expected = [
@@ -43,7 +43,7 @@ fn every_parameter_with_type_range_and_unit() {
 }
 
 #[test]
-fn the_general_file_names_the_other() {
+fn general_file_names_the_parameter_file() {
     let mut file = String::new();
     metadata::general(&mut file, "https://rover.example/p.json", 0xFFFF_FFFF).unwrap();
     let expected =
@@ -52,24 +52,24 @@ fn the_general_file_names_the_other() {
 }
 
 #[test]
-fn control_characters_are_written_out() {
+fn control_characters_are_escaped() {
     let mut file = String::new();
     metadata::general(&mut file, "a\nb\u{1f}", 0).unwrap();
     assert!(file.contains(r#""uri":"a\u000ab\u001f""#), "{file}");
 }
 
-/// MAVLink's CRC-32 of the digits 1 to 9: that of JAMCRC begun with 0.
+/// MAVLink's CRC-32 of the digits 1 to 9 is JAMCRC with the initial value 0.
 #[test]
-fn the_checksum_is_mavlinks() {
+fn checksum_is_the_one_of_mavlink() {
     let mut reference = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
     reference.digest(b"123456789");
     assert_eq!(metadata::file_crc(b"123456789"), reference.get_crc());
     assert_eq!(metadata::file_crc(b""), 0);
 }
 
-/// A file that cannot be written says so.
+/// A write error is returned.
 #[test]
-fn a_full_file_is_an_error() {
+fn write_error_is_returned() {
     struct Full;
     impl core::fmt::Write for Full {
         fn write_str(&mut self, _: &str) -> core::fmt::Result {

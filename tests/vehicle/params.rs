@@ -1,4 +1,4 @@
-//! Parameters over a line, through the whole stack: rules P-3, P-10 to P-32.
+//! Parameters over simulated links, through the whole stack: rules P-3, P-10 to P-32.
 
 use crate::support::*;
 use mavstack::config::{TxVersion, VehicleAddress};
@@ -26,15 +26,14 @@ fn radio() -> Setup<1> {
     Setup { lines: [line], links: [LinkConfig::uart(57_600)], ..Setup::new() }
 }
 
-/// What a client knows: the value of each index.
+/// Returns what a client has received: the value of each index.
 fn known<const N: usize>(world: &World<N>, link: usize) -> BTreeMap<u16, ParamValue> {
     world.gcs[link].all::<ParamValue>().into_iter().map(|(_, value)| (value.param_index, value)).collect()
 }
 
-/// P-20: the hash is of all lasting parameters, however many there are: of nine here, of which the last is volatile, in the order
-/// of their names.
+/// P-20: the hash covers all persistent parameters, in the order of their names: here nine, of which the last is volatile.
 #[test]
-fn the_hash_is_of_all_parameters() {
+fn hash_covers_all_persistent_parameters() {
     let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
     for (name, value) in [
         ("BAT_LOW", &10.5f32.to_le_bytes()[..]),
@@ -58,9 +57,9 @@ fn the_hash_is_of_all_parameters() {
     }
 }
 
-/// P-12: a client that asks for what it misses, on a line that loses a third of all frames each way.
+/// P-12: a client requests missing values over a line that loses a third of all frames in each direction.
 #[test]
-fn every_value_arrives_over_a_lossy_line() {
+fn every_value_is_received_over_a_lossy_line() {
     for seed in 0..20 {
         let mut setup = Setup { seed, ..radio() };
         setup.lines[0].up.faults = Faults::frames(0.33, 0.05);
@@ -88,9 +87,9 @@ fn every_value_arrives_over_a_lossy_line() {
     }
 }
 
-/// D-4: while lists run all the time, heartbeats and acknowledgements wait for one frame at most.
+/// D-4: while a list is sent, heartbeats and acknowledgements wait for at most one frame.
 #[test]
-fn a_list_delays_no_heartbeat() {
+fn list_does_not_delay_heartbeats() {
     let mut world = World::new(radio());
     for round in 0..100 {
         world.gcs[0].send(&LIST);
@@ -101,16 +100,16 @@ fn a_list_delays_no_heartbeat() {
     }
     let times: Vec<_> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
     assert_eq!(times.len(), 10);
-    // What waits in the line's own buffer and a PARAM_VALUE of 37 bytes, at 5.76 bytes a ms.
+    // The bytes in the line's buffer and a PARAM_VALUE of 37 bytes, at 5.76 bytes per ms.
     let late = |pair: &[mavstack::Instant]| pair[1].since(pair[0]).as_millis().abs_diff(1_000);
     assert!(times.windows(2).all(|pair| late(pair) <= 13), "{times:?}");
     assert_eq!(world.gcs[0].count_of::<CommandAck>(), 10);
-    // P-11: 40 % of the line.
+    // P-11: 40 % of the link's rate.
     let listed = world.gcs[0].count_of::<ParamValue>() * 37;
     assert!((18_000..=24_000).contains(&listed), "{listed} bytes of 57,600");
 }
 
-/// P-3: a type that PARAM_VALUE has no room for is refused, and none is ever sent.
+/// P-3: a type that does not fit into PARAM_VALUE is refused, and never sent.
 #[test]
 fn values_of_64_bits_are_refused() {
     let mut world = World::new(Setup::<1>::new());
@@ -130,9 +129,9 @@ fn values_of_64_bits_are_refused() {
     assert_eq!(world.vehicle.calls, [], "nothing was set");
 }
 
-/// P-18: a vehicle without parameters says so in AUTOPILOT_VERSION, and answers nobody; one is enough to be answered.
+/// P-18: a vehicle without parameters says so in AUTOPILOT_VERSION and answers no request; one parameter is enough.
 #[test]
-fn a_vehicle_without_parameters_has_no_parameter_protocol() {
+fn vehicle_without_parameters_has_no_parameter_protocol() {
     let mut world = pilot::world::<1, { pilot::PX4 }>();
     world.gcs[0].send(&LIST);
     world.gcs[0].send(&read(0, ""));
@@ -143,13 +142,13 @@ fn a_vehicle_without_parameters_has_no_parameter_protocol() {
     assert!(!capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
     world.run_for(secs(3));
     assert_eq!((world.gcs[0].count_of::<ParamValue>(), world.gcs[0].count_of::<ParamError>()), (0, 0));
-    assert_eq!(world.vehicle.messages, [21, 20, 23], "it may answer by itself");
+    assert_eq!(world.vehicle.messages, [21, 20, 23], "the vehicle may answer them itself");
 }
 
-/// D-3: a line that stalls with refusals owed keeps nobody else from his answer; opened anew, it owes none of them, but for
-/// the frame that was under way.
+/// D-3: a backpressured link with pending refusals does not delay answers on another link. After a restart of the link they are
+/// gone, except for the frame in transmission.
 #[test]
-fn a_line_that_stalls_keeps_nobody_from_an_answer() {
+fn backpressured_link_does_not_delay_answers_on_others() {
     let mut world = World::new(Setup::<2>::new());
     world.run_for(secs(1));
     world.uarts[0].stall_writes_until(world.now().after(secs(60)));
@@ -169,9 +168,9 @@ fn a_line_that_stalls_keeps_nobody_from_an_answer() {
     world.expect::<ParamError>(0, millis(50));
 }
 
-/// P-14, P-16: everybody hears of what one sets; he alone of why not.
+/// P-14, P-16: a change is sent on all links; only the sender learns why a change was refused.
 #[test]
-fn two_links_hear_of_a_change() {
+fn change_is_sent_on_both_links() {
     let mut world = World::new(Setup::<2>::new());
     world.gcs[1].send(&set("CRUISE", MavParamType::REAL32, 7.5));
     world.run_for(millis(50));
@@ -193,9 +192,9 @@ fn two_links_hear_of_a_change() {
     }
 }
 
-/// P-16: who sleeps until `next_deadline` is woken for the other link too.
+/// P-16: the change wakes a driver that sleeps until `next_deadline`, also for the other link.
 #[test]
-fn the_deadline_knows_of_what_is_owed() {
+fn next_deadline_includes_pending_values() {
     let mut world = World::new(Setup::<2>::new());
     world.run_for(millis(100));
     world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 8.0));
@@ -203,13 +202,13 @@ fn the_deadline_knows_of_what_is_owed() {
     world.run_for(millis(3));
     assert!(world.run_until(millis(20), |world| known(world, 1).contains_key(&1)));
     world.run_for(millis(20));
-    assert!(!woken(&world), "nothing is owed any more");
+    assert!(!woken(&world), "nothing is pending any more");
     world.gcs[0].send(&LIST);
     world.run_for(millis(100));
     assert!(!woken(&world));
 }
 
-/// P-31: a link that sends MAVLink 1 has values, and no PARAM_ERROR.
+/// P-31: a link that sends MAVLink 1 sends values, and no PARAM_ERROR.
 #[test]
 fn mavlink_1_gets_values() {
     let links = [LinkConfig::uart(57_600).with_version(TxVersion::V1)];
@@ -223,7 +222,7 @@ fn mavlink_1_gets_values() {
 
 /// exactly one of the two encodings is announced.
 #[test]
-fn the_encoding_is_announced() {
+fn exactly_one_encoding_is_announced() {
     let mut world = World::new(Setup::<1>::new());
     world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let version: AutopilotVersion = world.expect(0, millis(50));
@@ -231,9 +230,9 @@ fn the_encoding_is_announced() {
     assert!(!version.capabilities.contains(MavProtocolCapability::PARAM_ENCODE_C_CAST));
 }
 
-/// A system id that is a parameter: the vehicle is called so after a start, by itself and by others.
+/// A system id that is a parameter: it applies after a restart, to sent and received frames.
 #[test]
-fn the_address_can_be_a_stored_one() {
+fn address_can_be_a_stored_parameter() {
     let mut world = World::new(Setup::<2>::new());
     let address = VehicleAddress::new(Address::new(77, 2)).expect("a vehicle can have it");
     world.stack.set_address(address);
@@ -248,7 +247,7 @@ fn the_address_can_be_a_stored_one() {
     assert_eq!((known(&world, 0).len(), known(&world, 1).len()), (0, COUNT));
 }
 
-/// Nobody is set by a broadcast; somebody else's request is not ours.
+/// A broadcast sets no parameter, and requests to other vehicles are not handled.
 #[test]
 fn requests_for_others_are_counted() {
     let mut world = World::new(Setup::<1>::new());
@@ -261,9 +260,9 @@ fn requests_for_others_are_counted() {
     assert_eq!((counters.out_of_place, counters.not_ours), (1, 2));
 }
 
-/// In a log a parameter is told by its name and its place.
+/// `Debug` shows a parameter by its name and its index.
 #[test]
-fn what_a_log_shows_of_parameters() {
+fn debug_output_of_parameters() {
     let at = Tuning::INFO.iter().position(|info| info.name() == "CRUISE").expect("declared");
     assert_eq!(format!("{:?}", Clone::clone(&Tuning::CRUISE)), format!("Param({at})"));
     assert!(format!("{:?}", Tuning::INFO[at]).contains("\"CRUISE\""));
@@ -286,7 +285,7 @@ mod stored {
         world
     }
 
-    /// Runs with storage; how many steps wrote or erased.
+    /// Runs with storage; returns the number of steps that wrote or erased.
     fn run(world: &mut World<1>, store: &mut Store<&mut Flash>, time: Duration) -> usize {
         let end = world.now().after(time);
         let mut steps = 0;
@@ -297,9 +296,9 @@ mod stored {
         steps
     }
 
-    /// P-17: what was set is there after a restart; a read brings back what was not written, a reset is written at once.
+    /// P-17: a set value is there after a restart. Reloading restores what was not written; a reset is written at once.
     #[test]
-    fn what_is_set_outlives_a_restart() {
+    fn set_value_survives_a_restart() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
@@ -308,7 +307,7 @@ mod stored {
         let mut world = start(&mut store);
         assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
         assert_eq!(world.vehicle.calls, [Call::ParameterChanged(7)]);
-        // Storage permitting.
+        // While storage may not be written.
         world.vehicle.may_persist = false;
         world.gcs[0].send(&set("TRIM_ROLL", MavParamType::INT8, 5.0e-45));
         assert_eq!(run(&mut world, &mut store, secs(30)), 0);
@@ -324,9 +323,9 @@ mod stored {
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -3);
     }
 
-    /// SEC-12: while nothing may be written, as in flight, nobody is woken for it; when it may be it is.
+    /// SEC-12: while writing is not permitted, as in flight, pending changes do not wake the driver; afterwards they do.
     #[test]
-    fn what_may_not_be_written_wakes_nobody() {
+    fn deferred_changes_do_not_wake_the_driver() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
@@ -347,9 +346,9 @@ mod stored {
         assert!(run(&mut world, &mut store, secs(1)) > 0);
     }
 
-    /// SEC-12: however often a value is set, there is a write in ten seconds, and none when nothing changes.
+    /// SEC-12: however often a value is set, flash is written once in ten seconds, and not if nothing changed.
     #[test]
-    fn writes_are_few() {
+    fn writes_are_throttled() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
@@ -368,9 +367,9 @@ mod stored {
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::CRUISE), 6.99);
     }
 
-    /// P-14, last row: flash that fails is told of once; the value stays as it was acknowledged.
+    /// P-14: a flash failure is reported once; the value stays as acknowledged.
     #[test]
-    fn flash_that_fails_is_told_of() {
+    fn flash_failure_is_reported() {
         let mut flash = Flash::new(REGION);
         flash.fault = Fault::Write(0);
         let mut store = Store::new(&mut flash, 0..REGION);

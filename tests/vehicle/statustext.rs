@@ -7,13 +7,12 @@ use mavstack::limits::MAX_TEXT_LEN;
 use mavstack::{LinkConfig, LinkId, Text};
 use proptest::prelude::*;
 
-/// A text of `len` bytes in which every place can be told from every other within 50.
+/// A text of `len` bytes, without repetition within 50 bytes.
 fn text(len: usize) -> String {
     ('A'..='z').cycle().take(len).collect()
 }
 
-/// Puts chunks together as a ground station does: by id, in order, up to the first NUL. A text that was begun and never
-/// ended does not come out.
+/// Assembles chunks as a ground station does: by id, in order, up to the first NUL. An incomplete text is dropped.
 fn assemble(chunks: &[Statustext]) -> Vec<(MavSeverity, Vec<u8>)> {
     let (mut texts, mut open) = (Vec::new(), Vec::new());
     for chunk in chunks {
@@ -42,10 +41,10 @@ fn texts<const N: usize>(world: &World<N>, link: usize) -> Vec<String> {
     texts.into_iter().map(|(_, text)| String::from_utf8(text).expect("UTF-8")).collect()
 }
 
-/// T-5: at 50 bytes a text still is one message; above, chunks share an id and are numbered, and the last one has a NUL,
-/// also when the text is a multiple of 50 long; beyond 120 it is cut off.
+/// T-5: a text of up to 50 bytes is one message. A longer one is chunks with a common id and indices, and a NUL in the last
+/// one, also if its length is a multiple of 50. Beyond 120 bytes it is truncated.
 #[test]
-fn long_texts_come_in_chunks() {
+fn long_texts_are_sent_in_chunks() {
     for (len, lengths) in [
         (1, vec![1]),
         (49, vec![49]),
@@ -65,7 +64,7 @@ fn long_texts_come_in_chunks() {
         let chunks = chunks(&world, 0);
         assert_eq!(chunks.iter().map(|chunk| chunk.text.len()).collect::<Vec<_>>(), lengths, "{len} bytes");
         let id = chunks[0].id;
-        assert_eq!(id == 0, lengths.len() == 1, "{len} bytes: an id means chunks");
+        assert_eq!(id == 0, lengths.len() == 1, "{len} bytes: only chunks have an id");
         for (seq, chunk) in (0..).zip(&chunks) {
             assert_eq!((chunk.severity, chunk.id, chunk.chunk_seq), (MavSeverity::NOTICE, id, seq), "{len} bytes");
         }
@@ -73,13 +72,13 @@ fn long_texts_come_in_chunks() {
     }
 }
 
-/// T-5: two long texts have two ids, and their chunks do not mix.
+/// T-5: two long texts have two ids, and their chunks are not interleaved.
 #[test]
-fn texts_do_not_mix() {
+fn chunks_of_two_texts_are_not_interleaved() {
     let mut world = World::new(Setup::<1>::new());
     world.stack.send_text(world.now(), MavSeverity::INFO, &text(120));
     world.run_for(millis(1));
-    // More severe, and not allowed to break in.
+    // A more severe text does not interrupt the first one.
     world.stack.send_text(world.now(), MavSeverity::ALERT, &text(70));
     world.run_for(secs(1));
     let ids: Vec<u16> = chunks(&world, 0).iter().map(|chunk| chunk.id).collect();
@@ -87,13 +86,13 @@ fn texts_do_not_mix() {
     assert_eq!(texts(&world, 0), [text(120), text(70)]);
 }
 
-/// T-5: a text is cut between code points, and so are its chunks: MAVProxy and QGroundControl make a string of each. A chunk
-/// is full all the same, or it would be the last one: a blank fills it.
+/// T-5: a text and its chunks end between code points, because MAVProxy and QGroundControl decode each chunk. A space fills a
+/// chunk to 50 bytes; a shorter one would be the last.
 #[test]
-fn cut_falls_between_code_points() {
+fn chunks_end_between_code_points() {
     let links = [LinkConfig::uart(57_600), LinkConfig::uart(57_600).with_version(TxVersion::V1)];
     let mut world = World::new(Setup { links, ..Setup::new() });
-    // 119 bytes, then one code point of two; the 50th byte of it too is in the middle of one.
+    // 119 bytes, then a code point of two; the 50th byte is in the middle of one too.
     let long = format!("a{}", "é".repeat(60));
     world.stack.send_text(world.now(), MavSeverity::INFO, &long);
     world.run_for(secs(1));
@@ -103,7 +102,7 @@ fn cut_falls_between_code_points() {
 
 /// T-5, S-8: v1 has no chunks: one message of 50 bytes.
 #[test]
-fn v1_link_gets_the_first_fifty_bytes() {
+fn v1_link_gets_the_first_50_bytes() {
     let links = [LinkConfig::uart(57_600).with_version(TxVersion::V1)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     for len in [50, 51, 120] {
@@ -114,7 +113,7 @@ fn v1_link_gets_the_first_fifty_bytes() {
     }
 }
 
-/// T-5: the same text again within five seconds is dropped and counted; with another severity, or later, it is not.
+/// T-5: the same text within five seconds is dropped and counted; with another severity, or later, it is sent.
 #[test]
 fn repetitions_are_dropped() {
     let mut world = World::new(Setup::<1>::new());
@@ -133,12 +132,12 @@ fn repetitions_are_dropped() {
     assert_eq!(say(&mut world, MavSeverity::WARNING), 3, "5.2 s after the first");
     world.stack.send_text(world.now(), MavSeverity::ERROR, "");
     world.run_for(millis(100));
-    assert_eq!(chunks(&world, 0).len(), 3, "no text is none");
+    assert_eq!(chunks(&world, 0).len(), 3, "an empty text is not sent");
 }
 
-/// T-5: neither do three texts that take turns get through more than once.
+/// T-5: three texts that alternate are sent once each, too.
 #[test]
-fn texts_that_take_turns_are_repetitions() {
+fn alternating_texts_are_sent_once() {
     let mut world = World::new(Setup::<1>::new());
     let said =
         [(MavSeverity::WARNING, "GPS glitch"), (MavSeverity::ERROR, "Low voltage"), (MavSeverity::INFO, "Ready")];
@@ -149,7 +148,7 @@ fn texts_that_take_turns_are_repetitions() {
     assert_eq!(texts(&world, 0), ["GPS glitch", "Low voltage", "Ready"]);
 }
 
-/// T-5: the id that chunks share is never 0, which means that there are none; not even after 65,535 texts.
+/// T-5: the id of chunks is never 0, which means a single message, not even after 65,535 texts.
 #[test]
 fn chunk_ids_skip_zero() {
     let mut world = World::new(Setup::<1>::new());
@@ -166,10 +165,9 @@ fn chunk_ids_skip_zero() {
     assert_eq!(ids, [65_534, 65_535, 1, 2, 3]);
 }
 
-/// T-5: when more texts wait than there is room for, the least severe goes, the older of two; the rest comes in the order
-/// in which it was said.
+/// T-5: a full queue drops the least severe text, the older of two equals; the others are sent in order.
 #[test]
-fn least_severe_text_goes_first() {
+fn least_severe_text_is_dropped_first() {
     use MavSeverity as S;
     let mut world = World::new(Setup::<1>::new());
     world.uarts[0].stall_writes_until(mavstack::Instant::from_millis(2_000));
@@ -178,10 +176,10 @@ fn least_severe_text_goes_first() {
         (S::CRITICAL, "second"),
         (S::INFO, "third"),
         (S::WARNING, "fourth"),
-        // In place of the first, then of the third.
+        // Replaces the first one, and then the third one.
         (S::ALERT, "fifth"),
         (S::INFO, "sixth"),
-        // Nothing is worth less than this one.
+        // Less severe than all others, so it is dropped itself.
         (S::DEBUG, "seventh"),
         (S::ERROR, "eighth"),
     ];
@@ -194,7 +192,7 @@ fn least_severe_text_goes_first() {
     assert_eq!(world.stack.dropped_texts(), 4);
 }
 
-/// D-4: heartbeats and answers do not wait behind texts on a slow link; the texts keep to its rate.
+/// D-4: on a slow link heartbeats and answers do not wait for texts, and texts keep to its rate.
 #[test]
 fn texts_keep_to_the_rate_of_a_slow_link() {
     let links = [LinkConfig::uart(1_200)];
@@ -206,16 +204,15 @@ fn texts_keep_to_the_rate_of_a_slow_link() {
     }
     let beats: Vec<_> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
     assert!((58..=61).contains(&beats.len()), "{} in a minute", beats.len());
-    // 120 bytes/s: a text of two chunks takes a second, and one may have begun.
+    // At 120 bytes/s, a text of two chunks takes a second, and one may be in transmission.
     assert!(beats.windows(2).all(|pair| pair[1].since(pair[0]) <= millis(1_700)), "{beats:?}");
     let bytes = world.uarts[0].written();
     assert!((6_500..=7_800).contains(&bytes), "{bytes} bytes in a minute at 120 bytes/s");
 }
 
-/// T-5: links go at their own pace: all that a fast one gets it gets at once, and a slow one loses only what its queue
-/// cannot hold.
+/// T-5: each link has its own pace: a fast one sends every text at once, and a slow one loses only what its queue cannot hold.
 #[test]
-fn two_links_go_at_their_own_pace() {
+fn each_link_has_its_own_pace() {
     let links = [LinkConfig::uart(115_200), LinkConfig::uart(1_200)];
     let lines = [LineConfig::default(), LineConfig::radio(1_200, millis(20))];
     let mut world = World::new(Setup { links, lines, ..Setup::new() });
@@ -231,9 +228,9 @@ fn two_links_go_at_their_own_pace() {
     assert_eq!(texts(&world, 0), said, "once");
 }
 
-/// A link that takes nothing for long holds back no text of another one, however severe those are that wait for it.
+/// A link that is backpressured for long delays no text on another link, however severe its own pending texts are.
 #[test]
-fn dead_link_holds_back_no_text() {
+fn dead_link_delays_no_text() {
     let mut world = World::new(Setup::<2>::new());
     world.uarts[1].stall_writes_until(mavstack::Instant::NEVER);
     for i in 0..4 {
@@ -247,9 +244,9 @@ fn dead_link_holds_back_no_text() {
     assert_eq!(texts(&world, 0).len(), 24);
 }
 
-/// L-4, T-5: a text goes to all links but the satellite's.
+/// L-4, T-5: a text is sent on all links except high-latency ones.
 #[test]
-fn satellite_gets_no_text() {
+fn high_latency_link_gets_no_text() {
     let links = [LinkConfig::uart(9_600).with_class(LinkClass::HighLatency), LinkConfig::uart(57_600)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     world.stack.send_text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
@@ -259,9 +256,9 @@ fn satellite_gets_no_text() {
     assert_eq!(world.stack.link_counters(LinkId(0)).unwrap().tx_frames, 0);
 }
 
-/// T-5: any text can be sent that is made of bytes: a string, or one that was built; and with `fmt` one that was formatted.
+/// T-5: texts may be strings, built texts or bytes, and with `fmt` formatted ones.
 #[test]
-fn texts_of_all_kinds_are_sent() {
+fn texts_of_all_types_are_sent() {
     let mut world = World::new(Setup::<1>::new());
     let mut built = Text::<MAX_TEXT_LEN>::new("Home moved by ");
     built.push_decimal(-125, 1);
@@ -271,7 +268,7 @@ fn texts_of_all_kinds_are_sent() {
     world.run_for(millis(100));
     assert_eq!(texts(&world, 0), ["plain", "owned", "Home moved by -12.5"]);
     world.gcs[0].forget();
-    // What is not UTF-8 is sent as it is.
+    // Bytes that are not UTF-8 are sent unchanged.
     world.stack.send_text(world.now(), MavSeverity::INFO, &[0xFF; 130]);
     #[cfg(feature = "fmt")]
     {
@@ -286,10 +283,10 @@ fn texts_of_all_kinds_are_sent() {
     assert_eq!(assemble(&chunks(&world, 0)), expected);
 }
 
-/// `write!` puts in what fits, cut between code points, and says when that is not all.
+/// `write!` writes what fits, ends between code points, and returns an error if that is not everything.
 #[cfg(feature = "fmt")]
 #[test]
-fn what_is_formatted_is_cut_off() {
+fn formatted_text_is_truncated() {
     use std::fmt::Write;
     let mut text = Text::<10>::EMPTY;
     assert_eq!(write!(text, "{:.1} m, {}", 2.25, 7), Ok(()));
@@ -298,7 +295,7 @@ fn what_is_formatted_is_cut_off() {
     assert_eq!(text.as_str(), Some("2.2 m, 7 "), "no half of it");
 }
 
-/// The chunks of a text, by its characters.
+/// Returns the chunks of a text, computed from its characters.
 fn chunks_of(text: &str) -> Vec<String> {
     let mut chunks = vec![String::new()];
     let mut len = 0;
@@ -323,7 +320,7 @@ fn chunks_of(text: &str) -> Vec<String> {
 proptest! {
     #![proptest_config(cases(128))]
 
-    /// T-5: whatever the characters, each chunk is UTF-8 by itself, and of each but the last all 50 bytes are there.
+    /// T-5: for any characters, each chunk is valid UTF-8, and every chunk but the last one has 50 bytes.
     #[test]
     fn chunks_are_whole_characters(text in "[ -~é€𝄞]{1,125}") {
         let mut world = World::new(Setup::<1>::new());
@@ -332,14 +329,13 @@ proptest! {
         let got: Vec<_> = chunks(&world, 0).iter().map(|chunk| chunk.text.as_str().map(String::from)).collect();
         let mut expected = chunks_of(&text);
         if expected.len() == 2 && expected[1].is_empty() {
-            // One of 50 bytes needs no second one.
+            // A single chunk of 50 bytes needs no second one.
             expected.pop();
         }
         prop_assert_eq!(got, expected.into_iter().map(Some).collect::<Vec<_>>());
     }
 
-    /// T-5: whatever is said, at whatever pace: what arrives are whole texts that were said, in order, and no more are
-    /// missing than were dropped.
+    /// T-5: for any texts at any pace, received texts are whole and in order, and no more are missing than were dropped.
     #[test]
     fn texts_arrive_whole(said in prop::collection::vec(("[ -~]{0,130}", 0u8..8, 0u64..400), 0..30)) {
         let mut world = World::new(Setup::<1>::new());

@@ -27,8 +27,8 @@ fn request_stream<const N: usize>(world: &mut World<N>, group: MavDataStream, ra
     world.run_for(millis(10));
 }
 
-/// ATTITUDE, GLOBAL_POSITION_INT, SYS_STATUS and BATTERY_STATUS that come within a while, once the line has settled: a link
-/// takes a line for busy that it has just been given.
+/// Returns how many ATTITUDE, GLOBAL_POSITION_INT, SYS_STATUS and BATTERY_STATUS are received within `time`. It settles first,
+/// because a new link is taken for busy.
 fn counts<const N: usize>(world: &mut World<N>, link: usize, time: Duration) -> [usize; 4] {
     world.run_for(millis(150));
     world.gcs[link].forget();
@@ -42,9 +42,9 @@ fn counts<const N: usize>(world: &mut World<N>, link: usize, time: Duration) -> 
     ]
 }
 
-/// Each link has the default set of its profile; L-4: a high-latency link has none, whatever its profile.
+/// Each link has the default streams of its profile; L-4: a high-latency link has none, whatever its profile.
 #[test]
-fn only_normal_links_stream_and_each_its_own_set() {
+fn only_normal_links_stream_by_their_profiles() {
     let links = [
         LinkConfig::uart(115_200).with_streams(ONBOARD),
         LinkConfig::uart(115_200),
@@ -60,7 +60,7 @@ fn only_normal_links_stream_and_each_its_own_set() {
     assert_eq!(world.gcs[3].received.len(), 0);
 }
 
-/// set, stopped, and back to the default.
+/// an interval is set, stopped, and restored to its default.
 #[test]
 fn interval_takes_effect() {
     let links = [LinkConfig::uart(115_200).with_streams(ONBOARD); 2];
@@ -69,13 +69,13 @@ fn interval_takes_effect() {
     set_interval(&mut world, 0, GlobalPositionInt::ID, 40_000.0);
     set_interval(&mut world, 0, BatteryStatus::ID, 250_000.0);
     assert_eq!(counts(&mut world, 0, secs(10)), [0, 250, 20, 40]);
-    assert_eq!(counts(&mut world, 1, secs(10)), [500, 100, 20, 0], "the other link's is its own");
+    assert_eq!(counts(&mut world, 1, secs(10)), [500, 100, 20, 0], "the other link has its own");
     set_interval(&mut world, 0, Attitude::ID, 0.0);
     set_interval(&mut world, 0, BatteryStatus::ID, 0.0);
     assert_eq!(counts(&mut world, 0, secs(10)), [500, 250, 20, 0]);
 }
 
-/// Sends commands that all wait for the line: what each is answered.
+/// Sends commands that wait on the same link, and returns the answers.
 fn results(world: &mut World<1>, commands: &[(MavCmd, [f32; 2])]) -> Vec<MavResult> {
     let stalled_until = world.now().after(millis(50));
     world.uarts[0].stall_writes_until(stalled_until);
@@ -86,9 +86,9 @@ fn results(world: &mut World<1>, commands: &[(MavCmd, [f32; 2])]) -> Vec<MavResu
     world.gcs[0].all::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect()
 }
 
-/// of messages with an index one is owed at a time: another one is to be asked for again, the same one is not sent twice.
+/// one message with an index can be pending: another index is TEMPORARILY_REJECTED, the same one is sent once.
 #[test]
-fn one_message_with_an_index_is_owed_at_a_time() {
+fn one_message_with_an_index_can_be_pending() {
     const DONE: MavResult = MavResult::ACCEPTED;
     const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
     let battery = |index: f32| (MavCmd::REQUEST_MESSAGE, [BatteryStatus::ID as f32, index]);
@@ -107,19 +107,18 @@ fn one_message_with_an_index_is_owed_at_a_time() {
     assert_eq!(world.gcs[0].count_of::<OpenDroneIdLocation>(), 1);
 }
 
-/// as many questions about intervals wait as there is room for; who asks more is told to ask again, and is not left without
-/// an answer.
+/// pending requests for intervals are limited; a further one is TEMPORARILY_REJECTED, not left unanswered.
 #[test]
-fn questions_that_find_no_room_are_to_be_asked_again() {
+fn interval_requests_without_room_are_rejected_for_now() {
     const IDS: [u32; 5] = [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID, BatteryStatus::ID, SystemTime::ID];
-    // An answer takes some 20 ms.
+    // An answer takes about 20 ms.
     let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
     let lines = [LineConfig { down, ..LineConfig::default() }];
     let mut world = World::new(Setup { lines, ..Setup::<1>::new() });
     world.run_for(millis(100));
     for (number, id) in IDS.into_iter().enumerate() {
         if number == 4 {
-            // An answer has left, and made room for this one's; the questions wait behind all of them.
+            // An answer was sent, and freed its slot for this one; the MESSAGE_INTERVALs follow all answers.
             world.run_for(millis(40));
         }
         world.gcs[0].command_long(MavCmd::GET_MESSAGE_INTERVAL, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -133,9 +132,9 @@ fn questions_that_find_no_room_are_to_be_asked_again() {
     assert_eq!(told, IDS[..4]);
 }
 
-/// CURRENT_MODE is no stream of a vehicle that has no modes.
+/// without declared modes CURRENT_MODE is not a stream.
 #[test]
-fn without_modes_there_is_no_current_mode() {
+fn current_mode_needs_declared_modes() {
     let mut world = World::new(Setup::<1>::new());
     let ask = |world: &mut World<1>, command, id, micros| {
         world.gcs[0].command_long(command, [id as f32, micros, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -149,7 +148,7 @@ fn without_modes_there_is_no_current_mode() {
     }
 }
 
-/// A vehicle that hands over another message than it was asked for.
+/// A vehicle that fills in another message than the requested one.
 #[derive(Default)]
 struct Mistaken;
 
@@ -177,9 +176,9 @@ mavstack::stack! {
     struct OfTheMistaken for Mistaken { links: 1, streams }
 }
 
-/// what nobody asked for is not sent for what was asked, at its rate or once: who asks is told that it is not to be had.
+/// a message other than the requested one is not sent, neither as a stream nor on request; the request is refused.
 #[test]
-fn another_message_is_not_sent_instead() {
+fn wrong_message_of_the_vehicle_is_not_sent() {
     let links = [LinkConfig::uart(115_200).with_streams(ONBOARD)];
     let mut world = World::<1, OfTheMistaken>::of(Setup { links, ..Setup::new() });
     for (id, result) in [(Attitude::ID, MavResult::DENIED), (SysStatus::ID, MavResult::ACCEPTED)] {
@@ -190,9 +189,9 @@ fn another_message_is_not_sent_instead() {
     assert_eq!((world.gcs[0].count_of::<Attitude>(), world.gcs[0].count_of::<SysStatus>()), (0, 1));
 }
 
-/// groups; ALL is what is in any group; 0 stops, as does a rate of 0; anything else is no request.
+/// groups; ALL means every message of a group; 0 or a rate of 0 stops; anything else is ignored.
 #[test]
-fn data_streams_are_groups() {
+fn data_stream_requests_set_groups() {
     let mut world = World::new(Setup::<1>::new());
     request_stream(&mut world, MavDataStream::ALL, 4, 1);
     assert_eq!(counts(&mut world, 0, secs(10)), [40, 40, 40, 0], "BATTERY_STATUS is in no group");
@@ -202,16 +201,16 @@ fn data_streams_are_groups() {
     request_stream(&mut world, MavDataStream::EXTRA1, 50, 2);
     request_stream(&mut world, MavDataStream::RAW_SENSORS, 50, 1);
     request_stream(&mut world, MavDataStream(99), 50, 1);
-    assert_eq!(counts(&mut world, 0, secs(10)), [200, 0, 40, 0], "nothing of it is anything");
+    assert_eq!(counts(&mut world, 0, secs(10)), [200, 0, 40, 0], "invalid requests change nothing");
     request_stream(&mut world, MavDataStream::ALL, 0, 1);
     assert_eq!(counts(&mut world, 0, secs(10)), [0; 4]);
-    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 0, "it has no answer");
-    assert_eq!(world.vehicle.calls, [], "the vehicle hears nothing of it");
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 0, "REQUEST_DATA_STREAM is not answered");
+    assert_eq!(world.vehicle.calls, [], "the vehicle does not see it");
 }
 
-/// H-8: streams wait for a peer on their own link, and stop when it is lost; heartbeats and answers do not.
+/// H-8: by option, streams wait for a peer on their own link and stop when it times out; heartbeats and answers do not.
 #[test]
-fn streams_wait_for_a_peer_where_that_is_wanted() {
+fn streams_wait_for_a_peer_by_option() {
     let mut setup = Setup { links: [LinkConfig::uart(115_200).with_streams(ONBOARD); 2], ..Setup::new() };
     setup.config.streams_wait_for_peer = true;
     let mut world = World::new(setup);
@@ -227,15 +226,14 @@ fn streams_wait_for_a_peer_where_that_is_wanted() {
     world.gcs[0].heartbeat_period = None;
     world.run_for(secs(6));
     assert_eq!(counts(&mut world, 0, secs(2)), [0; 4]);
-    // Those who sleep in between are not kept awake by it.
+    // Waiting streams do not wake the driver.
     let now = world.now();
     assert!(world.stack.next_deadline(now) > now);
 }
 
-/// a radio that says its buffer is full gets less, but no heartbeat and no answer less; what it said is forgotten after
-/// five seconds.
+/// RADIO_STATUS with a full buffer throttles streams, but no heartbeat and no answer. It expires after five seconds.
 #[test]
-fn radio_with_a_full_buffer_gets_less() {
+fn radio_with_a_full_buffer_throttles_streams() {
     let links = [LinkConfig::uart(115_200).with_streams(ONBOARD)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     world.run_for(millis(100));
@@ -247,15 +245,15 @@ fn radio_with_a_full_buffer_gets_less() {
     assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 4);
     world.run_for(secs(1));
     assert_eq!(counts(&mut world, 0, secs(4))[0], 200);
-    // The vehicle may want to know how good the line is.
+    // The vehicle sees the message too.
     let is_radio = |call: &Call| matches!(call, Call::Message { id: RadioStatus::ID, .. });
     assert_eq!(world.vehicle.calls.iter().filter(|call| is_radio(call)).count(), 1);
 }
 
-/// Q-8, D-4: more is asked for than the line carries. It stays within the line's rate, every stream gets its turn, and
-/// heartbeats and answers come no later than a frame and a poll, though the line's buffer would hold a second's worth.
+/// Q-8, D-4: streams exceed the link's rate. The link keeps to its rate, every stream gets its turn, and heartbeats and answers
+/// are late by at most a frame and a poll, although the line's buffer holds a second's worth.
 #[test]
-fn overload_delays_nothing_but_streams() {
+fn overload_delays_only_streams() {
     for baud in [9_600, 57_600] {
         let links = [LinkConfig::uart(baud).with_streams(ONBOARD)];
         let lines = [LineConfig::radio(baud.into(), Duration::ZERO)];
@@ -265,14 +263,14 @@ fn overload_delays_nothing_but_streams() {
         }
         world.run_for(secs(1));
         world.gcs[0].forget();
-        // The longest stream is 54 bytes, an answer 22, a heartbeat 21; another answer or heartbeat may be in between.
+        // The longest stream is 54 bytes, an answer 22, a heartbeat 21; another answer or heartbeat may come first.
         let patience = 2 + (54 + 22 + 21) * 10_000 / u64::from(baud);
         let begun = world.now();
         for round in 0..200 {
             world.run_for(millis(37 + round % 13));
             let asked = world.now();
             world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
-            // The way up takes its time too.
+            // The uplink takes time too.
             let up = 45 * 10_000 / u64::from(baud) + 1;
             world.expect::<CommandAck>(0, millis(up + patience));
             assert!(world.now().since(asked).as_millis() <= up + patience);
@@ -293,9 +291,9 @@ fn overload_delays_nothing_but_streams() {
     }
 }
 
-/// D-4: an upload runs, and is not slower for the streams that fill the rest of the line.
+/// D-4: an upload is not slowed down by streams that fill the rest of the link.
 #[test]
-fn upload_goes_before_streams() {
+fn upload_has_precedence_over_streams() {
     let run = |streams| {
         let links = [LinkConfig::uart(57_600).with_streams(streams)];
         let lines = [LineConfig::radio(57_600, millis(5))];
@@ -308,13 +306,13 @@ fn upload_goes_before_streams() {
         world.now().since(start).as_millis()
     };
     let (alone, with_streams) = (run(StreamProfile::Off), run(ONBOARD));
-    // A frame of at most 54 bytes (9 ms) may be on the line when a request comes up; that is all.
+    // At most one frame of 54 bytes (9 ms) is in transmission when a request becomes due.
     assert!(with_streams <= alone + 100 * 10, "{with_streams} ms, alone {alone} ms");
 }
 
-/// Those who sleep until the next deadline send what those send who poll every millisecond.
+/// A driver that sleeps until the next deadline sends the same as one that polls every millisecond.
 #[test]
-fn sleeper_keeps_the_rates() {
+fn sleeping_driver_keeps_the_rates() {
     let links = [LinkConfig::uart(57_600).with_streams(ONBOARD)];
     let mut world = World::new(Setup { links, ..Setup::new() });
     world.run_for(millis(200));
@@ -336,7 +334,7 @@ fn sleeper_keeps_the_rates() {
 proptest! {
     #![proptest_config(cases(12))]
 
-    /// the average rate over 100 s is within 1 % of what MESSAGE_INTERVAL says, over polls that come when they like.
+    /// over 100 s the average rate is within 1 % of MESSAGE_INTERVAL, at irregular polls.
     #[test]
     fn average_rate_is_kept_over_jittered_polls(
         micros in 5_000u32..400_000,

@@ -10,10 +10,10 @@ use proptest::prelude::*;
 
 const LINK: LinkId = LinkId(0);
 
-/// A world of a vehicle with the service.
+/// A world whose vehicle declares the service.
 type Clocked<const N: usize> = World<N, Tested<NoPlans, 8, Timed>>;
 
-/// A world whose vehicle has a clock to ask for, `delay` away each way; the boot was a while ago.
+/// A world whose peer is `delay` away in each direction; it starts some time after boot.
 fn world<const N: usize>(delay: Duration) -> Clocked<N> {
     let lines = [LineConfig::both(Wire { latency: delay, ..Wire::default() }); N];
     let mut world = Clocked::of(Setup { lines, start: Instant::from_millis(5_000_000), ..Setup::new() });
@@ -21,9 +21,9 @@ fn world<const N: usize>(delay: Duration) -> Clocked<N> {
     world
 }
 
-/// T-1: a PING to everyone comes back as it is, to who sent it, by its own link.
+/// T-1: a PING to everyone is returned unchanged to its sender, on its link.
 #[test]
-fn ping_comes_back() {
+fn ping_is_answered() {
     let mut world = world::<2>(millis(0));
     let ping = Ping { time_usec: 0x0102_0304_0506_0708, seq: 77, ..Ping::default() };
     world.gcs[1].send_from(OTHER_STATION, &ping);
@@ -31,12 +31,12 @@ fn ping_comes_back() {
     assert_eq!(pong, Ping { target_system: 254, target_component: 190, ..ping });
     world.expect_no::<Ping>(0, secs(1));
     world.expect_no::<Ping>(1, millis(1));
-    assert_eq!(world.vehicle.calls, [], "the vehicle has nothing to do with it");
+    assert_eq!(world.vehicle.calls, [], "the vehicle does not see it");
 }
 
-/// T-1: a PING with a target is an answer, and is never answered.
+/// T-1: a PING with a target is an answer, and is not answered.
 #[test]
-fn an_answer_to_a_ping_is_not_answered() {
+fn answer_to_a_ping_is_not_answered() {
     let mut world = world::<1>(millis(0));
     for (target_system, target_component) in [(1, 1), (1, 0), (0, 1), (255, 190), (2, 1)] {
         world.gcs[0].send(&Ping { seq: 5, target_system, target_component, ..Ping::default() });
@@ -44,7 +44,7 @@ fn an_answer_to_a_ping_is_not_answered() {
     world.expect_no::<Ping>(0, secs(1));
 }
 
-/// T-2: a question gets our time since boot and its own time back, to who asked; by any clock of his.
+/// T-2: a request gets our time since boot and its own time back, whatever the peer's clock reads.
 #[test]
 fn timesync_is_answered() {
     let mut world = world::<2>(millis(0));
@@ -61,9 +61,9 @@ fn timesync_is_answered() {
     world.expect_no::<Timesync>(1, millis(10));
 }
 
-/// T-2: not what is for others, and not answers, whoever's they are.
+/// T-2: requests to other systems, and answers, are not answered.
 #[test]
-fn timesync_of_others_is_left_alone() {
+fn timesync_of_others_is_ignored() {
     let mut world = world::<1>(millis(0));
     for (target_system, target_component) in [(2, 1), (1, 2), (255, 190)] {
         world.gcs[0].send(&Timesync { tc1: 0, ts1: 5, target_system, target_component });
@@ -77,9 +77,9 @@ fn timesync_of_others_is_left_alone() {
     assert_eq!(world.stack.take_time_sample(), None);
 }
 
-/// T-2: at the moment of boot the answer is no question.
+/// T-2: an answer that is sent at time 0 is not a request.
 #[test]
-fn an_answer_at_boot_is_an_answer() {
+fn answer_at_boot_is_not_a_request() {
     let setup = Setup::<1>::new();
     let mut world = Clocked::of(Setup { step: Duration::from_micros(0), ..setup });
     world.gcs[0].send(&Timesync { tc1: 0, ts1: 5, ..Timesync::default() });
@@ -90,16 +90,16 @@ fn an_answer_at_boot_is_an_answer() {
     assert_eq!(world.gcs[0].take::<Timesync>().unwrap().1.tc1, 1);
 }
 
-/// T-2: our own question, and what comes of the answer; only of the right one, and once.
+/// T-2: our own request, and its result: only of the matching answer, and once.
 #[test]
-fn the_vehicle_asks_too() {
+fn vehicle_can_request_the_time() {
     let mut world = world::<2>(millis(20));
     world.stack.ask_time(LinkId(1));
     world.stack.ask_time(LinkId(7));
     let question: Timesync = world.expect(1, millis(100));
     assert_eq!((question.tc1, question.target_system, question.target_component), (0, 0, 0));
     world.expect_no::<Timesync>(0, millis(1));
-    // His clock is three seconds behind.
+    // The peer's clock is three seconds slow.
     let his = question.ts1 + 21_000_000 - 3_000_000_000;
     let answer = Timesync { tc1: his, ts1: question.ts1, target_system: 1, target_component: 1 };
     world.gcs[1].send(&Timesync { ts1: question.ts1 + 1, ..answer });
@@ -120,9 +120,9 @@ fn the_vehicle_asks_too() {
     world.expect_no::<Timesync>(1, secs(2));
 }
 
-/// T-3: nothing of it travels by satellite.
+/// T-3: a high-latency link carries no time messages.
 #[test]
-fn no_time_by_satellite() {
+fn high_latency_link_carries_no_time() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = Clocked::of(Setup { links: [satellite], ..Setup::new() });
     world.stack.ask_time(LINK);
@@ -133,7 +133,7 @@ fn no_time_by_satellite() {
     assert_eq!(world.stack.link_counters(LINK).unwrap().out_of_place, 2);
 }
 
-/// A vehicle without the service sees the messages itself.
+/// Without the service, the vehicle gets the messages.
 #[test]
 fn without_the_service_the_vehicle_gets_the_messages() {
     let mut world = World::new(Setup::<1>::new());
@@ -145,17 +145,17 @@ fn without_the_service_the_vehicle_gets_the_messages() {
     assert_eq!(world.gcs[0].count_of::<Ping>() + world.gcs[0].count_of::<Timesync>(), 0);
 }
 
-/// T-4, D-1: SYSTEM_TIME has the time since boot from the beginning and the time of day when it is known, both as they are when
-/// it goes out; the first wraps, the second does not.
+/// T-4, D-1: SYSTEM_TIME carries the time since boot, and the wall clock once it is known, both at the time of sending. The
+/// first wraps, the second does not.
 #[test]
-fn the_time_of_day_is_told_when_it_is_known() {
+fn system_time_carries_the_wall_clock_once_known() {
     const NOON: u64 = 1_767_268_800_000_000;
-    // Ten seconds before the milliseconds wrap.
+    // Ten seconds before the 32-bit milliseconds wrap.
     let start = Instant::from_millis((1 << 32) - 10_000);
     let mut world = World::new(Setup::<1> { start, ..Setup::new() });
     world.gcs[0].command_long(MavCmd::SET_MESSAGE_INTERVAL, [2.0, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.run_for(secs(5));
-    // The receiver does not know either.
+    // The receiver does not know the time either.
     world.vehicle.clock.set(world.now(), 0);
     world.run_for(millis(500));
     let set = world.now();
@@ -168,7 +168,7 @@ fn the_time_of_day_is_told_when_it_is_known() {
         assert_eq!(boot, at.as_millis() % (1 << 32));
         assert_eq!(unix, if at > set { NOON + at.since(set).as_micros() } else { 0 });
     }
-    // It is set again, and back.
+    // The clock is set again, and back.
     world.vehicle.clock.set(world.now(), 1);
     assert_eq!(world.vehicle.clock.unix_usec(world.now().after(millis(3))), Some(3_001));
     assert_eq!(WallClock::new().unix_usec(world.now()), None);
@@ -177,10 +177,10 @@ fn the_time_of_day_is_told_when_it_is_known() {
 proptest! {
     #![proptest_config(cases(64))]
 
-    /// T-1, T-2: whatever comes while the line takes nothing or takes all, each question that was taken is answered once,
-    /// in words that are no question, and each that was not is counted.
+    /// T-1, T-2: on a link with or without backpressure, each accepted request is answered once, by a message that is not a
+    /// request, and each other request is counted.
     #[test]
-    fn every_question_is_answered_or_counted(
+    fn every_request_is_answered_or_counted(
         frames in prop::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), 0u64..30), 1..60),
         stall in 0u64..600,
     ) {
@@ -211,7 +211,7 @@ proptest! {
         numbers.extend(syncs.iter().map(|(_, sync)| sync.ts1));
         numbers.sort_unstable();
         numbers.dedup();
-        prop_assert_eq!(numbers.len(), pings.len() + syncs.len(), "none twice");
+        prop_assert_eq!(numbers.len(), pings.len() + syncs.len(), "none is repeated");
         let dropped = world.stack.link_counters(LINK).unwrap().no_answer_slot;
         prop_assert_eq!(numbers.len() as u32 + dropped, questions);
         prop_assert!(questions == 0 || !numbers.is_empty());

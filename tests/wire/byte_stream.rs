@@ -1,5 +1,5 @@
-//! Streams of frames: cut anywhere, damaged anyhow. Rules S-12, S-13, S-20, R-9, SEC-1, SEC-2, SEC-5.
-//! What one frame is, `frame.rs` tests.
+//! Streams of frames, split and damaged in every way: rules S-12, S-13, S-20, R-9, SEC-1, SEC-2, SEC-5. Single frames are in
+//! `single_frame.rs`.
 
 use crate::support::damage::{Damage, damage};
 use crate::support::reference::{self, Found};
@@ -13,9 +13,9 @@ use proptest::{collection::vec, prelude::*};
 const TABLE: MessageTable = Common::MESSAGES;
 /// An id that common does not have.
 const UNKNOWN: u32 = 0x00AB_CDEF;
-/// So many bytes behind a stream end every candidate in it.
+/// This many bytes after a stream complete or reject every candidate in it.
 const FILLER: [u8; 300] = [0; 300];
-/// Somebody who was heard before.
+/// A sender that was heard before.
 const KNOWN: Address = Address::new(2, 1);
 
 fn frame<M: Message>(message: &M, version: Version) -> Vec<u8> {
@@ -32,9 +32,9 @@ fn arm() -> Vec<u8> {
     frame(&CommandLong { command: MavCmd::COMPONENT_ARM_DISARM, param1: 1.0, ..CommandLong::default() }, Version::V1)
 }
 
-/// S-20: three frames, cut into three pieces at every two places.
+/// S-20: three frames, split into three pieces at every two places.
 #[test]
-fn every_split_of_three_frames_gives_the_same() {
+fn every_split_of_three_frames_is_decoded() {
     let mut signed = reference::v2(0, [1, 0], [42, 17], &[1, 2, 3, 4, 5, 6, 7, 8, 9], 50);
     signed.extend(1..=13);
     let frames = [signed, arm(), heartbeat()];
@@ -51,13 +51,13 @@ fn every_split_of_three_frames_gives_the_same() {
     }
 }
 
-/// `bytes` are read into the decoder's own room.
+/// Reads `bytes` into the decoder's own buffer.
 fn read_into(receiver: &mut Receiver, bytes: &[u8]) {
     let mut rest = bytes;
     while !rest.is_empty() {
         let room = receiver.decoder.spare();
         let (now, behind) = rest.split_at(rest.len().min(room.len()));
-        assert!(!now.is_empty(), "no frame waits, and there is no room");
+        assert!(!now.is_empty(), "no frame is pending, and there is no room");
         room[..now.len()].copy_from_slice(now);
         receiver.decoder.filled(now.len(), receiver.now);
         receiver.drain();
@@ -65,9 +65,10 @@ fn read_into(receiver: &mut Receiver, bytes: &[u8]) {
     }
 }
 
-/// A line that gives packets gives each once: where nothing waits there is room for the longest frame, whatever came before.
+/// A packet transport delivers each packet once: while nothing is pending, there is room for the longest frame, whatever came
+/// before.
 #[test]
-fn a_packet_of_any_length_has_room() {
+fn packet_of_any_length_has_room() {
     let mut receiver = Receiver::default();
     for _ in 0..40 {
         let room = receiver.decoder.spare();
@@ -80,8 +81,7 @@ fn a_packet_of_any_length_has_room() {
     assert_eq!(receiver.found.len(), 40);
 }
 
-/// What a line may carry: frames of known and unknown messages, whole and damaged, one inside the other, and noise rich in
-/// start bytes.
+/// A random stream: known and unknown messages, whole and damaged, nested frames, and noise with many start bytes.
 fn any_stream() -> impl Strategy<Value = Vec<u8>> {
     let id = prop_oneof![Just(0), Just(76), Just(253), Just(110), Just(UNKNOWN), Just(200), 0u32..512];
     let payload = prop_oneof![vec(any::<u8>(), 0..40), Just(heartbeat()), vec(any::<u8>(), 200..256)];
@@ -94,7 +94,7 @@ fn any_stream() -> impl Strategy<Value = Vec<u8>> {
     });
     let v1 = (prop_oneof![any::<u8>(), Just(44), Just(253)], 0u8..6, payload).prop_map(move |(id, more, payload)| {
         let row = TABLE.get(u32::from(id));
-        // With some of its extensions, and now and then a byte more.
+        // With some of its extensions, and sometimes one byte too many.
         let len = row.map_or(payload.len(), |row| {
             usize::from(row.base_len())
                 + usize::from(more).min(usize::from(row.max_len() - row.base_len()) + usize::from(more / 5))
@@ -122,7 +122,7 @@ fn any_stream() -> impl Strategy<Value = Vec<u8>> {
 proptest! {
     #![proptest_config(cases(256))]
 
-    /// The decoder finds what a second one, written from the guide alone, finds.
+    /// The decoder finds the same frames as the reference decoder.
     #[test]
     fn decoder_equals_the_reference(stream in any_stream()) {
         let stream = [&stream[..], &FILLER].concat();
@@ -131,7 +131,7 @@ proptest! {
         prop_assert_eq!(receiver.found, reference::decode(&stream, TABLE, |source| source == [2, 1]));
     }
 
-    /// S-20: the same frames and the same counters, however the bytes are cut, and however they come in.
+    /// S-20: frames and counters are the same, however the bytes are split and passed in.
     #[test]
     fn output_does_not_depend_on_chunking(stream in any_stream(), cuts in vec(1usize..300, 1..50)) {
         let mut whole = Receiver { known: vec![KNOWN], ..Receiver::default() };
@@ -158,7 +158,7 @@ proptest! {
         prop_assert_eq!(direct.decoder.counters(), whole.decoder.counters());
     }
 
-    /// SEC-2: a search that runs out of budget goes on where it stopped, and finds the same.
+    /// SEC-2: a scan that exhausts its budget resumes where it stopped, and finds the same.
     #[test]
     fn budget_delays_and_changes_nothing(stream in any_stream(), more in 0u32..600) {
         let mut free = Receiver { known: vec![KNOWN], ..Receiver::default() };
@@ -170,9 +170,9 @@ proptest! {
         prop_assert_eq!(bounded.decoder.counters(), free.decoder.counters());
     }
 
-    /// SEC-5: whatever stands in the payload of a frame that is right, only the frame comes out.
+    /// SEC-5: whatever is in the payload of a valid frame, only the frame is found.
     #[test]
-    fn nothing_comes_out_of_a_payload(inner in vec(any_stream(), 1..4)) {
+    fn payload_is_not_scanned(inner in vec(any_stream(), 1..4)) {
         let frames: Vec<Vec<u8>> = inner
             .iter()
             .map(|inner| reference::v2(FileTransferProtocol::ID, [0, 0], [9, 9], &inner[..inner.len().min(255)], 84))
@@ -181,19 +181,19 @@ proptest! {
         prop_assert_eq!(decode(&frames.concat()), expected);
     }
 
-    /// SEC-1, S-13: noise never panics, and never hides the frame behind it.
+    /// SEC-1, S-13: noise neither panics nor hides the next frame.
     #[test]
-    fn noise_costs_nothing_behind_it(noise in vec(any::<u8>(), 0..2_000)) {
+    fn noise_does_not_hide_the_next_frame(noise in vec(any::<u8>(), 0..2_000)) {
         let found = decode(&[&noise[..], &[0; 300], &heartbeat()].concat());
         prop_assert_eq!(found.last(), Some(&(heartbeat(), true)));
     }
 }
 
-/// SEC-2: where every third byte is the front of a frame that fails late, each call keeps to its budget, gets on, and in
-/// the end finds what is behind.
+/// SEC-2: every third byte starts a frame that fails late. Each call keeps to its budget and makes progress, and the frame at
+/// the end is found.
 #[test]
-fn nested_false_headers_cannot_hold_the_decoder() {
-    // Headers of a message with 255 bytes in each other: nearly every start byte costs a checksum over 265 bytes.
+fn nested_false_headers_do_not_stall_the_decoder() {
+    // Nested headers of a message of 255 bytes: nearly every start byte costs a checksum over 265 bytes.
     let nest = [0xFD, 0xFD, 0x00].repeat(2_000);
     let evil: Vec<u8> = nest.iter().enumerate().map(|(i, &byte)| if i % 97 == 0 { 0xFE } else { byte }).collect();
     let stream = [&evil[..], &FILLER, &heartbeat()].concat();
@@ -208,14 +208,14 @@ fn nested_false_headers_cannot_hold_the_decoder() {
             break;
         }
         calls += 1;
-        assert!(calls < stream.len(), "a call gets on by a byte at least");
+        assert!(calls < stream.len(), "each call advances by at least a byte");
     }
 }
 
-/// SEC-2: a checksum for which the budget does not suffice is not begun. A look at the header costs 16, and a byte 1.
+/// SEC-2: a checksum that exceeds the budget is not started. A header costs 16, and each byte 1.
 #[test]
 fn budget_is_kept() {
-    // One look, and the checksum over CRC_EXTRA and all but the start byte and itself.
+    // One header, and the checksum over CRC_EXTRA and all bytes but the start byte and the checksum itself.
     let cost = 16 + 1 + heartbeat().len() as u32 - 3;
     for budget in 0..cost + 10 {
         let mut decoder = Decoder::default();
@@ -230,10 +230,10 @@ fn budget_is_kept() {
     }
 }
 
-/// S-12, R-9: a frame with an unknown id cannot be checked. A known sender speaks for it, together with a start byte or
-/// silence behind it: then it is taken whole, nothing inside it counts (SEC-5), and it is marked as unchecked.
+/// S-12, R-9: a frame with an unknown id cannot be verified. It is accepted as a whole, marked as unverified, if its sender is
+/// known and a start byte or silence follows; then nothing inside it is found (SEC-5).
 #[test]
-fn unknown_ids_are_taken_only_when_something_speaks_for_them() {
+fn unknown_ids_need_a_known_sender_and_a_start_byte_or_silence() {
     let from = |source| reference::v2(UNKNOWN, [0, 0], source, &arm(), 0);
     let (known, stranger) = (from([2, 1]), from([3, 1]));
     let receive = |bytes: &[u8]| {
@@ -242,7 +242,7 @@ fn unknown_ids_are_taken_only_when_something_speaks_for_them() {
         receiver
     };
     let followed = receive(&[&known[..], &heartbeat()].concat());
-    assert_eq!(followed.found, [(known.clone(), false), (heartbeat(), true)], "a start byte behind it");
+    assert_eq!(followed.found, [(known.clone(), false), (heartbeat(), true)], "a start byte follows");
     assert_eq!(followed.decoder.counters().unchecked, 1);
     let mut silent = receive(&known);
     silent.wait(millis(19));
@@ -250,15 +250,15 @@ fn unknown_ids_are_taken_only_when_something_speaks_for_them() {
     silent.wait(millis(1));
     assert_eq!(silent.found, [(known.clone(), false)], "silence");
     let searched = receive(&[&known[..], &[0x55], &heartbeat()].concat());
-    assert_eq!(searched.found, [(arm(), true), (heartbeat(), true)], "noise behind it: searched");
+    assert_eq!(searched.found, [(arm(), true), (heartbeat(), true)], "noise follows: scanned");
     assert_eq!(searched.decoder.counters().unknown_id, 1);
     let strange = receive(&[&stranger[..], &heartbeat()].concat());
-    assert_eq!(strange.found, [(arm(), true), (heartbeat(), true)], "nobody knows the sender: searched");
+    assert_eq!(strange.found, [(arm(), true), (heartbeat(), true)], "unknown sender: scanned");
 }
 
-/// SEC-2, R-9: such a frame, whole on a silent line, waits for budget, and comes out with the next one, once.
+/// SEC-2, R-9: after silence such a frame waits for budget, and is returned by the next call, once.
 #[test]
-fn an_unknown_id_waits_for_budget_in_silence() {
+fn unknown_id_waits_for_budget_after_silence() {
     let frame = reference::v2(UNKNOWN, [0, 0], [2, 1], &arm(), 0);
     let mut receiver = Receiver { known: vec![KNOWN], ..Receiver::default() };
     receiver.receive(&frame);
@@ -272,9 +272,9 @@ fn an_unknown_id_waits_for_budget_in_silence() {
     assert_eq!(receiver.decoder.counters().unchecked, 1);
 }
 
-/// S-13, S-20: of 20,000 frames every one that the line left alone is found, in order, and nothing else is.
+/// S-13, S-20: of 20,000 frames, every one without damage is found, in order, and nothing else.
 ///
-/// Whether a damaged frame has the right checksum by chance (one in 65,536) depends on the seed; these have none.
+/// A damaged frame has the right checksum by chance once in 65,536 times; with these seeds none has.
 #[test]
 fn every_intact_frame_is_recovered() {
     for (seed, how) in [
@@ -288,8 +288,8 @@ fn every_intact_frame_is_recovered() {
         let mut receiver = Receiver { known: vec![KNOWN], ..Receiver::default() };
         bytes.chunks(64).for_each(|piece| receiver.receive(piece));
         receiver.receive(&FILLER);
-        assert!(intact.len() > 14_000, "seed {seed}: enough is left to find");
-        assert!(intact.len() < 19_000, "seed {seed}: enough is damaged");
-        assert!(receiver.checked() == intact, "seed {seed}: found is not what was left intact");
+        assert!(intact.len() > 14_000, "seed {seed}: too few intact frames");
+        assert!(intact.len() < 19_000, "seed {seed}: too few damaged frames");
+        assert!(receiver.checked() == intact, "seed {seed}: the frames found are not the intact ones");
     }
 }

@@ -11,7 +11,7 @@ use std::fmt::Debug;
 
 const TABLE: &str = include_str!("../../dialect/tests/definitions/wire.csv");
 
-/// A row of the table: what it says of one message of common.
+/// The row of a message in the table.
 #[derive(Debug, PartialEq)]
 struct Row {
     id: u32,
@@ -39,14 +39,14 @@ fn expected() -> Vec<Row> {
     TABLE.lines().filter_map(row).collect()
 }
 
-/// The rows that the types give.
+/// The rows computed from the message types.
 #[derive(Default)]
 struct Rows(Vec<Row>);
 
 impl Visit for Rows {
     fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self) {
         assert_eq!(M::CRC_EXTRA, M::crc_extra(), "{}", M::NAME);
-        // A field a line, after the message's name; deeper lines are elements of arrays.
+        // After the message's name one line per field; deeper lines are elements of arrays.
         let debug = format!("{:#?}", M::default());
         let fields = debug.lines().filter_map(|line| line.strip_prefix("    "));
         let fields = fields.filter(|line| line.starts_with(|c: char| c.is_ascii_alphabetic()));
@@ -74,7 +74,7 @@ fn every_message_has_the_wire_form_of_the_reference() {
 }
 
 #[test]
-fn the_table_for_frames_that_nobody_decodes_says_the_same() {
+fn message_table_agrees_with_the_types() {
     let rows = Common::MESSAGES.rows();
     let expected = expected();
     assert_eq!(rows.len(), expected.len());
@@ -88,7 +88,7 @@ fn the_table_for_frames_that_nobody_decodes_says_the_same() {
 }
 
 #[test]
-fn names_are_rusts_for_types_and_mavlinks_for_the_rest() {
+fn type_names_are_rust_style_and_others_as_in_mavlink() {
     let heartbeat =
         Heartbeat { r#type: MavType::QUADROTOR, base_mode: MavModeFlag::SAFETY_ARMED, ..Default::default() };
     assert_eq!((heartbeat.r#type.0, heartbeat.base_mode.0), (2, 128));

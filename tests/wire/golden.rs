@@ -1,5 +1,5 @@
-//! Frames that the reference implementation encodes: decoded and encoded again they are the same bytes.
-//! `golden/make_vectors.py` makes golden/common.bin and golden/unknown.bin.
+//! Frames that the reference implementation encoded: decoding and encoding them again gives the same bytes.
+//! `golden/make_vectors.py` generates golden/common.bin and golden/unknown.bin.
 
 use crate::all::{self, Declared, Visit};
 use mavstack::dialect::Common;
@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt::Debug};
 
 const STREAM: &[u8] = include_bytes!("../golden/common.bin");
 const UNKNOWN: &[u8] = include_bytes!("../golden/unknown.bin");
-/// As in make_vectors.py.
+/// The source in make_vectors.py.
 const SOURCE: Address = Address::new(42, 17);
 
 /// One frame of the stream.
@@ -21,7 +21,7 @@ struct Golden {
     raw: Vec<u8>,
 }
 
-/// The frames by message id, each id's in their order, and how many there are.
+/// Returns the frames by message id, in order, and the total number.
 fn golden(stream: &[u8]) -> (BTreeMap<u32, Vec<Golden>>, usize) {
     let mut decoder = Decoder::default();
     let (mut frames, mut count): (BTreeMap<u32, Vec<Golden>>, usize) = Default::default();
@@ -72,7 +72,7 @@ impl Visit for RoundTrip {
 }
 
 #[test]
-fn what_the_reference_encodes_is_encoded_again_byte_by_byte() {
+fn frames_of_the_reference_round_trip_byte_for_byte() {
     let (golden, count) = golden(STREAM);
     let mut visitor = RoundTrip { golden };
     all::each(&mut visitor);
@@ -97,10 +97,10 @@ impl Visit for Unknown {
     }
 }
 
-/// `UNKNOWN` has the values of the definitions' `invalid` attributes, in every field of every message. An independent reader
-/// of the definitions made the expected frames.
+/// `UNKNOWN` has the values of the definitions' `invalid` attributes in every field of every message. An independent parser of
+/// the definitions produced the expected frames.
 #[test]
-fn unknown_messages_are_what_the_definitions_call_invalid() {
+fn unknown_has_the_invalid_values_of_the_definitions() {
     let (golden, count) = golden(UNKNOWN);
     let mut visitor = Unknown { golden, differ: 0 };
     all::each(&mut visitor);

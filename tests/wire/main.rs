@@ -11,7 +11,7 @@ mod golden;
 mod secrets;
 mod single_frame;
 
-// What the generated dialect, which `all` compiles once more, expects in the root of its crate.
+// `all` compiles the generated dialect again, which expects these names at the root of its crate.
 use all::{command, dialect, message, wire_bitmask, wire_enum};
 mod message {
     pub use mavstack::message::{CommandRule, Location, ParamRule, Secret, Text};

@@ -1,5 +1,5 @@
-//! SEC-15, G-11: what is a key or a password is in no message's `Debug`, in no frame's, no decoder's and no stack's; and
-//! SETUP_SIGNING comes to no hook, whether the stack signs or not.
+//! SEC-15, G-11: keys and passwords are in no `Debug` output of a message, frame, decoder or stack. SETUP_SIGNING is passed to
+//! no hook, whether or not the stack signs.
 
 use crate::support::*;
 use mavstack::dialect::*;
@@ -19,7 +19,7 @@ fn frame_of(message: &impl Message) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// Neither as text, nor as numbers, nor in hexadecimal.
+/// Asserts that no secret is in `text`: neither as text, nor as numbers, nor in hexadecimal.
 #[track_caller]
 fn assert_hidden(text: &str) {
     let text = text.to_lowercase().replace([' ', '\n'], "");
@@ -28,9 +28,9 @@ fn assert_hidden(text: &str) {
     }
 }
 
-/// Compared, it is told apart all the same, and on the wire it is what it was.
+/// A hidden key still compares and encodes correctly.
 #[test]
-fn a_key_in_a_message_is_not_shown() {
+fn key_in_a_message_is_hidden() {
     let text = format!("{:?} {:#?} {:x?}", setup(), setup(), setup());
     assert!(text.contains("initial_timestamp: 77"), "{text}");
     assert_hidden(&text);
@@ -43,7 +43,7 @@ fn a_key_in_a_message_is_not_shown() {
 }
 
 #[test]
-fn other_secrets_of_common_are_not_shown() {
+fn other_secrets_of_common_are_hidden() {
     let secret = "0123456789ABCDEF";
     assert_hidden(&format!("{:?}", AuthKey { key: Secret(Text::new(secret)) }));
     assert_hidden(&format!("{:?}", ChangeOperatorControl { passkey: Secret(Text::new(secret)), ..Default::default() }));
@@ -52,9 +52,9 @@ fn other_secrets_of_common_are_not_shown() {
     assert_hidden(&format!("{:?}", CellularConfig { pin, new_pin: pin, puk: pin, ..Default::default() }));
 }
 
-/// Nor where the message is still bytes: whole, or half of it.
+/// The key is also hidden in a raw frame, complete or partial.
 #[test]
-fn a_key_in_a_frame_is_not_shown() {
+fn key_in_a_frame_is_hidden() {
     let raw = frame_of(&setup());
     for len in 0..=raw.len() {
         let mut decoder = Decoder::default();
@@ -65,7 +65,7 @@ fn a_key_in_a_frame_is_not_shown() {
         assert_eq!(frame.is_some(), len == raw.len());
         assert_hidden(&format!("{frame:?} {frame:#?} {frame:x?}"));
     }
-    // Nor where nobody knows that it is one.
+    // The same with a dialect that does not know the message.
     let mut decoder = Decoder::default();
     let _ = decoder.push(&raw, Instant::ZERO);
     mavstack::dialect! { struct Little: [Heartbeat]; }
@@ -75,9 +75,9 @@ fn a_key_in_a_frame_is_not_shown() {
     assert_hidden(&format!("{frame:?}"));
 }
 
-/// A vehicle that does not sign drops it, and counts it; it comes to no hook, is not answered, and is not shown.
+/// A vehicle without signing drops SETUP_SIGNING and counts it; no hook gets it, it is not answered, and not shown.
 #[test]
-fn a_vehicle_that_does_not_sign_has_no_use_for_a_key() {
+fn vehicle_without_signing_drops_a_key() {
     let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
     let links = [LinkConfig::uart(115_200); 2];
     let mut stack = Stack::<Tested, 2>::VACANT;
@@ -90,7 +90,7 @@ fn a_vehicle_that_does_not_sign_has_no_use_for_a_key() {
     }
     assert_eq!(vehicle.calls, []);
     assert_eq!(stack.link_counters(link).unwrap().out_of_place, 2);
-    // What the stack has no use for otherwise does come there.
+    // Other messages that the stack does not handle are passed to the hook.
     let raw = frame_of(&AuthKey::default());
     stack.receive(now, link, &raw, &mut vehicle);
     assert_eq!(vehicle.calls.len(), 1);

@@ -1,5 +1,4 @@
-//! One frame, byte by byte: rules S-1 to S-19, SEC-3 to SEC-5. (The golden frames of the reference
-//! implementation have a file of their own.)
+//! Single frames, byte by byte: rules S-1 to S-19, SEC-3 to SEC-5. The reference implementation's frames are in `golden.rs`.
 
 use crate::support::stream::Mixed;
 use crate::support::{Receiver, Rng, cases, decode, millis, reference};
@@ -11,7 +10,7 @@ use proptest::{collection::vec, prelude::*};
 
 const SOURCE: Address = Address::new(42, 17);
 const TABLE: MessageTable = Common::MESSAGES;
-/// So many bytes behind a stream end every candidate in it.
+/// This many bytes after a stream complete or reject every candidate in it.
 const FILLER: [u8; 300] = [0; 300];
 
 fn counters_of(bytes: &[u8]) -> RxCounters {
@@ -20,7 +19,7 @@ fn counters_of(bytes: &[u8]) -> RxCounters {
     receiver.decoder.counters()
 }
 
-/// The message in `bytes`, which are one frame.
+/// Decodes the message in `bytes`, which are a single frame.
 fn message<M: Message>(bytes: &[u8]) -> Option<M> {
     let mut decoder = Decoder::default();
     let _ = decoder.push(bytes, Instant::ZERO);
@@ -48,7 +47,7 @@ fn heartbeat() -> Vec<u8> {
     frame(&Heartbeat { mavlink_version: 3, ..Heartbeat::default() }, Version::V2)
 }
 
-/// A signed frame; the signature is not a true one.
+/// A frame with a signature, which is not valid.
 fn signed() -> Vec<u8> {
     let payload = [1, 2, 3, 4, 5, 6, 7, 8, 9];
     let mut frame = reference::v2(0, [1, 0], [42, 17], &payload, 50);
@@ -56,15 +55,15 @@ fn signed() -> Vec<u8> {
     frame
 }
 
-/// S-1, S-2, S-5, S-8: the bytes of a frame, in full.
+/// S-1, S-2, S-5, S-8: every byte of a frame.
 #[test]
-fn frame_is_what_the_guide_says() {
+fn frame_has_the_bytes_of_the_guide() {
     let message = Heartbeat { custom_mode: 0x0102_0304, mavlink_version: 3, ..Heartbeat::default() };
     let payload = [4, 3, 2, 1, 0, 0, 0, 0, 3];
     let source = [SOURCE.system.0, SOURCE.component.0];
     assert_eq!(frame(&message, Version::V2), reference::v2(0, [0, 0], source, &payload, 50));
     assert_eq!(frame(&message, Version::V1), reference::v1(0, source, &payload, 50));
-    // Trailing zeros go, but not the first byte.
+    // Trailing zeros are removed, but not the first byte.
     let trimmed = Heartbeat { custom_mode: 0x0102, ..Heartbeat::default() };
     assert_eq!(frame(&trimmed, Version::V2), reference::v2(0, [0, 0], source, &[2, 1], 50));
     let zero = Heartbeat::default();
@@ -72,9 +71,9 @@ fn frame_is_what_the_guide_says() {
     assert_eq!(frame(&zero, Version::V1), reference::v1(0, source, &[0; 9], 50));
 }
 
-/// S-1, S-8: the decoder finds frames of every message of common, with every length that the version allows.
+/// S-1, S-8: frames of every message of common are found, at every length that the version allows.
 #[test]
-fn every_message_is_framed_in_both_versions() {
+fn every_message_is_found_in_both_versions() {
     let mut rng = Rng::new(1);
     for row in TABLE.rows() {
         let extra = row.crc_extra();
@@ -94,9 +93,9 @@ fn every_message_is_framed_in_both_versions() {
 proptest! {
     #![proptest_config(cases(256))]
 
-    /// S-19: typed fields survive the trip, NaN and all, in both versions.
+    /// S-19: typed fields survive the round trip in both versions, NaN included.
     #[test]
-    fn typed_messages_make_the_trip(seed: u64, seq: u8, system in 1u8.., component in 1u8..) {
+    fn typed_messages_round_trip(seed: u64, seq: u8, system in 1u8.., component in 1u8..) {
         let sent = Mixed::random(&mut Rng::new(seed));
         let mut out = [0; MAX_FRAME_LEN];
         let source = Address::new(system, component);
@@ -106,7 +105,7 @@ proptest! {
         let frame = decoder.next(Instant::ZERO, TABLE, &mut u32::MAX.clone(), |_| false).expect("a frame");
         prop_assert_eq!((frame.header().seq, frame.source()), (seq, source));
         let received = Mixed::decode(&frame).expect("of the same kind");
-        // NaN is not equal to itself; its bytes are.
+        // NaN is not equal to itself, but its bytes are.
         let mut again = [0; MAX_FRAME_LEN];
         let again_len = received.encode(source, seq, &mut again).unwrap();
         prop_assert_eq!(&out[..len], &again[..again_len]);
@@ -124,8 +123,7 @@ proptest! {
         prop_assert_eq!(theirs[37], 0, "S-8: the extension is not sent");
     }
 
-    /// S-5, S-6, S-7: zeros cut off, zeros kept, and bytes of a newer dialect behind the known ones all give the
-    /// same message.
+    /// S-5, S-6, S-7: trailing zeros removed, trailing zeros kept, and extra bytes of a newer dialect give the same message.
     #[test]
     fn payload_length_does_not_change_the_message(known in vec(any::<u8>(), 33), more in vec(any::<u8>(), 0..222)) {
         let trimmed = known.iter().rposition(|&byte| byte != 0).map_or(1, |at| at + 1);
@@ -139,7 +137,7 @@ proptest! {
     }
 }
 
-/// S-6: what stood in the buffer before does not show up in the fields that a short frame leaves out.
+/// S-6: earlier bytes in the buffer do not appear in fields that a short frame lacks.
 #[test]
 fn stale_bytes_do_not_leak() {
     let mut decoder = Decoder::default();
@@ -155,7 +153,7 @@ fn stale_bytes_do_not_leak() {
     }
 }
 
-/// S-17, S-18: values that no definition has decode as they are; text need not be text.
+/// S-17, S-18: undefined values decode unchanged; a text may hold any bytes.
 #[test]
 fn unknown_values_decode() {
     let frame = reference::v2(0, [0, 0], [9, 9], &[0xFF; 9], 50);
@@ -169,9 +167,9 @@ fn unknown_values_decode() {
     assert_eq!((text.as_bytes().len(), text.as_str()), (50, None));
 }
 
-/// S-10: an id above 255 does not fit into v1, and a frame that is too long for the buffer is not written in part.
+/// S-10: an id above 255 does not fit into v1. A frame that is too long for the buffer is not partly written.
 #[test]
-fn encoder_refuses_what_it_cannot_write() {
+fn encoder_refuses_frames_that_do_not_fit() {
     let mut out = [0; MAX_FRAME_LEN];
     let version = ProtocolVersion { version: 200, ..ProtocolVersion::default() };
     assert_eq!(encode(&version, Version::V1, SOURCE, 0, &mut out), Err(EncodeError::NeedsV2));
@@ -183,10 +181,10 @@ fn encoder_refuses_what_it_cannot_write() {
     }
 }
 
-/// S-9, S-9b, SEC-3: a flag that we do not know ends the candidate before its length is believed, so that the frame
-/// behind it is found at once; compatibility flags are kept and mean nothing.
+/// S-9, S-9b, SEC-3: an unknown incompatibility flag rejects the candidate before its length is used, so the next frame is
+/// found at once. Compatibility flags are kept and ignored.
 #[test]
-fn unknown_incompatibility_flags_are_no_frame() {
+fn unknown_incompatibility_flag_rejects_the_frame() {
     for flag in 1..8 {
         let mut bytes = reference::v2(0, [1 << flag, 0], [9, 9], &[0; 9], 50);
         bytes[1] = 255;
@@ -198,10 +196,10 @@ fn unknown_incompatibility_flags_are_no_frame() {
     assert_eq!(decode(&odd), [(odd.clone(), true)]);
 }
 
-/// S-11, S-13: no system has the id 0, so a header with it is rejected before its payload is received. Component 0 is
-/// accepted: pymavlink sends it by default.
+/// S-11, S-13: system id 0 is invalid, so its header is rejected before the payload is received. Component 0 is accepted,
+/// because pymavlink sends it by default.
 #[test]
-fn system_0_is_no_source() {
+fn system_0_is_not_a_source() {
     for source in [[0, 1], [1, 0], [0, 0]] {
         for frame in [reference::v2(0, [0, 0], source, &[3; 9], 50), reference::v1(0, source, &[3; 9], 50)] {
             let is_dropped = source[0] == 0;
@@ -225,10 +223,10 @@ fn v1_length_must_fit() {
     }
 }
 
-/// S-8: pymavlink's MAVLink 1 frames end with the extensions. Received extension bytes are decoded, even part of a field; the
+/// S-8: pymavlink's MAVLink 1 frames end with extensions. Received extension bytes are decoded, even a part of a field; the
 /// rest is zero. The frame is kept as received, for forwarding.
 #[test]
-fn v1_extensions_that_are_there_are_decoded() {
+fn received_v1_extensions_are_decoded() {
     let count = [3, 0, 1, 1, 1];
     for len in [4, 5] {
         let bytes = reference::v1(44, [9, 9], &count[..len], MissionCount::CRC_EXTRA);
@@ -248,22 +246,22 @@ fn v1_extensions_that_are_there_are_decoded() {
     }
 }
 
-/// S-14: a bad checksum stays bad though a garbage flag makes the decoder wait for a signature.
+/// S-14: a bad checksum stays bad, even if a corrupted flag makes the decoder wait for a signature.
 #[test]
-fn bad_checksum_stays_bad_behind_a_signature() {
+fn bad_checksum_stays_bad_with_a_signature() {
     let mut bytes = signed();
     assert_eq!(decode(&bytes), [(bytes.clone(), true)]);
     bytes[19] ^= 0x40;
     assert_eq!(decode(&bytes), []);
     assert_eq!(counters_of(&bytes).checksum, 1);
-    // The flag itself is the corruption: a whole frame, then what looks like its signature.
+    // The flag itself is corrupted: a whole frame, then bytes that are taken for its signature.
     let mut flagged = heartbeat();
     flagged[2] = 1;
     let stream = [&flagged[..], &heartbeat(), &FILLER].concat();
     assert_eq!(decode(&stream), [(heartbeat(), true)]);
 }
 
-/// G-1: signature bytes are carried, and are no part of the checksum.
+/// G-1: the signature is kept, and is not part of the checksum.
 #[test]
 fn signature_is_carried() {
     let mut decoder = Decoder::default();
@@ -290,15 +288,15 @@ fn kinds() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Bytes of a frame that its checksum vouches for, itself among them: all but the signature.
+/// The number of bytes that the checksum protects, itself included: all but the signature.
 fn guarded(frame: &[u8]) -> usize {
     frame.len() - if frame[0] == 0xFD && frame[2] == 1 { 13 } else { 0 }
 }
 
-/// S-2, S-13: every single flipped bit is found out, and the frame behind it survives. (In a signature nothing is checked
-/// here: those frames come out.)
+/// S-2, S-13: every flipped bit is detected, and the next frame is found. Signatures are not verified here, so frames with a
+/// bit flipped in the signature are accepted.
 #[test]
-fn every_flipped_bit_is_found_out() {
+fn every_flipped_bit_is_detected() {
     for good in kinds() {
         for bit in 0..guarded(&good) * 8 {
             let mut bad = good.clone();
@@ -310,10 +308,10 @@ fn every_flipped_bit_is_found_out() {
     }
 }
 
-/// S-13, S-20: a frame cut off at any byte is none, and costs nothing of the one behind it. (Cut off inside its
-/// signature it takes the next one's front for the rest, as long as no key tells otherwise.)
+/// S-13, S-20: a frame truncated at any byte is rejected, and the next one is found. A frame truncated inside its signature
+/// takes the start of the next frame as its rest, because without a key the signature is not verified.
 #[test]
-fn every_truncation_is_found_out() {
+fn every_truncation_is_detected() {
     for good in kinds() {
         for len in 0..guarded(&good) {
             let stream = [&good[..len], &heartbeat(), &FILLER].concat();
@@ -324,7 +322,7 @@ fn every_truncation_is_found_out() {
     }
 }
 
-/// S-13: a whole frame inside a longer one whose checksum is wrong is found, wherever it stands.
+/// S-13: a valid frame inside a longer one with a wrong checksum is found, at every position.
 #[test]
 fn frame_hidden_in_a_corrupted_one_is_found() {
     let inner = frame(&sample(), Version::V2);
@@ -332,14 +330,14 @@ fn frame_hidden_in_a_corrupted_one_is_found() {
         let mut payload = [0x55; 251];
         payload[at..at + inner.len()].copy_from_slice(&inner);
         let mut outer = reference::v2(FileTransferProtocol::ID, [0, 0], [9, 9], &payload, 84);
-        assert_eq!(decode(&outer).len(), 1, "SEC-5: while the outer one is right it is all there is");
+        assert_eq!(decode(&outer).len(), 1, "SEC-5: only the outer frame while it is valid");
         *outer.last_mut().unwrap() ^= 1;
         assert_eq!(decode(&outer), [(inner.clone(), true)], "at {at}");
     }
 }
 
-/// SEC-4: the front of a frame on a line that fell silent does not hide what comes next: 500 ms after its last byte it is
-/// dropped, and what was behind its first byte comes out.
+/// SEC-4: a partial frame does not hide what follows on a line that fell silent: 500 ms after its last byte it is dropped, and
+/// the bytes after its first one are scanned.
 #[test]
 fn candidate_that_stops_growing_is_dropped() {
     let mut receiver = Receiver::default();
@@ -349,7 +347,7 @@ fn candidate_that_stops_growing_is_dropped() {
     receiver.wait(millis(1));
     assert_eq!(receiver.found, [(heartbeat(), true)]);
     assert_eq!(receiver.decoder.counters().stale, 1);
-    // A byte restarts the wait.
+    // Each byte restarts the timeout.
     let mut slow = Receiver::default();
     for byte in heartbeat() {
         slow.wait(millis(499));
@@ -358,9 +356,9 @@ fn candidate_that_stops_growing_is_dropped() {
     assert_eq!(slow.found, [(heartbeat(), true)]);
 }
 
-/// A line that was opened anew begins with nothing: half a frame of before hides none. The counters stay.
+/// Clearing the decoder drops a partial frame, which then hides no later one. The counters stay.
 #[test]
-fn a_cleared_decoder_begins_anew() {
+fn cleared_decoder_starts_afresh() {
     let mut receiver = Receiver::default();
     receiver.receive(&heartbeat());
     receiver.receive(&heartbeat()[..12]);
@@ -371,9 +369,9 @@ fn a_cleared_decoder_begins_anew() {
     assert_eq!((counters.frames, counters.skipped, counters.checksum), (2, 0, 0));
 }
 
-/// What is known of a frame's message; and its `Debug`, as the decoder's, says what it is without its payload.
+/// What a frame says about its message. The `Debug` output of a frame, and of the decoder, omits the payload.
 #[test]
-fn a_frame_says_what_it_is() {
+fn debug_output_of_a_frame_omits_the_payload() {
     let mut decoder = Decoder::default();
     let _ = decoder.push(&heartbeat(), Instant::ZERO);
     assert!(format!("{decoder:?}").starts_with("Decoder { waiting: 21"), "{decoder:?}");
@@ -384,9 +382,9 @@ fn a_frame_says_what_it_is() {
     assert!(shown.starts_with("Frame { header: Header") && shown.contains("is_checked: true"), "{shown}");
 }
 
-/// SEC-3: three bytes say that a frame cannot be read; its length, and what else is in its header, is not waited for.
+/// SEC-3: the third byte rejects an unreadable frame; the decoder does not wait for the rest of the header.
 #[test]
-fn flags_are_refused_at_the_third_byte() {
+fn unknown_flags_are_rejected_at_the_third_byte() {
     for flags in [2, 0x80, 0xFF] {
         let mut receiver = Receiver::default();
         receiver.receive(&[0xFD, 9]);
@@ -396,9 +394,9 @@ fn flags_are_refused_at_the_third_byte() {
     }
 }
 
-/// SEC-2: the least budget is what the longest frame needs, and not more.
+/// SEC-2: the minimum budget is exactly what the longest frame needs.
 #[test]
-fn the_least_budget_is_for_the_longest_frame() {
+fn minimum_budget_is_the_longest_frames_cost() {
     let longest = frame(&LoggingData { data: [7; 249], ..LoggingData::default() }, Version::V2);
     assert_eq!(longest.len(), 10 + 255 + 2);
     for (mut budget, is_found) in [(Decoder::MIN_BUDGET, true), (Decoder::MIN_BUDGET - 1, false)] {
@@ -408,9 +406,9 @@ fn the_least_budget_is_for_the_longest_frame() {
     }
 }
 
-/// SEC-2: a look at the header of a message that nobody knows costs as much again as one at others.
+/// SEC-2: the header of an unknown message costs twice as much as that of a known one.
 #[test]
-fn an_unknown_id_costs_two_looks() {
+fn unknown_id_costs_twice_as_much() {
     let mut stream = reference::v2(0x00AB_CDEF, [0, 0], [42, 17], &[1, 2, 3], 0);
     stream.push(0xFD);
     let mut decoder = Decoder::default();
@@ -421,15 +419,15 @@ fn an_unknown_id_costs_two_looks() {
 }
 
 mavstack::message! {
-    /// The last that a MAVLink 1 frame has an id for.
+    /// The message with the last id that v1 can carry.
     pub struct LastOfV1: LAST_OF_V1 = 255 {
         n: u8,
     }
 }
 
-/// S-10: and the last id that does.
+/// S-10: 255 is the last id that v1 can carry.
 #[test]
-fn the_last_id_fits_into_v1() {
+fn id_255_fits_into_v1() {
     let mut out = [0; MAX_FRAME_LEN];
     assert_eq!(encode(&LastOfV1 { n: 7 }, Version::V1, SOURCE, 0, &mut out), Ok(9));
     assert_eq!((out[5], out[6]), (255, 7));
