@@ -30,7 +30,7 @@ def cancel(gcs, command):
     gcs.mav.send(newer.CommandCancel(1, 1, command))
 
 
-def test_a_calibration(gcs, other):
+def test_calibration_reports_progress(gcs, other):
     """The vehicle reports its progress to the requester at least once a second, and then sends one final answer."""
     gcs.send_command(CALIBRATION, 1)
     progress, times = [], []
@@ -49,7 +49,7 @@ def test_a_calibration(gcs, other):
     assert not other.wait("COMMAND_ACK", 0.1)
 
 
-def test_a_calibration_that_is_cancelled(gcs, other):
+def test_calibration_is_cancelled(gcs, other):
     """During a calibration, a second one and arming are refused. A COMMAND_CANCEL for a command that is not running is ignored."""
     cancel(gcs, CALIBRATION)
     assert not gcs.wait("COMMAND_ACK", 1)
@@ -67,7 +67,7 @@ def test_a_calibration_that_is_cancelled(gcs, other):
     assert gcs.command(CALIBRATION, 1) == TEMPORARILY_REJECTED, "armed"
 
 
-def test_a_reboot_that_is_refused(gcs):
+def test_reboot_is_refused(gcs):
     for params in [(2,), (0.5,), (1, 1), (-1,)]:
         assert gcs.command(REBOOT, *params) == DENIED, params
     assert gcs.command(REBOOT, 0) == ACCEPTED, "REBOOT with 0 does nothing"
@@ -75,7 +75,7 @@ def test_a_reboot_that_is_refused(gcs):
     assert gcs.command(REBOOT, 1) == TEMPORARILY_REJECTED, "armed"
 
 
-def test_a_reboot(vehicle):
+def test_reboot_is_acknowledged_first(vehicle):
     """The vehicle answers first and then restarts. A parameter set before the restart is kept."""
     gcs = vehicle.gcs
     assert write(gcs, "NAV_ACC_RAD", REAL32, 3.5).value == 3.5

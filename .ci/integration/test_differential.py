@@ -241,20 +241,20 @@ ABOUT_PLANS = [
         is_item_outside,
     ),
     Difference(
-        "item asked for out of turn",
+        "item requested out of turn",
         "MAVSDK answers only the request that it expects; we keep no state of downloads and send any item at any time. Beyond the "
         "end we answer INVALID_SEQUENCE, so that a client does not wait for its own timeout (M-60, M-64)",
         is_request_outside,
     ),
     Difference(
-        "cleared under a download",
+        "cleared during a download",
         "MAVSDK continues with a copy; we have no copy and answer OPERATION_CANCELLED, because a cleared plan must not pass for "
         "the current one (M-63)",
         is_replaced,
         is_over=True,
     ),
     Difference(
-        "another item than was asked for",
+        "another item than the requested one",
         "MAVSDK requests the item again at once; we limit the rate, so that duplicate items do not double the traffic (M-30)",
         is_out_of_order,
         is_over=True,
@@ -272,7 +272,7 @@ ABOUT_PLANS = [
         is_over=True,
     ),
     Difference(
-        "one thing at a time",
+        "request during a transfer",
         "MAVSDK defers requests during a transfer until it ends or times out, and may repeat its own request; we answer from the "
         "live plan (M-62)",
         is_waiting,
@@ -292,7 +292,7 @@ def ours(target, request, tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_plans_are_exchanged_as_with_mavsdks_server(ours, seed, figure):
+def test_plans_are_exchanged_as_with_the_mavsdk_server(ours, seed, figure):
     rng, note = random.Random(seed), collections.Counter()
     with Pair(ours) as pair:
         for _ in range(CONVERSATIONS):
@@ -384,7 +384,7 @@ ABOUT_PARAMETERS = [
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_parameters_are_asked_for_and_set_as_with_mavsdks_server(ours, seed, figure):
+def test_parameters_are_exchanged_as_with_the_mavsdk_server(ours, seed, figure):
     rng, note = random.Random(seed), collections.Counter()
     known = parameters(ours)
     with Pair(ours, known) as pair:

@@ -14,7 +14,7 @@ from transfer import ACCEPTED, download, next_word, send_item
 mavlink = mavutil.mavlink
 
 
-def test_an_upload_comes_through_a_bad_line(gcs, figure):
+def test_upload_completes_over_a_damaged_line(gcs, figure):
     """S-13, M-40: every tenth frame has flipped, lost or additional bytes."""
     chance = random.Random(5)
     write, damaged = gcs.link.write, 0

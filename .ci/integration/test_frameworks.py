@@ -64,7 +64,7 @@ def answers_ping(gcs, seq):
     return bool(gcs.wait("PING", where=lambda ping: ping.seq == seq))
 
 
-def test_a_heartbeat_comes_once_a_second(gcs, app, figure):
+def test_heartbeat_is_sent_once_a_second(gcs, app, figure):
     """H-1. During startup, state changes are reported at once (H-16)."""
     assert gcs.wait("HEARTBEAT", where=lambda heartbeat: heartbeat.system_status == mavlink.MAV_STATE_STANDBY)
     # This heartbeat may be such a report. The next one is periodic.
@@ -78,14 +78,14 @@ def test_a_heartbeat_comes_once_a_second(gcs, app, figure):
     assert 0.95 < mean < 1.05
 
 
-def test_it_arms_and_says_so(gcs):
+def test_arming_is_reported(gcs):
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("HEARTBEAT", where=is_armed)
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == mavlink.MAV_RESULT_ACCEPTED
     assert gcs.wait("HEARTBEAT", where=lambda heartbeat: not is_armed(heartbeat))
 
 
-def test_fifty_items_go_up_and_come_down(gcs, app, figure):
+def test_fifty_items_are_uploaded_and_downloaded(gcs, app, figure):
     items = plan(50)
     began = time.monotonic()
     assert upload(gcs, items).type == ACCEPTED
@@ -94,7 +94,7 @@ def test_fifty_items_go_up_and_come_down(gcs, app, figure):
     figure(f"{app}: 50 items: {uploaded - began:.2f} s up, {time.monotonic() - uploaded:.2f} s down")
 
 
-def test_plans_and_parameters_outlive_a_restart(gcs):
+def test_plans_and_parameters_survive_a_restart(gcs):
     """C-30: the vehicle restarts after it has answered and stored everything."""
     items = plan(5, variant=1)
     assert upload(gcs, items).type == ACCEPTED

@@ -52,7 +52,7 @@ def logged(target, request, tmp_path):
     logged.end()
 
 
-def test_the_log_tells_the_session_from_both_sides(logged):
+def test_log_contains_both_directions(logged):
     gcs = Gcs(logged.port)
     gcs.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
     # The vehicle has a position fix.

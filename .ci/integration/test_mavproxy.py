@@ -179,7 +179,7 @@ def test_plans_in_files(mavproxy, other, tmp_path):
     assert ids(other) == [0, 0, 0]
 
 
-def test_a_long_list(mavproxy, other, figure):
+def test_mavproxy_lists_a_long_plan(mavproxy, other, figure):
     """MAVProxy has five requests in flight. The vehicle must answer each: MAVProxy repeats a request that was not answered within
     two seconds, and names the item. It also prints an empty list every two seconds."""
     mavproxy.expect("Detected vehicle 1:1")
@@ -191,7 +191,7 @@ def test_a_long_list(mavproxy, other, figure):
     assert not re.search(r"re-requesting \w+ \[\d", listed)
 
 
-def test_a_fence_in_the_older_format(mavproxy, other, tmp_path):
+def test_fence_in_the_older_format(mavproxy, other, tmp_path):
     mavproxy.expect("Detected vehicle 1:1")
     (tmp_path / "fence.txt").write_text(OLD_FENCE_FILE)
     mavproxy.say("fence load fence.txt")
@@ -202,7 +202,7 @@ def test_a_fence_in_the_older_format(mavproxy, other, tmp_path):
     mavproxy.expect("Saved 4 fence items")
 
 
-def test_a_plan_that_is_refused(mavproxy, other, tmp_path):
+def test_refused_plan_is_explained(mavproxy, other, tmp_path):
     """The user sees the reason, and the old plan is unchanged."""
     mavproxy.expect("Detected vehicle 1:1")
     (tmp_path / "good.txt").write_text(MISSION_FILE)

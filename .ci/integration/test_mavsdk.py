@@ -53,7 +53,7 @@ def test_discovery(system):
 
 
 @pytest.mark.parametrize("count", [3, 50, 100, "capacity"])
-def test_a_plan_comes_back_as_it_was_sent(missions, capacity, count, figure):
+def test_plan_is_downloaded_unchanged(missions, capacity, count, figure):
     count = capacity if count == "capacity" else count
     items = plan(count)
     began = time.monotonic()
@@ -81,7 +81,7 @@ def test_all_kinds_of_plans(missions, capacities, other):
         assert fetch(missions, kind) == []
 
 
-def test_a_plan_that_is_too_long_is_refused_and_the_old_one_stays(missions, capacities):
+def test_plan_that_is_too_long_is_refused(missions, capacities):
     for kind, make in PLANS.items():
         items = make(10)
         send(missions, kind, items)
@@ -135,7 +135,7 @@ def test_set_current_and_progress(missions):
     assert not missions.is_mission_finished()
 
 
-def test_a_change_by_another_client_is_noticed(missions, other):
+def test_change_by_another_client_is_detected(missions, other):
     changes = queue.SimpleQueue()
     send(missions, MISSION, plan(4))
     missions.subscribe_mission_changed(lambda changed, _: changes.put(changed))
@@ -143,7 +143,7 @@ def test_a_change_by_another_client_is_noticed(missions, other):
     assert changes.get(timeout=3) is True
 
 
-def test_an_upload_that_is_cancelled_midway(missions, capacity, other):
+def test_upload_is_cancelled(missions, capacity, other):
     """The old plan stays, and the next upload can start at once."""
     old, new = plan(5), plan(capacity, 1)
     send(missions, MISSION, old)
@@ -165,7 +165,7 @@ def test_an_upload_that_is_cancelled_midway(missions, capacity, other):
     assert differences(plan(6, 2), fetch(missions, MISSION)) == []
 
 
-def test_a_download_that_is_cancelled_midway(missions, capacity):
+def test_download_is_cancelled(missions, capacity):
     items = plan(capacity)
     send(missions, MISSION, items)
     results = queue.SimpleQueue()

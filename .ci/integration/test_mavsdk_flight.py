@@ -130,7 +130,7 @@ def result_of(call, *arguments):
     return refusal.value.result
 
 
-def test_a_flight(system, action, figure):
+def test_flight(system, action, figure):
     """Takes off, flies to a position, stops on the way to a second one, and returns home. The telemetry shows each step."""
     watched = Watched(system)
     Param(system).set_param_float("RTL_RETURN_ALT", 8.0)
@@ -211,7 +211,7 @@ class Sticks:
         self.thread.join()
 
 
-def test_by_hand(system, action):
+def test_manual_flight(system, action):
     """J-3: the vehicle flies forward, climbs and turns. With centred sticks it stands still; when they are released, it holds."""
     watched, control = Watched(system), ManualControl(system)
     action.set_takeoff_altitude(3.0)
@@ -266,7 +266,7 @@ def known(ask):
             time.sleep(0.1)
 
 
-def test_what_it_is(system):
+def test_identity(system):
     """Q-9: version, product and identity as in AUTOPILOT_VERSION, the flight information, and the speed of the clock."""
     info = Info(system)
     version = known(info.get_version)
@@ -325,7 +325,7 @@ def test_rates(system, action, figure):
     assert all(abs(error) < 0.05 for error in errors.values()), errors
 
 
-def test_a_rate_of_what_is_not_there(system):
+def test_rate_of_an_unavailable_message_is_denied(system):
     """Q-4"""
     with pytest.raises(TelemetryError) as refusal:
         Telemetry(system).set_rate_odometry(5.0)
@@ -372,7 +372,7 @@ def test_reboot(system, action):
     action.terminate()
     assert result_of(action.arm) == ActionResult.FAILED
     action.reboot()
-    until(lambda: clock.get(timeout=10) < 5000, 10, "it begins anew")
+    until(lambda: clock.get(timeout=10) < 5000, 10, "the clock does not restart")
     # By then the vehicle has a position fix.
     until(lambda: clock.get(timeout=5) > 4000, 20, "it is ready")
     action.arm()

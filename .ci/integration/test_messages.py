@@ -65,7 +65,7 @@ def client(gcs):
         set_interval(gcs, name, 0)
 
 
-def test_a_vehicle_tells_of_itself_unasked(client):
+def test_telemetry_is_sent_without_a_request(client):
     """H-8: a ground station need not request the messages that it displays."""
     missing, deadline = set(STREAMED), time.monotonic() + 8
     while missing and time.monotonic() < deadline:
@@ -84,13 +84,13 @@ def test_request_message(client, name):
 
 
 @pytest.mark.parametrize("number", [42_000, -1, 1.5, float("nan"), message_id("COMMAND_ACK")])
-def test_what_is_not_there_is_denied(client, number):
+def test_unavailable_message_is_denied(client, number):
     """Q-1: the vehicle answers DENIED, so that the client does not wait for the message."""
     assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == DENIED
 
 
 @pytest.mark.parametrize("micros", [100_000, 50_000])
-def test_the_rate_is_the_one_that_was_asked_for(client, micros, figure):
+def test_requested_rate_is_kept(client, micros, figure):
     """Q-4, Q-5: within 5 % over 40 intervals, by the vehicle's own clock."""
     assert set_interval(client, "ATTITUDE", micros) == ACCEPTED
     assert interval(client, "ATTITUDE") == micros
@@ -116,7 +116,7 @@ def test_all_rates_at_once(other, figure):
     assert all(abs(error) < 0.05 for error in errors.values()), errors
 
 
-def test_a_stream_can_be_stopped_and_goes_back_to_its_default(client):
+def test_stream_can_be_stopped_and_restored(client):
     """Q-4, Q-6"""
     usual = interval(client, "VFR_HUD")
     assert usual > 0

@@ -38,7 +38,7 @@ def was_asked_before(target, port):
         subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
 
 
-def test_the_parameters_are_described(target, was_asked_before, system, other):
+def test_parameters_are_described(target, was_asked_before, system, other):
     """sitl serves the files itself. In QEMU nothing serves them, and the vehicle refuses the request."""
     metadata, available = ComponentMetadata(system), queue.Queue()
     metadata.subscribe_metadata_available(lambda update, *_: available.put(update))

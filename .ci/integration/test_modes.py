@@ -51,7 +51,7 @@ def is_in(gcs, mode, timeout=3.0):
     assert beat.custom_mode == mode and beat.base_mode & CUSTOM
 
 
-def test_the_list(gcs):
+def test_list_of_modes(gcs):
     """The list is the same mode by mode, as QGroundControl requests it, and all at once. An index beyond it is denied."""
     count = ask_modes(gcs, 1).number_modes
     one_by_one = [ask_modes(gcs, index).to_dict() for index in range(1, count + 1)]
@@ -69,7 +69,7 @@ def test_the_list(gcs):
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, newer.AVAILABLE_MODES, index) == DENIED
 
 
-def test_the_monitor(gcs):
+def test_monitor_is_constant(gcs):
     """AVAILABLE_MODES_MONITOR is sent on request. Its number stays the same, because the modes cannot change."""
     numbers = []
     for _ in range(2):
@@ -78,7 +78,7 @@ def test_the_monitor(gcs):
     assert numbers[0] == numbers[1]
 
 
-def test_the_current_mode_is_told_unasked(gcs):
+def test_current_mode_is_sent_periodically(gcs):
     """CURRENT_MODE is sent about every 2 s, and on request."""
     is_in(gcs, HOLD, 6)
     assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, newer.CURRENT_MODE) == ACCEPTED
@@ -86,11 +86,11 @@ def test_the_current_mode_is_told_unasked(gcs):
 
 
 @pytest.mark.parametrize("main, sub", NO_MODES)
-def test_what_is_no_mode_is_denied(gcs, main, sub):
+def test_invalid_mode_is_denied(gcs, main, sub):
     assert gcs.command(mavlink.MAV_CMD_DO_SET_MODE, CUSTOM, main, sub) == DENIED
 
 
-def test_what_is_no_mode_is_denied_in_the_other_ways_too(gcs):
+def test_invalid_mode_is_denied_by_other_messages(gcs):
     for mode in (0, 100, HOLD + 1, 0xFFFF_FFFF):
         assert set_mode(gcs, mode) == DENIED
     gcs.mav.set_mode_send(1, 0, HOLD)
@@ -104,7 +104,7 @@ def test_what_is_no_mode_is_denied_in_the_other_ways_too(gcs):
     assert not gcs.wait("COMMAND_ACK", 1)
 
 
-def test_disarmed_it_enters_no_mode_in_which_it_would_fly(gcs):
+def test_disarmed_vehicle_does_not_enter_a_flying_mode(gcs):
     assert gcs.command(mavlink.MAV_CMD_DO_SET_MODE, CUSTOM, 4, 3) == ACCEPTED
     assert gcs.command(mavlink.MAV_CMD_DO_SET_MODE, CUSTOM, 4, 2) == TEMPORARILY_REJECTED
     assert gcs.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, STANDARD[RETURN]) == TEMPORARILY_REJECTED
@@ -112,7 +112,7 @@ def test_disarmed_it_enters_no_mode_in_which_it_would_fly(gcs):
     assert gcs.wait("HEARTBEAT", 3).custom_mode == HOLD
 
 
-def test_every_way_in_flight(gcs, other):
+def test_every_message_changes_the_mode_in_flight(gcs, other):
     """Each change is reported at once to all clients, also to those that did not request it."""
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == ACCEPTED
     assert gcs.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, STANDARD[TAKEOFF]) == ACCEPTED

@@ -113,7 +113,7 @@ def client(gcs):
         assert back.value == value
 
 
-def test_the_list_is_complete(client, figure):
+def test_list_is_complete(client, figure):
     """P-10, P-11: each parameter is listed once, in the order of names, with the same count."""
     began = time.monotonic()
     values = fetch(client)
@@ -129,7 +129,7 @@ def test_the_list_is_complete(client, figure):
         assert (by_name[name].type, by_name[name].value) == (kind, default)
 
 
-def test_a_gap_is_asked_for_again_while_the_list_goes_on(client):
+def test_missing_values_are_sent_during_the_list(client):
     """P-12: values that are requested by index are sent between those of the list."""
     count = len(fetch(client))
     client.mav.param_request_list_send(1, 1)
@@ -176,7 +176,7 @@ def test_set_of_every_type(client, other, name, kind, value):
 
 @pytest.mark.parametrize("kind", [UINT8, INT8, UINT16, INT16, UINT32, INT32])
 @pytest.mark.parametrize("name", ["SIM_GPS_SATS", "SIM_GEOID_SEP", "COM_LOW_BAT_ACT"])
-def test_an_integer_may_come_as_another_type(client, name, kind):
+def test_integer_of_another_type_is_accepted(client, name, kind):
     """P-14: a client may know the parameter with another autopilot's type. The answer has the parameter's own type."""
     own, default = DEFAULTS[name]
     value = 2 if name == "COM_LOW_BAT_ACT" else 20
@@ -185,7 +185,7 @@ def test_an_integer_may_come_as_another_type(client, name, kind):
     assert write(client, name, own, default).value == default
 
 
-def test_what_is_refused(client):
+def test_invalid_values_are_refused(client):
     """P-14: a PARAM_ERROR gives the reason, and the value stays unchanged."""
     for name, kind, value, error in [
         ("MPC_XY_CRUISE", REAL32, 99.0, OUT_OF_RANGE),
@@ -204,7 +204,7 @@ def test_what_is_refused(client):
     assert read(client, "COM_LOW_BAT_ACT").value == 0
 
 
-def test_the_hash_is_that_of_the_list(client):
+def test_hash_matches_the_list(client):
     """P-20: the hash covers names and values in the order of the list. It follows each change of a value. Volatile parameters are
     not included."""
 
@@ -229,7 +229,7 @@ def crc32(data, crc):
     return binascii.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def test_a_parameter_changes_the_flight(client):
+def test_parameter_changes_the_flight(client):
     """MIS_TAKEOFF_ALT sets the altitude if the take-off command does not."""
     write(client, "MIS_TAKEOFF_ALT", REAL32, 4.0)
     deadline = time.monotonic() + 10
@@ -248,7 +248,7 @@ def test_a_parameter_changes_the_flight(client):
     assert 3.4 < heights[-1] < 4.6, heights
 
 
-def test_parameters_survive(target, other, request, tmp_path):
+def test_parameters_survive_a_power_cut(target, other, request, tmp_path):
     """P-17: parameters survive a power cut a while after they were set."""
     option = request.config.getoption
     if target == "qemu":
@@ -279,7 +279,7 @@ def test_parameters_survive(target, other, request, tmp_path):
         vehicle.end()
 
 
-def test_the_system_id_is_that_of_the_parameter_after_a_start(target, request, tmp_path):
+def test_system_id_is_a_parameter(target, request, tmp_path):
     if target != "sitl":
         pytest.skip("the vehicle that all tests use keeps its id")
     option = request.config.getoption

@@ -38,7 +38,7 @@ def client(other):
 
 
 @KINDS
-def test_a_full_plan_of_each_kind(client, capacities, kind):
+def test_full_plan_of_each_kind(client, capacities, kind):
     """M-1, M-3, M-5, M-26: every field comes back. The plan's id is the same in all messages, and for the same content."""
     items = PLANS[kind](capacities[kind])
     ack = upload(client, items, kind)
@@ -54,7 +54,7 @@ def test_a_full_plan_of_each_kind(client, capacities, kind):
     assert plan_id(upload(client, PLANS[kind](capacities[kind], 1), kind)) not in (0, back.id)
 
 
-def test_the_kinds_are_independent(client):
+def test_kinds_of_plans_are_independent(client):
     """M-1, M-50"""
     plans = {kind: make(10) for kind, make in PLANS.items()}
     stored = [plan_id(upload(client, items, kind)) for kind, items in plans.items()]
@@ -118,7 +118,7 @@ BAD_ITEMS = {
 
 
 @KINDS
-def test_a_bad_item_is_refused_with_its_code_and_named(client, kind):
+def test_bad_item_is_refused_with_code_and_text(client, kind):
     """M-1, M-38: the old plan stays."""
     name = ("Mission", "Fence", "Rally")[kind]
     old = PLANS[kind](11)
@@ -135,7 +135,7 @@ def test_a_bad_item_is_refused_with_its_code_and_named(client, kind):
         assert differences(old, download(client, kind).items) == [], fields
 
 
-def test_what_is_not_a_plan_is_refused(client):
+def test_unknown_kind_of_plan_is_refused(client):
     """M-25: the answer has the requested plan type, so that the client can match it."""
     for kind in (ALL, UNKNOWN):
         client.mav.mission_count_send(1, 1, 3, kind)
@@ -156,7 +156,7 @@ def test_partial_lists_are_refused(client):
 
 
 @KINDS
-def test_items_that_are_not_there(client, kind):
+def test_request_beyond_the_end_is_refused(client, kind):
     """M-64: requests beyond the end of the plan are refused."""
     assert upload(client, PLANS[kind](10), kind).type == ACCEPTED
     assert ask_count(client, kind).count == 10
@@ -165,7 +165,7 @@ def test_items_that_are_not_there(client, kind):
         assert ask_item(client, seq, kind).type == mavlink.MAV_MISSION_INVALID_SEQUENCE
 
 
-def test_items_that_nobody_asked_for(client):
+def test_unrequested_items_are_answered_once_a_second(client):
     """M-31, M-36"""
     for _ in range(5):
         send_item(client, plan(10)[3])
@@ -173,7 +173,7 @@ def test_items_that_nobody_asked_for(client):
     assert next_word(client, MISSION, 0.5) is None, "one answer a second is enough"
 
 
-def test_the_float_forms_are_understood(client):
+def test_float_messages_are_supported(client):
     """M-37, M-61: MISSION_ITEM is accepted for MISSION_ITEM_INT, and MISSION_REQUEST for MISSION_REQUEST_INT."""
     items = plan(12)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
@@ -193,7 +193,7 @@ def test_the_float_forms_are_understood(client):
     assert client.wait(["MISSION_ITEM", "MISSION_ITEM_INT"]).get_type() == "MISSION_ITEM"
 
 
-def test_a_client_that_knows_only_the_old_forms(client):
+def test_client_of_the_old_messages(client):
     """M-47, M-61: a client such as dronekit understands only MISSION_REQUEST and sends only MISSION_ITEM."""
     items = plan(6)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
@@ -210,7 +210,7 @@ def test_a_client_that_knows_only_the_old_forms(client):
         assert (back.get_type(), back.seq, back.command) == ("MISSION_ITEM", seq, item["command"])
 
 
-def test_a_repeated_item_is_no_reason_to_ask_again(client):
+def test_duplicate_item_causes_no_request(client):
     """M-30: a duplicate item causes no second request, which would double the traffic."""
     items = plan(20)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
@@ -223,7 +223,7 @@ def test_a_repeated_item_is_no_reason_to_ask_again(client):
     assert differences(items, download(client).items) == []
 
 
-def test_who_comes_second_waits_until_the_first_is_done(gcs, other):
+def test_second_client_is_refused_until_the_first_is_done(gcs, other):
     """M-23, M-33, M-51: two clients with two ids, on two links."""
     old, first, second = plan(6), plan(30, 1), plan(8, 2)
     assert upload(gcs, old).type == ACCEPTED
@@ -243,7 +243,7 @@ def test_who_comes_second_waits_until_the_first_is_done(gcs, other):
     assert differences(second, download(gcs).items) == []
 
 
-def test_two_download_at_once(gcs, other):
+def test_two_clients_download_at_once(gcs, other):
     """M-60: two clients download in different orders, different plans or the same one, and each receives the right items."""
     plans = {gcs: (MISSION, plan(40)), other: (FENCE, PLANS[FENCE](40))}
     for kind, items in plans.values():
@@ -265,7 +265,7 @@ def test_two_download_at_once(gcs, other):
             assert differences(expected, [received[client][seq] for seq in range(40)]) == []
 
 
-def test_the_old_plan_is_served_during_an_upload(gcs, other):
+def test_old_plan_is_served_during_an_upload(gcs, other):
     """M-62"""
     old, new = plan(10), plan(15, 1)
     stored = plan_id(upload(gcs, old))
@@ -280,7 +280,7 @@ def test_the_old_plan_is_served_during_an_upload(gcs, other):
 
 @KINDS
 @pytest.mark.parametrize("by", ["upload", "clear"])
-def test_a_plan_that_is_replaced_during_a_download(gcs, other, kind, by):
+def test_replaced_plan_cancels_a_download(gcs, other, kind, by):
     """M-63: the client gets OPERATION_CANCELLED, and never the items of two plans."""
     old, new = PLANS[kind](10), PLANS[kind](12, 1)
     assert upload(gcs, old, kind).type == ACCEPTED
@@ -299,7 +299,7 @@ def test_a_plan_that_is_replaced_during_a_download(gcs, other, kind, by):
     assert differences(new if by == "upload" else [], download(other, kind).items) == []
 
 
-def test_a_client_may_cancel(gcs, other):
+def test_client_can_cancel_an_upload(gcs, other):
     """M-35: the vehicle does not answer a cancellation, and another client may upload at once."""
     old, new = plan(10), plan(12, 1)
     assert upload(gcs, old).type == ACCEPTED
@@ -312,7 +312,7 @@ def test_a_client_may_cancel(gcs, other):
 
 
 @pytest.mark.parametrize("sent", [0, 19])
-def test_a_client_that_dies_does_not_block_the_others(connect, other, sent, figure):
+def test_vanished_client_does_not_block_others(connect, other, sent, figure):
     """M-41: PX4/PX4-Autopilot#27132, for clients on the same link and on the other."""
     gcs = connect()
     old = plan(7)
@@ -334,7 +334,7 @@ def test_a_client_that_dies_does_not_block_the_others(connect, other, sent, figu
     figure(f"a client that died after {sent} items: another one could upload {free:.1f} s later")
 
 
-def test_the_successor_of_a_client_that_died(connect):
+def test_next_client_after_a_vanished_one(connect):
     """M-41, for the next client on the same link and the same plan."""
     gcs = connect()
     upload_part(gcs, plan(20), 11)
@@ -348,7 +348,7 @@ def test_the_successor_of_a_client_that_died(connect):
     assert differences(plan(9, 3), download(successor).items) == []
 
 
-def test_how_fast_a_long_plan_is(gcs, other, target, figure):
+def test_speed_of_a_long_plan(gcs, other, target, figure):
     """Measures the speed. The links are configured for 115,200 and 921,600 bit/s, which limits it."""
     items = plan(500 if target == "sitl" else 250)
     for name, client in (("telemetry", gcs), ("companion", other)):
@@ -361,7 +361,7 @@ def test_how_fast_a_long_plan_is(gcs, other, target, figure):
         clear_all(client)
 
 
-def test_a_position_is_kept_to_the_last_digit(client):
+def test_positions_keep_every_digit(client):
     """M-3: extreme positions, and one that a float cannot represent."""
     corners = [(900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000), (1, -1), (0, 0), (899_999_999, 16_777_217)]
     items = [dict(item, x=x, y=y) for item, (x, y) in zip(PLANS[RALLY](len(corners)), corners)]

@@ -63,7 +63,7 @@ def test_all_plans_survive(vehicle):
     assert ids(vehicle.gcs) == [0, 0, 0]
 
 
-def test_a_cut_in_the_middle_of_an_upload_leaves_the_old_plan(vehicle, target, figure):
+def test_power_cut_during_an_upload_leaves_the_old_plan(vehicle, target, figure):
     """The power is cut at moments from before the first item to after the last but one."""
     counts = {MISSION: 50, FENCE: 40, RALLY: 16}
     old = {kind: make(counts[kind]) for kind, make in PLANS.items()}
@@ -82,7 +82,7 @@ def test_a_cut_in_the_middle_of_an_upload_leaves_the_old_plan(vehicle, target, f
 
 
 @pytest.mark.parametrize("kind", PLANS, ids=["mission", "fence", "rally"])
-def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehicle, target, kind, figure):
+def test_power_cut_during_a_commit_leaves_a_whole_plan(vehicle, target, kind, figure):
     """The power is cut at moments from the last item to after the acknowledgement."""
     gcs, count, make = vehicle.gcs, LONG[target][kind], PLANS[kind]
     stored = {}
@@ -112,13 +112,13 @@ def test_a_cut_in_the_middle_of_a_commit_leaves_the_old_plan_or_the_new_one(vehi
         if is_new:
             old, stored[kind] = new, back.id
         assert ids(vehicle.gcs) == [stored[each] for each in PLANS], f"{where}: the other plans have changed"
-        outcomes["new, and said so" if accepted else "new" if is_new else "old"] += 1
+        outcomes["new, acknowledged" if accepted else "new" if is_new else "old"] += 1
     figure(f"cut in the middle of a commit of {count} items, {1000 * duration:.1f} ms: {dict(outcomes)}")
-    assert outcomes["old"] and outcomes["new, and said so"], "the cuts do not cover the whole commit"
+    assert outcomes["old"] and outcomes["new, acknowledged"], "the cuts do not cover the whole commit"
 
 
 @pytest.mark.parametrize("kind", [MISSION, ALL], ids=["mission", "all"])
-def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind, figure):
+def test_power_cut_during_a_clear_leaves_all_or_nothing(vehicle, target, kind, figure):
     plans = {each: make(RESIDENT[each]) for each, make in PLANS.items()}
     meant = list(plans) if kind == ALL else [kind]
 
@@ -155,6 +155,6 @@ def test_a_cut_in_the_middle_of_a_clear_clears_or_does_not(vehicle, target, kind
         for each, items in plans.items():
             expected = [] if found == cleared and each in meant else items
             assert differences(expected, download(vehicle.gcs, each).items) == []
-        outcomes["cleared, and said so" if accepted else "cleared" if found == cleared else "whole"] += 1
+        outcomes["cleared, acknowledged" if accepted else "cleared" if found == cleared else "whole"] += 1
     figure(f"cut in the middle of a clear, {1000 * duration:.1f} ms: {dict(outcomes)}")
-    assert outcomes["whole"] and outcomes["cleared, and said so"], "the cuts do not cover the whole clear"
+    assert outcomes["whole"] and outcomes["cleared, acknowledged"], "the cuts do not cover the whole clear"

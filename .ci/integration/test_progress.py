@@ -27,7 +27,7 @@ def current(gcs, timeout=3.0):
     return message
 
 
-def test_what_is_said_of_the_plans_each_second(client):
+def test_mission_current_describes_the_plans(client):
     """M-90: all fields of MISSION_CURRENT, without a plan, with one plan, and with all three."""
     clear_all(client)
     empty = current(client)
@@ -48,7 +48,7 @@ def test_what_is_said_of_the_plans_each_second(client):
                 assert (told.seq, told.total, told.mission_state) == (0, 65535, NO_MISSION)
 
 
-def test_a_download_marks_the_current_item(client):
+def test_download_marks_the_current_item(client):
     """M-67"""
     assert upload(client, plan(6)).type == ACCEPTED
     assert client.command(SET_CURRENT, 4) == mavlink.MAV_RESULT_ACCEPTED
@@ -93,7 +93,7 @@ def test_set_current_by_message(client):
     assert told["STATUSTEXT"].text == "Mission item 12 cannot be made current"
 
 
-def test_the_current_item_after_an_upload(client):
+def test_current_item_after_an_upload(client):
     """M-39, M-94: the same plan keeps the current item. Another plan selects it, and it is never beyond the end."""
     items = plan(12)
     assert upload(client, items).type == ACCEPTED
@@ -113,7 +113,7 @@ def test_the_current_item_after_an_upload(client):
     assert differences(items, download(client).items) == []
 
 
-def test_a_mission_that_cannot_be_started(client):
+def test_mission_start_is_refused(client):
     """M-95: there is no mission, the items do not exist, or the vehicle is disarmed on the ground."""
     start = mavlink.MAV_CMD_MISSION_START
     assert client.command(start, 0, 0) == mavlink.MAV_RESULT_FAILED
@@ -130,7 +130,7 @@ def wait_until(gcs, condition, timeout):
     return heartbeat
 
 
-def test_it_flies_a_mission_and_lands(gcs, other):
+def test_vehicle_flies_a_mission_and_lands(gcs, other):
     """Two ground stations observe arming, take-off, a plan with a jump, and the landing (M-90, M-91)."""
     waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
     near = [(HOME[0] + 900, HOME[1]), (HOME[0] + 900, HOME[1] + 900)]

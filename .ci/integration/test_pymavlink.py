@@ -11,7 +11,7 @@ from transfer import clear, download, send_item, upload
 
 mavlink = mavutil.mavlink
 
-def test_heartbeat_says_what_it_is_once_a_second(gcs, figure):
+def test_heartbeat_has_identity_and_rate(gcs, figure):
     """H-1 to H-4: identity and rate."""
     times = []
     for _ in range(12):
@@ -55,13 +55,13 @@ def test_autopilot_version_on_request(gcs):
         (mavlink.MAV_CMD_NAV_TAKEOFF, (), "TEMPORARILY_REJECTED"),
     ],
 )
-def test_a_command_gets_exactly_one_answer(gcs, command, params, result):
+def test_command_gets_exactly_one_answer(gcs, command, params, result):
     """C-3, C-4: this includes refused and unknown commands."""
     assert gcs.command(command, *params) == getattr(mavlink, f"MAV_RESULT_{result}")
     assert gcs.wait("COMMAND_ACK", timeout=1.5) is None, "a second answer"
 
 
-def test_a_script_with_the_defaults_is_answered(port):
+def test_script_with_default_settings_is_answered(port):
     """S-11: without `source_component`, pymavlink sends as component 0."""
     link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}")
     try:
@@ -73,7 +73,7 @@ def test_a_script_with_the_defaults_is_answered(port):
         link.close()
 
 
-def test_a_mavlink_1_station_downloads_a_plan(gcs):
+def test_mavlink_1_station_downloads_a_plan(gcs):
     """S-8: with `force_mavlink1`, pymavlink sends a message's extensions too."""
     items = plan(3)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -87,7 +87,7 @@ def test_a_mavlink_1_station_downloads_a_plan(gcs):
     gcs.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED, MISSION, force_mavlink1=True)
 
 
-def test_a_command_for_somebody_else_gets_no_answer(gcs):
+def test_command_for_another_component_is_not_answered(gcs):
     """C-2."""
     gcs.mav.command_long_send(1, 77, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
     gcs.mav.command_long_send(2, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
@@ -95,7 +95,7 @@ def test_a_command_for_somebody_else_gets_no_answer(gcs):
     assert not is_armed(gcs.wait("HEARTBEAT"))
 
 
-def test_a_plan_goes_up_comes_down_and_is_cleared(gcs):
+def test_plan_is_uploaded_downloaded_and_cleared(gcs):
     """M-20, M-39, M-50, M-60."""
     items = plan(12)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -105,7 +105,7 @@ def test_a_plan_goes_up_comes_down_and_is_cleared(gcs):
     assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED, "clearing is idempotent (M-52)"
 
 
-def test_a_full_plan(gcs, capacity, figure):
+def test_full_plan(gcs, capacity, figure):
     """Fills the capacity, one item at a time."""
     items = plan(capacity)
     began = time.monotonic()
@@ -116,7 +116,7 @@ def test_a_full_plan(gcs, capacity, figure):
     assert clear(gcs) == mavlink.MAV_MISSION_ACCEPTED
 
 
-def test_a_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity):
+def test_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity):
     """M-21."""
     items = plan(3)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -126,7 +126,7 @@ def test_a_plan_that_is_too_long_is_refused_before_its_first_item(gcs, capacity)
     assert differences(items, download(gcs).items) == []
 
 
-def test_an_item_that_cannot_be_flown_leaves_the_old_plan(gcs):
+def test_refused_item_keeps_the_old_plan(gcs):
     """M-1, M-38, M-73: the plan is refused with a result code and a text that names the item, and nothing changes."""
     items = plan(3)
     assert upload(gcs, items).type == mavlink.MAV_MISSION_ACCEPTED
@@ -137,7 +137,7 @@ def test_an_item_that_cannot_be_flown_leaves_the_old_plan(gcs):
     assert differences(items, download(gcs).items) == []
 
 
-def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(connect):
+def test_disconnect_inside_a_frame_does_not_affect_the_next_client(connect):
     for _ in range(3):
         gcs = connect()
         request = gcs.mav.command_long_encode(
@@ -154,7 +154,7 @@ def test_a_client_that_left_in_the_middle_of_a_frame_is_no_harm_to_the_next(conn
         gcs.close()
 
 
-def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
+def test_upload_can_restart_after_a_disconnect(connect):
     """M-1, M-22: the old plan stays until the new one is complete."""
     gcs = connect()
     old, new = plan(4), plan(9)
@@ -171,7 +171,7 @@ def test_a_client_that_left_in_the_middle_of_an_upload_may_begin_anew(connect):
     assert differences(new, download(gcs).items) == []
 
 
-def test_a_second_client_on_a_busy_port(connect, port, target):
+def test_second_client_on_a_busy_port(connect, port, target):
     """sitl closes the second TCP connection; QEMU leaves it waiting. The first client is still served."""
     gcs = connect()
     with socket.create_connection(("127.0.0.1", port), timeout=3) as second:

@@ -31,7 +31,7 @@ def line(request, gcs, other):
 
 
 @pytest.mark.parametrize("line", ["telemetry", "companion"], indirect=True)
-def test_it_connects(planned, line, figure, request):
+def test_qgroundcontrol_connects_completely(planned, line, figure, request):
     """Every step is answered: with the requested message, or at once with a refusal."""
     qgc = Qgc(line)
     qgc.connect()
@@ -47,7 +47,7 @@ def test_it_connects(planned, line, figure, request):
     }
 
 
-def test_it_connects_over_a_bad_line(planned, other, figure):
+def test_qgroundcontrol_connects_over_a_lossy_line(planned, other, figure):
     """Lost messages are requested again until they arrive."""
     qgc = Qgc(other, BadLine)
     qgc.connect()
@@ -62,7 +62,7 @@ def test_it_connects_over_a_bad_line(planned, other, figure):
         assert differences(items, qgc.plans[kind]) == []
 
 
-def test_what_it_does_then(gcs):
+def test_requests_after_connecting(gcs):
     """The vehicle answers what QGroundControl requests after connecting: gimbals, home, and rates."""
     qgc = Qgc(gcs)
     qgc.connect()
@@ -101,7 +101,7 @@ def test_ping_and_timesync(gcs, other):
     assert max(offsets) - min(offsets) < 1e9
 
 
-def test_its_take_off_and_landing(gcs):
+def test_take_off_and_landing(gcs):
     """QGroundControl's generic sequence: it arms, and then sends only NaN parameters. The vehicle chooses the altitude."""
     write(gcs, "MIS_TAKEOFF_ALT", REAL32, 4.0)
     assert gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED

@@ -108,7 +108,7 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
     assert texts.get(timeout=3) == "obstacle map ready"
 
 
-def test_addressed_and_broadcast(gcs, companion, satellite):
+def test_addressed_and_broadcast_commands(gcs, companion, satellite):
     """R-1, R-2: commands to one component, to a system, to all systems, and to an unknown target."""
 
     def ask(*target):
@@ -138,7 +138,7 @@ def test_addressed_and_broadcast(gcs, companion, satellite):
     assert not gcs.hear("HEARTBEAT", 2, lambda beat: is_from(beat, gcs.address))
 
 
-def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
+def test_frames_are_forwarded_unchanged(gcs, companion, satellite):
     """R-5, R-9, R-10: forwarded frames are identical in every byte, even if the vehicle does not know the message and cannot check
     it."""
     tunnel = mavlink.MAVLink_tunnel_message(0, 0, 40_000, 100, bytes(range(100)).ljust(128, b"\0"))
@@ -164,7 +164,7 @@ def test_frames_are_forwarded_as_they_are(gcs, companion, satellite):
     assert not companion.hear("TUNNEL", 0.5)
 
 
-def test_keys_stay_on_their_link(gcs, companion, satellite):
+def test_keys_are_not_forwarded(gcs, companion, satellite):
     """R-11"""
     for target in [ADDRESS, (0, 0)]:
         gcs.mav.setup_signing_send(*target, bytes(range(32)), 1)
@@ -172,7 +172,7 @@ def test_keys_stay_on_their_link(gcs, companion, satellite):
     assert not companion.hear(["SETUP_SIGNING", "RADIO_STATUS"], 1)
 
 
-def test_a_companion_that_talks_without_end(gcs, companion, satellite, figure):
+def test_flooding_companion_does_not_delay_answers(gcs, companion, satellite, figure):
     """R-14: forwarding does not delay the vehicle's answers. Frames that exceed the radio's rate are dropped as a whole."""
     ended = threading.Event()
 
@@ -207,7 +207,7 @@ def test_a_companion_that_talks_without_end(gcs, companion, satellite, figure):
     assert gcs.wait("HEARTBEAT")
 
 
-def test_mavproxy_sees_both(companion, satellite, port, tmp_path):
+def test_mavproxy_detects_the_companion(companion, satellite, port, tmp_path):
     """R-16: MAVProxy detects the companion and shows its texts."""
     mavproxy = MavProxy(port, tmp_path)
     try:

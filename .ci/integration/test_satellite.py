@@ -126,7 +126,7 @@ def test_handover(satellite, other, beating, figure):
     figure(f"handover by satellite and back: {sent}")
 
 
-def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
+def test_mission_progress_is_reported_by_satellite(satellite, other, gcs):
     """What QGroundControl shows of a flight: the mode, which it shifts by 16 bits to that of the heartbeat, and the current item,
     which is the same as on the radio."""
     write(other, "MAV_2_HL_FREQ", REAL32, 1)
@@ -159,7 +159,7 @@ def test_a_mission_is_followed_by_satellite(satellite, other, gcs):
     assert all(abs(report.latitude - HOME[0]) < 400 and 492 <= report.altitude <= 496 for report in reports[1:])
 
 
-def test_what_has_failed_is_told(vehicle, port):
+def test_failures_are_reported_by_satellite(vehicle, port):
     """HIGH_LATENCY2 reports the failures of SYS_STATUS in its own flags: here a GPS receiver without a fix."""
     # After this, the vehicle has been running for less than a minute.
     vehicle.cut()
@@ -188,7 +188,7 @@ def test_what_has_failed_is_told(vehicle, port):
         write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 2_000)
 
 
-def test_what_comes_late(satellite, other, beating):
+def test_superseded_commands_by_satellite(satellite, other, beating):
     """L-15, L-16: if the sender is heard by radio and sent STOP there, its START by satellite counts as superseded. A sender that is
     heard by satellite only is believed."""
     gcs = beating()
@@ -212,7 +212,7 @@ def test_what_comes_late(satellite, other, beating):
     satellite.until("HIGH_LATENCY2", timeout=1.5)
 
 
-def test_it_reports_by_itself(satellite, other, beating):
+def test_reports_start_on_link_loss(satellite, other, beating):
     """L-14: the vehicle reports from the loss of the last ground station until one is back."""
     write(other, "MAV_HL_LOSS_T", UINT16, 2)
     gcs = beating()
@@ -228,13 +228,13 @@ def test_it_reports_by_itself(satellite, other, beating):
 
 
 @pytest.mark.parametrize("enable", [0.5, 2, -1, float("nan")])
-def test_neither_start_nor_stop(satellite, enable):
+def test_invalid_control_parameter_is_denied(satellite, enable):
     """L-10"""
     assert satellite.control(enable) == DENIED
     assert satellite.listen(1) == []
 
 
-def test_commands_that_may_be_old(satellite, gcs):
+def test_delayed_command_cannot_start_a_flight(satellite, gcs):
     """L-16: the vehicle refuses to start a flight by satellite. In flight it accepts the command to return."""
     assert satellite.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == DENIED
     assert gcs.wait("STATUSTEXT", where=lambda text: "by satellite" in text.text)
@@ -252,7 +252,7 @@ def test_commands_that_may_be_old(satellite, gcs):
     assert reports[-1].custom_mode == RETURN and reports[-1].altitude >= 493 and reports[-1].throttle > 0
 
 
-def test_nothing_else_leaves(satellite, other, gcs):
+def test_only_allowed_messages_are_sent_by_satellite(satellite, other, gcs):
     """L-4: no request on any link, and no other sender, causes another message on the satellite link."""
     companion = Companion(other)
     try:
@@ -289,7 +289,7 @@ def test_nothing_else_leaves(satellite, other, gcs):
         companion.end()
 
 
-def test_a_command_for_the_companion(satellite, other):
+def test_command_for_the_companion_is_forwarded(satellite, other):
     """R-13: a command by satellite is forwarded to the companion, and its answer is sent back."""
     companion = Companion(other)
     try:

@@ -73,7 +73,7 @@ def sign(mav, key=KEY, link_id=0):
     mav.signing.timestamp = timestamp()
 
 
-def test_a_signed_session(gcs, other, signing):
+def test_signed_session(gcs, other, signing):
     """G-1 to G-6: pymavlink verifies all received frames, and its commands are answered. Replayed and unsigned frames are not."""
     unsigned = request(gcs)
     assert not is_answered(gcs, unsigned)
@@ -105,7 +105,7 @@ def test_a_signed_session(gcs, other, signing):
     assert other.command(REQUEST, VERSION) == ACCEPTED
 
 
-def test_another_key(gcs, signing):
+def test_frames_with_another_key_are_refused(gcs, signing):
     """G-10"""
     sign(gcs.mav, bytes(range(32)))
     frame = request(gcs)
@@ -113,7 +113,7 @@ def test_another_key(gcs, signing):
     assert not is_answered(gcs, frame)
 
 
-def test_a_stale_key_on_the_wire(other, signing):
+def test_wrong_key_on_the_wire_gets_a_hint(other, signing):
     """G-10, G-11: commands are not answered, but an unsigned text gives the reason."""
     sign(other.mav, bytes(range(32)))
     frame = request(other)
@@ -128,7 +128,7 @@ def test_a_stale_key_on_the_wire(other, signing):
 
 
 @pytest.mark.parametrize("back, is_heard", [(59, True), (61, False)])
-def test_a_clock_that_is_behind(gcs, signing, back, is_heard):
+def test_client_clock_that_is_behind(gcs, signing, back, is_heard):
     """G-6: a new stream may be up to a minute behind the vehicle's time, which its frames show."""
     sign(gcs.mav)
     beat = gcs.wait("HEARTBEAT")
@@ -164,7 +164,7 @@ def test_signatures_follow_real_time(gcs, other, target):
         setup(other, bytes(32), 0)
 
 
-def test_a_key_that_comes_back(gcs, other, signing):
+def test_first_key_is_set_again(gcs, other, signing):
     """G-8, G-17: another key, no key, then the first key again with a timestamp more than a minute ahead: recorded frames
     are not accepted again, and a client that follows the vehicle's time is heard."""
     sign(gcs.mav, link_id=7)
@@ -180,7 +180,7 @@ def test_a_key_that_comes_back(gcs, other, signing):
     assert is_answered(gcs, request(gcs, ahead))
 
 
-def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
+def test_client_clock_that_is_years_ahead(gcs, other, signing, target):
     """G-17: a vehicle with a clock refuses it. Without a clock, setting another key undoes its effect."""
     sign(gcs.mav, link_id=8)
     wrong = timestamp() + 14 * 365 * 86_400 * 100_000
@@ -197,7 +197,7 @@ def test_a_clock_that_is_years_ahead(gcs, other, signing, target):
     assert is_answered(gcs, request(gcs, timestamp()))
 
 
-def test_over_the_satellite(gcs, other, port, signing):
+def test_signing_over_the_satellite(gcs, other, port, signing):
     """G-9, G-16: only a sender with the key can start the reports, which are signed."""
     satellite = Satellite(port + 2)
     try:
@@ -213,7 +213,7 @@ def test_over_the_satellite(gcs, other, port, signing):
         other.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, 0)
 
 
-def test_the_key_comes_by_the_wire_only(gcs, other):
+def test_key_is_accepted_on_the_wire_only(gcs, other):
     """G-11: a key is refused on the radio, as a broadcast, and while the vehicle is armed."""
     gcs.mav.setup_signing_send(1, 1, KEY, timestamp())
     assert gcs.wait("STATUSTEXT", 2, lambda text: "not by this link" in text.text)
@@ -248,7 +248,7 @@ def vehicle(vehicle):
     setup(vehicle.gcs, bytes(32), 0)
 
 
-def test_the_key_survives_a_power_cut(vehicle):
+def test_key_survives_a_power_cut(vehicle):
     """G-13, G-15: the key survives, and no timestamp is used twice."""
 
     def stamp():

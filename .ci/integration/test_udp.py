@@ -33,7 +33,7 @@ def test_datagrams_hold_whole_frames(port):
             assert frame_lengths(datagram), datagram.hex()
 
 
-def test_only_the_peer_is_heard(port):
+def test_only_the_configured_peer_is_accepted(port):
     """A datagram from another sender to the vehicle's port is neither answered nor executed."""
     gcs = Gcs(port, "udpin")
     (vehicle,) = gcs.link.clients
@@ -50,7 +50,7 @@ def test_only_the_peer_is_heard(port):
     gcs.close()
 
 
-def test_plans_go_up_and_come_down(port, figure):
+def test_plans_are_uploaded_and_downloaded(port, figure):
     with found_by_mavsdk(f"udpin://127.0.0.1:{port}") as system:
         missions = MissionRaw(system)
         items = plan(100)
@@ -102,7 +102,7 @@ def test_two_clients(port, other):
         gcs.close()
 
 
-def test_a_client_that_dies(port, other):
+def test_vanished_client(port, other):
     """PX4/PX4-Autopilot#27132"""
     gcs = Gcs(port, "udpin")
     try:

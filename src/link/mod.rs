@@ -114,8 +114,8 @@ pub struct Port {
     pub(crate) outbox: Outbox,
     pub(crate) bucket: Bucket,
     pub(crate) counters: LinkCounters,
-    /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle is told
-    /// (H-14).
+    /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle reports a
+    /// conflict (H-14).
     strangers: u8,
     /// Whether a heartbeat is due at once, whatever its schedule.
     pub(crate) is_heartbeat_due: bool,

@@ -313,7 +313,7 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Default for Forw
     }
 }
 
-/// [`ForwardQueues`] of any size, lent to the stack.
+/// A borrowed view of [`ForwardQueues`] of any size.
 #[derive(Debug)]
 pub struct Forwarding<'a> {
     lanes: &'a mut [Lane],

@@ -1,11 +1,11 @@
-//! Configuration that cannot work does not compile, and the compiler's message says what is wrong with it. Each case is a
-//! firmware that the compiler is given; it must say the words beside it. One that is as it should be must compile.
+//! Invalid configurations do not compile, and the compiler's message says what is wrong. Each case is a firmware and a part of
+//! the expected message. Valid firmwares must compile.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What every firmware has in front.
+/// The start of every firmware.
 const FRONT: &str = "
 #![allow(dead_code, unused)]
 use mavstack::config::PollBudget;
@@ -16,8 +16,8 @@ use mavstack::*;
 static PULSE: Pulse = Pulse::new();
 ";
 
-/// A firmware: `{vehicle}` and `{commands}` are what a case adds to these traits, `{hooks}` the other traits of its vehicle,
-/// `{entries}` what it declares, and `{main}` what it does with its stack.
+/// A firmware. `{vehicle}` and `{command}` are additions to these hooks, `{hooks}` the other traits of its vehicle, `{entries}`
+/// its declaration, and `{main}` its calls of the stack.
 const FIRMWARE: &str = r#"
 const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 const UART: LinkConfig = LinkConfig::uart(57_600);
@@ -55,7 +55,7 @@ parameters! { pub struct Tuning { A: u8 = 0, 0..=1, \"\"; } }
 impl Parameters for Rover { type Table = Tuning; }
 ";
 
-/// What a case fills into [`FIRMWARE`].
+/// The parts of [`FIRMWARE`] that a case defines.
 #[derive(Clone, Copy, Default)]
 struct Firmware<'a> {
     vehicle: &'a str,
@@ -73,27 +73,27 @@ impl Firmware<'_> {
     }
 }
 
-/// A constant of its own.
+/// Returns a program with this item only.
 fn constant(text: &str) -> String {
     format!("{FRONT}{text}\nfn main() {{}}\n")
 }
 
-/// A vehicle without further traits declares `entries`.
+/// Returns a firmware without further traits that declares `entries`.
 fn declares(entries: &str) -> String {
     implements("", entries)
 }
 
-/// A vehicle with these traits declares `entries`.
+/// Returns a firmware with these traits that declares `entries`.
 fn implements(hooks: &str, entries: &str) -> String {
     Firmware { hooks, entries, ..Firmware::default() }.text()
 }
 
-/// A vehicle with one link, which declares nothing else, uses its stack.
+/// Returns a firmware with a single link that makes these calls.
 fn calls(main: &str) -> String {
     Firmware { entries: "links: 1", main, ..Firmware::default() }.text()
 }
 
-/// The hook of a vehicle with these streams.
+/// Returns the `Telemetry` hooks of a vehicle with these streams.
 fn telemetry(list: &str) -> String {
     format!(
         "impl Telemetry for Rover {{
@@ -103,7 +103,7 @@ fn telemetry(list: &str) -> String {
     )
 }
 
-/// The hook of a vehicle with these flight modes.
+/// Returns the `Modes` hooks of a vehicle with these flight modes.
 fn modes(list: &str) -> String {
     format!(
         "impl Modes for Rover {{
@@ -115,10 +115,10 @@ fn modes(list: &str) -> String {
     )
 }
 
-/// The name of a firmware, its text, and what the compiler says of it; nothing of one that is as it should be.
+/// The name of a firmware, its text, and a part of the compiler's message; the part is empty if the firmware is valid.
 type Case = (&'static str, String, &'static str);
 
-/// What cannot work.
+/// Returns the invalid firmwares.
 fn cases() -> Vec<Case> {
     let config = |system, component| {
         constant(&format!("const CONFIG: Config = Config::new(Address::new({system}, {component}), &PULSE);"))
@@ -309,7 +309,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// A package with a firmware for each case, which Cargo builds against this crate.
+/// Writes a package with a firmware for each case, which Cargo builds against this crate.
 fn package(cases: &[Case]) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("refused");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -319,7 +319,7 @@ fn package(cases: &[Case]) -> PathBuf {
          [dependencies]\nmavstack = {{ path = {:?} }}\n\n[profile.dev]\ndebug = 0\n\n[workspace]\n",
         root.display().to_string()
     );
-    // What was there is of another state of this test.
+    // Remove the files of earlier runs of this test.
     let _ = std::fs::remove_dir_all(folder.join("src"));
     std::fs::create_dir_all(folder.join("src/bin")).expect("a folder");
     std::fs::write(folder.join("Cargo.toml"), manifest).expect("written");
@@ -330,7 +330,7 @@ fn package(cases: &[Case]) -> PathBuf {
     folder
 }
 
-/// What Cargo says of all of them: a line of JSON for each message and each firmware that was built.
+/// Returns Cargo's output: a line of JSON for each message and each firmware that was built.
 fn cargo(folder: &Path, arguments: &[&str]) -> Vec<String> {
     let output = Command::new(env!("CARGO"))
         .args(arguments)
@@ -345,7 +345,7 @@ fn cargo(folder: &Path, arguments: &[&str]) -> Vec<String> {
     lines
 }
 
-/// Adds the cases to `wrong` of which Cargo said something else than it should.
+/// Appends the cases to `wrong` for which Cargo's output differs from the expected one.
 fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
     for (name, _, says) in cases {
         let of_case = || lines.iter().filter(|line| line.contains(&format!("\"name\":\"{name}\"")));
@@ -362,7 +362,7 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 }
 
 #[test]
-fn what_cannot_work_is_refused_with_words() {
+fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
                       signing, time, manual_control, high_latency, peers: 1, texts: 0";

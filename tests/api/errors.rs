@@ -1,4 +1,4 @@
-//! What errors say: what failed, and what to do about it.
+//! Error messages: what failed, and what to do.
 
 use mavstack::dialect::MavMissionResult;
 use mavstack::frame::EncodeError;
@@ -8,15 +8,15 @@ use mavstack::plan::PlanFault;
 use mavstack::wpl::{Fault, HomeRow, Reader};
 
 #[test]
-fn encoding() {
+fn encoding_errors_say_what_to_do() {
     let texts = [EncodeError::BufferTooSmall, EncodeError::NeedsV2].map(|error| error.to_string());
     assert!(texts[0].contains("MAX_FRAME_LEN"), "{texts:?}");
     assert!(texts[1].contains("Version::V2"), "{texts:?}");
 }
 
-/// A transport's error is told in its own words.
+/// A transport's error is shown in its own words.
 #[test]
-fn links() {
+fn link_errors_say_what_to_do() {
     let read = LinkError::Read(SerialError::Line).to_string();
     assert_eq!(read, "reading failed: Line");
     assert_eq!(LinkError::Write(SerialError::WouldBlock).to_string(), "writing failed: WouldBlock");
@@ -27,7 +27,7 @@ fn links() {
 }
 
 #[test]
-fn uarts() {
+fn uart_errors_say_what_to_do() {
     use embedded_io::Error as _;
     for (error, word) in [
         (SerialError::Overrun, "make the queue longer"),
@@ -41,7 +41,7 @@ fn uarts() {
 
 #[cfg(any(feature = "embedded-hal-nb", feature = "embedded-io-06", feature = "embedded-io-async"))]
 #[test]
-fn adapters() {
+fn adapter_errors_say_what_to_do() {
     use embedded_io::Error as _;
     use mavstack::io::HalError;
     let error = HalError::Hal(embedded_io::ErrorKind::TimedOut);
@@ -51,7 +51,7 @@ fn adapters() {
 
 #[cfg(feature = "storage")]
 #[test]
-fn fram() {
+fn fram_errors_say_what_to_do() {
     use embedded_hal::spi::ErrorKind;
     use mavstack::storage::FramError;
     let id = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, 0xFF, 0x08];
@@ -66,17 +66,17 @@ fn fram() {
     }
 }
 
-/// M-38: which item, if it is one's fault.
+/// M-38: the message names the item, if one is at fault.
 #[test]
-fn plans() {
+fn plan_errors_name_the_item() {
     let fault = |seq| PlanFault { seq, result: MavMissionResult::NO_SPACE }.to_string();
     assert!(fault(Some(7)).starts_with("item 7"), "{}", fault(Some(7)));
     assert!(fault(None).starts_with("plan refused"), "{}", fault(None));
 }
 
-/// A line, a column and a reason for every mistake in a plan's text.
+/// Every error in a plan's text has a line, a column and a reason.
 #[test]
-fn plan_texts() {
+fn plan_text_errors_name_line_and_column() {
     let row = |text: &str| format!("QGC WPL 110\n{text}\n");
     let good = "0\t0\t0\t16\t0\t0\t0\t0\t1\t2\t3\t1";
     for (text, expected) in [

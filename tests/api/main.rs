@@ -1,5 +1,5 @@
-//! What a user of the crate meets first: the README's loop, the pages and their links, the errors' texts, and what the compiler
-//! refuses. Beside them, the rooms of `src/`.
+//! What a user meets first: the README's loop, the pages and their links, the error messages, and configurations that do not
+//! compile. Also the rooms of `src/`.
 
 #[path = "../support/mod.rs"]
 mod support;

@@ -1,10 +1,10 @@
-//! The README, the guides and the other pages: their links lead somewhere, and the commands and files that they name exist.
+//! The README, the guides and the other pages: their links have targets, and the commands and files that they name exist.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where the repository is published; only the workspace's manifest says it.
+/// The address of the repository. Only the workspace's manifest contains it.
 const ADDRESS: &str = "github.com/mavstack/mavstack";
 
 fn root() -> &'static Path {
@@ -31,7 +31,7 @@ fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
 /// A Markdown file.
 struct Page {
     path: PathBuf,
-    /// Without code blocks.
+    /// Its text without code blocks.
     text: String,
 }
 
@@ -59,7 +59,7 @@ impl Page {
         self.path.strip_prefix(root()).unwrap().display().to_string()
     }
 
-    /// What stands in code spans, and the text without them.
+    /// Returns the code spans, and the text without them.
     fn code(&self) -> (Vec<&str>, String) {
         let (mut spans, mut prose) = (Vec::new(), String::new());
         for (part, text) in self.text.split('`').enumerate() {
@@ -68,7 +68,7 @@ impl Page {
         (spans, prose)
     }
 
-    /// The targets of its links and pictures, and the labels that nothing defines.
+    /// Returns the targets of its links and pictures, and the labels without a definition.
     fn links(&self) -> (Vec<String>, Vec<String>) {
         let (_, prose) = self.code();
         let (mut targets, mut used, mut defined) = (Vec::new(), Vec::new(), BTreeSet::new());
@@ -96,7 +96,7 @@ impl Page {
         (targets, used)
     }
 
-    /// The anchors of its headings, as a forge and rustdoc make them.
+    /// Returns the anchors of its headings, as forges and rustdoc generate them.
     fn anchors(&self) -> BTreeSet<String> {
         let headings = self.text.lines().filter(|line| line.starts_with('#'));
         let anchor = |heading: &str| -> String {
@@ -108,11 +108,11 @@ impl Page {
 }
 
 #[test]
-fn every_relative_link_leads_to_a_file_and_a_heading() {
+fn every_relative_link_has_a_target() {
     let mut dead = Vec::new();
     for page in Page::all() {
         for target in page.links().0 {
-            // Somewhere else, or rustdoc's, which checks it.
+            // External links, and links that rustdoc checks.
             if target.contains("://") || target.contains("::") {
                 continue;
             }
@@ -130,7 +130,7 @@ fn every_relative_link_leads_to_a_file_and_a_heading() {
     assert!(dead.is_empty(), "dead links:\n{}", dead.join("\n"));
 }
 
-/// Without its definition a `[label]` is shown as it is written.
+/// A `[label]` without a definition would be shown as plain text.
 #[test]
 fn every_label_of_the_readme_and_the_guides_is_defined() {
     let mut undefined = Vec::new();
@@ -167,7 +167,7 @@ fn every_guide_is_in_the_documentation_and_links_to_the_others_by_label() {
 }
 
 #[test]
-fn the_repositorys_address_stands_in_one_place() {
+fn repository_address_is_in_one_place() {
     let mut elsewhere = Vec::new();
     for path in ["md", "rs", "toml", "yml", "py"].iter().flat_map(|extension| files(root(), extension)) {
         let name = path.strip_prefix(root()).unwrap().display().to_string();
@@ -179,7 +179,7 @@ fn the_repositorys_address_stands_in_one_place() {
     assert!(elsewhere.is_empty(), "link by relative path, or to `guides`, not to {ADDRESS}: {elsewhere:?}");
 }
 
-/// A file that was moved, a test that was renamed.
+/// Detects moved files and renamed tests.
 #[test]
 fn every_file_and_test_that_a_page_names_exists() {
     const FOLDERS: [&str; 9] =
@@ -187,7 +187,7 @@ fn every_file_and_test_that_a_page_names_exists() {
     let mut missing = Vec::new();
     for page in Page::all() {
         let name = page.name();
-        // Others describe their own folder, or what was.
+        // Other pages describe their own folder, or the past.
         if !(name.starts_with("docs") || ["README.md", "CONTRIBUTING.md"].contains(&&name[..])) {
             continue;
         }
@@ -206,12 +206,12 @@ fn every_file_and_test_that_a_page_names_exists() {
             }
         }
     }
-    assert!(missing.is_empty(), "not there:\n{}", missing.join("\n"));
+    assert!(missing.is_empty(), "missing files and tests:\n{}", missing.join("\n"));
 }
 
-/// A stranger reads it in some minutes; what goes beyond is in the guides.
+/// The README can be read in a few minutes; further content belongs to the guides.
 #[test]
-fn the_readme_is_short() {
+fn readme_is_short() {
     let len = fs::metadata(root().join("README.md")).unwrap().len();
     assert!(len <= 9_000, "README.md has {len} bytes: move something to docs/");
 }

@@ -1,10 +1,10 @@
-//! The README's loop compiles: it stands here word for word.
+//! The README's loop compiles: this file contains the same code.
 
 use crate::support::{TestVehicle as Quadrotor, Tuning};
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use mavstack::*;
 
-/// What a flight controller's own code has.
+/// The flight controller's own code.
 trait Flight {
     fn control_step(&mut self, now: Instant, mission: &[Item]);
 }
@@ -51,7 +51,7 @@ fn the_loop<U: Read + ReadReady + Write + WriteReady>(clock: Clock, mut uart: U,
 }
 
 #[test]
-fn the_readme_has_this_loop() {
+fn readme_has_this_loop() {
     let readme = include_str!("../../README.md");
     let (_, block) = readme.split_once("```rust\n").expect("a block of Rust");
     let (block, _) = block.split_once("```\n").expect("its end");

@@ -1,11 +1,11 @@
-//! The rooms of `src/`: a room is a file or a folder, and uses only rooms above it in [`ROOMS`]. `docs/architecture.md` shows the
-//! same list. The tests read the imports and the paths of all code outside of tests.
+//! The rooms of `src/`: a room is a file or a folder, and uses only rooms above it in [`ROOMS`]. `docs/architecture.md` shows
+//! the same list. The tests read the imports and the paths of all code outside of tests.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The rooms, from the ground up. `message` and `dialect` are one room. Each service is a room of its own: services may use each
-/// other, but not in a ring.
+/// The rooms, from the ground up. `message` and `dialect` are one room. Each service is a room of its own: services may use
+/// each other, but not in a ring.
 const ROOMS: [&[&str]; 20] = [
     &["num"],
     &["list"],
@@ -32,7 +32,7 @@ const ROOMS: [&[&str]; 20] = [
 /// The files of `service/` that belong to the room `service`: what services share.
 const SERVICE_ROOT: [&str; 3] = ["gate", "turn", "wear"];
 
-/// The path of a module: its names below the crate's root.
+/// The path of a module, relative to the crate's root.
 type ModulePath = Vec<String>;
 
 /// A module outside of tests.
@@ -133,7 +133,7 @@ fn tokens(source: &str) -> Vec<String> {
     tokens
 }
 
-/// Returns the index after the group of brackets that begins at `start`.
+/// Returns the index after the group of brackets that starts at `start`.
 fn behind_group(code: &[String], start: usize) -> usize {
     let mut depth = 0;
     for (i, token) in code.iter().enumerate().skip(start) {
@@ -146,7 +146,7 @@ fn behind_group(code: &[String], start: usize) -> usize {
     code.len()
 }
 
-/// Returns the index after the item that begins at `start` with its attributes.
+/// Returns the index after the item that starts at `start` with its attributes.
 fn behind_item(code: &[String], start: usize) -> usize {
     let mut i = start;
     while code.get(i).is_some_and(|token| token == "#") {
@@ -264,7 +264,7 @@ impl Modules {
         self.modules.insert(path.to_vec(), module);
     }
 
-    /// Whether a module is in `lib.rs` itself: it only groups names that rooms define, for the crate's users.
+    /// Whether a module is in `lib.rs` itself. Such a module only groups names for users.
     fn is_facade(&self, path: &[String]) -> bool {
         path.len() == 1 && self.modules.get(path).is_some_and(|module| module.is_inline)
     }
@@ -274,8 +274,8 @@ impl Modules {
         !path.is_empty() && !self.is_facade(path)
     }
 
-    /// Returns the module that a path in `module` leads to; `None` for a path to another crate. A name that `lib.rs` exports leads to
-    /// the module that defines it.
+    /// Returns the module that a path in `module` leads to; `None` for a path to another crate. A name that `lib.rs` exports
+    /// leads to the module that defines it.
     fn resolve(&self, module: &[String], path: &[String]) -> Option<ModulePath> {
         let (mut at, mut rest): (ModulePath, _) = match path.first()?.as_str() {
             "crate" => (Vec::new(), &path[1..]),
@@ -347,7 +347,7 @@ impl Modules {
     }
 }
 
-/// The room of a module.
+/// Returns the room of a module.
 fn room(path: &[String]) -> String {
     match path {
         [service, name, ..] if service == "service" && !SERVICE_ROOT.contains(&&**name) => format!("service/{name}"),
@@ -356,13 +356,13 @@ fn room(path: &[String]) -> String {
     }
 }
 
-/// The row of a room in the list.
+/// Returns the row of a room in the list.
 fn row(room: &str) -> Option<usize> {
     let entry = if room.starts_with("service/") { "service/*" } else { room };
     ROOMS.iter().position(|row| row.contains(&entry))
 }
 
-/// What is wrong with the rooms and their arrows, in sentences.
+/// Returns the defects of the rooms and their arrows, as sentences.
 fn faults(modules: &Modules) -> Vec<String> {
     let arrows = &modules.arrows();
     let paths = modules.modules.keys().filter(|path| modules.is_in_a_room(path));
@@ -397,7 +397,7 @@ fn faults(modules: &Modules) -> Vec<String> {
     faults
 }
 
-/// The text of a module's file under `src/`.
+/// Returns the text of a module's file under `src/`.
 fn source(path: &[String]) -> String {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let file = path.iter().fold(src, |folder, name| folder.join(name));
@@ -412,7 +412,7 @@ fn crate_of(file: &dyn Fn(&[String]) -> String) -> Modules {
     modules
 }
 
-/// Each room uses only those above it, and no two services use each other.
+/// Each room uses only rooms above it, and no two services use each other.
 #[test]
 fn rooms_use_only_those_above_them() {
     let modules = crate_of(&source);
@@ -428,7 +428,7 @@ fn rooms_use_only_those_above_them() {
 
 /// `docs/architecture.md` shows the list.
 #[test]
-fn the_page_shows_the_same_rooms() {
+fn page_shows_the_same_rooms() {
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/architecture.md");
     let page = std::fs::read_to_string(page).expect("the page is readable");
     let rows =
@@ -442,7 +442,7 @@ fn the_page_shows_the_same_rooms() {
     assert_eq!(shown, ROOMS, "docs/architecture.md shows other rooms than tests/api/rooms.rs");
 }
 
-/// The faults of a crate of these modules.
+/// Returns the defects of a crate with these modules.
 fn faults_of(files: &[(&str, &str)]) -> Vec<String> {
     let file = |path: &[String]| {
         let found = files.iter().find(|(name, _)| *name == path.join("::"));
@@ -451,9 +451,9 @@ fn faults_of(files: &[(&str, &str)]) -> Vec<String> {
     faults(&crate_of(&file))
 }
 
-/// Wrong arrows are found however they are written.
+/// Forbidden arrows are found in every notation.
 #[test]
-fn a_wrong_arrow_is_found() {
+fn forbidden_arrow_is_found() {
     let root = "pub use stack::{Stack, Other as Renamed}; pub use message::*; use stack::Quiet; mod types; mod message; mod stack; mod num;
         pub mod facade { pub use crate::stack::Behind; }";
     for wrong in [
@@ -500,9 +500,9 @@ fn a_wrong_arrow_is_found() {
     }
 }
 
-/// Services may use each other, but not in a ring, and what all services share uses none of them.
+/// A ring of services is found, and the room `service` must not use any of them.
 #[test]
-fn a_ring_of_services_is_found() {
+fn ring_of_services_is_found() {
     let service = |a: &str, b: &str, root: &str, turn: &str| {
         let root = format!("{root} mod turn; mod param; mod mission;");
         let files = [

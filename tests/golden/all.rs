@@ -1,5 +1,5 @@
-//! Every message of the dialect, one call each. The list is the generated one: its text is compiled once more, here, with
-//! macros in the place of the crate's, so that it cannot be forgotten when a message comes.
+//! Visits every message of the dialect. The generated list is compiled a second time here, with this file's macros instead of
+//! the crate's, so no new message is forgotten.
 
 #![allow(unused_imports, reason = "what the generated text imports")]
 #![allow(dead_code, reason = "a test uses what it needs")]
@@ -7,12 +7,12 @@
 use mavstack::Message;
 use std::fmt::Debug;
 
-/// What a test does with every message.
+/// What a test does with each message.
 pub trait Visit {
     fn visit<M: Message + Declared + Debug + Default + PartialEq>(&mut self);
 }
 
-/// What the macros compute from a declaration, beside what the generator has written down.
+/// Constants that the macros compute from a declaration, for comparison with the generated ones.
 pub trait Declared {
     fn crc_extra() -> u8;
 

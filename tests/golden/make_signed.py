@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes signed.txt: frames that the reference implementation signs, from our own definitions.
+"""Generates signed.txt: frames that the reference implementation signs, from our own definitions.
 
     python3 tests/golden/make_signed.py
 
-A line each: key, link id, timestamp and frame, all but the numbers in hexadecimal. Runs in the environment of
-make_vectors.py, whose pinned versions these are.
+One line per frame: key, link id, timestamp and frame, in hexadecimal except the numbers. Runs in the environment of
+make_vectors.py, with the same pinned versions.
 """
 
 import hashlib

@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""Makes common.bin and unknown.bin: frames that the reference implementation encodes, from our own definitions.
+"""Generates common.bin and unknown.bin: frames that the reference implementation encodes, from our own definitions.
 
     python3 tests/golden/make_vectors.py
 
-pymavlink's mavgen makes Python modules (protocol 2.0 and 1.0) from dialect/definitions/common.xml, with its schema check
-on; these modules encode every message of common with three payloads: zeros; values drawn with a fixed seed, NaN,
-infinities and the extremes of integers among them; all bits set. First the v2 frame of each, trimmed; then, for ids up to
-255, the v1 frame.
+pymavlink's mavgen generates Python modules (protocol 2.0 and 1.0) from dialect/definitions/common.xml, with its schema
+check. These modules encode every message of common with three payloads: all zeros; values drawn with a fixed seed,
+including NaN, infinities and the extremes of integers; all bits set. For each message there is the trimmed v2 frame;
+then, for ids up to 255, the v1 frame.
 
-common.bin is these frames end to end, as they stand on a wire: a frame says itself how long it is. Messages come by id;
-sequence numbers count up. Run it again after a change of the definitions; what did not change stays byte for byte.
+common.bin is these frames end to end, as on a wire: each frame contains its length. Messages are sorted by id, and
+sequence numbers count up. Run this again after a change of the definitions; unchanged messages keep their bytes.
 
-unknown.bin has one v2 frame of each message in the same form: each field has the value that the `invalid` attribute
-defines, or zero where there is none. This is an independent reader of the notations, after MAVLink's own description:
+unknown.bin has one v2 frame of each message in the same form. Each field has the value of its `invalid` attribute, or
+zero if there is none. The notations are parsed independently of our generator, as MAVLink describes them:
 https://mavlink.io/en/guide/xml_schema.html.
 
-Works in a virtual environment of its own (target/golden), with pinned versions.
+It runs in its own virtual environment (target/golden), with pinned versions.
 """
 
 import importlib.util
@@ -37,7 +37,7 @@ SYSTEM, COMPONENT = 42, 17
 
 
 def module(protocol, directory):
-    """The Python module that mavgen makes for a protocol version."""
+    """Returns the Python module that mavgen generates for a protocol version."""
     from pymavlink.generator import mavgen, mavparse
 
     wire = {"1.0": mavparse.PROTOCOL_1_0, "2.0": mavparse.PROTOCOL_2_0}[protocol]
@@ -45,7 +45,7 @@ def module(protocol, directory):
     options = mavgen.Opts(path, wire_protocol=wire, language="Python3", validate=True)
     if not mavgen.mavgen(options, [DEFINITIONS]):
         sys.exit("mavgen refuses the definitions")
-    # The generated code asks for the protocol by an environment variable.
+    # The generated code reads the protocol from an environment variable.
     os.environ["MAVLINK20"] = "1" if protocol == "2.0" else ""
     spec = importlib.util.spec_from_file_location(f"common_v{protocol[0]}", path)
     loaded = importlib.util.module_from_spec(spec)
@@ -73,11 +73,11 @@ def element(rng, code):
 
 
 def payloads(message):
-    """The three payloads, in wire order, untrimmed."""
+    """Returns the three payloads, in wire order, untrimmed."""
     layout = message.unpacker
     yield bytes(layout.size)
     rng = random.Random(f"golden {message.msgname}")
-    # The format's counts: `4H` is four elements, `16s` a text of 16 bytes.
+    # Counts in the format: `4H` is four elements, `16s` a text of 16 bytes.
     codes, count = [], ""
     for char in layout.format.lstrip("<"):
         if char.isdigit():
@@ -90,7 +90,7 @@ def payloads(message):
 
 
 def frames(protocol, generated, message, sequence):
-    """A message's frames; the reference takes the payloads apart, and puts the frames together from the fields."""
+    """Returns a message's frames. The reference decodes the payloads and encodes the frames from the fields."""
     link = generated.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
     for payload in payloads(message):
         if protocol == "2.0":
@@ -115,7 +115,7 @@ def constant(text, entries):
 
 
 def invalid(field, entries):
-    """Returns the elements of a field that is not known; zero where the definition has no such value."""
+    """Returns the elements of an unknown field; zero if the definition has no such value."""
     count, text = field.array_length or 1, field.invalid
     if not text:
         values = []
@@ -140,7 +140,7 @@ def unknown(field, entries):
 
 
 def unknown_frames(generated):
-    """Yields a frame of each message, with every field not known."""
+    """Yields a frame of each message, with every field unknown."""
     from pymavlink.generator import mavparse
 
     directory = os.path.dirname(DEFINITIONS)

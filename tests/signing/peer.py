@@ -1,10 +1,10 @@
-"""A ground station that signs, by pymavlink: told by lines on its input what to do, it answers each with a line.
+"""A ground station that signs with pymavlink. It reads one command per line and answers each with one line.
 
-    key HEX TIMESTAMP LINK    signs with this key, and wants signatures
-    as SYSTEM COMPONENT       who it is
-    tx NAME [HEX TIMESTAMP]   a message for vehicle 1/1: heartbeat, land, ping, or setup with a key: its frame
-    rx HEX                    takes bytes; answers the ids of the messages in them, or `bad` for one that it refuses
-    timestamp                 its own time
+    key HEX TIMESTAMP LINK    signs with this key, and requires signatures
+    as SYSTEM COMPONENT       sets its address
+    tx NAME [HEX TIMESTAMP]   prints the frame of a message for vehicle 1/1: heartbeat, land, ping, or setup with a key
+    rx HEX                    receives bytes; prints the ids of the messages in them, or `bad` for a refused one
+    timestamp                 prints its own time
 """
 
 import os

@@ -1,4 +1,4 @@
-//! The declaration of the tests' stacks: [`Tested`], put together from types. A firmware has [`mavstack::stack!`].
+//! The declaration of the tests' stacks: [`Tested`], composed of types. A firmware uses [`mavstack::stack!`].
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
@@ -13,7 +13,7 @@ use mavstack::manual_control::ManualInput;
 use mavstack::{Commands, Config, FlightMode, LinkConfig, Modes, Plans, Stack, Stream, Telemetry, Vehicle};
 use std::marker::PhantomData;
 
-/// A stack of the vehicle `V` with plan memory `P`, `PEERS` places in the peer table, and the services of `O`.
+/// A stack of the vehicle `V` with plan memory `P`, `PEERS` entries in the peer table, and the services of `O`.
 pub struct Tested<P = NoPlans, const PEERS: usize = 8, O = Plain, V = TestVehicle>(PhantomData<(P, O, V)>);
 
 impl<P, const PEERS: usize, O, V> Firmware for Tested<P, PEERS, O, V>
@@ -125,20 +125,20 @@ options! {
     SignedSatellite: Absent, Absent, HighLatency, Signs, Absent;
     /// Signing and forwarding.
     SignedForwarded: Absent, Absent, Absent, Signs, Forwards;
-    /// All of them, but for signing.
+    /// All except signing.
     Unsigned: Time, ManualInput, HighLatency, WithoutSigning, Forwards;
     /// All of them.
     Everything: Time, ManualInput, HighLatency, Signs, Forwards;
 }
 
-/// What a vehicle of the tests implements beside `Vehicle` and `Commands`.
+/// The hooks of a test vehicle besides `Vehicle` and `Commands`.
 pub trait Hooks: Vehicle + Commands {
     type Parameters: ParamMemory + Values;
     const HAS_MODES: bool = false;
     const CHECKED: () = ();
 }
 
-/// The services for that.
+/// The services for these hooks.
 pub trait HookServices<D: Firmware>: Hooks {
     type Param: Persistent<D>;
     type Stream: Service<D>;

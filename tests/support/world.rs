@@ -140,7 +140,8 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
         self.run_until(duration, |_| false);
     }
 
-    /// Runs until `done` returns true, which is called after every step. Returns false if that did not happen `within` the time.
+    /// Runs until `done` returns true, which is called after every step. Returns false if that did not happen `within` the
+    /// time.
     pub fn run_until(&mut self, within: Duration, mut done: impl FnMut(&mut Self) -> bool) -> bool {
         let end = self.now().after(within);
         while self.now() < end {
@@ -168,7 +169,7 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
     /// Runs for `within` and asserts that the ground station of `link` receives no new `M`.
     pub fn expect_no<M: Message>(&mut self, link: usize, within: Duration) {
         self.run_for(within);
-        assert!(self.gcs[link].take::<M>().is_none(), "a {} came", M::NAME);
+        assert!(self.gcs[link].take::<M>().is_none(), "{} was received", M::NAME);
     }
 
     /// Uploads a plan from the ground station of `link`, as [`Upload`] does.

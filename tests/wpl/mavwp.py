@@ -1,4 +1,4 @@
-"""Loads a plan file with pymavlink, prints what it understood, and saves the plan again.
+"""Loads a plan file with pymavlink, prints the loaded items, and saves the plan again.
 
 Usage: mavwp.py mission|fence|rally FILE SAVED
 """
