@@ -1,5 +1,5 @@
-//! Commands that a satellite delays: superseded commands, and duplicates of commands that must be carried out once. L-10 to
-//! L-16, C-12, C-24.
+//! Commands that a satellite delays: superseded commands, and duplicates of commands that must be carried out once.
+//! L-10 to L-16, C-12, C-24.
 
 use crate::support::*;
 use mavstack::config::LinkClass;

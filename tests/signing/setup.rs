@@ -502,8 +502,8 @@ fn firmware_can_set_a_key() {
     assert!(!rig.transmit(1)[0].is_signed());
 }
 
-/// G-11: on an open provisioning wire, an unsigned text tells a station that its key is wrong, at most every ten seconds. Its
-/// frames are still dropped, and SETUP_SIGNING is not delayed. Other links send no hint.
+/// G-11, G-10: on an open provisioning wire, an unsigned text tells a station that its key is wrong, at most every ten seconds.
+/// Its frames are still dropped, and SETUP_SIGNING is not delayed. Other links send no hint.
 #[test]
 fn wrong_key_gets_a_hint() {
     const HINT: &str = "Wrong signing key: set it again on this link";
