@@ -432,7 +432,7 @@ fn any_step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// By command: the client that is owed a final ACK, and its links.
+/// By command: the client that waits for a final ACK, and its links.
 type Promises = BTreeMap<u16, (Address, BTreeSet<usize>)>;
 
 /// Runs the world and asserts that it received exactly `expected`, in any order, apart from progress. With `may_run`,

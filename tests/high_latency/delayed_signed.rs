@@ -268,8 +268,8 @@ fn command_half_a_minute_later_on_another_radio_is_new() {
     }
 }
 
-/// L-16, G-15: after a restart the vehicle's clock is up to a minute ahead, which makes no command older. The time that the
-/// vehicle was told decides; before that, the peers on the radio do.
+/// L-16, G-15: after a restart the vehicle's clock is up to a minute ahead, which makes no command older. The vehicle's own
+/// clock takes precedence; until it is set, peers on the radio provide the time.
 #[test]
 fn reserved_time_makes_no_command_old() {
     let land = |at: u64| sent(RADIO, secs(at), MavCmd::NAV_LAND, 0.0);

@@ -485,7 +485,7 @@ fn new_plan_cancels_running_downloads() {
     assert_downloads(&mut world, 1, &plan(30, 2));
 }
 
-/// M-50, M-52: each clear is acknowledged, the vehicle is told once, and MISSION_CURRENT says that there is no mission.
+/// M-50, M-52: each clear is acknowledged, the vehicle is notified once, and MISSION_CURRENT says that there is no mission.
 #[test]
 fn repeated_clear_is_acknowledged() {
     let mut world = world::<1>();

@@ -276,7 +276,7 @@ fn downloads_over_a_lossy_line_are_whole() {
 /// M-1, M-41, PX4#27132: from any item on, everything is lost in one or both directions. The live plan stays, the vehicle ends
 /// the upload within 8 s, and another client, then the same one, can upload.
 #[test]
-fn dead_line_keeps_the_plan_and_blocks_nobody() {
+fn dead_line_keeps_the_plan_and_blocks_no_client() {
     let mut longest = Duration::ZERO;
     for (up, down) in [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)] {
         for name in CLIENTS {

@@ -414,7 +414,7 @@ fn unsigned_exception_does_not_change_routes() {
     let (first, second) = (companion.unsigned(Version::V2, &tune), companion.unsigned(Version::V2, &tune));
     rig.receive(RADIO, &Signer::new(KEY).of(WINGMAN).frame(&Gcs::heartbeat()));
     assert_eq!(passes(&mut rig, WIRE, &first), [RADIO]);
-    // Anybody near the radio can forge its source.
+    // Any transmitter near the radio can forge its source.
     rig.receive(RADIO, &Signer::new(OTHER_KEY).of(WINGMAN).unsigned(Version::V2, &RadioStatus::default()));
     assert_eq!(rig.vehicle.calls.len(), 2, "it is delivered");
     assert_eq!(passes(&mut rig, WIRE, &second), [RADIO]);

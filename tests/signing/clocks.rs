@@ -55,7 +55,7 @@ fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
 /// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time.
 /// That also holds on an open wire, and in steps of a day. Peers with right clocks are still accepted.
 #[test]
-fn peer_with_a_wrong_clock_locks_nobody_out() {
+fn wrong_clock_of_a_peer_locks_out_no_other() {
     let mut rig = rig();
     tell(&mut rig, NOW);
     for (n, ahead) in [DAY + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {

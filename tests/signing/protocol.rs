@@ -104,7 +104,7 @@ fn seventeenth_stream_is_accepted_after_a_minute() {
     rig.run_for(secs(2));
     late.timestamp = rig.timestamp();
     rig.receive(0, &late.frame(&command()));
-    assert_eq!(rig.vehicle.commands().len(), 17, "nobody is locked out for longer");
+    assert_eq!(rig.vehicle.commands().len(), 17, "no stream is locked out for longer");
     for frame in &recorded {
         rig.receive(1, frame);
     }
