@@ -1,11 +1,8 @@
 //! Manual flight over MAVLink: rules J-1 to J-4 as used by the vehicle.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{STATION, Wire};
 use mavstack::dialect::*;
 use mavstack_demo::{Mode, TELEMETRY, Tuning, Vector};
-use wire::{STATION, Wire};
 
 const POSITION: [f32; 3] = [129.0, 3.0, 0.0];
 const CENTRED: [i16; 4] = [0, 0, 500, 0];

@@ -1,12 +1,10 @@
 //! Jumps, pauses, and commands that set where the mission starts, continues and ends.
 
-mod support;
-
+use crate::support::{Flight, act, jump, waypoint};
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MissionState};
 use mavstack::plan::PlanFault;
 use mavstack::{Item, PlanType, Plans};
 use mavstack_demo::Mode;
-use support::{Flight, act, jump, waypoint};
 
 fn delay(seconds: f32) -> Item {
     act(MavCmd::NAV_DELAY, [seconds, -1.0, -1.0, -1.0])

@@ -1,11 +1,8 @@
 //! Commands as MAVSDK, QGroundControl and MAVProxy send them: their effects, and their refusals.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{NORMAL, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack_demo::{COMPANION, Mode, TELEMETRY, Tuning, Vector};
-use wire::{NORMAL, Wire, command_long};
 
 const NAN: f32 = f32::NAN;
 const HOME: (i32, i32) = (473_977_420, 85_455_940);
@@ -257,7 +254,7 @@ fn flight_termination_is_permanent() {
     assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[0.0]), MavResult::ACCEPTED);
     assert!(wire.vehicle().is_armed());
     for _ in 0..2 {
-        assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::ACCEPTED, "a repetition too (C-11)");
+        assert_eq!(wire.long(MavCmd::DO_FLIGHTTERMINATION, &[1.0]), MavResult::ACCEPTED, "a retransmission too (C-11)");
     }
     wire.run(4_000);
     assert!(wire.vehicle().is_landed() && !wire.vehicle().is_armed());
@@ -365,7 +362,11 @@ fn calibration_reports_progress() {
     let gyro = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::IN_PROGRESS);
     let began = wire.millis;
-    assert_eq!(wire.long(CALIBRATE, &[0.0, 1.0, 0.0, 0.0, 0.0]), MavResult::TEMPORARILY_REJECTED, "another one");
+    assert_eq!(
+        wire.long(CALIBRATE, &[0.0, 1.0, 0.0, 0.0, 0.0]),
+        MavResult::TEMPORARILY_REJECTED,
+        "another calibration"
+    );
     for force in [0.0, 21_196.0] {
         assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0, force]), MavResult::TEMPORARILY_REJECTED);
     }
@@ -378,7 +379,7 @@ fn calibration_reports_progress() {
     assert!(progress.iter().all(|(_, ack)| ack.result == MavResult::IN_PROGRESS && ack.progress <= 100));
     assert!(progress.is_sorted_by_key(|(_, ack)| ack.progress) && progress.last().unwrap().1.progress > 90);
     assert!(progress.windows(2).all(|pair| pair[1].0 - pair[0].0 <= 1_000));
-    assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::ACCEPTED, "a lost answer is repeated (C-24)");
+    assert_eq!(wire.long(CALIBRATE, &gyro), MavResult::ACCEPTED, "a lost answer is sent again (C-24)");
     wire.run(4_000);
     for params in [[2.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 3.0]] {
         assert_eq!(wire.long(CALIBRATE, &params), MavResult::DENIED, "{params:?}");
@@ -420,7 +421,7 @@ fn reboot_is_acknowledged_first() {
     assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED);
     assert!(!wire.app.wants_reboot(), "the last bytes may still be in the UART");
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::TEMPORARILY_REJECTED);
-    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED, "a repetition (C-11)");
+    assert_eq!(wire.long(REBOOT, &[1.0]), MavResult::ACCEPTED, "a retransmission (C-11)");
     wire.run(60);
     assert!(wire.app.wants_reboot());
 

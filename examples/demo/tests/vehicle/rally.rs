@@ -1,11 +1,9 @@
 //! Return destinations: home and rally points.
 
-mod support;
-
+use crate::support::{Flight, act, at, waypoint};
 use mavstack::dialect::MavCmd;
 use mavstack::{Item, PlanType};
 use mavstack_demo::Mode;
-use support::{Flight, act, at, waypoint};
 
 fn rally(north: f32, east: f32, z: f32) -> Item {
     at(MavCmd::NAV_RALLY_POINT, [0.0; 4], north, east, z)

@@ -1,12 +1,10 @@
 //! Basic flight of the demo vehicle in simulated time.
 
-mod support;
-
+use crate::support::{Flight, HOME, command, waypoint};
 use mavstack::command::CommandPosition;
 use mavstack::dialect::{MavCmd, MavFrame, MavModeFlag, MavResult, MavState};
 use mavstack::{Command, Vehicle};
 use mavstack_demo::Mode;
-use support::{Flight, HOME, command, waypoint};
 
 #[test]
 fn arming_needs_a_gps_fix() {
@@ -23,7 +21,7 @@ fn arming_needs_a_gps_fix() {
         assert_eq!(
             flight.command(MavCmd::COMPONENT_ARM_DISARM, &[1.0]),
             MavResult::ACCEPTED,
-            "a repetition too (C-11)"
+            "a retransmission too (C-11)"
         );
     }
     let state = flight.vehicle.state().unwrap();

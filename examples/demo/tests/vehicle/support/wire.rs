@@ -1,7 +1,5 @@
 //! The vehicle with its stack, and peers at the other ends of its links.
 
-#![allow(dead_code, reason = "each test file uses its part of it")]
-
 use std::collections::VecDeque;
 use std::convert::Infallible;
 

@@ -1,14 +1,11 @@
 //! The satellite link: HIGH_LATENCY2 on command and automatically, its content and cost, and the limits for commands that
 //! arrive there.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{NORMAL, Received, STATION, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack::param::ParamType;
 use mavstack::{Message, Param};
 use mavstack_demo::{Mode, SATELLITE, TELEMETRY, Tuning};
-use wire::{NORMAL, Received, STATION, Wire, command_long};
 
 const START: &[f32] = &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 const STOP: &[f32] = &[0.0; 7];

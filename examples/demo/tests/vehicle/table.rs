@@ -1,7 +1,6 @@
 //! Which mission items the vehicle accepts: each item goes through a complete upload.
 
-mod support;
-
+use crate::support::{act, at, jump, waypoint};
 use mavstack::dialect::{
     Common, MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionAck, MissionCount, MissionItemInt,
     MissionRequestInt,
@@ -10,7 +9,6 @@ use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
 use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse};
 use mavstack_demo::{Quadrotor, Tuning};
-use support::{act, at, jump, waypoint};
 
 mavstack::stack! {
     struct Mavlink for Quadrotor {

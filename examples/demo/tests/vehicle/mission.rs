@@ -1,11 +1,9 @@
 //! Missions in simulated time: legs, their order, and the items executed on the way.
 
-mod support;
-
+use crate::support::{Flight, act, at, waypoint};
 use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState};
 use mavstack::{Item, Plans};
 use mavstack_demo::Mode;
-use support::{Flight, act, at, waypoint};
 
 const NAN: f32 = f32::NAN;
 

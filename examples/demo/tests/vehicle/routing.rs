@@ -1,13 +1,10 @@
 //! Forwarding between a ground station on the radio, a companion computer of the same system, and the satellite link.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{STATION, Wire};
 use mavstack::dialect::*;
 use mavstack::frame::{Version, encode};
 use mavstack::{Address, LinkId, Message, Text};
 use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
-use wire::{STATION, Wire};
 
 /// The companion computer.
 const ONBOARD: Address = Address::new(1, 191);

@@ -1,8 +1,6 @@
 //! A reboot on command: no accepted change is lost.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::Wire;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
@@ -10,7 +8,6 @@ use mavstack::Instant;
 use mavstack::dialect::*;
 use mavstack::storage::Store;
 use mavstack_demo::{Mavlink, TELEMETRY, Tuning};
-use wire::Wire;
 
 struct RamFlash(Vec<u8>);
 

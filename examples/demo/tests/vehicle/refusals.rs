@@ -1,12 +1,9 @@
 //! Every refusal sends a text with the reason, whether the stack, the vehicle or a service refuses (C-4, C-31, C-32). Also
 //! covers automatic disarming.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{Wire, command_long};
 use mavstack::dialect::*;
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
-use wire::{Wire, command_long};
 
 const NAN: f32 = f32::NAN;
 

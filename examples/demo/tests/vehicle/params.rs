@@ -1,15 +1,11 @@
 //! The demo vehicle's parameters: each one affects its behaviour.
 
-mod support;
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::Wire;
+use crate::support::{Flight, HOME, waypoint};
 use mavstack::dialect::*;
 use mavstack::param::{ParamTable, ParamType};
 use mavstack::{Param, Vehicle};
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
-use support::{Flight, HOME, waypoint};
-use wire::Wire;
 
 fn set<T: ParamType>(flight: &mut Flight, param: Param<Tuning, T>, value: T) {
     assert!(flight.stack.parameters_mut().set(param, value), "out of range");
@@ -138,7 +134,7 @@ fn a_return_follows_the_parameters() {
     let fly = |tune: &dyn Fn(&mut Flight)| {
         let mut flight = airborne(|_| ());
         tune(&mut flight);
-        let rally = support::at(MavCmd::NAV_RALLY_POINT, [0.0; 4], 30.0, 0.0, 5.0);
+        let rally = crate::support::at(MavCmd::NAV_RALLY_POINT, [0.0; 4], 30.0, 0.0, 5.0);
         flight.change(mavstack::PlanType::Rally, &[rally], 0).unwrap();
         flight.upload(&[waypoint(40.0, 0.0)]);
         flight.start(None, None);

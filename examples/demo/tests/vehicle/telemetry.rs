@@ -1,10 +1,8 @@
 //! Telemetry during a flight: the messages agree with the vehicle and with each other.
 
-#[path = "support/wire.rs"]
-mod wire;
-
 use std::collections::BTreeMap;
 
+use crate::support::wire::Line;
 use mavstack::command::CommandPosition;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
@@ -12,7 +10,6 @@ use mavstack::frame::Decoder;
 use mavstack::message::Dialect;
 use mavstack::{Address, Command, Commands, Duration, Instant, LinkId, Message, Peer};
 use mavstack_demo::{App, COMPANION, Mavlink, SATELLITE, TELEMETRY, Tuning};
-use wire::Line;
 
 const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
 

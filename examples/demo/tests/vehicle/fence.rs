@@ -1,12 +1,10 @@
 //! Fences: where the vehicle stops, and how it may continue.
 
-mod support;
-
+use crate::support::{Flight, act, at, waypoint};
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MissionState};
 use mavstack::plan::PlanFault;
 use mavstack::{Item, PlanType};
 use mavstack_demo::Mode;
-use support::{Flight, act, at, waypoint};
 
 /// An area of a fence, in metres from home.
 #[derive(Clone, Debug)]

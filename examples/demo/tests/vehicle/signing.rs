@@ -1,15 +1,12 @@
 //! The signing key of the demo vehicle: how it is set, and which frames are accepted then.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::{Received, STATION, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, encode_signed};
 use mavstack::message::{Dialect, Secret};
 use mavstack::signing::SigningKey;
 use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{COMPANION, SATELLITE, TELEMETRY};
-use wire::{Received, STATION, Wire, command_long};
 
 const SECRET: [u8; 32] = [0x42; 32];
 /// A time in 2025, in units of 10 µs.

@@ -1,11 +1,8 @@
 //! Flight modes over MAVLink: set by number, set as standard modes, and reported.
 
-#[path = "support/wire.rs"]
-mod wire;
-
+use crate::support::wire::Wire;
 use mavstack::dialect::*;
 use mavstack_demo::{Mode, TELEMETRY, Tuning};
-use wire::Wire;
 
 const NAN: f32 = f32::NAN;
 const SET: MavCmd = MavCmd::DO_SET_MODE;

@@ -1,6 +1,6 @@
 //! The demo vehicle in simulated time, driven through its hooks, without a stack.
 
-#![allow(dead_code, reason = "each test file uses its part of it")]
+pub mod wire;
 
 use mavstack::command::CommandPosition;
 use mavstack::config::LinkClass;
@@ -23,7 +23,7 @@ pub const STATION: Peer = Peer { address: Address::new(255, 190), link: LINK };
 pub const HOME: (i32, i32) = (473_977_420, 85_455_940);
 
 mavstack::stack! {
-    /// What the vehicle flies with here: its plans, its parameters, and a perfect line.
+    /// The declaration of the test vehicle: plans, parameters, and a lossless link.
     pub struct Bench for Quadrotor {
         links: 1,
         plans: { mission: 100, fence: 100, rally: 10 },

@@ -1,0 +1,20 @@
+//! The demo vehicle: flights through its hooks without a stack, and over simulated links.
+
+mod support;
+
+mod commands;
+mod fence;
+mod flight;
+mod manual;
+mod mission;
+mod modes;
+mod params;
+mod progress;
+mod rally;
+mod reboot;
+mod refusals;
+mod routing;
+mod satellite;
+mod signing;
+mod table;
+mod telemetry;
