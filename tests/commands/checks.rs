@@ -60,6 +60,7 @@ fn form_is_checked() {
 }
 
 /// C-7: a command with a position must have a frame that the vehicle supports; without a position the frame is ignored.
+#[test]
 fn frame_is_checked_where_there_is_a_position() {
     let mut world = world();
     for frame in 0..=30 {

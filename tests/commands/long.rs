@@ -120,6 +120,7 @@ fn immediate_end_is_still_two_answers_in_order() {
 
 /// C-21: a retransmission of a running command gets the progress; another form, sender or parameter is TEMPORARILY_REJECTED.
 /// Nothing starts twice.
+#[test]
 fn running_command_rejects_other_requests() {
     let mut world = world::<2>();
     send(&mut world, 0, CALIBRATE, PARAMS, 0);
@@ -169,6 +170,7 @@ fn final_ack_is_sent_on_every_link_that_carried_the_command() {
 
 /// C-22: without a free slot a command does not start and can be sent again. A slot is free three seconds after its command
 /// ended (C-24).
+#[test]
 fn command_without_free_slot_is_rejected() {
     let mut world = world::<1>();
     let commands = [241, 242, 243, 252].map(MavCmd);
@@ -194,6 +196,7 @@ fn command_without_free_slot_is_rejected() {
 }
 
 /// C-23: whoever cancels, the sender of the command gets CANCELLED on its own link. COMMAND_CANCEL needs an exact target.
+#[test]
 fn running_command_can_be_cancelled() {
     let mut world = world::<2>();
     let cancel = CommandCancel { command: CALIBRATE, target_system: 1, target_component: 1 };

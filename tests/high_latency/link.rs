@@ -214,6 +214,7 @@ fn busy_modem_gets_its_message_later() {
 
 /// L-21: a message carries means and extremes since the previous one, and the last value of other fields. Then they start
 /// again.
+#[test]
 fn each_message_covers_the_time_since_the_previous_one() {
     let mut world = world(CONFIG);
     control(&mut world, TELEM, 1.0);
