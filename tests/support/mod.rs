@@ -1,14 +1,14 @@
 //! Code shared by the protocol tests: a vehicle and its ground stations in simulated time, connected by unreliable lines.
 //!
-//! - [`SimSerial`]: a serial line whose two ends implement embedded-io. It loses, flips and duplicates bytes or frames, stalls,
-//! and   transfers a few bytes at a time. All faults are drawn from a seed.
+//! - [`SimSerial`]: a serial line whose two ends implement embedded-io. It loses, flips and duplicates bytes or frames, stalls, and
+//!   transfers a few bytes at a time. All faults are drawn from a seed.
 //! - [`Tested`]: the declaration of a stack, composed of types: `World::<1, Tested<plan_memory!(mission: 9)>>`.
-//! - [`TestVehicle`]: implements the stack's traits, records every call, and returns configured answers. [`pilot`] is a vehicle
-//! with   flight modes.
+//! - [`TestVehicle`]: implements the stack's traits, records every call, and returns configured answers. [`pilot`] is a vehicle with
+//!   flight modes.
 //! - [`Gcs`]: the far end of a line. It sends any message from any address, and stores received frames with their times.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
-//! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a
-//! reference   decoder to compare with.
+//! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
+//!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
 //! - [`World`]: one stack with its lines and ground stations, in steps of a millisecond.
 //!
@@ -22,8 +22,8 @@
 //! assert_eq!(ack.result, MavResult::ACCEPTED);
 //! ```
 //!
-//! Everything is deterministic: there are no clocks, no threads and no randomness without a seed. Lines panic instead of
-//! blocking, so every test also proves that the stack never blocks.
+//! Everything is deterministic: there are no clocks, no threads and no randomness without a seed. Lines panic instead of blocking,
+//! so every test also proves that the stack never blocks.
 
 #![allow(dead_code, unused_imports, reason = "each test binary uses its own part")]
 
@@ -87,8 +87,7 @@ pub const fn secs(n: u64) -> Duration {
     Duration::from_secs(n)
 }
 
-/// Returns a configuration with `count` cases per property, the same in every run. The environment variables `PROPTEST_CASES`
-/// and
+/// Returns a configuration with `count` cases per property, the same in every run. The environment variables `PROPTEST_CASES` and
 /// `PROPTEST_RNG_SEED` select more or other cases.
 pub fn cases(count: u32) -> Config {
     let default = Config::default();
