@@ -67,12 +67,6 @@ pub struct PlanView<'a> {
 impl<'a> PlanView<'a> {
     pub(crate) const EMPTY: Self = Self { items: &[], id: 0 };
 
-    /// A plan for the tests of the storage.
-    #[cfg(all(test, feature = "storage"))]
-    pub(crate) const fn of(items: &'a [Item], id: u32) -> Self {
-        Self { items, id }
-    }
-
     /// Returns the items, in order.
     pub const fn items(&self) -> &'a [Item] {
         self.items
