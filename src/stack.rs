@@ -442,7 +442,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
         let mut deadline = peers.min(self.services.deadline());
         for (link, state) in self.links.iter().zip(&self.states) {
-            let due = self.services.tx_deadline(&view, &link.port, state);
+            let due = self.services.due(&view, &link.port, state);
             deadline = deadline.min(link.decoder.deadline()).min(due);
         }
         deadline.max(now)

@@ -8,6 +8,9 @@ use crate::time::Instant;
 /// How busy a link is, or may be for a turn to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Pace {
+    /// However busy the link is. `next_deadline` waits for it even if the transport accepts no bytes: the transport may be
+    /// ready by then, even if no other wake-up reports it.
+    Stalled,
     /// However busy the link is.
     AtOnce,
     /// The link can send all queued bytes within 20 ms.

@@ -13,12 +13,12 @@ macro_rules! turns {
     ($callback:ident) => {
         $crate::service::turns! {
             $callback:
-            Heartbeat heartbeat AtOnce Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
+            Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
             CommandAck command AtOnce Every "COMMAND_ACK" "at once; IN_PROGRESS while the link has room";
             MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
             Time time AtOnce Normal "PING, TIMESYNC" "at once: they measure time";
-            HighLatency high_latency AtOnce HighLatency "HIGH_LATENCY2" "at once";
+            HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";

@@ -3,7 +3,7 @@
 
 use super::Declares;
 use crate::dialect::MavProtocolCapability;
-use crate::link::{Pace, Port};
+use crate::link::{Pace, Port, Transport};
 use crate::service::command::CommandService;
 #[cfg(test)]
 use crate::service::example::Tunes;
@@ -167,19 +167,27 @@ macro_rules! send {
                 ))*
             }
 
-            /// Returns when the next frame is due on the link, if its transport accepts bytes.
+            /// Returns when something is to be sent on the link, as far as its transport accepts bytes.
             pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
+                let is_stalled = match port.transport {
+                    // The rest of a frame waits for the next poll's budget.
+                    Transport::Ready if !port.outbox.is_empty() => return view.now,
+                    // The transport must become ready first, which the stack cannot observe.
+                    Transport::Full | Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
+                    transport => transport == Transport::Full,
+                };
                 let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
                 let mut due = Instant::NEVER;
-                $(if Turn::$turn.is_on(class) {
+                $(if Turn::$turn.is_on(class) && (!is_stalled || Turn::$turn.pace() == Pace::Stalled) {
                     let at = Service::<D>::due(&self.$service, view, port, &state.$service, Turn::$turn);
                     due = due.min(at.max(match Turn::$turn.pace() {
-                        Pace::AtOnce => Instant::ZERO,
+                        Pace::Stalled | Pace::AtOnce => Instant::ZERO,
                         Pace::Room => ready_at,
                         Pace::Idle => idle_at,
                     }));
                 })*
-                due
+                // What is due already waits for the transport.
+                if is_stalled && due <= view.now { Instant::NEVER } else { due }
             }
         }
     };
