@@ -141,7 +141,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         shared.config = config;
         let identity = &mut shared.config.identity;
         identity.capabilities |= Services::<D>::CAPABILITIES;
-        shared.has_modes = D::HAS_MODES;
         for ((id, link), config) in (0..).map(LinkId).zip(&mut self.links).zip(&links) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);
@@ -295,8 +294,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         // One buffer at a time. More than two passes are only needed if the bytes exceed a buffer.
         loop {
             let rest = bytes.get(taken..).unwrap_or_default();
-            let Some(state) = self.link_mut(link) else { return 0 };
-            let len = if rest.is_empty() { 0 } else { state.decoder.push(rest, now) };
+            let Some(Link { decoder, .. }) = self.link_mut(link) else { return 0 };
+            let len = if rest.is_empty() { 0 } else { decoder.push(rest, now) };
             taken = taken.saturating_add(len);
             // Also without room: the bytes that fill the buffer wait for this call's budget.
             self.handle_received(now, link, 0, vehicle, &mut allowance);

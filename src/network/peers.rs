@@ -126,7 +126,7 @@ pub(crate) struct Reception {
 }
 
 /// Records a frame with a correct checksum in the peer table. `own` is the vehicle's system.
-pub(crate) fn on_frame(
+pub(crate) fn record(
     peers: &mut Peers,
     by: Reception,
     own: SystemId,
@@ -193,7 +193,7 @@ pub(crate) fn on_frame(
 
 /// Records a frame with an unknown id, whose checksum could not be verified. It is trusted only if it has the expected
 /// sequence number: then it does not count as lost (S-16).
-pub(crate) fn on_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
+pub(crate) fn record_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
     if let Some(info) = peers.iter_mut().find(|info| info.peer == peer && info.seq == seq) {
         info.seq = seq.wrapping_add(1);
     }

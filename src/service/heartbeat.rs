@@ -3,7 +3,7 @@
 //! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7 and H-16. The states are drawn at
 //! [`Pulse`](crate::Pulse).
 
-use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
+use super::{Cx, Handled, RETRY, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{Heartbeat, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
@@ -42,6 +42,11 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         cx.shared.is_beating(cx.now);
         let state = cx.vehicle.state();
         self.notice(cx, state);
+    }
+
+    /// The peer table has recorded the heartbeat before.
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, _: &mut Schedule, received: &Received<'_>) -> Handled {
+        if received.frame.id() == Heartbeat::ID { Handled::Yes } else { Handled::No }
     }
 
     /// Handles requests for HEARTBEAT. A requested heartbeat is sent like one that reports a change. The request is
@@ -110,7 +115,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
             custom_mode: state.custom_mode,
             r#type: config.r#type,
             autopilot: config.autopilot,
-            base_mode: state.flags(cx.shared.has_modes),
+            base_mode: state.flags(F::HAS_MODES),
             system_status: state.system_status,
             mavlink_version: MAVLINK_VERSION,
         })

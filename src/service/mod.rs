@@ -35,10 +35,10 @@ pub(crate) use turn::TABLE;
 pub use turn::Turn;
 pub(crate) use turn::turns;
 
-use crate::dialect::{MavProtocolCapability, MavResult, MavSeverity};
+use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, Text};
+use crate::message::{Address, ComponentId, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
@@ -81,6 +81,20 @@ pub trait Service<F: Firmware> {
     /// Returns when [`poll`](Self::poll) has something to do.
     fn deadline(&self) -> Instant {
         Instant::NEVER
+    }
+
+    /// Whether the service also handles a message with this id that is addressed to this other component of our system.
+    fn handles_for(component: ComponentId, id: u32) -> bool {
+        let _ = (component, id);
+        false
+    }
+
+    /// Returns the command in a frame that is addressed to us or to all, if the service handles its message as a
+    /// command. The command is admitted, executed and answered like all others, and
+    /// [`on_frame`](Self::on_frame) is not called.
+    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+        let _ = (port, received);
+        None
     }
 
     /// Handles a frame that is addressed to us or to all, if the service handles its message.
@@ -172,8 +186,6 @@ pub struct Shared {
     pub(crate) requests: Requests,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
-    /// Whether CURRENT_MODE is sent.
-    pub(crate) has_modes: bool,
 }
 
 impl Shared {
@@ -185,7 +197,6 @@ impl Shared {
         flight: Flight::new(),
         requests: Requests::NONE,
         has_acted: false,
-        has_modes: false,
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).
@@ -274,13 +285,22 @@ pub enum Handled {
     OutOfPlace,
 }
 
-/// A command that was admitted and is to be executed.
+/// A received command.
 #[derive(Debug)]
 pub struct Request {
     pub(crate) command: Command,
+    /// The id in the answer.
+    pub(crate) answer_as: MavCmd,
     /// SET_MODE.custom_mode, if the command was received as SET_MODE: a parameter cannot hold every number.
     pub(crate) set_mode: Option<u32>,
+    /// Set by the stack.
     pub(crate) signed_at: SignedAt,
+}
+
+impl From<Command> for Request {
+    fn from(command: Command) -> Self {
+        Self { answer_as: command.id, command, set_mode: None, signed_at: None }
+    }
 }
 
 /// The answer to a command.

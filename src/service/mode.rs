@@ -8,7 +8,7 @@
 //! High-latency links get nothing but answers. Links that send MAVLink 1 get none of these messages, because MAVLink 1
 //! has no room for their ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent on request.
 
-use super::{Cx, Request, Service, Turn, Verdict, View};
+use super::{Cx, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
     MavStandardMode, SetMode,
@@ -192,13 +192,12 @@ pub trait Modes: Vehicle {
 }
 
 /// The command id in the answer to SET_MODE (C-32). No command has this id.
-pub(crate) const SET_MODE: MavCmd = MavCmd(11);
+const SET_MODE: MavCmd = MavCmd(11);
 const _: () = assert!(SetMode::ID == 11);
 
-/// Converts a SET_MODE to a command, except its number, which a parameter cannot always hold. [`on_command`] gets the
-/// number separately.
-pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
-    Command {
+/// Converts a SET_MODE to a command. A parameter cannot always hold its number, so that stands beside it.
+fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
+    let command = Command {
         id: MavCmd::DO_SET_MODE,
         params: [f32::from(message.base_mode.0), num::f32_from_u32(message.custom_mode), 0.0, 0.0],
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
@@ -208,7 +207,8 @@ pub(crate) fn from_set_mode(message: &SetMode, origin: Origin) -> Command {
         age: origin.age,
         is_broadcast: message.target_system == 0,
         confirmation: 0,
-    }
+    };
+    Request { answer_as: SET_MODE, set_mode: Some(message.custom_mode), ..Request::from(command) }
 }
 
 /// The state of the service on a link.
@@ -263,6 +263,11 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
         event!("mode {=u32}", self.mode);
     }
 
+    /// SET_MODE.
+    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+        received.frame.decode::<SetMode>().map(|message| from_set_mode(&message, received.origin(port)))
+    }
+
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -270,7 +275,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
         link: &mut ModeLink,
         request: &Request,
     ) -> Option<Verdict> {
-        on_command(cx, port, link, request)
+        handle_command(cx, port, link, request)
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ModeLink, turn: Turn) -> bool {
@@ -295,7 +300,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
 
 /// Handles a command about modes; `None` for all others.
 #[inline(never)]
-fn on_command<F: Firmware<Vehicle: Modes>>(
+fn handle_command<F: Firmware<Vehicle: Modes>>(
     cx: &mut Cx<'_, F>,
     port: &Port,
     link: &mut ModeLink,

@@ -1,6 +1,7 @@
 //! The firmware's view of commands.
 
 use super::{Declares, Stack};
+use crate::service::command::CommandService;
 use crate::types::LinkId;
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
@@ -14,6 +15,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn has_answered(&self, link: LinkId) -> bool {
         let index = usize::from(link.0);
         let link = self.links.get(index).zip(self.states.get(index));
-        link.is_none_or(|(link, state)| state.command.acks.is_empty() && link.port.outbox.is_empty())
+        link.is_none_or(|(link, state)| {
+            CommandService::<D::Commands>::has_answered(&state.command) && link.port.outbox.is_empty()
+        })
     }
 }

@@ -34,8 +34,6 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Forwarding: Service<Self> + ForwardingGate<Self>;
     type Records: Persistent<Self>;
     type Storage: StorageMemory;
-    /// Whether `modes` is declared.
-    const HAS_MODES: bool;
     /// Fails to compile if the declaration is invalid.
     const CHECKED: ();
 }
@@ -219,6 +217,7 @@ macro_rules! stack {
             type Vehicle = $vehicle;
             type Plans = $crate::__declared!(plans $($entries)*,);
             type Parameters = $crate::__declared!(parameters $($entries)*,);
+            const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
         }
 
         impl $crate::__private::Declares for $name {
@@ -236,7 +235,6 @@ macro_rules! stack {
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
             type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
-            const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const CHECKED: () = {
                 $crate::__declared!(check_modes [$vehicle] $($entries)*,);
                 $crate::__declared!(check_streams [$vehicle] [Self] $($entries)*,);
@@ -296,7 +294,7 @@ macro_rules! __declared {
     (check_streams [$vehicle:ty] [$stack:ty] streams, $($rest:tt)*) => {
         $crate::Stream::check(
             <$vehicle as $crate::Telemetry>::STREAMS,
-            <$stack as $crate::__private::Declares>::HAS_MODES,
+            <$stack as $crate::__private::Firmware>::HAS_MODES,
         );
     };
     (check_streams [$vehicle:ty] [$stack:ty]) => {};

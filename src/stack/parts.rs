@@ -1,10 +1,8 @@
 //! The methods of single services. Each exists only if its service is declared.
 
-use super::services::States;
 use super::{Declares, Stack};
 use crate::message::Message;
 use crate::network::ForwardCounters;
-use crate::service::Service;
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
@@ -12,7 +10,7 @@ use crate::service::manual_control::ManualInput;
 use crate::service::param::ParamTable;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
-use crate::service::stream::{Slot, Stream, StreamLink, StreamService, Telemetry};
+use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
 use crate::types::LinkId;
 
@@ -114,8 +112,8 @@ where
     D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
 {
     /// Sends message `M` once on every normal link, whatever its interval there: for content that has changed and must
-    /// not wait for its turn, such as HOME_POSITION when home is set (O-6). It is filled when the link has room, and
-    /// left out if the vehicle cannot [fill](Telemetry::fill) it then. A message that is announced again before that is
+    /// not wait for its turn, such as HOME_POSITION when home is set (O-6). The next [`poll`](Self::poll) takes it up. It
+    /// is filled when the link has room, and left out if the vehicle cannot [fill](Telemetry::fill) it then. A message that is announced again before that is
     /// sent once.
     ///
     /// `M` must be one of the vehicle's [`STREAMS`](Telemetry::STREAMS); otherwise this does not compile:
@@ -141,20 +139,6 @@ where
     /// }
     /// ```
     pub fn announce<M: Message>(&mut self) {
-        let number = const { Stream::number_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
-        for (link, state) in self.links.iter().zip(&mut self.states) {
-            if !link.port.config.class.is_high_latency() {
-                ask(state, number);
-            }
-        }
+        self.shared.requests.announce(const { Stream::number_of::<M>(<D::Vehicle as Telemetry>::STREAMS) });
     }
-}
-
-fn ask<D, const N: usize>(state: &mut States<D>, number: u8)
-where
-    D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
-{
-    let link: &mut <StreamService<N> as Service<D>>::Link = &mut state.stream;
-    let link: &mut StreamLink<[Slot; N]> = link;
-    link.ask(number);
 }

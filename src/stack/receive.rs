@@ -2,15 +2,15 @@
 
 use super::services::{Services, States};
 use super::{Declares, report};
-use crate::dialect::{CommandCancel, CommandInt, CommandLong, Heartbeat, MavComponent, MavSeverity, SetMode};
+use crate::dialect::MavSeverity;
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
-use crate::message::{Address, Message, Text};
+use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
-use crate::service::mission::Missions;
-use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, Verdict, command, count, mode};
+use crate::service::command::CommandService;
+use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, count};
 use crate::time::Instant;
-use crate::types::{Allowance, Context, MAX_TEXT_LEN, Origin, Peer, Refusal, Values, Vehicle, Why};
+use crate::types::{Allowance, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -37,7 +37,7 @@ impl<D: Declares> Services<D> {
             allowance.spend(copied);
             if is_served
                 && let Some(target) = filter(cx, port, frame)
-                && !self.command(cx, port, state, frame)
+                && !self.command(cx, port, state, frame, target)
             {
                 self.serve(cx, port, state, frame, target);
             }
@@ -86,7 +86,7 @@ impl<D: Declares> Services<D> {
         }
         if !frame.is_checked() {
             count(&mut port.counters.unknown);
-            network::on_unchecked(cx.peers, from, frame.header().seq);
+            network::record_unchecked(cx.peers, from, frame.header().seq);
             return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
         if passage == Passage::Again && !network::is_heard(cx.peers, from) {
@@ -96,7 +96,7 @@ impl<D: Declares> Services<D> {
         port.heard(frame.header().version);
         let is_verified = self.signing.knows_sender(port, frame);
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
-        let booking = network::on_frame(cx.peers, by, own.system, frame, report!(cx));
+        let booking = network::record(cx.peers, by, own.system, frame, report!(cx));
         match booking {
             Booking::Evicted => count(&mut port.counters.evicted_peers),
             Booking::NoRoom => count(&mut port.counters.no_peer_slot),
@@ -119,15 +119,8 @@ impl<D: Declares> Services<D> {
         frame: &Frame<'_>,
         target: Address,
     ) {
-        let from = Peer { address: frame.source(), link: port.id };
-        let received = Received { frame, from, target, age: self.signing.age(cx.now, frame) };
-        let id = frame.id();
-        let handled = match id {
-            Heartbeat::ID => Handled::Yes,
-            _ if port.config.class.is_high_latency() && id != CommandCancel::ID => Handled::OutOfPlace,
-            _ => self.on_frame(cx, port, state, &received),
-        };
-        match handled {
+        let received = self.received(cx.now, port, frame, target);
+        match self.on_frame(cx, port, state, &received) {
             Handled::Yes => {}
             Handled::NoRoom => count(&mut port.counters.no_answer_slot),
             Handled::OutOfPlace => count(&mut port.counters.out_of_place),
@@ -143,84 +136,58 @@ impl<D: Declares> Services<D> {
         }
     }
 
-    /// Returns the command of a COMMAND_LONG or COMMAND_INT, or of a SET_MODE if that is handled as a command. Not
-    /// inlined: the message is no longer needed when the command is executed.
+    /// Returns the frame as the services get it.
+    fn received<'a>(&self, now: Instant, port: &Port, frame: &'a Frame<'a>, target: Address) -> Received<'a> {
+        let from = Peer { address: frame.source(), link: port.id };
+        Received { frame, from, target, age: self.signing.age(now, frame) }
+    }
+
+    /// Returns the command in a frame. Not inlined: the message is no longer needed when the command is executed.
     #[inline(never)]
-    fn request_of(&self, now: Instant, port: &Port, frame: &Frame<'_>, has_set_mode: bool) -> Option<Request> {
-        let origin = || Origin {
-            from: Peer { address: frame.source(), link: port.id },
-            class: port.config.class,
-            age: self.signing.age(now, frame),
-        };
-        let request = |command| Request { command, set_mode: None, signed_at: self.signing.signed_at(frame) };
-        if let Some(message) = frame.decode::<CommandLong>() {
-            return Some(request(command::from_long(&message, origin())));
-        }
-        if let Some(message) = frame.decode::<CommandInt>() {
-            return Some(request(command::from_int(&message, origin())));
-        }
-        let message = frame.decode::<SetMode>().filter(|_| has_set_mode)?;
-        let set_mode = Some(message.custom_mode);
-        Some(Request { set_mode, ..request(mode::from_set_mode(&message, origin())) })
+    fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
+        let request = Self::command_in(port, &self.received(now, port, frame, target))?;
+        Some(Request { signed_at: self.signing.signed_at(frame), ..request })
     }
 
     /// Executes the command in a frame, and queues its answer. Returns false if the frame contains no command.
     #[inline(never)]
-    fn command(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, frame: &Frame<'_>) -> bool {
-        let has_set_mode = D::HAS_MODES && !port.config.class.is_high_latency();
-        let request = self.request_of(cx.now, port, frame, has_set_mode);
+    fn command(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        port: &mut Port,
+        state: &mut States<D>,
+        frame: &Frame<'_>,
+        target: Address,
+    ) -> bool {
+        let request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
         let Some(request) = &request else { return false };
-        let id = if request.set_mode.is_some() { mode::SET_MODE } else { request.command.id };
-        if state.command.acks.is_full() {
-            count(&mut port.counters.no_answer_slot);
-            return true;
-        }
-        let mut verdict = self.command.admit(cx, id, request);
-        let is_admitted = verdict.is_none();
-        if is_admitted {
-            verdict = self.on_command(cx, port, state, request);
-        }
-        let outcome = match verdict {
-            None => self.command.execute(cx, &request.command),
-            Some(Verdict::Done(outcome)) => outcome,
-            Some(Verdict::Refused(refusal)) => {
-                explain(cx, port, state, request, refusal);
-                refusal.result.into()
+        if CommandService::<D::Commands>::has_room(port, &state.command) {
+            let mut verdict = self.command.admit(cx, request);
+            let is_admitted = verdict.is_none();
+            if is_admitted {
+                verdict = self.on_command(cx, port, state, request);
             }
-        };
-        if is_admitted {
-            self.command.settle(cx, request, outcome);
+            self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
         }
-        state.command.acks.push(request.command.from.address, id, outcome);
         true
     }
 }
 
-/// Explains a refusal by a text on the sender's link.
-#[inline(never)]
-fn explain<D: Declares>(cx: &mut Cx<'_, D>, port: &Port, state: &mut States<D>, request: &Request, refusal: Refusal) {
-    let own = cx.shared.config.address.get().system;
-    let link = &mut state.command;
-    match refusal.why {
-        Why::Mode(number, fault) if D::HAS_MODES => {
-            command::explain_mode(cx.now, port, link, cx.texts, number, fault);
-        }
-        _ => command::explain(cx.now, own, port, link, cx.texts, &request.command, refusal),
-    }
-}
-
-/// Returns the address to which the frame is sent, if it is ours or everybody's.
+/// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message.
 #[inline(never)]
 fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
     let target = network::target_of(frame);
-    // Old ground stations address plans to component 190 (M-10).
     let is_our_component = target.component.0 == 0
         || target.component == own.component
-        || (Missions::handles(frame.id()) && target.component.0 == MavComponent::MISSIONPLANNER.0);
+        || Services::<D>::handles_for(target.component, frame.id());
     if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
         count(&mut port.counters.not_ours);
+        return None;
+    }
+    if !port.config.class.may_handle(frame.id()) {
+        count(&mut port.counters.out_of_place);
         return None;
     }
     Some(target)

@@ -4,6 +4,7 @@
 use super::Declares;
 use crate::dialect::MavProtocolCapability;
 use crate::link::{Pace, Port, Transport};
+use crate::message::ComponentId;
 use crate::service::command::CommandService;
 #[cfg(test)]
 use crate::service::example::Tunes;
@@ -54,6 +55,20 @@ macro_rules! define {
 
             pub(crate) fn deadline(&self) -> Instant {
                 Instant::NEVER$(.min(Service::<D>::deadline(&self.$name)))*
+            }
+
+            pub(crate) fn handles_for(component: ComponentId, id: u32) -> bool {
+                false$(|| <$service as Service<D>>::handles_for(component, id))*
+            }
+
+            pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+                $(
+                    let request = <$service as Service<D>>::command_in(port, received);
+                    if request.is_some() {
+                        return request;
+                    }
+                )*
+                None
             }
 
             pub(crate) fn on_frame(

@@ -11,6 +11,8 @@ pub trait Firmware: Sized + 'static {
     type Plans: PlanMemory;
     /// The table of the parameters.
     type Parameters: Values;
+    /// Whether the vehicle has flight modes: `modes` is declared.
+    const HAS_MODES: bool = false;
 }
 
 /// The values of a table of parameters, each in 32 bits: the bits of a float, or an integer in the low bytes.

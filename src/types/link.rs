@@ -2,7 +2,7 @@
 
 #[cfg(feature = "signing")]
 use super::signing::{Accept, LinkSigning};
-use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2};
+use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
 use crate::message::{Address, Message};
 
 /// The number of a link: its index in the stack's configuration, from 0.
@@ -42,6 +42,15 @@ impl LinkClass {
         match id {
             HighLatency2::ID => self.is_high_latency(),
             CommandAck::ID | CommandLong::ID | CommandInt::ID | CommandCancel::ID => true,
+            _ => !self.is_high_latency(),
+        }
+    }
+
+    /// Whether a message is handled that was received on a link of this class. On a high-latency link these are
+    /// HEARTBEAT, commands and COMMAND_CANCEL (L-4).
+    pub(crate) const fn may_handle(self, id: u32) -> bool {
+        match id {
+            Heartbeat::ID | CommandLong::ID | CommandInt::ID | CommandCancel::ID => true,
             _ => !self.is_high_latency(),
         }
     }

@@ -430,6 +430,38 @@ fn rooms_use_only_those_above_them() {
     }
 }
 
+/// Where `pattern` stands in the code of the modules for which `is_in` is true; `*` is any token. Returns the modules.
+fn places<'a>(modules: &'a Modules, is_in: impl Fn(&[String]) -> bool, pattern: &[&str]) -> Vec<&'a ModulePath> {
+    let has = |module: &Module| {
+        let mut windows = module.code.windows(pattern.len());
+        windows.any(|tokens| tokens.iter().zip(pattern).all(|(token, wanted)| *wanted == "*" || token == wanted))
+    };
+    modules.modules.iter().filter(|(path, module)| is_in(path) && has(module)).map(|(path, _)| path).collect()
+}
+
+/// A message, and the state of a service on a link, are known to the service only: `stack` names no message by its id or type, and
+/// nothing of such a state. A frame has one way into a service, the method `on_frame` of the trait.
+#[test]
+fn only_a_service_knows_its_messages_and_its_links() {
+    let modules = crate_of(&source);
+    let in_stack = |path: &[String]| room(path) == "stack";
+    for pattern in [&["state", ".", "*", "."][..], &["::", "ID"], &["decode", "::"], &["decode", "("]] {
+        assert!(places(&modules, in_stack, pattern).is_empty(), "{pattern:?} in src/stack/");
+    }
+    let dialect = modules.modules.iter().filter(|(path, _)| in_stack(path)).flat_map(|(_, module)| &module.imports);
+    for (name, _) in dialect.filter(|(_, path)| path.iter().any(|part| part == "dialect")) {
+        assert!(name.starts_with("Mav"), "src/stack/ imports the message {name}");
+    }
+    let takes_self = places(&modules, |_| true, &["fn", "on_frame", "(", "&", "mut", "self"]);
+    assert!(takes_self.len() > 5, "{takes_self:?}");
+    let all = places(&modules, |_| true, &["fn", "on_frame"]);
+    assert_eq!(all, takes_self, "an `on_frame` that is none of a service");
+    for path in all {
+        let is_list = path.last().is_some_and(|name| name == "services");
+        assert!(is_list || path[0] == "service", "{path:?} has an `on_frame`");
+    }
+}
+
 /// `docs/architecture.md` shows the list.
 #[test]
 fn page_shows_the_same_rooms() {

@@ -25,6 +25,7 @@ where
     type Vehicle = V;
     type Plans = P;
     type Parameters = V::Parameters;
+    const HAS_MODES: bool = V::HAS_MODES;
 }
 
 impl<P, const PEERS: usize, O, V> Declares for Tested<P, PEERS, O, V>
@@ -45,7 +46,6 @@ where
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;
-    const HAS_MODES: bool = V::HAS_MODES;
     const CHECKED: () = V::CHECKED;
 }
 

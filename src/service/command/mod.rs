@@ -17,10 +17,9 @@ pub(crate) use acks::Acks;
 pub(crate) use duplicates::{Duplicates, LATE, Once, SOON, is_well_after};
 pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
-pub(crate) use refusal::{explain, explain_mode};
 pub use vehicle::Commands;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, count};
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
 use crate::link::Port;
 use crate::time::Instant;
@@ -86,7 +85,7 @@ const fn is_for_one(command: MavCmd) -> bool {
 /// The state of the command protocol on a link.
 #[derive(Debug)]
 pub struct CommandLink {
-    pub(crate) acks: Acks,
+    acks: Acks,
     /// The period in which a text last explained a refusal; see [`refusal`].
     refusal: u16,
 }
@@ -153,6 +152,13 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         self.slots.view().map_or(Instant::NEVER, LongCommands::deadline)
     }
 
+    /// COMMAND_LONG and COMMAND_INT.
+    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+        let long = received.frame.decode::<CommandLong>().map(|message| from_long(&message, received.origin(port)));
+        let int = || received.frame.decode::<CommandInt>().map(|message| from_int(&message, received.origin(port)));
+        long.or_else(int).map(Request::from)
+    }
+
     /// COMMAND_CANCEL (C-23): without an answer of its own.
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut CommandLink, received: &Received<'_>) -> Handled {
         let Some(long) = self.slots.view_mut() else { return Handled::No };
@@ -194,16 +200,29 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
 
 /// The steps of a received command before and after a service carries it out.
 impl<S: CommandMemory> CommandService<S> {
+    /// Whether every received command was answered.
+    pub(crate) const fn has_answered(link: &CommandLink) -> bool {
+        link.acks.is_empty()
+    }
+
+    /// Whether there is a free slot for an answer. Otherwise the command is dropped and counted.
+    pub(crate) fn has_room(port: &mut Port, link: &CommandLink) -> bool {
+        let has_room = !link.acks.is_full();
+        if !has_room {
+            count(&mut port.counters.no_answer_slot);
+        }
+        has_room
+    }
+
     /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
     #[inline(never)]
     pub(crate) fn admit<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        id: MavCmd,
-        Request { command, signed_at, .. }: &Request,
+        Request { command, answer_as, signed_at, .. }: &Request,
     ) -> Option<Verdict> {
-        if command.is_broadcast && is_for_one(id) {
+        if command.is_broadcast && is_for_one(*answer_as) {
             return Some(Verdict::Refused(Refusal::BROADCAST));
         }
         if let Err(refusal) = policy::check(command, cx.vehicle) {
@@ -217,9 +236,33 @@ impl<S: CommandMemory> CommandService<S> {
         Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
     }
 
+    /// Queues the answer to a command. An admitted command that no service has handled is passed to the vehicle.
+    pub(crate) fn answer<F: Firmware<Vehicle: Commands>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &Port,
+        link: &mut CommandLink,
+        request: &Request,
+        verdict: Option<Verdict>,
+        is_admitted: bool,
+    ) {
+        let outcome = match verdict {
+            None => self.execute(cx, &request.command),
+            Some(Verdict::Done(outcome)) => outcome,
+            Some(Verdict::Refused(refusal)) => {
+                refusal::explain(cx, port, link, &request.command, refusal);
+                refusal.result.into()
+            }
+        };
+        if is_admitted {
+            self.settle(cx, request, outcome);
+        }
+        link.acks.push(request.command.from.address, request.answer_as, outcome);
+    }
+
     /// Passes a command that no service handles to the vehicle.
     #[inline(never)]
-    pub(crate) fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
+    fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
         let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
@@ -228,7 +271,7 @@ impl<S: CommandMemory> CommandService<S> {
 
     /// Records the outcome of a command that was carried out.
     #[inline(never)]
-    pub(crate) fn settle<F: Firmware<Vehicle: Commands>>(
+    fn settle<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         Request { command, signed_at, .. }: &Request,

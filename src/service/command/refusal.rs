@@ -4,12 +4,13 @@
 //! send them, and ask for many messages that a vehicle does not have. COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED are
 //! clear without a text.
 
+use super::super::Cx;
 use super::CommandLink;
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::link::Port;
 use crate::message::{SystemId, Text};
 use crate::time::Instant;
-use crate::types::{Command, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, StatusTexts, Why};
+use crate::types::{Command, Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, StatusTexts, Why};
 
 /// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
 /// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
@@ -19,9 +20,25 @@ fn period(now: Instant) -> u16 {
     u16::from_le_bytes([low, high]).wrapping_add(1)
 }
 
-/// Sends the reason for a refusal on the link on which `command` was received. `own` is our system id.
+/// Explains a refusal by a text on the link on which `command` was received.
 #[inline(never)]
-pub(crate) fn explain(
+pub(super) fn explain<F: Firmware>(
+    cx: &mut Cx<'_, F>,
+    port: &Port,
+    link: &mut CommandLink,
+    command: &Command,
+    refusal: Refusal,
+) {
+    match refusal.why {
+        // Compiled only for a vehicle with modes.
+        Why::Mode(number, fault) if F::HAS_MODES => explain_mode(cx.now, port, link, cx.texts, number, fault),
+        _ => explain_command(cx.now, cx.shared.config.address.get().system, port, link, cx.texts, command, refusal),
+    }
+}
+
+/// Sends the reason for a refusal. `own` is our system id.
+#[inline(never)]
+fn explain_command(
     now: Instant,
     own: SystemId,
     port: &Port,
@@ -45,8 +62,8 @@ pub(crate) fn explain(
     push(now, port, link, texts, "Command ", Some(command.id.0.into()), reason);
 }
 
-/// Like [`explain`], for a mode. A negative `number` is not named.
-pub(crate) fn explain_mode(
+/// Like [`explain_command`], for a mode. A negative `number` is not named.
+fn explain_mode(
     now: Instant,
     port: &Port,
     link: &mut CommandLink,
@@ -140,7 +157,7 @@ mod tests {
             is_broadcast: false,
             confirmation: 0,
         };
-        explain(now, SystemId(254), &port, &mut link, texts, &command, refusal);
+        explain_command(now, SystemId(254), &port, &mut link, texts, &command, refusal);
         let (mut cursor, mut tx) = (TextCursor::new(), Outbox::VACANT);
         tx.configure(LinkId(0), Address::new(254, 1), Version::V2);
         let next = || {

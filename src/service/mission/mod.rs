@@ -43,13 +43,13 @@ use super::command::{Commands, is_allowed};
 use super::schedule::Schedule;
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
-    MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll, MissionCount,
-    MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionRequestPartialList,
-    MissionSetCurrent, MissionWritePartialList,
+    MavComponent, MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll,
+    MissionCount, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
+    MissionRequestPartialList, MissionSetCurrent, MissionWritePartialList,
 };
 use crate::frame::{Frame, Version};
 use crate::link::{Outbox, Port};
-use crate::message::{Message, Text};
+use crate::message::{ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
     Config, Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut, Requests,
@@ -403,6 +403,10 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         upload.min(self.commit_deadline()).min(second_answer).min(self.current.deadline()).min(self.reached.deadline())
     }
 
+    fn handles_for(component: ComponentId, id: u32) -> bool {
+        is_for_planner(component, id)
+    }
+
     fn on_frame(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -508,6 +512,11 @@ pub(crate) fn queue_result<'l>(mut links: impl Iterator<Item = &'l mut Replies>,
     }
 }
 
+/// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).
+fn is_for_planner(component: ComponentId, id: u32) -> bool {
+    Missions::handles(id) && component.0 == MavComponent::MISSIONPLANNER.0
+}
+
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
 #[inline(never)]
 fn refused_item(received: &Received<'_>, port: &Port, vehicle: &impl Commands) -> Option<u16> {
@@ -525,6 +534,10 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
     type Link = Replies;
     const VACANT: Replies = Replies::new();
+
+    fn handles_for(component: ComponentId, id: u32) -> bool {
+        is_for_planner(component, id)
+    }
 
     fn on_frame(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;

@@ -206,11 +206,7 @@ pub struct StreamService<const N: usize>;
 impl<const N: usize> StreamService<N> {
     fn fixed<F: Firmware>(cx: &Cx<'_, F>) -> Fixed {
         let [missions, ..] = F::Plans::CAPACITIES;
-        Fixed {
-            heartbeat: cx.shared.config.heartbeat_period,
-            has_missions: missions > 0,
-            has_modes: cx.shared.has_modes,
-        }
+        Fixed { heartbeat: cx.shared.config.heartbeat_period, has_missions: missions > 0, has_modes: F::HAS_MODES }
     }
 
     /// Sends a stream that is due.
@@ -256,7 +252,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         received: &Received<'_>,
     ) -> Handled {
         let StreamLink { streams, slots } = link;
-        let is_handled = requests::on_frame(cx.now, streams, F::Vehicle::STREAMS, slots, received.frame);
+        let is_handled = requests::handle_frame(cx.now, streams, F::Vehicle::STREAMS, slots, received.frame);
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
@@ -270,7 +266,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     ) -> Option<Verdict> {
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
-        requests::on_command(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command).map(Verdict::done)
+        requests::handle_command(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command).map(Verdict::done)
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
@@ -299,18 +295,11 @@ fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
     !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
 }
 
-impl<S> StreamLink<S> {
-    /// Schedules stream `number` once.
-    pub(crate) fn ask(&mut self, number: u8) {
-        self.streams.ask(number, 0);
-    }
-}
-
 impl Context<'_> {
     /// Sends message `M` once on every normal link: see [`Stack::announce`](crate::Stack::announce). `M` must be one of
     /// the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`; otherwise this does not compile.
     pub fn announce<M: Message, V: Telemetry>(&mut self) {
         let number = const { Stream::number_of::<M>(V::STREAMS) };
-        self.requests.announced |= 1u32.wrapping_shl(u32::from(number));
+        self.requests.announce(number);
     }
 }

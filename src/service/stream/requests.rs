@@ -44,7 +44,7 @@ impl Fixed {
 }
 
 /// Handles a command about messages; `None` for all other commands, and for messages that the vehicle does not declare.
-pub(super) fn on_command<V: Telemetry>(
+pub(super) fn handle_command<V: Telemetry>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
@@ -144,7 +144,7 @@ fn on_interval(
 
 /// Handles other messages about streams. Returns true if no other service needs the frame.
 #[inline(never)]
-pub(super) fn on_frame(
+pub(super) fn handle_frame(
     now: Instant,
     streams: &mut Streams,
     table: &[Stream],

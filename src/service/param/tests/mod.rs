@@ -237,7 +237,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             confirmation: 0,
         };
         let (params, mut cx, [(port, list), _]) = self.parts();
-        let request = Request { command, set_mode: None, signed_at: None };
+        let request = Request::from(command);
         Some(match params.on_command(&mut cx, port, list, &request)? {
             Verdict::Done(outcome) => {
                 assert_eq!(outcome, MavResult::ACCEPTED.into(), "every refusal has a reason");
