@@ -23,8 +23,8 @@ pub(crate) use context::Requests;
 pub use firmware::{Firmware, Values};
 pub(crate) use flight::Flight;
 pub use identity::Identity;
-pub(crate) use link::LinkMask;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
+pub(crate) use link::{LinkFacts, LinkMask};
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanType, PlanView, PlansMut, largest};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};

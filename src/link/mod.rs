@@ -1,7 +1,7 @@
 //! Links: the stack's state for each transport.
 //!
-//! A link is a decoder, one outbound frame and the pending answers to its own peers. Links share nothing, so a stalled
-//! link does not delay the others. [`LinkConfig`] configures a link.
+//! A link is a decoder, one outbound frame, a byte budget and counters. It knows no service: the services have their
+//! state on a link themselves. Links share nothing, so a stalled link does not delay the others. [`LinkConfig`] configures a link.
 
 mod bucket;
 mod outbox;
@@ -12,7 +12,7 @@ pub(crate) use outbox::Outbox;
 use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
-use crate::types::{Config, LinkConfig, LinkId, TxVersion};
+use crate::types::{Config, LinkConfig, LinkFacts, LinkId, TxVersion};
 
 /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
 /// dropped.
@@ -117,13 +117,8 @@ pub struct Port {
     /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle reports a
     /// conflict (H-14).
     strangers: u8,
-    /// Whether a heartbeat is due at once, whatever its schedule.
-    pub(crate) is_heartbeat_due: bool,
-    /// The number of scheduled heartbeats that were sent. Wraps.
-    pub(crate) heartbeats: u8,
-    /// Whether the last frame that was sent while the link was idle was a stream. The next one is then a forwarded
-    /// frame.
-    pub(crate) has_streamed: bool,
+    /// What the services on the link tell each other.
+    pub(crate) facts: LinkFacts,
     /// The state of the transport when it was last asked.
     pub(crate) transport: Transport,
     /// Drop counters, as last logged.
@@ -154,9 +149,7 @@ impl Link {
             bucket: Bucket::VACANT,
             counters: LinkCounters::ZERO,
             strangers: 0,
-            is_heartbeat_due: false,
-            heartbeats: 0,
-            has_streamed: false,
+            facts: LinkFacts::NONE,
             transport: Transport::Unknown,
             #[cfg(feature = "defmt")]
             drops: DropLog::NEW,

@@ -39,7 +39,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
         if queues.is_empty(port.id) {
             self.queued = self.queued.without(LinkMask::of(port.id));
         }
-        port.has_streamed &= !sent;
+        port.facts.own_was_last &= !sent;
         sent
     }
 
@@ -63,7 +63,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
 impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Forwarding<LINKS, BYTES, SEEN> {
     /// Whether a frame of the link's queue may be sent in this turn.
     fn is_turn(&self, port: &Port, turn: Turn) -> bool {
-        self.queued.contains(LinkMask::of(port.id)) && (port.has_streamed || turn != Turn::ForwardedFirst)
+        self.queued.contains(LinkMask::of(port.id)) && (port.facts.own_was_last || turn != Turn::ForwardedFirst)
     }
 }
 

@@ -88,7 +88,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
             let state = cx.vehicle.state();
             self.notice(cx, state);
         }
-        if core::mem::take(&mut port.is_heartbeat_due) {
+        if core::mem::take(&mut port.facts.is_sign_of_life_due) {
             link.postpone(now);
         }
         let mask = LinkMask::of(port.id);
@@ -107,7 +107,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         let config = &cx.shared.config;
         if is_due {
             link.sent(now, config.heartbeat_period);
-            port.heartbeats = port.heartbeats.wrapping_add(1);
+            port.facts.periods = port.facts.periods.wrapping_add(1);
         } else {
             link.sent_extra(now);
         }
@@ -128,7 +128,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         } else {
             link.due()
         };
-        view.shared.when_beating(now, if port.is_heartbeat_due { now } else { due })
+        view.shared.when_beating(now, if port.facts.is_sign_of_life_due { now } else { due })
     }
 }
 

@@ -237,7 +237,7 @@ pub struct ModeService {
 
 /// Counts pairs of scheduled heartbeats, starting with the first: CURRENT_MODE is sent once for each.
 const fn pairs(port: &Port) -> u8 {
-    port.heartbeats.wrapping_add(1) >> 1
+    port.facts.periods.wrapping_add(1) >> 1
 }
 
 impl ModeService {

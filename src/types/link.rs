@@ -214,6 +214,23 @@ pub enum StreamProfile {
     Off,
 }
 
+/// What the services on a link tell each other, whichever they are.
+#[derive(Clone, Debug)]
+pub(crate) struct LinkFacts {
+    /// A request: the peers on the link are to hear from the vehicle at once, whatever the schedule.
+    pub(crate) is_sign_of_life_due: bool,
+    /// The number of periods that have begun with a scheduled sign of life. Wraps.
+    pub(crate) periods: u8,
+    /// Whether the last frame that was sent while the link was idle was the vehicle's own. The next one is then a
+    /// forwarded frame, if there is one.
+    pub(crate) own_was_last: bool,
+}
+
+impl LinkFacts {
+    /// All zero bits.
+    pub(crate) const NONE: Self = Self { is_sign_of_life_due: false, periods: 0, own_was_last: false };
+}
+
 /// The maximum number of links of a stack.
 pub const MAX_LINKS: usize = 16;
 

@@ -96,7 +96,7 @@ pub(super) fn receive(
     } else {
         count(&mut signing.counters.setups);
         signing.wear_key(now);
-        port.is_heartbeat_due = true;
+        port.facts.is_sign_of_life_due = true;
     }
     Handled::Yes
 }

@@ -223,7 +223,7 @@ impl<const N: usize> StreamService<N> {
         while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, config.streams) {
             let Some(id) = F::Vehicle::STREAMS.get(number).map(Stream::id) else { continue };
             if requests::fill(cx.vehicle, id, &mut Fill::new(cx.now, id, 0, outbox, false)) {
-                port.has_streamed = true;
+                port.facts.own_was_last = true;
                 return true;
             }
         }
