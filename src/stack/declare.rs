@@ -351,28 +351,57 @@ macro_rules! __declared {
     (forwarding [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(forwarding [$links] $($rest)*) };
 
     (check $(,)*) => {};
-    (check links: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check peers: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check texts: $n:expr, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check parameters: $table:ty, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check streams, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check modes, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check time, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check manual_control, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check high_latency, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check signing, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check storage, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check forwarding: { $($sizes:tt)* }, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
-    (check forwarding, $($rest:tt)*) => { $crate::__declared!(check $($rest)*); };
+    (check links: $n:expr, $($rest:tt)*) => { $crate::__declared!(rest links $($rest)*); };
+    (check peers: $n:expr, $($rest:tt)*) => { $crate::__declared!(rest peers $($rest)*); };
+    (check texts: $n:expr, $($rest:tt)*) => { $crate::__declared!(rest texts $($rest)*); };
+    (check plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__declared!(rest plans $($rest)*); };
+    (check parameters: $table:ty, $($rest:tt)*) => { $crate::__declared!(rest parameters $($rest)*); };
+    (check streams, $($rest:tt)*) => { $crate::__declared!(rest streams $($rest)*); };
+    (check modes, $($rest:tt)*) => { $crate::__declared!(rest modes $($rest)*); };
+    (check commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest commands $($rest)*); };
+    (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
+    (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
+    (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
+    (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
+    (check signing, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
+    (check storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest storage $($rest)*); };
+    (check storage, $($rest:tt)*) => { $crate::__declared!(rest storage $($rest)*); };
+    (check forwarding: { $($sizes:tt)* }, $($rest:tt)*) => { $crate::__declared!(rest forwarding $($rest)*); };
+    (check forwarding, $($rest:tt)*) => { $crate::__declared!(rest forwarding $($rest)*); };
     (check $entry:tt $($rest:tt)*) => {
         ::core::compile_error!(::core::concat!(
             "`",
             ::core::stringify!($entry),
             "` is no entry of a stack, or not written like this: see the table at `mavstack::stack!`"
+        ));
+    };
+
+    (rest $entry:ident $($rest:tt)*) => {
+        $crate::__declared!(once $entry $($rest)*);
+        $crate::__declared!(check $($rest)*);
+    };
+
+    (once links links: $($rest:tt)*) => { $crate::__declared!(twice links); };
+    (once peers peers: $($rest:tt)*) => { $crate::__declared!(twice peers); };
+    (once texts texts: $($rest:tt)*) => { $crate::__declared!(twice texts); };
+    (once plans plans: $($rest:tt)*) => { $crate::__declared!(twice plans); };
+    (once parameters parameters: $($rest:tt)*) => { $crate::__declared!(twice parameters); };
+    (once streams streams, $($rest:tt)*) => { $crate::__declared!(twice streams); };
+    (once modes modes, $($rest:tt)*) => { $crate::__declared!(twice modes); };
+    (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
+    (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
+    (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
+    (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };
+    (once signing signing $($rest:tt)*) => { $crate::__declared!(twice signing); };
+    (once storage storage $($rest:tt)*) => { $crate::__declared!(twice storage); };
+    (once forwarding forwarding $($rest:tt)*) => { $crate::__declared!(twice forwarding); };
+    (once $entry:ident) => {};
+    (once $entry:ident $skipped:tt $($rest:tt)*) => { $crate::__declared!(once $entry $($rest)*); };
+    (twice $entry:ident) => {
+        ::core::compile_error!(::core::concat!(
+            "`",
+            ::core::stringify!($entry),
+            "` stands twice in this `stack!`: leave one of the two out"
         ));
     };
 

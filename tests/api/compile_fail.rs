@@ -159,6 +159,13 @@ fn cases() -> Vec<Case> {
             declares("links: 1, commands: 2"),
             "`commands` is no entry of a stack, or not written like this",
         ),
+        ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` stands twice in this `stack!`: leave one"),
+        ("flag_twice", declares("links: 1, time, texts: 2, time"), "`time` stands twice in this `stack!`: leave one"),
+        (
+            "entry_twice_in_two_forms",
+            declares("links: 1, forwarding, forwarding: { bytes: 512 }"),
+            "`forwarding` stands twice in this `stack!`: leave one",
+        ),
         ("links_missing", declares("peers: 8"), "say how many links the vehicle has: `links: 1`"),
         ("links_0", declares("links: 0"), links),
         ("links_17", declares("links: 17"), links),
