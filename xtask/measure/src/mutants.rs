@@ -31,7 +31,7 @@ struct Area {
 const AREAS: [Area; 4] = [
     Area {
         name: "signing",
-        files: &["src/service/signing/**", "src/frame/signing.rs", "src/storage/signing.rs"],
+        files: &["src/service/signing/**", "src/frame/signing.rs"],
         tests: &[
             "high_latency/delayed_signed",
             "signing/protocol",
@@ -58,7 +58,7 @@ const AREAS: [Area; 4] = [
     },
     Area {
         name: "mission",
-        files: &["src/service/mission/**"],
+        files: &["src/service/mission/**", "src/message/item.rs", "src/message/rules.rs", "src/types/plans.rs"],
         tests: &[
             "commands/typed",
             "links/transports",
@@ -74,13 +74,19 @@ const AREAS: [Area; 4] = [
     Area {
         name: "storage",
         files: &[
-            "src/storage/fram.rs",
-            "src/storage/params.rs",
-            "src/storage/plans.rs",
-            "src/storage/record.rs",
-            "src/storage/mod.rs",
+            "src/storage/*.rs",
+            // When content is stored.
+            "src/service/schedule.rs",
+            "src/service/token_bucket.rs",
         ],
-        tests: &["api/errors", "storage/flash_garbage", "storage/fram", "storage/power_cut", "storage/signing_key"],
+        tests: &[
+            "api/errors",
+            "storage/flash_garbage",
+            "storage/fram",
+            "storage/pace",
+            "storage/power_cut",
+            "storage/signing_key",
+        ],
     },
 ];
 
@@ -113,11 +119,15 @@ pub fn run_areas(options: &Options) -> Result {
     if let Some(unknown) = options.areas.iter().find(|name| !known.contains(&name.as_str())) {
         return Err(format!("there is no area {unknown}; there are {}", known.join(", ")));
     }
+    let listed = fs::read_to_string(root().join(LISTED)).map_err(|error| format!("{LISTED}: {error}"))?;
+    let missing = missing(&listed);
+    if !missing.is_empty() {
+        return Err(missing.join("\n       "));
+    }
     if !succeeds("cargo", &["mutants", "--version"]) {
         println!("Installing cargo-mutants: cargo install cargo-mutants --locked");
         run(Command::new(cargo()).args(["install", "--quiet", "cargo-mutants", "--locked"]))?;
     }
-    let listed = fs::read_to_string(root().join(LISTED)).map_err(|error| format!("{LISTED}: {error}"))?;
     let is_asked = |area: &&Area| options.areas.is_empty() || options.areas.iter().any(|name| name == area.name);
     let (mut lines, mut faults, mut figures) = (Vec::new(), Vec::new(), Vec::new());
     let is_whole = options.shard.is_none() && options.in_diff.is_none();
@@ -230,6 +240,24 @@ impl Area {
     }
 }
 
+/// Returns what is wrong with the files of the areas, and of the accepted survivors in `listed`: those that do not exist.
+fn missing(listed: &str) -> Vec<String> {
+    // A pattern stands for the files of a folder.
+    let exists = |path: &str| {
+        let path = root().join(path);
+        match path.parent() {
+            Some(folder) if path.ends_with("**") || path.ends_with("*.rs") => folder.is_dir(),
+            _ => path.is_file(),
+        }
+    };
+    let of_areas = AREAS.iter().flat_map(|area| area.files.iter().map(|file| (*file, "xtask/measure/src/mutants.rs")));
+    let of_survivors = count(listed.lines()).into_keys().filter_map(|name| Some((name.split_once(':')?.0, LISTED)));
+    let missing = of_areas.chain(of_survivors).filter(|(path, _)| !exists(path));
+    missing
+        .map(|(path, list)| format!("{list} names {path}, which does not exist: correct the path, or remove it"))
+        .collect()
+}
+
 /// Survivors and timeouts are results; other exit codes are failures.
 fn run_mutants(command: &mut Command) -> Result {
     let status = command.status().map_err(|error| format!("cargo mutants could not be started: {error}"))?;
@@ -309,6 +337,13 @@ mod tests {
         for area in &AREAS {
             test_files(area.tests).expect(area.name);
         }
+        let listed = fs::read_to_string(root().join(LISTED)).expect("the list is readable");
+        assert_eq!(missing(&listed), [""; 0]);
+        let gone = "src/gone.rs: replace f with ()\nsrc/lib.rs: replace g with ()";
+        assert_eq!(
+            missing(gone),
+            [format!("{LISTED} names src/gone.rs, which does not exist: correct the path, or remove it")]
+        );
     }
 
     #[test]
