@@ -8,7 +8,9 @@ use crate::time::Instant;
 use heapless::Vec;
 
 /// The context of a hook: the time, the live plans and parameters, and a way to report. Each hook that decides or
-/// learns something gets one.
+/// learns something gets one. Hooks that only describe the vehicle, such as [`Vehicle::state`](crate::Vehicle::state),
+/// [`Plans::progress`](crate::Plans::progress) and [`Telemetry::fill`](crate::Telemetry::fill), get none: the stack asks
+/// them whenever and as often as it needs, so they must have no effect.
 ///
 /// Nothing in it calls back into the stack. A text is queued and a message is announced; both are sent when a link has
 /// room.

@@ -6,7 +6,7 @@ use mavstack::__private::PlanMemory;
 use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
-    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionState, Statustext,
+    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionSetCurrent, MissionState, Statustext,
 };
 use mavstack::frame::Version;
 use mavstack::message::LatLon;
@@ -551,6 +551,19 @@ fn vehicle_can_refuse_an_upload() {
     assert_eq!(text.text.as_bytes(), b"Mission refused: not allowed now");
     let peer = Peer { address: STATION, link: LinkId(0) };
     assert_eq!(world.vehicle.calls.iter().filter(|call| **call == Call::MayChange(PlanType::Mission, peer)).count(), 1);
+}
+
+/// M-27, M-38, M-46: every hook that decides can explain itself, in a text that the operator reads.
+#[test]
+fn hooks_that_decide_can_say_something() {
+    let mut world = world::<1>();
+    world.vehicle.is_talkative = true;
+    world.upload(0, &plan(2, 1)).expect("accepted");
+    world.gcs[0].send(&MissionSetCurrent { target_system: 1, target_component: 1, ..MissionSetCurrent::default() });
+    world.run_for(secs(1));
+    let texts = world.gcs[0].all::<Statustext>();
+    let texts: Vec<_> = texts.iter().filter_map(|(_, text)| text.text.as_str()).collect();
+    assert_eq!(texts, ["change?", "item?", "plan?", "in control?"]);
 }
 
 /// M-39, M-90: MISSION_CURRENT is sent at once after an upload, then once a second, on every link.

@@ -103,7 +103,7 @@ impl<const W: u8> Commands for Pilot<W> {
     const POLICIES: &'static [CommandPolicy] =
         if W == DECLARED { &[CommandPolicy::new(rules::DO_SET_MODE).no_broadcast()] } else { &[] };
 
-    fn is_in_control(&self, command: &Command) -> bool {
+    fn is_in_control(&self, _: &mut Context<'_>, command: &Command) -> bool {
         self.controller.is_none_or(|controller| controller == command.from.address)
     }
 

@@ -2,7 +2,9 @@
 
 use mavstack::clock::WallClock;
 use mavstack::command::CommandPolicy;
-use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavState, MissionState, rules};
+use mavstack::dialect::{
+    MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavSeverity, MavState, MissionState, rules,
+};
 use mavstack::message::LatLon;
 use mavstack::plan::PlanFault;
 use mavstack::{
@@ -67,6 +69,8 @@ pub struct TestVehicle {
     pub plan_verdict: Result<(), MavMissionResult>,
     /// Limit for the first waypoint: a position and the maximum distance from it.
     pub first_waypoint_limit: Option<(LatLon, u32)>,
+    /// Whether each hook that decides about plans or control says so in a text.
+    pub is_talkative: bool,
     /// Whether its storage may be written.
     pub may_persist: bool,
     /// Answer to a change of the current item, and to a start of the mission.
@@ -103,6 +107,7 @@ impl TestVehicle {
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
             first_waypoint_limit: None,
+            is_talkative: false,
             may_persist: true,
             progress_verdict: MavResult::ACCEPTED,
             refuses_broadcast: false,
@@ -110,6 +115,13 @@ impl TestVehicle {
             has_home: false,
             handles: BTreeSet::new(),
             calls: Vec::new(),
+        }
+    }
+
+    /// Says which hook was called, if the test wants to know.
+    fn say(&self, cx: &mut Context<'_>, hook: &str) {
+        if self.is_talkative {
+            cx.text(MavSeverity::INFO, hook);
         }
     }
 
@@ -173,7 +185,8 @@ impl Commands for TestVehicle {
             .long_frame(MavFrame::GLOBAL_RELATIVE_ALT),
     ];
 
-    fn is_in_control(&self, command: &Command) -> bool {
+    fn is_in_control(&self, cx: &mut Context<'_>, command: &Command) -> bool {
+        self.say(cx, "in control?");
         self.controller.is_none_or(|controller| controller == command.from.address)
     }
 
@@ -212,17 +225,26 @@ impl Plans for TestVehicle {
     const MISSION_COMMANDS: &'static [CommandRule] =
         &[rules::NAV_TAKEOFF, rules::NAV_WAYPOINT, rules::NAV_LAND, rules::DO_JUMP, rules::DO_CHANGE_SPEED];
 
-    fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
+    fn may_change(&mut self, cx: &mut Context<'_>, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
+        self.say(cx, "change?");
         self.calls.push(Call::MayChange(plan, from));
         self.may_change
     }
 
-    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult> {
+    fn check_item(
+        &mut self,
+        cx: &mut Context<'_>,
+        plan: PlanType,
+        seq: u16,
+        item: &Item,
+    ) -> Result<(), MavMissionResult> {
+        self.say(cx, "item?");
         self.calls.push(Call::CheckItem(plan, seq, *item));
         self.bad_items.get(&seq).copied().map_or(Ok(()), Err)
     }
 
-    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
+    fn check_plan(&mut self, cx: &mut Context<'_>, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
+        self.say(cx, "plan?");
         self.calls.push(Call::CheckPlan(plan, items.to_vec()));
         Ok(self.plan_verdict?)
     }

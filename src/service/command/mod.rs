@@ -23,7 +23,7 @@ use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, count}
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
 use crate::link::Port;
 use crate::time::Instant;
-use crate::types::{Command, CommandPosition, Firmware, Origin, Outcome, Refusal};
+use crate::types::{Command, CommandPosition, Context, Firmware, Origin, Outcome, Refusal};
 
 /// Returns the command of a COMMAND_LONG.
 pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
@@ -225,7 +225,8 @@ impl<S: CommandMemory> CommandService<S> {
         if command.is_broadcast && is_for_one(*answer_as) {
             return Some(Verdict::Refused(Refusal::BROADCAST));
         }
-        if let Err(refusal) = policy::check(command, cx.vehicle) {
+        let (vehicle, mut context) = cx.hook();
+        if let Err(refusal) = policy::check(vehicle, &mut context, command) {
             return Some(Verdict::Refused(refusal));
         }
         let once = policy::once::<F::Vehicle>(command.id);
@@ -285,6 +286,6 @@ impl<S: CommandMemory> CommandService<S> {
 }
 
 /// Whether the vehicle's declaration permits `command` (C-5). For messages that are equivalent to a command.
-pub(crate) fn is_allowed<V: Commands>(command: &Command, vehicle: &V) -> bool {
-    policy::check(command, vehicle).is_ok()
+pub(crate) fn is_allowed<V: Commands>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> bool {
+    policy::check(vehicle, cx, command).is_ok()
 }

@@ -5,7 +5,7 @@
 use super::{Commands, Once};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::message::{CommandRule, Value};
-use crate::types::{Command, CommandPosition, Refusal, Why};
+use crate::types::{Command, CommandPosition, Context, Refusal, Why};
 
 /// Only COMMAND_INT.
 const INT_ONLY: u8 = 1;
@@ -163,7 +163,7 @@ pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
 
 /// Checks a command against its declaration, if there is one.
 #[inline(never)]
-pub(super) fn check<V: Commands>(command: &Command, vehicle: &V) -> Result<(), Refusal> {
+pub(super) fn check<V: Commands>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> Result<(), Refusal> {
     let policy = declared::<V>(command.id);
-    policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(command)))
+    policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(cx, command)))
 }

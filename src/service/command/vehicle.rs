@@ -39,8 +39,8 @@ pub trait Commands {
     /// Whether the sender of `command`, which is declared in [`POLICIES`](Self::POLICIES), is authorised to give it. If not, the
     /// answer is NOT_IN_CONTROL. Also called for SET_MODE and MISSION_SET_CURRENT, as MAV_CMD_DO_SET_MODE and
     /// MAV_CMD_DO_SET_MISSION_CURRENT.
-    fn is_in_control(&self, command: &Command) -> bool {
-        let _ = command;
+    fn is_in_control(&self, cx: &mut Context<'_>, command: &Command) -> bool {
+        let _ = (cx, command);
         true
     }
 

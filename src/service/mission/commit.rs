@@ -144,6 +144,7 @@ impl Missions {
     /// [is stored already](Self::changes_nothing) (M-27, M-44).
     pub(super) fn permission<V: Plans>(
         &self,
+        cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         plan: PlanType,
         from: Peer,
@@ -152,7 +153,7 @@ impl Missions {
         if self.is_durable() && !is_stored && !vehicle.may_persist() {
             return Err(MavMissionResult::DENIED);
         }
-        vehicle.may_change(plan, from)
+        vehicle.may_change(&mut cx.hook(), plan, from)
     }
 
     /// Makes `change` live, or starts to write it first. Returns the answer if it is known at once.
@@ -325,20 +326,25 @@ impl Missions {
 
 /// Returns the first plan of `commit` that the vehicle no longer permits to change, and its refusal.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
-fn refusal<V: Plans>(cx: &Work<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+fn refusal<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
     PlanType::ALL.into_iter().find_map(|plan| {
         let is_affected = match commit.change {
             Change::Upload { plan: only, .. } => only == plan,
             Change::Clear(only) => only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0,
         };
-        let result = if is_affected { vehicle.may_change(plan, commit.client) } else { Ok(()) };
+        let result = if is_affected { vehicle.may_change(&mut cx.hook(), plan, commit.client) } else { Ok(()) };
         result.err().map(|result| (plan, result))
     })
 }
 
 /// Checks the staged plan as a whole: first the rules for all vehicles, then the vehicle's own.
-pub(super) fn check_plan<V: Plans>(cx: &Work<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), Problem<'static>> {
-    let items = cx.plans.staging.as_slice();
+pub(super) fn check_plan<V: Plans>(
+    cx: &mut Work<'_, '_>,
+    vehicle: &mut V,
+    plan: PlanType,
+) -> Result<(), Problem<'static>> {
+    let mut context = cx.hook();
+    let items = context.plans.map_or(&[][..], |plans| plans.staging.as_slice());
     let refused = |fault| Problem::Refused(plan, fault);
     validate::check_plan(plan, items).map_err(refused)?;
     if plan == PlanType::Mission
@@ -347,7 +353,7 @@ pub(super) fn check_plan<V: Plans>(cx: &Work<'_, '_>, vehicle: &mut V, plan: Pla
     {
         return Err(Problem::TooFar(seq, limit));
     }
-    vehicle.check_plan(plan, items).map_err(refused)
+    vehicle.check_plan(&mut context, plan, items).map_err(refused)
 }
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).

@@ -423,9 +423,8 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
             return Handled::OutOfPlace;
         }
         let mut caller = Caller { from: *from, version: port.outbox.version(), replies: link };
-        let refused = refused_item(received, port, cx.vehicle);
         let Some((mut work, vehicle)) = work(cx) else { return Handled::No };
-        match refused {
+        match refused_item(received, port, vehicle, &mut work) {
             Some(seq) => self.refuse_current(&mut work, vehicle, seq),
             None => self.receive(&mut work, vehicle, &mut caller, frame),
         }
@@ -519,10 +518,10 @@ fn is_for_planner(component: ComponentId, id: u32) -> bool {
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
 #[inline(never)]
-fn refused_item(received: &Received<'_>, port: &Port, vehicle: &impl Commands) -> Option<u16> {
+fn refused_item(received: &Received<'_>, port: &Port, vehicle: &impl Commands, cx: &mut Work<'_, '_>) -> Option<u16> {
     let message = received.frame.decode::<MissionSetCurrent>()?;
-    let is_allowed = is_allowed(&progress::from_set_current(&message, received.origin(port)), vehicle);
-    (!is_allowed).then_some(message.seq)
+    let command = progress::from_set_current(&message, received.origin(port));
+    (!is_allowed(vehicle, &mut cx.hook(), &command)).then_some(message.seq)
 }
 
 /// The plan service of a firmware without plans. It answers every request with UNSUPPORTED, because a client would repeat an

@@ -341,7 +341,7 @@ impl Missions {
         let checked = rule.and_then(|rule| {
             let item = if is_float { Item::from_float(item)? } else { item };
             rule.check(&item)?;
-            vehicle.check_item(plan, seq, &item)?;
+            vehicle.check_item(&mut cx.hook(), plan, seq, &item)?;
             Ok(item)
         });
         let item = match checked {
@@ -386,11 +386,11 @@ impl Missions {
         let change = Change::Upload { plan, seq, first, id, last };
         // The vehicle may have armed since COUNT (M-45).
         let is_stored = self.changes_nothing(cx, change);
-        let permission = |vehicle: &mut V| {
-            let permission = self.permission(vehicle, plan, caller.from, is_stored);
+        let permission = |cx: &mut Work<'_, '_>, vehicle: &mut V| {
+            let permission = self.permission(cx, vehicle, plan, caller.from, is_stored);
             permission.map_err(|result| Problem::Refused(plan, result.into()))
         };
-        if let Err(problem) = check_plan(cx, vehicle, plan).and_then(|()| permission(vehicle)) {
+        if let Err(problem) = check_plan(cx, vehicle, plan).and_then(|()| permission(cx, vehicle)) {
             cx.report(&problem);
             return self.finish(cx, caller, seq, problem.fault().result);
         }
@@ -626,7 +626,7 @@ impl Missions {
         plan: PlanType,
         mission_type: MavMissionType,
     ) -> bool {
-        let Err(result) = self.permission(vehicle, plan, caller.from, false) else { return true };
+        let Err(result) = self.permission(cx, vehicle, plan, caller.from, false) else { return true };
         event!("{} change by {}: refused by the vehicle", plan, caller.from);
         cx.report(&Problem::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);

@@ -59,7 +59,7 @@ impl From<MavMissionResult> for PlanFault {
 /// The hooks of a vehicle with plans: it decides which uploads it accepts, and flies them.
 ///
 /// A refusal is a `MAV_MISSION_RESULT`. It is sent to the ground station as a MISSION_ACK and, with the item's sequence number,
-/// as a STATUSTEXT (M-38).
+/// as a STATUSTEXT (M-38). A hook can say more with [`Context::text`].
 ///
 /// An upload is received into a staging area and becomes the live plan in one step. Until then, downloads and the vehicle see
 /// the old plan (M-39):
@@ -99,8 +99,8 @@ pub trait Plans: Vehicle {
     /// # Errors
     ///
     /// The result for the MISSION_ACK.
-    fn may_change(&mut self, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
-        let _ = (plan, from);
+    fn may_change(&mut self, cx: &mut Context<'_>, plan: PlanType, from: Peer) -> Result<(), MavMissionResult> {
+        let _ = (cx, plan, from);
         Ok(())
     }
 
@@ -110,8 +110,14 @@ pub trait Plans: Vehicle {
     /// # Errors
     ///
     /// The result for the MISSION_ACK.
-    fn check_item(&mut self, plan: PlanType, seq: u16, item: &Item) -> Result<(), MavMissionResult> {
-        let _ = (plan, seq, item);
+    fn check_item(
+        &mut self,
+        cx: &mut Context<'_>,
+        plan: PlanType,
+        seq: u16,
+        item: &Item,
+    ) -> Result<(), MavMissionResult> {
+        let _ = (cx, plan, seq, item);
         Ok(())
     }
 
@@ -121,8 +127,8 @@ pub trait Plans: Vehicle {
     /// # Errors
     ///
     /// The fault; a `MAV_MISSION_RESULT` converts into one.
-    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
-        let _ = (plan, items);
+    fn check_plan(&mut self, cx: &mut Context<'_>, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
+        let _ = (cx, plan, items);
         Ok(())
     }
 

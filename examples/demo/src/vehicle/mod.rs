@@ -109,8 +109,6 @@ pub struct Quadrotor {
     calibration: Option<Instant>,
     reboot: Option<Reboot>,
     last: Snapshot,
-    /// A fence that excludes the vehicle was refused, and no text has said so yet.
-    has_refused_fence: bool,
     counts: Counts,
     sticks: Option<Sticks>,
     channels: RcOverride,
@@ -152,7 +150,6 @@ impl Quadrotor {
                 geoid_separation: 0,
                 flights: 0,
             },
-            has_refused_fence: false,
             counts: Counts { flights: 0, flight_time: 0 },
             sticks: None,
             channels: RcOverride::default(),
@@ -166,9 +163,6 @@ impl Quadrotor {
     pub fn control_step(&mut self, cx: &mut Context<'_>) {
         if self.time == Instant::ZERO {
             self.apply_boot_parameters(cx);
-        }
-        if core::mem::take(&mut self.has_refused_fence) {
-            cx.text(MavSeverity::WARNING, "Fence refused: the vehicle is outside it");
         }
         self.body.limits = Limits::of(cx);
         self.take_steps(cx);

@@ -1,7 +1,7 @@
 //! Uploaded plans: which items the vehicle accepts, and how it uses new plans.
 
 use mavstack::dialect::rules;
-use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
+use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
 use mavstack::message::{LatLon, ParamRule};
 use mavstack::plan::PlanFault;
 use mavstack::{Command, CommandRule, Context, Item, PlanChange, PlanType, Plans, Progress};
@@ -55,7 +55,13 @@ impl Plans for Quadrotor {
         self.last.has_fix.then_some((LatLon { latitude, longitude }, MAX_FIRST_WAYPOINT_DISTANCE))
     }
 
-    fn check_item(&mut self, _plan: PlanType, _seq: u16, item: &Item) -> Result<(), MavMissionResult> {
+    fn check_item(
+        &mut self,
+        _: &mut Context<'_>,
+        _plan: PlanType,
+        _seq: u16,
+        item: &Item,
+    ) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;
         let is_bad = match item.command {
             // -1 keeps the speed, -2 restores the default. At 0 the vehicle would never arrive.
@@ -67,7 +73,7 @@ impl Plans for Quadrotor {
     }
 
     /// While armed, refuses a fence that excludes the vehicle or within which it could not stop (M-82).
-    fn check_plan(&mut self, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
+    fn check_plan(&mut self, cx: &mut Context<'_>, plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
         match plan {
             PlanType::Mission => mission::check(items),
             PlanType::Fence if self.armed => {
@@ -75,7 +81,7 @@ impl Plans for Quadrotor {
                 if fence::allows(self.home, items, from, to) {
                     return Ok(());
                 }
-                self.has_refused_fence = true;
+                cx.text(MavSeverity::WARNING, "Fence refused: the vehicle is outside it");
                 Err(MavMissionResult::DENIED.into())
             }
             PlanType::Fence | PlanType::Rally => Ok(()),

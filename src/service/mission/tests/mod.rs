@@ -96,19 +96,19 @@ impl Commands for Vehicle {
 impl Plans for Vehicle {
     const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT, CommandRule::any(MavCmd::DO_JUMP)];
 
-    fn may_change(&mut self, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
+    fn may_change(&mut self, _: &mut Context<'_>, plan: PlanType, _: Peer) -> Result<(), MavMissionResult> {
         self.asked.push(plan);
         self.may_change
     }
 
-    fn check_item(&mut self, _: PlanType, seq: u16, _: &Item) -> Result<(), MavMissionResult> {
+    fn check_item(&mut self, _: &mut Context<'_>, _: PlanType, seq: u16, _: &Item) -> Result<(), MavMissionResult> {
         match self.bad_item {
             Some((bad, result)) if bad == seq => Err(result),
             _ => Ok(()),
         }
     }
 
-    fn check_plan(&mut self, _: PlanType, _: &[Item]) -> Result<(), PlanFault> {
+    fn check_plan(&mut self, _: &mut Context<'_>, _: PlanType, _: &[Item]) -> Result<(), PlanFault> {
         Ok(self.verdict?)
     }
 

@@ -167,11 +167,10 @@ impl Flight {
     /// Replaces a plan as the stack does after an upload that has passed the stack's own checks.
     pub fn change(&mut self, plan: PlanType, items: &[Item], first: u16) -> Result<(), PlanFault> {
         for (seq, item) in items.iter().enumerate() {
-            self.vehicle.check_item(plan, seq as u16, item)?;
+            self.hook(|vehicle, cx| vehicle.check_item(cx, plan, seq as u16, item))?;
         }
-        let checked = self.vehicle.check_plan(plan, items);
-        // The vehicle sends the text of a refusal in its next pass.
-        self.step(0);
+        let checked = self.hook(|vehicle, cx| vehicle.check_plan(cx, plan, items));
+        self.collect_texts();
         checked?;
         self.go_live(plan, items);
         self.hook(|vehicle, cx| {
