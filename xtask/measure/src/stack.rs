@@ -6,6 +6,8 @@
 //! Stack painting in the emulator checks the sum: the firmware `painted` fills the free RAM with a pattern, exercises all services,
 //! and reports how much of the pattern is overwritten. That must not exceed the sum for the same firmware.
 //!
+//! The stack is begun in place only if it starts as zeros: the firmware's `static` with `VACANT` must lie in `.bss`.
+//!
 //! For the Cortex-M4 only. Code for the Cortex-M0 uses a helper of the compiler's library for jump tables, and its targets are known
 //! at run time only.
 
@@ -13,11 +15,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Stdio;
 
+use object::read::elf::ElfFile32;
+use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionKind};
+
 use crate::emulator;
 use crate::figures::{Figure, Figures, grouped, number, settle};
 use crate::firmware::{build_proof, read};
 use crate::system::Result;
-use crate::thumb::{Function, Program};
+use crate::thumb::{Function, Program, plain};
 use crate::toolchain::{self, Choice, TARGET};
 
 /// The calls that are measured. Flight is the demo vehicle's own.
@@ -33,8 +38,10 @@ const ENTRIES: [Subject; 7] = [
 /// The goal for one call.
 const CALL: u32 = 1_024;
 
-/// The firmware `loop`, from reset.
+/// The firmware `loop`, from reset on: its start, and its loop.
 const WHOLE: Subject = Subject { id: "whole", function: "Reset", what: "the whole firmware, from reset", goal: 2_048 };
+/// The firmware's `static` with its stack.
+const STATIC: &str = "mavstack_qemu::memory::STACK";
 /// The firmware that paints its stack.
 const PAINTED: &str = "painted";
 /// How many plans it must have accepted and refused at least, or it has not exercised all services: in each of its rounds a mission,
@@ -67,7 +74,9 @@ impl Subject {
 pub fn prove(choice: Option<Choice>, accepts: bool) -> Result {
     let choice = toolchain::prepare(choice, &[TARGET])?;
     let entries = Program::read(&read(&build_proof(choice, "entries", false, "s")?)?)?;
-    let whole = Program::read(&read(&build_proof(choice, "loop", false, "s")?)?)?;
+    let elf = read(&build_proof(choice, "loop", false, "s")?)?;
+    let zeros = zeros(&elf, STATIC)?;
+    let whole = Program::read(&elf)?;
     let mut rows = Vec::new();
     for subject in ENTRIES {
         let name = format!("entries::{}", subject.function);
@@ -96,6 +105,7 @@ pub fn prove(choice: Option<Choice>, accepts: bool) -> Result {
             println!("{frame:>8}  {name}");
         }
     }
+    println!("\n{STATIC}: {zeros} bytes, all zero bits before it is begun");
     println!("\nthe firmware that paints its stack: at most {most}, measured {}", measured.bytes);
     // A goal that is missed already may be missed by more, if that is accepted. One that is reached stays.
     let is_broken = |(subject, chain): &&(Subject, Chain)| {
@@ -114,6 +124,18 @@ pub fn prove(choice: Option<Choice>, accepts: bool) -> Result {
     let mut figures: Vec<_> = rows.iter().map(|(subject, chain)| bytes(subject.id, total(chain))).collect();
     figures.extend([bytes("painted-sum", most), bytes("painted", measured.bytes)]);
     settle("stack", &toolchain::release(choice), &figures, accepts)
+}
+
+/// Returns the length of a `static` that is all zero bits: it lies in `.bss`, which has no image in flash.
+fn zeros(elf: &[u8], name: &str) -> Result<u64> {
+    let file = ElfFile32::<Endianness>::parse(elf).map_err(|error| format!("not a firmware: {error}"))?;
+    let found = file.symbols().find(|symbol| symbol.name().is_ok_and(|symbol| plain(symbol) == name));
+    let symbol = found.ok_or_else(|| format!("the firmware has no `static` called {name}"))?;
+    let section = symbol.section_index().and_then(|index| file.section_by_index(index).ok());
+    match section.map(|section| section.kind()) {
+        Some(SectionKind::UninitializedData) => Ok(symbol.size()),
+        _ => Err(format!("{name} is not in .bss: some field of `VACANT` is not all zero bits")),
+    }
 }
 
 /// What the firmware that paints its stack has found.
