@@ -358,7 +358,7 @@ impl Forwarding<'_> {
                 if is_accepted && !is_same_share && !is_broadcast_from_peer() {
                     self.memory.on_loop(now);
                 }
-                self.count(port.id, |counters| &mut counters.duplicates);
+                self.increment(port.id, |counters| &mut counters.duplicates);
                 Passage::Again
             }
         }
@@ -390,9 +390,9 @@ impl Forwarding<'_> {
                 continue;
             }
             if !is_addressed && routes.seen.contains(lane.link) {
-                count(&mut lane.counters.source_heard);
+                increment(&mut lane.counters.source_heard);
             } else if ticket.is_refused() && lane.withholds(frame.id(), has_key) {
-                count(&mut lane.counters.not_accepted);
+                increment(&mut lane.counters.not_accepted);
             } else {
                 links = links.with(lane.link);
             }
@@ -402,7 +402,7 @@ impl Forwarding<'_> {
             return LinkMask::NONE;
         }
         if !self.memory.has_room(ticket, is_addressed) {
-            self.count(from, |counters| &mut counters.not_remembered);
+            self.increment(from, |counters| &mut counters.not_remembered);
             return LinkMask::NONE;
         }
         // A storm of broadcasts leaves room for addressed frames, and refused frames leave room for accepted ones.
@@ -420,11 +420,11 @@ impl Forwarding<'_> {
                 continue;
             }
             if frame.header().version == Version::V2 && lane.version == Version::V1 {
-                count(&mut lane.counters.needs_v2);
+                increment(&mut lane.counters.needs_v2);
             } else if lane.ring.push(bytes, now, frame.raw(), spare) {
                 queued = queued.with(lane.link);
             } else {
-                count(&mut lane.counters.queue_full);
+                increment(&mut lane.counters.queue_full);
             }
         }
         self.memory.remember(now, ticket);
@@ -455,9 +455,9 @@ impl Forwarding<'_> {
         };
         while let Some((waited, frame)) = lane.ring.pop(bytes.unwrap_or_default(), now) {
             if waited > max_wait {
-                count(&mut lane.counters.stale);
+                increment(&mut lane.counters.stale);
             } else if out.forward(frame) {
-                count(&mut lane.counters.sent);
+                increment(&mut lane.counters.sent);
                 return true;
             }
         }
@@ -469,13 +469,13 @@ impl Forwarding<'_> {
         self.lanes.get(usize::from(link.0)).is_none_or(|lane| lane.ring.is_empty())
     }
 
-    pub(crate) fn count(&mut self, link: LinkId, counter: impl FnOnce(&mut ForwardCounters) -> &mut u32) {
+    pub(crate) fn increment(&mut self, link: LinkId, counter: impl FnOnce(&mut ForwardCounters) -> &mut u32) {
         if let Some(lane) = self.lanes.get_mut(usize::from(link.0)) {
-            count(counter(&mut lane.counters));
+            increment(counter(&mut lane.counters));
         }
     }
 }
 
-fn count(counter: &mut u32) {
+fn increment(counter: &mut u32) {
     *counter = counter.wrapping_add(1);
 }

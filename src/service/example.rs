@@ -4,7 +4,7 @@
 //! played. It is counted, and the link on which it was received sends the count in a NAMED_VALUE_INT. Tunes that are received
 //! before the link has room share one answer.
 
-use super::{Cx, Handled, Received, Service, Turn, View, count};
+use super::{Cx, Handled, Received, Service, Turn, View, increment};
 use crate::dialect::{NamedValueInt, PlayTune};
 use crate::link::Port;
 use crate::message::{Message, Text};
@@ -40,7 +40,7 @@ impl<F: Firmware> Service<F> for Tunes {
         if received.frame.id() != PlayTune::ID {
             return Handled::No;
         }
-        count(&mut self.received);
+        increment(&mut self.received);
         link.is_answer_pending = true;
         Handled::Yes
     }

@@ -99,14 +99,14 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         let target = network::target_of(frame);
         // A broadcast needs no route back for an answer.
         if booking == Some(Booking::NoRoom) && target.system.0 != 0 {
-            queues.count(port.id, |counters| &mut counters.no_peer_slot);
+            queues.increment(port.id, |counters| &mut counters.no_peer_slot);
             return len;
         }
         let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target);
         let own = cx.shared.config.address.get();
         let is_ours_too = target.system == own.system && target.component.0 == 0;
         if routes.to.is_empty() && !is_ours_too {
-            queues.count(port.id, |counters| &mut counters.no_route);
+            queues.increment(port.id, |counters| &mut counters.no_route);
         }
         let queued = queues.pass_on(cx.now, port.id, frame, &ticket, routes, has_key);
         self.queued = self.queued.with(queued);

@@ -1,6 +1,6 @@
 //! Gates: they examine each received frame before the services see it, and sign each frame before it is sent.
 
-use super::{Cx, Handled, Received, Service, count};
+use super::{Cx, Handled, Received, Service, increment};
 use crate::dialect::SetupSigning;
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
@@ -86,7 +86,7 @@ impl SigningGate<()> for WithoutSigning {
     fn admits(&mut self, _: Instant, port: &mut Port, (): &mut (), _: &Frame<'_>) -> bool {
         let is_open = is_open(port);
         if !is_open {
-            count(&mut port.counters.out_of_place);
+            increment(&mut port.counters.out_of_place);
         }
         is_open
     }

@@ -6,7 +6,7 @@
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 
-use super::{Cx, Handled, Received, Service, count};
+use super::{Cx, Handled, Received, Service, increment};
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
@@ -329,9 +329,9 @@ impl ManualInput {
             }
             self.holder = Some((from, now.after(self.timeout)));
             self.take(now, from, frame);
-            return count(&mut self.counters.taken);
+            return increment(&mut self.counters.taken);
         };
-        count(counter);
+        increment(counter);
     }
 
     fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>) {
@@ -359,7 +359,7 @@ fn sticks(now: Instant, from: Peer, message: &ManualControl, bad_axes: &mut u32)
     let mut axis = |raw: i16| {
         let value = Some(raw).filter(|raw| (-1_000..=1_000).contains(raw));
         if value.is_none() && raw != i16::MAX {
-            count(bad_axes);
+            increment(bad_axes);
         }
         value
     };

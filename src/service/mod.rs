@@ -342,6 +342,6 @@ pub(crate) fn sum<const N: usize>(counts: [u32; N]) -> u32 {
 }
 
 /// Increments a counter, which wraps.
-pub(crate) fn count(counter: &mut u32) {
+pub(crate) fn increment(counter: &mut u32) {
     *counter = counter.wrapping_add(1);
 }

@@ -8,7 +8,7 @@ use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
 use crate::service::command::CommandService;
-use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, count};
+use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, increment};
 use crate::time::Instant;
 use crate::types::{Allowance, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
 
@@ -68,7 +68,7 @@ impl<D: Declares> Services<D> {
     ) -> (u32, bool) {
         let own = cx.shared.config.address.get();
         if frame.source() == own {
-            count(&mut port.counters.own_address);
+            increment(&mut port.counters.own_address);
             if frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
                 let header = frame.header();
                 let sum_at = header.version.header_len().saturating_add(frame.payload().len());
@@ -85,7 +85,7 @@ impl<D: Declares> Services<D> {
             return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
         if !frame.is_checked() {
-            count(&mut port.counters.unknown);
+            increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
             return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
@@ -98,8 +98,8 @@ impl<D: Declares> Services<D> {
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
         let booking = network::record(cx.peers, by, own.system, frame, report!(cx));
         match booking {
-            Booking::Evicted => count(&mut port.counters.evicted_peers),
-            Booking::NoRoom => count(&mut port.counters.no_peer_slot),
+            Booking::Evicted => increment(&mut port.counters.evicted_peers),
+            Booking::NoRoom => increment(&mut port.counters.no_peer_slot),
             Booking::Kept => {}
         }
         if passage != Passage::Again {
@@ -122,15 +122,15 @@ impl<D: Declares> Services<D> {
         let received = self.received(cx.now, port, frame, target);
         match self.on_frame(cx, port, state, &received) {
             Handled::Yes => {}
-            Handled::NoRoom => count(&mut port.counters.no_answer_slot),
-            Handled::OutOfPlace => count(&mut port.counters.out_of_place),
-            Handled::No if port.config.class.is_high_latency() => count(&mut port.counters.out_of_place),
+            Handled::NoRoom => increment(&mut port.counters.no_answer_slot),
+            Handled::OutOfPlace => increment(&mut port.counters.out_of_place),
+            Handled::No if port.config.class.is_high_latency() => increment(&mut port.counters.out_of_place),
             Handled::No => {
                 let (vehicle, mut context) = cx.hook();
                 let is_handled = vehicle.message(&mut context, frame, port.id);
                 // Broadcasts are not counted: no component has to handle them.
                 if !is_handled && target.system == cx.shared.config.address.get().system {
-                    count(&mut port.counters.unhandled);
+                    increment(&mut port.counters.unhandled);
                 }
             }
         }
@@ -183,11 +183,11 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
         || target.component == own.component
         || Services::<D>::handles_for(target.component, frame.id());
     if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
-        count(&mut port.counters.not_ours);
+        increment(&mut port.counters.not_ours);
         return None;
     }
     if !port.config.class.may_handle(frame.id()) {
-        count(&mut port.counters.out_of_place);
+        increment(&mut port.counters.out_of_place);
         return None;
     }
     Some(target)

@@ -3,7 +3,7 @@
 use super::Declares;
 use super::services::{Services, States};
 use crate::link::Port;
-use crate::service::{Cx, ForwardingGate, SigningGate, count};
+use crate::service::{Cx, ForwardingGate, SigningGate, increment};
 
 impl<D: Declares> Services<D> {
     /// Puts the next frame into the link's empty outbox, and signs it.
@@ -13,7 +13,7 @@ impl<D: Declares> Services<D> {
         ForwardingGate::<D>::prepare(&mut self.forwarding, port);
         if self.send(cx, port, state) {
             self.signing.sign(cx.now, port);
-            count(&mut port.counters.tx_frames);
+            increment(&mut port.counters.tx_frames);
             self.on_sent(port);
         }
     }

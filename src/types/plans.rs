@@ -285,7 +285,7 @@ impl PlansMut<'_> {
     }
 
     /// Replaces the live plan by the staged one, in one step. The id of an empty plan is 0.
-    pub(crate) fn commit(&mut self, plan: PlanType, id: u32) {
+    pub(crate) fn go_live(&mut self, plan: PlanType, id: u32) {
         let Self { mission, fence, rally, staging } = self;
         let Live { items, id: live_id } = match plan {
             PlanType::Mission => mission,
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn commit_replaces_the_whole_plan() {
+    fn going_live_replaces_the_whole_plan() {
         let item = |x| Item { x, ..Default::default() };
         let mut memory = <plan_memory!(mission: 3, fence: 0, rally: 2)>::new();
         let mut view = memory.view().unwrap();
@@ -336,7 +336,7 @@ mod tests {
                 view.staging.push(item(*x)).unwrap();
             }
             assert!(!view.is_live(PlanType::Mission, id) || items.is_empty());
-            view.commit(PlanType::Mission, id);
+            view.go_live(PlanType::Mission, id);
             let live = view.live(PlanType::Mission);
             assert!(live.items().iter().map(|item| item.x).eq(items.iter().copied()));
             assert_eq!((live.id(), view.staged(), view.count(PlanType::Rally)), (id, 0, 0));

@@ -19,7 +19,7 @@ pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
 pub use vehicle::Commands;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, count};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
 use crate::link::Port;
 use crate::time::Instant;
@@ -209,7 +209,7 @@ impl<S: CommandMemory> CommandService<S> {
     pub(crate) fn has_room(port: &mut Port, link: &CommandLink) -> bool {
         let has_room = !link.acks.is_full();
         if !has_room {
-            count(&mut port.counters.no_answer_slot);
+            increment(&mut port.counters.no_answer_slot);
         }
         has_room
     }

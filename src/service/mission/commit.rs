@@ -205,7 +205,7 @@ impl Missions {
 
     /// Replaces a live plan with the staged one.
     fn replace<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
-        cx.plans.commit(plan, id);
+        cx.plans.go_live(plan, id);
         self.sessions.invalidate(plan);
         if plan == PlanType::Mission {
             self.reached.clear();

@@ -17,7 +17,7 @@ pub use streams::SigningStream;
 use core::num::{NonZeroU32, NonZeroU64};
 use core::ops::{Deref, DerefMut};
 
-use super::{Cx, Handled, Received, Service, SigningGate, Turn, View, count};
+use super::{Cx, Handled, Received, Service, SigningGate, Turn, View, increment};
 use crate::dialect::{MavModeFlag, SetupSigning};
 use crate::frame::{Decoder, Frame, MAX_TIMESTAMP, SigningKey, Version, signature_cost};
 use crate::link::Port;
@@ -329,7 +329,7 @@ impl Signing {
         let timestamp = num::quotient(timestamp, TEN);
         let step = timestamp.saturating_sub(self.timestamp(now));
         if step > num::quotient(max_step.as_micros(), TEN) || timestamp >= MAX_TIMESTAMP {
-            count(&mut self.counters.refused_times);
+            increment(&mut self.counters.refused_times);
             event!("signing: time refused");
             return false;
         }
@@ -436,7 +436,7 @@ impl Signing {
         match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
             Ok(()) => {
                 self.advance(now, timestamp);
-                count(&mut self.counters.verified);
+                increment(&mut self.counters.verified);
                 Verdict::Verified
             }
             Err(Stale::Replayed) => self.refuse(|counters| &mut counters.replayed),
@@ -446,7 +446,7 @@ impl Signing {
     }
 
     fn refuse(&mut self, counter: fn(&mut SigningCounters) -> &mut u32) -> Verdict {
-        count(counter(&mut self.counters));
+        increment(counter(&mut self.counters));
         Verdict::Stale
     }
 

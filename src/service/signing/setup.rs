@@ -10,7 +10,7 @@
 
 use zeroize::Zeroize;
 
-use super::{Handled, Signing, SigningLink, count};
+use super::{Handled, Signing, SigningLink, increment};
 use crate::dialect::{MavSeverity, SetupSigning, Statustext};
 use crate::frame::{Frame, SigningKey};
 use crate::link::Port;
@@ -92,9 +92,9 @@ pub(super) fn receive(
     };
     link.setup = answer;
     if answer.is_refusal() {
-        count(&mut signing.counters.refused_setups);
+        increment(&mut signing.counters.refused_setups);
     } else {
-        count(&mut signing.counters.setups);
+        increment(&mut signing.counters.setups);
         signing.wear_key(now);
         port.facts.is_sign_of_life_due = true;
     }
