@@ -21,13 +21,13 @@ pub fn start() -> &'static mut App {
 }
 
 /// The storage of the signing key, the parameters and the plans.
-pub struct Memory(Store<PsramFlash>);
+pub struct Storage(Store<PsramFlash>);
 
 /// The length of its region, from the start of the flash.
 pub const LEN: u32 = Store::<PsramFlash>::region_len::<Mavlink>();
 const _: () = assert!(LEN <= PsramFlash::LEN);
 
-impl Memory {
+impl Storage {
     /// Creates the storage in this flash.
     pub fn new(flash: PsramFlash) -> Self {
         Self(Store::new(flash, 0..LEN))

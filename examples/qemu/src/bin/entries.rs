@@ -7,12 +7,12 @@ use cortex_m_rt::entry;
 use mavstack::{Instant, LinkId};
 use mavstack_demo::App;
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::memory::{self, Memory};
+use mavstack_qemu::memory::{self, Storage};
 use mavstack_qemu::polled::{Polled, Sleep};
 
 #[inline(never)]
-fn restore(app: &mut App, memory: &mut Memory) {
-    memory.restore(app, board::now());
+fn restore(app: &mut App, storage: &mut Storage) {
+    storage.restore(app, board::now());
 }
 
 #[inline(never)]
@@ -43,8 +43,8 @@ fn transmit(app: &mut App, now: Instant, link: LinkId) -> usize {
 }
 
 #[inline(never)]
-fn persist(app: &mut App, memory: &mut Memory, now: Instant) -> bool {
-    memory.persist(app, now)
+fn persist(app: &mut App, storage: &mut Storage, now: Instant) -> bool {
+    storage.persist(app, now)
 }
 
 #[entry]
@@ -53,8 +53,8 @@ fn main() -> ! {
     let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
     let mut sleep = Sleep::new(core.SYST);
     let mut uarts = board.uarts.map(Polled::new);
-    let mut memory = Memory::new(board.flash);
-    restore(app, &mut memory);
+    let mut storage = Storage::new(board.flash);
+    restore(app, &mut storage);
     loop {
         let now = board::now();
         fly(app, now);
@@ -66,7 +66,7 @@ fn main() -> ! {
             core::hint::black_box(taken);
             core::hint::black_box(transmit(app, now, link));
         }
-        persist(app, &mut memory, now);
+        persist(app, &mut storage, now);
         sleep.until_event(&mut uarts);
     }
 }

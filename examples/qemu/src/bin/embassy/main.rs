@@ -38,7 +38,7 @@ use mavstack::frame::MAX_FRAME_LEN;
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::{Interrupt, interrupt};
-use mavstack_qemu::memory::{self, Memory};
+use mavstack_qemu::memory::{self, Storage};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
@@ -76,8 +76,8 @@ fn main() -> ! {
     let (Some(mut core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
         unreachable!("the firmware starts once")
     };
-    let mut memory = Memory::new(board.flash);
-    memory.restore(app, board::now());
+    let mut storage = Storage::new(board.flash);
+    storage.restore(app, board::now());
     let app = &*APP.init(Mutex::new(app));
     time::start(board.alarm);
 
@@ -95,7 +95,7 @@ fn main() -> ! {
         comms.spawn(receive(app, link, rx).unwrap());
         comms.spawn(transmit(app, link, tx).unwrap());
     }
-    comms.spawn(persist(app, memory).unwrap());
+    comms.spawn(persist(app, storage).unwrap());
     loop {
         cortex_m::asm::wfi();
     }
@@ -181,14 +181,14 @@ async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
 
 /// Writes pending data to storage, and resets the processor when a reboot was requested.
 #[embassy_executor::task]
-async fn persist(app: &'static SharedApp, mut memory: Memory) {
+async fn persist(app: &'static SharedApp, mut storage: Storage) {
     loop {
         let is_busy = {
             let mut app = app.lock().await;
             if app.wants_reboot() {
                 Board::reset();
             }
-            memory.persist(&mut app, board::now())
+            storage.persist(&mut app, board::now())
         };
         if is_busy { yield_now().await } else { Timer::after(Duration::from_millis(10)).await }
     }
