@@ -275,8 +275,8 @@ impl Missions {
         if seq >= cx.plans.capacity(plan) {
             return Err(MavMissionResult::NO_SPACE.into());
         }
-        let checked =
-            validate::check_item(plan, V::MISSION_COMMANDS, &item).and_then(|()| vehicle.check_item(plan, seq, &item));
+        let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item)
+            .and_then(|()| vehicle.check_item(&mut cx.hook(), plan, seq, &item));
         checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
         digest.add(&item);
         let _ = cx.plans.staging.push(item);
