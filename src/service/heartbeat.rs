@@ -63,7 +63,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         let command = &request.command;
         let [id, micros, instance, _] = command.params;
         let is_interval = command.id == MavCmd::SET_MESSAGE_INTERVAL;
-        if !(is_interval || command.id == MavCmd::REQUEST_MESSAGE) || num::unsigned(id) != Some(Heartbeat::ID) {
+        if !(is_interval || command.id == MavCmd::REQUEST_MESSAGE) || num::integer(id) != Some(Heartbeat::ID) {
             return None;
         }
         let is_valid = !port.config.class.is_high_latency() && command.has_response_target();

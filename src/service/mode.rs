@@ -373,7 +373,7 @@ fn on_request(
     knows_mode: impl FnOnce() -> bool,
 ) -> Option<MavResult> {
     let [id, index, ..] = command.params;
-    let id = num::unsigned(id).filter(|id| matches!(*id, AvailableModes::ID..=AvailableModesMonitor::ID))?;
+    let id = num::integer(id).filter(|id| matches!(*id, AvailableModes::ID..=AvailableModesMonitor::ID))?;
     if !can_send(port) || !command.has_response_target() {
         return Some(MavResult::DENIED);
     }

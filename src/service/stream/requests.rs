@@ -96,9 +96,8 @@ impl Asked {
         }
         let [id, index, ..] = command.params;
         let is_valid = command.has_response_target();
-        let index =
-            if index.is_nan() { Some(0) } else { num::unsigned(index).and_then(|index| u16::try_from(index).ok()) };
-        Some(Self { id: num::unsigned(id), index, is_valid })
+        let index = if index.is_nan() { Some(0) } else { num::integer(index) };
+        Some(Self { id: num::integer(id), index, is_valid })
     }
 }
 
