@@ -159,12 +159,17 @@ impl Outbox {
     /// Sends `message` in the link's version. Returns false, and sends nothing, if MAVLink 1 cannot carry it (S-10), or
     /// if the link's class [forbids](LinkClass::may_send) it.
     pub(crate) fn send<M: Message>(&mut self, message: &M) -> bool {
+        self.send_like(message, const { &M::INFO })
+    }
+
+    /// Sends `message` as the one with this `info`, which has the same fields.
+    pub(crate) fn send_like<M: Message>(&mut self, message: &M, info: &MessageInfo) -> bool {
         // The payload has the same position in both versions, so the encoders need no checks.
         let payload = self.bytes.last_chunk_mut::<{ MAX_FRAME_LEN - PAYLOAD_AT }>();
         if payload.and_then(|payload| message.encode(payload)).is_none() {
             return false;
         }
-        self.finish(const { &M::INFO })
+        self.finish(info)
     }
 
     /// Sends `message` in `version`, whatever the link's own (V-6).

@@ -4,7 +4,7 @@
 
 use super::Address;
 use crate::crc32::Crc32;
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItemInt};
 use crate::num;
 
 /// One item of a plan, exactly as it was uploaded (M-3): also the bits of a NaN survive.
@@ -126,28 +126,13 @@ impl Item {
         }
     }
 
-    /// The item as MISSION_ITEM, with degrees as the nearest floats.
-    pub(crate) fn to_float(self, to: Address, plan: MavMissionType, seq: u16, current: bool) -> MissionItem {
-        let [param1, param2, param3, param4] = self.params;
+    /// Returns its MISSION_ITEM_INT as a MISSION_ITEM, which has floats in place of `x` and `y`, and else the same fields: degrees
+    /// as the nearest floats.
+    pub(crate) fn with_floats(self, message: MissionItemInt) -> MissionItemInt {
         let is_global = position(self.frame) == Some(Position::Global);
         let float = |value| if is_global { num::from_1e7(value) } else { num::from_i32(value) };
-        MissionItem {
-            param1,
-            param2,
-            param3,
-            param4,
-            x: float(self.x),
-            y: float(self.y),
-            z: self.z,
-            seq,
-            command: self.command,
-            target_system: to.system.0,
-            target_component: to.component.0,
-            frame: self.frame,
-            current: current.into(),
-            autocontinue: self.autocontinue,
-            mission_type: plan,
-        }
+        let bits = |value| float(value).to_bits().cast_signed();
+        MissionItemInt { x: bits(self.x), y: bits(self.y), ..message }
     }
 }
 
@@ -193,6 +178,7 @@ impl Digest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dialect::MissionItem;
     use crate::message::Message;
     use proptest::prelude::*;
 
@@ -226,6 +212,14 @@ mod tests {
         let mut payload = [0; MissionItem::MAX_LEN];
         message.encode(&mut payload).unwrap();
         Item::from_float(Item::from_int(&MissionItemInt::decode(&payload)))
+    }
+
+    /// As the engine sends it.
+    fn to_float(item: Item) -> MissionItem {
+        let message = item.to_int(Address::new(1, 1), MavMissionType::MISSION, 3, false);
+        let mut payload = [0; MissionItem::MAX_LEN];
+        item.with_floats(message).encode(&mut payload).unwrap();
+        MissionItem::decode(&payload)
     }
 
     fn position_of(message: &MissionItem) -> Result<(i32, i32), MavMissionResult> {
@@ -279,11 +273,11 @@ mod tests {
         #[test]
         fn float_form_round_trips(x in 1.0f32..90.0, y in -180.0f32..-1.0, item in any_item()) {
             let frame = MavFrame::GLOBAL_RELATIVE_ALT;
-            let message = Item { frame, ..item }.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
+            let message = to_float(Item { frame, ..item });
             let message = MissionItem { x, y, ..message };
             let back = from_float(&message).unwrap();
             prop_assert_eq!(back, Item { frame, x: back.x, y: back.y, ..item });
-            let again = back.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
+            let again = to_float(back);
             prop_assert_eq!((again.x, again.y), (x, y));
         }
 

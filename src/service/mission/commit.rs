@@ -8,7 +8,7 @@
 
 use super::distance::first_too_far;
 use super::number::Number;
-use super::replies::{Answer, Reply};
+use super::replies::Reply;
 use super::upload::{Done, Upload};
 use super::validate::{self, Problem};
 use super::{Caller, Missions, Work};
@@ -228,7 +228,7 @@ impl Missions {
             Change::Clear(_) => 0,
         };
         cx.plans.staging.clear();
-        let reply = Reply::new(client.address, mission_type, Answer::ack(result, id));
+        let reply = Reply::of_result(client.address, mission_type, result, id);
         if cx.second_ack && id != 0 {
             self.second_answer = Some((cx.now.after(SECOND_ACK), client.link, reply));
         }

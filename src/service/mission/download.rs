@@ -12,10 +12,10 @@
 //! ```
 
 use super::Progress;
-use super::replies::{Answer, Reply};
-use crate::dialect::{MavMissionResult, MissionCount};
+use super::replies::{Kind, Reply};
+use crate::dialect::{MavMissionResult, MissionCount, MissionItem};
 use crate::link::Outbox;
-use crate::message::Address;
+use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 use crate::types::{PlanType, PlansMut};
@@ -33,8 +33,10 @@ struct Session {
     plan: PlanType,
     /// Whether the plan was replaced since the client requested its count.
     is_stale: bool,
-    /// The time of the last request; `None` for a free slot.
-    at: Option<Instant>,
+    /// Whether the slot is in use.
+    is_open: bool,
+    /// The time of the last request; zero for a free slot.
+    at: Instant,
 }
 
 /// The downloads in progress.
@@ -46,20 +48,25 @@ pub(super) struct Sessions {
 impl Sessions {
     pub(super) const fn new() -> Self {
         let client = Peer { address: Address::new(0, 0), link: LinkId(0) };
-        let free = Session { client, plan: PlanType::Mission, is_stale: false, at: None };
+        let free = Session { client, plan: PlanType::Mission, is_stale: false, is_open: false, at: Instant::ZERO };
         Self { sessions: [free; SESSIONS] }
     }
 
-    fn find(&mut self, now: Instant, plan: PlanType, is_client: impl Fn(Peer) -> bool) -> Option<&mut Session> {
+    /// Returns the session of `client` on its link or, if `anywhere`, the first one of its ids on any link. Not inlined, because it
+    /// has several callers.
+    #[inline(never)]
+    fn find(&mut self, now: Instant, client: Peer, plan: PlanType, anywhere: bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
-            session.plan == plan && is_client(session.client) && session.at.is_some_and(|at| now.since(at) < EXPIRY)
+            let Session { client: Peer { address, link }, plan: of, is_open, at, .. } = **session;
+            let is_client = address == client.address && (anywhere || link == client.link);
+            is_client && of == plan && is_open && now.since(at) < EXPIRY
         })
     }
 
     /// Opens a session, because `client` is sent the count of the plan that is live now.
     fn open(&mut self, now: Instant, client: Peer, plan: PlanType) {
-        let fresh = Session { client, plan, is_stale: false, at: Some(now) };
-        if let Some(session) = self.find(now, plan, |other| other == client) {
+        let fresh = Session { client, plan, is_stale: false, is_open: true, at: now };
+        if let Some(session) = self.find(now, client, plan, false) {
             *session = fresh;
         } else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {
             *oldest = fresh;
@@ -69,10 +76,9 @@ impl Sessions {
     /// Whether `client`, which requests an item, expects a plan that has been replaced. If the client has moved to this link, it
     /// may have requested the count on another one (M-11).
     fn is_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
-        let is_here = self.find(now, plan, |other| other == client).is_some();
-        let is_client = |other: Peer| other.address == client.address && (other.link == client.link || !is_here);
-        self.find(now, plan, is_client).is_some_and(|session| {
-            session.at = Some(now);
+        let is_elsewhere = self.find(now, client, plan, false).is_none();
+        self.find(now, client, plan, is_elsewhere).is_some_and(|session| {
+            session.at = now;
             session.is_stale
         })
     }
@@ -80,7 +86,7 @@ impl Sessions {
     /// Closes the session of `client`, which has finished or given up (M-65).
     pub(super) fn close(&mut self, client: Peer, plan: PlanType) {
         for session in self.sessions.iter_mut().filter(|session| (session.client, session.plan) == (client, plan)) {
-            session.at = None;
+            (session.is_open, session.at) = (false, Instant::ZERO);
         }
     }
 
@@ -91,7 +97,7 @@ impl Sessions {
         }
     }
 
-    /// Sends the answer `reply`.
+    /// Sends the answer `reply`, which is no MISSION_ACK.
     ///
     /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT (M-61).
     pub(super) fn answer(
@@ -107,33 +113,31 @@ impl Sessions {
         let client = Peer { address: to, link: tx.link() };
         // The plan was checked when the request was received.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
-        let (seq, is_legacy) = match reply.answer() {
-            Answer::Accepted(_) | Answer::Refused(_) => return reply.send_ack(tx),
-            Answer::Count => {
-                self.open(now, client, plan);
-                return tx.send(&MissionCount {
-                    count: plans.count(plan),
-                    target_system: to.system.0,
-                    target_component: to.component.0,
-                    mission_type,
-                    opaque_id: plans.live(plan).id(),
-                });
-            }
-            Answer::Item(seq) => (seq, false),
-            Answer::LegacyItem(seq) => (seq, true),
-        };
-        if self.is_stale(now, client, plan) {
+        if reply.kind() == Kind::Count {
+            self.open(now, client, plan);
+            return tx.send(&MissionCount {
+                count: plans.count(plan),
+                target_system: to.system.0,
+                target_component: to.component.0,
+                mission_type,
+                opaque_id: plans.live(plan).id(),
+            });
+        }
+        let seq = reply.seq();
+        let refused = if self.is_stale(now, client, plan) {
             event!("{} download by {}: the plan has changed", plan, to);
-            return reply.ack(MavMissionResult::OPERATION_CANCELLED, 0, tx);
-        }
-        let Some(item) = plans.live(plan).items().get(usize::from(seq)) else {
-            return reply.ack(MavMissionResult::INVALID_SEQUENCE, 0, tx);
-        };
-        let is_current = plan == PlanType::Mission && seq == progress.current;
-        if is_legacy && float_form {
-            tx.send(&item.to_float(to, mission_type, seq, is_current))
+            MavMissionResult::OPERATION_CANCELLED
+        } else if let Some(item) = plans.live(plan).items().get(usize::from(seq)) {
+            let is_current = plan == PlanType::Mission && seq == progress.current;
+            let message = item.to_int(to, mission_type, seq, is_current);
+            return if float_form && reply.kind() == Kind::LegacyItem {
+                tx.send_like(&item.with_floats(message), const { &MissionItem::INFO })
+            } else {
+                tx.send(&message)
+            };
         } else {
-            tx.send(&item.to_int(to, mission_type, seq, is_current))
-        }
+            MavMissionResult::INVALID_SEQUENCE
+        };
+        reply.ack(refused, 0, tx)
     }
 }

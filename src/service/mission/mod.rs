@@ -36,7 +36,7 @@ use self::commit::Commit;
 use self::current::Current;
 use self::download::Sessions;
 use self::progress::Reached;
-use self::replies::Answer;
+use self::replies::Kind;
 use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
@@ -146,15 +146,10 @@ impl Caller<'_> {
         self.ack(mission_type, MavMissionResult::DENIED, 0);
     }
 
-    /// Queues an answer to the sender.
-    fn queue(&mut self, mission_type: MavMissionType, answer: Answer) {
-        self.replies.push(Reply::new(self.from.address, mission_type, answer));
-    }
-
     /// Queues a MISSION_ACK. Not inlined, because it has many callers.
     #[inline(never)]
     fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
-        self.queue(mission_type, Answer::ack(result, id));
+        self.replies.push(Reply::of_result(self.from.address, mission_type, result, id));
     }
 
     /// Answers UNSUPPORTED to any request about a plan that the vehicle does not have: clients repeat an unanswered request
@@ -171,9 +166,9 @@ impl Caller<'_> {
     }
 
     /// Handles a request for the count or an item of a live plan (M-60).
-    fn ask(&mut self, cx: &Work<'_, '_>, mission_type: MavMissionType, answer: Answer) {
+    fn ask(&mut self, cx: &Work<'_, '_>, mission_type: MavMissionType, kind: Kind, seq: u16) {
         match self.plan(cx, mission_type) {
-            Ok(_) => self.queue(mission_type, answer),
+            Ok(_) => self.replies.push(Reply::new(self.from.address, mission_type, kind, seq.into())),
             Err(result) => self.ack(mission_type, result, 0),
         }
     }
@@ -298,12 +293,11 @@ impl Missions {
                 }
             }
             MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),
-            MissionRequestList::ID => caller.ask(cx, mission_type, Answer::Count),
-            MissionRequestInt::ID => {
-                caller.ask(cx, mission_type, Answer::Item(MissionRequestInt::decode(payload).seq));
-            }
-            MissionRequest::ID => {
-                caller.ask(cx, mission_type, Answer::LegacyItem(MissionRequest::decode(payload).seq));
+            MissionRequestList::ID => caller.ask(cx, mission_type, Kind::Count, 0),
+            id @ (MissionRequestInt::ID | MissionRequest::ID) => {
+                let kind = if id == MissionRequestInt::ID { Kind::Item } else { Kind::LegacyItem };
+                // Both messages have the same fields.
+                caller.ask(cx, mission_type, kind, MissionRequestInt::decode(payload).seq);
             }
             // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not part of the standard protocol (M-68).
             _ => caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0),

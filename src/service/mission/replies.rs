@@ -29,37 +29,21 @@ pub(crate) struct Reply {
     value: u32,
 }
 
-/// The variant of [`Answer`], without its content.
+/// The kind of a pending answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+pub(crate) enum Kind {
+    /// There is none.
     None,
-    Accepted,
-    Refused,
-    Count,
-    Item,
-    LegacyItem,
-}
-
-/// The content of a pending answer.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Answer {
     /// MISSION_ACK: ACCEPTED, with the live plan's id.
-    Accepted(u32),
+    Accepted,
     /// MISSION_ACK with another result.
-    Refused(MavMissionResult),
+    Refused,
     /// MISSION_COUNT.
     Count,
-    /// The item with this sequence number.
-    Item(u16),
+    /// The item with a sequence number.
+    Item,
     /// The same, requested with the old MISSION_REQUEST.
-    LegacyItem(u16),
-}
-
-impl Answer {
-    /// Makes a MISSION_ACK; `id` is the plan's id if `result` is ACCEPTED.
-    pub(super) fn ack(result: MavMissionResult, id: u32) -> Self {
-        if result == MavMissionResult::ACCEPTED { Self::Accepted(id) } else { Self::Refused(result) }
-    }
+    LegacyItem,
 }
 
 impl Reply {
@@ -67,39 +51,40 @@ impl Reply {
     pub(super) const NONE: Self =
         Self { to: Address::new(0, 0), mission_type: MavMissionType(0), kind: Kind::None, value: 0 };
 
-    pub(super) fn new(to: Address, mission_type: MavMissionType, answer: Answer) -> Self {
-        let (kind, value) = match answer {
-            Answer::Accepted(id) => (Kind::Accepted, id),
-            Answer::Refused(result) => (Kind::Refused, u32::from(result.0)),
-            Answer::Count => (Kind::Count, 0),
-            Answer::Item(seq) => (Kind::Item, u32::from(seq)),
-            Answer::LegacyItem(seq) => (Kind::LegacyItem, u32::from(seq)),
-        };
+    /// `value`: the item's sequence number, if it is an item.
+    pub(super) fn new(to: Address, mission_type: MavMissionType, kind: Kind, value: u32) -> Self {
         Self { to, mission_type, kind, value }
     }
 
-    pub(super) fn answer(&self) -> Answer {
-        let [low, high, ..] = self.value.to_le_bytes();
-        let seq = u16::from_le_bytes([low, high]);
-        match self.kind {
-            Kind::Accepted => Answer::Accepted(self.value),
-            Kind::None | Kind::Refused => Answer::Refused(MavMissionResult(low)),
-            Kind::Count => Answer::Count,
-            Kind::Item => Answer::Item(seq),
-            Kind::LegacyItem => Answer::LegacyItem(seq),
+    /// A MISSION_ACK; `id` is the plan's id if `result` is ACCEPTED.
+    pub(super) fn of_result(to: Address, mission_type: MavMissionType, result: MavMissionResult, id: u32) -> Self {
+        if result == MavMissionResult::ACCEPTED {
+            Self::new(to, mission_type, Kind::Accepted, id)
+        } else {
+            Self::new(to, mission_type, Kind::Refused, result.0.into())
         }
+    }
+
+    pub(super) const fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// Returns the item's sequence number, if it is an item.
+    pub(super) const fn seq(&self) -> u16 {
+        let [low, high, ..] = self.value.to_le_bytes();
+        u16::from_le_bytes([low, high])
     }
 
     fn is_ack(&self) -> bool {
         matches!(self.kind, Kind::Accepted | Kind::Refused)
     }
 
-    /// Sends this answer if it is a MISSION_ACK. Returns false if it is not.
-    pub(super) fn send_ack(&self, tx: &mut Outbox) -> bool {
-        match self.answer() {
-            Answer::Accepted(id) => self.ack(MavMissionResult::ACCEPTED, id, tx),
-            Answer::Refused(result) => self.ack(result, 0, tx),
-            _ => false,
+    /// Sends this answer, a MISSION_ACK.
+    fn send_ack(&self, tx: &mut Outbox) -> bool {
+        let [result, ..] = self.value.to_le_bytes();
+        match self.kind {
+            Kind::Accepted => self.ack(MavMissionResult::ACCEPTED, self.value, tx),
+            _ => self.ack(MavMissionResult(result), 0, tx),
         }
     }
 
@@ -184,10 +169,9 @@ impl Replies {
 
     /// Sends the oldest MISSION_ACK. Returns false if none is pending.
     pub(crate) fn next_ack(&mut self, tx: &mut Outbox) -> bool {
-        if self.has_result() {
-            return core::mem::replace(&mut self.result, Reply::NONE).send_ack(tx);
-        }
-        self.pop(true).is_some_and(|reply| reply.send_ack(tx))
+        let result = core::mem::replace(&mut self.result, Reply::NONE);
+        let reply = if result.kind == Kind::None { self.pop(true) } else { Some(result) };
+        reply.is_some_and(|reply| reply.send_ack(tx))
     }
 
     /// Whether a stray item may be answered now. If so, the next one may not for a second.
@@ -219,23 +203,24 @@ mod tests {
 
     #[test]
     fn replies_are_taken_in_order() {
+        let result = |result, id| Reply::of_result(Address::new(255, 190), MavMissionType(9), result, id);
+        let other = |kind, seq| Reply::new(Address::new(255, 190), MavMissionType(9), kind, seq);
         let whats = [
-            Answer::Accepted(u32::MAX),
-            Answer::Accepted(0),
-            Answer::Refused(MavMissionResult(255)),
-            Answer::Count,
-            Answer::Item(u16::MAX),
-            Answer::LegacyItem(1),
+            result(MavMissionResult::ACCEPTED, u32::MAX),
+            result(MavMissionResult::ACCEPTED, 0),
+            result(MavMissionResult(255), 0),
+            other(Kind::Count, 0),
+            other(Kind::Item, u16::MAX.into()),
+            other(Kind::LegacyItem, 1),
         ];
         let mut replies = Replies::new();
-        let reply = |what| Reply::new(Address::new(255, 190), MavMissionType(9), what);
         for what in whats {
             assert!(!replies.is_full());
-            replies.push(reply(what));
-            replies.push(reply(what));
+            replies.push(what);
+            replies.push(what);
         }
         assert!(replies.is_full() && replies.has_ack());
-        let order = [false, false, false, true, true, true].map(|ack| replies.pop(ack).map(|reply| reply.answer()));
+        let order = [false, false, false, true, true, true].map(|ack| replies.pop(ack));
         assert_eq!(order.map(Option::unwrap), [whats[3], whats[4], whats[5], whats[0], whats[1], whats[2]]);
     }
 }

@@ -8,14 +8,14 @@ use super::commit::{Change, check_plan};
 use super::form::Form;
 use super::number::{Counts, Number};
 use super::pace::Pace;
-use super::replies::{Answer, Reply};
+use super::replies::Reply;
 use super::validate::{self, Problem};
 use super::{Caller, Missions, Work};
 use super::{PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
 use crate::frame::Frame;
 use crate::link::Outbox;
-use crate::message::{Address, CommandRule, Digest, Item};
+use crate::message::{Address, CommandRule, Digest, Item, Message};
 use crate::time::{Duration, Instant};
 use crate::types::PlanType;
 use crate::types::{LinkId, Peer};
@@ -124,11 +124,9 @@ impl Upload {
         self.pace.requested(now);
         let (target_system, target_component) = (self.client.address.system.0, self.client.address.component.0);
         let mission_type = self.plan.mission_type();
-        if self.form.take() {
-            tx.send(&MissionRequest { seq, target_system, target_component, mission_type })
-        } else {
-            tx.send(&MissionRequestInt { seq, target_system, target_component, mission_type })
-        }
+        // Both messages have the same fields.
+        let info = if self.form.take() { const { &MissionRequest::INFO } } else { const { &MissionRequestInt::INFO } };
+        tx.send_like(&MissionRequestInt { seq, target_system, target_component, mission_type }, info)
     }
 }
 
@@ -579,11 +577,10 @@ impl Missions {
             return None;
         }
         let (Peer { address: to, link }, plan) = (upload.client, upload.plan);
-        let answer = Answer::Refused(MavMissionResult::OPERATION_CANCELLED);
         let seq = cx.plans.staged();
         cx.report(&Problem::TimedOut(plan, seq));
         self.abandon(cx);
-        Some((link, Reply::new(to, plan.mission_type(), answer)))
+        Some((link, Reply::of_result(to, plan.mission_type(), MavMissionResult::OPERATION_CANCELLED, 0)))
     }
 
     fn out_of_place(&mut self) {
