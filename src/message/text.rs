@@ -42,7 +42,9 @@ impl<const N: usize> Text<N> {
 
     /// Replaces the text, as [`from_bytes`](Self::from_bytes) does, in place.
     pub(crate) fn set(&mut self, bytes: &[u8]) {
-        self.0 = [0; N];
+        if let Some(first) = self.0.first_mut() {
+            *first = 0;
+        }
         append(&mut self.0, bytes);
     }
 
@@ -126,11 +128,11 @@ fn append(field: &mut [u8], text: &[u8]) -> bool {
         None => &mut [],
     };
     let front = text.get(..cut(text, room.len())).unwrap_or_default();
-    for (to, from) in room.iter_mut().zip(front) {
-        *to = *from;
+    // A received field may have other bytes after the NUL. One loop for both, because `fill` links a function of its own.
+    let mut bytes = front.iter();
+    for to in room {
+        *to = bytes.next().copied().unwrap_or(0);
     }
-    // A received field may have other bytes after the NUL.
-    room.get_mut(front.len()..).unwrap_or_default().fill(0);
     front.len() == text.len()
 }
 

@@ -67,31 +67,26 @@ impl StatusTexts {
             *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
         }
         let bytes = entry.text.as_bytes();
-        let mut message = Statustext { severity: entry.severity, ..Default::default() };
-        if tx.version() == Version::V1 || bytes.len() <= ONE_FRAME {
-            // MAVLink 1 has no chunks: send what fits, cut between code points.
-            message.text = entry.text.front();
+        // MAVLink 1 has no chunks: send what fits, cut between code points.
+        let is_whole = tx.version() == Version::V1 || bytes.len() <= ONE_FRAME;
+        let sent = if is_whole { 0 } else { cursor.sent };
+        let rest = bytes.get(usize::from(sent)..).unwrap_or_default();
+        let front = rest.get(..crate::message::cut(rest, ONE_FRAME)).unwrap_or_default();
+        // A chunk without a NUL announces another one, so the last chunk may be empty.
+        let is_last = is_whole || rest.len() < ONE_FRAME;
+        let mut chunk = [0; ONE_FRAME];
+        // At most 3 bytes of a code point are cut off.
+        if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {
+            *end = [b' '; 3];
+        }
+        let len = crate::message::zero_extend(front, &mut chunk);
+        let (id, chunk_seq) = if is_whole { (0, 0) } else { (entry.number, cursor.chunk) };
+        let message = Statustext { severity: entry.severity, text: Text::from_wire(chunk), id, chunk_seq };
+        cursor.chunk = cursor.chunk.saturating_add(1);
+        cursor.sent = cursor.sent.saturating_add(u8::try_from(len).unwrap_or(0));
+        if is_last {
             entry.pending = entry.pending.without(link);
-        } else {
-            let rest = bytes.get(usize::from(cursor.sent)..).unwrap_or_default();
-            let front = rest.get(..crate::message::cut(rest, ONE_FRAME)).unwrap_or_default();
-            // A chunk without a NUL announces another one, so the last chunk may be empty.
-            let is_last = rest.len() < ONE_FRAME;
-            let mut chunk = [0; ONE_FRAME];
-            // At most 3 bytes of a code point are cut off.
-            if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {
-                *end = [b' '; 3];
-            }
-            let len = crate::message::zero_extend(front, &mut chunk);
-            message.text = Text::from_wire(chunk);
-            message.id = entry.number;
-            message.chunk_seq = cursor.chunk;
-            cursor.chunk = cursor.chunk.saturating_add(1);
-            cursor.sent = cursor.sent.saturating_add(u8::try_from(len).unwrap_or(0));
-            if is_last {
-                entry.pending = entry.pending.without(link);
-                *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
-            }
+            *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
         }
         tx.send(&message)
     }
