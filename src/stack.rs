@@ -48,20 +48,22 @@ use crate::types::{
 ///   bytes ─▶ Decoder ─▶ Frame ─▶ signature ─▶ routing ─▶ address ─▶ Service::on_frame, on_command ─▶ state
 ///   bytes ◀─ Outbox ◀─ one frame ◀─ for each turn, Service::next ◀─ what is pending ◀─────────────────┘
 /// ```
+// In this order, the largest last: it takes less code to reach what is near the start of a `static`.
+#[repr(C)]
 pub struct Stack<D: Declares, const LINKS: usize> {
     shared: Shared,
     services: Services<D>,
-    links: [Link; LINKS],
     states: [States<D>; LINKS],
+    links: [Link; LINKS],
     peers: D::Peers,
-    texts: D::Texts,
-    plans: D::Plans,
     parameters: D::Parameters,
     #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "there is no storage"))]
     storage: D::Storage,
     /// The drop counters that all links share, as last logged.
     #[cfg(feature = "defmt")]
     drops: DropLog,
+    texts: D::Texts,
+    plans: D::Plans,
 }
 
 /// Splits the stack into what a call uses: the data that services share, the services, the links and their states.

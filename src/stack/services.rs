@@ -22,8 +22,10 @@ use crate::types::{Config, Peer};
 /// Defines the services, and what each call does for each of them, in the order of the list.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
-        /// All services of a firmware.
+        /// All services of a firmware, in the order of the list: the large queues of forwarding are last, so that the other
+        /// services are near the start of the stack, where it takes less code to reach them.
         #[derive(Debug)]
+        #[repr(C)]
         pub(crate) struct Services<D: Declares> {
             $(pub(crate) $name: $service,)*
         }
