@@ -453,7 +453,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         self.orders = [const { None }; ORDERS];
         self.last = HighLatencySample::UNKNOWN;
         self.open = Window::new(Instant::ZERO);
-        self.closed = Window::new(Instant::ZERO);
     }
 
     #[inline(never)]
@@ -490,7 +489,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
                 Some(Verdict::accepted(result))
             }
             // Only on a high-latency link, and only while the service is on (L-2).
-            MavCmd::REQUEST_MESSAGE if num::unsigned(id) == Some(HighLatency2::ID) => {
+            MavCmd::REQUEST_MESSAGE if num::integer(id) == Some(HighLatency2::ID) => {
                 let is_class = port.config.class.is_high_latency();
                 let is_accepted = is_class && self.is_on() && command.has_response_target();
                 if is_accepted {
