@@ -201,6 +201,13 @@ mod tests {
         pub(crate) fn to_bytes(self) -> std::vec::Vec<u8> {
             self.words().into_iter().flat_map(u32::to_le_bytes).collect()
         }
+
+        /// The item as MISSION_ITEM, as the engine sends it.
+        pub(crate) fn to_float(self, to: Address, plan: MavMissionType, seq: u16, current: bool) -> MissionItem {
+            let mut payload = [0; MissionItem::MAX_LEN];
+            self.with_floats(self.to_int(to, plan, seq, current)).encode(&mut payload).unwrap();
+            MissionItem::decode(&payload)
+        }
     }
 
     fn float(frame: MavFrame, x: f32, y: f32) -> MissionItem {
@@ -212,14 +219,6 @@ mod tests {
         let mut payload = [0; MissionItem::MAX_LEN];
         message.encode(&mut payload).unwrap();
         Item::from_float(Item::from_int(&MissionItemInt::decode(&payload)))
-    }
-
-    /// As the engine sends it.
-    fn to_float(item: Item) -> MissionItem {
-        let message = item.to_int(Address::new(1, 1), MavMissionType::MISSION, 3, false);
-        let mut payload = [0; MissionItem::MAX_LEN];
-        item.with_floats(message).encode(&mut payload).unwrap();
-        MissionItem::decode(&payload)
     }
 
     fn position_of(message: &MissionItem) -> Result<(i32, i32), MavMissionResult> {
@@ -273,11 +272,11 @@ mod tests {
         #[test]
         fn float_form_round_trips(x in 1.0f32..90.0, y in -180.0f32..-1.0, item in any_item()) {
             let frame = MavFrame::GLOBAL_RELATIVE_ALT;
-            let message = to_float(Item { frame, ..item });
+            let message = Item { frame, ..item }.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
             let message = MissionItem { x, y, ..message };
             let back = from_float(&message).unwrap();
             prop_assert_eq!(back, Item { frame, x: back.x, y: back.y, ..item });
-            let again = to_float(back);
+            let again = back.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
             prop_assert_eq!((again.x, again.y), (x, y));
         }
 

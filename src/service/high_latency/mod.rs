@@ -238,7 +238,7 @@ pub struct HighLatency {
     config: HighLatencyConfig,
     state: State,
     ground: Ground,
-    orders: [Option<Order>; ORDERS],
+    orders: [Order; ORDERS],
     /// When every link sends its next message, and the links that have not adopted this time yet.
     next: Instant,
     rescheduled: LinkMask,
@@ -431,7 +431,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         config: HighLatencyConfig::DEFAULT.vacant(),
         state: State::Off,
         ground: Ground::Unknown,
-        orders: [Some(Order::VACANT); ORDERS],
+        orders: [Order::VACANT; ORDERS],
         next: Instant::ZERO,
         rescheduled: LinkMask::NONE,
         announcing: LinkMask::NONE,
@@ -450,7 +450,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     fn begin(&mut self, _: &Config) {
         self.config = HighLatencyConfig::DEFAULT;
-        self.orders = [const { None }; ORDERS];
         self.last = HighLatencySample::UNKNOWN;
         self.open = Window::new(Instant::ZERO);
     }

@@ -19,6 +19,8 @@ pub(super) const ORDERS: usize = 4;
 /// The last START or STOP of a sender that was executed: to detect its duplicates, and commands that it supersedes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Order {
+    /// Whether there is one.
+    is_given: bool,
     from: Peer,
     starts: bool,
     confirmation: u8,
@@ -30,8 +32,9 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// All zero bits.
+    /// None; all zero bits.
     pub(super) const VACANT: Self = Self {
+        is_given: false,
         from: Peer { address: Address::new(0, 0), link: LinkId(0) },
         starts: false,
         confirmation: 0,
@@ -43,6 +46,7 @@ impl Order {
 
     /// Returns when it was signed, and when another command from a satellite was signed, if that shows which came
     /// first.
+    #[inline(never)]
     fn signed(&self, now: Instant, signed_at: SignedAt) -> Option<(NonZeroU64, NonZeroU64)> {
         self.signed_at.zip(signed_at).filter(|_| now.since(self.at) < SUPERSEDED_WITHIN)
     }
@@ -81,9 +85,8 @@ impl HighLatency {
         peers: &Peers,
     ) -> bool {
         let (from, confirmation, link) = (command.from, command.confirmation, command.from.link);
-        let is_senders = |order: &&Order| order.from.address == from.address;
-        let known = self.orders.iter().flatten().filter(is_senders).find(|order| order.starts == starts);
-        let opposite = self.orders.iter().flatten().filter(is_senders).find(|order| order.starts != starts);
+        let known = self.place(from.address, starts).and_then(|place| self.orders.get(place));
+        let opposite = self.place(from.address, !starts).and_then(|place| self.orders.get(place));
         // Not if the sender has changed its mind again since.
         let later = opposite.filter(|later| known.is_none_or(|known| known.at <= later.at));
         let signed = opposite.and_then(|opposite| opposite.signed(now, signed_at));
@@ -98,34 +101,33 @@ impl HighLatency {
         let recent = known.filter(|known| now.since(known.at) < LATE);
         let mut duplicates = recent.map_or(Duplicates::NONE, |known| known.duplicates);
         let is_obeyed = !is_superseded && !is_copy;
-        for order in self.orders.iter_mut().flatten().filter(|order| order.from.address == from.address) {
-            if is_obeyed && order.starts != starts {
+        let touched = self.place(from.address, starts != is_obeyed);
+        if let Some(order) = touched.and_then(|place| self.orders.get_mut(place)) {
+            if is_obeyed {
                 // A link keeps the order of its frames.
                 order.duplicates.end(link);
                 order.links = order.links.without(LinkMask::of(link));
-            } else if !is_obeyed && order.starts == starts {
+            } else {
                 order.duplicates.note(link);
                 order.links = order.links.with(LinkMask::of(link));
             }
         }
         if is_obeyed {
             duplicates.run(link);
-            let order = Order { from, starts, confirmation, links: LinkMask::of(link), duplicates, at: now, signed_at };
-            self.remember(order);
+            let links = LinkMask::of(link);
+            // In place of the sender's previous one, in a free place, or in place of the oldest.
+            let oldest = || (0..).zip(&self.orders).min_by_key(|(_, order)| order.at).map(|(place, _)| place);
+            let place = self.place(from.address, starts).or_else(oldest);
+            if let Some(order) = place.and_then(|place| self.orders.get_mut(place)) {
+                *order = Order { is_given: true, from, starts, confirmation, links, duplicates, at: now, signed_at };
+            }
         }
         is_obeyed
     }
 
-    /// Stores a command in place of the sender's previous one, in a free place, or in place of the oldest.
-    fn remember(&mut self, order: Order) {
-        let is_same = |known: &Order| known.from.address == order.from.address && known.starts == order.starts;
-        let place = self.orders.iter_mut().min_by_key(|place| match place {
-            Some(known) if is_same(known) => (0, Instant::ZERO),
-            None => (1, Instant::ZERO),
-            Some(known) => (2, known.at),
-        });
-        if let Some(place) = place {
-            *place = Some(order);
-        }
+    /// Returns the place of a sender's last START or STOP. Not inlined, because it has several callers.
+    #[inline(never)]
+    fn place(&self, from: Address, starts: bool) -> Option<usize> {
+        self.orders.iter().position(|order| order.is_given && order.starts == starts && order.from.address == from)
     }
 }

@@ -269,7 +269,9 @@ impl Signing {
         self.time(now).min(MAX_TIMESTAMP)
     }
 
-    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used.
+    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used. Not inlined, because it has many
+    /// callers.
+    #[inline(never)]
     fn time(&self, now: Instant) -> u64 {
         self.last.max(at(now, self.boot))
     }
@@ -649,13 +651,16 @@ const fn units(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
 }
 
-/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same.
+/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same. Not inlined, because it has many
+/// callers.
+#[inline(never)]
 fn offset(now: Instant, timestamp: u64) -> i64 {
     let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
     timestamp.cast_signed().saturating_sub(units(now).cast_signed())
 }
 
-/// Returns the time that has this [`offset`].
+/// Returns the time that has this [`offset`]. Not inlined, because it has many callers.
+#[inline(never)]
 const fn at(now: Instant, offset: i64) -> u64 {
     units(now).saturating_add_signed(offset)
 }
