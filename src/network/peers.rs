@@ -158,9 +158,9 @@ pub(crate) fn record(
     let Some((info, evicted)) = find_or_insert(peers, new, own, heartbeat.is_some() || is_satellite) else {
         return Booking::NoRoom;
     };
-    if let Some(evicted) = evicted.filter(|evicted| evicted.is_alive) {
+    if let Some((evicted, true)) = evicted {
         // It is no longer monitored.
-        report(PeerEvent::Lost(evicted.peer));
+        report(PeerEvent::Lost(evicted));
     }
     let booking = if evicted.is_some() { Booking::Evicted } else { Booking::Kept };
     let gap = header.seq.wrapping_sub(info.seq);
@@ -216,14 +216,14 @@ pub(crate) fn deadline(peers: &[PeerInfo], timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
 }
 
-/// Returns the entry of the sender of `new`, and the entry that it evicted; `None` if the table is full and the sender
-/// may evict no peer. `is_heartbeat`: the frame counts as a heartbeat.
+/// Returns the entry of the sender of `new`, and the peer that it evicted and whether that was alive; `None` if the table is full
+/// and the sender may evict no peer. `is_heartbeat`: the frame counts as a heartbeat.
 fn find_or_insert(
     peers: &mut Peers,
     new: PeerInfo,
     own: SystemId,
     is_heartbeat: bool,
-) -> Option<(&mut PeerInfo, Option<PeerInfo>)> {
+) -> Option<(&mut PeerInfo, Option<(Peer, bool)>)> {
     if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
         return Some((peers.get_mut(index)?, None));
     }
@@ -265,6 +265,7 @@ fn find_or_insert(
         }
     }
     let victim = victim?;
-    let evicted = core::mem::replace(victim, new);
+    let evicted = (victim.peer, victim.is_alive);
+    *victim = new;
     Some((victim, Some(evicted)))
 }

@@ -58,6 +58,7 @@ impl Pace {
     }
 
     /// Returns how long to wait for the item before the next request, within the bounds.
+    #[inline(never)]
     fn interval(&self) -> Duration {
         let wait = match self.round_trip {
             0 => MIN_INTERVAL.as_micros().wrapping_shl(self.retries.min(DOUBLINGS).into()),

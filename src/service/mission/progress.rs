@@ -202,14 +202,16 @@ fn start<V: Plans>(
         return Err(MavResult::FAILED);
     }
     let [first, last, ..] = command.params;
-    let item = |param: f32| num::integer::<u16>(param).filter(|&seq| seq < count);
-    let (first_item, last_item) = (item(first), item(last));
-    if (first_item.is_none() && !first.is_nan()) || (last_item.is_none() && !last.is_nan()) {
-        return Err(MavResult::DENIED);
-    }
-    let last_item = last_item.filter(|&seq| seq > 0);
-    match (first_item, last_item) {
+    let (first, last) = (item(first, count)?, item(last, count)?.filter(|&seq| seq > 0));
+    match (first, last) {
         (Some(first), Some(last)) if first > last => Err(MavResult::DENIED),
         (first, last) => Ok(vehicle.start_mission(&mut cx.hook(), command, first, last)),
     }
+}
+
+/// Returns the item that a parameter names; `None` for NaN.
+#[inline(never)]
+fn item(param: f32, count: u16) -> Result<Option<u16>, MavResult> {
+    let item = num::integer::<u16>(param).filter(|&seq| seq < count);
+    if item.is_none() && !param.is_nan() { Err(MavResult::DENIED) } else { Ok(item) }
 }

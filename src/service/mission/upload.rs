@@ -548,7 +548,8 @@ impl Missions {
         self.second_answer = None;
     }
 
-    /// Drops the upload in progress.
+    /// Drops the upload in progress. Not inlined, because it has several callers.
+    #[inline(never)]
     fn abandon(&mut self, cx: &mut Work<'_, '_>) {
         if self.upload.take().is_some() {
             self.counters.abandoned = self.counters.abandoned.wrapping_add(1);

@@ -100,7 +100,7 @@ fn shift_of(interval: u32) -> u32 {
 
 /// Returns the number of units between two moments. Consecutive calls lose no unit.
 fn units(from: Instant, to: Instant, shift: u32) -> u16 {
-    let [from, to] = [from, to].map(|at| at.as_micros().wrapping_shr(shift));
+    let (from, to) = (from.as_micros().wrapping_shr(shift), to.as_micros().wrapping_shr(shift));
     u16::try_from(to.saturating_sub(from)).unwrap_or(u16::MAX)
 }
 
@@ -277,9 +277,9 @@ impl Streams {
     fn sweep(&mut self, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
         // The delay at the beginning of the sweep.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
-        let from = usize::from(self.cursor.saturating_sub(1));
-        let rest = (from..table.len()).zip(table.iter().zip(slots).skip(from));
-        for (number, (stream, slot)) in rest {
+        loop {
+            let number = usize::from(self.cursor.saturating_sub(1));
+            let (stream, slot) = table.get(number).zip(slots.get_mut(number))?;
             self.cursor = self.cursor.saturating_add(1);
             let Some(interval) = slot.interval(stream, profile) else { continue };
             let shift = shift_of(interval);
@@ -294,7 +294,6 @@ impl Streams {
                 return Some(number);
             }
         }
-        None
     }
 
     /// Returns when the stream of a slot is due, as of the last sweep. `shift` stands for the slot's units.
