@@ -225,8 +225,8 @@ fn is_command(id: u32) -> bool {
 /// A [private](crate::config::LinkClass::Private) link gets only frames for a component that was heard there. A
 /// high-latency link gets only commands for a peer there, and their answers, and only while no other link
 /// reaches that peer. A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
-/// received there within the last 5 s. A frame for all components of a system is sent on every link on which one
-/// of them is heard.
+/// received there within the last 5 s. A frame for all components of a system is for each of them: it is sent on a
+/// high-latency link only if one of the components there is reached by no other link.
 ///
 /// ## Refused frames
 ///
@@ -364,6 +364,12 @@ impl Forwarding<'_> {
         }
     }
 
+    /// Returns the links that forward such a frame without cost: all that forward it but high-latency links.
+    pub(crate) fn free_links(&self, id: u32, target: Address) -> LinkMask {
+        let is_free = |lane: &&Lane| lane.class != LinkClass::HighLatency && lane.takes(id, target);
+        self.lanes.iter().filter(is_free).fold(LinkMask::NONE, |links, lane| links.with(lane.link))
+    }
+
     /// Queues a frame that was received on link `from` for the links of its routes, and returns the links that queued
     /// it. `has_key`: the vehicle has a key for verifying signatures.
     pub(crate) fn pass_on(
@@ -377,16 +383,10 @@ impl Forwarding<'_> {
     ) -> LinkMask {
         let target = routes.target;
         let is_addressed = target.system.0 != 0;
-        let (takes, from_link) = (|lane: &Lane| lane.takes(frame.id(), target), LinkMask::of(from));
-        let is_normal = |lane: &Lane| lane.class != LinkClass::HighLatency;
-        // If another link reaches the target, no message on a high-latency link is paid for.
-        let has_normal_route =
-            self.lanes.iter().any(|lane| is_normal(lane) && routes.alive.contains(lane.link) && takes(lane));
         let mut links = LinkMask::NONE;
         for lane in self.lanes.iter_mut() {
-            let is_route =
-                routes.to.contains(lane.link) && lane.link != from_link && (is_normal(lane) || !has_normal_route);
-            if !is_route || !takes(lane) {
+            let is_route = routes.to.contains(lane.link) && lane.link != LinkMask::of(from);
+            if !is_route || !lane.takes(frame.id(), target) {
                 continue;
             }
             if !is_addressed && routes.seen.contains(lane.link) {

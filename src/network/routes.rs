@@ -1,6 +1,6 @@
 //! Routes from the peer table: the links to which a frame is forwarded, and those to which it must not be.
 
-use super::peers::Peers;
+use super::peers::{PeerInfo, Peers};
 use crate::dialect::{ManualControl, SystemTime};
 use crate::frame::Frame;
 use crate::message::{Address, Message};
@@ -18,34 +18,43 @@ pub(crate) struct Routes {
     pub(crate) target: Address,
     /// Links on which its source was heard [recently](HEARD).
     pub(crate) seen: LinkMask,
-    /// Links on which its target was heard; all links for a broadcast.
+    /// Links that reach a component of its target; all links for a broadcast.
     pub(crate) to: LinkMask,
-    /// Links on which its target is alive, or was heard [recently](HEARD).
-    pub(crate) alive: LinkMask,
 }
 
 /// Returns the routes of a frame from `from` to `target`. With `is_learned`, the frame teaches the route to its
-/// source.
-pub(crate) fn routes(peers: &mut Peers, now: Instant, from: Peer, is_learned: bool, target: Address) -> Routes {
+/// source. `free` are the links on which the frame costs nothing: a component that one of them reaches needs no
+/// other link.
+pub(crate) fn routes(
+    peers: &mut Peers,
+    now: Instant,
+    from: Peer,
+    is_learned: bool,
+    target: Address,
+    free: LinkMask,
+) -> Routes {
+    if let Some(info) = peers.iter_mut().find(|info| is_learned && info.peer == from) {
+        info.is_route = true;
+    }
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
-    let mut routes = Routes { target, seen: LinkMask::NONE, to, alive: LinkMask::NONE };
-    for info in peers.iter_mut() {
-        let Peer { address, link } = info.peer;
-        if address.system != from.address.system && address.system != target.system {
-            continue;
-        }
-        info.is_route |= is_learned && info.peer == from;
-        if !info.is_route {
-            continue;
-        }
-        let link = LinkMask::of(link);
-        let is_heard = now.since(info.last_heard()) < HEARD;
+    let mut routes = Routes { target, seen: LinkMask::NONE, to };
+    let is_heard = |info: &PeerInfo| now.since(info.last_heard()) < HEARD;
+    for info in peers.iter().filter(|info| info.is_route) {
+        let address = info.peer.address;
+        let link = LinkMask::of(info.peer.link);
         if address == from.address {
-            routes.seen = if is_heard { routes.seen.with(link) } else { routes.seen };
+            routes.seen = if is_heard(info) { routes.seen.with(link) } else { routes.seen };
         } else if address.system == target.system && (target.component.0 == 0 || address.component == target.component)
         {
-            routes.to = routes.to.with(link);
-            routes.alive = if is_heard || info.is_alive { routes.alive.with(link) } else { routes.alive };
+            let is_free = |other: &&PeerInfo| {
+                other.peer.address == address
+                    && other.is_route
+                    && free.contains(LinkMask::of(other.peer.link))
+                    && (other.is_alive || is_heard(other))
+            };
+            if free.contains(link) || !peers.iter().any(|other| is_free(&other)) {
+                routes.to = routes.to.with(link);
+            }
         }
     }
     routes

@@ -102,7 +102,8 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
             queues.increment(port.id, |counters| &mut counters.no_peer_slot);
             return len;
         }
-        let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target);
+        let free = queues.free_links(frame.id(), target);
+        let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target, free);
         let own = cx.shared.config.address.get();
         let is_ours_too = target.system == own.system && target.component.0 == 0;
         if routes.to.is_empty() && !is_ours_too {

@@ -510,6 +510,30 @@ fn satellite_is_not_used_for_a_peer_alive_elsewhere() {
     }
 }
 
+/// a command to all components of a system reaches the component that is heard by satellite only, although
+/// another component of the system is alive on a radio. It is not paid for once that component is alive on the radio too.
+#[test]
+fn all_components_are_reached_by_satellite_and_radio() {
+    let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
+    let mut world = world([LinkConfig::uart(57_600), LinkConfig::uart(115_200), satellite]);
+    let [on_radio, on_satellite] = [Address::new(2, 1), Address::new(2, 191)];
+    let command = |component| CommandLong { target_system: 2, target_component: component, ..Default::default() };
+    world.gcs[0].address = on_radio;
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    world.run_for(secs(3));
+    introduce(&mut world, 2, on_satellite);
+    // Longer than a frame by satellite makes its sender reachable there.
+    world.run_for(secs(7));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 1, COMPANION, &command(0)), [0, 2], "to all components");
+    assert_eq!(reaches(&mut world, 1, COMPANION, &command(1)), [0], "to the one on the radio");
+    world.run_for(secs(2));
+    forget(&mut world);
+    assert_eq!(reaches(&mut world, 1, COMPANION, &command(191)), [2], "to the one by satellite");
+    introduce(&mut world, 0, on_satellite);
+    assert_eq!(reaches(&mut world, 1, COMPANION, &command(0)), [0], "both are on the radio now");
+}
+
 /// R-4, H-12: broadcasts of a source without an entry in the peer table are forwarded; its addressed frames are handled locally
 /// only, and counted.
 #[test]
