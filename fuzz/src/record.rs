@@ -18,15 +18,15 @@ use mavstack::storage::{RestoreError, RestoreErrors, Store};
 use mavstack::{Address, Config, Instant, Item, LinkConfig, PlanType, Pulse};
 
 mavstack::stack! {
-    struct PlanStack for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }
+    struct PlanStack for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 } }
 }
 
 mavstack::stack! {
-    struct ParamStack for TestVehicle { links: 1, parameters: Tuning }
+    struct ParamStack for TestVehicle { links: 1, parameters: Tuning, commands: { slots: 1 } }
 }
 
 mavstack::stack! {
-    struct SigningStack for TestVehicle { links: 1, signing }
+    struct SigningStack for TestVehicle { links: 1, signing, commands: { slots: 1 } }
 }
 
 type Flash = RamFlash<4, 256>;

@@ -238,6 +238,7 @@ macro_rules! stack {
             const CHECKED: () = {
                 $crate::__declared!(check_modes [$vehicle] $($entries)*,);
                 $crate::__declared!(check_streams [$vehicle] [Self] $($entries)*,);
+                $crate::__declared!(check_slots [$vehicle] $($entries)*,);
             };
         }
 
@@ -316,6 +317,12 @@ macro_rules! __declared {
 
     (commands commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::CommandSlots<{ $n }> };
     (commands) => { $crate::__private::NoSlots };
+
+    (check_slots [$vehicle:ty] commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => {};
+    (check_slots [$vehicle:ty]) => {
+        $crate::command::CommandPolicy::check_without_slots(<$vehicle as $crate::Commands>::POLICIES);
+    };
+    (check_slots [$vehicle:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(check_slots [$vehicle] $($rest)*); };
 
     (time time, $($rest:tt)*) => { $crate::clock::Time };
     (time) => { $crate::__private::Absent };

@@ -16,8 +16,8 @@ use mavstack::*;
 static PULSE: Pulse = Pulse::new();
 ";
 
-/// A firmware. `{vehicle}` and `{command}` are additions to these hooks, `{hooks}` the other traits of its vehicle, `{entries}`
-/// its declaration, and `{main}` its calls of the stack.
+/// A firmware. `{vehicle}`, `{policies}` and `{command}` are additions to these hooks, `{hooks}` the other traits of its vehicle,
+/// `{entries}` its declaration, and `{main}` its calls of the stack.
 const FIRMWARE: &str = r#"
 const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 const UART: LinkConfig = LinkConfig::uart(57_600);
@@ -27,6 +27,7 @@ impl Vehicle for Rover {
     {vehicle}
 }
 impl Commands for Rover {
+    {policies}
     fn command(&mut self, cx: &mut Context<'_>, _: &Command) -> Outcome { {command} MavResult::UNSUPPORTED.into() }
 }
 {hooks}
@@ -59,6 +60,7 @@ impl Parameters for Rover { type Table = Tuning; }
 #[derive(Clone, Copy, Default)]
 struct Firmware<'a> {
     vehicle: &'a str,
+    policies: &'a str,
     command: &'a str,
     hooks: &'a str,
     entries: &'a str,
@@ -67,8 +69,9 @@ struct Firmware<'a> {
 
 impl Firmware<'_> {
     fn text(self) -> String {
-        let Self { vehicle, command, hooks, entries, main } = self;
-        let text = FIRMWARE.replace("{vehicle}", vehicle).replace("{command}", command).replace("{hooks}", hooks);
+        let Self { vehicle, policies, command, hooks, entries, main } = self;
+        let text = FIRMWARE.replace("{vehicle}", vehicle).replace("{policies}", policies);
+        let text = text.replace("{command}", command).replace("{hooks}", hooks);
         format!("{FRONT}{}", text.replace("{entries}", entries).replace("{main}", main))
     }
 }
@@ -103,6 +106,21 @@ fn telemetry(list: &str) -> String {
     )
 }
 
+/// A vehicle that declares a command like this, without slots.
+fn policy(policy: &str) -> String {
+    Firmware { policies: &policies(policy), entries: "links: 1", ..Firmware::default() }.text()
+}
+
+/// The declarations of a vehicle's commands: one.
+fn policies(policy: &str) -> String {
+    format!(
+        "const POLICIES: &'static [command::CommandPolicy] = &[
+             command::CommandPolicy::new(rules::NAV_TAKEOFF),
+             command::CommandPolicy::new(rules::DO_REPEAT_SERVO){policy},
+         ];"
+    )
+}
+
 /// Returns the `Modes` hooks of a vehicle with these flight modes.
 fn modes(list: &str) -> String {
     format!(
@@ -126,6 +144,7 @@ fn cases() -> Vec<Case> {
     let address = "a system id is 1 to 254 (255: ground stations), a component id 1 to 255";
     let links = "a stack has 1 to 16 links";
     let form = "write stack! { pub struct Mavlink for Rover { links: 1 } }";
+    let once = "`once` and `once_per_press` need slots: add `commands: { slots: 2 }` to `stack!`";
     let streams = |list: &str| implements(&telemetry(list), "links: 1, streams");
     let announces = |command, main| {
         let hooks = &telemetry("Stream::of::<Attitude>()");
@@ -198,6 +217,8 @@ fn cases() -> Vec<Case> {
             declares("links: 1, commands: { slots: 0 }"),
             "command memory needs a place: `commands: { slots: 2 }`, or leave `commands` out",
         ),
+        ("once", policy(".once()"), once),
+        ("once_per_press", policy(".no_broadcast().once_per_press()"), once),
         (
             "signing_0",
             declares("links: 1, signing: { streams: 0 }"),
@@ -378,10 +399,12 @@ fn invalid_configurations_do_not_compile() {
     let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
                 stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.high_latency_mut();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
-    let right = Firmware { hooks: &hooks, entries: everything, main, ..Firmware::default() };
+    let once = &policies(".once()");
+    let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };
     let signs = || declares("links: 1, signing");
     let mut cases = cases();
-    cases.extend([("right", right.text(), ""), ("least", declares("links: 1"), ""), ("signs", signs(), "")]);
+    cases.extend([("right", right.text(), ""), ("least", declares("links: 1"), "")]);
+    cases.extend([("policy", policy(".no_broadcast()"), ""), ("signs", signs(), "")]);
     let folder = package(&cases);
     let mut wrong = String::new();
     judge(&cases, &cargo(&folder, &["build", "--bins", "--keep-going"]), &mut wrong);

@@ -16,7 +16,7 @@ use mavstack::storage::{RestoreError, Store};
 use mavstack::{LinkConfig, Text};
 
 mavstack::stack! {
-    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 } }
+    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 }, commands: { slots: 1 } }
 }
 
 type Flash = RamFlash<8, 512>;

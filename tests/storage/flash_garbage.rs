@@ -9,7 +9,7 @@ use mavstack::storage::{RestoreError, Store};
 use mavstack::{Instant, Item, PlanType};
 
 mavstack::stack! {
-    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 } }
+    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 } }
 }
 
 type Flash = RamFlash<4, 256>;

@@ -23,7 +23,7 @@ use support::{Setup, TestVehicle};
 mavstack::stack! {
     /// The signing key only: a store that is as long as it needs has no room for anything else.
     #[cfg(feature = "signing")]
-    struct OnlyKey for TestVehicle { links: 1, signing }
+    struct OnlyKey for TestVehicle { links: 1, signing, commands: { slots: 1 } }
 }
 
 /// Returns what was read of the key.

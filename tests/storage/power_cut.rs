@@ -14,11 +14,11 @@ use mavstack::storage::RestoreError;
 use mavstack::{Duration, Item};
 
 mavstack::stack! {
-    struct Plans for TestVehicle { links: 1, plans: { mission: 250, fence: 64, rally: 16 } }
+    struct Plans for TestVehicle { links: 1, plans: { mission: 250, fence: 64, rally: 16 }, commands: { slots: 1 } }
 }
 
 mavstack::stack! {
-    struct Small for TestVehicle { links: 1, plans: { mission: 12, fence: 2, rally: 2 } }
+    struct Small for TestVehicle { links: 1, plans: { mission: 12, fence: 2, rally: 2 }, commands: { slots: 1 } }
 }
 
 type TestWorld = World<1, Plans>;

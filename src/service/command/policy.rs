@@ -1,6 +1,6 @@
 //! A vehicle's declarations of its commands: the stack refuses what a declaration does not admit.
 //!
-//! Rules C-1 and C-5 to C-9. A declaration is data; only what a vehicle declares costs flash.
+//! Rules C-1, C-5 to C-9 and C-12. A declaration is data; only what a vehicle declares costs flash.
 
 use super::{Commands, Once};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
@@ -98,8 +98,8 @@ impl CommandPolicy {
     ///   seconds after the first. After such a delay it may also be a new command. Unless that is ruled out, the answer is
     ///   `TEMPORARILY_REJECTED`, and a sender that means a new command sends it again.
     ///
-    /// The command needs one of the slots that `commands` in [`stack!`](crate::stack) declares. It is `TEMPORARILY_REJECTED`
-    /// while no slot is free.
+    /// The command needs one of the slots that `commands` in [`stack!`](crate::stack) declares; without the entry it does not
+    /// compile. It is `TEMPORARILY_REJECTED` while no slot is free.
     #[must_use]
     pub const fn once(self) -> Self {
         self.with(ONCE)
@@ -111,6 +111,21 @@ impl CommandPolicy {
     #[must_use]
     pub const fn once_per_press(self) -> Self {
         self.with(ONCE | PER_PRESS)
+    }
+
+    /// Checks the declarations of a vehicle without slots, in which duplicates would be found: none may be
+    /// [`once`](Self::once) (C-12).
+    #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
+    #[doc(hidden)]
+    pub const fn check_without_slots(policies: &[Self]) {
+        let mut i = 0;
+        while i < policies.len() {
+            assert!(
+                !policies[i].has(ONCE),
+                "`once` and `once_per_press` need slots: add `commands: {{ slots: 2 }}` to `stack!`"
+            );
+            i += 1;
+        }
     }
 
     /// Returns the command's id.

@@ -15,6 +15,7 @@ mavstack::stack! {
         links: 1,
         plans: { mission: 20, fence: 8, rally: 2 },
         parameters: Tuning,
+        commands: { slots: 1 },
     }
 }
 

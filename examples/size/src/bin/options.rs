@@ -145,7 +145,7 @@ impl Vehicle for Rover {
 
 impl Commands for Rover {
     #[cfg(feature = "commands-rules")]
-    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::NAV_TAKEOFF).no_broadcast().once()];
+    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::NAV_TAKEOFF).no_broadcast()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         if cfg!(feature = "typed-2")
