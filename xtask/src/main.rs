@@ -87,9 +87,11 @@ struct Qemu {
     udp: Option<SocketAddr>,
     /// Log the links' traffic to this file in the ".tlog" format of Mission Planner and MAVProxy.
     ///
-    /// While a client is connected, each frame that the vehicle sends or accepts is logged with its time. MAVExplorer and pymavlink
-    /// read the file. Messages with keys or passwords are left out, and signatures are overwritten with zeros. An existing log of
-    /// that name is replaced; any other file is refused.
+    /// While a client is connected, each frame that the vehicle's decoder takes, and each frame that the vehicle sends, is logged
+    /// with its time. That includes frames that the vehicle then refuses. A frame with an unknown id is logged only if its sender
+    /// was heard before, and a frame or silence follows: the vehicle also takes one whose signature is right, but only the vehicle
+    /// has the key. MAVExplorer and pymavlink read the file. Messages with keys or passwords are left out, and signatures are
+    /// overwritten with zeros. An existing log of that name is replaced; any other file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Accept QMP commands for the emulator on this TCP port: `system_reset` is the vehicle's reset button.

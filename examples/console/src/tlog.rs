@@ -1,6 +1,10 @@
 //! A log of the links' traffic in the ".tlog" format of Mission Planner, QGroundControl, MAVProxy and pymavlink. Each frame is
 //! preceded by its time: µs since 1970, as eight bytes, big-endian.
 //!
+//! The log contains each frame that the vehicle's decoder takes, also if the vehicle then refuses it, and each frame that the vehicle
+//! sends. One kind is left out. The vehicle takes a frame with an unknown id if its signature is right (SEC-5). Only the vehicle has the
+//! key, so here such a frame counts like one without a signature: its sender must be known, and a frame or silence must follow.
+//!
 //! Logs are shared, so they contain no secrets:
 //!
 //! - Messages that carry a secret are omitted.
@@ -110,7 +114,8 @@ fn is_log_or_new(path: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// Finds the frames in one direction of a link. It uses the same decoder as the vehicle, with the same default settings.
+/// Finds the frames in one direction of a link. It uses the same decoder as the vehicle, with the same default settings, but
+/// without the vehicle's key.
 #[derive(Debug, Default)]
 pub struct Frames {
     decoder: Decoder,
@@ -281,6 +286,37 @@ mod tests {
             rest = &tail[frame.len()..];
         }
         assert!(rest.is_empty(), "{} bytes more than expected", rest.len());
+    }
+
+    /// SEC-5, R-9: without the vehicle's key, a signed frame with an unknown id is logged only if its sender is known. The frame
+    /// after it is found in either case.
+    #[test]
+    fn the_log_needs_no_key_for_unknown_messages_of_known_senders() {
+        let path = Temporary::new("vouched");
+        let heartbeat = Heartbeat { mavlink_version: 3, ..Default::default() };
+        let (known, stranger) = (Address::new(1, 1), Address::new(9, 9));
+        let signed = |source, seq| {
+            let mut bytes = [0; MAX_FRAME_LEN];
+            let key = SigningKey::new([7; 32]);
+            let len = encode_signed(&Foreign { a: 1 }, source, seq, &key, 5, 33_000_000_000_000, &mut bytes).unwrap();
+            bytes[..len].to_vec()
+        };
+        let heartbeats = [0, 3].map(|seq| frame(&heartbeat, Version::V2, seq));
+        let mut tap = Tap::new(Some(Tlog::create(&path.0).unwrap()));
+        let [first, last] = heartbeats;
+        tap.pass_at(Instant::ZERO, &[first, signed(stranger, 1), signed(known, 2), last].concat());
+
+        let log = std::fs::read(&path.0).unwrap();
+        let mut found = Vec::new();
+        let mut frames = Frames::default();
+        let mut rest = &log[..];
+        while let Some((_, tail)) = rest.split_at_checked(8) {
+            let len = usize::from(tail[1]) + if tail[2] == 0 { 12 } else { 25 };
+            frames.cut(&tail[..len], |frame| found.push((frame.source(), frame.header().seq)));
+            rest = &tail[len..];
+        }
+        frames.find(Instant::from_millis(100), &[], |_| true, |frame| found.push((frame.source(), frame.header().seq)));
+        assert_eq!(found, [(known, 0), (known, 2), (known, 3)]);
     }
 
     /// SEC-15: a log can be shared. The hash of a signature is zeros and the rest of the frame is unchanged. Messages with a

@@ -71,9 +71,11 @@ struct Arguments {
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
     /// Log the links' traffic to this file (".tlog", as Mission Planner and MAVProxy write it). While a client is connected,
-    /// each frame that the vehicle accepts or sends is logged with its time. MAVExplorer and pymavlink read the file. Messages
-    /// with keys or passwords are omitted, and signatures are overwritten with zeros. An existing log is replaced; any other
-    /// existing file is refused.
+    /// each frame that the vehicle's decoder takes, and each frame that the vehicle sends, is logged with its time. That
+    /// includes frames that the vehicle then refuses. A frame with an unknown id is logged only if its sender was heard before,
+    /// and a frame or silence follows: the vehicle also takes one whose signature is right, but only the vehicle has the key.
+    /// MAVExplorer and pymavlink read the file. Messages with keys or passwords are omitted, and signatures are overwritten
+    /// with zeros. An existing log is replaced; any other existing file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Treat the first row of the plan as an item. By default it is the home position, as in missions saved by ground stations.
