@@ -1,8 +1,9 @@
-//! Logging: one event per protocol transition, and drop counters at most once a second. It compiles to nothing without
-//! the feature `defmt`.
+//! Logging: one event per protocol transition, drop counters and refused requests at most once a second. It compiles to
+//! nothing without the feature `defmt`.
 
 #[cfg(any(test, feature = "defmt"))]
-use crate::time::{Duration, Instant};
+use crate::time::Duration;
+use crate::time::Instant;
 
 /// Logs an event for a developer at the bench.
 #[cfg(feature = "defmt")]
@@ -43,6 +44,39 @@ impl DropLog {
     }
 }
 
+/// Rate limit for logging refused requests, which a peer can send at the rate of its link: at most one a second. The next
+/// one that is logged says how many there were.
+#[derive(Clone, Debug)]
+pub(crate) struct RefusalLog {
+    #[cfg(any(test, feature = "defmt"))]
+    log: DropLog,
+    #[cfg(any(test, feature = "defmt"))]
+    count: u32,
+}
+
+impl RefusalLog {
+    pub(crate) const NEW: Self = Self {
+        #[cfg(any(test, feature = "defmt"))]
+        log: DropLog::NEW,
+        #[cfg(any(test, feature = "defmt"))]
+        count: 0,
+    };
+
+    /// Counts a refused request. Returns how many there were if this one is to be logged.
+    #[cfg(any(test, feature = "defmt"))]
+    pub(crate) fn count(&mut self, now: Instant) -> Option<u32> {
+        self.count = self.count.wrapping_add(1);
+        self.log.is_due(now, self.count).then_some(self.count)
+    }
+
+    /// Without the feature `defmt`, nothing is logged.
+    #[cfg(not(any(test, feature = "defmt")))]
+    #[allow(clippy::unused_self, clippy::needless_pass_by_ref_mut, reason = "as with the feature")]
+    pub(crate) const fn count(&mut self, _: Instant) -> Option<u32> {
+        None
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -60,5 +94,14 @@ mod tests {
             }
         }
         assert_eq!(logged, [(1, 1), (1_001, 1_001), (2_001, 2_001), (3_001, 2_500)]);
+    }
+
+    /// SEC-2: however fast a peer sends requests that are refused, one is logged a second, the first one at once.
+    #[test]
+    fn refused_requests_are_logged_once_a_second() {
+        let mut log = RefusalLog::NEW;
+        let logged: Vec<_> = (5..2_500).filter_map(|ms| Some((ms, log.count(Instant::from_millis(ms))?))).collect();
+        assert_eq!(logged, [(5, 1), (1_005, 1_001), (2_005, 2_001)]);
+        assert_eq!(log.count(Instant::from_millis(9_000)), Some(2_496), "after a pause");
     }
 }

@@ -1,5 +1,6 @@
-"""The log of `--log`, read back with pymavlink: both directions of a ground station's session."""
+"""The log of `--log`, read back with pymavlink, and the firmware's own log in a flood of noise."""
 
+import random
 import signal
 import subprocess
 import time
@@ -11,6 +12,9 @@ from pymavlink import mavutil
 from transfer import upload
 
 mavlink = mavutil.mavlink
+
+# What a line of 115,200 baud brings (bytes/s).
+LINE_RATE = 11_520
 
 # The time to start (s). QEMU's firmware is built first, which takes a moment even if it is up to date.
 START = 120
@@ -37,6 +41,10 @@ class Logged:
             assert self.process.poll() is None, self.output.read_text()
             assert time.monotonic() < deadline, f"{text} is not in {self.output.read_text()}"
             time.sleep(0.1)
+
+    def lines(self):
+        """Returns the number of lines that the program has printed."""
+        return self.output.read_text().count("\n")
 
     def end(self):
         self.process.kill()
@@ -107,3 +115,48 @@ def test_log_contains_both_directions(logged):
     # The log contains frames with their times, and nothing else.
     whole = sum(8 + len(message.get_msgbuf()) for message in messages)
     assert logged.log.stat().st_size == whole
+
+
+def test_noise_is_taken_at_line_rate(logged, figure):
+    """SEC-2, H-15: random bytes on the companion's link are taken as fast as a line of 115,200 baud brings them, while the firmware
+    logs its drops, at most three lines a second. The heartbeats on the telemetry link stay at 1 Hz.
+
+    A PING follows each 1,000 bytes of noise: when the vehicle answers, it has taken the noise. The machine may be busy with other
+    tests, which slow the emulator down, so the best two seconds of a minute count.
+    """
+    chance = random.Random(6)
+    gcs, companion = Gcs(logged.port), Gcs(logged.port + 1, system=254)
+    sizes, answered, backlog, heartbeats = [], 0, b"", []
+    rate = taken = 0
+    lines = logged.lines()
+    began = since = time.monotonic()
+    while (now := time.monotonic()) < began + 10 or rate < LINE_RATE or answered < len(sizes):
+        assert now < began + 60, f"noise is taken at {rate:.0f} bytes/s at most"
+        is_over = now >= began + 10 and rate >= LINE_RATE
+        if not backlog and not is_over and len(sizes) < answered + 3:
+            ping = companion.mav.ping_encode(0, len(sizes), 0, 0).pack(companion.mav)
+            backlog = chance.randbytes(1_000) + ping
+            sizes.append(len(backlog))
+        if backlog:
+            try:
+                backlog = backlog[companion.link.port.send(backlog) :]
+            except BlockingIOError:
+                pass
+        for message in companion.take_all():
+            if message.get_type() == "PING" and (message.target_system, message.target_component) == companion.address:
+                assert message.seq == answered, "an intact frame was lost in the noise"
+                taken += sizes[answered]
+                answered += 1
+        if now >= since + 2:
+            rate, taken, since = max(rate, taken / (now - since)), 0, now
+        for message in gcs.take_all():
+            if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
+                heartbeats.append(now)
+        time.sleep(0.002)
+    took, lines = now - began, logged.lines() - lines
+    gcs.close()
+    companion.close()
+    gaps = [after - before for before, after in zip(heartbeats, heartbeats[1:])]
+    assert len(gaps) >= took - 3 and all(0.5 < gap < 1.5 for gap in gaps), gaps
+    assert lines <= 3 * took + 3, f"{lines} lines in {took:.0f} s"
+    figure(f"noise: {rate / 1000:.1f} kB/s taken, heartbeats at most {max(gaps):.2f} s apart, {lines / took:.1f} lines/s")

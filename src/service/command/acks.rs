@@ -48,11 +48,10 @@ impl Acks {
         self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
-    /// Queues the answer to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined,
-    /// because it has six callers.
+    /// Queues the answer to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined: few
+    /// commands are answered, and the path to them needs the stack space.
     #[inline(never)]
     pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
-        event!("command {=u16} from {}: {=u8}", command.0, to, outcome.result.0);
         if self.is_full() {
             return;
         }

@@ -22,6 +22,8 @@ pub use vehicle::Commands;
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
 use crate::link::Port;
+use crate::log::RefusalLog;
+use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{Command, CommandPosition, Context, Firmware, Origin, Outcome, Refusal};
 
@@ -134,10 +136,11 @@ impl<const N: usize> CommandMemory for CommandSlots<N> {
 #[derive(Debug)]
 pub struct CommandService<S> {
     pub(crate) slots: S,
+    refusals: RefusalLog,
 }
 
 impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandService<S> {
-    const NEW: Self = Self { slots: S::NEW };
+    const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
@@ -258,7 +261,9 @@ impl<S: CommandMemory> CommandService<S> {
         if is_admitted {
             self.settle(cx, request, outcome);
         }
-        link.acks.push(request.command.from.address, request.answer_as, outcome);
+        let from = request.command.from.address;
+        self.log(cx.now, request.answer_as, from, outcome.result);
+        link.acks.push(from, request.answer_as, outcome);
     }
 
     /// Passes a command that no service handles to the vehicle.
@@ -268,6 +273,15 @@ impl<S: CommandMemory> CommandService<S> {
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
         vehicle.command(&mut context, command)
+    }
+
+    /// Logs the answer to a command; of refusals, at most one a second.
+    pub(crate) fn log(&mut self, now: Instant, command: MavCmd, from: Address, result: MavResult) {
+        if matches!(result, MavResult::ACCEPTED | MavResult::IN_PROGRESS) {
+            event!("command {=u16} from {}: {=u8}", command.0, from, result.0);
+        } else if let Some(refused) = self.refusals.count(now) {
+            event!("command {=u16} from {}: {=u8}; {=u32} refused so far", command.0, from, result.0, refused);
+        }
     }
 
     /// Records the outcome of a command that was carried out.

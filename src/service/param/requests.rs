@@ -135,7 +135,9 @@ impl TableMut<'_> {
         if has_error && !self.state.refusals.push(Refusal { to: caller.from, error, index, name: *name }) {
             return Handled::NoRoom;
         }
-        event!("parameter of {} refused: {=u8}", caller.from, error.0);
+        if let Some(refused) = self.state.refused.count(cx.now) {
+            event!("parameter of {} refused: {=u8}; {=u32} refused so far", caller.from, error.0, refused);
+        }
         if cfg!(feature = "plan-texts") && (is_set || !has_error) && cx.now >= self.state.texts_from {
             self.state.texts_from = cx.now.after(TEXT_PAUSE);
             let mut text = [0; MAX_TEXT_LEN];

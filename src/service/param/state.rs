@@ -4,6 +4,7 @@
 use super::hash::Hash;
 use super::replies::Refusals;
 use super::saving::Saving;
+use crate::log::RefusalLog;
 use crate::time::Instant;
 use crate::types::LinkMask;
 
@@ -21,6 +22,8 @@ pub(super) struct State {
     pub(super) saving: Saving,
     /// Before this time, no text is sent about a refusal.
     pub(super) texts_from: Instant,
+    /// When a refusal is logged.
+    pub(super) refused: RefusalLog,
 }
 
 impl State {
@@ -33,6 +36,7 @@ impl State {
             refusals: Refusals::new(),
             saving: Saving::NEW,
             texts_from: Instant::ZERO,
+            refused: RefusalLog::NEW,
         }
     }
 
