@@ -141,8 +141,8 @@
 //!
 //! # Cargo features
 //!
-//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters at most once a
-//!   second.
+//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters and refused requests
+//!   at most once a second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
 //! - `fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
@@ -150,6 +150,7 @@
 //! - `signing`: signs and verifies frames; see `Signing`.
 //! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
 #![no_std]
+// No received byte causes a panic (SEC-1).
 #![cfg_attr(
     not(test),
     deny(

@@ -2,7 +2,7 @@
 //!
 //! They are defined for all inputs, including NaN and infinities. They do not use `f64`, which microcontrollers emulate
 //! in software. Degrees are scaled by integer arithmetic on the float's parts, so the result is the exact product,
-//! rounded once (M-37).
+//! rounded once (C-6, M-37). Conversions to integers saturate (L-22).
 
 use core::num::NonZeroU32;
 

@@ -1,6 +1,7 @@
 //! The stack: all services of a vehicle behind a few calls, in fixed memory.
 //!
-//! The only module that knows every service. [`Stack`] shows the path of a frame.
+//! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
+//! the budget bounds the work of each (D-2, SEC-2).
 
 mod commands;
 #[cfg(test)]
@@ -219,6 +220,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                     left = left.saturating_sub(len);
                     self.handle_received(now, link, len, vehicle, allowance);
                 }
+                // Reception goes on (S-20).
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
                         let errors = &mut link.port.counters.read_errors;

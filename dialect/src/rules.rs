@@ -1,5 +1,5 @@
 //! The rules for the parameters of commands: a `CommandRule` of `mavstack` for each command, from the attributes of
-//! `MAV_CMD`'s entries.
+//! `MAV_CMD`'s entries (M-70, M-74).
 //!
 //! Attributes are interpreted as follows:
 //!

@@ -1,4 +1,4 @@
-//! Decoding: bytes to frames. [`Decoder`] shows the state machine.
+//! Decoding: bytes to frames (S-1, S-9, S-9b, S-13, S-20, V-2, SEC-1). [`Decoder`] shows the state machine.
 
 #[cfg(feature = "signing")]
 use zeroize::Zeroize;
@@ -418,6 +418,7 @@ impl Decoder {
                     *budget = budget.saturating_sub(HEADER_COST);
                     reject(reason, window, counters);
                 }
+                // A wrong checksum is final, whatever the signature says (S-14). A longer payload is from a newer dialect (S-7).
                 Verdict::Check(extent, info) => {
                     *budget = budget.checked_sub(checksum_cost(candidate))?;
                     let (summed, behind) = candidate.split_at_checked(extent.payload_end)?;

@@ -1,4 +1,4 @@
-//! Encoding: messages to frames, with trimmed payload, sequence number and checksum.
+//! Encoding: messages to frames, with trimmed payload, sequence number and checksum (S-1, S-2, S-5).
 
 use core::ops::Range;
 

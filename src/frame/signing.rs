@@ -1,6 +1,6 @@
 //! Signatures of frames: signing and verifying.
 //!
-//! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7.
+//! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7, and SEC-7.
 //! [`Signing`](crate::signing::Signing) decides whether a signed frame is a replay, and what happens to unsigned frames.
 //!
 //! SHA-256 is from the crate `sha2`. Its compact implementation has a third of the size and is somewhat slower. Only

@@ -41,6 +41,7 @@ pub(crate) struct Outbox {
     class: LinkClass,
     /// The version that the link sends now (V-1).
     version: Version,
+    /// The next sequence number: one sequence for each link (S-16).
     seq: u8,
     /// Whether every sequence number has been used.
     has_wrapped: bool,
@@ -185,6 +186,7 @@ impl Outbox {
     #[inline(never)]
     fn finish(&mut self, info: &MessageInfo) -> bool {
         let version = self.version;
+        // Heartbeats, plans and other normal traffic stay off high-latency links (H-7, L-2, L-4, M-13).
         if !self.class.may_send(info.id()) {
             event!("tx: message {=u32} is not for link {=u8}", info.id(), self.link.0);
             return false;

@@ -1,7 +1,7 @@
 //! Addresses: systems and their components.
 
 /// The id of a system, for example a vehicle or a ground station. 0 is valid as a target only, and means all systems
-/// (S-11).
+/// (S-11). A type of its own, because MAVLink may get 32-bit ids (S-9b).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SystemId(pub u8);

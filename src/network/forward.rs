@@ -44,7 +44,7 @@ pub struct ForwardCounters {
     /// Frames that were dropped because they waited too long in this link's queue: 600 ms, 150 ms in a routing loop, 60
     /// s on a high-latency link.
     pub stale: u32,
-    /// MAVLink 2 frames that were not sent on this link because it sends MAVLink 1.
+    /// MAVLink 2 frames that were not sent on this link because it sends MAVLink 1 (R-5, S-10).
     pub needs_v2: u32,
     /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
     pub source_heard: u32,
@@ -347,6 +347,7 @@ impl Forwarding<'_> {
         is_broadcast_from_peer: impl FnOnce() -> bool,
     ) -> Passage {
         let id = frame.id();
+        // HIGH_LATENCY2 of others passes from a high-latency link (L-5).
         let is_local = matches!(id, SetupSigning::ID | RadioStatus::ID | RADIO);
         if is_local || (port.config.class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
             return Passage::Stays;

@@ -64,7 +64,7 @@ pub struct PeerInfo {
     has_heartbeat: bool,
     /// Whether an accepted frame proves that the peer exists: a signed frame, or any frame on an open link.
     is_verified: bool,
-    /// Whether frames for the peer are forwarded to this link.
+    /// Whether frames for the peer are forwarded to this link.
     pub(super) is_route: bool,
     /// The sequence number that is expected next.
     seq: u8,

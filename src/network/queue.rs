@@ -1,5 +1,5 @@
 //! The queue of frames that are to be forwarded to a link: a ring of bytes with a prefix of length and time for each
-//! frame.
+//! frame. A full queue drops whole frames.
 
 use crate::time::{Duration, Instant};
 

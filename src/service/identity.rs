@@ -1,4 +1,4 @@
-//! AUTOPILOT_VERSION and PROTOCOL_VERSION: the vehicle's versions and capabilities.
+//! AUTOPILOT_VERSION and PROTOCOL_VERSION: the vehicle's versions and capabilities (Q-2, V-4, V-6).
 
 use super::{Cx, Request, Service, Turn, Verdict, View};
 use crate::dialect::{AutopilotVersion, MavCmd, MavProtocolCapability, MavResult, ProtocolVersion};

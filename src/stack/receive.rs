@@ -1,4 +1,5 @@
-//! The receiving half of the stack: the address filter, then the services one by one.
+//! The receiving half of the stack: the address filter, then the services one by one. What exceeds the poll's budget waits in the
+//! decoder (D-2).
 
 use super::services::{Services, States};
 use super::{Declares, report};
@@ -67,6 +68,7 @@ impl<D: Declares> Services<D> {
         own_frame: &mut Option<OwnFrame>,
     ) -> (u32, bool) {
         let own = cx.shared.config.address.get();
+        // Neither used nor forwarded (S-15, R-8).
         if frame.source() == own {
             increment(&mut port.counters.own_address);
             if frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
@@ -84,6 +86,7 @@ impl<D: Declares> Services<D> {
         if !is_accepted {
             return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
+        // An unknown message is never acted on (S-12), but may be forwarded.
         if !frame.is_checked() {
             increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
@@ -149,7 +152,8 @@ impl<D: Declares> Services<D> {
         Some(Request { signed_at: self.signing.signed_at(frame), ..request })
     }
 
-    /// Executes the command in a frame, and queues its answer. Returns false if the frame contains no command.
+    /// Executes the command in a frame, and queues its answer: one, on the link on which it was received (C-3). Returns false if
+    /// the frame contains no command. A COMMAND_ACK contains none, so it is not answered (C-13).
     #[inline(never)]
     fn command(
         &mut self,
@@ -174,7 +178,8 @@ impl<D: Declares> Services<D> {
     }
 }
 
-/// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message.
+/// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message (C-2, L-4, R-1,
+/// S-11, SEC-9).
 #[inline(never)]
 fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
@@ -193,7 +198,7 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
     Some(target)
 }
 
-/// Reports that another vehicle has our address. Not inlined, because it is rare.
+/// Reports that another vehicle has our address (H-14). Not inlined, because it is rare.
 #[inline(never)]
 pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>) {
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;

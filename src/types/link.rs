@@ -20,7 +20,7 @@ pub struct Peer {
     pub link: LinkId,
 }
 
-/// The class of a link: its purpose.
+/// The class of a link: its purpose (L-1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LinkClass {

@@ -1,4 +1,5 @@
-//! The memory of the plans: three live plans and one staging area that they share (M-1, M-2).
+//! The memory of the plans: three live plans and one staging area that they share (M-1, M-2, M-83,
+//! SEC-11).
 //!
 //! Only the outermost type, [`PlanBuffers`], has capacities. The logic works on [`PlansMut`] and is compiled once. An
 //! upload fills the staging area and never touches a live plan. The live plan changes in one step when the upload is

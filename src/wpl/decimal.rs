@@ -1,4 +1,4 @@
-//! Exact conversion of decimal text to numbers, with integer arithmetic.
+//! Exact conversion of decimal text to numbers, with integer arithmetic (W-1, W-4, W-8).
 
 use super::Fault;
 use super::wide::{INFINITY, Wide};

@@ -1,4 +1,4 @@
-//! The line that the writer composes.
+//! The line that the writer composes, with numbers that read back unchanged (W-4, W-8).
 
 use super::wide::shortest;
 

@@ -1,4 +1,4 @@
-//! Reading: bytes to items.
+//! Reading: bytes to items (W-1, W-2, W-5 to W-7).
 
 use heapless::Vec;
 

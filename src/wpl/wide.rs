@@ -1,5 +1,5 @@
 //! Fixed-point numbers for conversions between decimal and binary. They hold any `f32`, and the midpoint between two,
-//! exactly, and can be multiplied and divided by ten.
+//! exactly (W-4), and can be multiplied and divided by ten.
 //!
 //! The parser of `core` takes 20 kB of flash with its tables, and `core::fmt` can panic. Plan files are not read in the
 //! control loop, so the code is small rather than fast.

@@ -1,4 +1,4 @@
-//! Writing: items to lines.
+//! Writing: items to lines (W-3, W-6).
 
 use super::line::Line;
 use super::{Fault, HomeRow, decimals, jump_target};

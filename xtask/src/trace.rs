@@ -2,7 +2,8 @@
 //!
 //! `docs/conformance.md` has a row for each rule of behaviour. Tests cite the rules that they prove, and comments cite the rules
 //! that they follow. This task fills in the last column of the rows from the tests. It fails when no test cites an implemented
-//! rule, when something cites a rule without a row, and when a row names a file that does not exist.
+//! rule, when something cites a rule without a row, and when a row names a file that does not exist, or a source file whose comments do
+//! not cite the row's rule. So code that moves takes its row along.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -60,6 +61,14 @@ pub fn run(write: bool) -> Result {
                 faults.push(format!("{rule}: no test cites it"));
             }
             faults.extend(missing(place).map(|file| format!("{rule}: there is no file {file}")));
+            for file in place.split(", ").filter_map(source) {
+                if !follows(rule, &read(&root().join(&file))?) {
+                    let file = file.display();
+                    faults.push(format!(
+                        "{rule}: no comment in {file} cites it: name the file that implements it, or cite it there"
+                    ));
+                }
+            }
         }
         let tests: Vec<&str> = tests.into_iter().flatten().map(String::as_str).collect();
         let tests = tests.join(", ");
@@ -178,6 +187,22 @@ fn name(file: &Path) -> String {
 fn missing(place: &str) -> impl Iterator<Item = &str> {
     let exists = |file: &str| root().join("src").join(file).is_file() || root().join(file).is_file();
     place.split(", ").filter(move |file| !exists(file))
+}
+
+/// Returns the path of a file of a row, relative to the repository, if it is a file of Rust that exists.
+fn source(file: &str) -> Option<PathBuf> {
+    let candidates = [Path::new("src").join(file), PathBuf::from(file)];
+    let found = candidates.into_iter().find(|path| root().join(path).is_file())?;
+    found.extension().is_some_and(|extension| extension == "rs").then_some(found)
+}
+
+/// Whether a comment in a source file cites the rule, outside of the module `tests` at its end.
+fn follows(rule: &str, text: &str) -> bool {
+    let code = text.split_once("\nmod tests {").map_or(text, |(code, _)| code);
+    let comments = code.lines().filter_map(comment).map(|line| line.trim_start_matches(['/', '!', ' ']));
+    // A range may be broken over two lines.
+    let comments = comments.collect::<Vec<_>>().join(" ");
+    rules_in(&comments).contains(rule) || ranges_in(&comments).iter().any(|cited| cited == rule)
 }
 
 /// Returns the files at `places` and below with one of these extensions, relative to the repository. A file among `places` is
@@ -316,6 +341,23 @@ mod tests {
         assert_eq!(missing("lib.rs, docs/conformance.md, dialect/src/lib.rs").count(), 0);
         assert_eq!(missing("lib.rs, service, nothing.rs").collect::<Vec<_>>(), ["service", "nothing.rs"]);
         assert_eq!(missing("").collect::<Vec<_>>(), [""]);
+    }
+
+    #[test]
+    fn rules_are_followed_where_a_comment_cites_them() {
+        let text =
+            "//! Rules C-1, C-4 to\n//! C-6.\nlet a = \"C-8\"; // C-9\nfn C_10() {}\nmod tests {\n    // C-11\n}\n";
+        let followed = |rule: &&str| follows(rule, text);
+        let rules = ["C-1", "C-2", "C-4", "C-5", "C-6", "C-7", "C-8", "C-9", "C-10", "C-11", "C-1a"];
+        assert_eq!(rules.into_iter().filter(followed).collect::<Vec<_>>(), ["C-1", "C-4", "C-5", "C-6", "C-9"]);
+    }
+
+    #[test]
+    fn only_files_of_rust_must_cite_the_rule_of_their_row() {
+        let found = |file| source(file).map(|path| path.to_string_lossy().into_owned());
+        assert_eq!(found("stack/receive.rs").as_deref(), Some("src/stack/receive.rs"));
+        assert_eq!(found("dialect/src/rules.rs").as_deref(), Some("dialect/src/rules.rs"));
+        assert_eq!((found("docs/porting.md"), found("nothing.rs")), (None, None));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The pending answers of a link.
+//! The pending answers of a link (C-3).
 
 use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};

@@ -1,6 +1,6 @@
 //! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
-//! Rules C-12 and C-20 to C-24. One fixed table serves both. It is part of the stack only if `commands` in
+//! Rules C-10, C-12, C-20 to C-24 and SEC-13. One fixed table serves both. It is part of the stack only if `commands` in
 //! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};

@@ -1,6 +1,6 @@
 //! A vehicle's declarations of its commands: the stack refuses what a declaration does not admit.
 //!
-//! Rules C-1, C-5 to C-9 and C-12. A declaration is data; only what a vehicle declares costs flash.
+//! Rules C-1, C-4 to C-9, C-12 and SEC-14. A declaration is data; only what a vehicle declares costs flash.
 
 use super::{Commands, Once};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
@@ -176,7 +176,7 @@ pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
     }
 }
 
-/// Checks a command against its declaration, if there is one.
+/// Checks a command against its declaration, if there is one. Also for messages that are equivalent to a command (M-46).
 #[inline(never)]
 pub(super) fn check<V: Commands>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> Result<(), Refusal> {
     let policy = declared::<V>(command.id);

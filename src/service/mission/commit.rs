@@ -1,4 +1,4 @@
-//! Makes a complete new plan live, after storing it if storage is attached (M-39, M-44, M-52, SEC-11).
+//! Makes a complete new plan live, after storing it if storage is attached (M-39, M-44, M-52, M-83, SEC-11).
 //!
 //! [`Durability`] has a diagram of the variants.
 //!

@@ -1,4 +1,4 @@
-//! MISSION_CURRENT: where the vehicle is in its mission, and which plans it has (M-90).
+//! MISSION_CURRENT: where the vehicle is in its mission, and which plans it has (M-53, M-90, M-94).
 //!
 //! Sent on every normal link once a second, and at once when anything in it changes.
 

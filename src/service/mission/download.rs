@@ -1,4 +1,4 @@
-//! Downloads: stateless, from the live plan, for any number of clients (M-60 to M-67).
+//! Downloads: stateless, from the live plan, for any number of clients (M-6, M-12, M-60 to M-67).
 //!
 //! A client may request any item at any time, so lost and repeated requests need no special handling. Live plans are in RAM, so
 //! no read of storage can fail here (M-66). The only state is which clients requested a plan's count before the plan was

@@ -1,4 +1,4 @@
-//! Which message requests an item: MISSION_REQUEST_INT or the old MISSION_REQUEST (M-37, M-47).
+//! Which message requests an item: MISSION_REQUEST_INT or the old MISSION_REQUEST (M-35, M-37, M-47).
 //!
 //! Some clients understand only the old message, others refuse it with UNSUPPORTED. So the first request is a
 //! MISSION_REQUEST_INT. From the third repetition or the first UNSUPPORTED on, the forms alternate. The first item fixes the

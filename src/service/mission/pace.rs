@@ -1,4 +1,4 @@
-//! When to repeat the request for a missing item, and when to give up (M-40, M-41).
+//! When to repeat the request for a missing item, and when to give up (M-40 to M-42, SEC-10).
 //!
 //! Until the first round trip is measured, each repetition doubles the wait (exponential backoff). Afterwards the wait is one
 //! and a half round trips. As in Karn's algorithm, the answer to a repeated request is not a sample: it may belong to any of the

@@ -1,4 +1,5 @@
-//! Uploads: one at a time, into the staging area, live in one step at the end (M-10 to M-43, M-50 to M-53).
+//! Uploads: one at a time, into the staging area, live in one step at the end (M-1, M-6, M-10 to M-43, M-50 to M-53, SEC-9,
+//! SEC-10).
 //!
 //! This module has the message handlers of the state diagram at [`Plans`]. It decides which client may start, restart or
 //! cancel an upload. [`Pace`] decides when a request is repeated.

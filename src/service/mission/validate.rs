@@ -1,4 +1,4 @@
-//! Checks of an item that do not depend on the vehicle (M-38, SEC-14), and the texts of refusals.
+//! Checks of an item that do not depend on the vehicle (M-38, M-73, SEC-14), and the texts of refusals.
 
 use super::PlanFault;
 use super::commit::Change;

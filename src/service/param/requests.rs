@@ -1,4 +1,4 @@
-//! Handlers of the received requests, and the reasons for refusals.
+//! Handlers of the received requests, and the reasons for refusals (P-10 to P-15, P-20, P-21, P-30 to P-32).
 
 use super::replies::Refusal;
 use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, TableMut, Work, value};

@@ -1,6 +1,6 @@
 //! Message signing: proves that a frame's sender has the key and that the frame is not replayed.
 //!
-//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18. [`Signing`] describes how a frame is judged.
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18 and SEC-5 to SEC-7. [`Signing`] describes how a frame is judged.
 
 #[cfg(feature = "storage")]
 mod saving;
@@ -624,6 +624,7 @@ impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; 
     fn prepare(&mut self, now: Instant, port: &mut Port) {
         let signs = self.is_active() && port.config.signing.signs() && self.has_stamp(now);
         port.outbox.set_signs(signs);
+        // MAVLink 1 has no signatures (V-3).
         if signs {
             port.outbox.set_version(Version::V2);
         }

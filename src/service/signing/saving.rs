@@ -1,4 +1,4 @@
-//! When the key and the time are stored, and the state of a key that could not be read (G-13, G-15, G-18).
+//! When the key and the time are stored, and the state of a key that could not be read (G-13, G-15, G-18, SEC-8).
 
 use super::{MINUTE, Signing};
 use crate::frame::SigningKey;

@@ -1,4 +1,4 @@
-//! SETUP_SIGNING: a peer sets or removes the key (G-11, G-12).
+//! SETUP_SIGNING: a peer sets or removes the key (G-11, G-12, SEC-6).
 //!
 //! It is accepted only on a provisioning link, if it is addressed to this component by its system's number, and while
 //! the vehicle is disarmed. Its timestamp must be at most a day ahead, if the vehicle has set the time.

@@ -1,4 +1,4 @@
-//! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-6, G-8).
+//! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-5, G-6, G-8, SEC-7).
 
 use crate::message::Address;
 

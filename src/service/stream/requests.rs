@@ -1,4 +1,4 @@
-//! Requests for messages and intervals: commands, and the older REQUEST_DATA_STREAM.
+//! Requests for messages and intervals: commands, and the older REQUEST_DATA_STREAM.
 
 use super::schedule::{Slot, Streams};
 use super::{Fill, Stream, Telemetry, clamped};

@@ -1,4 +1,4 @@
-//! The streams of one link: their intervals, when each is due, and pending requests.
+//! The streams of one link: their intervals, when each is due, and pending requests.
 //!
 //! Streams that are due are sent in sweeps through the table, each at most once per sweep. A sweep that found no more
 //! room continues where it stopped. So a link that is too slow for all streams starves none: the fast ones slow down

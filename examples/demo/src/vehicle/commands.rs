@@ -2,7 +2,7 @@
 //!
 //! [`POLICIES`] declares the rules for commands. The stack refuses a command that violates them, with a text. Each refusal in
 //! this file sends a text with the reason too (C-31). The stack drops a text that repeats within five seconds, so refusals
-//! cannot flood the operator.
+//! cannot flood the operator. A repeated command does no harm (C-11).
 
 use mavstack::command::CommandPolicy;
 use mavstack::dialect::commands::{

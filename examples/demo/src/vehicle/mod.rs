@@ -337,7 +337,7 @@ impl Quadrotor {
         }
     }
 
-    /// Home is known with the first fix.
+    /// Home is known with the first fix, and sent then (O-6).
     fn watch_receiver(&mut self, cx: &mut Context<'_>) {
         let has_fix = self.time >= Instant::from_millis(cx.parameter(Tuning::SIM_GPS_FIX_TIME).into());
         if has_fix && !self.last.has_fix {
