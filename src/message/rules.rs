@@ -1,7 +1,7 @@
 //! What a command's parameters may be: one rule a command, as data.
 //!
-//! Implements the checks of one item (M-38, M-74, SEC-14) and of a command's parameters (C-8, C-9). The rules of all commands are made from the
-//! definitions (see [`mod@crate::dialect::rules`]); a vehicle names those of the commands that it flies in
+//! Implements the checks of one item (M-38, M-74, SEC-14) and of a command's parameters (C-8, C-9). The rules of all
+//! commands are made from the definitions (see [`mod@crate::dialect::rules`]); a vehicle names those of the commands that it flies in
 //! [`Plans::MISSION_COMMANDS`](crate::Plans::MISSION_COMMANDS), narrowed or widened as it needs, and only what it names
 //! costs flash.
 

@@ -2,8 +2,8 @@
 //!
 //! `docs/conformance.md` has a row for each rule of behaviour. Tests cite the rules that they prove, and comments cite the rules
 //! that they follow. This task fills in the last column of the rows from the tests. It fails when no test cites an implemented
-//! rule, when something cites a rule without a row, and when a row names a file that does not exist, or a source file whose comments do
-//! not cite the row's rule. So code that moves takes its row along.
+//! rule, when something cites a rule without a row, and when a row names a file that does not exist, or a source file whose
+//! comments do not cite the row's rule. So code that moves takes its row along.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

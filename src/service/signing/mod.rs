@@ -1,6 +1,7 @@
 //! Message signing: proves that a frame's sender has the key and that the frame is not replayed.
 //!
-//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18 and SEC-5 to SEC-7. [`Signing`] describes how a frame is judged.
+//! Implements <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-18 and SEC-5 to SEC-7.
+//! [`Signing`] describes how a frame is judged.
 
 #[cfg(feature = "storage")]
 mod saving;
