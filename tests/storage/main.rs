@@ -5,12 +5,16 @@
 #[path = "../support/mod.rs"]
 mod support;
 
-#[cfg(feature = "signing")]
+#[cfg(any())]
 mod damage;
+#[cfg(any())]
 mod flash_garbage;
+#[cfg(any())]
 mod fram;
-#[cfg(feature = "signing")]
+#[cfg(any())]
 mod pace;
+mod pages;
+#[cfg(any())]
 mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;
@@ -21,27 +25,27 @@ use mavstack::storage::{RestoreError, RestoreErrors};
 use support::{Setup, TestVehicle};
 
 mavstack::stack! {
-    /// The signing key only: a store that is as long as it needs has no room for anything else.
+    /// A stack that stores the signing key and nothing else.
     #[cfg(feature = "signing")]
-    struct OnlyKey for TestVehicle { links: 1, signing, commands: { slots: 1 } }
+    struct OnlyKey for TestVehicle { links: 1, signing, commands: { slots: 1 }, storage }
 }
 
-/// Returns what was read of the key.
-fn of_key<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+/// Returns whether the key was restored.
+fn of_key(restored: Result<(), RestoreErrors>) -> Result<(), RestoreError> {
     restored.or_else(|errors| errors.signing.map_or(Ok(()), Err))
 }
 
-/// Returns what was read of the parameters.
-fn of_parameters<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+/// Returns whether the parameters were restored.
+fn of_parameters(restored: Result<(), RestoreErrors>) -> Result<(), RestoreError> {
     restored.or_else(|errors| errors.parameters.map_or(Ok(()), Err))
 }
 
-/// Returns what was read of the plans.
-fn of_plans<E>(restored: Result<(), RestoreErrors<E>>) -> Result<(), RestoreError<E>> {
+/// Returns whether the plans were restored.
+fn of_plans(restored: Result<(), RestoreErrors>) -> Result<(), RestoreError> {
     restored.or_else(|errors| errors.plans.map_or(Ok(()), Err))
 }
 
-/// A world with this durability.
+/// Returns a setup with this durability.
 fn setup(durability: Durability) -> Setup<1> {
     let setup = Setup::new();
     Setup { config: Config { durability, ..setup.config }, ..setup }

@@ -1,6 +1,7 @@
 //! The signing key and its time survive a power cut: rules G-13 and G-15, SEC-8.
 
-use crate::support::flash::{Fault, FlashError, RamFlash, Torn};
+use crate::pages::{self, LAST, LogPage};
+use crate::support::flash::{Fault, RamFlash, Torn};
 use crate::support::signer::*;
 use crate::support::*;
 use crate::{OnlyKey, of_key};
@@ -26,14 +27,14 @@ fn new_rig() -> Rig {
     Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN.with_provisioning()); 2])
 }
 
-/// A vehicle that starts with this flash.
+/// Starts a vehicle with this flash.
 fn start(store: &mut Store<'_>) -> Rig {
     let mut rig = new_rig();
     of_key(rig.stack.restore(rig.now, store, &mut rig.vehicle)).expect("flash that can be read");
     rig
 }
 
-/// Until all is written, or the power goes; how many steps that took.
+/// Runs storage until everything is written, or the power is cut. Returns the number of steps.
 fn settle(rig: &mut Rig, store: &mut Store<'_>) -> u32 {
     let mut steps = 0;
     while rig.stack.persist(rig.now, store, &mut rig.vehicle) && !store.flash().is_off() {
@@ -48,7 +49,7 @@ fn setup(key: [u8; 32], initial_timestamp: u64) -> Vec<u8> {
     Signer::new(KEY).unsigned(Version::V2, &message)
 }
 
-/// Flash of a vehicle that had this key set.
+/// Returns the flash of a vehicle in which this key was set.
 fn with_key(key: [u8; 32]) -> Flash {
     let mut flash = Flash::new(REGION);
     let mut store = store(&mut flash);
@@ -58,7 +59,7 @@ fn with_key(key: [u8; 32]) -> Flash {
     flash
 }
 
-/// What a restart finds: which of the keys, and the time.
+/// Returns what a restarted vehicle has: which of the two keys, and the time.
 fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     let mut flash = flash.clone();
     flash.power_on();
@@ -66,10 +67,11 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     let mut rig = new_rig();
     let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
     let mut now = rig.now;
-    if result == Err(RestoreError::Storage(FlashError::Fault)) {
-        // A header that was cut off and cannot be read: after some looks, it does not count.
-        while !rig.stack.persist(now, &mut store, &mut rig.vehicle) {
-            now = now.after(secs(1));
+    if result == Err(RestoreError::Unreadable) {
+        // The write of a page was cut off, and its ECC is wrong: after four attempts it does not count.
+        while rig.stack.restore_errors().signing.is_some() {
+            rig.stack.persist(now, &mut store, &mut rig.vehicle);
+            now = now.after(millis(100));
             assert!(now < rig.now.after(secs(5)));
         }
     } else {
@@ -82,16 +84,17 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     (key, timestamp)
 }
 
-/// SEC-15: also where the storage shows its bytes.
+/// SEC-15: even if the `Debug` of the flash shows its bytes.
 #[test]
 fn a_store_does_not_show_the_key() {
     let mut flash = with_key([0xA5; 32]);
-    assert!(format!("{flash:?}").contains("165, 165"), "it does");
+    assert!(format!("{flash:?}").contains("165, 165"));
     assert_eq!(format!("{:?}", store(&mut flash)), "Store");
 }
 
+/// G-13, G-15: after a restart the key is in use, and the time is one minute ahead.
 #[test]
-fn a_key_comes_back() {
+fn a_stored_key_is_restored() {
     let flash = with_key(KEY);
     let (key, timestamp) = restarted(&flash);
     assert_eq!(key, Some(KEY));
@@ -99,7 +102,7 @@ fn a_key_comes_back() {
     assert!(flash.bytes.windows(32).any(|bytes| bytes == KEY));
 }
 
-/// G-11, SEC-15: a key that was replaced, or taken away, is gone from storage too.
+/// G-11, SEC-15: a key that was replaced or removed is erased from storage.
 #[test]
 fn an_old_key_is_erased() {
     for (key, initial_timestamp) in [(OTHER_KEY, NOW), ([0; 32], 0)] {
@@ -109,14 +112,48 @@ fn an_old_key_is_erased() {
         rig.receive(0, &setup(key, initial_timestamp));
         settle(&mut rig, &mut store);
         settle(&mut rig, &mut store);
-        assert!(!flash.bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)), "it is still there");
+        assert!(!flash.bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)), "the old key is still stored");
         let (found, _) = restarted(&flash);
         assert_eq!(found, (initial_timestamp != 0).then_some(key));
     }
 }
 
-/// G-13: the power goes at every byte and in every erase of a change of the key: the restarted vehicle has the old key and a
-/// time that was not used with it, or the new one.
+/// G-11, SEC-15: storage has records of the old key in both segments, in units that the new key does not need. All of them are
+/// erased, also if the power is cut meanwhile.
+#[test]
+fn each_copy_of_an_old_key_is_erased() {
+    const LONG: u32 = 5 * REGION;
+    let has_key = |flash: &Flash| flash.bytes.windows(32).any(|bytes| bytes == KEY);
+    for minutes in [1, 14, 25, 38] {
+        let mut flash = Flash::new(LONG);
+        let mut store = Store::new(&mut flash, 0..LONG);
+        let mut rig = start(&mut store);
+        rig.receive(0, &setup(KEY, NOW));
+        for _ in 0..minutes * 60 {
+            rig.run_for(secs(1));
+            settle(&mut rig, &mut store);
+        }
+        let before = flash.clone();
+        for fuel in (0..300).step_by(7).map(Some).chain([None]) {
+            let mut flash = before.clone();
+            flash.fuel = fuel;
+            let mut store = Store::new(&mut flash, 0..LONG);
+            let mut rig = start(&mut store);
+            rig.receive(0, &setup(OTHER_KEY, NOW));
+            settle(&mut rig, &mut store);
+            assert_eq!(has_key(store.flash()), fuel.is_some(), "{minutes} minutes, cut after {fuel:?}");
+            store.flash_mut().power_on();
+            let mut rig = start(&mut store);
+            if rig.transmit(0)[0].is_signed_with(OTHER_KEY) {
+                settle(&mut rig, &mut store);
+                assert!(!has_key(store.flash()), "{minutes} minutes, cut after {fuel:?}: the old key is still stored");
+            }
+        }
+    }
+}
+
+/// G-13: the power is cut at every byte and in every erase while the key is replaced or removed. The restarted vehicle has the
+/// new state, or the old key with a time that was not used before.
 #[test]
 fn a_change_of_the_key_is_cut() {
     for torn in [Torn::Prefix, Torn::Garbage, Torn::Unreadable] {
@@ -149,8 +186,8 @@ fn a_change_of_the_key_is_cut() {
     }
 }
 
-/// G-15, SEC-8: the power goes at any byte while the time is written on, over and over: no timestamp is ever used twice, and
-/// none is more than a minute and what the restarts took ahead.
+/// G-15, SEC-8: the power is cut again and again, at any byte of a write of the time. No timestamp is used twice, and time is
+/// never ahead by more than one minute and what each restart skips.
 #[test]
 fn no_timestamp_is_used_twice() {
     let mut rng = Rng::new(5);
@@ -179,9 +216,10 @@ fn no_timestamp_is_used_twice() {
     assert!(ahead <= starts * (MINUTE + 500_000) + MINUTE, "{ahead} ahead after {starts} restarts");
 }
 
-/// G-15: what was recorded in the last minute before a restart; and that who is there is heard after our first heartbeat.
+/// G-15: a frame that was recorded in the last minute before a restart is accepted after it, unless the vehicle refuses recorded
+/// frames. A station that is still there is accepted after the vehicle's first heartbeat in either case.
 #[test]
-fn what_was_recorded_before_a_restart() {
+fn frames_recorded_before_a_restart() {
     for refuses in [false, true] {
         let mut flash = with_key(KEY);
         let mut store = store(&mut flash);
@@ -202,7 +240,7 @@ fn what_was_recorded_before_a_restart() {
         }
         rig.receive(0, &recorded);
         assert_eq!((rig.counters().verified, rig.counters().too_old), if refuses { (0, 1) } else { (1, 0) });
-        // A station follows the time that it hears.
+        // A station adopts a later time that it receives.
         gcs.timestamp = gcs.timestamp.max(rig.transmit(0)[0].signature().timestamp + 1);
         rig.receive(0, &gcs.frame(&Gcs::heartbeat()));
         assert_eq!(rig.counters().verified, if refuses { 1 } else { 2 });
@@ -212,7 +250,7 @@ fn what_was_recorded_before_a_restart() {
 /// G-17: a frame from a wrong clock moves our time years ahead, and that time is stored. Neither a restart nor the same key
 /// corrects it; another key does, at once and after another restart. Key and time are always stored together.
 #[test]
-fn another_key_heals_a_stored_time() {
+fn another_key_corrects_a_stored_time() {
     const WRONG: u64 = NOW + 14 * 365 * 1_440 * MINUTE;
     let mut flash = with_key(KEY);
     let mut store = store(&mut flash);
@@ -259,9 +297,9 @@ fn a_stored_time_bounds_nothing() {
     assert_eq!((rig.counters().verified, rig.counters().too_far_ahead), (1, 0));
 }
 
-/// G-17: without a key nothing is written, once that is stored: the next key starts with its own time.
+/// G-17: once the removal of the key is stored, no time is written: the next key starts with its own time.
 #[test]
-fn no_time_is_kept_without_a_key() {
+fn no_time_is_stored_without_a_key() {
     let mut flash = with_key(KEY);
     let mut store = store(&mut flash);
     let mut rig = start(&mut store);
@@ -275,9 +313,9 @@ fn no_time_is_kept_without_a_key() {
     assert_eq!((store.flash().writes, restarted(store.flash()).0), (writes, None));
 }
 
-/// A vehicle that never had a key writes nothing.
+/// G-13: a vehicle that never had a key writes nothing.
 #[test]
-fn nothing_is_kept_of_no_key() {
+fn nothing_is_stored_without_a_key() {
     let mut flash = Flash::new(REGION);
     let mut store = store(&mut flash);
     let mut rig = start(&mut store);
@@ -286,7 +324,7 @@ fn nothing_is_kept_of_no_key() {
     assert_eq!(store.flash().writes, 0);
 }
 
-/// G-14: what is restored moves the time no further back than the vehicle has it already.
+/// G-14: restoring a time never sets the vehicle's time back.
 #[test]
 fn a_restored_time_does_not_go_back() {
     let mut flash = with_key(KEY);
@@ -296,12 +334,12 @@ fn a_restored_time_does_not_go_back() {
     assert!(rig.signing().set_time(now, unix + 10 * (NOW + 99 * MINUTE), mavstack::Duration::MAX));
     of_key(rig.stack.restore(now, &mut store, &mut rig.vehicle)).expect("flash that can be read");
     assert!((NOW + 99 * MINUTE..NOW + 99 * MINUTE + 1_000).contains(&rig.timestamp()));
-    // And it is stored, for it is beyond what was reserved.
+    // It is beyond the stored time, so it is stored.
     settle(&mut rig, &mut store);
     assert!(restarted(store.flash()).1 >= NOW + 100 * MINUTE);
 }
 
-/// G-15: with storage that works there is a write every 55 s, each of them small; the stored time is ahead, by a minute at most.
+/// G-15: the time is stored every 55 s, and the stored time is always ahead of ours, by one minute at most.
 #[test]
 fn the_time_is_stored_ahead() {
     let mut flash = with_key(KEY);
@@ -321,7 +359,7 @@ fn the_time_is_stored_ahead() {
     assert_eq!(jobs, 600 / 55);
 }
 
-/// SEC-12: nothing is written while the vehicle says no, and then what was due.
+/// SEC-12: nothing is written while the vehicle does not permit it; what is due is written afterwards.
 #[test]
 fn nothing_is_written_without_permission() {
     let mut flash = Flash::new(REGION);
@@ -337,9 +375,9 @@ fn nothing_is_written_without_permission() {
     assert!(restarted(store.flash()).1 >= rig.timestamp());
 }
 
-/// Storage that fails is left alone for ten seconds at a time, and signing goes on.
+/// SEC-12: failing storage is tried again every ten seconds, and signing works meanwhile.
 #[test]
-fn failing_storage_does_not_stop_anything() {
+fn failing_storage_does_not_stop_signing() {
     for fault in [Fault::Erase, Fault::Write(0), Fault::HalfWrite(0), Fault::WrongWrite(0)] {
         let mut flash = with_key(KEY);
         flash.writes = 0;
@@ -361,39 +399,53 @@ fn failing_storage_does_not_stop_anything() {
     }
 }
 
-/// G-18: storage that cannot be read is told, and there is no key; one that is empty, or has something else in it, changes no key
-/// that there is.
+/// G-18: storage that cannot be read is reported, and there is no key. Storage that is empty or has other data does not change a
+/// key that the firmware has set; other data is reported.
 #[test]
-fn what_cannot_be_read() {
+fn storage_that_has_no_key() {
     let mut flash = with_key(KEY);
     flash.fault = Fault::Read(0..REGION);
     let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
     let result = of_key(rig.stack.restore(rig.now, &mut store(&mut flash), &mut rig.vehicle));
-    assert_eq!(result, Err(RestoreError::Storage(FlashError::Fault)));
+    assert_eq!(result, Err(RestoreError::Unreadable));
     let text = rig.sent::<Statustext>(0)[0].decode::<Statustext>().unwrap();
     assert_eq!((text.text.as_bytes(), text.severity), (&b"The signing key cannot be read"[..], MavSeverity::ERROR));
     let mut rng = Rng::new(1);
     let garbage = (0..REGION).map(|_| rng.byte()).collect();
-    for mut flash in [Flash::new(REGION), Flash::of(garbage)] {
+    for (mut flash, region) in [(Flash::new(REGION), None), (Flash::of(garbage), Some(RestoreError::OtherData))] {
         let mut rig: Rig = Rig::new([LinkConfig::uart(115_200); 2]);
         let now = rig.now;
         rig.signing().set_key(now, SigningKey::new(OTHER_KEY), NOW);
-        assert_eq!(of_key(rig.stack.restore(now, &mut store(&mut flash), &mut rig.vehicle)), Ok(()));
-        assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
+        let result = rig.stack.restore(now, &mut store(&mut flash), &mut rig.vehicle);
+        assert_eq!((of_key(result), rig.stack.restore_errors().region), (Ok(()), region));
+        let sent = rig.transmit(0);
+        assert!(sent[0].is_signed_with(OTHER_KEY));
+        let texts: Vec<_> = sent.iter().filter_map(Sent::decode::<Statustext>).collect();
+        let texts: Vec<_> = texts.iter().map(|text| (text.text.as_bytes(), text.severity)).collect();
+        let expected = (&b"Storage has other data, which is erased"[..], MavSeverity::WARNING);
+        assert_eq!(texts, region.map(|_| expected).into_iter().collect::<Vec<_>>());
     }
 }
 
-/// What is stored stands here byte by byte: later versions have to read it.
+/// The stored bytes, one by one: later versions must be able to read them.
 #[test]
-fn the_layout_is_this() {
+fn the_layout_is_as_documented() {
     let flash = with_key(KEY);
-    let slot = (0..2).map(|slot| slot * 512).find(|slot| flash.bytes[*slot..].starts_with(b"MVSR")).expect("a record");
-    let header = &flash.bytes[slot..slot + 32];
-    assert_eq!(header[4..8], [3, 0, 1, 0], "kind, schema");
-    assert_eq!(header[12..16], [64, 0, 0, 0], "length");
-    let body = &flash.bytes[slot + 256..slot + 320];
-    assert_eq!(body[..32], KEY);
-    let timestamp = u64::from_le_bytes(body[32..40].try_into().unwrap());
+    let [(0, page)] = &pages::pages(&flash.bytes)[..] else { panic!("there is one page") };
+    assert_eq!((flash.bytes[..4].to_vec(), page.payload.len()), (b"ML\x01\x03".to_vec(), 41));
+    assert_eq!(page.payload[..32], KEY);
+    let timestamp = u64::from_le_bytes(page.payload[32..40].try_into().unwrap());
     assert!((NOW + MINUTE..NOW + MINUTE + 1_000).contains(&timestamp));
-    assert_eq!(body[40..], [&[1][..], &[0; 23]].concat());
+    assert_eq!(page.payload[40], 1);
+    let expected = LogPage { segment: 1, schema: 1, kind: 3, flags: LAST, payload: page.payload.clone(), ..LogPage::default() };
+    assert_eq!(*page, expected);
+    assert!(flash.bytes[256..].iter().all(|byte| *byte == 0xFF));
+
+    let mut flash = flash;
+    let mut store = store(&mut flash);
+    let mut rig = start(&mut store);
+    rig.receive(0, &setup([0; 32], 0));
+    settle(&mut rig, &mut store);
+    let (_, page) = pages::newest(&flash.bytes, pages::KEY);
+    assert_eq!((&page.payload[..32], &page.payload[40..]), (&[0; 32][..], &[0][..]), "there is no key");
 }

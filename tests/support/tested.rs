@@ -46,8 +46,16 @@ where
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;
+    type Records = Absent;
+    type Storage = Stored;
     const CHECKED: () = V::CHECKED;
 }
+
+/// The storage of the tests, or none without the feature.
+#[cfg(feature = "storage")]
+type Stored = mavstack::__private::Storage;
+#[cfg(not(feature = "storage"))]
+type Stored = Absent;
 
 /// Returns a stack that has begun.
 pub fn begun<D: Declares, const N: usize>(config: Config, links: [LinkConfig; N]) -> Box<Stack<D, N>> {
