@@ -44,7 +44,7 @@ macro_rules! contents {
 
             /// Ends loading, or learns that nothing can be loaded.
             #[inline(never)]
-            fn loaded(
+            fn set_loaded(
                 &mut self,
                 cx: &mut Cx<'_, D>,
                 index: u8,
@@ -60,10 +60,18 @@ macro_rules! contents {
                             storage.errors.$field = None;
                         }
                     })*
-                    _ => return,
+                    _ => {}
                 }
-                if let Some(kind) = Self::KINDS.get(usize::from(index)) {
-                    kind.report(cx, result, storage.is_late);
+            }
+
+            /// Has a service wait for its stored content.
+            fn on_blocked(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8) {
+                match index {
+                    $($index => {
+                        let links = states.iter_mut().map(|state| &mut state.$service);
+                        Persistent::on_blocked(&mut self.$service, cx, links);
+                    })*
+                    _ => {}
                 }
             }
 
@@ -171,13 +179,37 @@ impl<D: Declares> Services<D> {
         mask
     }
 
+    /// Returns the mask of a record.
+    fn bit(index: u8, record: u8) -> u32 {
+        1u32.wrapping_shl(shift(index).wrapping_add(record.into()))
+    }
+
+    /// Returns the mask of all records of a service.
+    fn records(index: u8) -> u32 {
+        Self::all_records() & 0xFFu32.wrapping_shl(shift(index))
+    }
+
+    /// Ends loading, and reports the result.
+    fn loaded(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        index: u8,
+        result: Result<bool, RestoreError>,
+        storage: &mut Storage,
+    ) {
+        self.set_loaded(cx, index, result, storage);
+        if let Some(kind) = Self::KINDS.get(usize::from(index)) {
+            kind.report(cx, result, storage.is_late);
+        }
+    }
+
     /// Begins the next thing that is to be done, if there is any.
     #[inline(never)]
     fn begin_next(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, may_write: bool) {
         let reloads = self.reloads(cx);
         for index in 0..CONTENTS {
             if reloads & 1u8.wrapping_shl(index.into()) != 0 {
-                storage.to_load |= Self::all_records() & 0xFFu32.wrapping_shl(shift(index));
+                storage.to_load |= Self::records(index);
             }
         }
         let mut blocked = 0u8;
@@ -187,13 +219,16 @@ impl<D: Declares> Services<D> {
             let (index, record) = (bit.wrapping_shr(3) as u8, (bit & 7) as u8);
             if !self.may_load(cx, index, storage.is_late) {
                 blocked |= 1u8.wrapping_shl(index.into());
+                self.on_blocked(cx, states, index);
                 continue;
             }
-            storage.to_load &= !1u32.wrapping_shl(bit);
+            storage.to_load &= !Self::bit(index, record);
             if self.begin_load(cx, states, storage, index, record) {
                 return;
             }
         }
+        // Whatever is requested from now on is not late.
+        storage.is_late &= storage.to_load != 0;
         if !may_write {
             return;
         }
@@ -224,7 +259,8 @@ impl<D: Declares> Services<D> {
         index: u8,
         record: u8,
     ) -> bool {
-        if storage.is_late && !self.on_readable(cx, states, index) {
+        let is_wanted = self.on_readable(cx, states, index);
+        if storage.is_late && !is_wanted {
             return false;
         }
         let Some(kind) = Self::KINDS.get(usize::from(index)) else { return false };
@@ -260,6 +296,13 @@ impl<D: Declares> Services<D> {
             }
         } else if storage.log.is_foreign() {
             self.refuse_all(cx, storage);
+        }
+        if storage.log.is_waiting() || storage.log.is_foreign() {
+            for index in 0..CONTENTS {
+                if storage.log.is_foreign() || storage.to_load & Self::records(index) != 0 {
+                    self.on_blocked(cx, states, index);
+                }
+            }
         }
         if storage.log.is_idle() {
             self.begin_next(cx, states, storage, may_write);
@@ -317,17 +360,25 @@ impl<D: Declares> Services<D> {
             }
             Event::Unreadable { was_loading } => {
                 if was_loading {
-                    storage.to_load |= 1u32.wrapping_shl(shift(index).wrapping_add(storage.record.into()));
+                    storage.to_load |= Self::bit(index, storage.record);
                 }
-                if !core::mem::replace(&mut storage.is_late, true) {
-                    for (index, kind) in (0..).zip(&Self::KINDS) {
-                        if storage.to_load & 0xFFu32.wrapping_shl(shift(index)) != 0 && kind.records > 0 {
-                            storage.is_late = false;
-                            self.loaded(cx, index, Err(RestoreError::Unreadable), storage);
+                let is_new = !storage.is_late;
+                for (index, kind) in (0..).zip(&Self::KINDS) {
+                    if storage.to_load & Self::records(index) != 0 {
+                        let error = Err(RestoreError::Unreadable);
+                        self.set_loaded(cx, index, error, storage);
+                        if is_new {
+                            kind.report(cx, error, false);
                         }
                     }
-                    storage.is_late = true;
                 }
+                storage.is_late = true;
+            }
+            // The vehicle has armed meanwhile.
+            Event::Loaded { .. } if storage.is_late && !self.may_load(cx, index, true) => {
+                storage.log.end_load();
+                storage.to_load |= Self::bit(index, storage.record);
+                self.set_loaded(cx, index, Err(RestoreError::Unreadable), storage);
             }
             Event::Loaded { len, is_first, is_last } => {
                 let bytes = page.payload(len);
@@ -462,8 +513,8 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         self.restore_errors().result()
     }
 
-    /// Does the next step of storage on a blocking driver: erases at most one unit, or reads and writes at most 512 bytes.
-    /// It may block for as long as that takes. Returns true if more is to be done at once.
+    /// Does the next step of storage on a blocking driver: erases at most one unit, or writes at most 256 bytes,
+    /// and reads at most 1 KiB. It may block for as long as that takes. Returns true if more is to be done at once.
     ///
     /// It writes only while the vehicle [permits](crate::Vehicle::may_persist) it. Plans are written when they were
     /// uploaded. With [`Durability::Durable`](crate::plan::Durability::Durable) the final answer to an upload waits for
@@ -475,12 +526,16 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// with the time of take-off, until the first signed frame provides a later time. See also `Signing::set_time`.
     #[inline(never)]
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> bool {
-        const JOBS: u8 = 3;
-        for done in 0..JOBS {
+        // A page is copied in four jobs: read, write, write its end, check. It is not left half written.
+        const JOBS: u8 = 4;
+        for done in 0..2 * JOBS {
+            let was_within = self.storage.log.is_within_page();
             let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { return done > 0 };
             let is_done = store.run(&job);
             self.storage_done(now, is_done, store.page_mut(), vehicle);
-            if matches!(job, Job::Erase { .. }) {
+            let is_within = self.storage.log.is_within_page();
+            let is_end = was_within || done.wrapping_add(1) >= JOBS;
+            if matches!(job, Job::Erase { .. }) || is_end && !is_within {
                 break;
             }
         }

@@ -215,7 +215,15 @@ pub trait Persistent<F: Firmware>: Service<F> {
     /// Called when a write is complete though it was no longer wanted.
     fn on_outdated_write(&mut self) {}
 
-    /// Called before content that could not be read is loaded late. Returns whether to load it.
+    /// Called while its stored content must be loaded before anything is written, and cannot be loaded.
+    fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
+    where
+        Self::Link: 'l,
+    {
+        let _ = (cx, links);
+    }
+
+    /// Called before content is loaded. Returns whether it is still wanted, if it could not be read before.
     fn on_readable<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
     where
         Self::Link: 'l,

@@ -148,6 +148,11 @@ impl Region {
         if next >= self.pages { next.wrapping_sub(self.pages) } else { next }
     }
 
+    /// Returns the number of its units.
+    fn units(&self) -> u32 {
+        self.pages.checked_div(self.unit).unwrap_or(0)
+    }
+
     /// Returns the position behind the unit that contains this position.
     fn end_of_unit(&self, position: u16) -> u16 {
         let unit = self.unit.max(1);
@@ -364,8 +369,13 @@ pub(crate) struct Log {
     largest: u16,
     /// The first pages of the next segment that are erased.
     next_erased: u16,
-    /// The number of units that are still to be erased, because they have an old key.
+    /// The number of units, from the start of the open segment on, that may have an old key. Those that the segment does
+    /// not use are erased.
     scrub: u32,
+    /// The number of pages that are not blank, outside of the open segment once that is read; and whether those may have an
+    /// old key.
+    used: u32,
+    has_old_secret: bool,
     /// Until then, nothing is erased ahead.
     rest_until: Instant,
 }
@@ -397,6 +407,8 @@ impl Log {
         largest: 0,
         next_erased: 0,
         scrub: 0,
+        used: 0,
+        has_old_secret: false,
         rest_until: Instant::ZERO,
     };
 
@@ -405,6 +417,9 @@ impl Log {
         *self = Self { region, largest, ..Self::NEW };
         if region.segment > 0 {
             self.scan();
+        } else {
+            // Nothing is stored, and there is no room for anything.
+            self.task = Task::Idle;
         }
     }
 
@@ -414,6 +429,7 @@ impl Log {
         (self.open, self.write) = (Segment::NONE, Segment::NONE);
         (self.newest, self.suspect, self.page, self.unreadable) = (0, Suspect::NONE, 0, 0);
         self.entries = [Entry::FREE; ENTRIES];
+        (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
         (self.has_other_data, self.has_log, self.has_foreign) = (false, false, false);
     }
 
@@ -430,6 +446,16 @@ impl Log {
     /// Whether a record is being loaded.
     pub(crate) fn is_loading(&self) -> bool {
         self.task == Task::Load
+    }
+
+    /// Whether something could not be read, and reading will be repeated.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.task == Task::Waiting
+    }
+
+    /// Whether a page was written in part, or is not checked yet.
+    pub(crate) fn is_within_page(&self) -> bool {
+        self.task == Task::Append && self.stage != Stage::Content
     }
 
     /// Whether the region has a log of another version.
@@ -517,6 +543,11 @@ impl Log {
         }
     }
 
+    /// Whether everything older than the segment that is begun is to be erased.
+    const fn must_scrub(&self) -> bool {
+        self.is_secret || self.scrub > 0
+    }
+
     /// Ends writing without a record. `is_dirty`: the next page may be written in part.
     fn stop(&mut self, is_dirty: bool) {
         self.task = Task::Idle;
@@ -530,7 +561,8 @@ impl Log {
 
     /// Completes the page that [`Next::Content`] asked for, with `len` bytes of payload in place.
     pub(crate) fn put(&mut self, page: &mut Page, len: u8, is_last: bool) {
-        self.seal(page, len, if is_last { flag::LAST } else { 0 });
+        let is_secret = self.write.number != self.open.number && self.must_scrub();
+        self.seal(page, len, if is_last { flag::LAST } else { 0 } | if is_secret { flag::SECRET } else { 0 });
     }
 
     fn seal(&mut self, page: &mut Page, len: u8, flags: u8) {
@@ -558,7 +590,8 @@ impl Log {
                 let at = self.entries.get(usize::from(self.entry)).map_or(0, |entry| entry.at);
                 self.read(self.open.first, at.wrapping_add(self.record.index).into())
             }
-            Task::Append if may_write => self.next_of_append(page),
+            // The check of a page only reads, and decides whether a record is complete.
+            Task::Append if may_write || self.stage == Stage::Check => self.next_of_append(page),
             Task::Idle if may_write => self.erase_ahead(now),
             Task::Undo if may_write => {
                 let Segment { first, head, .. } = self.write;
@@ -593,8 +626,13 @@ impl Log {
         let end = self.region.segment;
         let next = self.region.next(first);
         let needed = if self.has_written && now >= self.rest_until { self.largest } else { 0 };
+        // From the last unit on, down to those that the open segment uses.
+        let scrubbed = self.scrub.saturating_sub(1).saturating_mul(self.region.unit);
+        if scrubbed < erased.into() {
+            self.scrub = 0;
+        }
         if self.scrub > 0 {
-            self.erase(next, self.scrub.wrapping_sub(1).wrapping_mul(self.region.unit), Pending::Scrub)
+            self.erase(first, scrubbed, Pending::Scrub)
         } else if erased < end && erased.saturating_sub(head) < needed {
             self.erase(first, erased.into(), Pending::Erase)
         } else if end.saturating_sub(head) < needed && self.next_erased == 0 {
@@ -729,8 +767,11 @@ impl Log {
             return;
         }
         let tail = page.bytes().last_chunk::<TAIL>().copied().unwrap_or_default();
+        if !is_examined {
+            self.used = self.used.saturating_add(is_used(&tail).into());
+        }
         let Some((footer, is_ours)) = Footer::read(&tail) else {
-            if tail == [0xFF; TAIL] || tail == [0; TAIL] {
+            if !is_used(&tail) || tail == [0; TAIL] {
                 return;
             }
             if !is_examined {
@@ -741,7 +782,7 @@ impl Log {
                 Content::Bad(Some(footer)) if footer.is_last() && !footer.is_copy() => {
                     self.suspect(footer.segment, footer.kind);
                 }
-                _ => self.has_other_data = true,
+                _ => self.has_other_data |= !page.is_begun(),
             }
             return;
         };
@@ -831,6 +872,9 @@ impl Log {
         self.write.head = head.saturating_add(1).min(erased);
         self.open = self.write;
         (self.task, self.attempts) = (Task::Idle, 0);
+        if self.has_old_secret && self.used > 0 {
+            self.scrub = self.region.units();
+        }
         Event::Found
     }
 
@@ -841,6 +885,14 @@ impl Log {
         self.unreadable = self.unreadable.saturating_add((!is_done).into());
         let is_here = |footer: &Footer| footer.segment == self.open.number && footer.position == position;
         let record = core::mem::replace(&mut self.record, Record::NONE);
+        let is_own = match content {
+            Content::Whole(footer, _) | Content::Bad(Some(footer)) => is_here(&footer),
+            Content::Bad(None) => position < self.write.erased,
+            Content::Blank => false,
+        };
+        if is_own && is_done && page.bytes().last_chunk().is_some_and(is_used) {
+            self.used = self.used.saturating_sub(1);
+        }
         match content {
             Content::Whole(footer, crc) if is_here(&footer) => {
                 (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
@@ -910,6 +962,7 @@ impl Log {
         if footer.flags & flag::LOST != 0 {
             return self.mark_damaged(kind);
         }
+        self.has_old_secret |= footer.flags & flag::SECRET != 0;
         let at = footer.position.saturating_add(1).saturating_sub(pages);
         self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
     }
@@ -1002,9 +1055,8 @@ impl Log {
             for entry in &mut self.entries {
                 entry.at = entry.moved;
             }
-            if self.is_secret && self.open.number != 0 {
-                let rest = self.region.pages.saturating_sub(self.region.segment.into());
-                self.scrub = rest.checked_div(self.region.unit).unwrap_or(0);
+            if self.must_scrub() {
+                self.scrub = self.region.units();
             }
         }
         self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
@@ -1028,6 +1080,11 @@ enum Source {
     Copy(u16),
     /// There is none: it says that a record is lost.
     Lost,
+}
+
+/// Returns whether the end of a page is not blank.
+fn is_used(tail: &[u8; TAIL]) -> bool {
+    *tail != [0xFF; TAIL]
 }
 
 /// Returns whether segment `a` is newer than segment `b`.

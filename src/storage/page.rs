@@ -28,6 +28,8 @@ pub(crate) mod flag {
     pub(crate) const COPY: u8 = 2;
     /// It has no content: it says that a record of this kind was lost.
     pub(crate) const LOST: u8 = 4;
+    /// Its record has opened its segment because a key was replaced: everything older is erased.
+    pub(crate) const SECRET: u8 = 8;
 }
 
 /// The buffer for one page: the only large buffer that storage needs. What carries out the [jobs](super::Job) owns it.
@@ -220,12 +222,17 @@ impl Page {
         if is_whole { Content::Whole(footer, crc) } else { Content::Bad(Some(footer)) }
     }
 
+    /// Whether the first bytes are those of a page.
+    pub(crate) fn is_begun(&self) -> bool {
+        let [m0, m1] = MAGIC;
+        self.0.starts_with(&[m0, m1, VERSION])
+    }
+
     /// Returns the footer of a page in which one bit of the footer is wrong. A write that was cut off does not leave such
     /// a page.
     #[inline(never)]
     fn repaired_footer(&self) -> Option<Footer> {
-        let [m0, m1] = MAGIC;
-        if !self.0.starts_with(&[m0, m1, VERSION]) {
+        if !self.is_begun() {
             return None;
         }
         let mut tail = *self.0.last_chunk::<TAIL>()?;

@@ -53,24 +53,34 @@ where
     /// Late, it takes only the parameters that still have their defaults: a value that was set since is newer.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+        // If the operator requests the stored values, what was set since is not wanted.
+        let is_late = part.is_late && !self.is_reload_requested(cx.parameters);
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
         for [key, value] in part.bytes.as_chunks::<ROW>().0.iter().map(|row| {
             let [a, b, c, d, e, f, g, h] = *row;
             [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes)
         }) {
-            next = load_row::<F>(self, cx, next, key, value, part.is_late);
+            next = load_row::<F>(self, cx, next, key, value, is_late);
         }
         Ok(())
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
         let is_read = result != Err(RestoreError::Unreadable);
-        if is_late {
+        if is_late && !self.is_reload_requested(cx.parameters) {
             self.reread(cx.now, cx.parameters, is_read);
         } else {
             self.loaded(cx.parameters, is_read);
         }
+    }
+
+    /// A request for the stored values fails, and a write is deferred: a sleeping loop is not woken for it.
+    fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>)
+    where
+        Self::Link: 'l,
+    {
+        Persistent::<F>::loaded(self, cx, Err(RestoreError::Unreadable), true);
     }
 
     fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {

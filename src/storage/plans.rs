@@ -264,7 +264,7 @@ where
 
     /// A running upload uses the memory that loading needs. In flight, only the operator changes plans.
     fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
-        (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving() && !self.is_committing()
+        (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving()
     }
 
     fn is_paused(&self, now: Instant) -> bool {
@@ -309,13 +309,20 @@ where
     }
 
     /// Stored content comes first: a client that waits gets ERROR, and tries again.
-    fn on_readable<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
     {
         if self.is_committing() {
             Persistent::<F>::on_written(self, cx, links, false);
         }
+    }
+
+    fn on_readable<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    where
+        Self::Link: 'l,
+    {
+        Persistent::<F>::on_blocked(self, cx, links);
         true
     }
 }

@@ -1,8 +1,9 @@
-//! Damaged or unreadable stored data is reported, never counts as empty, and nothing that can be read is lost (G-18, P-17).
+//! Stored data that is damaged or unreadable is reported, and never counts as empty. Nothing that can be read is lost (G-18, P-17).
 
 mod unread;
 
-use crate::support::flash::{Fault, FlashError, RamFlash};
+use crate::pages::{self, KEY as KIND_OF_KEY, PAGE, PARAMETERS, PLANS as KIND_OF_PLANS};
+use crate::support::flash::{Fault, RamFlash};
 use crate::support::signer::*;
 use crate::support::*;
 use crate::{OnlyKey, of_key, of_parameters, of_plans};
@@ -16,7 +17,7 @@ use mavstack::storage::{RestoreError, Store};
 use mavstack::{LinkConfig, Text};
 
 mavstack::stack! {
-    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 }, commands: { slots: 1 } }
+    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
 }
 
 type Flash = RamFlash<8, 512>;
@@ -29,25 +30,28 @@ const KEYS: u32 = Store::<Flash>::region_len::<OnlyKey>();
 const PARAMS: u32 = Store::<Flash>::region_len::<Tested>();
 const PLANS: u32 = Store::<Flash>::region_len::<OnlyPlans>();
 
-/// Returns the bits of the only record in this flash: those of its header, and of the first `body` bytes of its body.
-fn bits(flash: &Flash, body: usize) -> impl Iterator<Item = usize> + use<> {
-    let half = flash.bytes.len() / 2;
-    let slots = [0, half].map(|slot| flash.bytes[slot..].starts_with(b"MVSR"));
-    let slot = match slots {
-        [true, false] => 0,
-        [false, true] => half,
-        _ => panic!("there is one record"),
-    };
-    (slot..slot + 32).chain(slot + 256..slot + 256 + body).flat_map(|byte| byte * 8..byte * 8 + 8)
+/// Returns the bits of the only page in this flash.
+fn bits(flash: &Flash) -> impl Iterator<Item = usize> + use<> {
+    let pages = pages::pages(&flash.bytes);
+    let [(at, _)] = pages[..] else { panic!("{} pages", pages.len()) };
+    at * 8..(at + PAGE) * 8
 }
 
+/// Returns the bits of the newest page of this kind, without those of its end, which has the footer: if that is damaged, the page
+/// looks like one whose write was cut off.
+fn bits_of_newest(flash: &Flash, kind: u8) -> impl Iterator<Item = usize> + use<> {
+    let (at, _) = pages::newest(&flash.bytes, kind);
+    at * 8..(at + 228) * 8
+}
+
+/// Returns this flash with one flipped bit.
 fn flipped(flash: &Flash, bit: usize) -> Flash {
     let mut flash = flash.clone();
     flash.bytes[bit / 8] ^= 1 << (bit % 8);
     flash
 }
 
-/// A radio that must sign once there is a key, a provisioning wire, and a wire without signing.
+/// Creates a vehicle with a radio that must sign once there is a key, a wire for provisioning, and a wire without signing.
 fn signing_rig() -> Rig<3> {
     let unsigned = LinkSigning { sign_out: false, ..LinkSigning::OPEN };
     let links = [LinkSigning::SIGNED, LinkSigning::OPEN.with_provisioning(), unsigned];
@@ -63,7 +67,7 @@ fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
     panic!("it never ends");
 }
 
-/// Flash of a vehicle that has a key.
+/// Returns the flash of a vehicle that has a key.
 fn with_key() -> Flash {
     let mut flash = Flash::new(KEYS);
     let mut store = Keys::new(&mut flash, 0..KEYS);
@@ -82,7 +86,7 @@ fn setup(key: [u8; 32]) -> SetupSigning {
     SetupSigning { initial_timestamp: NOW, target_system: 1, target_component: 1, secret_key: Secret(key) }
 }
 
-/// Sends an unsigned command to arm on each link and returns on which links it was carried out.
+/// Sends an unsigned command to arm on each link. Returns on which links it was carried out.
 fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
     [0, 1, 2].map(|link| {
         let before = rig.vehicle.commands().len();
@@ -91,12 +95,12 @@ fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
     })
 }
 
-/// G-18: whichever bit of a stored key flips, the links that would sign stay closed, also after another restart, until a key is
-/// set on the provisioning link; an unsigned text says so.
+/// G-18: whichever bit of the page with the key flips, links that would sign stay closed, also after another restart, until a key
+/// is set on the link for provisioning. An unsigned text reports it. The damaged key is then erased.
 #[test]
 fn a_damaged_key_opens_no_link() {
     let whole = with_key();
-    for bit in bits(&whole, 64) {
+    for bit in bits(&whole) {
         let mut flash = flipped(&whole, bit);
         for restart in 0..2 {
             let mut store = Keys::new(&mut flash, 0..KEYS);
@@ -112,6 +116,7 @@ fn a_damaged_key_opens_no_link() {
             // The stored data does not change, however much time passes.
             rig.run_for(secs(120));
             settle(&mut rig, &mut store);
+            assert_eq!((store.flash().writes, store.flash().erases), (whole.writes, whole.erases), "bit {bit}");
 
             // The radio accepts neither an unsigned SETUP_SIGNING nor a signed command.
             rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
@@ -127,18 +132,19 @@ fn a_damaged_key_opens_no_link() {
         rig.receive(0, &Signer::new(OTHER_KEY).frame(&arm()));
         assert_eq!(rig.vehicle.commands().len(), 3);
         settle(&mut rig, &mut store);
+        assert!(!store.flash().bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)), "bit {bit}");
         let mut rig = signing_rig();
         assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
         assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
     }
 }
 
-/// G-11, G-18: a peer that may set the key may also remove it; links are then open as in a vehicle that never had a
+/// G-11, G-18: a peer that may set the key may also remove a damaged one. Links are then open as in a vehicle that never had a
 /// key.
 #[test]
-fn a_damaged_key_is_taken_away() {
+fn a_damaged_key_can_be_removed() {
     let whole = with_key();
-    let bit = bits(&whole, 64).last().expect("there is a record");
+    let bit = bits(&whole).last().expect("there is a record");
     let mut flash = flipped(&whole, bit);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
@@ -155,32 +161,34 @@ fn a_damaged_key_is_taken_away() {
 /// G-18: an older key does not replace a damaged newer one: it may have been replaced because it was compromised.
 #[test]
 fn an_older_key_does_not_stand_in() {
-    let mut flash = with_key();
-    let mut store = Keys::new(&mut flash, 0..KEYS);
+    let mut whole = with_key();
+    let mut store = Keys::new(&mut whole, 0..KEYS);
     let mut rig = signing_rig();
     assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     rig.set_key(OTHER_KEY);
     // Stop when the new key is written, before the older one is erased.
-    let count = |flash: &Flash| [0, 512].into_iter().filter(|slot| flash.bytes[*slot..].starts_with(b"MVSR")).count();
-    while count(store.flash()) < 2 {
+    while pages::pages(&store.flash().bytes).len() < 2 {
         assert!(rig.stack.persist(rig.now, &mut store, &mut rig.vehicle));
     }
-    let at = flash.bytes.windows(32).position(|bytes| bytes == OTHER_KEY).expect("it is written");
-    flash.bytes[at] ^= 1;
-    for _ in 0..2 {
-        let mut store = Keys::new(&mut flash, 0..KEYS);
-        let mut rig = signing_rig();
-        let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
-        assert_eq!(result, Err(RestoreError::Damaged));
-        rig.receive(0, &Signer::new(KEY).frame(&arm()));
-        assert_eq!(armed_by(&mut rig), [false, false, true]);
-        settle(&mut rig, &mut store);
+    let (_, newest) = pages::newest(&whole.bytes, KIND_OF_KEY);
+    assert_eq!(newest.payload[..32], OTHER_KEY);
+    for bit in bits_of_newest(&whole, KIND_OF_KEY) {
+        let mut flash = flipped(&whole, bit);
+        for _ in 0..2 {
+            let mut store = Keys::new(&mut flash, 0..KEYS);
+            let mut rig = signing_rig();
+            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
+            assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
+            rig.receive(0, &Signer::new(KEY).frame(&arm()));
+            assert_eq!(armed_by(&mut rig), [false, false, true], "bit {bit}");
+            settle(&mut rig, &mut store);
+        }
     }
 }
 
-/// G-18: any one read fails at a start: links are closed until the key can be read, soon after.
+/// G-18: any one read fails at the start. Links are closed until the key can be read, a second later.
 #[test]
-fn a_key_that_cannot_be_read_comes_back() {
+fn a_key_that_cannot_be_read_is_restored_late() {
     let whole = with_key();
     for (first, is_default_set) in (0..12).flat_map(|first| [(first, false), (first, true)]) {
         let mut flash = whole.clone();
@@ -194,21 +202,23 @@ fn a_key_that_cannot_be_read_comes_back() {
         match of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)) {
             Ok(()) => {}
             Err(error) => {
-                assert_eq!(error, RestoreError::Storage(FlashError::Fault));
+                assert_eq!(error, RestoreError::Unreadable);
                 assert_eq!(armed_by(&mut rig), [false, is_default_set, true]);
+                settle(&mut rig, &mut store);
+                rig.run_for(secs(1));
             }
         }
         settle(&mut rig, &mut store);
         assert!(rig.transmit(1)[0].is_signed_with(KEY), "read {first}");
         rig.receive(0, &Signer::new(KEY).frame(&Gcs::heartbeat()));
         assert_eq!(rig.counters().verified, 1);
+        assert_eq!(rig.stack.restore_errors().signing, None);
     }
 }
 
-/// G-18: the storage of a new vehicle cannot be read at the start: links are closed until it is known that there is no
-/// key.
+/// G-18: the storage of a new vehicle cannot be read at the start. Links are closed until it is known that there is no key.
 #[test]
-fn no_key_that_cannot_be_read_is_none() {
+fn unreadable_storage_may_have_a_key() {
     for has_key in [false, true] {
         let mut flash = Flash::new(KEYS);
         flash.fault = Fault::Reads(0..3);
@@ -244,13 +254,14 @@ fn a_new_key_replaces_what_cannot_be_read() {
         rig.run_for(secs(1));
     }
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
+    assert!(!store.flash().bytes.windows(32).any(|bytes| bytes == KEY), "the old key is still stored");
     let mut rig = signing_rig();
     assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
     rig.signing().set_key(mavstack::Instant::ZERO, SigningKey::new(OTHER_KEY), NOW);
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
 }
 
-/// Runs the world with storage for parameters.
+/// Runs the world while storage runs, until the power is cut.
 fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end && !store.flash().is_off() {
@@ -264,7 +275,7 @@ fn set(name: &str, param_value: f32) -> ParamSet {
     ParamSet { param_value, target_system: 1, target_component: 1, param_id: Text::new(name), param_type }
 }
 
-/// Flash of a vehicle with two parameters that are not the default.
+/// Returns the flash of a vehicle with two parameters that do not have their defaults.
 fn with_params() -> Flash {
     let mut flash = Flash::new(PARAMS);
     let mut store = Params::new(&mut flash, 0..PARAMS);
@@ -280,11 +291,11 @@ fn cruise_and_altitude(world: &World<1>) -> (f32, f32) {
     (world.stack.parameters().get(Tuning::CRUISE), world.stack.parameters().get(Tuning::RTL_ALT))
 }
 
-/// G-18: whichever bit of the stored parameters flips, falling back to the defaults is reported.
+/// G-18: whichever bit of the page with the parameters flips, a text reports it, and they have their defaults.
 #[test]
-fn damaged_parameters_are_told() {
+fn damaged_parameters_are_reported() {
     let whole = with_params();
-    for bit in bits(&whole, Tuning::INFO.len() * 32) {
+    for bit in bits(&whole) {
         let mut flash = flipped(&whole, bit);
         for _ in 0..2 {
             let mut store = Params::new(&mut flash, 0..PARAMS);
@@ -299,10 +310,71 @@ fn damaged_parameters_are_told() {
     }
 }
 
-/// G-18, P-17: any one read or eight consecutive reads fail at the start; then a parameter is set, and the power fails at
-/// any byte of the write. The other parameters are unchanged, and this one has its old or its new value.
+/// G-18, P-17: the newest parameters are damaged, and an older record is whole. It is restored, and the damage is reported until
+/// parameters are stored again.
 #[test]
-fn a_read_that_fails_costs_no_parameter() {
+fn older_parameters_replace_damaged_ones() {
+    let mut whole = with_params();
+    let mut store = Params::new(&mut whole, 0..PARAMS);
+    let mut world = World::new(Setup::<1>::new());
+    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    world.gcs[0].send(&set("RTL_ALT", 55.0));
+    run(&mut world, &mut store, secs(3));
+    for bit in bits_of_newest(&whole, PARAMETERS) {
+        let mut flash = flipped(&whole, bit);
+        for _ in 0..2 {
+            let mut store = Params::new(&mut flash, 0..PARAMS);
+            let mut world = World::new(Setup::<1>::new());
+            let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+            assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
+            assert_eq!(cruise_and_altitude(&world), (7.0, 99.0));
+            run(&mut world, &mut store, millis(50));
+            let text: Statustext = world.expect(0, millis(10));
+            assert_eq!(text.text.as_str(), Some("Stored parameters are damaged"));
+        }
+        if bit % 61 != 0 {
+            continue;
+        }
+        let mut store = Params::new(&mut flash, 0..PARAMS);
+        let mut world = World::new(Setup { step: millis(20), ..Setup::<1>::new() });
+        assert!(world.stack.restore(world.now(), &mut store, &mut world.vehicle).is_err());
+        world.gcs[0].send(&set("CRUISE", 8.0));
+        run(&mut world, &mut store, secs(3));
+        let mut world = World::new(Setup::<1>::new());
+        assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+        assert_eq!(cruise_and_altitude(&world), (8.0, 99.0));
+    }
+}
+
+/// P-17: the stored bytes, one by one: later versions must be able to read them. A row is the key of a parameter and its value. The
+/// key is a checksum of the name and the type; its top bit says that the parameter has its default.
+#[test]
+fn the_layout_of_parameters_is_as_documented() {
+    let flash = with_params();
+    let (at, page) = pages::newest(&flash.bytes, PARAMETERS);
+    assert_eq!((at, flash.bytes[..4].to_vec(), page.index, page.schema), (0, b"ML\x01\x02".to_vec(), 0, 1));
+    let mut expected = Vec::new();
+    for info in Tuning::INFO {
+        let mut name = info.name().as_bytes().to_vec();
+        name.resize(16, 0);
+        let mut crc = crc_any::CRCu32::crc32();
+        crc.digest(&name);
+        crc.digest(&[info.param_type().0]);
+        let (bits, is_default) = match info.name() {
+            "CRUISE" => (7.0f32.to_bits(), false),
+            "RTL_ALT" => (99.0f32.to_bits(), false),
+            _ => (info.default_bits(), true),
+        };
+        let key = crc.get_crc() & !(1 << 31) | u32::from(is_default) << 31;
+        expected.extend([key.to_le_bytes(), bits.to_le_bytes()].concat());
+    }
+    assert_eq!(page.payload, expected);
+}
+
+/// G-18, P-17: one read or eight consecutive reads fail at the start. Then a parameter is set, and the power is cut at any byte of
+/// the write. The other parameters are unchanged, and this one has its old or its new value.
+#[test]
+fn a_failed_read_loses_no_parameter() {
     let whole = with_params();
     let mut counted = whole.clone();
     counted.reads = 0;
@@ -310,7 +382,8 @@ fn a_read_that_fails_costs_no_parameter() {
     let mut store = Params::new(&mut counted, 0..PARAMS);
     of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).expect("readable");
     let reads = counted.reads;
-    assert!(reads > 12, "{reads}");
+    // The end of each of four pages; then the first page, each page of its segment, and the record.
+    assert_eq!(reads, 4 + 1 + 2 + 1);
     for (read, len) in (0..reads).flat_map(|read| [(read, 1), (read, 8)]) {
         let change = |flash: &mut Flash| {
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));
@@ -338,7 +411,7 @@ fn a_read_that_fails_costs_no_parameter() {
     }
 }
 
-/// Runs the world with storage for plans until nothing is left to write.
+/// Runs the world while storage runs.
 fn run_plans(world: &mut PlanWorld, store: &mut Plans<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end {
@@ -370,7 +443,7 @@ fn upload(world: &mut PlanWorld, store: &mut Plans<'_>, items: &[MissionItemInt]
     }
 }
 
-/// Flash of a vehicle with a fence.
+/// Returns the flash of a vehicle with a fence.
 fn with_fence() -> Flash {
     let mut flash = Flash::new(PLANS);
     let mut store = Plans::new(&mut flash, 0..PLANS);
@@ -381,38 +454,97 @@ fn with_fence() -> Flash {
     flash
 }
 
-/// G-18: whichever bit of a stored fence flips, it is not restored as an empty fence without a report; and it stays damaged until
-/// a plan is stored.
+/// Starts a vehicle with a damaged fence. Returns the number of items that were restored.
+fn start_damaged(flash: &mut Flash, bit: usize) -> usize {
+    let mut store = Plans::new(flash, 0..PLANS);
+    let mut world = PlanWorld::of(Setup { step: millis(10), ..Setup::new() });
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
+    let len = world.stack.fence().items().len();
+    run_plans(&mut world, &mut store, millis(100));
+    let text: Statustext = world.expect(0, millis(10));
+    assert_eq!(text.text.as_str(), Some("Stored plans are damaged"));
+    len
+}
+
+/// Starts a vehicle with damaged plans, uploads a fence, and restarts it.
+fn store_again(flash: &mut Flash) {
+    let mut store = Plans::new(flash, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    assert!(result.is_err());
+    assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
+    let mut world = PlanWorld::of(Setup::new());
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    assert_eq!((result, world.stack.fence().items().len()), (Ok(()), 2));
+}
+
+/// G-18: whichever bit of the page with a fence flips, a text reports it: an empty fence is never restored silently. The damage
+/// remains until plans are stored.
 #[test]
-fn a_damaged_fence_is_no_empty_fence() {
+fn a_damaged_fence_is_reported() {
     let whole = with_fence();
-    for bit in bits(&whole, 3 * 32) {
+    for bit in bits(&whole) {
         let mut flash = flipped(&whole, bit);
         for _ in 0..2 {
-            let mut store = Plans::new(&mut flash, 0..PLANS);
-            let mut world = PlanWorld::of(Setup::new());
-            let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
-            assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
-            assert_eq!(world.stack.fence().items(), []);
-            run_plans(&mut world, &mut store, millis(300));
-            let text: Statustext = world.expect(0, millis(10));
-            assert_eq!(text.text.as_str(), Some("Stored plans are damaged"));
+            assert_eq!(start_damaged(&mut flash, bit), 0);
         }
-        let mut store = Plans::new(&mut flash, 0..PLANS);
-        let mut world = PlanWorld::of(Setup::new());
-        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
-        assert!(result.is_err());
-        assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
-        let mut world = PlanWorld::of(Setup::new());
-        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
-        assert_eq!((result, world.stack.fence().items().len()), (Ok(()), 2));
+        store_again(&mut flash);
     }
 }
 
-/// G-18, M-44: any one read fails at the start: the fence is restored late, the vehicle is told, and a mission that is
-/// uploaded meanwhile does not replace it.
+/// G-18: the newest plans are damaged, and an older record is whole. It is restored, and the damage is reported until plans are
+/// stored again.
 #[test]
-fn a_read_that_fails_costs_no_fence() {
+fn an_older_fence_replaces_a_damaged_one() {
+    let mut whole = with_fence();
+    let mut store = Plans::new(&mut whole, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    assert_eq!(upload(&mut world, &mut store, &fence()[..1]), MavMissionResult::ACCEPTED);
+    for bit in bits_of_newest(&whole, KIND_OF_PLANS) {
+        let mut flash = flipped(&whole, bit);
+        assert_eq!(start_damaged(&mut flash, bit), 2);
+        if bit % 61 == 0 {
+            assert_eq!(start_damaged(&mut flash, bit), 2);
+            store_again(&mut flash);
+        }
+    }
+}
+
+/// M-44: the stored bytes, one by one: later versions must be able to read them. The first row has the numbers of items and the
+/// ids of the three plans. Each item is a row of 32 bytes, and a page has seven rows.
+#[test]
+fn the_layout_of_plans_is_as_documented() {
+    let mut flash = with_fence();
+    let mut store = Plans::new(&mut flash, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    assert_eq!(upload(&mut world, &mut store, &plan(6, 1)), MavMissionResult::ACCEPTED);
+    let mission = world.stack.mission();
+    let fence = world.stack.fence();
+    let mut rows = vec![0; 32];
+    rows[0..6].copy_from_slice(&[6, 0, 2, 0, 0, 0]);
+    rows[6..10].copy_from_slice(&mission.id().to_le_bytes());
+    rows[10..14].copy_from_slice(&fence.id().to_le_bytes());
+    for item in mission.items().iter().chain(fence.items()) {
+        rows.push(item.frame.0);
+        rows.extend(item.command.0.to_le_bytes());
+        rows.push(item.autocontinue);
+        rows.extend(item.params.iter().flat_map(|param| param.to_bits().to_le_bytes()));
+        rows.extend([item.x.to_le_bytes(), item.y.to_le_bytes(), item.z.to_bits().to_le_bytes()].concat());
+    }
+    let pages: Vec<_> = pages::pages(&flash.bytes).into_iter().map(|(_, page)| page).collect();
+    let [_, first, last] = &pages[..] else { panic!("{} pages", pages.len()) };
+    assert_eq!((&first.payload[..], &last.payload[..]), rows.split_at(224));
+    assert_eq!((first.kind, first.schema, first.index, first.flags), (1, 1, 0, 0));
+    assert_eq!((last.kind, last.schema, last.index, last.flags), (1, 1, 1, pages::LAST));
+}
+
+/// G-18, M-44: any one read fails at the start. The fence is restored late, the vehicle is informed, and a mission that is uploaded
+/// meanwhile does not replace the fence.
+#[test]
+fn a_failed_read_loses_no_fence() {
     let whole = with_fence();
     let mut late = 0;
     for (read, durability) in (0..16).flat_map(|read| [(read, Durability::Durable), (read, Durability::Deferred)]) {
@@ -423,7 +555,7 @@ fn a_read_that_fails_costs_no_fence() {
             let mut world = PlanWorld::of(crate::setup(durability));
             let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             late += u32::from(result.is_err());
-            // Storage can be read again only when the upload is over.
+            // Storage cannot be read before the upload is over.
             world.vehicle.may_persist = !is_slow;
             let mission = plan(5, 1);
             if is_slow && durability == Durability::Deferred {
@@ -439,7 +571,7 @@ fn a_read_that_fails_costs_no_fence() {
             assert_eq!(world.stack.fence().items().len(), 2, "read {read}");
             let fences =
                 world.vehicle.plan_changes().into_iter().filter(|(plan, ..)| *plan == mavstack::PlanType::Fence);
-            assert_eq!(fences.count(), 1, "the vehicle is told once");
+            assert_eq!(fences.count(), 1, "the vehicle is informed once");
             let mut world = PlanWorld::of(crate::setup(durability));
             let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
             assert_eq!(result, Ok(()));

@@ -1,6 +1,7 @@
-//! Whatever lies in the flash, a vehicle starts: with plans that are whole and can be flown, or with none (G-18).
+//! A vehicle starts whatever the flash contains: with plans that are whole and can be flown, or with none (G-18).
 
 use crate::of_plans;
+use crate::pages::{self, PLANS};
 use crate::support::flash::RamFlash;
 use crate::support::*;
 use mavstack::dialect::{MavCmd, MavFrame};
@@ -9,12 +10,13 @@ use mavstack::storage::{RestoreError, Store};
 use mavstack::{Instant, Item, PlanType};
 
 mavstack::stack! {
-    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 } }
+    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 }, storage }
 }
 
 type Flash = RamFlash<4, 256>;
 
-const SLOT: usize = 768;
+/// Length of a segment in bytes.
+const SEGMENT: usize = Store::<Flash>::region_len::<Plans>() as usize / 2;
 
 fn crc(bytes: &[u8]) -> [u8; 4] {
     let mut crc = crc_any::CRCu32::crc32();
@@ -22,36 +24,29 @@ fn crc(bytes: &[u8]) -> [u8; 4] {
     crc.get_crc().to_le_bytes()
 }
 
-/// A slot with a record of this body; every checksum is right.
-fn slot(sequence: u32, body: &[u8]) -> Vec<u8> {
-    let mut slot = b"MVSR\x01\x00\x01\x00".to_vec();
-    slot.extend(sequence.to_le_bytes());
-    slot.extend((body.len() as u32).to_le_bytes());
-    slot.extend(crc(body));
-    slot.extend([0; 8]);
-    slot.extend(crc(&slot));
-    slot.resize(256, 0xFF);
-    slot.extend(body);
-    slot.resize(SLOT, 0xFF);
-    slot
+/// Returns a segment with a record of this content. All checksums are correct.
+fn segment(number: u32, content: &[u8]) -> Vec<u8> {
+    let mut segment = pages::record(PLANS, number, content);
+    segment.resize(SEGMENT, 0xFF);
+    segment
 }
 
-/// A start from this flash; what is live then.
+/// Starts a vehicle with this flash. Returns the live plans and their ids.
 fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
     let setup = Setup::<1>::new();
     let mut stack = begun::<Plans, 1>(setup.config, setup.links);
-    let mut store = Store::new(Flash::of(bytes), 0..2 * SLOT as u32);
+    let mut store = Store::new(Flash::of(bytes), 0..2 * SEGMENT as u32);
     let mut vehicle = TestVehicle::new();
     let result = of_plans(stack.restore(Instant::ZERO, &mut store, &mut vehicle));
     assert!(matches!(result, Ok(()) | Err(RestoreError::Damaged)), "flash that can be read: {result:?}");
     let plans = [stack.mission(), stack.fence(), stack.rally()];
     let found = (plans.map(|plan: PlanView| plan.items().to_vec()).to_vec(), plans.map(|plan| plan.id()).to_vec());
-    // M-5: an id is that of the items, or 0 for none.
+    // M-5: the id is computed from the items; it is 0 if there are none.
     for (items, id) in found.0.iter().zip(&found.1) {
         let expected = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&bytes_of(items))).max(1) };
         assert_eq!(*id, expected);
     }
-    // And it takes a plan, whatever there was.
+    // A new plan can be stored, whatever the flash contained.
     let waypoint =
         Item { command: MavCmd::NAV_WAYPOINT, frame: MavFrame::GLOBAL, autocontinue: 1, x: 1, ..Item::default() };
     let loaded = stack.load_plan(Instant::ZERO, PlanType::Mission, [waypoint], &mut vehicle);
@@ -63,7 +58,7 @@ fn start(bytes: Vec<u8>) -> (Vec<Vec<Item>>, Vec<u32>) {
     found
 }
 
-/// What is stored of items, and what their id is computed from.
+/// Returns the rows of items. Their id is computed from the same bytes.
 fn bytes_of(items: &[Item]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for item in items {
@@ -76,16 +71,16 @@ fn bytes_of(items: &[Item]) -> Vec<u8> {
     bytes
 }
 
-/// A body of three plans, with the right ids.
-fn body(plans: &[Vec<Item>; 3]) -> Vec<u8> {
-    let mut body: Vec<u8> = plans.iter().flat_map(|items| (items.len() as u16).to_le_bytes()).collect();
+/// Returns the content of a record with three plans and their ids.
+fn content(plans: &[Vec<Item>; 3]) -> Vec<u8> {
+    let mut content: Vec<u8> = plans.iter().flat_map(|items| (items.len() as u16).to_le_bytes()).collect();
     for items in plans {
         let id = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&bytes_of(items))).max(1) };
-        body.extend(id.to_le_bytes());
+        content.extend(id.to_le_bytes());
     }
-    body.resize(32, 0);
-    plans.iter().for_each(|items| body.extend(bytes_of(items)));
-    body
+    content.resize(32, 0);
+    plans.iter().for_each(|items| content.extend(bytes_of(items)));
+    content
 }
 
 fn plans(rng: &mut Rng) -> [Vec<Item>; 3] {
@@ -113,45 +108,47 @@ fn fill(rng: &mut Rng, bytes: &mut [u8]) {
     bytes.chunks_mut(8).for_each(|chunk| chunk.copy_from_slice(&rng.next().to_le_bytes()[..chunk.len()]));
 }
 
+/// M-44: a record with correct checksums is restored.
 #[test]
-fn good_records_are_live() {
+fn whole_records_are_restored() {
     let mut rng = Rng::new(1);
     for _ in 0..500 {
         let plans = plans(&mut rng);
-        let (items, _) = start([slot(1, &body(&plans)), vec![0xFF; SLOT]].concat());
+        let (items, _) = start([segment(1, &content(&plans)), vec![0xFF; SEGMENT]].concat());
         assert_eq!(items, plans);
     }
 }
 
-/// Good checksums around a body that never was a plan: another firmware's, or an attacker's.
+/// G-18: the checksums are correct, but the content is not: each plan is as it was stored, or empty.
 #[test]
-fn each_plan_is_good_or_empty() {
+fn invalid_content_is_not_restored() {
     let mut rng = Rng::new(2);
-    let (mut whole, mut changed) = (0, 0);
+    let (mut as_stored, mut differs) = (0, 0);
     for _ in 0..10_000 {
         let plans = plans(&mut rng);
-        let good = body(&plans);
-        let mut body = good.clone();
+        let good = content(&plans);
+        let mut changed = good.clone();
         for _ in 0..=rng.below(3) {
-            let at = rng.below(body.len() as u64) as usize;
-            body[at] = rng.byte();
+            let at = rng.below(changed.len() as u64) as usize;
+            changed[at] = rng.byte();
         }
         if rng.chance(0.1) {
-            fill(&mut rng, &mut body[32..]);
+            fill(&mut rng, &mut changed[32..]);
         }
-        let (items, _) = start([slot(9, &body), slot(8, &good)].concat());
+        let (items, _) = start([segment(9, &changed), segment(8, &good)].concat());
         for (found, plan) in items.iter().zip(&plans) {
-            // A changed item has another id; no other byte of it can be missed.
+            // A changed item has another id.
             assert!(found.is_empty() || found == plan, "{found:?}");
         }
-        if items == plans { whole += 1 } else { changed += 1 }
+        if items == plans { as_stored += 1 } else { differs += 1 }
     }
-    assert!(whole > 100 && changed > 5_000, "{whole} whole, {changed} changed");
+    assert!(as_stored > 100 && differs > 5_000, "{as_stored} as stored, {differs} not");
 }
 
-/// Plans that are whole, but not for this vehicle: a command that it does not know, a place beyond the poles, no room.
+/// M-44: stored plans that this vehicle cannot fly do not become live: an unsupported command, an invalid position, too many
+/// items. The other plans do.
 #[test]
-fn what_cannot_be_flown_is_not_live() {
+fn plans_that_cannot_be_flown_are_not_live() {
     let mut rng = Rng::new(3);
     let good = loop {
         let plans = plans(&mut rng);
@@ -166,21 +163,21 @@ fn what_cannot_be_flown_is_not_live() {
     let mut large = good.clone();
     large[0] = vec![good[0][0]; 7];
     for bad in [unknown, beyond, large] {
-        let (items, _) = start([slot(1, &body(&bad)), vec![0xFF; SLOT]].concat());
+        let (items, _) = start([segment(1, &content(&bad)), vec![0xFF; SEGMENT]].concat());
         assert_eq!(items[0], []);
-        assert_eq!(items[1..], good[1..], "the others stay");
+        assert_eq!(items[1..], good[1..], "the other plans");
     }
 }
 
-/// 10^5 images altogether, with those of the store's own tests: noise, and noise over records.
+/// G-18: noise, and noise over a part of the records. Each plan is as it was stored, or empty.
 #[test]
-fn noise_is_nothing() {
+fn noise_is_not_restored() {
     let mut rng = Rng::new(4);
     let mut empty = 0;
     for round in 0..5_000 {
         let plans = plans(&mut rng);
-        let mut bytes = [slot(1, &body(&plans)), slot(2, &body(&plans))].concat();
-        let from = rng.below(2 * SLOT as u64) as usize;
+        let mut bytes = [segment(1, &content(&plans)), segment(2, &content(&plans))].concat();
+        let from = rng.below(2 * SEGMENT as u64) as usize;
         let to = if round % 2 == 0 { bytes.len() } else { from + rng.below((bytes.len() - from) as u64) as usize };
         fill(&mut rng, &mut bytes[from..to]);
         let (items, _) = start(bytes);

@@ -5,16 +5,13 @@
 #[path = "../support/mod.rs"]
 mod support;
 
-#[cfg(any())]
+#[cfg(feature = "signing")]
 mod damage;
-#[cfg(any())]
 mod flash_garbage;
-#[cfg(any())]
 mod fram;
-#[cfg(any())]
+#[cfg(feature = "signing")]
 mod pace;
 mod pages;
-#[cfg(any())]
 mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;

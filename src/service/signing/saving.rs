@@ -26,7 +26,7 @@ pub(super) struct Saving {
     pub(super) next: u64,
     /// Whether there may be a stored key that cannot be read.
     pub(super) is_lost: bool,
-    /// Whether storage has a key that was replaced or removed since.
+    /// Whether storage may have a key that was replaced or removed since.
     pub(super) has_old_key: bool,
     /// Limits the writes that the progress of time causes: a peer's frames can advance it.
     pub(super) times: TokenBucket,
@@ -50,7 +50,7 @@ impl Signing {
         self.key = key;
         self.advance(now, timestamp);
         self.saving.schedule.clear();
-        (self.saving.reserved, self.saving.is_lost) = (timestamp, false);
+        (self.saving.reserved, self.saving.is_lost, self.saving.has_old_key) = (timestamp, false, false);
     }
 
     /// Sets the time in which storage regains a token for one more key (C-15).
@@ -66,11 +66,12 @@ impl Signing {
         if may_come_back {
             self.saving.schedule.clear();
         }
-        self.saving.is_lost = may_come_back || !self.is_active();
+        (self.saving.is_lost, self.saving.has_old_key) = (may_come_back || !self.is_active(), true);
     }
 
     /// Records that no stored key can become readable: the key that the vehicle has set is to be stored.
     pub(crate) const fn nothing_stored(&mut self) {
+        self.saving.has_old_key = false;
         if core::mem::replace(&mut self.saving.is_lost, false) && self.is_active() {
             self.saving.schedule.request();
         }
