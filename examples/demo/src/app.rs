@@ -47,6 +47,7 @@ mavstack::stack! {
         time,
         manual_control,
         high_latency,
+        storage,
     }
 }
 
@@ -172,9 +173,9 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
     ///
     /// # Errors
     ///
-    /// Something that is stored is damaged or cannot be read. A STATUSTEXT reports it too. The vehicle then uses default
-    /// parameters, and has no plans. Without its key, links that require signatures stay closed.
-    pub fn restore<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> Result<(), RestoreErrors<F::Error>> {
+    /// Something that is stored is damaged or cannot be read. A STATUSTEXT reports it too. The vehicle then has default
+    /// parameters and no plans, or older ones. Without its key, links that require signatures stay closed.
+    pub fn restore<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> Result<(), RestoreErrors> {
         let result = self.stack.restore(now, store, &mut self.vehicle);
         self.saving = Saving::Idle;
         let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));

@@ -20,17 +20,15 @@ pub fn start() -> &'static mut App {
     app.unwrap_or_else(|| Board::reset())
 }
 
-/// The storage of the signing key, the parameters and the plans.
-pub struct Storage(Store<PsramFlash>);
+/// The storage of the signing key, the parameters and the plans, in all of the flash.
+pub struct FlashStore(Store<PsramFlash>);
 
-/// The length of its region, from the start of the flash.
-pub const LEN: u32 = Store::<PsramFlash>::region_len::<Mavlink>();
-const _: () = assert!(LEN <= PsramFlash::LEN);
+const _: () = assert!(Store::<PsramFlash>::region_len::<Mavlink>() <= PsramFlash::LEN);
 
-impl Storage {
+impl FlashStore {
     /// Creates the storage in this flash.
     pub fn new(flash: PsramFlash) -> Self {
-        Self(Store::new(flash, 0..LEN))
+        Self(Store::new(flash, 0..PsramFlash::LEN))
     }
 
     /// Restores everything. Call it once, before anything else.

@@ -17,15 +17,19 @@ pub struct FileFlash {
     bytes: Vec<u8>,
 }
 
-/// The magic at the start of a slot (`src/storage/layout.md`).
-const MAGIC: &[u8] = b"MVSR";
+/// The start of each page: its magic and the version of the format (`src/storage/format.md`).
+const MAGIC: &[u8] = b"ML\x01";
+/// The length of a page, in bytes.
+const PAGE: usize = 256;
+/// The starts of pages of other versions of this program.
+const OTHER_VERSIONS: [&[u8]; 2] = [b"MVSR", b"ML\x02"];
 
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// Whether one of the units of these bytes starts with a record.
-fn has_record(bytes: &[u8]) -> bool {
-    bytes.chunks(FileFlash::ERASE_SIZE).any(|unit| unit.starts_with(MAGIC))
+/// Whether one of the pages in these bytes starts like this.
+fn has_page(bytes: &[u8], start: &[u8]) -> bool {
+    bytes.chunks(PAGE).any(|page| page.starts_with(start))
 }
 
 impl FileFlash {
@@ -48,26 +52,20 @@ impl FileFlash {
         // No more than needed of a file that may be large.
         let file = File::open(path).map_err(failed)?;
         file.take(2 * u64::from(len)).read_to_end(&mut bytes).map_err(failed)?;
-        if size != u64::from(len) && has_record(&bytes) {
+        let is_ours = has_page(&bytes, MAGIC);
+        let is_of_another_version = OTHER_VERSIONS.iter().any(|start| has_page(&bytes, start));
+        if (is_ours && size != u64::from(len)) || (!is_ours && is_of_another_version) {
             return Err(format!(
-                "{} is a storage file of {size} bytes instead of {len}: it was created by another version of this program; \
-                 run that version, {what_to_do}",
+                "{} is a storage file of {size} bytes, which another version of this program created (this one uses {len} \
+                 bytes): run that version, {what_to_do}",
                 path.display()
             ));
         }
         if size > u64::from(len) {
             return refused(format!("it has {size} bytes instead of {len}"));
         }
-        // An empty or incompletely created file has no data to lose.
-        if bytes.iter().all(|&byte| byte == ERASED) {
-            return Ok(());
-        }
-        if size < u64::from(len) {
-            return refused(format!("it has {size} bytes instead of {len}"));
-        }
-        // A damaged file may still have a valid record, or be erased up to one.
-        let is_erased = |unit: &[u8]| unit.iter().take(MAGIC.len()).all(|&byte| byte == ERASED);
-        if has_record(&bytes) || bytes.chunks(Self::ERASE_SIZE).all(is_erased) {
+        // An empty or incompletely created file has no data to lose. A damaged one may still have valid pages.
+        if is_ours || bytes.iter().all(|&byte| byte == ERASED) {
             return Ok(());
         }
         refused("it contains other data".into())
@@ -175,10 +173,11 @@ mod tests {
         }
     }
 
-    fn slots(first: &[u8], second: &[u8]) -> Vec<u8> {
+    /// Returns a file that is erased but for two pages with this content.
+    fn pages(first: &[u8], second: &[u8]) -> Vec<u8> {
         let mut bytes = vec![ERASED; LEN as usize];
         bytes[..first.len()].copy_from_slice(first);
-        bytes[LEN as usize / 2..][..second.len()].copy_from_slice(second);
+        bytes[LEN as usize / 2 + PAGE..][..second.len()].copy_from_slice(second);
         bytes
     }
 
@@ -191,7 +190,8 @@ mod tests {
             ("long", vec![b'x'; LEN as usize + 1]),
             ("same-size", vec![b'x'; LEN as usize]),
             ("zeros", vec![0; LEN as usize]),
-            ("half-erased", slots(b"", b"nope")),
+            ("half-erased", pages(b"", b"nope")),
+            ("between-pages", pages(b"", b"xML\x01")),
         ] {
             let path = folder.file(name, &bytes);
             let error = FileFlash::open(&path, LEN).err().expect(name);
@@ -202,17 +202,20 @@ mod tests {
         assert!(error.contains("not a regular file"), "{error}");
     }
 
-    /// A storage file of another version has another length. The refusal says so, and the file stays unchanged.
+    /// A storage file of another version has another length or other pages. The refusal says so, and the file stays unchanged.
     #[test]
     fn a_file_of_another_version_is_refused_and_unchanged() {
         let folder = Folder::new("versions");
-        let ours = slots(b"MVSR\x01", b"MVSR\x01");
-        let second_slot = slots(b"", b"MVSR\x01");
+        let ours = pages(b"ML\x01\x01", b"ML\x01\x02");
+        let second = pages(b"", b"ML\x01\x02");
         for (name, bytes, len) in [
             ("larger", &ours, LEN / 2),
             ("smaller", &ours, 2 * LEN),
-            ("second-slot-larger", &second_slot, LEN / 2),
-            ("second-slot-smaller", &second_slot, 2 * LEN),
+            ("second-page-larger", &second, LEN / 2),
+            ("second-page-smaller", &second, 2 * LEN),
+            ("slots", &pages(b"MVSR\x01", b""), LEN),
+            ("slots-larger", &pages(b"MVSR\x01", b""), LEN / 2),
+            ("newer", &pages(b"ML\x02\x01", b""), LEN),
         ] {
             let path = folder.file(name, bytes);
             let error = FileFlash::check(&path, len).expect_err(name);
@@ -228,11 +231,11 @@ mod tests {
     fn a_storage_file_is_opened() {
         let folder = Folder::new("ours");
         for (name, bytes) in [
-            ("first", slots(b"MVSR\x01", b"")),
-            ("second", slots(b"", b"MVSR\x01")),
-            ("damaged", slots(b"MVSR\x01", b"torn")),
-            ("erased", slots(b"", b"")),
-            ("body-without-header", slots(&[[ERASED; 256], [7; 256]].concat(), b"")),
+            ("first", pages(b"ML\x01\x01", b"")),
+            ("second", pages(b"", b"ML\x01\x01")),
+            ("damaged", pages(b"ML\x01\x01", b"torn")),
+            ("damaged-first", pages(b"torn", b"ML\x01\x01")),
+            ("erased", pages(b"", b"")),
         ] {
             let path = folder.file(name, &bytes);
             let flash = FileFlash::open(&path, LEN).expect(name);
@@ -241,13 +244,13 @@ mod tests {
         for (name, bytes) in [("empty", &[][..]), ("unfinished", &[ERASED; 100])] {
             let path = folder.file(name, bytes);
             FileFlash::open(&path, LEN).expect(name);
-            assert!(fs::read(&path).unwrap() == slots(b"", b""), "{name}");
+            assert!(fs::read(&path).unwrap() == pages(b"", b""), "{name}");
         }
         let path = folder.0.join("new");
         FileFlash::check(&path, LEN).expect("no file is valid");
         assert!(!path.exists(), "the check creates no file");
         FileFlash::open(&path, LEN).expect("created");
-        assert!(fs::read(&path).unwrap() == slots(b"", b""));
+        assert!(fs::read(&path).unwrap() == pages(b"", b""));
     }
 
     /// SEC-15: only the owner can read the signing key, even if the file was readable by everyone before.
@@ -261,7 +264,7 @@ mod tests {
         let path = folder.0.join("new");
         FileFlash::open(&path, LEN).expect("created");
         assert_eq!(mode(&path), 0o600);
-        let path = folder.file("old", &slots(b"MVSR", b""));
+        let path = folder.file("readable", &pages(b"ML\x01\x01", b""));
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
         FileFlash::open(&path, LEN).expect("opened");
         assert_eq!(mode(&path), 0o600);

@@ -32,6 +32,10 @@ type SitlApp = App<Box<Mavlink>>;
 
 type Store = mavstack::storage::Store<FileFlash>;
 
+/// Length of the storage file, in bytes. It leaves room for larger plans, so that later versions can use the same file.
+const STORAGE_LEN: u32 = 512 * 1024;
+const _: () = assert!(STORAGE_LEN >= 4 * Store::region_len::<Mavlink>());
+
 /// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);
 /// Interval between updates of the status line.
@@ -148,8 +152,7 @@ impl Device {
             app.parts().1.set_metadata(metadata);
         }
         if let Some(path) = &arguments.storage {
-            let len = Store::region_len::<Mavlink>();
-            let store = device.store.insert(Store::new(FileFlash::open(path, len)?, 0..len));
+            let store = device.store.insert(Store::new(FileFlash::open(path, STORAGE_LEN)?, 0..STORAGE_LEN));
             if let Err(errors) = app.restore(Instant::ZERO, store) {
                 console.print_error(format_args!("{}: not all could be read: {errors}", path.display()));
             }

@@ -96,26 +96,6 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ("service/statustext", "if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {", "a chunk is 50 bytes long"),
     ("service/stream/requests", "let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };", IN_RANGE),
     ("stack", "if let Some(link) = self.link_mut(link) {", "of a link that there is not nothing is read or written"),
-    ("storage/params", "if body.row(index, &mut row)? {", HAS_ROW),
-    (
-        "storage/params",
-        "let [name0, name1, name2, name3, value, flags, ..] = row.as_chunks_mut().0 else { return row };",
-        IS_LONG_ENOUGH,
-    ),
-    ("storage/record", "if let Some(place) = places.last_mut() {", IS_LONG_ENOUGH),
-    (
-        "storage/record",
-        "let &[_, kind_and_schema, sequence, len, body_crc, ..] = words else { return None };",
-        IS_LONG_ENOUGH,
-    ),
-    ("storage/record", "if index >= header.len / 32 {", HAS_ROW),
-    ("storage/record", "if let Some(place) = chunk.first_chunk_mut::<ROW>() {", IS_LONG_ENOUGH),
-    (
-        "storage/record",
-        "None if slot == self.start => self.start.saturating_add(self.slot_len),",
-        "the first record of all goes into the first slot",
-    ),
-    ("storage/signing", "let [time, flags, ..] = row.as_chunks_mut().0 else { return None };", IS_LONG_ENOUGH),
     ("wpl/line", "if let Some(end) = self.bytes.get_mut(self.len) {", "the longest line has room"),
     ("wpl/wide", "if let [.., high, lowest] = wide.whole() {", IN_RANGE),
     ("wpl/wide", "if let Some(lowest) = self.whole().last_mut() {", IN_RANGE),
@@ -123,8 +103,6 @@ const EXCUSED: &[(&str, &str, &str)] = &[
 ];
 const IN_RANGE: &str = "what is asked for is there; without the condition it could panic";
 const IS_UPLOADING: &str = "called during an upload only";
-const HAS_ROW: &str = "the header, which is checked, says how many rows there are";
-const IS_LONG_ENOUGH: &str = "a row is 32 bytes long; without the condition the slice could panic";
 
 /// How many percent a figure may differ from the accepted one.
 const TOLERANCE: f64 = 0.2;

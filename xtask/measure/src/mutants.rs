@@ -74,6 +74,7 @@ const AREAS: [Area; 4] = [
     Area {
         name: "storage",
         files: &[
+            "src/stack/storage.rs",
             "src/storage/*.rs",
             // When content is stored.
             "src/service/schedule.rs",

@@ -101,21 +101,21 @@ const GROUPS: [(&str, &[Row]); 9] = [
     (
         "storage (feature `storage`)",
         &[
-            Row("store-missions", "missions in NOR flash", "store,mission", "mission", 1),
+            Row("store-missions", "missions in NOR flash", "storage,mission", "mission", 1),
             Row("store-missions-fram", "missions in FRAM, driver included", "store-fram,mission", "mission", 1),
-            Row("store-parameters", "parameters in NOR flash", "store,parameters", "parameters", 1),
-            Row("store-key", "the signing key in NOR flash", "store,signing", "signing", 1),
+            Row("store-parameters", "parameters in NOR flash", "storage,parameters", "parameters", 1),
+            Row("store-key", "the signing key in NOR flash", "storage,signing", "signing", 1),
             Row(
                 "store-missions-parameters",
                 "missions and parameters in NOR flash",
-                "store,mission,parameters",
+                "storage,mission,parameters",
                 "mission,parameters",
                 1,
             ),
             Row(
                 "store-all",
                 "missions, parameters and the key in NOR flash",
-                "store,mission,parameters,signing",
+                "storage,mission,parameters,signing",
                 "mission,parameters,signing",
                 1,
             ),
@@ -143,20 +143,20 @@ const VEHICLES: [(&str, &str, &str); 4] = [
         "copter",
         "copter: two links, 100 + 40 + 10 items and 16 parameters in flash, 4 streams, texts, modes, long commands, manual \
          control, time",
-        "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,link-2,store,\
+        "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,link-2,storage,\
          typed",
     ),
     (
         "everything",
         "everything: that and forwarding, high latency, signing, the key in flash",
         "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,forwarding,\
-         high-latency,signing,store,typed",
+         high-latency,signing,storage,typed",
     ),
     (
         "everything-few-messages",
         "everything, with a table of 8 messages",
         "plan-texts,texts,streams,plans-3,parameters-16,modes,commands-rules,commands-long,manual,time,forwarding,\
-         high-latency,signing,store,typed,messages-few",
+         high-latency,signing,storage,typed,messages-few",
     ),
 ];
 

@@ -4,15 +4,16 @@
 #![no_main]
 
 use cortex_m_rt::entry;
+use mavstack::storage::{Job, Page};
 use mavstack::{Instant, LinkId};
 use mavstack_demo::App;
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::memory::{self, Storage};
+use mavstack_qemu::memory::{self, FlashStore};
 use mavstack_qemu::polled::{Polled, Sleep};
 
 #[inline(never)]
-fn restore(app: &mut App, storage: &mut Storage) {
-    storage.restore(app, board::now());
+fn restore(app: &mut App, store: &mut FlashStore) {
+    store.restore(app, board::now());
 }
 
 #[inline(never)]
@@ -43,8 +44,20 @@ fn transmit(app: &mut App, now: Instant, link: LinkId) -> usize {
 }
 
 #[inline(never)]
-fn persist(app: &mut App, storage: &mut Storage, now: Instant) -> bool {
-    storage.persist(app, now)
+fn persist(app: &mut App, store: &mut FlashStore, now: Instant) -> bool {
+    store.persist(app, now)
+}
+
+#[inline(never)]
+fn storage_job(app: &mut App, now: Instant, page: &mut Page) -> Option<Job> {
+    let (stack, vehicle) = app.parts();
+    stack.storage_job(now, page, vehicle)
+}
+
+#[inline(never)]
+fn storage_done(app: &mut App, now: Instant, is_done: bool, page: &mut Page) {
+    let (stack, vehicle) = app.parts();
+    stack.storage_done(now, is_done, page, vehicle);
 }
 
 #[entry]
@@ -53,8 +66,9 @@ fn main() -> ! {
     let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
     let mut sleep = Sleep::new(core.SYST);
     let mut uarts = board.uarts.map(Polled::new);
-    let mut storage = Storage::new(board.flash);
-    restore(app, &mut storage);
+    let mut store = FlashStore::new(board.flash);
+    let mut page = Page::new();
+    restore(app, &mut store);
     loop {
         let now = board::now();
         fly(app, now);
@@ -66,7 +80,9 @@ fn main() -> ! {
             core::hint::black_box(taken);
             core::hint::black_box(transmit(app, now, link));
         }
-        persist(app, &mut storage, now);
+        persist(app, &mut store, now);
+        let is_done = core::hint::black_box(storage_job(app, now, &mut page)).is_some();
+        storage_done(app, now, is_done, &mut page);
         sleep.until_event(&mut uarts);
     }
 }

@@ -13,7 +13,7 @@
 use cortex_m_rt::entry;
 use mavstack::LinkId;
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::memory::{self, Storage};
+use mavstack_qemu::memory::{self, FlashStore};
 use mavstack_qemu::polled::{Polled, Sleep};
 
 #[entry]
@@ -22,8 +22,8 @@ fn main() -> ! {
     let (Some(core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else { Board::reset() };
     let mut sleep = Sleep::new(core.SYST);
     let mut uarts = board.uarts.map(Polled::new);
-    let mut storage = Storage::new(board.flash);
-    storage.restore(app, board::now());
+    let mut store = FlashStore::new(board.flash);
+    store.restore(app, board::now());
     loop {
         let now = board::now();
         app.control(now);
@@ -34,7 +34,7 @@ fn main() -> ! {
             let _ = app.serve(now, link, uart);
             is_busy |= uart.has_received();
         }
-        is_busy |= storage.persist(app, now);
+        is_busy |= store.persist(app, now);
         if app.wants_reboot() {
             Board::reset();
         }

@@ -18,7 +18,7 @@ use mavstack::{Address, Instant, LinkId, Message, Text};
 use mavstack_demo::LINKS;
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line::Line;
-use mavstack_qemu::memory::{self, Storage};
+use mavstack_qemu::memory::{self, FlashStore};
 
 const PAINT: u32 = 0xC5C5_C5C5;
 /// Distance from the stack pointer that stays unpainted, for the stack frame of `paint` and its callees.
@@ -284,8 +284,8 @@ fn main() -> ! {
     paint();
     let app = memory::start();
     let Some(Board { uarts: [mut uart, ..], flash, .. }) = Board::take() else { Board::reset() };
-    let mut storage = Storage::new(flash);
-    storage.restore(app, Instant::ZERO);
+    let mut store = FlashStore::new(flash);
+    store.restore(app, Instant::ZERO);
     for pass in 0..PASSES {
         let now = Instant::from_millis(1_000 + pass * PERIOD);
         app.control(now);
@@ -302,7 +302,7 @@ fn main() -> ! {
         for (link, station) in (0..).map(LinkId).zip(STATIONS.iter_mut()) {
             let _ = app.serve(now, link, &mut station.line);
         }
-        storage.persist(app, now);
+        store.persist(app, now);
     }
     let mark = high_water_mark();
     report(&mut uart, app.parts().0.plan_counters(), mark);

@@ -26,7 +26,7 @@ mod app {
     use mavstack_demo::App;
     use mavstack_qemu::board::{self, Board, CLOCK_HZ, COMPANION_BAUD, SATELLITE_BAUD, TELEMETRY_BAUD};
     use mavstack_qemu::device::Interrupt;
-    use mavstack_qemu::memory::{self, Storage};
+    use mavstack_qemu::memory::{self, FlashStore};
     use mavstack_qemu::serial::SerialInterrupt;
     use rtic_monotonics::systick::prelude::*;
 
@@ -49,7 +49,7 @@ mod app {
     #[local]
     struct Local {
         lines: [(LoopEnd<'static>, Interrupt); 3],
-        storage: Storage,
+        store: FlashStore,
         telemetry: SerialInterrupt,
         companion: SerialInterrupt,
         satellite: SerialInterrupt,
@@ -61,8 +61,8 @@ mod app {
         let Some(Board { uarts: [uart0, uart1, uart2], flash, .. }) = Board::take() else {
             unreachable!("the firmware starts once")
         };
-        let mut storage = Storage::new(flash);
-        storage.restore(app, board::now());
+        let mut store = FlashStore::new(flash);
+        store.restore(app, board::now());
         Mono::start(cx.core.SYST, CLOCK_HZ);
         // The first spawn of a task cannot fail.
         let _ = flight::spawn();
@@ -73,7 +73,7 @@ mod app {
                 (COMPANION.loop_end(), Interrupt::UART1),
                 (SATELLITE.loop_end(), Interrupt::UART2),
             ],
-            storage,
+            store,
             telemetry: SerialInterrupt::new(uart0, TELEMETRY.interrupt_end()),
             companion: SerialInterrupt::new(uart1, COMPANION.interrupt_end()),
             satellite: SerialInterrupt::new(uart2, SATELLITE.interrupt_end()),
@@ -108,7 +108,7 @@ mod app {
     }
 
     /// Runs MAVLink communication and storage.
-    #[task(priority = 1, shared = [app], local = [lines, storage])]
+    #[task(priority = 1, shared = [app], local = [lines, store])]
     async fn comms(mut cx: comms::Context) {
         loop {
             cx.shared.app.lock(|app| app.poll(board::now()));
@@ -118,7 +118,7 @@ mod app {
                 // Bytes may be pending to send, and the receive queue may have room again.
                 rtic::pend(*interrupt);
             }
-            cx.shared.app.lock(|app| cx.local.storage.persist(app, board::now()));
+            cx.shared.app.lock(|app| cx.local.store.persist(app, board::now()));
             let is_drained = !cx.local.lines.iter().any(|(line, _)| line.has_to_send());
             if is_drained && cx.shared.app.lock(|app| app.wants_reboot()) {
                 Board::reset();

@@ -72,7 +72,8 @@ entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, 
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
 entry!($ "manual" with_manual with_high_latency [manual_control]);
-entry!($ "high-latency" with_high_latency declare [high_latency]);
+entry!($ "high-latency" with_high_latency with_storage [high_latency]);
+entry!($ "storage" with_storage declare [storage]);
 
 macro_rules! declare {
     ($($entries:tt)*) => {
@@ -298,7 +299,7 @@ fn main() -> ! {
     stack.begin(CONFIG, CONFIGS);
     #[cfg(feature = "manual")]
     stack.manual_input_mut().set_source(ControlSource::GroundStation);
-    #[cfg(feature = "store")]
+    #[cfg(all(feature = "storage", not(feature = "store-fram")))]
     let mut store = {
         use mavstack_size::storage::Flash;
         Store::new(Flash, 0..Store::<Flash>::region_len::<Mavlink>())

@@ -38,7 +38,7 @@ use mavstack::frame::MAX_FRAME_LEN;
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::{Interrupt, interrupt};
-use mavstack_qemu::memory::{self, Storage};
+use mavstack_qemu::memory::{self, FlashStore};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
@@ -76,8 +76,8 @@ fn main() -> ! {
     let (Some(mut core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
         unreachable!("the firmware starts once")
     };
-    let mut storage = Storage::new(board.flash);
-    storage.restore(app, board::now());
+    let mut store = FlashStore::new(board.flash);
+    store.restore(app, board::now());
     let app = &*APP.init(Mutex::new(app));
     time::start(board.alarm);
 
@@ -95,7 +95,7 @@ fn main() -> ! {
         comms.spawn(receive(app, link, rx).unwrap());
         comms.spawn(transmit(app, link, tx).unwrap());
     }
-    comms.spawn(persist(app, storage).unwrap());
+    comms.spawn(persist(app, store).unwrap());
     loop {
         cortex_m::asm::wfi();
     }
@@ -181,14 +181,14 @@ async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
 
 /// Writes pending data to storage, and resets the processor when a reboot was requested.
 #[embassy_executor::task]
-async fn persist(app: &'static SharedApp, mut storage: Storage) {
+async fn persist(app: &'static SharedApp, mut store: FlashStore) {
     loop {
         let is_busy = {
             let mut app = app.lock().await;
             if app.wants_reboot() {
                 Board::reset();
             }
-            storage.persist(&mut app, board::now())
+            store.persist(&mut app, board::now())
         };
         if is_busy { yield_now().await } else { Timer::after(Duration::from_millis(10)).await }
     }

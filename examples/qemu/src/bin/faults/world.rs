@@ -7,7 +7,6 @@ use mavstack::signing::SigningKey;
 use mavstack::storage::Store;
 use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, LINKS, Mavlink};
-use mavstack_qemu::memory::LEN;
 
 use crate::flash::{self, Flash};
 use crate::line::{Line, Random};
@@ -140,7 +139,7 @@ impl World {
         *lines = LINES;
         let mut world = Self {
             app: App::new(stack),
-            store: Store::new(flash, 0..LEN),
+            store: Store::new(flash, 0..Flash::LEN),
             now,
             step: Duration::from_millis(10),
             network: Network { lines, random: Random::new(0x2545_F491), signer: None, tape: None, seq: 0 },
