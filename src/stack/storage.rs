@@ -339,16 +339,26 @@ impl<D: Declares> Services<D> {
         }
     }
 
+    /// Takes a page of the record that is loaded.
+    // Apart from `on_event`, because the checks of a plan need much of the call stack.
+    #[inline(never)]
+    fn on_loaded(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage, bytes: &[u8], is_first: bool, is_last: bool) {
+        let index = storage.service;
+        let part = Part { record: storage.record, bytes, is_first, is_last, is_late: storage.is_late };
+        let result = self.load(cx, index, &part, storage);
+        if result.is_err() || is_last {
+            storage.log.end_load();
+            let is_damaged = Self::KINDS
+                .get(usize::from(index))
+                .is_some_and(|kind| storage.log.find(kind.first.wrapping_add(storage.record)).is_damaged);
+            let result = if is_damaged { Err(RestoreError::Damaged) } else { result.map(|()| true) };
+            self.loaded(cx, index, result, storage);
+        }
+    }
+
     /// Takes what a job has led to.
     #[inline(never)]
-    fn on_event(
-        &mut self,
-        cx: &mut Cx<'_, D>,
-        states: &mut [States<D>],
-        storage: &mut Storage,
-        event: Event,
-        page: &Page,
-    ) {
+    fn on_event(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, event: Event) {
         let index = storage.service;
         match event {
             Event::Nothing => {}
@@ -380,19 +390,8 @@ impl<D: Declares> Services<D> {
                 storage.to_load |= Self::bit(index, storage.record);
                 self.set_loaded(cx, index, Err(RestoreError::Unreadable), storage);
             }
-            Event::Loaded { len, is_first, is_last } => {
-                let bytes = page.payload(len);
-                let part = Part { record: storage.record, bytes, is_first, is_last, is_late: storage.is_late };
-                let result = self.load(cx, index, &part, storage);
-                if result.is_err() || is_last {
-                    storage.log.end_load();
-                    let is_damaged = Self::KINDS
-                        .get(usize::from(index))
-                        .is_some_and(|kind| storage.log.find(kind.first.wrapping_add(storage.record)).is_damaged);
-                    let result = if is_damaged { Err(RestoreError::Damaged) } else { result.map(|()| true) };
-                    self.loaded(cx, index, result, storage);
-                }
-            }
+            // `on_loaded` takes it.
+            Event::Loaded { .. } => {}
             Event::Written => {
                 self.cancel_refused(cx, states);
                 let is_wanted = self.is_wanted(cx, storage);
@@ -426,6 +425,7 @@ impl<F: NorFlash> Store<F> {
 impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads what is stored, and then writes
     /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
+    #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
         let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
         *storage = Storage { to_load: Services::<D>::all_records(), ..Storage::NEW };
@@ -443,18 +443,23 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
     /// it.
     pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
-        if self.storage.log.is_busy() {
-            self.storage_done(now, false, page, vehicle);
-        }
         let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
+        if storage.log.is_busy() {
+            let event = storage.log.done(now, false, page);
+            services.on_event(&mut cx, states, storage, event);
+        }
         services.next_job(&mut cx, states, storage, page)
     }
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
     pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
         let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
-        let event = storage.log.done(now, is_done, page);
-        services.on_event(&mut cx, states, storage, event, page);
+        match storage.log.done(now, is_done, page) {
+            Event::Loaded { len, is_first, is_last } => {
+                services.on_loaded(&mut cx, storage, page.payload(len), is_first, is_last);
+            }
+            event => services.on_event(&mut cx, states, storage, event),
+        }
         if storage.log.is_idle() {
             page.wipe();
         }

@@ -150,7 +150,8 @@ pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> 
 }
 
 impl Loading {
-    /// Takes the first row. Returns false if it is invalid.
+    /// Takes the first row. Returns `None` if it is invalid.
+    #[inline(never)]
     fn begin(&mut self, row: &[u8; ROW]) -> Option<()> {
         let row: HeadRow = postcard::from_bytes(row).ok()?;
         *self = Self {
@@ -188,6 +189,7 @@ impl Loading {
     }
 
     /// Takes the row of an item. Returns false if there is no plan for it.
+    #[inline(never)]
     fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
         let staged = match item_from_row(row) {
