@@ -18,7 +18,8 @@ pub enum RestoreError {
     /// Reading is repeated every second. What can be read then is restored late. After the fourth attempt a page that
     /// cannot be read counts as damaged, or as cut off by a loss of power. While no page at all can be read, reading is
     /// repeated every ten seconds. Nothing is written before.
-    Unreadable,
+    // Not 0, so that no error is 0, and a stack without storage is all zeros.
+    Unreadable = 1,
     /// The newest content is damaged. Plans and parameters are restored from an older record, if there is one. The
     /// damage is reported at each start until new content is stored.
     Damaged,

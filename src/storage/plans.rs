@@ -22,6 +22,9 @@ const ROW: usize = 32;
 const ROWS: u32 = 7;
 const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 
+/// Stands for no fault of a plan.
+const NO_FAULT: PlanFault = PlanFault { seq: None, result: MavMissionResult::ACCEPTED };
+
 /// The first row.
 #[derive(Serialize, Deserialize)]
 struct HeadRow {
@@ -71,15 +74,22 @@ pub struct Loading {
     plan: u8,
     items: u16,
     digest: Digest,
-    /// Why the plan is not used.
-    fault: Option<PlanFault>,
+    /// Why the plan is not used. ACCEPTED if it is: all zeros, unlike an `Option`.
+    fault: PlanFault,
     /// Whether a plan was not used.
     differs: bool,
 }
 
 impl Loading {
-    pub(crate) const NEW: Self =
-        Self { counts: [0; 3], ids: [0; 3], plan: 0, items: 0, digest: Digest::VACANT, fault: None, differs: false };
+    pub(crate) const NEW: Self = Self {
+        counts: [0; 3],
+        ids: [0; 3],
+        plan: 0,
+        items: 0,
+        digest: Digest::VACANT,
+        fault: NO_FAULT,
+        differs: false,
+    };
 }
 
 fn to_row<T: Serialize>(value: &T, row: &mut [u8; ROW]) -> Option<()> {
@@ -173,9 +183,10 @@ impl Loading {
         while let Some((plan, count, id)) = self.plan().filter(|(_, count, _)| *count == self.items) {
             // A plan that was uploaded in the meantime is newer.
             if !(is_late && cx.plans.count(plan) > 0) {
-                let result = match self.fault {
-                    Some(fault) => Err(fault),
-                    None => missions.make_loaded(cx, vehicle, plan, Some((count, id)), self.digest),
+                let result = if self.fault == NO_FAULT {
+                    missions.make_loaded(cx, vehicle, plan, Some((count, id)), self.digest)
+                } else {
+                    Err(self.fault)
                 };
                 if let Err(fault) = result {
                     self.differs = true;
@@ -184,7 +195,7 @@ impl Loading {
             }
             cx.plans.staging.clear();
             (self.plan, self.items) = (self.plan.saturating_add(1), 0);
-            (self.digest, self.fault) = (Digest::new(), None);
+            (self.digest, self.fault) = (Digest::new(), NO_FAULT);
         }
     }
 
@@ -193,11 +204,13 @@ impl Loading {
     fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
         let staged = match item_from_row(row) {
-            _ if self.fault.is_some() => Ok(()),
+            _ if self.fault != NO_FAULT => Ok(()),
             Some(item) => Missions::stage_item(cx, vehicle, plan, &mut self.digest, item),
             None => Err(MavMissionResult::INVALID.into()),
         };
-        self.fault = self.fault.or(staged.err());
+        if let Err(fault) = staged {
+            self.fault = fault;
+        }
         self.items = self.items.saturating_add(1);
         true
     }
