@@ -144,6 +144,7 @@
 //! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters and refused requests
 //!   at most once a second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
+//! - `embedded-storage-async`: `storage` on async flash drivers, see `storage::AsyncStore`.
 //! - `fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
 //!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.

@@ -10,7 +10,7 @@ use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::dialect::MavSeverity;
 use crate::service::param::{ParamService, ParamTable, Parameters};
 use crate::storage::{
-    self, Event, Job, Kind, Next, Page, Part, Persistent, RecordService, Region, RestoreError, RestoreErrors, Storage,
+    self, Event, Job, JobSlot, Kind, Next, Page, Part, Persistent, RecordService, Region, RestoreError, RestoreErrors, Storage,
     Store,
 };
 use crate::time::Instant;
@@ -465,6 +465,78 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         }
     }
 
+    /// Reads the result of the last job in `slot`, and puts the next job there. Returns true if there is one: run it, and
+    /// call this again. It is [`storage_job`](Self::storage_job) and [`storage_done`](Self::storage_done) in one call, for
+    /// a stack that several tasks share: lock it, exchange, unlock, run.
+    ///
+    /// A job that was not run, or whose run was cut off, counts as failed.
+    ///
+    /// ```
+    /// # use core::cell::RefCell;
+    /// # use embedded_storage::nor_flash::NorFlash;
+    /// # use mavstack::storage::Store;
+    /// # use mavstack::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+    /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+    /// #     }
+    /// # }
+    /// # stack! { struct Mavlink for Rover { links: 1, storage } }
+    /// # struct Shared(RefCell<(Mavlink, Rover)>);
+    /// # impl Shared {
+    /// #     fn lock<T>(&self, call: impl FnOnce(&mut Mavlink, &mut Rover) -> T) -> T {
+    /// #         let (stack, vehicle) = &mut *self.0.borrow_mut();
+    /// #         call(stack, vehicle)
+    /// #     }
+    /// # }
+    /// # fn now() -> Instant { Instant::ZERO }
+    /// # fn sleep(_: Duration) {}
+    /// /// A task of low priority, which the flight loop and the links interrupt.
+    /// fn storage_task<F: NorFlash>(mut store: Store<F>, shared: &Shared) {
+    ///     shared.lock(|stack, rover| stack.attach_storage(now(), store.region(), rover));
+    ///     loop {
+    ///         if shared.lock(|stack, rover| stack.exchange_job(now(), store.slot(), rover)) {
+    ///             store.run();
+    ///         } else {
+    ///             sleep(Duration::from_millis(10));
+    ///         }
+    ///     }
+    /// }
+    /// ```
+    pub fn exchange_job(&mut self, now: Instant, slot: &mut JobSlot, vehicle: &mut D::Vehicle) -> bool {
+        if self.storage.log.is_busy() {
+            let is_done = slot.is_done();
+            self.storage_done(now, is_done, slot.page_mut(), vehicle);
+        }
+        let job = self.storage_job(now, slot.page_mut(), vehicle);
+        slot.put(job)
+    }
+
+    /// Attaches `store` and reads what is stored, as [`restore`](Self::restore) does, on an async driver. Call it before
+    /// other tasks use the stack. For a stack that is shared from the start, call [`attach_storage`](Self::attach_storage)
+    /// instead: the first jobs read what is stored, and [`is_restoring`](Self::is_restoring) says when that is done.
+    ///
+    /// If the future is dropped, some of the content is restored, and later jobs read the rest.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if something is damaged or cannot be read (G-18): see [`restore`](Self::restore).
+    #[cfg(feature = "embedded-storage-async")]
+    pub async fn restore_async<F: embedded_storage_async::nor_flash::NorFlash>(
+        &mut self,
+        now: Instant,
+        store: &mut storage::AsyncStore<F>,
+        vehicle: &mut D::Vehicle,
+    ) -> Result<(), RestoreErrors> {
+        self.attach_storage(now, store.region(), vehicle);
+        while self.is_restoring() && self.exchange_job(now, store.slot(), vehicle) {
+            store.run().await;
+        }
+        self.restore_errors().result()
+    }
+
     /// Whether the stored content is being read for the first time, after [`attach_storage`](Self::attach_storage).
     /// `false` once it is restored, or could not be read; [`restore_errors`](Self::restore_errors) has what went wrong.
     pub fn is_restoring(&self) -> bool {
@@ -512,7 +584,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         self.attach_storage(now, store.region(), vehicle);
         while self.is_restoring() {
             let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { break };
-            let is_done = store.run(&job);
+            let is_done = store.carry_out(&job);
             self.storage_done(now, is_done, store.page_mut(), vehicle);
         }
         self.restore_errors().result()
@@ -536,7 +608,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         for done in 0..2 * JOBS {
             let was_within = self.storage.log.is_within_page();
             let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { return done > 0 };
-            let is_done = store.run(&job);
+            let is_done = store.carry_out(&job);
             self.storage_done(now, is_done, store.page_mut(), vehicle);
             let is_within = self.storage.log.is_within_page();
             let is_end = was_within || done.wrapping_add(1) >= JOBS;

@@ -7,6 +7,8 @@
 #![doc = ""]
 #![doc = include_str!("format.md")]
 
+#[cfg(feature = "embedded-storage-async")]
+mod async_store;
 mod content;
 mod fram;
 mod log;
@@ -16,11 +18,14 @@ mod plans;
 mod records;
 #[cfg(feature = "signing")]
 mod signing;
+mod slot;
 mod store;
 
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "embedded-storage-async")]
+pub use async_store::AsyncStore;
 pub(crate) use content::{Kind, Part, Write, report};
 pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
 pub use fram::{Fram, FramError};
@@ -28,4 +33,5 @@ pub(crate) use log::{Event, Next};
 pub use log::{Job, Region};
 pub use page::Page;
 pub use records::{MAX_RECORD_LEN, RecordService, Records};
+pub use slot::JobSlot;
 pub use store::Store;

@@ -6,6 +6,7 @@ use embedded_storage::nor_flash::NorFlash;
 
 use super::log::{Job, Region};
 use super::page::{PAGE, Page};
+use super::slot::JobSlot;
 
 /// A region of a storage with a blocking driver, for everything that a firmware stores.
 ///
@@ -65,7 +66,15 @@ use super::page::{PAGE, Page};
 pub struct Store<F> {
     flash: F,
     region: Region,
-    page: Page,
+    slot: JobSlot,
+}
+
+/// Returns the write unit and the erase unit of a storage.
+#[allow(clippy::as_conversions, clippy::panic, reason = "const-evaluated; checked")]
+pub(super) const fn units(read_size: usize, write_size: usize, erase_size: usize) -> (u32, u32) {
+    assert!(read_size > 0 && 32usize.is_multiple_of(read_size), "READ_SIZE must divide 32");
+    assert!(erase_size <= 1 << 30 && write_size <= PAGE, "ERASE_SIZE must be at most 2^30, and WRITE_SIZE 256");
+    (write_size as u32, erase_size as u32)
 }
 
 /// Omits the storage, whose `Debug` may show the key (SEC-15).
@@ -83,21 +92,13 @@ impl<F> defmt::Format for Store<F> {
 }
 
 impl<F: NorFlash> Store<F> {
-    #[allow(clippy::as_conversions, reason = "const-evaluated; checked")]
-    const UNITS: (u32, u32) = {
-        assert!(F::READ_SIZE > 0 && 32usize.is_multiple_of(F::READ_SIZE), "READ_SIZE must divide 32");
-        assert!(
-            F::ERASE_SIZE <= 1 << 30 && F::WRITE_SIZE <= PAGE,
-            "ERASE_SIZE must be at most 2^30, and WRITE_SIZE 256"
-        );
-        (F::WRITE_SIZE as u32, F::ERASE_SIZE as u32)
-    };
+    const UNITS: (u32, u32) = units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
 
     /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are not
     /// used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         let (write_size, erase_size) = Self::UNITS;
-        Self { flash, region: Region::new(region, write_size, erase_size), page: Page::new() }
+        Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
     }
 
     /// Returns the length of two segments for this many pages, in bytes.
@@ -109,27 +110,50 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
+    /// Runs the job in the [slot](Self::slot), and keeps its result there. Does nothing if there is none, or if it has run
+    /// before. Blocks for one operation of the driver.
+    ///
+    /// This is for a task of its own, which locks a shared stack only to
+    /// [exchange the job](crate::Stack::exchange_job). [`Stack::persist`](crate::Stack::persist) does both for a firmware
+    /// with one loop.
+    pub fn run(&mut self) {
+        let Self { flash, slot, .. } = self;
+        if let Some((job, page)) = slot.take() {
+            let is_done = carry_out(flash, &job, page);
+            slot.finish(is_done);
+        }
+    }
+
     /// Carries out a job. Returns whether it succeeded.
-    pub(crate) fn run(&mut self, job: &Job) -> bool {
-        let Self { flash, page, .. } = self;
-        let result = match job {
-            Job::Read { offset, range } => {
-                flash.read(*offset, page.bytes_mut().get_mut(range.clone()).unwrap_or_default())
-            }
-            Job::Write { offset, range } => flash.write(*offset, page.bytes().get(range.clone()).unwrap_or_default()),
-            Job::Erase { offset, len } => flash.erase(*offset, offset.saturating_add(*len)),
-        };
-        result.is_ok()
+    pub(crate) fn carry_out(&mut self, job: &Job) -> bool {
+        carry_out(&mut self.flash, job, self.slot.page_mut())
     }
 }
 
+fn carry_out<F: NorFlash>(flash: &mut F, job: &Job, page: &mut Page) -> bool {
+    let result = match job {
+        Job::Read { offset, range } => {
+            flash.read(*offset, page.bytes_mut().get_mut(range.clone()).unwrap_or_default())
+        }
+        Job::Write { offset, range } => flash.write(*offset, page.bytes().get(range.clone()).unwrap_or_default()),
+        Job::Erase { offset, len } => flash.erase(*offset, offset.saturating_add(*len)),
+    };
+    result.is_ok()
+}
+
 impl<F> Store<F> {
-    pub(crate) const fn region(&self) -> Region {
+    /// Returns the region, for [`attach_storage`](crate::Stack::attach_storage).
+    pub const fn region(&self) -> Region {
         self.region
     }
 
+    /// Returns the slot for [`exchange_job`](crate::Stack::exchange_job).
+    pub const fn slot(&mut self) -> &mut JobSlot {
+        &mut self.slot
+    }
+
     pub(crate) const fn page_mut(&mut self) -> &mut Page {
-        &mut self.page
+        self.slot.page_mut()
     }
 
     /// Returns the storage.
