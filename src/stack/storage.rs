@@ -10,8 +10,8 @@ use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::dialect::MavSeverity;
 use crate::service::param::{ParamService, ParamTable, Parameters};
 use crate::storage::{
-    self, Event, Job, JobSlot, Kind, Next, Page, Part, Persistent, RecordService, Region, RestoreError, RestoreErrors, Storage,
-    Store,
+    self, Event, Job, JobSlot, Kind, Next, Page, Part, Persistent, RecordService, Region, RestoreError, RestoreErrors,
+    Storage, Store,
 };
 use crate::time::Instant;
 use crate::types::Vehicle;

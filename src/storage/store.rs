@@ -132,9 +132,7 @@ impl<F: NorFlash> Store<F> {
 
 fn carry_out<F: NorFlash>(flash: &mut F, job: &Job, page: &mut Page) -> bool {
     let result = match job {
-        Job::Read { offset, range } => {
-            flash.read(*offset, page.bytes_mut().get_mut(range.clone()).unwrap_or_default())
-        }
+        Job::Read { offset, range } => flash.read(*offset, page.bytes_mut().get_mut(range.clone()).unwrap_or_default()),
         Job::Write { offset, range } => flash.write(*offset, page.bytes().get(range.clone()).unwrap_or_default()),
         Job::Erase { offset, len } => flash.erase(*offset, offset.saturating_add(*len)),
     };

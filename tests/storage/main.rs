@@ -5,6 +5,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+#[cfg(feature = "embedded-storage-async")]
+mod async_store;
 #[cfg(feature = "signing")]
 mod damage;
 mod flash_garbage;
