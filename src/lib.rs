@@ -149,7 +149,7 @@
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
 //!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.
 //! - `signing`: signs and verifies frames; see `Signing`.
-//! - `storage`: plans and parameters that survive power loss, in NOR flash or FRAM; with `signing` also the key.
+//! - `storage`: plans and parameters that survive power loss, in NOR flash, FRAM or EEPROM; with `signing` also the key.
 #![no_std]
 // No received byte causes a panic (SEC-1).
 #![cfg_attr(

@@ -1,39 +1,31 @@
-//! A driver for FRAM of the FM25V family (Ramtron, Cypress, Infineon) on SPI, which many flight controllers have for
-//! settings.
+//! A driver for FRAM on SPI, which many flight controllers have for settings.
 //!
 //! FRAM is written byte by byte, at the speed of the bus, without pages, erasing or relevant wear. The driver presents
 //! it as NOR flash with erase units of 256 bytes, so that it works with all stores.
+//!
+//! The ids are those of the datasheets, of Linux (`drivers/misc/eeprom/at25.c`) and of ArduPilot (`AP_RAMTRON`).
 
 use embedded_hal::spi::{Operation, SpiDevice};
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// Operation codes.
-mod op {
-    pub(super) const WRITE: u8 = 0x02;
-    pub(super) const READ: u8 = 0x03;
-    /// Reads the status register.
-    pub(super) const RDSR: u8 = 0x05;
-    /// Enables the next write.
-    pub(super) const WREN: u8 = 0x06;
-    /// Reads the device id.
-    pub(super) const RDID: u8 = 0x9F;
-}
+use super::spi::{ERASED, command, op, status};
 
-/// Ramtron's JEDEC manufacturer id: C2 in bank 7.
-const MANUFACTURER: [u8; 7] = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2];
-
-/// The status bits that write-protect a part of the memory, or all of it.
-const BLOCK_PROTECT: u8 = 0x0C;
-
-/// An erase unit after erasing. FRAM itself has no erase units.
-const ERASED: [u8; 256] = [0xFF; 256];
-
-/// A driver for the FM25V01 to FM25V20, the CY15B104Q and compatible chips.
+/// A driver for FRAM on SPI. It enables each write, as the chips require. Calls block only for the transfer on the bus,
+/// because the chips are never busy.
 ///
-/// The driver recognises the chip by its id, which also encodes the capacity: 16 KiB to 512 KiB. It enables each write,
-/// as the chip requires. Calls block only for the transfer on the bus, because the chip is never busy.
+/// [`new`](Self::new) recognises these chips by their id:
+///
+/// | chips | made by | id, as read | capacity |
+/// |---|---|---|---|
+/// | FM25V01 to FM25V20, CY15B104Q | Ramtron, Cypress, Infineon | six times 7F, C2, 21 to 26 | 16 to 512 KiB |
+/// | CY15B102QN to CY15B116QN and CY15V… (Excelon) | Cypress, Infineon | six times 7F, C2, 2A to 31; or reversed | 256 KiB to 2 MiB |
+/// | MB85RS16 to MB85RS4MT | Fujitsu, RAMXEED | 04, 7F, density in five bits | 2 to 512 KiB |
+/// | MR45V064 to MR45V200 | Lapis, ROHM | AE, 83, density | 8 to 256 KiB |
+///
+/// Others have the same commands, but no id: FM25L04B to FM25W256, and MB85RS256A. For those, or for a chip that is newer
+/// than this list, there is [`with_capacity`](Self::with_capacity).
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fram<S> {
@@ -50,6 +42,8 @@ pub enum FramError<E> {
     Bus(E),
     /// No known FRAM answered. These nine bytes were read as its id.
     Id([u8; 9]),
+    /// No FRAM answered: writing was enabled, and the status register, which was read as this, does not say so.
+    NoAnswer(u8),
     /// The chip's status register write-protects memory. The driver does not change it.
     Protected,
     /// An address or a length is not a multiple of its unit.
@@ -63,7 +57,14 @@ impl<E: core::fmt::Debug> core::fmt::Display for FramError<E> {
         match self {
             Self::Bus(error) => write!(f, "the bus failed: {error:?}"),
             Self::Id(id) => {
-                write!(f, "no known FRAM answers, its id reads as {id:02X?}: check the wiring and the chip select")
+                write!(
+                    f,
+                    "no known FRAM answers, its id reads as {id:02X?}: check the wiring and the chip select, or use \
+                     `Fram::with_capacity`"
+                )
+            }
+            Self::NoAnswer(status) => {
+                write!(f, "no FRAM answers, its status reads as {status:#04X}: check the wiring and the chip select")
             }
             Self::Protected => f.write_str("the chip's status register protects memory: clear its bits BP0 and BP1"),
             Self::NotAligned => {
@@ -81,7 +82,7 @@ impl<E: core::fmt::Debug> NorFlashError for FramError<E> {
         match self {
             Self::NotAligned => NorFlashErrorKind::NotAligned,
             Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
-            Self::Bus(_) | Self::Id(_) | Self::Protected => NorFlashErrorKind::Other,
+            Self::Bus(_) | Self::Id(_) | Self::NoAnswer(_) | Self::Protected => NorFlashErrorKind::Other,
         }
     }
 }
@@ -95,8 +96,37 @@ impl<E> FramError<E> {
     }
 }
 
+/// Returns the capacity in bytes of a chip with this id; `None` if it is not known.
+fn capacity_of(id: [u8; 9]) -> Option<u32> {
+    // Some chips of the Excelon family send the id from its end.
+    let id = if let [_, _, 0xC2, 0x7F, ..] = id {
+        let [a, b, c, d, e, f, g, h, i] = id;
+        [i, h, g, f, e, d, c, b, a]
+    } else {
+        id
+    };
+    match id {
+        // Ramtron's JEDEC id: C2 in bank 7. Three bits of family, which is 1, and five of density.
+        [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, product @ 0x21..=0x26, _] => {
+            Some(0x2000u32.wrapping_shl((product & 0x0F).into()))
+        }
+        // Excelon: three bits of family, four of density, and one for inrush control.
+        [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, product @ 0x2A..=0x31, _] => {
+            Some(0x2000u32.wrapping_shl((product.wrapping_shr(1) & 0x0F).into()))
+        }
+        // Fujitsu's id and JEDEC's continuation code. Three bits that tell the generations apart, and five of density.
+        [0x04, 0x7F, product, ..] if (0x01..=0x0B).contains(&(product & 0x1F)) => {
+            Some(0x400u32.wrapping_shl((product & 0x1F).into()))
+        }
+        // Lapis: its id, FRAM on SPI, and the density.
+        [0xAE, 0x83, density @ 0x05..=0x0C, ..] => Some(0x100u32.wrapping_shl(density.into())),
+        _ => None,
+    }
+}
+
 impl<S: SpiDevice> Fram<S> {
-    /// Identifies the chip and returns its driver. The bus must be in SPI mode 0 or 3, at no more than 40 MHz.
+    /// Identifies the chip and returns its driver. The bus must be in SPI mode 0 or 3, and no faster than the chip's
+    /// datasheet permits: 20 to 50 MHz.
     ///
     /// # Errors
     ///
@@ -104,31 +134,49 @@ impl<S: SpiDevice> Fram<S> {
     pub fn new(mut spi: S) -> Result<Self, FramError<S::Error>> {
         let mut id = [0; 9];
         spi.transaction(&mut [Operation::Write(&[op::RDID]), Operation::Read(&mut id)]).map_err(FramError::Bus)?;
-        let [manufacturer @ .., product, _] = &id;
-        // Three bits of family, which is 1, and five of density: 1 is 16 KiB, and each increment doubles it.
-        let capacity = match product {
-            0x21..=0x26 if *manufacturer == MANUFACTURER => 0x2000u32.wrapping_shl((product & 0x0F).into()),
-            _ => return Err(FramError::Id(id)),
-        };
-        let mut status = [0];
-        spi.transaction(&mut [Operation::Write(&[op::RDSR]), Operation::Read(&mut status)]).map_err(FramError::Bus)?;
-        let [status] = status;
-        if status & BLOCK_PROTECT != 0 {
-            return Err(FramError::Protected);
+        let capacity = capacity_of(id).ok_or(FramError::Id(id))?;
+        let mut fram = Self { spi, capacity };
+        fram.check_protection()?;
+        Ok(fram)
+    }
+
+    /// Returns the driver of a chip of this capacity in bytes, without reading its id. The capacity decides the length of
+    /// addresses: it must be the chip's own.
+    ///
+    /// It enables writing, reads the status register and disables writing again, which finds out whether a chip is there.
+    ///
+    /// # Errors
+    ///
+    /// The bus failed, nothing answered, or the chip is write-protected.
+    pub fn with_capacity(spi: S, capacity: u32) -> Result<Self, FramError<S::Error>> {
+        let mut fram = Self { spi, capacity };
+        fram.spi.write(&[op::WREN]).map_err(FramError::Bus)?;
+        let status = fram.check_protection()?;
+        // An open line reads as zeros or ones.
+        if status & status::WEL == 0 {
+            return Err(FramError::NoAnswer(status));
         }
-        Ok(Self { spi, capacity })
+        fram.spi.write(&[op::WRDI]).map_err(FramError::Bus)?;
+        Ok(fram)
+    }
+
+    /// Returns the status register, if nothing is write-protected.
+    fn check_protection(&mut self) -> Result<u8, FramError<S::Error>> {
+        let mut status = [0];
+        self.spi
+            .transaction(&mut [Operation::Write(&[op::RDSR]), Operation::Read(&mut status)])
+            .map_err(FramError::Bus)?;
+        let [status] = status;
+        match status {
+            0xFF => Err(FramError::NoAnswer(status)),
+            _ if status & status::BLOCK_PROTECT != 0 => Err(FramError::Protected),
+            _ => Ok(status),
+        }
     }
 
     /// Returns the bus.
     pub fn into_inner(self) -> S {
         self.spi
-    }
-
-    /// Returns the command of an access at `offset`, and its length: addresses have two bytes in chips of up to 64 KiB,
-    /// and three bytes in larger chips.
-    fn command(&self, code: u8, offset: u32) -> ([u8; 4], usize) {
-        let [_, high, middle, low] = offset.to_be_bytes();
-        if self.capacity > 0x1_0000 { ([code, high, middle, low], 4) } else { ([code, middle, low, 0], 3) }
     }
 }
 
@@ -141,7 +189,7 @@ impl<S: SpiDevice> ReadNorFlash for Fram<S> {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
         check_read(self, offset, bytes.len()).map_err(FramError::of_call)?;
-        let (command, len) = self.command(op::READ, offset);
+        let (command, len) = command(op::READ, self.capacity, offset);
         let command = command.get(..len).unwrap_or_default();
         self.spi.transaction(&mut [Operation::Write(command), Operation::Read(bytes)]).map_err(FramError::Bus)
     }
@@ -168,7 +216,7 @@ impl<S: SpiDevice> NorFlash for Fram<S> {
         check_write(self, offset, bytes.len()).map_err(FramError::of_call)?;
         // The chip disables writing after each write.
         self.spi.write(&[op::WREN]).map_err(FramError::Bus)?;
-        let (command, len) = self.command(op::WRITE, offset);
+        let (command, len) = command(op::WRITE, self.capacity, offset);
         let command = command.get(..len).unwrap_or_default();
         self.spi.transaction(&mut [Operation::Write(command), Operation::Write(bytes)]).map_err(FramError::Bus)
     }

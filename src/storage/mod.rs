@@ -10,6 +10,7 @@
 #[cfg(feature = "embedded-storage-async")]
 mod async_store;
 mod content;
+mod eeprom;
 mod fram;
 mod log;
 mod page;
@@ -19,6 +20,7 @@ mod records;
 #[cfg(feature = "signing")]
 mod signing;
 mod slot;
+mod spi;
 mod store;
 
 #[cfg(test)]
@@ -28,6 +30,7 @@ mod tests;
 pub use async_store::AsyncStore;
 pub(crate) use content::{Kind, Part, Write, report};
 pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
+pub use eeprom::{Eeprom, EepromError};
 pub use fram::{Fram, FramError};
 pub(crate) use log::{Event, Next};
 pub use log::{Job, Region};

@@ -9,8 +9,10 @@ mod support;
 mod async_store;
 #[cfg(feature = "signing")]
 mod damage;
+mod eeprom;
 mod flash_garbage;
 mod fram;
+mod fram_chips;
 #[cfg(feature = "signing")]
 mod pace;
 mod pages;

@@ -14,7 +14,8 @@ use crate::figures::{Figure, settle};
 use crate::system::{Result, nightly, output, root, run, succeeds, target_dir};
 
 /// All features but defmt, which needs a logger to link.
-pub const FEATURES: &str = "embedded-hal-nb,embedded-io-06,embedded-io-async,fmt,plan-texts,signing,storage";
+pub const FEATURES: &str =
+    "embedded-hal-nb,embedded-io-06,embedded-io-async,embedded-storage-async,fmt,plan-texts,signing,storage";
 
 /// Tests that are not run here, by a part of their names.
 const LEFT_OUT: [&str; 3] = [
