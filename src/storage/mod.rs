@@ -15,6 +15,7 @@ mod fram;
 mod log;
 mod page;
 mod params;
+mod partition;
 mod plans;
 mod records;
 #[cfg(feature = "signing")]
@@ -35,6 +36,7 @@ pub use fram::{Fram, FramError};
 pub(crate) use log::{Event, Next};
 pub use log::{Job, Region};
 pub use page::Page;
+pub use partition::{Partition, PartitionError};
 pub use records::{MAX_RECORD_LEN, RecordService, Records};
 pub use slot::JobSlot;
 pub use store::Store;

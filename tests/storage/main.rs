@@ -16,6 +16,7 @@ mod fram_chips;
 #[cfg(feature = "signing")]
 mod pace;
 mod pages;
+mod partition;
 mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;
