@@ -20,6 +20,7 @@ mod partition;
 mod power_cut;
 #[cfg(feature = "signing")]
 mod signing_key;
+mod stall;
 
 use mavstack::Config;
 use mavstack::plan::Durability;
