@@ -97,14 +97,14 @@ macro_rules! define {
                 state: &mut States<D>,
                 request: &Request,
             ) -> Option<Verdict> {
-                // One value for all of them keeps the stack frame small.
-                let mut verdict = None;
-                $(
-                    if verdict.is_none() {
-                        verdict = self.$name.on_command(cx, port, &mut state.$name, request);
+                // A scope for each: they share one place on the stack.
+                $({
+                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
+                    if verdict.is_some() {
+                        return verdict;
                     }
-                )*
-                verdict
+                })*
+                None
             }
 
             pub(crate) fn on_heard(&mut self, now: Instant, from: Peer) {
