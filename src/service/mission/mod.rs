@@ -19,6 +19,7 @@ mod form;
 mod number;
 mod pace;
 mod progress;
+mod refusals;
 mod replies;
 mod upload;
 mod validate;
@@ -28,6 +29,7 @@ mod whole;
 #[cfg(test)]
 mod tests;
 
+pub use refusals::Refusals;
 pub use replies::Replies;
 pub(crate) use replies::Reply;
 pub use vehicle::{PlanChange, PlanFault, Plans, Progress};
@@ -152,19 +154,6 @@ impl Caller<'_> {
         self.replies.push(Reply::of_result(self.from.address, mission_type, result, id));
     }
 
-    /// Answers UNSUPPORTED to any request about a plan that the vehicle does not have: clients repeat an unanswered request
-    /// for seconds. Items and acknowledgements are not requests. Returns false if the link has no free slot for the answer.
-    pub(crate) fn refuse(&mut self, frame: &Frame<'_>) -> bool {
-        if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID | MissionSetCurrent::ID) {
-            return true;
-        }
-        let has_room = !self.replies.is_full();
-        if has_room {
-            self.ack(mission_type(frame), MavMissionResult::UNSUPPORTED, 0);
-        }
-        has_room
-    }
-
     /// Handles a request for the count or an item of a live plan (M-60).
     fn ask(&mut self, cx: &Work<'_, '_>, mission_type: MavMissionType, kind: Kind, seq: u16) {
         match self.plan(cx, mission_type) {
@@ -172,6 +161,12 @@ impl Caller<'_> {
             Err(result) => self.ack(mission_type, result, 0),
         }
     }
+}
+
+/// Whether a message of the service is a request, which is answered, even if by UNSUPPORTED: clients repeat an unanswered request
+/// for seconds. Items and acknowledgements are not requests.
+const fn is_request(id: u32) -> bool {
+    !matches!(id, MissionAck::ID | MissionItem::ID | MissionItemInt::ID | MissionSetCurrent::ID)
 }
 
 /// Whether a frame of this version can name this type of plan. MAVLink 1 has missions only: a v1 frame that names another type
@@ -267,10 +262,12 @@ impl Missions {
             return self.on_set_current(cx, vehicle, message.seq);
         }
         if !can_name(frame.header().version, mission_type) {
-            if matches!(frame.id(), MissionAck::ID | MissionItem::ID | MissionItemInt::ID) {
+            if !is_request(frame.id()) {
                 self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
-            } else if !caller.refuse(frame) {
+            } else if caller.replies.is_full() {
                 self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+            } else {
+                caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
             }
             return;
         }
@@ -525,29 +522,29 @@ pub struct WithoutPlans;
 
 impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
-    type Link = Replies;
-    const VACANT: Replies = Replies::new();
+    type Link = Refusals;
+    const VACANT: Refusals = Refusals::new();
 
     fn handles_for(component: ComponentId, id: u32) -> bool {
         is_for_planner(component, id)
     }
 
-    fn on_frame(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut Refusals, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         match target.system.0 {
             _ if !Missions::handles(frame.id()) => Handled::No,
             0 => Handled::OutOfPlace,
-            _ if (Caller { from: *from, version: port.outbox.version(), replies: link }).refuse(frame) => Handled::Yes,
+            _ if !is_request(frame.id()) || link.push(from.address, mission_type(frame)) => Handled::Yes,
             _ => Handled::NoRoom,
         }
     }
 
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, turn: Turn) -> bool {
-        turn == Turn::MissionAck && link.next_ack(&mut port.outbox)
+    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Refusals, turn: Turn) -> bool {
+        turn == Turn::MissionAck && link.next(&mut port.outbox)
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &Replies, turn: Turn) -> Instant {
-        if turn == Turn::MissionAck && link.has_ack() { view.now } else { Instant::NEVER }
+    fn due(&self, view: &View<'_>, _: &Port, link: &Refusals, turn: Turn) -> Instant {
+        if turn == Turn::MissionAck && !link.is_empty() { view.now } else { Instant::NEVER }
     }
 }
 
