@@ -203,7 +203,7 @@ pub use service::command::Commands;
 pub use service::example::Tunes;
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
-pub use service::param::{Param, ParamChange, Parameters};
+pub use service::param::{Param, ParamBackend, ParamChange, Parameters};
 pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
 pub use time::{Duration, Instant};
@@ -236,9 +236,13 @@ pub mod plan {
     pub use crate::types::{Durability, PlanView};
 }
 
-/// The tables of parameters that [`parameters!`](crate::parameters) declares. [`Parameters`] has the hooks.
+/// Parameters: tables that [`parameters!`](crate::parameters) declares, tables that are filled at run time, and parameters that
+/// live elsewhere. [`Parameters`] and [`ParamBackend`] have the hooks.
 pub mod param {
-    pub use crate::service::param::{ParamEncoding, ParamHash, ParamInfo, ParamTable, ParamType};
+    pub use crate::service::param::{
+        ExternalParams, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType, ParamUpdate, ParamWrite,
+        RuntimeTable,
+    };
 }
 
 /// Message signing: the key, and what each link accepts.

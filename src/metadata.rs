@@ -70,6 +70,9 @@ pub fn general(out: &mut impl Write, parameters_uri: &str, parameters_crc: u32) 
 ///
 /// The errors of `out`.
 pub fn parameters<T: ParamTable>(out: &mut impl Write) -> Result {
+    const {
+        assert!(T::UNITS.len() == T::INFO.len(), "only a table made by `parameters!` has units and descriptions");
+    }
     write!(out, r#"{{"version":{VERSION},"parameters":["#)?;
     for (index, info) in T::INFO.iter().enumerate() {
         if index > 0 {

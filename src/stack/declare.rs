@@ -2,6 +2,8 @@
 
 use crate::network::{PeerInfo, Peers};
 use crate::service::command::{CommandMemory, Commands};
+#[cfg(feature = "storage")]
+use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
 use crate::service::{Absent, ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
@@ -16,6 +18,10 @@ pub trait Persistent<F: Firmware>: Service<F> {}
 
 #[cfg(not(feature = "storage"))]
 impl<F: Firmware, S: Service<F>> Persistent<F> for S {}
+
+/// The backend stores its parameters itself.
+#[cfg(feature = "storage")]
+impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
 
 /// The services of a firmware, and their memory. [`stack!`](crate::stack) implements it.
 #[doc(hidden)]
@@ -150,7 +156,8 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// |---|---|---|---|
 /// | `links: N` | links, 1 to 16 | must be given | |
 /// | `plans: { mission: N, fence: N, rally: N }` | items of each [plan](crate::Plans); `fence` and `rally` may be left out | none | [`Plans`](crate::Plans) |
-/// | `parameters: T` | a table made by [`parameters!`](crate::parameters) | none | [`Parameters`](crate::Parameters) |
+/// | `parameters: T` | a table made by [`parameters!`](crate::parameters), or a [`RuntimeTable<N>`](crate::param::RuntimeTable) that is filled at start | none | [`Parameters`](crate::Parameters) |
+/// | `parameters: ExternalParams<N>` | up to `N` parameters that [live elsewhere](crate::param::ExternalParams) | none | [`ParamBackend`](crate::ParamBackend) |
 /// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
@@ -283,7 +290,7 @@ macro_rules! __declared {
     (parameters parameters: $table:ty, $($rest:tt)*) => { $table };
     (parameters) => { $crate::__private::NoParams };
 
-    (param parameters: $table:ty, $($rest:tt)*) => { $crate::__private::ParamService };
+    (param parameters: $table:ty, $($rest:tt)*) => { <$table as $crate::__private::ParamMemory>::Service };
     (param) => { $crate::__private::Absent };
 
     (stream [$vehicle:ty] streams, $($rest:tt)*) => {

@@ -4,7 +4,10 @@
 //! volatile; a value has as many bytes as its type. QGroundControl computes the same from its cache. A step handles a few
 //! parameters, because a whole table would take too long for one poll.
 
-use super::table::TableMut;
+use core::borrow::Borrow;
+
+use super::info::ParamInfo;
+use super::table::Rows;
 use super::value;
 use crate::crc32::Crc32;
 
@@ -26,12 +29,13 @@ impl Hash {
 
     /// Adds the next parameters. Returns the hash after the last step; the next step then starts again. A value that changes
     /// between two steps is included as it is in its step; the change itself is sent to the client anyway (P-16).
-    pub(super) fn step(&mut self, table: &TableMut<'_>) -> Option<u32> {
-        if self.done >= table.count() {
+    pub(super) fn step<R: Rows>(&mut self, rows: &R) -> Option<u32> {
+        if self.done >= rows.count() {
             *self = Self::new();
         }
         for _ in 0..STEP {
-            let Some((info, bits)) = table.get(self.done) else { break };
+            let Some((info, bits)) = rows.get(self.done) else { break };
+            let info: &ParamInfo = info.borrow();
             self.done = self.done.saturating_add(1);
             if !info.is_volatile() {
                 let size = value::size(info.param_type());
@@ -39,6 +43,6 @@ impl Hash {
                 self.crc.add(bits.to_le_bytes().get(..size).unwrap_or_default());
             }
         }
-        (self.done >= table.count()).then_some(!self.crc.sum())
+        (self.done >= rows.count()).then_some(!self.crc.sum())
     }
 }

@@ -151,6 +151,8 @@ macro_rules! parameters {
         }
 
         impl $crate::__private::ParamMemory for $name {
+            type Service = $crate::__private::ParamService;
+
             const VACANT: Self = Self { memory: $crate::__private::ParamValues::VACANT };
 
             fn begin(&mut self) {

@@ -7,12 +7,19 @@
 //! The stack owns the table with the values. It has a mark for every parameter and link on which the value is pending. So lists,
 //! reads and changes need no memory besides one cursor per link. The rest of the service's state is part of the table too: a
 //! firmware without parameters does not have it.
+//!
+//! The declarations are checked by the compiler ([`parameters!`](crate::parameters)), or added at run time ([`RuntimeTable`]).
+//! If both declarations and values live elsewhere ([`ParamBackend`]), the stack only has the marks ([`ExternalParams`]).
 
+mod backend;
+mod external;
 mod hash;
+mod info;
 #[macro_use]
 mod macros;
 mod replies;
 mod requests;
+mod runtime;
 mod saving;
 mod state;
 mod table;
@@ -23,10 +30,15 @@ mod vehicle;
 mod tests;
 
 pub(crate) use replies::List;
-pub use table::{MAX_PARAMS, NoParams, Param, ParamChange, ParamInfo, ParamMemory, ParamTable, ParamValues, TableMut};
+pub use backend::{ParamBackend, ParamUpdate, ParamWrite};
+pub use external::{ExternalParams, ExternalService};
+pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
+pub use runtime::RuntimeTable;
+pub use table::{NoParams, Param, ParamChange, ParamMemory, ParamTable, ParamValues, TableMut};
 pub use value::{ParamEncoding, ParamType};
 pub use vehicle::{ParamHash, Parameters};
 
+use core::borrow::Borrow;
 use core::marker::PhantomData;
 
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
@@ -40,7 +52,8 @@ use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, StatusTexts, Vehicle};
 use saving::Saving;
-use table::HASH_NAME;
+use info::HASH_NAME;
+use table::{Rows, Table};
 
 /// `param_index` of a value that is not in the table.
 const NO_INDEX: u16 = u16::MAX;
@@ -63,10 +76,9 @@ pub(crate) struct Caller<'a> {
     pub(crate) list: &'a mut List,
 }
 
-/// Returns the capability bits for a vehicle's parameters.
-pub(crate) const fn capability<V: Parameters>() -> MavProtocolCapability {
-    match V::PARAM_ENCODING {
-        _ if V::Table::INFO.is_empty() => MavProtocolCapability::EMPTY,
+/// Returns the capability bits for parameters in this encoding.
+const fn capability(encoding: ParamEncoding) -> MavProtocolCapability {
+    match encoding {
         ParamEncoding::Bytewise => MavProtocolCapability::PARAM_ENCODE_BYTEWISE,
         ParamEncoding::CCast => MavProtocolCapability::PARAM_ENCODE_C_CAST,
     }
@@ -82,11 +94,15 @@ struct Options {
 
 impl Options {
     const fn of<V: Parameters>() -> Self {
-        let hash = match V::PARAM_ENCODING {
-            ParamEncoding::Bytewise => V::PARAM_HASH,
+        Self::new(V::PARAM_ENCODING, V::PARAM_HASH, V::PARAM_ERROR)
+    }
+
+    const fn new(encoding: ParamEncoding, hash: ParamHash, has_errors: bool) -> Self {
+        let hash = match encoding {
+            ParamEncoding::Bytewise => hash,
             ParamEncoding::CCast => ParamHash::Never,
         };
-        Self { encoding: V::PARAM_ENCODING, hash, has_errors: V::PARAM_ERROR }
+        Self { encoding, hash, has_errors }
     }
 
     /// Whether this is the name of the hash, and the hash is enabled.
@@ -95,50 +111,71 @@ impl Options {
     }
 }
 
-/// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches what must be
-/// known without access to the table.
+/// What must be known of the links without access to the table.
 #[derive(Debug)]
-pub struct ParamService {
+struct Links {
     /// The links on which an answer is pending.
     pending: LinkMask,
     /// The links that were reopened since the last access to the table.
     restarted: LinkMask,
+}
+
+impl Links {
+    const NEW: Self = Self { pending: LinkMask::NONE, restarted: LinkMask::NONE };
+
+    /// Updates the table for reopened links. Not inlined, because it is the same for every table.
+    #[inline(never)]
+    fn catch_up<K>(&mut self, state: &mut state::State<K>) {
+        if !self.restarted.is_empty() {
+            state.forget(core::mem::take(&mut self.restarted));
+        }
+    }
+
+    /// Whether an answer is pending on a link.
+    const fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(LinkMask::of(link))
+    }
+
+    fn restart(&mut self, link: LinkId) {
+        let link = LinkMask::of(link);
+        self.restarted = self.restarted.with(link);
+        self.pending = self.pending.without(link);
+    }
+}
+
+/// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches what must be
+/// known without access to the table.
+#[derive(Debug)]
+pub struct ParamService {
+    links: Links,
     /// When the next write to storage is due.
     write_due: Instant,
+}
+
+/// Whether the service handles the message with this id.
+const fn handles(id: u32) -> bool {
+    matches!(id, ParamRequestRead::ID | ParamRequestList::ID | ParamSet::ID)
 }
 
 impl ParamService {
     /// Returns the table, updated for reopened links.
     fn table<'t, T: ParamTable>(&mut self, table: &'t mut T) -> TableMut<'t> {
         let table = table.table_mut();
-        self.catch_up(table.state);
+        self.links.catch_up(table.state);
         table
-    }
-
-    /// Updates the table for reopened links. Not inlined, because it is the same for every table.
-    #[inline(never)]
-    fn catch_up(&mut self, state: &mut state::State) {
-        if !self.restarted.is_empty() {
-            state.forget(core::mem::take(&mut self.restarted));
-        }
     }
 
     /// Updates the cached state from the table.
     fn cache(&mut self, table: &TableMut<'_>) {
-        self.pending = table.state.pending_links();
-        self.write_due = table.state.saving.deadline();
-    }
-
-    /// Whether the service handles the message with this id.
-    const fn handles(id: u32) -> bool {
-        matches!(id, ParamRequestRead::ID | ParamRequestList::ID | ParamSet::ID)
+        self.links.pending = table.state.pending_links();
+        self.write_due = table.state.kept.saving.deadline();
     }
 
     /// Makes a write of all changes due now.
     pub(crate) fn write_now<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
         let mut table = self.table(table);
         table.notice(now);
-        table.state.saving.schedule.write_now(now);
+        table.state.kept.saving.schedule.write_now(now);
         self.cache(&table);
     }
 
@@ -153,21 +190,20 @@ impl ParamService {
         self.cache(&table);
         true
     }
-
-    /// Whether an answer is pending on a link.
-    const fn is_pending(&self, link: LinkId) -> bool {
-        self.pending.contains(LinkMask::of(link))
-    }
 }
 
 impl<F> Service<F> for ParamService
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    const NEW: Self = Self { pending: LinkMask::NONE, restarted: LinkMask::NONE, write_due: Instant::ZERO };
+    const NEW: Self = Self { links: Links::NEW, write_due: Instant::ZERO };
     type Link = List;
     const VACANT: List = List::new();
-    const CAPABILITIES: MavProtocolCapability = capability::<F::Vehicle>();
+    const CAPABILITIES: MavProtocolCapability = if F::Parameters::INFO.is_empty() {
+        MavProtocolCapability::EMPTY
+    } else {
+        capability(F::Vehicle::PARAM_ENCODING)
+    };
 
     fn begin(&mut self, _: &Config) {
         self.write_due = Instant::NEVER;
@@ -190,7 +226,7 @@ where
 
     #[inline(never)]
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, received: &Received<'_>) -> Handled {
-        if !Self::handles(received.frame.id()) {
+        if !handles(received.frame.id()) {
             return Handled::No;
         }
         let options = Options::of::<F::Vehicle>();
@@ -208,8 +244,12 @@ where
         let (vehicle, mut context) = cx.hook();
         let verdict = vehicle.may_set(&mut context, &change);
         let mut table = self.table(cx.parameters);
+        if verdict.is_ok() {
+            table.put(index, bits);
+            table.notice(cx.now);
+        }
         let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-        table.set_for(&mut work, options, &caller, (index, bits), verdict);
+        table.on_decided(&mut work, options, &caller, index, verdict);
         self.cache(&table);
         if verdict.is_ok() {
             let (vehicle, mut context) = cx.hook();
@@ -221,53 +261,39 @@ where
     /// MAV_CMD_PREFLIGHT_STORAGE (P-17).
     #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut List, request: &Request) -> Option<Verdict> {
-        /// No action.
-        const NOTHING: i32 = -1;
-
         let command = &request.command;
         if command.id != MavCmd::PREFLIGHT_STORAGE {
             return None;
         }
         let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
         let mut table = self.table(cx.parameters);
-        let (count, is_stored) = (table.count(), table.state.saving.schedule.is_attached());
-        let [parameters, missions, ..] = command.params;
-        let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
-        let (parameters, missions) = (action(parameters), action(missions));
-        let is_known = match parameters {
-            Some(NOTHING | 2 | 4) => true,
-            Some(0 | 1) => is_stored,
-            _ => false,
-        };
-        // Missions are loaded and stored automatically; MISSION_CLEAR_ALL resets them.
-        if !is_known || !matches!(missions, Some(NOTHING..=1)) {
-            return refused(MavResult::DENIED);
-        }
-        if cx.vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED)) {
+        let (count, is_stored) = (table.count(), table.state.kept.saving.schedule.is_attached());
+        let Some(parameters) = storage_action(&command.params, is_stored) else { return refused(MavResult::DENIED) };
+        if is_armed(cx.vehicle) {
             return refused(MavResult::TEMPORARILY_REJECTED);
         }
         table.notice(cx.now);
-        let will_change = matches!(parameters, Some(2 | 4));
-        if (will_change || parameters == Some(1)) && table.state.saving.is_rate_limited(cx.now, will_change) {
+        let will_change = matches!(parameters, 2 | 4);
+        if (will_change || parameters == 1) && table.state.kept.saving.is_rate_limited(cx.now, will_change) {
             return refused(MavResult::TEMPORARILY_REJECTED);
         }
-        if parameters == Some(0) {
-            table.state.saving.is_reload_requested = true;
+        if parameters == 0 {
+            table.state.kept.saving.is_reload_requested = true;
             self.cache(&table);
         }
         if will_change {
-            let resets_all = parameters == Some(4);
+            let resets_all = parameters == 4;
             for index in 0..count {
                 let Some((info, _)) = self.table(cx.parameters).get(index) else { continue };
-                let bits = info.default_bits();
-                if (resets_all || !info.is_read_only()) && self.change(cx.parameters, index, bits, cx.shared.normal) {
+                let (bits, is_reset) = (info.default_bits(), resets_all || !info.is_read_only());
+                if is_reset && self.change(cx.parameters, index, bits, cx.shared.normal) {
                     let change = ParamChange { index, bits, from: Some(command.from), table: PhantomData };
                     let (vehicle, mut context) = cx.hook();
                     vehicle.parameter_changed(&mut context, &change);
                 }
             }
         }
-        if matches!(parameters, Some(1 | 2 | 4)) {
+        if matches!(parameters, 1 | 2 | 4) {
             self.write_now(cx.now, cx.parameters);
         }
         Some(Verdict::done(MavResult::ACCEPTED))
@@ -284,7 +310,7 @@ where
 
     fn due(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Instant {
         match turn {
-            Turn::ParamAnswer if self.is_pending(port.id) => view.now,
+            Turn::ParamAnswer if self.links.is_pending(port.id) => view.now,
             Turn::ParamAnswer => Instant::NEVER,
             Turn::LateParamList => list.late_at(),
             _ => list.due(),
@@ -292,10 +318,8 @@ where
     }
 
     fn restart(&mut self, port: &Port, list: &mut List) {
-        let link = LinkMask::of(port.id);
         list.end();
-        self.restarted = self.restarted.with(link);
-        self.pending = self.pending.without(link);
+        self.links.restart(port.id);
     }
 }
 
@@ -308,12 +332,11 @@ impl ParamService {
         list: &mut List,
         tx: &mut Outbox,
     ) -> bool {
-        if !self.is_pending(tx.link()) {
+        if !self.links.is_pending(tx.link()) {
             return false;
         }
         let mut table = self.table(table);
-        // The refusal is sent before the value: MAVSDK gives up after a PARAM_ERROR, but retries after the old value.
-        let sent = (options.has_errors && table.state.refusals.next(tx)) || table.next_answer(options, list, tx);
+        let sent = table.next_answer(options, list, tx);
         self.cache(&table);
         sent
     }
@@ -328,13 +351,7 @@ impl ParamService {
         port: &mut Port,
     ) -> bool {
         let Some(index) = list.next_due(now) else { return false };
-        let mut table = self.table(table);
-        // The hash is sent first.
-        if table.state.hash_pending.contains(LinkMask::of(port.id)) {
-            return false;
-        }
-        list.advance(now, table.count(), port.config.bytes_per_second);
-        table.send_value(options, index, &mut port.outbox)
+        self.table(table).next_listed(options, now, index, list, port)
     }
 }
 
@@ -368,7 +385,7 @@ impl ParamService {
     fn saving<T: ParamTable, R>(&mut self, table: &mut T, work: impl FnOnce(&mut Saving, u32) -> R) -> R {
         let table = self.table(table);
         let generation = table.generation();
-        let result = work(&mut table.state.saving, generation);
+        let result = work(&mut table.state.kept.saving, generation);
         self.cache(&table);
         result
     }
@@ -392,7 +409,7 @@ impl ParamService {
     /// Whether the operator has requested the stored values: the caller [loads](Self::load) them and calls
     /// [`loaded`](Self::loaded).
     pub(crate) fn is_reload_requested<T: ParamTable>(&self, table: &mut T) -> bool {
-        table.table_mut().state.saving.is_reload_requested
+        table.table_mut().state.kept.saving.is_reload_requested
     }
 
     /// Returns the number of the write that is in progress or begins now; `None` if there is nothing to write.
@@ -412,6 +429,27 @@ impl ParamService {
             work.texts.push(work.now, work.normal, MavSeverity::ERROR, b"Parameters not saved");
         }
     }
+}
+
+/// No action on the stored parameters.
+const NOTHING: i32 = -1;
+
+/// Returns the action on parameters of a PREFLIGHT_STORAGE: [`NOTHING`], 0 to read, 1 to write, 2 or 4 to reset. `None` if the
+/// command is invalid, or needs storage and there is none.
+fn storage_action([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Option<i32> {
+    let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
+    let (parameters, missions) = (action(*parameters), action(*missions));
+    let is_known = match parameters {
+        Some(NOTHING | 2 | 4) => true,
+        Some(0 | 1) => is_stored,
+        _ => false,
+    };
+    // Missions are loaded and stored automatically; MISSION_CLEAR_ALL resets them.
+    parameters.filter(|_| is_known && matches!(missions, Some(NOTHING..=1)))
+}
+
+fn is_armed(vehicle: &impl Vehicle) -> bool {
+    vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
 }
 
 /// A stored parameter.
@@ -440,15 +478,22 @@ impl TableMut<'_> {
     /// Checks whether there is something to write.
     fn notice(&mut self, now: Instant) {
         let generation = self.generation();
-        self.state.saving.notice(now, generation);
+        self.state.kept.saving.notice(now, generation);
     }
 
-    /// Sends the hash or a pending value. Returns false if neither is ready.
+}
+
+impl<R: Rows> Table<'_, R> {
+    /// Sends a refusal, the hash or a pending value. Returns false if none is ready.
     fn next_answer(&mut self, options: Options, list: &mut List, tx: &mut Outbox) -> bool {
+        // The refusal is sent before the value: MAVSDK gives up after a PARAM_ERROR, but retries after the old value.
+        if options.has_errors && self.state.refusals.next(tx) {
+            return true;
+        }
         let link = LinkMask::of(tx.link());
         if options.hash != ParamHash::Never && self.state.hash_pending.contains(link) {
             let mut hash = self.state.hash;
-            let sum = hash.step(self);
+            let sum = hash.step(&self.rows);
             self.state.hash = hash;
             if let Some(sum) = sum {
                 self.state.hash_pending = self.state.hash_pending.without(link);
@@ -470,9 +515,20 @@ impl TableMut<'_> {
         sent
     }
 
+    /// Sends the value of the list that is due. Returns false if it is not sent now.
+    fn next_listed(&mut self, options: Options, now: Instant, index: u16, list: &mut List, port: &mut Port) -> bool {
+        // The hash is sent first.
+        if self.state.hash_pending.contains(LinkMask::of(port.id)) {
+            return false;
+        }
+        list.advance(now, self.count(), port.config.bytes_per_second);
+        self.send_value(options, index, &mut port.outbox)
+    }
+
     fn send_value(&mut self, options: Options, index: u16, tx: &mut Outbox) -> bool {
-        let Some((info, bits)) = self.get(index) else { return false };
         self.clear_pending(index, LinkMask::of(tx.link()));
+        let Some((info, bits)) = self.get(index) else { return false };
+        let info: &ParamInfo = info.borrow();
         let value = value::to_wire(options.encoding, info.param_type(), bits);
         self.send_as(index, info.wire_name(), info.param_type(), value, tx)
     }

@@ -130,9 +130,13 @@ impl List {
     }
 
     /// Whether a list is active.
-    #[cfg(test)]
     pub(super) const fn is_active(&self) -> bool {
         self.is_active
+    }
+
+    /// Returns when a list could begin: after the pause that its predecessor has left.
+    pub(super) const fn begins_at(&self) -> Instant {
+        self.due
     }
 
     /// Returns the index of the list's next value if it is due.

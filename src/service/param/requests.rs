@@ -1,15 +1,18 @@
 //! Handlers of the received requests, and the reasons for refusals (P-10 to P-15, P-20, P-21, P-30 to P-32).
 
+use core::borrow::Borrow;
+
 use super::replies::Refusal;
-use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, TableMut, Work, value};
+use super::table::{Rows, Table};
+use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, Work, value};
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::frame::{Frame, Version};
 use crate::message::{Message, Text};
 use crate::types::{LinkMask, MAX_TEXT_LEN};
 
-impl TableMut<'_> {
+impl<R: Rows> Table<'_, R> {
     /// Handles a request. Returns `Err` with index and value if a parameter is to be set to a different, valid value: the caller
-    /// asks the vehicle and calls [`set_for`](Self::set_for).
+    /// asks the vehicle, sets it, and calls [`on_decided`](Self::on_decided).
     pub(super) fn on_request(
         &mut self,
         cx: &mut Work<'_>,
@@ -18,6 +21,8 @@ impl TableMut<'_> {
         frame: &Frame<'_>,
     ) -> Result<Handled, (u16, u32)> {
         match frame.id() {
+            // It has nothing to list (P-18).
+            ParamRequestList::ID if self.count() == 0 => Ok(Handled::Yes),
             ParamRequestList::ID => {
                 let is_first = caller.list.begin(cx.now);
                 // A client that restarts the list did not use the hash (P-10).
@@ -82,32 +87,29 @@ impl TableMut<'_> {
         let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
             return Ok(self.refuse(cx, options, caller, true, (MavParamError::DOES_NOT_EXIST, -1), &name));
         };
-        match check(info, options.encoding, set) {
+        match check(info.borrow(), options.encoding, set) {
             Ok(bits) if bits != old => return Err((index, bits)),
             Ok(_) => self.mark_pending(index, cx.normal),
-            Err(error) => self.set_for(cx, options, caller, (index, old), Err(error)),
+            Err(error) => self.on_decided(cx, options, caller, index, Err(error)),
         }
         Ok(Handled::Yes)
     }
 
-    /// Sets a parameter, or queues the refusal, for which there is a free slot. The resulting value becomes pending on all normal
-    /// links (P-14).
-    pub(super) fn set_for(
+    /// Answers a PARAM_SET that was carried out or refused. Queues the refusal, for which there is a free slot. The resulting
+    /// value becomes pending on all normal links (P-14).
+    pub(super) fn on_decided(
         &mut self,
         cx: &mut Work<'_>,
         options: Options,
         caller: &Caller<'_>,
-        (index, bits): (u16, u32),
+        index: u16,
         verdict: Result<(), MavParamError>,
     ) {
-        let Some((info, _)) = self.get(index) else { return };
         match verdict {
-            Ok(()) => {
-                event!("parameter {=u16} set by {}", index, caller.from);
-                self.put(index, bits);
-                self.notice(cx.now);
-            }
+            Ok(()) => event!("parameter {=u16} set by {}", index, caller.from),
             Err(error) => {
+                let Some((info, _)) = self.get(index) else { return };
+                let info: &ParamInfo = info.borrow();
                 self.refuse(cx, options, caller, true, (error, -1), info.wire_name());
             }
         }

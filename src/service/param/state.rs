@@ -8,10 +8,10 @@ use crate::log::RefusalLog;
 use crate::time::Instant;
 use crate::types::LinkMask;
 
+/// `K` is what is kept for the storage of the values.
 #[derive(Clone, Debug)]
-pub(super) struct State {
-    /// Counts the changes of non-volatile parameters. Wraps.
-    pub(super) generation: u32,
+pub struct State<K> {
+    pub(super) kept: K,
     /// The links on which a value may be pending.
     pub(super) pending: LinkMask,
     /// The links on which the hash is pending.
@@ -19,22 +19,32 @@ pub(super) struct State {
     /// The computation of the hash.
     pub(super) hash: Hash,
     pub(super) refusals: Refusals,
-    pub(super) saving: Saving,
     /// Before this time, no text is sent about a refusal.
     pub(super) texts_from: Instant,
     /// When a refusal is logged.
     pub(super) refused: RefusalLog,
 }
 
-impl State {
-    pub(super) const fn new() -> Self {
+/// For values that the stack owns, and stores.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// Counts the changes of non-volatile parameters. Wraps.
+    pub(super) generation: u32,
+    pub(super) saving: Saving,
+}
+
+impl Kept {
+    pub(super) const NEW: Self = Self { generation: 0, saving: Saving::NEW };
+}
+
+impl<K> State<K> {
+    pub(super) const fn new(kept: K) -> Self {
         Self {
-            generation: 0,
+            kept,
             pending: LinkMask::NONE,
             hash_pending: LinkMask::NONE,
             hash: Hash::new(),
             refusals: Refusals::new(),
-            saving: Saving::NEW,
             texts_from: Instant::ZERO,
             refused: RefusalLog::NEW,
         }

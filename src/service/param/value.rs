@@ -23,7 +23,29 @@ pub enum ParamEncoding {
 }
 
 /// A type of a parameter: one of those that PARAM_VALUE can carry (P-3). This trait is sealed.
-pub trait ParamType: Copy + sealed::Sealed {}
+pub trait ParamType: Copy + sealed::Sealed {
+    /// The type as in messages.
+    const TYPE: MavParamType;
+
+    /// Returns the value as 32 bits: those of the float, or the integer in the low bytes, padded with zeros.
+    ///
+    /// ```
+    /// use mavstack::param::ParamType;
+    ///
+    /// assert_eq!([ParamType::bits(-1i8), 2u16.bits(), 1.0f32.bits()], [0xFF, 2, 0x3F80_0000]);
+    /// assert_eq!(i8::of_bits(0xFF), -1);
+    /// ```
+    #[inline]
+    fn bits(self) -> u32 {
+        self.to_bits()
+    }
+
+    /// Returns the value with these [bits](Self::bits). Higher bytes are ignored.
+    #[inline]
+    fn of_bits(bits: u32) -> Self {
+        Self::from_bits(bits)
+    }
+}
 
 mod sealed {
     /// The private part of [`ParamType`](super::ParamType).
@@ -38,8 +60,10 @@ mod sealed {
 pub(super) use sealed::Sealed;
 
 macro_rules! param_type {
-    ($($ty:ident),+: integers) => { $(
-        impl ParamType for $ty {}
+    ($($ty:ident: $wire:ident),+) => { $(
+        impl ParamType for $ty {
+            const TYPE: MavParamType = MavParamType::$wire;
+        }
 
         impl Sealed for $ty {
             #[inline]
@@ -60,9 +84,11 @@ macro_rules! param_type {
     )+ };
 }
 
-param_type! { u8, i8, u16, i16, u32, i32: integers }
+param_type! { u8: UINT8, i8: INT8, u16: UINT16, i16: INT16, u32: UINT32, i32: INT32 }
 
-impl ParamType for f32 {}
+impl ParamType for f32 {
+    const TYPE: MavParamType = MavParamType::REAL32;
+}
 
 impl Sealed for f32 {
     #[inline]

@@ -163,7 +163,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     fn drain_link(&mut self, link: usize) -> Vec<Out> {
         let mut sent = Vec::new();
         // Some steps of the hash send nothing.
-        while self.params.is_pending(LinkId(link as u8)) {
+        while self.params.links.is_pending(LinkId(link as u8)) {
             sent.extend(self.next(link));
         }
         assert_eq!(self.next(link), None, "only pending answers are sent");
