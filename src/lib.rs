@@ -240,8 +240,8 @@ pub mod plan {
 /// live elsewhere. [`Parameters`] and [`ParamBackend`] have the hooks.
 pub mod param {
     pub use crate::service::param::{
-        ExternalParams, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType, ParamUpdate, ParamWrite,
-        RuntimeTable,
+        ExternalParams, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType, ParamUpdate,
+        ParamWrite, RuntimeTable,
     };
 }
 

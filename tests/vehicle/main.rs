@@ -9,6 +9,9 @@ mod manual_properties;
 mod messages;
 #[cfg(feature = "fmt")]
 mod metadata;
+mod param_backend;
+mod param_places;
+mod param_run_time;
 mod params;
 mod statustext;
 mod streams;

@@ -193,20 +193,20 @@ fn check<B: ParamBackend + ?Sized>(backend: &B, room: usize) -> Result<(), Param
     if usize::from(count) > room.min(MAX_PARAMS) {
         return Err(ParamFault::NoRoom);
     }
-    let mut last: Option<ParamInfo> = None;
+    let name = |index| Some(*backend.param_info(index)?.wire_name());
+    let is_misplaced = |index: u16| name(index.saturating_sub(1)).zip(name(index)).is_some_and(|(a, b)| a > b);
+    if B::SORTED && (1..count).any(is_misplaced) {
+        return Err(ParamFault::Order);
+    }
     for index in 0..count {
         let info = backend.param_info(index).ok_or(ParamFault::Missing)?;
         let bits = backend.param_bits(index).ok_or(ParamFault::Missing)?;
         if !info.has_room(bits) {
             return Err(ParamFault::Missing);
         }
-        if B::SORTED && last.is_some_and(|last| last.wire_name() > info.wire_name()) {
-            return Err(ParamFault::Order);
-        }
         if backend.find_param(info.name_bytes()) != Some(index) {
             return Err(ParamFault::Taken);
         }
-        last = Some(info);
     }
     Ok(())
 }

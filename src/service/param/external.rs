@@ -89,7 +89,8 @@ impl<B: ParamBackend> Rows for Backed<'_, B> {
     }
 
     fn find(&self, name: &[u8; 16]) -> Option<u16> {
-        self.backend.find_param(name.split(|byte| *byte == 0).next().unwrap_or_default())
+        let name = name.split(|byte| *byte == 0).next().unwrap_or_default();
+        self.backend.find_param(name).filter(|index| *index < self.count)
     }
 }
 

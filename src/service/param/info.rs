@@ -89,12 +89,17 @@ impl ParamInfo {
     }
 
     /// Returns a declaration, checked. `text` ends at its first zero.
-    const fn checked(text: &[u8], r#type: MavParamType, default: u32, [min, max]: [u32; 2]) -> Result<Self, ParamFault> {
+    const fn checked(
+        text: &[u8],
+        r#type: MavParamType,
+        default: u32,
+        [min, max]: [u32; 2],
+    ) -> Result<Self, ParamFault> {
         if !value::is_supported(r#type) {
             return Err(ParamFault::Type);
         }
         let mut name = [0; 16];
-        let (mut places, mut rest) = (name.as_mut_slice(), text);
+        let (mut places, mut rest): (&mut [u8], _) = (&mut name, text);
         while let Some((byte, after)) = rest.split_first()
             && *byte != 0
         {
@@ -130,12 +135,7 @@ impl ParamInfo {
     /// - [`ParamFault::Name`]: the name does not have 1 to 16 printable ASCII bytes, or is `_HASH_CHECK`.
     /// - [`ParamFault::Type`]: the type has 64 bits, or is no type.
     /// - [`ParamFault::Default`]: the default is out of range, or a float is not finite.
-    pub fn from_bits(
-        name: &[u8],
-        param_type: MavParamType,
-        default: u32,
-        range: [u32; 2],
-    ) -> Result<Self, ParamFault> {
+    pub fn from_bits(name: &[u8], param_type: MavParamType, default: u32, range: [u32; 2]) -> Result<Self, ParamFault> {
         match Self::checked(name, param_type, default, range) {
             Ok(info) if info.name == HASH_NAME => Err(ParamFault::Name),
             result => result,
@@ -321,4 +321,3 @@ const fn is_less(a: &[u8; 16], b: &[u8; 16]) -> bool {
 const fn same(a: &[u8; 16], b: &[u8; 16]) -> bool {
     !is_less(a, b) && !is_less(b, a)
 }
-

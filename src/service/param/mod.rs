@@ -29,10 +29,12 @@ mod vehicle;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use replies::List;
 pub use backend::{ParamBackend, ParamUpdate, ParamWrite};
-pub use external::{ExternalParams, ExternalService};
+pub use external::ExternalParams;
+#[cfg(feature = "storage")]
+pub use external::ExternalService;
 pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
+pub(crate) use replies::List;
 pub use runtime::RuntimeTable;
 pub use table::{NoParams, Param, ParamChange, ParamMemory, ParamTable, ParamValues, TableMut};
 pub use value::{ParamEncoding, ParamType};
@@ -51,8 +53,8 @@ use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, StatusTexts, Vehicle};
-use saving::Saving;
 use info::HASH_NAME;
+use saving::Saving;
 use table::{Rows, Table};
 
 /// `param_index` of a value that is not in the table.
@@ -480,7 +482,6 @@ impl TableMut<'_> {
         let generation = self.generation();
         self.state.kept.saving.notice(now, generation);
     }
-
 }
 
 impl<R: Rows> Table<'_, R> {

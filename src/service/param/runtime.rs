@@ -1,9 +1,9 @@
 //! A table of parameters whose declarations are only known at run time (P-1).
 
+use super::ParamService;
 use super::info::{MAX_PARAMS, ParamFault, ParamInfo};
 use super::table::{Param, ParamMemory, ParamTable, ParamValues, TableMut};
 use super::value::ParamType;
-use super::ParamService;
 use crate::types::Values;
 
 /// A table of parameters that is filled at start, with room for `N`: for plug-in modules, and for tables in other crates or in C.
@@ -73,7 +73,12 @@ pub struct RuntimeTable<const N: usize> {
 impl<const N: usize> RuntimeTable<N> {
     /// Returns an empty table. A [`stack!`](crate::stack) has its own: see [`Stack::parameters_mut`](crate::Stack).
     pub const fn new() -> Self {
-        const { assert!(N > 0 && N <= MAX_PARAMS, "a run-time table has room for 1 to 32,768 parameters: `RuntimeTable<64>`") };
+        const {
+            assert!(
+                N > 0 && N <= MAX_PARAMS,
+                "a run-time table has room for 1 to 32,768 parameters: `RuntimeTable<64>`"
+            )
+        };
         Self { info: [ParamInfo::VACANT; N], memory: ParamValues::VACANT, count: 0, is_sealed: false }
     }
 

@@ -8,10 +8,12 @@ use crate::log::RefusalLog;
 use crate::time::Instant;
 use crate::types::LinkMask;
 
-/// `K` is what is kept for the storage of the values.
+/// `K` is what is kept of values that the stack owns, or of those that it does not own.
 #[derive(Clone, Debug)]
 pub struct State<K> {
     pub(super) kept: K,
+    /// Counts the changes of non-volatile parameters that the stack owns. Wraps.
+    pub(super) generation: u32,
     /// The links on which a value may be pending.
     pub(super) pending: LinkMask,
     /// The links on which the hash is pending.
@@ -25,22 +27,21 @@ pub struct State<K> {
     pub(super) refused: RefusalLog,
 }
 
-/// For values that the stack owns, and stores.
+/// For values that the stack owns: when they are stored.
 #[derive(Clone, Debug)]
 pub struct Kept {
-    /// Counts the changes of non-volatile parameters. Wraps.
-    pub(super) generation: u32,
     pub(super) saving: Saving,
 }
 
 impl Kept {
-    pub(super) const NEW: Self = Self { generation: 0, saving: Saving::NEW };
+    pub(super) const NEW: Self = Self { saving: Saving::NEW };
 }
 
 impl<K> State<K> {
     pub(super) const fn new(kept: K) -> Self {
         Self {
             kept,
+            generation: 0,
             pending: LinkMask::NONE,
             hash_pending: LinkMask::NONE,
             hash: Hash::new(),

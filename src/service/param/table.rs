@@ -264,13 +264,13 @@ impl TableMut<'_> {
         let Some((value, info)) = values.get_mut(place).zip(info.get(place)) else { return };
         *value = bits;
         if !info.is_volatile() {
-            self.state.kept.generation = self.state.kept.generation.wrapping_add(1);
+            self.state.generation = self.state.generation.wrapping_add(1);
         }
     }
 
     /// Returns a number that changes whenever a non-volatile parameter does.
     pub(super) const fn generation(&self) -> u32 {
-        self.state.kept.generation
+        self.state.generation
     }
 }
 

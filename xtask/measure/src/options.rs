@@ -60,6 +60,21 @@ const GROUPS: [(&str, &[Row]); 9] = [
         &[
             Row("parameters", "8 parameters, with PARAM_ERROR and the hash", "parameters", SMALLEST, 1),
             Row("parameter", "one more parameter", "parameters-16", "parameters", 8),
+            Row("run-time", "8 parameters in a `RuntimeTable`", "parameters-run-time", SMALLEST, 1),
+            Row(
+                "run-time-room",
+                "room for one more parameter in a `RuntimeTable`",
+                "parameters-run-time-16",
+                "parameters-run-time",
+                8,
+            ),
+            Row(
+                "external",
+                "8 parameters in a `ParamBackend`, with values in the vehicle",
+                "parameters-external",
+                SMALLEST,
+                1,
+            ),
         ],
     ),
     (

@@ -9,14 +9,15 @@ use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
     ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
-    MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
+    MavParamError, MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
     NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
     Timesync, VfrHud, Vibration, WindCov, rules,
 };
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
-use mavstack::message::MessageTable;
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::network::ForwardQueues;
+use mavstack::param::{ExternalParams, ParamInfo, ParamWrite, RuntimeTable};
 use mavstack::plan::Durability;
 #[cfg(feature = "signing")]
 use mavstack::signing::LinkSigning;
@@ -85,7 +86,59 @@ macro_rules! declare {
 
 with_plans! { links: LINKS, peers: PEERS, texts: TEXTS, }
 
-#[cfg(all(feature = "parameters", not(feature = "parameters-16")))]
+#[cfg(feature = "parameters-run-time")]
+type Tuning = RuntimeTable<{ if cfg!(feature = "parameters-run-time-16") { 16 } else { 8 } }>;
+
+#[cfg(feature = "parameters-external")]
+type Tuning = ExternalParams<8>;
+
+/// A setting of a firmware that has settings: name, value, and range.
+#[cfg(any(feature = "parameters-run-time", feature = "parameters-external"))]
+type Setting = (&'static str, f32, f32, f32);
+
+#[cfg(any(feature = "parameters-run-time", feature = "parameters-external"))]
+static SETTINGS: [Setting; 8] = [
+    ("BAT_LOW", 10.5, 9.0, 12.6),
+    ("CRUISE", 5.0, 0.5, 15.0),
+    ("PITCH_P", 6.0, 0.0, 12.0),
+    ("ROLL_P", 6.0, 0.0, 12.0),
+    ("RTL_ALT", 30.0, 5.0, 120.0),
+    ("STARTS", 0.0, 0.0, 1e9),
+    ("SYS_ID", 1.0, 1.0, 254.0),
+    ("YAW_P", 2.5, 0.0, 6.0),
+];
+
+#[cfg(any(feature = "parameters-run-time", feature = "parameters-external"))]
+fn info((name, default, min, max): &Setting) -> Option<ParamInfo> {
+    ParamInfo::new(name, *default, *min..=*max).ok()
+}
+
+#[cfg(feature = "parameters-external")]
+impl ParamBackend for Rover {
+    const SORTED: bool = true;
+
+    fn param_count(&self) -> u16 {
+        8
+    }
+
+    fn param_info(&self, index: u16) -> Option<ParamInfo> {
+        info(SETTINGS.get(usize::from(index))?)
+    }
+
+    fn param_bits(&self, index: u16) -> Option<u32> {
+        self.values.get(usize::from(index)).copied()
+    }
+
+    fn set_param(&mut self, _: &mut Context<'_>, write: &ParamWrite) -> Result<(), MavParamError> {
+        *self.values.get_mut(usize::from(write.index())).ok_or(MavParamError::DOES_NOT_EXIST)? = write.bits();
+        Ok(())
+    }
+}
+
+#[cfg(all(
+    feature = "parameters",
+    not(any(feature = "parameters-16", feature = "parameters-run-time", feature = "parameters-external"))
+))]
 parameters! {
     struct Tuning {
         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
@@ -133,6 +186,8 @@ const _: () = assert!(size_of::<ForwardQueues<3>>() == 3848);
 struct Rover {
     armed: bool,
     mode: u32,
+    #[cfg(feature = "parameters-external")]
+    values: [u32; 8],
 }
 
 impl Vehicle for Rover {
@@ -247,7 +302,7 @@ impl Plans for Rover {
     }
 }
 
-#[cfg(feature = "parameters")]
+#[cfg(all(feature = "parameters", not(feature = "parameters-external")))]
 impl Parameters for Rover {
     type Table = Tuning;
 }
@@ -294,9 +349,18 @@ fn main() -> ! {
     let mut uart = Uart;
     #[cfg(feature = "queues")]
     let mut uart = QUEUES.loop_end();
-    let rover = ROVER.put(Rover { armed: false, mode: 0 });
+    let rover = ROVER.put(Rover {
+        armed: false,
+        mode: 0,
+        #[cfg(feature = "parameters-external")]
+        values: [0; 8],
+    });
     let stack = STACK.take();
     stack.begin(CONFIG, CONFIGS);
+    #[cfg(feature = "parameters-run-time")]
+    for setting in &SETTINGS {
+        let _ = info(setting).map(|info| stack.parameters_mut().add(info));
+    }
     #[cfg(feature = "manual")]
     stack.manual_input_mut().set_source(ControlSource::GroundStation);
     #[cfg(all(feature = "storage", not(feature = "store-fram")))]
