@@ -56,6 +56,15 @@ parameters! { pub struct Tuning { A: u8 = 0, 0..=1, \"\"; } }
 impl Parameters for Rover { type Table = Tuning; }
 ";
 
+const BACKEND: &str = "
+impl ParamBackend for Rover {
+    fn param_count(&self) -> u16 { 0 }
+    fn param_info(&self, _: u16) -> Option<mavstack::param::ParamInfo> { None }
+    fn param_bits(&self, _: u16) -> Option<u32> { None }
+    fn set_param(&mut self, _: &mut Context<'_>, _: &mavstack::param::ParamWrite) -> Result<(), MavParamError> { Ok(()) }
+}
+";
+
 /// The parts of [`FIRMWARE`] that a case defines.
 #[derive(Clone, Copy, Default)]
 struct Firmware<'a> {
@@ -300,6 +309,40 @@ fn cases() -> Vec<Case> {
                 "links: 1, parameters: Other",
             ),
             "<Rover as Parameters>::Table == Other",
+        ),
+        (
+            "hook_backend",
+            implements("", "links: 1, parameters: mavstack::param::ExternalParams<9>"),
+            "`parameters: ExternalParams<N>` in `stack!` needs `impl ParamBackend for Rover`",
+        ),
+        (
+            "hook_run_time_table",
+            implements("", "links: 1, parameters: mavstack::param::RuntimeTable<9>"),
+            "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
+        ),
+        (
+            "run_time_table_without_room",
+            implements(
+                "impl Parameters for Rover { type Table = mavstack::param::RuntimeTable<0>; }",
+                "links: 1, parameters: mavstack::param::RuntimeTable<0>",
+            ),
+            "a run-time table has room for 1 to 32,768 parameters: `RuntimeTable<64>`",
+        ),
+        (
+            "backend_without_room",
+            implements(BACKEND, "links: 1, parameters: mavstack::param::ExternalParams<0>"),
+            "a backend has 1 to 32,768 parameters: `ExternalParams<64>`",
+        ),
+        (
+            "calls_parameters_of_a_backend",
+            Firmware {
+                hooks: BACKEND,
+                entries: "links: 1, parameters: mavstack::param::ExternalParams<9>",
+                main: "stack.parameters_mut();",
+                ..Firmware::default()
+            }
+            .text(),
+            "ExternalParams<9>: ParamTable`",
         ),
         ("no_table", implements("struct Tuning;", "links: 1, parameters: Tuning"), "declare it with `parameters!`"),
         ("calls_commands", calls("stack.long_commands_mut();"), "Declares>::Commands = "),

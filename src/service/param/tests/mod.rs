@@ -1,6 +1,7 @@
 //! Tests of the service without the stack: encoded frames in, decoded frames out, simulated time, two links.
 
 mod command;
+mod external;
 mod hash;
 mod list;
 mod random;
