@@ -106,6 +106,7 @@
 //! | [`Telemetry`] | with `streams` | fills its messages |
 //! | [`Modes`] | with `modes` | switches to another flight mode |
 //! | [`Parameters`] | with `parameters` | decides which parameter may be set |
+//! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
 //! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and announces messages.

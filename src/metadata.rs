@@ -64,7 +64,13 @@ pub fn general(out: &mut impl Write, parameters_uri: &str, parameters_crc: u32) 
 /// Writes the file with the parameters of table `T`.
 ///
 /// A parameter's doc comment is its description; the first sentence is the short description. The part of its name
-/// before the first `_` is its group.
+/// before the first `_` is its group. A table that is filled at run time has no units and no descriptions, so that this does not
+/// compile:
+///
+/// ```compile_fail
+/// # use mavstack::{metadata, param::RuntimeTable};
+/// metadata::parameters::<RuntimeTable<8>>(&mut String::new());
+/// ```
 ///
 /// # Errors
 ///

@@ -107,7 +107,8 @@ where
             *row = [a, b, c, d, e, f, g, h];
             len = len.saturating_add(8);
         }
-        (len > 0).then_some((len, first.saturating_add(ROWS) >= table.count()))
+        // An empty table has an empty page.
+        (len > 0 || page == 0).then_some((len, first.saturating_add(ROWS) >= table.count()))
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
